@@ -1,0 +1,49 @@
+# Everything starts here: `make demo` and `make test` on a clean clone need Python 3.11 to 3.13 and nothing else.
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+export PIP_DISABLE_PIP_VERSION_CHECK = 1
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test check bench clean lock
+
+help:  ## this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+$(VENV)/.runtime: requirements.lock pyproject.toml
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@echo "Installing the locked dependencies into $(VENV) (once)"
+	@$(BIN)/python -m pip install --quiet --require-hashes --requirement requirements.lock
+	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@touch $@
+
+$(VENV)/.dev: $(VENV)/.runtime requirements-dev.lock
+	@echo "Installing the locked tools for the checks into $(VENV) (once)"
+	@$(BIN)/python -m pip install --quiet --require-hashes --requirement requirements-dev.lock
+	@touch $@
+
+demo: $(VENV)/.runtime  ## four simulated valves tested over Modbus, then the service stays up
+	@$(BIN)/breakaway demo $(ARGS)
+
+check: $(VENV)/.dev  ## style, types and import contracts
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache
+
+test: check  ## the checks, then every test
+	$(BIN)/pytest -n 2 $(ARGS)
+
+bench: $(VENV)/.dev  ## speed and accuracy, as tables
+	$(BIN)/python -m tests.benchmarks $(ARGS)
+
+lock: $(VENV)/.dev  ## resolve the dependencies anew (needs uv on the path)
+	uv pip compile --universal --generate-hashes --python-version 3.11 --quiet --no-emit-index-url \
+	  --custom-compile-command "make lock" pyproject.toml --group build --output-file requirements.lock
+	uv pip compile --universal --generate-hashes --python-version 3.11 --quiet --no-emit-index-url \
+	  --custom-compile-command "make lock" pyproject.toml --group build --group dev \
+	  --constraint requirements.lock --output-file requirements-dev.lock
+
+clean:  ## remove what the build and the tests made
+	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .hypothesis build dist demo-plant
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,18 @@
+"""Register maps of devices, one file each; add one by its file and a line in REGISTER_MAPS."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from drivers.maps import reference
+from drivers.registers import RegisterMap
+from valve.errors import ConfigurationError
+
+REGISTER_MAPS: Final[dict[str, RegisterMap]] = {entry.name: entry for entry in (reference.MAP,)}
+
+
+def register_map(name: str) -> RegisterMap:
+    """Return the map of this name. Raises ConfigurationError for another name."""
+    if name not in REGISTER_MAPS:
+        raise ConfigurationError(f"register map {name!r} is unknown: choose one of {', '.join(REGISTER_MAPS)}")
+    return REGISTER_MAPS[name]

@@ -1,0 +1,130 @@
+"""breakaway's own reference map: what a PLC implements to be a full partner (docs/reference-map.md).
+
+Holding registers only, addresses from 0, 32-bit values high word first. Every block that is checked is read in
+one transaction. Watchdog, fence and capture buffer are what a bare analog module lacks.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Final
+
+from drivers.registers import Canary, Kind, Register, RegisterMap
+
+CANARY_VALUE: Final = 0x42574159  # "BWAY" in ASCII
+CORNERS_ADDRESS: Final = 1000  # the corner table: 4 words a corner (time us u32, pressure Pa f32)
+CORNER_WORDS: Final = 4
+CORNER_CAPACITY: Final = 1024
+WINDOW_ADDRESS: Final = 8000  # the sample window: index u32, WINDOW_SAMPLES x 3 words, CRC-16 of all before
+WINDOW_SAMPLES: Final = 40
+WINDOW_CHANNELS: Final = ("position", "pressure", "command")  # one u16 each, scaled by the ranges at 60-71
+WINDOW_WORDS: Final = 2 + WINDOW_SAMPLES * len(WINDOW_CHANNELS) + 1
+MISSING_SAMPLE: Final = 0xFFFF  # a captured word that is no measurement; measurements use 0 to 65534
+
+
+class WatchdogState(IntEnum):
+    """What register ``watchdog_state`` says."""
+
+    OFF = 0
+    ARMED = 1
+    TRIPPED = 2
+
+
+class CaptureState(IntEnum):
+    """What register ``capture_state`` says."""
+
+    IDLE = 0
+    RUNNING = 1
+    DONE = 2
+    ABORTED = 3
+
+
+class CaptureControl(IntEnum):
+    """What is written to ``capture_control``."""
+
+    NONE = 0
+    START = 1
+    ABORT = 2
+    CLEAR = 3
+
+
+class StatusBit(IntEnum):
+    """Bits of register ``status``."""
+
+    AT_SAFE_VALUE = 0  # the device itself drives the safe value
+    SENSOR_FAULT = 1
+    LOOP_IN_MANUAL = 2
+    INTERLOCK = 3
+    CAPTURE_RUNNING = 4
+    SUPPLY_LOW = 5
+
+
+def _f32(name: str, address: int, unit: str, meaning: str, *, writable: bool = False) -> Register:
+    return Register(name, address, Kind.F32, unit=unit, writable=writable, meaning=meaning)
+
+
+def _u32(
+    name: str, address: int, meaning: str, *, writable: bool = False, unit: str = "1", scale: float = 1.0
+) -> Register:
+    return Register(name, address, Kind.U32, unit=unit, scale=scale, writable=writable, meaning=meaning)
+
+
+def _u16(
+    name: str, address: int, meaning: str, *, writable: bool = False, unit: str = "1", scale: float = 1.0
+) -> Register:
+    return Register(name, address, Kind.U16, unit=unit, scale=scale, writable=writable, meaning=meaning)
+
+
+MAP = RegisterMap(
+    name="reference",
+    source="docs/reference-map.md, version 1",
+    canary=Canary("canary", float(CANARY_VALUE)),
+    registers=(
+        # identity, read only
+        _u32("canary", 0, "always 0x42574159"),
+        _u16("map_version", 2, "version of this map: 1"),
+        _u32("device_id", 3, "number that the installer gave this device"),
+        _u16("boot_count", 5, "one more after every restart of the device"),
+        # live values, read as one block
+        _u32("device_time", 16, "device clock, wraps after 4295 s", unit="s", scale=1.0e-6),
+        _f32("position", 18, "m", "stem position; NaN when the sensor is bad"),
+        _f32("pressure", 20, "Pa", "actuator pressure; NaN when there is no sensor or it is bad"),
+        _f32("output", 22, "Pa", "pressure that the device asks of the I/P now"),
+        _f32("supply_pressure", 24, "Pa", "air supply; NaN when there is no sensor"),
+        _u16("status", 26, "bits: see StatusBit"),
+        _u16("sample_counter", 27, "one more at every sample"),
+        _u16("live_check", 28, "CRC-16/MODBUS of registers 16 to 27, high bytes first"),
+        # command, written as one block: it counts only when run_number is the owner's
+        _u32("run_number", 32, "number of the run that commands", writable=True),
+        _f32("command", 34, "Pa", "pressure asked for", writable=True),
+        _u32("run_owner", 36, "run that may command; 0: none, all commands are ignored", writable=True),
+        # watchdog
+        _u16(
+            "watchdog_timeout",
+            40,
+            "silence until the safe value; 0: off",
+            writable=True,
+            unit="s",
+            scale=1.0e-3,
+        ),
+        _u16("watchdog_state", 41, "0 off, 1 armed, 2 tripped"),
+        _f32("safe_value", 42, "Pa", "pressure that the device asks for when the watchdog trips", writable=True),
+        _u16("heartbeat", 44, "a change, or an accepted command, feeds the watchdog", writable=True),
+        # capture
+        _u16("capture_state", 48, "0 idle, 1 running, 2 done, 3 aborted"),
+        _u16("capture_control", 49, "1 start, 2 abort, 3 clear; needs run_owner", writable=True),
+        _u32("capture_period", 50, "time between samples", writable=True, unit="s", scale=1.0e-6),
+        _u32("capture_wanted", 52, "samples to take", writable=True),
+        _u32("capture_taken", 54, "samples taken so far"),
+        _u32("capture_capacity", 56, "samples that fit"),
+        _u16("corner_count", 58, "corners of the waveform in the table at 1000", writable=True),
+        _u16("corner_capacity", 59, "corners that fit"),
+        _f32("position_low", 60, "m", "position of a captured 0"),
+        _f32("position_high", 62, "m", "position of a captured 65534"),
+        _f32("pressure_low", 64, "Pa", "pressure of a captured 0"),
+        _f32("pressure_high", 66, "Pa", "pressure of a captured 65534"),
+        _f32("command_low", 68, "Pa", "command of a captured 0"),
+        _f32("command_high", 70, "Pa", "command of a captured 65534"),
+        _u32("window_index", 72, "first sample of the window at 8000", writable=True),
+    ),
+)

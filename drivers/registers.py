@@ -1,0 +1,264 @@
+"""Registers: what a device keeps where, and the only conversion between raw words and SI."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Final
+
+from valve.errors import ConfigurationError, DeviceError, ParameterError
+
+MAX_READ_WORDS: Final = 125  # Modbus Application Protocol 1.1b3, 6.3
+MAX_WRITE_WORDS: Final = 123  # the same, 6.12
+
+
+class Table(StrEnum):
+    """The two tables of 16-bit words."""
+
+    HOLDING = "holding"
+    INPUT = "input"
+
+
+class Kind(StrEnum):
+    """How a value is written in its words."""
+
+    U16 = "u16"
+    I16 = "i16"
+    U32 = "u32"
+    I32 = "i32"
+    F32 = "f32"
+
+
+class WordOrder(StrEnum):
+    """Order of the bytes of a 32-bit value, A the most significant."""
+
+    ABCD = "ABCD"
+    CDAB = "CDAB"
+    BADC = "BADC"
+    DCBA = "DCBA"
+
+
+_STRUCT: Final = {Kind.U16: ">H", Kind.I16: ">h", Kind.U32: ">I", Kind.I32: ">i", Kind.F32: ">f"}
+_LIMITS: Final[dict[Kind, tuple[float, float]]] = {
+    Kind.U16: (0, 0xFFFF),
+    Kind.I16: (-0x8000, 0x7FFF),
+    Kind.U32: (0, 0xFFFFFFFF),
+    Kind.I32: (-0x80000000, 0x7FFFFFFF),
+    Kind.F32: (-3.4028e38, 3.4028e38),
+}
+
+
+def _ordered(data: bytes, order: WordOrder) -> bytes:
+    """Bytes A B C D in the order named; the same exchange undoes itself."""
+    if len(data) != 4 or order is WordOrder.ABCD:
+        return data
+    a, b, c, d = data
+    return {
+        WordOrder.CDAB: bytes((c, d, a, b)),
+        WordOrder.BADC: bytes((b, a, d, c)),
+        WordOrder.DCBA: bytes((d, c, b, a)),
+    }[order]
+
+
+@dataclass(frozen=True, slots=True)
+class Register:
+    """One value in a device: where it stands, how it is written and what it means.
+
+    The value is ``scale * raw + offset`` in ``unit`` (SI). ``address`` counts from 0, as on the wire. A raw value
+    outside ``raw_range`` (where given) is not a measurement and decodes to NaN. Raises ConfigurationError where the
+    description contradicts itself.
+    """
+
+    name: str
+    address: int
+    kind: Kind = Kind.U16
+    table: Table = Table.HOLDING
+    unit: str = "1"
+    scale: float = 1.0
+    offset: float = 0.0
+    word_order: WordOrder = WordOrder.ABCD
+    writable: bool = False
+    raw_range: tuple[float, float] | None = None
+    meaning: str = ""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.address <= 0x10000 - self.words:
+            raise ConfigurationError(f"register {self.name}: address {self.address} is outside 0 to 65535")
+        if self.scale == 0.0 or not (math.isfinite(self.scale) and math.isfinite(self.offset)):
+            raise ConfigurationError(f"register {self.name}: scale {self.scale:g}, it must be finite and not 0")
+        if self.writable and self.table is Table.INPUT:
+            raise ConfigurationError(f"register {self.name}: input registers cannot be written, use a holding register")
+
+    @property
+    def words(self) -> int:
+        """Number of 16-bit words."""
+        return 1 if self.kind in (Kind.U16, Kind.I16) else 2
+
+    def decode(self, words: Sequence[int]) -> float:
+        """Value in ``unit`` from its words; NaN where the raw value is no measurement."""
+        if len(words) != self.words:
+            raise DeviceError(f"register {self.name}: {len(words)} words came, {self.words} were asked for: try again")
+        data = b"".join(word.to_bytes(2, "big") for word in words)
+        raw = float(struct.unpack(_STRUCT[self.kind], _ordered(data, self.word_order))[0])
+        if not math.isfinite(raw):
+            return math.nan
+        if self.raw_range is not None and not self.raw_range[0] <= raw <= self.raw_range[1]:
+            return math.nan
+        return self.scale * raw + self.offset
+
+    def encode(self, value: float) -> tuple[int, ...]:
+        """Words that stand for ``value`` in ``unit``, rounded to the nearest raw step.
+
+        Raises ParameterError where the value cannot be written in this register.
+        """
+        raw = (value - self.offset) / self.scale
+        low, high = _LIMITS[self.kind] if self.raw_range is None else self.raw_range
+        if not math.isfinite(raw):
+            raise ParameterError(f"register {self.name}: {value} is not a finite number, give one in {self.unit}")
+        number = raw if self.kind is Kind.F32 else round(raw)
+        if not low <= number <= high:
+            ends = sorted((self.scale * low + self.offset, self.scale * high + self.offset))
+            raise ParameterError(
+                f"register {self.name}: {value:g} {self.unit} is outside {ends[0]:g} to {ends[1]:g} {self.unit}"
+            )
+        data = _ordered(struct.pack(_STRUCT[self.kind], number), self.word_order)
+        return tuple(int.from_bytes(data[i : i + 2], "big") for i in range(0, len(data), 2))
+
+    @property
+    def resolution(self) -> float:
+        """Value of one raw step in ``unit``; 0 for a float."""
+        return 0.0 if self.kind is Kind.F32 else abs(self.scale)
+
+    def spanning(self, signal: tuple[float, float], quantity: tuple[float, float], unit: str) -> Register:
+        """Return this register read as a quantity: ``signal`` (its own unit) stands for ``quantity`` (in ``unit``).
+
+        A 4-20 mA input that carries 0 to 0.1 m: ``spanning((0.004, 0.020), (0.0, 0.1), "m")``.
+        """
+        if signal[0] == signal[1] or quantity[0] == quantity[1]:
+            raise ConfigurationError(f"register {self.name}: a range whose ends are equal carries no signal")
+        gain = (quantity[1] - quantity[0]) / (signal[1] - signal[0])
+        return replace(
+            self,
+            unit=unit,
+            scale=self.scale * gain,
+            offset=(self.offset - signal[0]) * gain + quantity[0],
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Registers read or written together in one transaction."""
+
+    registers: tuple[Register, ...]
+    address: int
+    words: int
+    table: Table
+
+    def decode(self, words: Sequence[int]) -> dict[str, float]:
+        """Values by register name."""
+        if len(words) != self.words:
+            raise DeviceError(f"block at {self.address}: {len(words)} words came, {self.words} were asked for")
+        return {
+            register.name: register.decode(words[register.address - self.address :][: register.words])
+            for register in self.registers
+        }
+
+    def encode(self, values: dict[str, float]) -> list[int]:
+        """Words of the whole block. Raises ConfigurationError where the values do not fill it."""
+        words: list[int | None] = [None] * self.words
+        for register in self.registers:
+            start = register.address - self.address
+            words[start : start + register.words] = list(register.encode(values[register.name]))
+        if any(word is None for word in words):
+            raise ConfigurationError(f"block at {self.address}: a register between them is missing, write it too")
+        return [word for word in words if word is not None]
+
+
+@dataclass(frozen=True, slots=True)
+class GoldenFrame:
+    """A request and its answer on a serial line, CRC included, as the manual prints them, with what they mean."""
+
+    request: bytes
+    answer: bytes
+    values: dict[str, float]
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class Canary:
+    """A register whose value proves which device answers."""
+
+    register: str
+    expected: float
+
+
+@dataclass(frozen=True, slots=True)
+class RegisterMap:
+    """What one kind of device keeps where. ``source`` cites the manual page.
+
+    Raises ConfigurationError where registers overlap or share a name.
+    """
+
+    name: str
+    source: str
+    registers: tuple[Register, ...]
+    canary: Canary | None = None
+    golden: tuple[GoldenFrame, ...] = ()
+
+    def __post_init__(self) -> None:
+        taken: dict[tuple[Table, int], str] = {}
+        names: set[str] = set()
+        for register in self.registers:
+            if register.name in names:
+                raise ConfigurationError(f"register map {self.name}: {register.name} stands in it twice, rename one")
+            names.add(register.name)
+            for address in range(register.address, register.address + register.words):
+                other = taken.setdefault((register.table, address), register.name)
+                if other != register.name:
+                    raise ConfigurationError(
+                        f"register map {self.name}: {other} and {register.name} overlap at {register.table} "
+                        f"address {address}, move one"
+                    )
+
+    def register(self, name: str) -> Register:
+        """Return the register of this name. Raises ConfigurationError where there is none."""
+        for register in self.registers:
+            if register.name == name:
+                return register
+        known = ", ".join(register.name for register in self.registers)
+        raise ConfigurationError(f"register map {self.name}: no register {name!r}; there are {known}")
+
+    def block(self, *names: str) -> Block:
+        """Return the one transaction that covers these registers.
+
+        Raises ConfigurationError where they stand in different tables or too far apart.
+        """
+        chosen = tuple(self.register(name) for name in names)
+        tables = {register.table for register in chosen}
+        if len(tables) != 1:
+            raise ConfigurationError(f"register map {self.name}: {', '.join(names)} stand in different tables")
+        start = min(register.address for register in chosen)
+        words = max(register.address + register.words for register in chosen) - start
+        if words > MAX_READ_WORDS:
+            raise ConfigurationError(
+                f"register map {self.name}: {', '.join(names)} span {words} words, one read carries {MAX_READ_WORDS}"
+            )
+        return Block(chosen, start, words, tables.pop())
+
+
+def crc16(data: bytes) -> int:
+    """CRC-16/MODBUS of ``data`` (Modbus over Serial Line 1.02, 6.2.2): polynomial 0xA001, start 0xFFFF."""
+    crc = 0xFFFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = (crc >> 1) ^ 0xA001 if crc & 1 else crc >> 1
+    return crc
+
+
+def words_crc16(words: Sequence[int]) -> int:
+    """CRC-16/MODBUS of words in wire order (high byte first)."""
+    return crc16(b"".join(word.to_bytes(2, "big") for word in words))

@@ -1,0 +1,99 @@
+"""The nameplate: what is known of a valve before it is measured. Nested as in its TOML file."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+from valve.errors import ParameterError
+from valve.units import linear
+
+
+class Action(StrEnum):
+    """What drives the stem back."""
+
+    SPRING = "spring"
+    DOUBLE = "double"
+
+
+def _require_positive(subject: str, value: float, unit: str) -> None:
+    if not (math.isfinite(value) and value > 0.0):
+        raise ParameterError(f"{subject} is {value:g} {unit}, it must be above 0: correct the nameplate")
+
+
+def _require_range(subject: str, span: tuple[float, float], unit: str) -> None:
+    low, high = span
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise ParameterError(f"{subject} is {low:g} to {high:g} {unit}, it must rise: give the lower value first")
+
+
+@dataclass(frozen=True, slots=True)
+class Actuator:
+    """The pneumatic (or other) actuator; lengths in m, pressures in Pa, mass in kg.
+
+    Raises ParameterError where a value is not physical.
+    """
+
+    travel_m: float
+    diaphragm_area_m2: float | None = None
+    action: Action = Action.SPRING
+    moving_mass_kg: float | None = None
+    bench_set_pa: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "action", Action(self.action))
+        _require_positive("actuator.travel_m", self.travel_m, "m")
+        if self.diaphragm_area_m2 is not None:
+            _require_positive("actuator.diaphragm_area_m2", self.diaphragm_area_m2, "m2")
+        if self.moving_mass_kg is not None:
+            _require_positive("actuator.moving_mass_kg", self.moving_mass_kg, "kg")
+        if self.bench_set_pa is not None:
+            _require_range("actuator.bench_set_pa", self.bench_set_pa, "Pa")
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """The I/P transducer: the current that it takes (mA) and the pressure that it gives (Pa)."""
+
+    range_ma: tuple[float, float]
+    range_pa: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        _require_range("signal.range_ma", self.range_ma, "mA")
+        _require_range("signal.range_pa", self.range_pa, "Pa")
+
+    def pressure_pa(self, current_ma: float) -> float:
+        """Pressure that the transducer should give at this current, Pa."""
+        return linear(current_ma, self.range_ma, self.range_pa)
+
+    def current_ma(self, pressure_pa: float) -> float:
+        """Current that asks for this pressure, mA."""
+        return linear(pressure_pa, self.range_pa, self.range_ma)
+
+
+@dataclass(frozen=True, slots=True)
+class Nameplate:
+    """A valve's nameplate: ``tag``, ``[actuator]`` and, where there is an I/P, ``[signal]``."""
+
+    tag: str
+    actuator: Actuator
+    signal: Signal | None = None
+
+    def __post_init__(self) -> None:
+        if not self.tag or len(self.tag) > 64 or not self.tag.isprintable():
+            raise ParameterError(f"tag {self.tag!r}: give 1 to 64 printable characters")
+
+    @property
+    def nominal_preload_n(self) -> float | None:
+        """Preload that the bench set implies, N: S_a times its lower pressure; None where unknown."""
+        area_m2, bench_set_pa = self.actuator.diaphragm_area_m2, self.actuator.bench_set_pa
+        return None if area_m2 is None or bench_set_pa is None else area_m2 * bench_set_pa[0]
+
+    @property
+    def nominal_spring_rate_n_per_m(self) -> float | None:
+        """Spring rate that the bench set and the travel imply, N/m; None where unknown."""
+        area_m2, bench_set_pa = self.actuator.diaphragm_area_m2, self.actuator.bench_set_pa
+        if area_m2 is None or bench_set_pa is None:
+            return None
+        return area_m2 * (bench_set_pa[1] - bench_set_pa[0]) / self.actuator.travel_m

@@ -1,0 +1,177 @@
+"""Waveforms: the pressure that a test asks for, piecewise linear in time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from valve.errors import WaveformError
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Waveform:
+    """A pressure command over time: straight lines between corners.
+
+    ``time_s``, shape (n,), starts at 0 and never falls; two equal times make a step. ``pressure_pa``, shape
+    (n,), is the pressure asked for at each corner. Raises WaveformError where these do not hold.
+    """
+
+    name: str
+    time_s: FloatArray
+    pressure_pa: FloatArray
+
+    def __post_init__(self) -> None:
+        time_s = np.array(self.time_s, dtype=np.float64)
+        pressure_pa = np.array(self.pressure_pa, dtype=np.float64)
+        if time_s.ndim != 1 or time_s.shape != pressure_pa.shape or time_s.size < 2:
+            raise WaveformError(
+                f"waveform {self.name}: {time_s.size} times and {pressure_pa.size} pressures, "
+                "it needs at least 2 of each and as many of one as of the other"
+            )
+        if not (np.isfinite(time_s).all() and np.isfinite(pressure_pa).all()):
+            raise WaveformError(f"waveform {self.name}: a corner is not a finite number, correct it")
+        if time_s[0] != 0.0 or (np.diff(time_s) < 0.0).any() or time_s[-1] <= 0.0:
+            raise WaveformError(f"waveform {self.name}: its times must start at 0 s and rise, correct them")
+        time_s.setflags(write=False)
+        pressure_pa.setflags(write=False)
+        object.__setattr__(self, "time_s", time_s)
+        object.__setattr__(self, "pressure_pa", pressure_pa)
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first corner to the last, s."""
+        return float(self.time_s[-1])
+
+    @property
+    def range_pa(self) -> tuple[float, float]:
+        """Lowest and highest pressure asked for, Pa."""
+        return float(self.pressure_pa.min()), float(self.pressure_pa.max())
+
+    @property
+    def fastest_rate_pa_per_s(self) -> float:
+        """Steepest slope, Pa/s; infinite where there is a step."""
+        run_s, rise_pa = np.diff(self.time_s), np.abs(np.diff(self.pressure_pa))
+        moving = rise_pa > 0.0
+        if not moving.any():
+            return 0.0
+        with np.errstate(divide="ignore"):
+            return float((rise_pa[moving] / run_s[moving]).max())
+
+    def at(self, time_s: FloatArray | float) -> FloatArray:
+        """Pressure at ``time_s``, Pa, any shape; held before the first corner and after the last.
+
+        At a step the value after it counts.
+        """
+        wanted_s = np.asarray(time_s, dtype=np.float64)
+        after = np.clip(np.searchsorted(self.time_s, wanted_s, side="right"), 1, self.time_s.size - 1)
+        before = after - 1
+        run_s = self.time_s[after] - self.time_s[before]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            share = np.where(run_s > 0.0, (wanted_s - self.time_s[before]) / run_s, 1.0)
+        share = np.clip(share, 0.0, 1.0)
+        rise_pa = self.pressure_pa[after] - self.pressure_pa[before]
+        return np.asarray(self.pressure_pa[before] + share * rise_pa)
+
+
+def _joined(name: str, corners: Sequence[tuple[float, float]]) -> Waveform:
+    """Waveform from (run_s, pressure_pa) legs: each pressure is reached ``run_s`` after the one before."""
+    runs_s, pressures_pa = zip(*corners, strict=True)
+    return Waveform(name, np.cumsum(np.array(runs_s)), np.array(pressures_pa))
+
+
+def _require_positive(name: str, subject: str, value: float) -> None:
+    if not (math.isfinite(value) and value > 0.0):
+        raise WaveformError(f"waveform {name}: {subject} is {value:g}, it must be above 0: correct it")
+
+
+def triangle(
+    period_s: float,
+    cycles: int,
+    low_pa: float,
+    high_pa: float,
+    *,
+    rest_pa: float | None = None,
+    rest_s: float = 0.0,
+) -> Waveform:
+    """Triangular wave from ``low_pa`` up to ``high_pa`` and back, ``cycles`` times (the paper's Figure 1).
+
+    With ``rest_pa`` it starts from and returns to that pressure at the wave's own slope, and holds there for
+    ``rest_s`` at the end.
+    """
+    return multi_rate_triangle([period_s] * cycles, low_pa, high_pa, rest_pa=rest_pa, rest_s=rest_s, name="triangle")
+
+
+def multi_rate_triangle(
+    periods_s: Sequence[float],
+    low_pa: float,
+    high_pa: float,
+    *,
+    rest_pa: float | None = None,
+    rest_s: float = 0.0,
+    name: str = "multi_rate_triangle",
+) -> Waveform:
+    """One triangle a period, each as fast as its own period says; the ends as in ``triangle``."""
+    if not periods_s:
+        raise WaveformError(f"waveform {name}: it has no cycle, give at least 1")
+    for period_s in periods_s:
+        _require_positive(name, "the period in s", period_s)
+    if not low_pa < high_pa:
+        raise WaveformError(f"waveform {name}: it goes from {low_pa:g} to {high_pa:g} Pa, the second must be higher")
+    legs = [(0.0, low_pa)]
+    for period_s in periods_s:
+        legs += [(period_s / 2.0, high_pa), (period_s / 2.0, low_pa)]
+    if rest_pa is not None and rest_pa != low_pa:
+        first_slope = (high_pa - low_pa) / (periods_s[0] / 2.0)
+        last_slope = (high_pa - low_pa) / (periods_s[-1] / 2.0)
+        legs = [(0.0, rest_pa), (abs(low_pa - rest_pa) / first_slope, low_pa), *legs[1:]]
+        legs.append((abs(low_pa - rest_pa) / last_slope, rest_pa))
+    if rest_s > 0.0:
+        legs.append((rest_s, legs[-1][1]))
+    return _joined(name, legs)
+
+
+def sine(period_s: float, cycles: float, low_pa: float, high_pa: float, *, corners_per_period: int = 2000) -> Waveform:
+    """Sine from its trough at ``low_pa``, as straight lines.
+
+    The lines leave the sine by at most (pi / corners_per_period)^2 / 4 of the swing: 6e-7 of it by default.
+    """
+    _require_positive("sine", "the period in s", period_s)
+    _require_positive("sine", "the number of cycles", cycles)
+    if not low_pa < high_pa:
+        raise WaveformError(f"waveform sine: it goes from {low_pa:g} to {high_pa:g} Pa, the second must be higher")
+    time_s = np.linspace(0.0, cycles * period_s, max(2, math.ceil(cycles * corners_per_period) + 1))
+    middle_pa, swing_pa = (low_pa + high_pa) / 2.0, (high_pa - low_pa) / 2.0
+    return Waveform("sine", time_s, middle_pa - swing_pa * np.cos(2.0 * np.pi * time_s / period_s))
+
+
+def steps(levels_pa: Sequence[float], hold_s: float) -> Waveform:
+    """Hold each level for ``hold_s``; the change between two is instantaneous."""
+    _require_positive("steps", "the hold in s", hold_s)
+    if len(levels_pa) < 2:
+        raise WaveformError(f"waveform steps: {len(levels_pa)} level, it needs at least 2")
+    legs: list[tuple[float, float]] = []
+    for level_pa in levels_pa:
+        legs += [(0.0, level_pa), (hold_s, level_pa)]
+    return _joined("steps", legs)
+
+
+def dwell(period_s: float, low_pa: float, high_pa: float, dwells_s: Sequence[float]) -> Waveform:
+    """Triangles that rest at the middle of each ramp for one of ``dwells_s`` in turn, going up and going down."""
+    _require_positive("dwell", "the period in s", period_s)
+    if not dwells_s:
+        raise WaveformError("waveform dwell: it has no dwell, give at least 1")
+    if not low_pa < high_pa:
+        raise WaveformError(f"waveform dwell: it goes from {low_pa:g} to {high_pa:g} Pa, the second must be higher")
+    middle_pa, quarter_s = (low_pa + high_pa) / 2.0, period_s / 4.0
+    legs = [(0.0, low_pa)]
+    for dwell_s in dwells_s:
+        _require_positive("dwell", "a dwell in s", dwell_s)
+        for end_pa in (high_pa, low_pa):
+            legs += [(quarter_s, middle_pa), (dwell_s, middle_pa), (quarter_s, end_pa)]
+    return _joined("dwell", legs)
