@@ -1,0 +1,238 @@
+"""Where things are on the wire: buses, the points on them, and how one valve is wired. Data only, no connection."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Literal, TypeAlias
+
+from valve.errors import ConfigurationError
+from valve.units import SI_FACTORS
+
+
+def _require_positive(subject: str, value: float, unit: str) -> None:
+    if not (math.isfinite(value) and value > 0.0):
+        raise ConfigurationError(f"{subject} is {value:g} {unit}, it must be above 0: correct it")
+
+
+def _require_port(bus: str, port: int) -> None:
+    if not 1 <= port <= 65535:
+        raise ConfigurationError(f"bus {bus}: port {port} is outside 1 to 65535, correct it")
+
+
+class Parity(StrEnum):
+    """Parity of a serial line."""
+
+    NONE = "N"
+    EVEN = "E"
+    ODD = "O"
+
+
+@dataclass(frozen=True, slots=True)
+class TcpAddress:
+    """A Modbus TCP server. ``timeout_s`` is the deadline of one transaction."""
+
+    name: str
+    host: str
+    port: int = 502
+    timeout_s: float = 0.5
+    kind: Literal["modbus_tcp"] = "modbus_tcp"
+
+    def __post_init__(self) -> None:
+        _require_port(self.name, self.port)
+        _require_positive(f"bus {self.name}: timeout_s", self.timeout_s, "s")
+
+
+@dataclass(frozen=True, slots=True)
+class TlsAddress:
+    """A Modbus/TCP Security server (port 802): both sides show a certificate.
+
+    ``ca_file`` signs the server's certificate, which must be made out to ``server_name`` (the host where empty);
+    ``certificate_file`` and ``key_file`` are ours, where the server asks for one.
+    """
+
+    name: str
+    host: str
+    ca_file: str
+    port: int = 802
+    certificate_file: str | None = None
+    key_file: str | None = None
+    server_name: str | None = None
+    timeout_s: float = 0.5
+    kind: Literal["modbus_tls"] = "modbus_tls"
+
+    def __post_init__(self) -> None:
+        _require_port(self.name, self.port)
+        _require_positive(f"bus {self.name}: timeout_s", self.timeout_s, "s")
+        if (self.certificate_file is None) != (self.key_file is None):
+            raise ConfigurationError(f"bus {self.name}: certificate_file and key_file belong together, give both")
+
+
+@dataclass(frozen=True, slots=True)
+class RtuAddress:
+    """A serial line with Modbus RTU slaves.
+
+    ``timeout_s`` is what a slave may take; the time of the frames on the line comes on top. ``worst_latency_s`` is
+    the latest moment after a request at which its answer may still arrive: after a timeout the line is left to
+    itself until then.
+    """
+
+    name: str
+    serial_port: str
+    baud_rate: int = 19200
+    parity: Parity = Parity.EVEN
+    stop_bits: Literal[1, 2] = 1
+    timeout_s: float = 0.5
+    worst_latency_s: float = 1.0
+    kind: Literal["modbus_rtu"] = "modbus_rtu"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parity", Parity(self.parity))
+        if not 300 <= self.baud_rate <= 4_000_000:
+            raise ConfigurationError(f"bus {self.name}: baud_rate {self.baud_rate} is outside 300 to 4000000")
+        _require_positive(f"bus {self.name}: timeout_s", self.timeout_s, "s")
+        _require_positive(f"bus {self.name}: worst_latency_s", self.worst_latency_s, "s")
+
+
+@dataclass(frozen=True, slots=True)
+class GaugeAddress:
+    """A displacement gauge on a serial line that answers an ASCII request.
+
+    ``pattern`` is a regular expression with a group ``value``; ``unit`` is what the number counts.
+    """
+
+    name: str
+    serial_port: str
+    request: str
+    pattern: str
+    terminator: str = "\r\n"
+    unit: str = "mm"
+    baud_rate: int = 9600
+    parity: Parity = Parity.NONE
+    stop_bits: Literal[1, 2] = 1
+    timeout_s: float = 0.5
+    kind: Literal["serial_gauge"] = "serial_gauge"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parity", Parity(self.parity))
+        _require_positive(f"bus {self.name}: timeout_s", self.timeout_s, "s")
+        if not self.terminator:
+            raise ConfigurationError(
+                f'bus {self.name}: terminator is empty, give the end of an answer such as "\\r\\n"'
+            )
+        if SI_FACTORS.get(self.unit, ("", 0.0))[0] != "m":
+            raise ConfigurationError(f"bus {self.name}: unit {self.unit!r} is no length, give m, mm, um or inch")
+
+
+BusAddress: TypeAlias = TcpAddress | TlsAddress | RtuAddress | GaugeAddress
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """One signal of a valve: a register of a device on a bus, or a gauge (then ``bus`` alone).
+
+    ``register`` defaults to the map's own for the role. ``signal`` (in the register's unit) stands for ``quantity``
+    (Pa or m); both may be left out where the register is in Pa or m already. ``readback_register`` is where the
+    device shows what it really asks of its output.
+    """
+
+    bus: str
+    device_id: int | None = None
+    map: str | None = None
+    register: str | None = None
+    signal: tuple[float, float] | None = None
+    quantity: tuple[float, float] | None = None
+    readback_register: str | None = None
+
+    def __post_init__(self) -> None:
+        # 0 would be a broadcast: every valve on the line would move.
+        if self.device_id is not None and not 1 <= self.device_id <= 247:
+            raise ConfigurationError(f"bus {self.bus}: device_id {self.device_id} is outside 1 to 247, correct it")
+        if (self.device_id is None) != (self.map is None):
+            raise ConfigurationError(f"bus {self.bus}: device_id and map belong together, give both or (gauge) none")
+        if (self.signal is None) != (self.quantity is None):
+            raise ConfigurationError(f"bus {self.bus}: signal and quantity belong together, give both or none")
+
+
+@dataclass(frozen=True, slots=True)
+class MotionLimits:
+    """What a test may do to a valve: pressures (Pa), their rate (Pa/s), its length (s), and where the stem may be.
+
+    A waveform that is steeper than the rate is refused, steps included unless ``steps_allowed``.
+    """
+
+    pressure_pa: tuple[float, float]
+    pressure_rate_pa_per_s: float
+    longest_test_s: float
+    steps_allowed: bool = False
+    position_m: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if not self.pressure_pa[0] < self.pressure_pa[1]:
+            raise ConfigurationError(
+                f"limits.pressure_pa is {self.pressure_pa[0]:g} to {self.pressure_pa[1]:g} Pa, it must rise: correct it"
+            )
+        if self.position_m is not None and not self.position_m[0] < self.position_m[1]:
+            raise ConfigurationError("limits.position_m must rise: give the lower position first")
+        _require_positive("limits.pressure_rate_pa_per_s", self.pressure_rate_pa_per_s, "Pa/s")
+        _require_positive("limits.longest_test_s", self.longest_test_s, "s")
+
+
+class Mode(StrEnum):
+    """How the samples of a test are taken."""
+
+    POLLED = "polled"
+    CAPTURED = "captured"
+
+
+@dataclass(frozen=True, slots=True)
+class Sampling:
+    """``[valves.acquisition]``: how the samples are taken, and how far apart (s)."""
+
+    mode: Mode
+    period_s: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mode", Mode(self.mode))
+        _require_positive("acquisition.period_s", self.period_s, "s")
+
+
+@dataclass(frozen=True, slots=True)
+class WatchdogChoice:
+    """``[valves.watchdog]``: the device's watchdog and its timeout (s), or why there is none."""
+
+    timeout_s: float | None = None
+    waived: str = ""
+
+    def __post_init__(self) -> None:
+        if self.timeout_s is not None:
+            _require_positive("watchdog.timeout_s", self.timeout_s, "s")
+        if (self.timeout_s is None) == (self.waived == ""):
+            raise ConfigurationError(
+                "watchdog: give either timeout_s or, for a device that has none, waived = a reason"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class ValveWiring:
+    """How one valve is wired. ``safe_value_pa`` is a pressure, or "entry": what was commanded before the test."""
+
+    tag: str
+    command: Point
+    safe_value_pa: float | Literal["entry"]
+    limits: MotionLimits
+    acquisition: Sampling
+    position: Point | None = None
+    pressure: Point | None = None
+    watchdog: WatchdogChoice = field(default_factory=lambda: WatchdogChoice(timeout_s=2.0))
+
+    def __post_init__(self) -> None:
+        if self.safe_value_pa == "entry":
+            return
+        low_pa, high_pa = self.limits.pressure_pa
+        if not low_pa <= self.safe_value_pa <= high_pa:
+            raise ConfigurationError(
+                f"{self.tag}: safe_value_pa {self.safe_value_pa:g} Pa is outside limits.pressure_pa "
+                f"{low_pa:g} to {high_pa:g} Pa, correct one of them"
+            )

@@ -1,0 +1,73 @@
+"""What comes off a device during a test, and what is left when the test has ended."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from valve.errors import ValveError
+from valve.recording import Recording
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One look at a valve: Pa and m, NaN where there is no valid value.
+
+    ``sent_s`` and ``received_s`` are on the monotonic clock of this machine and enclose the instant of the sample.
+    """
+
+    sent_s: float
+    received_s: float
+    position_m: float
+    pressure_pa: float
+    output_pa: float
+    status: int = 0
+
+    @property
+    def time_s(self) -> float:
+        """Middle of the interval in which the sample was taken, s, monotonic clock."""
+        return 0.5 * (self.sent_s + self.received_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SampleBlock:
+    """Samples as they come in, each channel of shape (n,); time counts from the start of the waveform.
+
+    ``recorded`` says whether they belong to the recording: a captured test is also watched by polling, and those
+    samples are for the eye alone. ``sent_s`` and ``received_s`` are there for polled samples.
+    """
+
+    time_s: FloatArray
+    position_m: FloatArray
+    pressure_pa: FloatArray
+    command_pa: FloatArray
+    sent_s: FloatArray | None
+    received_s: FloatArray | None
+    recorded: bool
+
+
+class Ended(StrEnum):
+    """How a test ended."""
+
+    COMPLETED = "completed"
+    STOPPED = "stopped"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True, slots=True)
+class PlayOutcome:
+    """What is left of a test: the recording (None where no sample was taken) and the state of the valve.
+
+    ``safe_confirmed`` is True only where the safe value was read back from the device.
+    """
+
+    recording: Recording | None
+    ended: Ended
+    safe_confirmed: bool
+    error: ValveError | None = None
+    notes: tuple[str, ...] = field(default_factory=tuple)
