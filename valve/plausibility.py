@@ -1,0 +1,100 @@
+"""Wrong units: what a recording cannot be, given the valve's nameplate."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from valve.errors import RecordingError
+from valve.nameplate import Nameplate
+from valve.recording import FloatArray
+from valve.units import METRE_PER_INCH, PASCAL_PER_BAR, PASCAL_PER_PSI
+
+# Own choices. A stem cannot leave its travel; 3 times leaves room for a nameplate that names the rated part only.
+_MOST_TRAVELS: Final = 3.0
+_LEAST_MOVED: Final = 0.01  # of the travel: below it nothing says that a low pressure is wrong
+_LEAST_PRESSURE: Final = 0.01  # of the signal's upper end: air at 1 % of it moves no stem
+_MOST_PRESSURES: Final = 50.0
+_LIKELY: Final = (0.02, 2.5)  # a unit is likely when the value read in it is this share of what is expected
+_LOWEST_FULL_PRESSURE_PA: Final = 5.0e3  # no actuator works below it, where the nameplate says nothing
+_CURRENT_LOOP_MA: Final = (-0.5, 25.0)  # what a 4-20 mA loop can carry (NAMUR NE 43 ends at 21)
+
+_LENGTHS: Final = (("millimetres", 1.0e-3), ("inches", METRE_PER_INCH), ("micrometres", 1.0e-6))
+_PRESSURES: Final = (("kPa", 1.0e3), ("bar", PASCAL_PER_BAR), ("psi", PASCAL_PER_PSI))
+
+
+def require_plausible_position(position_m: FloatArray, nameplate: Nameplate, source: str) -> None:
+    """Raise RecordingError where the position cannot be in metres: it goes far beyond the rated travel."""
+    travel_m = nameplate.actuator.travel_m
+    reached = _largest(position_m)
+    if reached <= _MOST_TRAVELS * travel_m:
+        return
+    likely = _likely_units(reached, travel_m, _LENGTHS)
+    if reached <= 120.0:
+        likely.append("percent of travel")
+    raise RecordingError(
+        f"{source}: position_m reaches {reached:.4g} and the travel of {nameplate.tag} is {travel_m:g} m: "
+        f"{_guess(likely)}write it in metres, or correct actuator.travel_m"
+    )
+
+
+def require_plausible_pressure(
+    name: str, pressure_pa: FloatArray, position_m: FloatArray, nameplate: Nameplate, source: str
+) -> None:
+    """Raise RecordingError where a pressure cannot be in Pa: the stem moves at next to none, or it is beyond all."""
+    reached = _largest(pressure_pa)
+    full_pa = _full_pressure_pa(nameplate)
+    expected_pa = _LOWEST_FULL_PRESSURE_PA if full_pa is None else full_pa
+    moved = np.ptp(position_m[np.isfinite(position_m)]) >= _LEAST_MOVED * nameplate.actuator.travel_m
+    known = f"the pressure range of {nameplate.tag} ends at {expected_pa:g} Pa"
+    if 0.0 < reached < _LEAST_PRESSURE * expected_pa or (full_pa is None and 0.0 < reached < 0.2 * expected_pa):
+        if not moved:
+            return
+        likely = _likely_units(reached, full_pa, _PRESSURES) if full_pa is not None else [u for u, _ in _PRESSURES]
+        about = known if full_pa is not None else "the stem moves"
+        raise RecordingError(f"{source}: {name} reaches {reached:.4g} and {about}: {_guess(likely)}write it in Pa")
+    if full_pa is not None and reached > _MOST_PRESSURES * full_pa:
+        raise RecordingError(
+            f"{source}: {name} reaches {reached:.4g} and {known}: "
+            "write it in Pa, or correct the nameplate's signal.range_pa and actuator.bench_set_pa"
+        )
+
+
+def require_plausible_current(command_ma: FloatArray, source: str) -> None:
+    """Raise RecordingError where a current is beyond what a 4-20 mA loop carries."""
+    present = command_ma[np.isfinite(command_ma)]
+    low, high = _CURRENT_LOOP_MA
+    if present.size == 0:
+        return
+    if present.min() < low or present.max() > high:
+        worst = present.max() if present.max() > high else present.min()
+        raise RecordingError(
+            f"{source}: command_ma is {worst:.4g} and a current loop carries 0 to {high:g} mA: "
+            "it looks like percent or a pressure: write it in mA, or a pressure as command_pa"
+        )
+    if 0.0 < present.max() < 0.1:
+        raise RecordingError(
+            f"{source}: command_ma reaches {present.max():.4g} mA, it looks like amperes: write it in mA"
+        )
+
+
+def _largest(values: FloatArray) -> float:
+    present = values[np.isfinite(values)]
+    return float(np.abs(present).max()) if present.size else 0.0
+
+
+def _full_pressure_pa(nameplate: Nameplate) -> float | None:
+    ends = [nameplate.signal.range_pa[1]] if nameplate.signal is not None else []
+    if nameplate.actuator.bench_set_pa is not None:
+        ends.append(nameplate.actuator.bench_set_pa[1])
+    return max(ends, default=None)
+
+
+def _likely_units(reached: float, expected: float, units: tuple[tuple[str, float], ...]) -> list[str]:
+    low, high = _LIKELY
+    return [unit for unit, factor in units if low * expected <= reached * factor <= high * expected]
+
+
+def _guess(units: list[str]) -> str:
+    return f"it looks like {' or '.join(units)}: " if units else ""

@@ -1,0 +1,123 @@
+"""Recordings as CSV: a fast reader for good files and a careful one that says where a bad file is wrong."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+
+from valve.errors import RecordingError
+from valve.recording import CHANNELS, INTERVAL_CHANNELS, FloatArray
+
+COLUMNS: Final = ("time_s", *CHANNELS, "command_ma", *INTERVAL_CHANNELS)
+_GAPS: Final = ("", "nan", "NaN", "NAN")
+_LONGEST_SHOWN: Final = 40  # characters of a bad cell that a message repeats
+
+
+def read_columns(data: bytes, source: str) -> dict[str, FloatArray]:
+    """Columns of a CSV file by name, float64, NaN where a cell is empty or ``nan``.
+
+    Raises RecordingError with file, row, column, value and remedy.
+    """
+    header, body_start = _header(data, source)
+    body = data[body_start:]
+    if not body.strip():
+        raise RecordingError(f"{source}: it has a header and no row, give one row a sample")
+    try:
+        table = pa.csv.read_csv(
+            io.BytesIO(body),
+            read_options=pa.csv.ReadOptions(column_names=header),
+            convert_options=pa.csv.ConvertOptions(
+                column_types=dict.fromkeys(header, pa.float64()), null_values=list(_GAPS), strings_can_be_null=True
+            ),
+        )
+    except pa.ArrowInvalid as error:
+        raise _located(body, header, source) or RecordingError(f"{source}: it is not a CSV file: {error}") from None
+    return {name: np.asarray(table[name].to_numpy(), dtype=np.float64) for name in header}
+
+
+def csv_bytes(columns: Mapping[str, FloatArray]) -> bytes:
+    """Return a CSV file: the header, then one row a sample; a gap is an empty cell, a number reads back bitwise."""
+    table = pa.table({name: pa.array(column, from_pandas=True) for name, column in columns.items()})
+    sink = io.BytesIO()
+    sink.write((",".join(columns) + "\n").encode())
+    pa.csv.write_csv(table, sink, pa.csv.WriteOptions(include_header=False, quoting_style="none"))
+    return sink.getvalue()
+
+
+def _header(data: bytes, source: str) -> tuple[list[str], int]:
+    """Column names, checked, and where the first row starts."""
+    start = 3 if data.startswith(b"\xef\xbb\xbf") else 0
+    if not data[start:].strip():
+        raise RecordingError(f"{source}: the file is empty, give a header line and one row a sample")
+    while data[start : start + 1] in (b"\n", b"\r"):
+        start += 1
+    end = data.find(b"\n", start)
+    end = len(data) if end < 0 else end
+    try:
+        line = data[start:end].decode("utf-8").strip("\r")
+    except UnicodeDecodeError:
+        raise RecordingError(
+            f"{source}: it is no text in UTF-8: give a CSV file saved as UTF-8, or a Parquet file"
+        ) from None
+    names = [cell.strip().strip('"').strip() for cell in line.split(",")]
+    _require_known(names, line, source)
+    return names, min(end + 1, len(data))
+
+
+def _require_known(names: list[str], line: str, source: str) -> None:
+    known = ", ".join(COLUMNS)
+    for separator, called in ((";", "semicolons"), ("\t", "tabs")):
+        if len(names) == 1 and separator in line:
+            raise RecordingError(
+                f"{source}: its columns stand between {called}, they must stand between commas "
+                "and numbers must have a decimal point: save it so"
+            )
+    if all(_is_number(name) for name in names):
+        raise RecordingError(f"{source}: row 1 holds numbers, it must be a header line with names out of {known}")
+    for name in names:
+        if name not in COLUMNS:
+            raise RecordingError(f"{source}: unknown column {name[:_LONGEST_SHOWN]!r}; there are {known}: rename it")
+        if names.count(name) > 1:
+            raise RecordingError(f"{source}: column {name!r} stands in it twice, remove one")
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _lines(body: bytes) -> Iterator[list[str]]:
+    return csv.reader(io.StringIO(body.decode("utf-8", errors="replace")))
+
+
+def _located(body: bytes, header: list[str], source: str) -> RecordingError | None:
+    """Name the first cell that is wrong; None where all cells are numbers."""
+    row = 0
+    for cells in _lines(body):
+        if not cells:
+            continue
+        row += 1
+        where = f"{source}: row {row} (line {row + 1} of the file)"
+        if len(cells) != len(header):
+            hint = (
+                "write numbers with a decimal point, not a comma"
+                if len(cells) > len(header)
+                else "give every cell, an empty one for a gap"
+            )
+            return RecordingError(f"{where} has {len(cells)} cells and the header has {len(header)}: {hint}")
+        for name, cell in zip(header, cells, strict=True):
+            text = cell.strip()
+            if text not in _GAPS and not _is_number(text):
+                comma = "," in text and _is_number(text.replace(",", "."))
+                hint = "write it with a decimal point" if comma else "give a number, or nothing for a gap"
+                return RecordingError(f"{where}, column {name}: {text[:_LONGEST_SHOWN]!r} is not a number: {hint}")
+    return None

@@ -1,0 +1,187 @@
+"""Recording files: CSV with SI names in its header, or Parquet with the same columns."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from valve import recording_csv, recording_parquet
+from valve.errors import RecordingError
+from valve.nameplate import Nameplate
+from valve.plausibility import (
+    require_plausible_current,
+    require_plausible_position,
+    require_plausible_pressure,
+)
+from valve.recording import CHANNELS, INTERVAL_CHANNELS, FloatArray, Provenance, Recording
+
+_PARQUET_MAGIC: Final = b"PAR1"
+_PARQUET_SUFFIXES: Final = (".parquet", ".pq")
+_LARGEST_FILE_BYTES: Final = 2**31  # 10 hours of 1 kHz are 1 GB of CSV; more is no test of a valve
+
+
+def read_recording(path: Path | str, nameplate: Nameplate | None = None) -> Recording:
+    """Recording of a CSV or a Parquet file, told apart by their content.
+
+    ``command_ma`` becomes ``command_pa`` by the nameplate's signal. With a nameplate, values that cannot be in SI
+    units are refused. Raises RecordingError with file, row, column, value, limit and remedy.
+    """
+    source = str(path)
+    data = _content(Path(path))
+    return recording_from_bytes(data, source, nameplate, says_parquet=Path(path).suffix in _PARQUET_SUFFIXES)
+
+
+def recording_from_bytes(
+    data: bytes, source: str, nameplate: Nameplate | None = None, *, says_parquet: bool = False
+) -> Recording:
+    """Recording of a file's content; ``source`` names it in messages. Raises RecordingError as ``read_recording``."""
+    provenance = Provenance()
+    if data.startswith(_PARQUET_MAGIC):
+        columns, provenance = recording_parquet.read_columns(data, source)
+    elif says_parquet:
+        raise RecordingError(f"{source}: it does not start as a Parquet file does: give it the suffix of what it is")
+    else:
+        columns = recording_csv.read_columns(data, source)
+    return _recording(columns, provenance, source, nameplate)
+
+
+def write_csv(recording: Recording, path: Path | str) -> None:
+    """Write all channels as CSV, gaps as empty cells; every number reads back bit by bit. Replaces the file at once."""
+    _write_durably(recording_csv.csv_bytes(recording_columns(recording)), Path(path))
+
+
+def write_parquet(recording: Recording, path: Path | str) -> str:
+    """Write all channels and the provenance as Parquet, lossless, and return the file's SHA-256 in hex.
+
+    The file is complete, under its name and on the disk when this returns, or not there at all.
+    """
+    data = recording_parquet.parquet_bytes(
+        recording_columns(recording), recording.provenance, recording.sample_period_s
+    )
+    _write_durably(data, Path(path))
+    return hashlib.sha256(data).hexdigest()
+
+
+def file_sha256(path: Path | str) -> str:
+    """SHA-256 of a file's content in hex. Raises RecordingError where it cannot be read."""
+    try:
+        with Path(path).open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise RecordingError(f"{path}: it cannot be read: {error.strerror}") from None
+
+
+def recording_columns(recording: Recording) -> dict[str, FloatArray]:
+    """Columns that a file of this recording has, by name, in their order."""
+    columns = {"time_s": recording.time_s}
+    for name in (*CHANNELS, *INTERVAL_CHANNELS):
+        channel = getattr(recording, name)
+        if channel is not None:
+            columns[name] = channel
+    return columns
+
+
+def _content(path: Path) -> bytes:
+    try:
+        if path.is_dir():
+            raise RecordingError(f"{path}: it is a folder, give a CSV or Parquet file")
+        size = path.stat().st_size
+        if size > _LARGEST_FILE_BYTES:
+            raise RecordingError(
+                f"{path}: it has {size} bytes, a recording may have {_LARGEST_FILE_BYTES}: cut it into parts"
+            )
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise RecordingError(f"{path}: there is no such file, check its name") from None
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise RecordingError(f"{path}: it cannot be read: {reason}") from None
+
+
+def _write_durably(data: bytes, path: Path) -> None:
+    """Write under a temporary name, force to disk, then rename: a reader never sees half a file."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        with partial.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise RecordingError(f"{path}: it cannot be written: {error.strerror}") from None
+
+
+def _recording(
+    columns: dict[str, FloatArray], provenance: Provenance, source: str, nameplate: Nameplate | None
+) -> Recording:
+    """Recording of these columns, each requirement of the file checked with its name in the message."""
+    _require_columns(columns, source)
+    _require_rising_time(columns["time_s"], source)
+    for name, column in columns.items():
+        if np.isinf(column).any():
+            row = int(np.isinf(column).argmax()) + 1
+            raise RecordingError(f"{source}: row {row}, column {name}: it is infinite, leave a gap empty")
+        if np.isnan(column).all() and name in ("position_m", "force_n", "pressure_pa"):
+            raise RecordingError(f"{source}: column {name} holds no value, remove it or give its samples")
+    if nameplate is not None:
+        _require_plausible(columns, nameplate, source)
+    if "command_ma" in columns:
+        columns["command_pa"] = _command_pa(columns.pop("command_ma"), nameplate, source)
+    return Recording(**columns, provenance=provenance)
+
+
+def _require_columns(columns: dict[str, FloatArray], source: str) -> None:
+    for name in ("time_s", "position_m"):
+        if name not in columns:
+            raise RecordingError(f"{source}: column {name} is missing, a recording needs it: add it")
+    if columns["time_s"].size == 0:
+        raise RecordingError(f"{source}: it has columns and no row, give one row a sample")
+    if not columns.keys() & {"command_pa", "command_ma", "pressure_pa", "force_n"}:
+        raise RecordingError(
+            f"{source}: none of the columns command_pa, command_ma, pressure_pa and force_n is there: add one"
+        )
+    if {"command_pa", "command_ma"} <= columns.keys():
+        raise RecordingError(f"{source}: command_pa and command_ma are both there, remove one")
+
+
+def _require_rising_time(time_s: FloatArray, source: str) -> None:
+    if np.isnan(time_s).any():
+        row = int(np.isnan(time_s).argmax()) + 1
+        raise RecordingError(f"{source}: row {row}, column time_s: it is missing, every row needs a time")
+    falling = np.flatnonzero(np.diff(time_s) <= 0.0)
+    if falling.size:
+        row = int(falling[0]) + 2
+        before_s, after_s = float(time_s[row - 2]), float(time_s[row - 1])
+        raise RecordingError(
+            f"{source}: row {row}, column time_s: time goes from {before_s!r} to {after_s!r} s, "
+            "it must increase: put the rows in order and remove doubled ones"
+        )
+
+
+def _require_plausible(columns: dict[str, FloatArray], nameplate: Nameplate, source: str) -> None:
+    require_plausible_position(columns["position_m"], nameplate, source)
+    for name in ("pressure_pa", "command_pa"):
+        if name in columns:
+            require_plausible_pressure(name, columns[name], columns["position_m"], nameplate, source)
+    if "command_ma" in columns:
+        require_plausible_current(columns["command_ma"], source)
+
+
+def _command_pa(command_ma: FloatArray, nameplate: Nameplate | None, source: str) -> FloatArray:
+    if nameplate is None or nameplate.signal is None:
+        subject = "no nameplate is given" if nameplate is None else f"the nameplate of {nameplate.tag} has no [signal]"
+        raise RecordingError(
+            f"{source}: the command is in mA and {subject}: give signal.range_ma and signal.range_pa, or command_pa"
+        )
+    (low_ma, high_ma), (low_pa, high_pa) = nameplate.signal.range_ma, nameplate.signal.range_pa
+    return np.asarray(low_pa + (command_ma - low_ma) * ((high_pa - low_pa) / (high_ma - low_ma)))

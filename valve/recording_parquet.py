@@ -1,0 +1,118 @@
+"""Recordings as Parquet: integers with a scale where a channel is quantised, float64 where it is not; lossless."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from valve.errors import RecordingError
+from valve.quantisation import Grid, find_grid
+from valve.recording import Acquisition, FloatArray, Provenance
+from valve.recording_csv import COLUMNS
+
+SCHEMA: Final = "breakaway/recording/1"
+_METADATA_KEY: Final = b"breakaway"
+_INT32: Final = 2**31 - 1
+
+
+def parquet_bytes(columns: Mapping[str, FloatArray], provenance: Provenance, sample_period_s: float) -> bytes:
+    """Return a Parquet file of these columns.
+
+    A column whose every value is exactly ``scale * n / divisor + offset`` for whole n is kept as n; any other as
+    float64. The schema's metadata under ``breakaway`` says the unit, the scale, the rate and where the data come from.
+    """
+    arrays: dict[str, pa.Array] = {}
+    described: dict[str, dict[str, Any]] = {}
+    encodings: dict[str, str] = {}
+    for name, column in columns.items():
+        described[name] = {"unit": name.rpartition("_")[2]}
+        grid = find_grid(column)
+        if grid is None:
+            arrays[name] = pa.array(column, type=pa.float64(), from_pandas=True)
+            encodings[name] = "BYTE_STREAM_SPLIT"
+            continue
+        described[name] |= asdict(grid)
+        arrays[name] = _integers(grid.whole_numbers(column), np.isnan(column))
+        encodings[name] = "DELTA_BINARY_PACKED"
+    metadata = {
+        "schema": SCHEMA,
+        "columns": described,
+        "sample_period_s": sample_period_s if np.isfinite(sample_period_s) else None,
+        "provenance": asdict(provenance),
+    }
+    table = pa.table(arrays).replace_schema_metadata({_METADATA_KEY: json.dumps(metadata, allow_nan=False).encode()})
+    sink = io.BytesIO()
+    pq.write_table(
+        table, sink, compression="zstd", compression_level=9, use_dictionary=False, column_encoding=encodings
+    )
+    return sink.getvalue()
+
+
+def _integers(numbers: FloatArray, missing: np.typing.NDArray[np.bool_]) -> pa.Array:
+    whole = np.where(missing, 0.0, numbers).astype(np.int64)
+    fits = bool(np.abs(whole).max(initial=0) <= _INT32)
+    return pa.array(whole.astype(np.int32) if fits else whole, mask=missing)
+
+
+def read_columns(data: bytes, source: str) -> tuple[dict[str, FloatArray], Provenance]:
+    """Columns by name, float64 with NaN for gaps, and the provenance (of a file of others: empty).
+
+    Raises RecordingError where it is no Parquet file, or a column is unknown or holds no numbers.
+    """
+    try:
+        table = pq.read_table(io.BytesIO(data))
+    except (pa.ArrowInvalid, OSError) as error:
+        reason = str(error).partition(".")[0]
+        raise RecordingError(f"{source}: it cannot be read as a Parquet file ({reason}): write it again") from None
+    metadata = _metadata(table.schema, source)
+    columns: dict[str, FloatArray] = {}
+    for name in table.column_names:
+        if name not in COLUMNS:
+            raise RecordingError(f"{source}: unknown column {name!r}; there are {', '.join(COLUMNS)}: rename it")
+        if name in columns:
+            raise RecordingError(f"{source}: column {name!r} stands in it twice, remove one")
+        columns[name] = _values(table[name], metadata.get("columns", {}).get(name, {}), f"{source}: column {name}")
+    return columns, _provenance(metadata, source)
+
+
+def _metadata(schema: pa.Schema, source: str) -> dict[str, Any]:
+    packed = (schema.metadata or {}).get(_METADATA_KEY)
+    if packed is None:
+        return {}
+    try:
+        metadata = json.loads(packed)
+    except ValueError:
+        metadata = None
+    if not isinstance(metadata, dict) or metadata.get("schema") != SCHEMA:
+        raise RecordingError(f"{source}: its metadata is not {SCHEMA}: read it with the version that wrote it")
+    return metadata
+
+
+def _values(column: pa.ChunkedArray, described: Mapping[str, Any], where: str) -> FloatArray:
+    try:
+        numbers = np.array(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
+    except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
+        raise RecordingError(f"{where} holds {column.type}, it must hold numbers: convert it") from None
+    if "scale" not in described:
+        return numbers
+    try:
+        return Grid(described["scale"], described["offset"], described["divisor"]).values(numbers)
+    except (KeyError, TypeError):
+        raise RecordingError(f"{where}: scale, offset and divisor in its metadata must be numbers") from None
+
+
+def _provenance(metadata: Mapping[str, Any], source: str) -> Provenance:
+    given = metadata.get("provenance", {})
+    known = {entry.name for entry in fields(Provenance)}
+    try:
+        kept = {name: value for name, value in given.items() if name in known}
+        return Provenance(**kept | {"acquisition": Acquisition(kept.get("acquisition", Acquisition.FILE))})
+    except (AttributeError, ValueError):
+        raise RecordingError(f"{source}: its metadata says no known provenance, write it again") from None
