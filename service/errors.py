@@ -1,0 +1,121 @@
+"""Every error as a problem document (RFC 9457): one table from the tree of errors to a status."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from http import HTTPStatus
+from typing import Any, Final
+
+import structlog
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from starlette.exceptions import HTTPException
+
+from valve.errors import (
+    BusyError,
+    ConfigurationError,
+    DeviceError,
+    EquipmentError,
+    InternalError,
+    MeasurementError,
+    NotFoundError,
+    RequestError,
+    ValveError,
+)
+
+PROBLEM_TYPE: Final = "application/problem+json"
+_LOG = structlog.get_logger(__name__)
+
+# The nearest ancestor that stands here counts.
+STATUS: Final[dict[type[ValveError], HTTPStatus]] = {
+    RequestError: HTTPStatus.UNPROCESSABLE_ENTITY,
+    NotFoundError: HTTPStatus.NOT_FOUND,
+    BusyError: HTTPStatus.CONFLICT,
+    ConfigurationError: HTTPStatus.UNPROCESSABLE_ENTITY,
+    EquipmentError: HTTPStatus.BAD_GATEWAY,
+    DeviceError: HTTPStatus.BAD_GATEWAY,
+    MeasurementError: HTTPStatus.UNPROCESSABLE_ENTITY,
+    InternalError: HTTPStatus.INTERNAL_SERVER_ERROR,
+}
+
+
+def status_of(error: ValveError) -> HTTPStatus:
+    """Return the status of an error."""
+    for kind in type(error).__mro__:
+        if kind in STATUS:
+            return STATUS[kind]
+    return HTTPStatus.INTERNAL_SERVER_ERROR
+
+
+class ProblemResponse(JSONResponse):
+    """An ``application/problem+json`` answer."""
+
+    media_type = PROBLEM_TYPE
+
+
+def problem(
+    status: int,
+    detail: str,
+    *,
+    instance: str,
+    kind: str = "about:blank",
+    headers: Mapping[str, str] | None = None,
+    **more: Any,
+) -> ProblemResponse:
+    """Return a problem document; ``kind`` names the branch of the tree of errors where there is one."""
+    body = {"type": kind, "title": HTTPStatus(status).phrase, "status": status, "detail": detail, "instance": instance}
+    return ProblemResponse({**body, **more}, status_code=status, headers=dict(headers or {}))
+
+
+def _printable(text: str) -> str:
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
+def _valve_error(request: Request, error: Exception) -> ProblemResponse:
+    if not isinstance(error, ValveError):
+        raise error
+    status = status_of(error)
+    if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
+        _LOG.error("request failed", path=request.url.path, error=str(error))
+    kind = f"urn:breakaway:error:{type(error).__name__}"
+    return problem(status, _printable(str(error)), instance=request.url.path, kind=kind)
+
+
+def _http_error(request: Request, error: Exception) -> ProblemResponse:
+    if not isinstance(error, HTTPException):
+        raise error
+    detail = str(error.detail)
+    if error.status_code == HTTPStatus.NOT_FOUND and detail == HTTPStatus.NOT_FOUND.phrase:
+        detail = f"{_printable(request.url.path)} is no route of this service: /docs lists all"
+    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+        detail = f"{request.method} is not possible on {_printable(request.url.path)}: /docs lists what is"
+    return problem(error.status_code, detail, instance=request.url.path, headers=error.headers)
+
+
+def _invalid_request(request: Request, error: Exception) -> ProblemResponse:
+    if not isinstance(error, RequestValidationError):
+        raise error
+    # What was sent is not repeated: it may be huge, not a number, or no valid text.
+    errors = [
+        {"where": _printable(".".join(str(part) for part in one["loc"])), "reason": _printable(one["msg"])}
+        for one in error.errors()[:20]
+    ]
+    detail = "; ".join(f"{one['where']}: {one['reason']}" for one in errors)
+    return problem(
+        HTTPStatus.UNPROCESSABLE_ENTITY, f"{detail}: correct the request", instance=request.url.path, errors=errors
+    )
+
+
+def _unexpected(request: Request, error: Exception) -> ProblemResponse:
+    _LOG.error("request failed unexpectedly", path=request.url.path, exc_info=error)
+    detail = "a fault of the service: its log says more; please report it"
+    return problem(HTTPStatus.INTERNAL_SERVER_ERROR, detail, instance=request.url.path)
+
+
+def install_error_handlers(app: FastAPI) -> None:
+    """Make every error of ``app`` a problem document."""
+    app.add_exception_handler(ValveError, _valve_error)
+    app.add_exception_handler(HTTPException, _http_error)
+    app.add_exception_handler(RequestValidationError, _invalid_request)
+    app.add_exception_handler(Exception, _unexpected)

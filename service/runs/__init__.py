@@ -1,0 +1,1 @@
+"""The life of a test: asked for, driven, recorded, analysed."""

@@ -1,0 +1,72 @@
+"""A run: one test of one valve, as the store keeps it."""
+
+from __future__ import annotations
+
+import re
+import secrets
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from enum import StrEnum
+from typing import Any, Final
+
+from valve.errors import NotFoundError
+
+RUN_ID: Final = re.compile(r"[0-9]{8}T[0-9]{6}Z-[0-9a-f]{8}")
+
+
+class RunState(StrEnum):
+    """Where a run stands; the names are the contract's."""
+
+    QUEUED = "queued"
+    RUNNING = "running"
+    ANALYZING = "analyzing"
+    COMPLETED = "completed"
+    FAILED = "failed"
+    STOPPED = "stopped"
+    INTERRUPTED = "interrupted"
+
+    @property
+    def finished(self) -> bool:
+        """Whether nothing more will happen to the run."""
+        return self not in (RunState.QUEUED, RunState.RUNNING, RunState.ANALYZING)
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """One test. ``number`` is the store's own count and the run number that fences the device; 0 before it is stored.
+
+    ``safe_confirmed`` is None while the valve has not moved or still moves, then whether its safe value was read back.
+    """
+
+    id: str
+    valve: str
+    sequence: str
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+    number: int = 0
+    state: RunState = RunState.QUEUED
+    progress: float = 0.0
+    created_at: datetime = field(default_factory=lambda: datetime.now(UTC))
+    started_at: datetime | None = None
+    motion_ended_at: datetime | None = None
+    finished_at: datetime | None = None
+    error: str = ""
+    safe_confirmed: bool | None = None
+    idempotency_key: str | None = None
+    recording_file: str | None = None
+    recording_sha256: str | None = None
+    quality: Mapping[str, Any] | None = None
+    analysis: Mapping[str, Any] | None = None
+    software: str = ""
+
+
+def new_run_id(now: datetime | None = None) -> str:
+    """Return an id that sorts by time and cannot be guessed from another: ``20261121T031502Z-9f3c01ab``."""
+    return f"{(now or datetime.now(UTC)):%Y%m%dT%H%M%SZ}-{secrets.token_hex(4)}"
+
+
+def checked_run_id(text: str) -> str:
+    """Return ``text`` where it has the form of an id. Raises NotFoundError otherwise, so that no other text goes on."""
+    if RUN_ID.fullmatch(text) is None:
+        raise NotFoundError(f"test {text[:64]!r} is unknown: GET /tests lists all")
+    return text

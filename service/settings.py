@@ -1,0 +1,208 @@
+"""plant.toml: read, validated into the dataclasses that the rest uses, and checked as a whole."""
+
+from __future__ import annotations
+
+import ipaddress
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from drivers.addresses import (
+    BusAddress,
+    GaugeAddress,
+    MotionLimits,
+    Point,
+    RtuAddress,
+    Sampling,
+    TcpAddress,
+    TlsAddress,
+    ValveWiring,
+    WatchdogChoice,
+)
+from service.settings_checks import check_wiring
+from service.settings_errors import Findings, read_toml
+from valve.errors import ConfigurationError, ValveError
+from valve.nameplate import Actuator, Nameplate, Signal
+
+STRICT: Final = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+_BUS_KINDS: Final[dict[str, type[BusAddress]]] = {
+    "modbus_tcp": TcpAddress,
+    "modbus_tls": TlsAddress,
+    "modbus_rtu": RtuAddress,
+    "serial_gauge": GaugeAddress,
+}
+
+
+class ServiceSection(BaseModel):
+    """``[service]``."""
+
+    model_config = STRICT
+    store: str = Field(min_length=1)
+    bind: str = "127.0.0.1"
+    port: int = Field(default=8321, ge=0, le=65535)
+    trusted_network: bool = False
+
+
+class ValveSection(BaseModel):
+    """One ``[[valves]]``, its parts still as they stand in the file."""
+
+    model_config = STRICT
+    tag: Annotated[str, Field(min_length=1, max_length=64)]
+    safe_value_pa: float | str
+    actuator: dict[str, Any]
+    limits: dict[str, Any]
+    command: dict[str, Any]
+    acquisition: dict[str, Any]
+    signal: dict[str, Any] | None = None
+    position: dict[str, Any] | None = None
+    pressure: dict[str, Any] | None = None
+    watchdog: dict[str, Any] | None = None
+    simulation: dict[str, Any] | None = None  # for `breakaway simulate` alone: a service has no use for it
+
+
+class PlantSection(BaseModel):
+    """The whole file."""
+
+    model_config = STRICT
+    service: dict[str, Any]
+    buses: Annotated[list[dict[str, Any]], Field(min_length=1)]
+    valves: Annotated[list[dict[str, Any]], Field(min_length=1)]
+
+
+@dataclass(frozen=True, slots=True)
+class ServiceSettings:
+    """The service's own settings. ``bind`` is an address; port 0 means any free one."""
+
+    store: Path
+    bind: str
+    port: int
+
+
+@dataclass(frozen=True, slots=True)
+class PlantValve:
+    """One valve: what it is and how it is wired."""
+
+    nameplate: Nameplate
+    wiring: ValveWiring
+
+    @property
+    def buses(self) -> frozenset[str]:
+        """Names of the buses that a test of this valve needs."""
+        points = (self.wiring.command, self.wiring.position, self.wiring.pressure)
+        return frozenset(point.bus for point in points if point is not None)
+
+
+@dataclass(frozen=True, slots=True)
+class Plant:
+    """Everything that plant.toml says."""
+
+    file: Path
+    service: ServiceSettings
+    buses: Mapping[str, BusAddress]
+    valves: Mapping[str, PlantValve]
+
+
+def load_plant(path: Path) -> Plant:
+    """Read a plant file. Raises ConfigurationError that names file, key, value, reason and remedy, one line a fault."""
+    findings = Findings(path.name)
+    top = findings.model(PlantSection, read_toml(path), ())
+    if top is None:
+        raise findings.error()
+    service = _service(findings, top.service, path.parent)
+    buses = _buses(findings, top.buses)
+    valves = _valves(findings, top.valves)
+    if not findings:  # cross-checks on half a plant would only repeat what is said already
+        check_wiring(findings, buses, valves)
+    if findings or service is None:
+        raise findings.error()
+    return Plant(
+        path,
+        service,
+        {address.name: address for address in buses},
+        {nameplate.tag: PlantValve(nameplate, wiring) for nameplate, wiring in valves},
+    )
+
+
+def _service(findings: Findings, raw: dict[str, Any], folder: Path) -> ServiceSettings | None:
+    section = findings.model(ServiceSection, raw, ("service",))
+    if section is None:
+        return None
+    try:
+        loopback = ipaddress.ip_address(section.bind).is_loopback
+    except ValueError:
+        findings.add(("service", "bind"), section.bind, "it is no IP address", "give one such as 127.0.0.1")
+        return None
+    if not loopback and not section.trusted_network:
+        findings.add(
+            ("service", "bind"),
+            section.bind,
+            "whoever reaches this address may move valves: there is no sign-in",
+            "bind to 127.0.0.1, or set service.trusted_network = true where only trusted people are on that network",
+        )
+    return ServiceSettings((folder / section.store).resolve(), section.bind, section.port)
+
+
+def _buses(findings: Findings, sections: list[dict[str, Any]]) -> list[BusAddress]:
+    buses: list[BusAddress] = []
+    for index, raw in enumerate(sections):
+        key = ("buses", index)
+        kind = raw.get("kind")
+        if not isinstance(kind, str) or kind not in _BUS_KINDS:
+            findings.add((*key, "kind"), kind, "it is no kind of bus", f"choose one of {', '.join(_BUS_KINDS)}")
+            continue
+        address = findings.part(_BUS_KINDS[kind], raw, key)
+        if address is not None:
+            buses.append(address)
+    return buses
+
+
+def _valves(findings: Findings, sections: list[dict[str, Any]]) -> list[tuple[Nameplate, ValveWiring]]:
+    valves: list[tuple[Nameplate, ValveWiring]] = []
+    for index, raw in enumerate(sections):
+        section = findings.model(ValveSection, raw, ("valves", index))
+        valve = None if section is None else _valve(findings, section, ("valves", index))
+        if valve is not None:
+            valves.append(valve)
+    return valves
+
+
+def _valve(
+    findings: Findings, section: ValveSection, key: tuple[str | int, ...]
+) -> tuple[Nameplate, ValveWiring] | None:
+    before = len(findings)
+    actuator = findings.part(Actuator, section.actuator, (*key, "actuator"))
+    signal = findings.optional(Signal, section.signal, (*key, "signal"))
+    limits = findings.part(MotionLimits, section.limits, (*key, "limits"))
+    command = findings.part(Point, section.command, (*key, "command"))
+    position = findings.optional(Point, section.position, (*key, "position"))
+    pressure = findings.optional(Point, section.pressure, (*key, "pressure"))
+    sampling = findings.part(Sampling, section.acquisition, (*key, "acquisition"))
+    watchdog = findings.optional(WatchdogChoice, section.watchdog, (*key, "watchdog"))
+    safe_value_pa = section.safe_value_pa
+    if isinstance(safe_value_pa, str) and safe_value_pa != "entry":
+        findings.add(
+            (*key, "safe_value_pa"), safe_value_pa, "it is neither a pressure nor an order", 'give Pa, or "entry"'
+        )
+    if len(findings) > before or actuator is None or limits is None or command is None or sampling is None:
+        return None
+    try:
+        return Nameplate(section.tag, actuator, signal), ValveWiring(
+            section.tag,
+            command,
+            "entry" if isinstance(safe_value_pa, str) else safe_value_pa,
+            limits,
+            sampling,
+            position,
+            pressure,
+            *(() if watchdog is None else (watchdog,)),
+        )
+    except ValveError as error:
+        findings.add_error(key, error)
+        return None
+
+
+__all__ = ["ConfigurationError", "Plant", "PlantValve", "ServiceSettings", "load_plant"]

@@ -1,0 +1,81 @@
+"""What only the whole plant shows: names that point somewhere, and limits that fit together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from drivers.addresses import BusAddress, GaugeAddress, Point, ValveWiring
+from drivers.maps import register_map
+from valve.errors import ConfigurationError
+from valve.nameplate import Nameplate
+
+if TYPE_CHECKING:
+    from service.settings_errors import Findings, Key
+
+
+def check_wiring(
+    findings: Findings, buses: Sequence[BusAddress], valves: Sequence[tuple[Nameplate, ValveWiring]]
+) -> None:
+    """Note every contradiction between the parts of a plant."""
+    by_name: dict[str, BusAddress] = {}
+    for index, address in enumerate(buses):
+        if address.name in by_name:
+            findings.add(("buses", index, "name"), address.name, "another bus has this name", "rename one")
+        by_name[address.name] = address
+    tags: set[str] = set()
+    commanded: dict[tuple[str, int | None, str | None], str] = {}
+    for index, (nameplate, wiring) in enumerate(valves):
+        key: Key = ("valves", index)
+        if wiring.tag in tags:
+            findings.add((*key, "tag"), wiring.tag, "another valve has this tag", "rename one")
+        tags.add(wiring.tag)
+        for role, point in (("command", wiring.command), ("position", wiring.position), ("pressure", wiring.pressure)):
+            if point is not None:
+                _check_point(findings, (*key, role), role, point, by_name)
+        output = (wiring.command.bus, wiring.command.device_id, wiring.command.register)
+        other = commanded.setdefault(output, wiring.tag)
+        if other != wiring.tag:
+            findings.add(
+                (*key, "command"), wiring.tag, f"valve {other} is commanded by the same register", "correct one"
+            )
+        _check_limits(findings, (*key, "limits", "pressure_pa"), nameplate, wiring)
+
+
+def _check_point(findings: Findings, key: Key, role: str, point: Point, buses: dict[str, BusAddress]) -> None:
+    address = buses.get(point.bus)
+    if address is None:
+        findings.add((*key, "bus"), point.bus, "no bus has this name", f"choose one of {', '.join(buses)}")
+        return
+    is_gauge = isinstance(address, GaugeAddress)
+    if is_gauge and role != "position":
+        findings.add((*key, "bus"), point.bus, f"a gauge measures positions, not the {role}", "name a Modbus bus")
+    elif is_gauge and point.map is not None:
+        findings.add((*key, "map"), point.map, f"bus {point.bus} is a gauge, it has no registers", "remove it")
+    elif not is_gauge and point.map is None:
+        findings.add(
+            (*key, "map"), None, f"bus {point.bus} is Modbus, its device has registers", "name device_id and map"
+        )
+    if point.map is None:
+        return
+    try:
+        chosen = register_map(point.map)
+        for name in (point.register, point.readback_register):
+            if name is not None:
+                chosen.register(name)
+    except ConfigurationError as error:
+        findings.add_error((*key, "map"), error)
+
+
+def _check_limits(findings: Findings, key: Key, nameplate: Nameplate, wiring: ValveWiring) -> None:
+    if nameplate.signal is None:
+        return
+    (low_pa, high_pa), (signal_low_pa, signal_high_pa) = wiring.limits.pressure_pa, nameplate.signal.range_pa
+    slack_pa = 1.0e-9 * (signal_high_pa - signal_low_pa)
+    if low_pa < signal_low_pa - slack_pa or high_pa > signal_high_pa + slack_pa:
+        findings.add(
+            key,
+            list(wiring.limits.pressure_pa),
+            f"the I/P gives {signal_low_pa:g} to {signal_high_pa:g} Pa",
+            "stay inside signal.range_pa",
+        )

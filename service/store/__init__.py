@@ -1,0 +1,1 @@
+"""What outlives the process: metadata in a database, recordings and journals as files beside it."""

@@ -1,0 +1,149 @@
+"""The journal: samples of a running test on disk at once, so that a crash loses at most the last moment.
+
+A text file in UTF-8, one record a line, each line closed by a space, the CRC-32 of what stands before that space
+(8 hex digits) and a line feed. A line whose CRC does not fit (the last one after a crash) is left out.
+
+::
+
+    {"schema": "breakaway/journal/1", "test": "...", "valve": "...", ...} CRC         first line: what is recorded
+    time_s,sent_s,received_s,position_m,pressure_pa,command_pa,recorded CRC           then one line a sample
+
+``time_s`` counts from the start of the waveform; ``recorded`` is 0 for a sample that only watches a device which
+captures by itself; ``nan`` is a gap. Every batch is handed to the operating system at once (it survives the death
+of the process) and ``sync`` forces it onto the disk (it survives a power cut).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import zlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drivers.outcome import SampleBlock
+from valve.errors import RecordingError
+from valve.recording import Acquisition, Provenance, Recording
+
+FloatArray = npt.NDArray[np.float64]
+SCHEMA: Final = "breakaway/journal/1"
+_FIELDS: Final = ("time_s", "sent_s", "received_s", "position_m", "pressure_pa", "command_pa", "recorded")
+
+
+def _line(text: str) -> bytes:
+    data = text.encode()
+    return b"%s %08x\n" % (data, zlib.crc32(data))
+
+
+def _checked_lines(data: bytes) -> Iterator[str]:
+    for line in data.split(b"\n"):
+        text, _, crc = line.rpartition(b" ")
+        if text and crc == b"%08x" % zlib.crc32(text):
+            yield text.decode()
+
+
+def _rows(block: SampleBlock) -> FloatArray:
+    absent = np.full(block.time_s.shape, np.nan)
+    return np.column_stack(
+        (
+            block.time_s,
+            absent if block.sent_s is None else block.sent_s,
+            absent if block.received_s is None else block.received_s,
+            block.position_m,
+            block.pressure_pa,
+            block.command_pa,
+            np.full(block.time_s.shape, float(block.recorded)),
+        )
+    )
+
+
+class JournalWriter:
+    """Appends to a new journal. Raises FileExistsError where there is one already: a run has one attempt."""
+
+    def __init__(self, path: Path, header: Mapping[str, Any]) -> None:
+        self._file = path.open("xb", buffering=0)
+        self._file.write(_line(json.dumps({"schema": SCHEMA, **header})))
+        os.fsync(self._file.fileno())
+        self._unsynced = False
+
+    def append(self, block: SampleBlock) -> None:
+        """Hand samples to the operating system. Raises OSError where the disk is full or broken."""
+        data = b"".join(_line(",".join(map(repr, row))) for row in _rows(block).tolist())
+        if not data:
+            return
+        written = self._file.write(data)
+        if written != len(data):
+            raise OSError(f"{self._file.name}: {written} of {len(data)} bytes were written: free some disk space")
+        self._unsynced = True
+
+    def sync(self) -> None:
+        """Force what was appended onto the disk; may block, so callers on the event loop use a thread."""
+        if self._unsynced:
+            self._unsynced = False
+            os.fsync(self._file.fileno())
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+def read_journal(path: Path) -> tuple[dict[str, Any], FloatArray]:
+    """Return the header and the samples of a journal, shape (n, 7), torn and damaged lines left out.
+
+    Raises RecordingError where the header itself is missing or damaged.
+    """
+    lines = _checked_lines(path.read_bytes())
+    try:
+        header = json.loads(next(lines, ""))
+        if header.get("schema") != SCHEMA:
+            raise ValueError(f"schema {header.get('schema')!r}")
+    except (ValueError, AttributeError) as error:
+        raise RecordingError(f"{path.name}: it has no header of {SCHEMA} ({error}), nothing can be read") from error
+    rows = [[float(cell) for cell in line.split(",")] for line in lines]
+    return header, np.array([row for row in rows if len(row) == len(_FIELDS)]).reshape(-1, len(_FIELDS))
+
+
+def _in_order(rows: FloatArray) -> FloatArray:
+    """Rows with a finite time that is later than all before it."""
+    rows = rows[np.isfinite(rows[:, 0])]
+    latest_s = np.maximum.accumulate(rows[:, 0])
+    return rows[np.concatenate(([True], rows[1:, 0] > latest_s[:-1]))] if len(rows) else rows
+
+
+def _channel(column: FloatArray) -> FloatArray | None:
+    return column if bool(np.isfinite(column).any()) else None
+
+
+def recording_from_journal(path: Path) -> Recording | None:
+    """Return what a journal holds as a recording; None where it has no two samples with a command or a pressure.
+
+    Recorded samples where there are two of them, otherwise those that watched.
+    """
+    header, rows = read_journal(path)
+    recorded = _in_order(rows[rows[:, 6] == 1.0])
+    chosen = recorded if len(recorded) >= 2 else _in_order(rows)
+    time_s, sent_s, received_s, position_m, pressure_pa, command_pa, _ = chosen.T
+    if len(chosen) < 2 or (_channel(pressure_pa) is None and _channel(command_pa) is None):
+        return None
+    polled = _channel(sent_s) is not None
+    return Recording(
+        time_s=time_s,
+        position_m=position_m,
+        pressure_pa=_channel(pressure_pa),
+        command_pa=_channel(command_pa),
+        sent_s=_channel(sent_s),
+        received_s=_channel(received_s),
+        provenance=Provenance(
+            acquisition=Acquisition.POLLED if polled else Acquisition.CAPTURED,
+            tag=str(header.get("valve", "")),
+            sequence=str(header.get("sequence", "")),
+            started_at=str(header.get("started_at", "")),
+            software=str(header.get("software", "")),
+            device=str(header.get("device", "")),
+            notes="what the journal of an interrupted test holds",
+        ),
+    )

@@ -1,0 +1,86 @@
+"""The store: one folder that holds everything the service must not forget.
+
+::
+
+    plant-data/
+    ├── breakaway.db        metadata (SQLite)
+    ├── recordings/         ID.parquet: each test's raw recording
+    ├── journals/           ID.journal: samples of the test that runs now
+    ├── uploads/            recordings that are analysed on request, then removed
+    └── lock                held while a service uses the folder
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from sqlalchemy import Engine
+
+from service.runs.run import checked_run_id
+from service.store.atomic import write_atomically
+from service.store.database import open_database
+from service.store.lock import StoreLock
+from service.store.run_table import RunTable
+from valve.errors import ConfigurationError, InternalError
+from valve.recording import Recording
+from valve.recording_files import write_parquet
+
+
+class Store:
+    """Opens the folder for this process alone; ``close`` gives it back.
+
+    Raises BusyError where another process has it, ConfigurationError where it cannot be used.
+    """
+
+    def __init__(self, folder: Path, database_url: str | None = None) -> None:
+        self.folder = folder
+        try:
+            for part in ("recordings", "journals", "uploads"):
+                (folder / part).mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigurationError(
+                f"{folder}: the store cannot be written ({error.strerror}): name another folder as service.store"
+            ) from error
+        self._lock = StoreLock(folder / "lock")
+        self._lock.acquire()
+        try:
+            self._engine: Engine = open_database(database_url or f"sqlite:///{folder / 'breakaway.db'}")
+        except BaseException:
+            self._lock.release()
+            raise
+        self.runs = RunTable(self._engine)
+        for leftover in (folder / "uploads").iterdir():
+            leftover.unlink()
+
+    def close(self) -> None:
+        """Close the database and give the folder back."""
+        self._engine.dispose()
+        self._lock.release()
+
+    def journal_path(self, run_id: str) -> Path:
+        """Where the samples of a running test go."""
+        return self.folder / "journals" / f"{checked_run_id(run_id)}.journal"
+
+    def recording_path(self, run_id: str) -> Path:
+        """Where the recording of a test stands once it is written."""
+        return self.folder / "recordings" / f"{checked_run_id(run_id)}.parquet"
+
+    @property
+    def uploads(self) -> Path:
+        """Folder for recordings that are analysed on request."""
+        return self.folder / "uploads"
+
+    def write_recording(self, run_id: str, recording: Recording) -> tuple[str, str]:
+        """Write a test's recording whole and durable; return its file name and SHA-256 (hex).
+
+        Raises InternalError where the file on disk is not what was hashed.
+        """
+        path = self.recording_path(run_id)
+        sha256 = write_atomically(path, lambda draft: write_parquet(recording, draft))
+        on_disk = hashlib.sha256(path.read_bytes()).hexdigest()
+        if on_disk != sha256:
+            raise InternalError(
+                f"test {run_id}: its recording reads back as {on_disk}, it was {sha256}: check the disk"
+            )
+        return path.name, sha256

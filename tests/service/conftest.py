@@ -1,0 +1,82 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+PLANT = """\
+[service]
+store = "plant-data"
+bind = "127.0.0.1"
+port = 0
+
+[[buses]]
+name = "plc-1"
+kind = "modbus_tcp"
+host = "127.0.0.1"
+port = 5020
+
+[[buses]]
+name = "gauge-1"
+kind = "serial_gauge"
+serial_port = "/dev/null"
+request = "?\\r"
+pattern = '^(?P<value>[-+]?\\d+\\.\\d+)\\s*mm'
+
+[[valves]]
+tag = "FV-101"
+safe_value_pa = 0.0
+[valves.actuator]
+diaphragm_area_m2 = 0.06452
+travel_m = 0.1016
+[valves.signal]
+range_ma = [4.0, 20.0]
+range_pa = [0.0, 82737.0]
+[valves.limits]
+pressure_pa = [0.0, 82737.0]
+pressure_rate_pa_per_s = 30000.0
+longest_test_s = 300.0
+[valves.command]
+bus = "plc-1"
+device_id = 1
+map = "reference"
+[valves.acquisition]
+mode = "captured"
+period_s = 0.001
+
+[[valves]]
+tag = "FV-102"
+safe_value_pa = "entry"
+[valves.actuator]
+diaphragm_area_m2 = 0.06452
+travel_m = 0.1016
+[valves.limits]
+pressure_pa = [0.0, 82737.0]
+pressure_rate_pa_per_s = 30000.0
+longest_test_s = 300.0
+[valves.command]
+bus = "plc-1"
+device_id = 2
+map = "reference"
+[valves.position]
+bus = "gauge-1"
+[valves.acquisition]
+mode = "polled"
+period_s = 0.01
+[valves.watchdog]
+timeout_s = 2.0
+[valves.simulation]
+parameter_set = "nominal"
+"""
+
+
+@pytest.fixture
+def plant_text() -> str:
+    return PLANT
+
+
+@pytest.fixture
+def plant_file(tmp_path: Path) -> Path:
+    path = tmp_path / "plant.toml"
+    path.write_text(PLANT, encoding="utf-8")
+    return path

@@ -1,0 +1,174 @@
+from __future__ import annotations
+
+import hashlib
+import multiprocessing
+import sqlite3
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+
+from drivers.outcome import SampleBlock
+from service.runs.run import Run, RunState, checked_run_id, new_run_id
+from service.store.database import open_database
+from service.store.journal import JournalWriter, read_journal, recording_from_journal
+from service.store.schema import METADATA
+from service.store.store import Store
+from valve.errors import BusyError, ConfigurationError, NotFoundError
+from valve.recording import Acquisition, Recording
+from valve.recording_files import read_recording
+
+
+def _run(tag: str = "FV-101", key: str | None = None) -> Run:
+    return Run(id=new_run_id(), valve=tag, sequence="triangle", overrides={"cycles": 2}, idempotency_key=key)
+
+
+def _block(start: int, stop: int, *, recorded: bool = True, polled: bool = True) -> SampleBlock:
+    time_s = np.linspace(0.01 * start, 0.01 * stop, stop - start, endpoint=False)
+    return SampleBlock(
+        time_s=time_s,
+        position_m=0.001 * time_s,
+        pressure_pa=np.full(time_s.shape, np.nan),
+        command_pa=1000.0 * time_s,
+        sent_s=time_s - 0.001 if polled else None,
+        received_s=time_s + 0.001 if polled else None,
+        recorded=recorded,
+    )
+
+
+def test_a_run_comes_back_as_it_was_stored(tmp_path: Path) -> None:
+    store = Store(tmp_path / "store")
+    run = store.runs.insert(_run(key="k1"))
+    assert run.number == 1
+    ended = replace(run, state=RunState.COMPLETED, safe_confirmed=True, analysis={"schema": "x", "m": None})
+    store.runs.save(ended)
+    store.close()
+    again = Store(tmp_path / "store")
+    assert again.runs.get(run.id) == ended
+    assert again.runs.by_idempotency_key("k1") == ended
+    again.close()
+
+
+def test_runs_are_listed_newest_first_by_page_and_valve(tmp_path: Path) -> None:
+    store = Store(tmp_path / "store")
+    runs = [store.runs.insert(_run(tag)) for tag in ("A", "B", "A", "A")]
+    assert [run.number for run in store.runs.newest(2)] == [4, 3]
+    assert [run.number for run in store.runs.newest(2, before=3)] == [2, 1]
+    assert [run.number for run in store.runs.newest(9, valve="A")] == [4, 3, 1]
+    store.runs.save(replace(runs[1], state=RunState.FAILED))
+    assert [run.number for run in store.runs.in_states([RunState.QUEUED])] == [1, 3, 4]
+    store.close()
+
+
+def test_the_migrations_make_exactly_the_described_tables(tmp_path: Path) -> None:
+    engine = open_database(f"sqlite:///{tmp_path / 'x.db'}")
+    with engine.connect() as connection:
+        assert compare_metadata(MigrationContext.configure(connection), METADATA) == []
+        assert connection.exec_driver_sql("PRAGMA journal_mode").scalar_one() == "wal"
+        assert connection.exec_driver_sql("PRAGMA synchronous").scalar_one() == 2
+        assert connection.exec_driver_sql("PRAGMA foreign_keys").scalar_one() == 1
+    engine.dispose()
+
+
+def test_a_damaged_database_is_refused_with_a_clear_sentence(tmp_path: Path) -> None:
+    (tmp_path / "breakaway.db").write_bytes(b"this is no database at all" * 400)
+    with pytest.raises(ConfigurationError, match=r"breakaway\.db.*backup"):
+        Store(tmp_path)
+
+
+def test_a_database_of_a_newer_version_is_refused(tmp_path: Path) -> None:
+    Store(tmp_path).close()
+    with sqlite3.connect(tmp_path / "breakaway.db") as connection:
+        connection.execute("UPDATE alembic_version SET version_num = '9999'")
+    connection.close()
+    with pytest.raises(ConfigurationError, match="9999"):
+        Store(tmp_path)
+
+
+def _try_to_open(folder: Path, answers: multiprocessing.Queue[str]) -> None:
+    try:
+        Store(folder).close()
+        answers.put("opened")
+    except BusyError as error:
+        answers.put(str(error))
+
+
+def test_a_second_process_on_the_same_store_is_refused(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    context = multiprocessing.get_context("spawn")
+    answers: multiprocessing.Queue[str] = context.Queue()
+    process = context.Process(target=_try_to_open, args=(tmp_path, answers))
+    process.start()
+    answer = answers.get(timeout=30)
+    process.join(timeout=30)
+    assert "another service" in answer
+    store.close()
+    Store(tmp_path).close()
+
+
+def test_a_recording_is_written_whole_and_hashed(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    run = store.runs.insert(_run())
+    time_s = np.linspace(0.0, 0.1, 100)
+    recording = Recording(time_s, 0.1 * time_s, command_pa=1000.0 * time_s)
+    name, sha256 = store.write_recording(run.id, recording)
+    path = store.recording_path(run.id)
+    assert path.name == name
+    assert hashlib.sha256(path.read_bytes()).hexdigest() == sha256
+    assert [entry.name for entry in path.parent.iterdir()] == [name]
+    assert np.array_equal(read_recording(path).position_m, recording.position_m)
+    store.close()
+
+
+def test_an_id_never_becomes_a_path(tmp_path: Path) -> None:
+    for text in ("../../etc/passwd", "", "a" * 1000, "20261121T031502Z-9f3c01ab/..", "20261121T031502Z-9F3C01AB"):
+        with pytest.raises(NotFoundError):
+            checked_run_id(text)
+    assert checked_run_id(new_run_id())
+
+
+def test_a_journal_survives_a_torn_last_line(tmp_path: Path) -> None:
+    path = tmp_path / "x.journal"
+    journal = JournalWriter(path, {"valve": "FV-101", "sequence": "triangle"})
+    journal.append(_block(0, 10))
+    journal.append(_block(10, 20))
+    journal.sync()
+    journal.close()
+    whole = path.read_bytes()
+    for cut in (len(whole) - 3, len(whole) - 60):
+        path.write_bytes(whole[:cut])
+        _, rows = read_journal(path)
+        assert len(rows) in (18, 19)
+    path.write_bytes(whole[:-40] + b"X" + whole[-39:])
+    recording = recording_from_journal(path)
+    assert recording is not None
+    assert recording.samples == 19
+    assert recording.pressure_pa is None
+    assert recording.command_pa is not None
+    assert recording.provenance.acquisition is Acquisition.POLLED
+    assert recording.provenance.tag == "FV-101"
+
+
+def test_what_was_captured_counts_before_what_was_watched(tmp_path: Path) -> None:
+    path = tmp_path / "x.journal"
+    journal = JournalWriter(path, {"valve": "FV-101"})
+    journal.append(_block(0, 50, recorded=False))
+    journal.append(_block(0, 30, polled=False))
+    journal.close()
+    recording = recording_from_journal(path)
+    assert recording is not None
+    assert recording.samples == 30
+    assert recording.sent_s is None
+    assert recording.provenance.acquisition is Acquisition.CAPTURED
+
+
+def test_a_journal_without_two_samples_gives_no_recording(tmp_path: Path) -> None:
+    path = tmp_path / "x.journal"
+    journal = JournalWriter(path, {"valve": "FV-101"})
+    assert recording_from_journal(path) is None
+    journal.append(_block(0, 1))
+    journal.close()
+    assert recording_from_journal(path) is None
