@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Final
 
+from drivers.capabilities import Capture, Fence, LiveBlock, Role, Watchdog
 from valve.errors import ConfigurationError, DeviceError, ParameterError
 
 MAX_READ_WORDS: Final = 125  # Modbus Application Protocol 1.1b3, 6.3
@@ -189,17 +190,24 @@ class GoldenFrame:
 
 @dataclass(frozen=True, slots=True)
 class Canary:
-    """A register whose value proves which device answers."""
+    """A register whose value proves which device answers, or (``differs``) which one does not."""
 
     register: str
     expected: float
+    differs: bool = False
+
+    def accepts(self, value: float) -> bool:
+        """Whether this value is one that the device would show."""
+        return (value != self.expected) if self.differs else (value == self.expected)
 
 
 @dataclass(frozen=True, slots=True)
 class RegisterMap:
     """What one kind of device keeps where. ``source`` cites the manual page.
 
-    Raises ConfigurationError where registers overlap or share a name.
+    ``roles`` names the register that serves a role where the wiring names none; ``readbacks`` tells for a command
+    register where the device shows what it really asks for. Raises ConfigurationError where registers overlap, share
+    a name, or a name stands for none.
     """
 
     name: str
@@ -207,6 +215,14 @@ class RegisterMap:
     registers: tuple[Register, ...]
     canary: Canary | None = None
     golden: tuple[GoldenFrame, ...] = ()
+    version: Canary | None = None
+    roles: Mapping[Role, str] = field(default_factory=dict)
+    readbacks: Mapping[str, str] = field(default_factory=dict)
+    fence: Fence | None = None
+    watchdog: Watchdog | None = None
+    live: LiveBlock | None = None
+    capture: Capture | None = None
+    has_read_write: bool = False  # function 23
 
     def __post_init__(self) -> None:
         taken: dict[tuple[Table, int], str] = {}
@@ -222,6 +238,9 @@ class RegisterMap:
                         f"register map {self.name}: {other} and {register.name} overlap at {register.table} "
                         f"address {address}, move one"
                     )
+        mentioned = [check.register for check in (self.canary, self.version) if check is not None]
+        for name in (*mentioned, *self.roles.values(), *self.readbacks, *self.readbacks.values()):
+            self.register(name)
 
     def register(self, name: str) -> Register:
         """Return the register of this name. Raises ConfigurationError where there is none."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Final
 
+from drivers.capabilities import Capture, CaptureStates, Fence, LiveBlock, Role, Watchdog
 from drivers.registers import Canary, Kind, Register, RegisterMap
 
 CANARY_VALUE: Final = 0x42574159  # "BWAY" in ASCII
@@ -19,6 +20,7 @@ WINDOW_ADDRESS: Final = 8000  # the sample window: index u32, WINDOW_SAMPLES x 3
 WINDOW_SAMPLES: Final = 40
 WINDOW_CHANNELS: Final = ("position", "pressure", "command")  # one u16 each, scaled by the ranges at 60-71
 WINDOW_WORDS: Final = 2 + WINDOW_SAMPLES * len(WINDOW_CHANNELS) + 1
+FULL_SCALE: Final = 65534  # the captured word that stands for the upper end of a range
 MISSING_SAMPLE: Final = 0xFFFF  # a captured word that is no measurement; measurements use 0 to 65534
 
 
@@ -79,6 +81,61 @@ MAP = RegisterMap(
     name="reference",
     source="docs/reference-map.md, version 1",
     canary=Canary("canary", float(CANARY_VALUE)),
+    version=Canary("map_version", 1.0),
+    roles={Role.COMMAND: "command", Role.POSITION: "position", Role.PRESSURE: "pressure"},
+    readbacks={"command": "output"},
+    fence=Fence(run_number="run_number", owner="run_owner"),
+    watchdog=Watchdog(
+        timeout="watchdog_timeout",
+        state="watchdog_state",
+        safe_value="safe_value",
+        heartbeat="heartbeat",
+        armed=WatchdogState.ARMED,
+        tripped=WatchdogState.TRIPPED,
+    ),
+    live=LiveBlock(
+        registers=(
+            "device_time",
+            "position",
+            "pressure",
+            "output",
+            "supply_pressure",
+            "status",
+            "sample_counter",
+            "live_check",
+        ),
+        check="live_check",
+        clock="device_time",
+        counter="sample_counter",
+        status="status",
+        at_safe_mask=1 << StatusBit.AT_SAFE_VALUE,
+        sensor_fault_mask=1 << StatusBit.SENSOR_FAULT,
+    ),
+    capture=Capture(
+        state="capture_state",
+        control="capture_control",
+        start=CaptureControl.START,
+        abort=CaptureControl.ABORT,
+        states=CaptureStates(running=CaptureState.RUNNING, done=CaptureState.DONE, aborted=CaptureState.ABORTED),
+        period="capture_period",
+        wanted="capture_wanted",
+        taken="capture_taken",
+        capacity="capture_capacity",
+        corner_count="corner_count",
+        corner_capacity="corner_capacity",
+        corners_address=CORNERS_ADDRESS,
+        ranges=(
+            ("position_low", "position_high"),
+            ("pressure_low", "pressure_high"),
+            ("command_low", "command_high"),
+        ),
+        full_scale=FULL_SCALE,
+        missing=MISSING_SAMPLE,
+        window_index="window_index",
+        window_address=WINDOW_ADDRESS,
+        window_samples=WINDOW_SAMPLES,
+    ),
+    has_read_write=True,
     registers=(
         # identity, read only
         _u32("canary", 0, "always 0x42574159"),

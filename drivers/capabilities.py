@@ -1,0 +1,87 @@
+"""What a device can do beside keeping values, as data: a map names the registers, device code never asks for a map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Role(StrEnum):
+    """What a register is to a valve."""
+
+    COMMAND = "command"
+    POSITION = "position"
+    PRESSURE = "pressure"
+
+
+@dataclass(frozen=True, slots=True)
+class Fence:
+    """Commands count only while ``run_number``, written with each of them, equals ``owner``."""
+
+    run_number: str
+    owner: str
+
+
+@dataclass(frozen=True, slots=True)
+class Watchdog:
+    """A timer in the device that drives ``safe_value`` after ``timeout`` without a command or a changed heartbeat."""
+
+    timeout: str
+    state: str
+    safe_value: str
+    heartbeat: str
+    armed: int
+    tripped: int
+
+
+@dataclass(frozen=True, slots=True)
+class LiveBlock:
+    """Values that are read in one transaction and belong to one instant.
+
+    ``check`` is the CRC of every word before it. ``at_safe_mask`` and ``sensor_fault_mask`` are bits of ``status``.
+    """
+
+    registers: tuple[str, ...]
+    check: str
+    clock: str
+    counter: str
+    status: str
+    at_safe_mask: int
+    sensor_fault_mask: int
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureStates:
+    """Values of a capture's state register."""
+
+    running: int
+    done: int
+    aborted: int
+
+
+@dataclass(frozen=True, slots=True)
+class Capture:
+    """A device that plays corners by its own clock and keeps samples, which are fetched window by window.
+
+    A window holds the index of its first sample (u32), ``window_samples`` rows of u16 (position, pressure, command;
+    each range's two registers stand for 0 and ``full_scale``) and the CRC of all before.
+    """
+
+    state: str
+    control: str
+    start: int
+    abort: int
+    states: CaptureStates
+    period: str
+    wanted: str
+    taken: str
+    capacity: str
+    corner_count: str
+    corner_capacity: str
+    corners_address: int
+    ranges: tuple[tuple[str, str], tuple[str, str], tuple[str, str]]
+    full_scale: int
+    missing: int
+    window_index: str
+    window_address: int
+    window_samples: int

@@ -1,0 +1,85 @@
+"""What a wire and a device can answer instead of what was asked, as typed errors."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from valve.errors import DeviceError, ValveError, WireError
+
+
+class NoAnswerError(WireError):
+    """Nothing came before the deadline; a write may or may not have been carried out."""
+
+
+class BadAnswerError(WireError):
+    """Something came that is no answer to this request."""
+
+
+class EchoError(BadAnswerError):
+    """The line returned our own request."""
+
+
+class ConnectionLostError(WireError):
+    """There is no connection, or it broke while the answer was awaited."""
+
+
+class CorruptBlockError(WireError):
+    """A block whose own check does not fit its words."""
+
+
+class GatewayPathError(WireError):
+    """Exception 0x0A: the gateway has no path to the device."""
+
+
+class GatewayTargetError(WireError):
+    """Exception 0x0B: the device behind the gateway does not answer."""
+
+
+class RefusedError(DeviceError):
+    """The device answered with an exception."""
+
+
+class IllegalFunctionError(RefusedError):
+    """Exception 1: the device does not know the function."""
+
+
+class IllegalAddressError(RefusedError):
+    """Exception 2: the device has no such register."""
+
+
+class IllegalValueError(RefusedError):
+    """Exception 3: the device does not take the value."""
+
+
+class DeviceFailureError(RefusedError):
+    """Exception 4: the device failed at it."""
+
+
+class AcknowledgedError(RefusedError):
+    """Exception 5: accepted, and takes longer; it is not done."""
+
+
+class DeviceBusyError(RefusedError):
+    """Exception 6: busy with something else. A motion is never repeated because of it."""
+
+
+class StaleSampleError(DeviceError):
+    """The device showed the same sample twice: its clock and counter stand still."""
+
+
+_EXCEPTIONS: Final[dict[int, tuple[type[ValveError], str]]] = {
+    1: (IllegalFunctionError, "it does not know this function: check the register map"),
+    2: (IllegalAddressError, "it has no such register: check the register map"),
+    3: (IllegalValueError, "it does not take this value: check ranges and signal in plant.toml"),
+    4: (DeviceFailureError, "it failed at it: look at the device"),
+    5: (AcknowledgedError, "it needs longer and has not done it yet: look at the device"),
+    6: (DeviceBusyError, "it is busy: try again later"),
+    0x0A: (GatewayPathError, "the gateway has no path to it: check the gateway's configuration"),
+    0x0B: (GatewayTargetError, "it does not answer the gateway: check the line behind the gateway"),
+}
+
+
+def refusal(subject: str, function: int, code: int) -> ValveError:
+    """Return the error that stands for a Modbus exception (Application Protocol 1.1b3, 7)."""
+    kind, sentence = _EXCEPTIONS.get(code, (RefusedError, "the code is not in the standard: see the device's manual"))
+    return kind(f"{subject}: exception {code} to function {function}: {sentence}")

@@ -1,0 +1,116 @@
+"""Requests and the only answers that fit them: nothing that came is believed before it is checked here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from drivers.faults import BadAnswerError, refusal
+from drivers.registers import MAX_READ_WORDS, MAX_WRITE_WORDS, Table, crc16
+from valve.errors import ConfigurationError
+
+READ_HOLDING: Final = 3
+READ_INPUT: Final = 4
+WRITE: Final = 16
+READ_WRITE: Final = 23
+_MBAP_BYTES: Final = 7
+_RTU_OVERHEAD: Final = 3  # device id and CRC
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """One transaction. Raises ConfigurationError where the wire could not or must not carry it."""
+
+    device_id: int
+    function: int
+    read_address: int = 0
+    read_count: int = 0
+    write_address: int = 0
+    words: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.device_id <= 247:
+            # 0 is a broadcast: every device on the line obeys and none answers.
+            raise ConfigurationError(f"device id {self.device_id} is outside 1 to 247: correct it in plant.toml")
+        if not 0 <= self.read_count <= MAX_READ_WORDS or len(self.words) > MAX_WRITE_WORDS:
+            raise ConfigurationError(
+                f"device {self.device_id}: {self.read_count} words to read and {len(self.words)} to write, one "
+                f"transaction carries {MAX_READ_WORDS} and {MAX_WRITE_WORDS}"
+            )
+        if self.read_count == 0 and not self.words:
+            raise ConfigurationError(f"device {self.device_id}: a transaction of no words")
+
+    @property
+    def is_read(self) -> bool:
+        """Whether the answer brings words."""
+        return self.read_count > 0
+
+    @property
+    def answer_bytes(self) -> int:
+        """Length of the answer without what the carrier adds: function, count, words; or the echo of a write."""
+        return 2 + 2 * self.read_count if self.is_read else 5
+
+    @property
+    def request_bytes(self) -> int:
+        """Length of the request without what the carrier adds."""
+        return {READ_HOLDING: 5, READ_INPUT: 5, WRITE: 6, READ_WRITE: 10}[self.function] + 2 * len(self.words)
+
+    @property
+    def subject(self) -> str:
+        """Words for errors: which device, which registers."""
+        address, count = (self.read_address, self.read_count) if self.is_read else (self.write_address, len(self.words))
+        verb = "reading" if self.is_read else "writing"
+        return f"device {self.device_id}, {verb} {count} words at {address}"
+
+
+def read_request(device_id: int, table: Table, address: int, count: int) -> Request:
+    """Read ``count`` words of a table (function 3 or 4)."""
+    function = READ_HOLDING if table is Table.HOLDING else READ_INPUT
+    return Request(device_id, function, read_address=address, read_count=count)
+
+
+def rtu_answer(request: Request, heard: bytes) -> bytes:
+    """Function and data of a serial answer. Raises BadAnswerError unless ``heard`` is that frame and nothing else."""
+    if len(heard) < _RTU_OVERHEAD + 2 or crc16(heard[:-2]) != int.from_bytes(heard[-2:], "little"):
+        raise BadAnswerError(f"{request.subject}: {len(heard)} bytes came whose CRC is wrong: check the line")
+    if heard[0] != request.device_id:
+        raise BadAnswerError(f"{request.subject}: device {heard[0]} answered instead: check for a second master")
+    return heard[1:-2]
+
+
+def mbap_answer(request: Request, transaction_id: int, heard: bytes) -> bytes:
+    """Function and data of the answer with our transaction id among what was heard. Raises BadAnswerError otherwise."""
+    rest = heard
+    while len(rest) > _MBAP_BYTES:
+        length = int.from_bytes(rest[4:6], "big")
+        frame, rest = rest[: 6 + length], rest[6 + length :]
+        if length < 2 or len(frame) < 6 + length or frame[2:4] != b"\x00\x00":
+            break
+        if int.from_bytes(frame[:2], "big") != transaction_id:
+            continue
+        if frame[6] != request.device_id:
+            raise BadAnswerError(f"{request.subject}: device {frame[6]} answered instead: check the gateway")
+        return frame[_MBAP_BYTES:]
+    raise BadAnswerError(f"{request.subject}: no answer carries transaction {transaction_id}: check the gateway")
+
+
+def checked_words(request: Request, answer: bytes) -> tuple[int, ...]:
+    """Words of an answer (function and data), empty for a write.
+
+    Raises the error of an exception, or BadAnswerError where function, length, address or count do not fit.
+    """
+    if len(answer) == 2 and answer[0] == request.function | 0x80:
+        raise refusal(request.subject, request.function, answer[1])
+    if answer[:1] != bytes((request.function,)) or len(answer) != request.answer_bytes:
+        raise BadAnswerError(
+            f"{request.subject}: an answer of {len(answer)} bytes to function {answer[0]} came, "
+            f"{request.answer_bytes} bytes to function {request.function} were due"
+        )
+    if request.is_read:
+        if answer[1] != 2 * request.read_count:
+            raise BadAnswerError(f"{request.subject}: the answer counts {answer[1]} bytes")
+        return tuple(int.from_bytes(answer[i : i + 2], "big") for i in range(2, len(answer), 2))
+    address, count = int.from_bytes(answer[1:3], "big"), int.from_bytes(answer[3:5], "big")
+    if (address, count) != (request.write_address, len(request.words)):
+        raise BadAnswerError(f"{request.subject}: the device confirms {count} words at {address}")
+    return ()
