@@ -16,7 +16,7 @@ _MOST_TRAVELS: Final = 3.0
 _LEAST_MOVED: Final = 0.01  # of the travel: below it nothing says that a low pressure is wrong
 _LEAST_PRESSURE: Final = 0.01  # of the signal's upper end: air at 1 % of it moves no stem
 _MOST_PRESSURES: Final = 50.0
-_LIKELY: Final = (0.02, 2.5)  # a unit is likely when the value read in it is this share of what is expected
+_LIKELY: Final = (0.2, 2.5)  # a unit is likely when the value read in it is this share of what is expected
 _LOWEST_FULL_PRESSURE_PA: Final = 5.0e3  # no actuator works below it, where the nameplate says nothing
 _CURRENT_LOOP_MA: Final = (-0.5, 25.0)  # what a 4-20 mA loop can carry (NAMUR NE 43 ends at 21)
 
@@ -31,7 +31,7 @@ def require_plausible_position(position_m: FloatArray, nameplate: Nameplate, sou
     if reached <= _MOST_TRAVELS * travel_m:
         return
     likely = _likely_units(reached, travel_m, _LENGTHS)
-    if reached <= 120.0:
+    if 20.0 <= reached <= 120.0:
         likely.append("percent of travel")
     raise RecordingError(
         f"{source}: position_m reaches {reached:.4g} and the travel of {nameplate.tag} is {travel_m:g} m: "

@@ -47,7 +47,11 @@ def find_grid(values: FloatArray) -> Grid | None:
     Tried in turn: decimal fractions (a file), whole multiples of a step (a clock), and what
     ``Register.decode`` computes, ``scale * raw + offset``, with an offset that is a short number.
     """
-    present = values[np.isfinite(values)]
+    with np.errstate(all="ignore"):  # numbers near the ends of float64 overflow on the way and are then refused
+        return _found_grid(values[np.isfinite(values)])
+
+
+def _found_grid(present: FloatArray) -> Grid | None:
     if present.size == 0:
         return Grid(1.0)
     distinct = np.unique(present)

@@ -19,6 +19,7 @@ from valve.recording_csv import COLUMNS
 
 SCHEMA: Final = "breakaway/recording/1"
 _METADATA_KEY: Final = b"breakaway"
+_UNITS: Final = {"s": "s", "pa": "Pa", "n": "N", "m": "m"}  # by the last part of a column's name
 _INT32: Final = 2**31 - 1
 
 
@@ -32,7 +33,7 @@ def parquet_bytes(columns: Mapping[str, FloatArray], provenance: Provenance, sam
     described: dict[str, dict[str, Any]] = {}
     encodings: dict[str, str] = {}
     for name, column in columns.items():
-        described[name] = {"unit": name.rpartition("_")[2]}
+        described[name] = {"unit": _UNITS[name.rpartition("_")[2]]}
         grid = find_grid(column)
         if grid is None:
             arrays[name] = pa.array(column, type=pa.float64(), from_pandas=True)
