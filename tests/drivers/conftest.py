@@ -1,0 +1,60 @@
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+
+import pytest
+
+from drivers.addresses import Parity, RtuAddress, TcpAddress
+from drivers.transport import Transport
+from tests.drivers.slave import RawSlave, SerialPort, TcpPort
+
+TIMEOUT_S = 0.08
+WORST_LATENCY_S = 0.25
+
+
+@pytest.fixture
+def slave() -> RawSlave:
+    """Register a of unit 1 holds the word a."""
+    entry = RawSlave()
+    for address in range(600):
+        entry.holding[1, address] = address
+        entry.inputs[1, address] = 1000 + address
+    return entry
+
+
+@pytest.fixture
+async def tcp_port(slave: RawSlave) -> AsyncIterator[TcpPort]:
+    async with TcpPort(slave) as port:
+        yield port
+
+
+@pytest.fixture
+async def tcp(tcp_port: TcpPort) -> AsyncIterator[Transport]:
+    transport = Transport(TcpAddress("plc", "127.0.0.1", tcp_port.port, timeout_s=TIMEOUT_S))
+    await transport.open()
+    yield transport
+    await transport.close()
+
+
+@pytest.fixture
+async def serial_port(slave: RawSlave) -> AsyncIterator[SerialPort]:
+    async with SerialPort(slave) as port:
+        yield port
+
+
+@pytest.fixture
+async def rtu(serial_port: SerialPort) -> AsyncIterator[Transport]:
+    transport = Transport(
+        RtuAddress("line", serial_port.path, 115200, Parity.NONE, timeout_s=TIMEOUT_S, worst_latency_s=WORST_LATENCY_S)
+    )
+    await transport.open()
+    yield transport
+    await transport.close()
+
+
+@pytest.fixture(params=["tcp", "rtu"])
+def bus(request: pytest.FixtureRequest) -> Transport:
+    """Return the same transport over each carrier."""
+    transport = request.getfixturevalue(request.param)
+    assert isinstance(transport, Transport)
+    return transport
