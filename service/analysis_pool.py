@@ -1,0 +1,181 @@
+"""The analysis in another process, so that the event loop only moves data."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+from asyncio.subprocess import PIPE, Process
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final
+
+import structlog
+
+from valve import errors
+from valve.errors import InternalError, ValveError
+from valve.nameplate import Nameplate
+
+Progress = Callable[[float, str], None]
+
+WORKER: Final = (sys.executable, "-m", "service.analysis_worker")
+_LOG = structlog.get_logger(__name__)
+_START_LIMIT_S: Final = 300.0  # compiling everything once on a slow machine
+_END_LIMIT_S: Final = 2.0
+_LONGEST_ANSWER_BYTES: Final = 2**24
+
+
+class AnalysisPool:
+    """One worker process that analyses one recording after the other.
+
+    ``start`` begins to load and compile at once; ``analyze`` waits for it. A worker that crashes or takes longer
+    than ``time_limit_s`` fails its job with InternalError and is replaced at the next one. ``command`` starts a
+    process that speaks as ``service.analysis_worker`` does.
+    """
+
+    def __init__(self, *, time_limit_s: float = 300.0, command: Sequence[str] = WORKER) -> None:
+        self._time_limit_s = time_limit_s
+        self._command = tuple(command)
+        self._turn = asyncio.Lock()
+        self._worker: Process | None = None
+        self._ready = False
+        self._closed = False
+
+    async def start(self) -> None:
+        """Start the worker; it warms up while the caller goes on."""
+        async with self._turn:
+            await self._started()
+
+    async def close(self) -> None:
+        """End the worker, also in the middle of a job; nothing is left behind and no job is taken any more."""
+        self._closed = True
+        await self._discard()
+
+    async def __aenter__(self) -> AnalysisPool:
+        """Start, as ``start`` does."""
+        await self.start()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close, as ``close`` does."""
+        await self.close()
+
+    @property
+    def worker_pid(self) -> int | None:
+        """Process id of the worker, None while there is none."""
+        return None if self._worker is None else self._worker.pid
+
+    async def analyze(
+        self,
+        recording_path: Path | str,
+        nameplate: Nameplate,
+        progress: Progress | None = None,
+        *,
+        held_out: Sequence[Path | str] = (),
+    ) -> dict[str, Any]:
+        """Return the analysis object of a recording file.
+
+        Raises what reading and analysing it raise, and InternalError where the worker crashed or took too long.
+        Cancelling ends the worker.
+        """
+        job = {
+            "recordings": [str(recording_path)],
+            "held_out": [str(path) for path in held_out],
+            "nameplate": asdict(nameplate),
+        }
+        async with self._turn:
+            worker, answered = await self._started(), False
+            try:
+                answer = await self._answer(worker, job, progress)
+                answered = True
+            finally:
+                if not answered:  # crashed, too slow or cancelled: a late answer must not become the next job's
+                    await self._discard()
+        if "error" in answer:
+            raise _error(answer)
+        return dict(answer["analysis"])
+
+    async def _discard(self) -> None:
+        worker, self._worker = self._worker, None
+        if worker is not None:
+            await _ended(worker)
+
+    async def _started(self) -> Process:
+        if self._closed:
+            raise InternalError("analysis: it was closed, as the service is ending: repeat the request later")
+        if self._worker is not None and self._worker.returncode is None:
+            return self._worker
+        await self._discard()
+        self._ready = False
+        self._worker = await asyncio.create_subprocess_exec(
+            *self._command, stdin=PIPE, stdout=PIPE, limit=_LONGEST_ANSWER_BYTES
+        )
+        _LOG.info("analysis worker started", pid=self._worker.pid)
+        return self._worker
+
+    async def _answer(self, worker: Process, job: dict[str, Any], progress: Progress | None) -> dict[str, Any]:
+        if not self._ready:
+            if progress is not None:
+                progress(0.0, "getting the analysis ready")
+            await self._next(worker, _START_LIMIT_S, "start")
+            self._ready = True
+        assert worker.stdin is not None
+        with suppress(ConnectionError):  # a worker that died shows when its answer is read
+            worker.stdin.write(json.dumps(job).encode() + b"\n")
+            await worker.stdin.drain()
+        deadline_s = asyncio.get_running_loop().time() + self._time_limit_s
+        while True:
+            left_s = deadline_s - asyncio.get_running_loop().time()
+            answer = await self._next(worker, max(left_s, 0.0), "analyse")
+            if "progress" not in answer:
+                return answer
+            if progress is not None:
+                progress(float(answer["progress"]), str(answer["phase"]))
+
+    async def _next(self, worker: Process, limit_s: float, what: str) -> dict[str, Any]:
+        assert worker.stdout is not None
+        try:
+            async with asyncio.timeout(limit_s):
+                line = await worker.stdout.readline()
+        except TimeoutError:
+            raise InternalError(
+                f"analysis: the worker took more than {self._time_limit_s:g} s and was ended: "
+                "shorten the recording, or report it"
+                if what == "analyse"
+                else f"analysis: the worker was not ready within {limit_s:g} s: look at the log and report it"
+            ) from None
+        if not line.endswith(b"\n"):
+            with suppress(TimeoutError):
+                async with asyncio.timeout(_END_LIMIT_S):
+                    await worker.wait()
+            raise InternalError(
+                f"analysis: the worker ended with code {worker.returncode} before it answered: "
+                "its last words are in the log; repeat the request, and report it if it ends again"
+            )
+        return dict(json.loads(line))
+
+
+async def _ended(worker: Process) -> None:
+    """Kill the worker, which holds nothing that needs saving, and take away all that is left of it."""
+    with suppress(ProcessLookupError):
+        worker.kill()
+    if worker.stdin is not None:
+        worker.stdin.close()
+        with suppress(ConnectionError):
+            await worker.stdin.wait_closed()
+    if worker.stdout is not None:
+        with suppress(RuntimeError):  # the job that is being ended reads already
+            await worker.stdout.read()  # to its end, so that the pipe is closed with the process
+    await worker.wait()
+
+
+def _error(answer: dict[str, Any]) -> ValveError:
+    """Return the worker's error as the same class; the tree of errors is closed, so a name is enough."""
+    kind = getattr(errors, str(answer["error"]), InternalError)
+    error: ValveError = kind(str(answer["message"]))
+    return error

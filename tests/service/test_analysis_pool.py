@@ -1,0 +1,137 @@
+"""The analysis process: its answers, its errors, its crashes, and that nothing is left behind."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from service.analysis_pool import AnalysisPool
+from valve.errors import InternalError, RecordingError
+from valve.nameplate import Actuator, Nameplate
+
+PLATE = Nameplate("FV-101", Actuator(0.1016, 0.06452))
+
+# Speaks as the real worker does; the name of the recording says what it shall do.
+SCRIPT = """
+import json, os, sys, time
+def say(**message): print(json.dumps(message), flush=True)
+say(ready=True)
+for line in sys.stdin:
+    job = json.loads(line)
+    what = job["recordings"][0]
+    say(progress=0.5, phase="half")
+    if what == "crash": os._exit(3)
+    if what == "hang": time.sleep(600)
+    if what == "torn": sys.stdout.write('{"anal'); sys.stdout.flush(); os._exit(0)
+    if what == "bad": say(error="RecordingError", message="bad.csv: wrong")
+    elif what == "fault": say(error="MotionError", message="lost")
+    else: say(analysis={"of": what, "tag": job["nameplate"]["tag"], "pid": os.getpid()})
+"""
+WORKER = (sys.executable, "-c", SCRIPT)
+
+
+def alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+async def until(true: Callable[[], bool]) -> None:
+    async with asyncio.timeout(10.0):
+        while not true():  # noqa: ASYNC110  # another process sets no event
+            await asyncio.sleep(0.01)
+
+
+async def test_one_worker_answers_one_job_after_the_other() -> None:
+    told: list[tuple[float, str]] = []
+    async with AnalysisPool(command=WORKER) as pool:
+        first, second = await asyncio.gather(
+            pool.analyze("a.csv", PLATE, lambda share, phase: told.append((share, phase))),
+            pool.analyze(Path("b.csv"), PLATE),
+        )
+    assert (first["of"], second["of"], first["tag"]) == ("a.csv", "b.csv", "FV-101")
+    assert first["pid"] == second["pid"]
+    assert told == [(0.0, "getting the analysis ready"), (0.5, "half")]
+
+
+async def test_an_error_of_the_worker_arrives_as_the_same_class_and_the_worker_stays() -> None:
+    async with AnalysisPool(command=WORKER) as pool:
+        pid = pool.worker_pid
+        with pytest.raises(RecordingError, match=r"^bad\.csv: wrong$"):
+            await pool.analyze("bad", PLATE)
+        with pytest.raises(InternalError, match="lost"):
+            await pool.analyze("fault", PLATE)
+        assert (await pool.analyze("good", PLATE))["pid"] == pid
+
+
+@pytest.mark.parametrize("what", ["crash", "torn"])
+async def test_a_worker_that_crashes_fails_its_job_and_is_replaced(what: str) -> None:
+    async with AnalysisPool(command=WORKER) as pool:
+        first = pool.worker_pid
+        with pytest.raises(InternalError, match="ended with code"):
+            await pool.analyze(what, PLATE)
+        answer = await pool.analyze("good", PLATE)
+        assert answer["pid"] not in (None, first)
+
+
+async def test_a_worker_that_is_killed_between_two_jobs_is_replaced_unnoticed() -> None:
+    async with AnalysisPool(command=WORKER) as pool:
+        first = (await pool.analyze("good", PLATE))["pid"]
+        os.kill(first, signal.SIGKILL)
+        await until(lambda: not alive(first))
+        assert (await pool.analyze("good", PLATE))["pid"] != first
+
+
+async def test_a_job_that_takes_too_long_is_ended_and_its_worker_replaced() -> None:
+    async with AnalysisPool(command=WORKER, time_limit_s=0.3) as pool:
+        first = pool.worker_pid
+        assert first is not None
+        with pytest.raises(InternalError, match=r"took more than 0\.3 s"):
+            await pool.analyze("hang", PLATE)
+        assert not alive(first)
+        assert (await pool.analyze("good", PLATE))["pid"] != first
+
+
+async def test_a_cancelled_job_ends_its_worker_so_that_no_late_answer_is_mistaken() -> None:
+    async with AnalysisPool(command=WORKER) as pool:
+        running = asyncio.Event()
+        job = asyncio.create_task(pool.analyze("hang", PLATE, lambda _share, _phase: running.set()))
+        async with asyncio.timeout(10.0):
+            await running.wait()
+        job.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await job
+        assert (await pool.analyze("good", PLATE))["of"] == "good"
+
+
+async def test_closing_in_the_middle_of_a_job_leaves_no_process_and_fails_the_job() -> None:
+    pool = AnalysisPool(command=WORKER)
+    await pool.start()
+    pid = pool.worker_pid
+    assert pid is not None
+    shares: list[float] = []
+    job = asyncio.create_task(pool.analyze("hang", PLATE, lambda share, _phase: shares.append(share)))
+    waiting = asyncio.create_task(pool.analyze("good", PLATE))
+    await until(lambda: 0.5 in shares)
+    await pool.close()
+    assert not alive(pid)
+    with pytest.raises(InternalError, match="ended with code"):
+        await job
+    with pytest.raises(InternalError, match="it was closed"):
+        await waiting
+    await pool.close()
+    assert pool.worker_pid is None
+
+
+async def test_a_worker_that_cannot_start_is_an_internal_error() -> None:
+    async with AnalysisPool(command=(sys.executable, "-c", "raise SystemExit(7)")) as pool:
+        with pytest.raises(InternalError, match="ended with code 7"):
+            await pool.analyze("good", PLATE)
