@@ -22,6 +22,7 @@ from drivers.addresses import (
     ValveWiring,
     WatchdogChoice,
 )
+from service.nameplates import nameplate_from_mapping
 from service.settings_checks import check_wiring
 from service.settings_errors import Findings, read_toml
 from valve.errors import ConfigurationError, ValveError
@@ -174,8 +175,8 @@ def _valve(
     findings: Findings, section: ValveSection, key: tuple[str | int, ...]
 ) -> tuple[Nameplate, ValveWiring] | None:
     before = len(findings)
-    actuator = findings.part(Actuator, section.actuator, (*key, "actuator"))
-    signal = findings.optional(Signal, section.signal, (*key, "signal"))
+    findings.part(Actuator, section.actuator, (*key, "actuator"))
+    findings.optional(Signal, section.signal, (*key, "signal"))
     limits = findings.part(MotionLimits, section.limits, (*key, "limits"))
     command = findings.part(Point, section.command, (*key, "command"))
     position = findings.optional(Point, section.position, (*key, "position"))
@@ -187,10 +188,14 @@ def _valve(
         findings.add(
             (*key, "safe_value_pa"), safe_value_pa, "it is neither a pressure nor an order", 'give Pa, or "entry"'
         )
-    if len(findings) > before or actuator is None or limits is None or command is None or sampling is None:
+    if len(findings) > before or limits is None or command is None or sampling is None:
         return None
+    plate = {"tag": section.tag, "actuator": section.actuator}
     try:
-        return Nameplate(section.tag, actuator, signal), ValveWiring(
+        nameplate = nameplate_from_mapping(
+            plate if section.signal is None else {**plate, "signal": section.signal}, section.tag
+        )
+        return nameplate, ValveWiring(
             section.tag,
             command,
             "entry" if isinstance(safe_value_pa, str) else safe_value_pa,

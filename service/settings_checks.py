@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 from drivers.addresses import BusAddress, GaugeAddress, Point, ValveWiring
 from drivers.maps import register_map
+from drivers.wiring import Bus, wire
+from service.bus import make_bus
 from valve.errors import ConfigurationError
 from valve.nameplate import Nameplate
 
@@ -19,10 +21,15 @@ def check_wiring(
 ) -> None:
     """Note every contradiction between the parts of a plant."""
     by_name: dict[str, BusAddress] = {}
+    unopened: dict[str, Bus] = {}
     for index, address in enumerate(buses):
         if address.name in by_name:
             findings.add(("buses", index, "name"), address.name, "another bus has this name", "rename one")
         by_name[address.name] = address
+        try:
+            unopened[address.name] = make_bus(address)
+        except ConfigurationError as error:
+            findings.add_error(("buses", index), error)
     tags: set[str] = set()
     commanded: dict[tuple[str, int | None, str | None], str] = {}
     for index, (nameplate, wiring) in enumerate(valves):
@@ -40,6 +47,11 @@ def check_wiring(
                 (*key, "command"), wiring.tag, f"valve {other} is commanded by the same register", "correct one"
             )
         _check_limits(findings, (*key, "limits", "pressure_pa"), nameplate, wiring)
+        if not findings:  # what is left is for the drivers to find
+            try:
+                wire(wiring, unopened)
+            except ConfigurationError as error:
+                findings.add_error(key, error)
 
 
 def _check_point(findings: Findings, key: Key, role: str, point: Point, buses: dict[str, BusAddress]) -> None:

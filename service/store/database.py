@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +42,11 @@ def open_database(url: str) -> Engine:
     parsed = make_url(url)
     subject = parsed.database or parsed.render_as_string(hide_password=True)
     is_sqlite = parsed.get_backend_name() == "sqlite"
-    engine = create_engine(parsed, connect_args={"timeout": 10.0} if is_sqlite else {})
+    engine = create_engine(
+        parsed,
+        connect_args={"timeout": 10.0} if is_sqlite else {},
+        json_serializer=partial(json.dumps, allow_nan=False),  # what is no number is null, and said so by its writer
+    )
     try:
         if is_sqlite:
             event.listen(engine, "connect", _keep_sqlite_durable)

@@ -129,7 +129,7 @@ def recording_from_journal(path: Path) -> Recording | None:
     time_s, sent_s, received_s, position_m, pressure_pa, command_pa, _ = chosen.T
     if len(chosen) < 2 or (_channel(pressure_pa) is None and _channel(command_pa) is None):
         return None
-    polled = _channel(sent_s) is not None
+    captured = len(recorded) >= 2 and _channel(sent_s) is None
     return Recording(
         time_s=time_s,
         position_m=position_m,
@@ -138,7 +138,7 @@ def recording_from_journal(path: Path) -> Recording | None:
         sent_s=_channel(sent_s),
         received_s=_channel(received_s),
         provenance=Provenance(
-            acquisition=Acquisition.POLLED if polled else Acquisition.CAPTURED,
+            acquisition=Acquisition.CAPTURED if captured else Acquisition.POLLED,
             tag=str(header.get("valve", "")),
             sequence=str(header.get("sequence", "")),
             started_at=str(header.get("started_at", "")),

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from sqlalchemy import Engine, Row, insert, select, update
+from sqlalchemy import Engine, Row, func, insert, select, update
 
 from service.runs.run import Run, RunState
 from service.store.schema import TESTS
@@ -76,3 +76,12 @@ class RunTable:
         query = select(TESTS).where(TESTS.c.state.in_([state.value for state in states])).order_by(TESTS.c.number)
         with self._engine.connect() as connection:
             return [_run(row) for row in connection.execute(query)]
+
+    def latest_by_valve(self, states: Sequence[RunState] = ()) -> dict[str, Run]:
+        """Return the newest run of each valve, of those in ``states`` where any are given."""
+        newest = select(func.max(TESTS.c.number)).group_by(TESTS.c.valve)
+        if states:
+            newest = newest.where(TESTS.c.state.in_([state.value for state in states]))
+        with self._engine.connect() as connection:
+            rows = connection.execute(select(TESTS).where(TESTS.c.number.in_(newest)))
+            return {row.valve: _run(row) for row in rows}

@@ -12,19 +12,17 @@
 
 from __future__ import annotations
 
-import hashlib
 from pathlib import Path
 
 from sqlalchemy import Engine
 
 from service.runs.run import checked_run_id
-from service.store.atomic import write_atomically
 from service.store.database import open_database
 from service.store.lock import StoreLock
 from service.store.run_table import RunTable
 from valve.errors import ConfigurationError, InternalError
 from valve.recording import Recording
-from valve.recording_files import write_parquet
+from valve.recording_files import file_sha256, write_parquet
 
 
 class Store:
@@ -77,8 +75,8 @@ class Store:
         Raises InternalError where the file on disk is not what was hashed.
         """
         path = self.recording_path(run_id)
-        sha256 = write_atomically(path, lambda draft: write_parquet(recording, draft))
-        on_disk = hashlib.sha256(path.read_bytes()).hexdigest()
+        sha256 = write_parquet(recording, path)
+        on_disk = file_sha256(path)
         if on_disk != sha256:
             raise InternalError(
                 f"test {run_id}: its recording reads back as {on_disk}, it was {sha256}: check the disk"

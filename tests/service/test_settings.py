@@ -43,6 +43,13 @@ BAD = {
     "an impossible travel": ("travel_m = 0.1016", "travel_m = -0.1", ["valves[0].actuator", "-0.1 m", "above 0"]),
     "not a number": ("travel_m = 0.1016", "travel_m = nan", ["valves[0].actuator.travel_m", "finite"]),
     "a wrong unit": ("pattern = ", 'unit = "furlong"\npattern = ', ["buses[1]", "furlong", "mm"]),
+    "a travel in mm": ("travel_m = 0.1016", "travel_m = 101.6", ["valves[0]", "FV-101", "101.6 m", "mm"]),
+    "a pattern without a value": ("(?P<value>", "(", ["buses[1]", "gauge-1", "(?P<value>"]),
+    "a register that cannot be written": (
+        'map = "reference"',
+        'map = "reference"\nregister = "position"',
+        ["valves[0]", "FV-101", "position", "cannot be written"],
+    ),
     "a missing key": ("safe_value_pa = 0.0\n", "", ["valves[0].safe_value_pa", "missing"]),
     "a safe value outside the limits": (
         "safe_value_pa = 0.0",

@@ -39,21 +39,21 @@ def _block(start: int, stop: int, *, recorded: bool = True, polled: bool = True)
     )
 
 
-def test_a_run_comes_back_as_it_was_stored(tmp_path: Path) -> None:
-    store = Store(tmp_path / "store")
+def test_a_run_comes_back_as_it_was_stored(quick_path: Path) -> None:
+    store = Store(quick_path / "store")
     run = store.runs.insert(_run(key="k1"))
     assert run.number == 1
     ended = replace(run, state=RunState.COMPLETED, safe_confirmed=True, analysis={"schema": "x", "m": None})
     store.runs.save(ended)
     store.close()
-    again = Store(tmp_path / "store")
+    again = Store(quick_path / "store")
     assert again.runs.get(run.id) == ended
     assert again.runs.by_idempotency_key("k1") == ended
     again.close()
 
 
-def test_runs_are_listed_newest_first_by_page_and_valve(tmp_path: Path) -> None:
-    store = Store(tmp_path / "store")
+def test_runs_are_listed_newest_first_by_page_and_valve(quick_path: Path) -> None:
+    store = Store(quick_path / "store")
     runs = [store.runs.insert(_run(tag)) for tag in ("A", "B", "A", "A")]
     assert [run.number for run in store.runs.newest(2)] == [4, 3]
     assert [run.number for run in store.runs.newest(2, before=3)] == [2, 1]
@@ -63,8 +63,8 @@ def test_runs_are_listed_newest_first_by_page_and_valve(tmp_path: Path) -> None:
     store.close()
 
 
-def test_the_migrations_make_exactly_the_described_tables(tmp_path: Path) -> None:
-    engine = open_database(f"sqlite:///{tmp_path / 'x.db'}")
+def test_the_migrations_make_exactly_the_described_tables(quick_path: Path) -> None:
+    engine = open_database(f"sqlite:///{quick_path / 'x.db'}")
     with engine.connect() as connection:
         assert compare_metadata(MigrationContext.configure(connection), METADATA) == []
         assert connection.exec_driver_sql("PRAGMA journal_mode").scalar_one() == "wal"
@@ -73,19 +73,19 @@ def test_the_migrations_make_exactly_the_described_tables(tmp_path: Path) -> Non
     engine.dispose()
 
 
-def test_a_damaged_database_is_refused_with_a_clear_sentence(tmp_path: Path) -> None:
-    (tmp_path / "breakaway.db").write_bytes(b"this is no database at all" * 400)
+def test_a_damaged_database_is_refused_with_a_clear_sentence(quick_path: Path) -> None:
+    (quick_path / "breakaway.db").write_bytes(b"this is no database at all" * 400)
     with pytest.raises(ConfigurationError, match=r"breakaway\.db.*backup"):
-        Store(tmp_path)
+        Store(quick_path)
 
 
-def test_a_database_of_a_newer_version_is_refused(tmp_path: Path) -> None:
-    Store(tmp_path).close()
-    with sqlite3.connect(tmp_path / "breakaway.db") as connection:
+def test_a_database_of_a_newer_version_is_refused(quick_path: Path) -> None:
+    Store(quick_path).close()
+    with sqlite3.connect(quick_path / "breakaway.db") as connection:
         connection.execute("UPDATE alembic_version SET version_num = '9999'")
     connection.close()
     with pytest.raises(ConfigurationError, match="9999"):
-        Store(tmp_path)
+        Store(quick_path)
 
 
 def _try_to_open(folder: Path, answers: multiprocessing.Queue[str]) -> None:
@@ -96,21 +96,21 @@ def _try_to_open(folder: Path, answers: multiprocessing.Queue[str]) -> None:
         answers.put(str(error))
 
 
-def test_a_second_process_on_the_same_store_is_refused(tmp_path: Path) -> None:
-    store = Store(tmp_path)
+def test_a_second_process_on_the_same_store_is_refused(quick_path: Path) -> None:
+    store = Store(quick_path)
     context = multiprocessing.get_context("spawn")
     answers: multiprocessing.Queue[str] = context.Queue()
-    process = context.Process(target=_try_to_open, args=(tmp_path, answers))
+    process = context.Process(target=_try_to_open, args=(quick_path, answers))
     process.start()
     answer = answers.get(timeout=30)
     process.join(timeout=30)
     assert "another service" in answer
     store.close()
-    Store(tmp_path).close()
+    Store(quick_path).close()
 
 
-def test_a_recording_is_written_whole_and_hashed(tmp_path: Path) -> None:
-    store = Store(tmp_path)
+def test_a_recording_is_written_whole_and_hashed(quick_path: Path) -> None:
+    store = Store(quick_path)
     run = store.runs.insert(_run())
     time_s = np.linspace(0.0, 0.1, 100)
     recording = Recording(time_s, 0.1 * time_s, command_pa=1000.0 * time_s)
@@ -123,15 +123,15 @@ def test_a_recording_is_written_whole_and_hashed(tmp_path: Path) -> None:
     store.close()
 
 
-def test_an_id_never_becomes_a_path(tmp_path: Path) -> None:
+def test_an_id_never_becomes_a_path(quick_path: Path) -> None:
     for text in ("../../etc/passwd", "", "a" * 1000, "20261121T031502Z-9f3c01ab/..", "20261121T031502Z-9F3C01AB"):
         with pytest.raises(NotFoundError):
             checked_run_id(text)
     assert checked_run_id(new_run_id())
 
 
-def test_a_journal_survives_a_torn_last_line(tmp_path: Path) -> None:
-    path = tmp_path / "x.journal"
+def test_a_journal_survives_a_torn_last_line(quick_path: Path) -> None:
+    path = quick_path / "x.journal"
     journal = JournalWriter(path, {"valve": "FV-101", "sequence": "triangle"})
     journal.append(_block(0, 10))
     journal.append(_block(10, 20))
@@ -152,8 +152,8 @@ def test_a_journal_survives_a_torn_last_line(tmp_path: Path) -> None:
     assert recording.provenance.tag == "FV-101"
 
 
-def test_what_was_captured_counts_before_what_was_watched(tmp_path: Path) -> None:
-    path = tmp_path / "x.journal"
+def test_what_was_captured_counts_before_what_was_watched(quick_path: Path) -> None:
+    path = quick_path / "x.journal"
     journal = JournalWriter(path, {"valve": "FV-101"})
     journal.append(_block(0, 50, recorded=False))
     journal.append(_block(0, 30, polled=False))
@@ -165,8 +165,8 @@ def test_what_was_captured_counts_before_what_was_watched(tmp_path: Path) -> Non
     assert recording.provenance.acquisition is Acquisition.CAPTURED
 
 
-def test_a_journal_without_two_samples_gives_no_recording(tmp_path: Path) -> None:
-    path = tmp_path / "x.journal"
+def test_a_journal_without_two_samples_gives_no_recording(quick_path: Path) -> None:
+    path = quick_path / "x.journal"
     journal = JournalWriter(path, {"valve": "FV-101"})
     assert recording_from_journal(path) is None
     journal.append(_block(0, 1))

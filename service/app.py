@@ -1,0 +1,102 @@
+"""The composition root: a plant becomes a service."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from importlib.metadata import version
+from typing import Final
+
+from fastapi import FastAPI
+from fastapi.openapi.utils import get_openapi
+from pydantic import BaseModel
+
+from service.analysis_pool import AnalysisPool
+from service.body_limits import BodyLimits
+from service.errors import install_error_handlers
+from service.parts import Parts
+from service.problems import Problem
+from service.recordings.conversion import Converter
+from service.recordings.routes import router as recording_routes
+from service.runs.life import Analyst
+from service.runs.rig import Rig
+from service.runs.routes import router as test_routes
+from service.runs.service import Runs
+from service.settings import Plant
+from service.store.store import Store
+from service.valves.routes import router as valve_routes
+from service.wired_rig import WiredRig
+
+VERSION: Final = version("breakaway")
+_DESCRIPTION: Final = """\
+Vendor-neutral control-valve diagnostics: drives a valve through a test over Modbus and estimates its friction.
+
+This service is not a safety function and never writes to a safety-instrumented device.
+Errors are problem documents (RFC 9457, application/problem+json)."""
+
+
+class Health(BaseModel):
+    """The service lives."""
+
+    status: str
+    version: str
+
+
+def create_app(plant: Plant, *, rig: Rig | None = None, analyst: Analyst | None = None) -> FastAPI:
+    """Return the service of a plant; ``rig`` and ``analyst`` stand in for the wires and the analysis in tests.
+
+    The store is opened when the application starts: BusyError where another process has it.
+    """
+
+    software = f"breakaway {VERSION}"
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        store = await asyncio.to_thread(Store, plant.service.store)
+        pool = AnalysisPool() if analyst is None else None
+        converter = Converter()
+        chosen = pool if pool is not None else analyst
+        assert chosen is not None
+        runs = Runs(plant, store, rig or WiredRig(plant.buses, software), chosen, software=software)
+        app.state.parts = Parts(plant, store, runs, chosen, converter, VERSION)
+        try:
+            if pool is not None:
+                await pool.start()
+            await runs.recover()
+            yield
+        finally:
+            await runs.shut_down()
+            await converter.close()
+            if pool is not None:
+                await pool.close()
+            store.close()
+
+    app = FastAPI(
+        title="breakaway",
+        version=VERSION,
+        description=_DESCRIPTION,
+        lifespan=lifespan,
+        redirect_slashes=False,
+    )
+    app.add_middleware(BodyLimits)
+    install_error_handlers(app)
+    for router in (test_routes, recording_routes, valve_routes):
+        app.include_router(router)
+
+    @app.get("/healthz", tags=["service"])
+    async def healthz() -> Health:
+        """Say that the service lives."""
+        return Health(status="ok", version=VERSION)
+
+    app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]  # the way that FastAPI documents
+    return app
+
+
+def _openapi(app: FastAPI) -> dict[str, object]:
+    """Return the OpenAPI document, with the problem document among its schemas."""
+    if app.openapi_schema is None:
+        document = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
+        document["components"]["schemas"]["Problem"] = Problem.model_json_schema()
+        app.openapi_schema = document
+    return app.openapi_schema

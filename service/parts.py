@@ -1,0 +1,32 @@
+"""The parts of a running service, as the routes reach them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from fastapi import Request
+
+from service.recordings.conversion import Converter
+from service.runs.life import Analyst
+from service.runs.service import Runs
+from service.settings import Plant
+from service.store.store import Store
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """Made once at the start by ``service.app``."""
+
+    plant: Plant
+    store: Store
+    runs: Runs
+    analyst: Analyst
+    converter: Converter
+    version: str
+
+
+def parts_of(request: Request) -> Parts:
+    """Return the parts of the service that got this request."""
+    parts = request.app.state.parts
+    assert isinstance(parts, Parts)
+    return parts

@@ -1,0 +1,1 @@
+"""Recordings over the REST interface: formats, and analysis of those that come from elsewhere."""

@@ -1,0 +1,39 @@
+"""Which format of a recording a client gets."""
+
+from __future__ import annotations
+
+from http import HTTPStatus
+from typing import Final
+
+from starlette.exceptions import HTTPException
+
+CSV: Final = "text/csv"
+PARQUET: Final = "application/vnd.apache.parquet"  # registered with IANA
+_PARQUET_NAMES: Final = (PARQUET, "application/x-parquet", "application/parquet")
+
+
+def _quality(parameters: list[str]) -> float:
+    for parameter in parameters:
+        name, _, value = parameter.strip().partition("=")
+        if name == "q":
+            try:
+                return min(1.0, max(0.0, float(value)))
+            except ValueError:
+                return 0.0
+    return 1.0
+
+
+def acceptable(accept: str) -> str:
+    """Return the format that an ``Accept`` header prefers (RFC 9110, 12.5.1); CSV where it has no preference.
+
+    Raises HTTPException 406 where it takes neither.
+    """
+    wishes: dict[str, float] = {}
+    for wish in accept.split(","):
+        name, *parameters = wish.split(";")
+        wishes[name.strip().lower()] = _quality(parameters)
+    csv = next((wishes[name] for name in (CSV, "text/*", "*/*") if name in wishes), 0.0)
+    parquet = next((wishes[name] for name in (*_PARQUET_NAMES, "application/*", "*/*") if name in wishes), 0.0)
+    if max(csv, parquet) == 0.0:
+        raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"a recording comes as {CSV} or {PARQUET}: accept one of them")
+    return PARQUET if parquet > csv else CSV

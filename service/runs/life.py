@@ -1,0 +1,203 @@
+"""The life of one run, from its intent on disk to its result on disk."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+import structlog
+
+from drivers.outcome import Ended, PlayOutcome, SampleBlock
+from service.bus import BusOwners, Claim
+from service.runs.live import MOTION_SHARE, LiveRun
+from service.runs.rig import Order, Rig, Watcher
+from service.runs.run import RunState
+from service.store.journal import JournalWriter
+from service.store.store import Store
+from valve.errors import MeasurementError, ValveError
+from valve.nameplate import Nameplate
+from valve.recording import Recording
+
+_LOG = structlog.get_logger(__name__)
+_SYNC_PERIOD_S: Final = 1.0
+# The phase in which a device's own samples are fetched: only then, and only where the valve was read back at safe.
+UPLOADING: Final = "uploading"
+NOT_CONFIRMED: Final = "SAFE STATE NOT CONFIRMED: go and look at the valve"
+
+
+class Analyst(Protocol):
+    """Analyses a stored recording somewhere else than on the event loop."""
+
+    async def analyze(
+        self, recording_path: Path, nameplate: Nameplate, progress: Callable[[float, str], None] | None = None
+    ) -> dict[str, Any]:
+        """Return the analysis object; ``progress`` is told the share done, 0 to 1. Raises ValveError."""
+
+
+class Life:
+    """Carries one order out. The claim is given back as soon as the valve rests and its recording is on disk."""
+
+    def __init__(self, live: LiveRun, order: Order, claim: Claim, store: Store, owners: BusOwners) -> None:
+        self._live = live
+        self._order = order
+        self._claim = claim
+        self._store = store
+        self._owners = owners
+        self._journal: JournalWriter | None = None
+        self._disk_error = ""
+        self._entry_pa: float | None = None
+
+    async def run(self, rig: Rig, analyst: Analyst) -> None:
+        """Move, record, analyse; every way it can end is stored in the run."""
+        try:
+            moved_well = await self._move(rig)
+            if moved_well:
+                await self._analyze(analyst)
+        except Exception as error:  # noqa: BLE001  - here a test's failure is stored
+            _LOG.error("test failed unexpectedly", test=self._live.run.id, exc_info=error)
+            await self._rescue(rig, f"{type(error).__name__}: {error}: report it")
+        finally:
+            if self._journal is not None:
+                self._journal.close()
+            self._live.motion_ended.set()
+            self._owners.release(self._claim)
+
+    async def _rescue(self, rig: Rig, reason: str) -> None:
+        """Store an end that was not foreseen; where the valve's state is unknown it is sent to safe first."""
+        safe = self._live.run.safe_confirmed
+        if safe is None and self._live.run.state is RunState.RUNNING:
+            safe = await rig.go_safe(self._order.valve, self._order.run_number, self._entry_pa)
+        reasons = [NOT_CONFIRMED, reason] if safe is False else [reason]
+        await self._end(RunState.FAILED, "; ".join(reasons), safe_confirmed=safe)
+
+    async def _change(self, **changes: Any) -> None:
+        """Store the changed run, then let it be seen: nobody hears of what a crash could undo."""
+        changed = replace(self._live.run, **changes)
+        await asyncio.to_thread(self._store.runs.save, changed)
+        self._live.run = changed
+        self._live.announce()
+
+    async def _end(self, state: RunState, error: str = "", **changes: Any) -> None:
+        await self._change(state=state, error=error, finished_at=datetime.now(UTC), **changes)
+        _LOG.info("test ended", test=self._live.run.id, valve=self._live.run.valve, state=state.value, error=error)
+
+    async def _move(self, rig: Rig) -> bool:
+        """Drive the valve and store what was recorded; True where there is something to analyse."""
+        live = self._live
+        if live.stop.is_set():
+            await self._end(RunState.STOPPED, live.stop_reason)
+            return False
+        await self._change(state=RunState.RUNNING, started_at=datetime.now(UTC))
+        syncing = asyncio.create_task(self._sync_journal())
+        watcher = Watcher(self._on_ready, self._on_samples, self._on_progress)
+        try:
+            outcome = await rig.play(self._order, watcher, live.stop)
+        except ValveError as error:  # before anything moved: a motion ends in an outcome
+            await self._end(RunState.FAILED, f"{error} (nothing was moved)")
+            return False
+        finally:
+            syncing.cancel()
+        await self._store_outcome(outcome)
+        live.motion_ended.set()
+        self._owners.release(self._claim)
+        return live.run.state is RunState.ANALYZING
+
+    async def _store_outcome(self, outcome: PlayOutcome) -> None:
+        changes: dict[str, Any] = {"motion_ended_at": datetime.now(UTC), "safe_confirmed": outcome.safe_confirmed}
+        if outcome.recording is not None:
+            name, sha256 = await asyncio.to_thread(self._store.write_recording, self._live.run.id, outcome.recording)
+            changes |= {"recording_file": name, "recording_sha256": sha256}
+            changes["quality"] = recording_quality(outcome.recording, outcome.notes)
+        if self._journal is not None:
+            self._journal.close()
+            if outcome.recording is not None:
+                self._store.journal_path(self._live.run.id).unlink(missing_ok=True)
+        stopped = self._live.stop_reason if outcome.ended is Ended.STOPPED else ""
+        faults = [text for text in (self._disk_error, str(outcome.error or ""), stopped) if text]
+        if not outcome.safe_confirmed:
+            faults.insert(0, NOT_CONFIRMED)
+        if outcome.ended is Ended.COMPLETED and not faults and outcome.recording is not None:
+            await self._change(state=RunState.ANALYZING, progress=MOTION_SHARE, **changes)
+        elif outcome.ended is Ended.STOPPED and not self._disk_error:
+            await self._end(RunState.STOPPED, "; ".join(faults), **changes)
+        else:
+            await self._end(RunState.FAILED, "; ".join(faults) or "no sample was taken", **changes)
+
+    async def _analyze(self, analyst: Analyst) -> None:
+        path = self._store.recording_path(self._live.run.id)
+        self._on_analysis(0.0, "analyzing")
+        try:
+            analysis = await analyst.analyze(path, self._order.valve.nameplate, self._on_analysis)
+        except ValveError as error:
+            await self._end(RunState.FAILED, f"the recording is stored, its analysis failed: {error}")
+        else:
+            await self._end(RunState.COMPLETED, analysis=analysis, progress=1.0)
+
+    async def _sync_journal(self) -> None:
+        while True:
+            await asyncio.sleep(_SYNC_PERIOD_S)
+            if self._journal is not None:
+                try:
+                    await asyncio.to_thread(self._journal.sync)
+                except OSError as error:
+                    self._abort_for_disk(error)
+                    return
+
+    async def _on_ready(self, entry_pa: float, device: str) -> None:
+        run = self._live.run
+        self._entry_pa = entry_pa if math.isfinite(entry_pa) else None
+        header = {
+            "test": run.id,
+            "valve": run.valve,
+            "sequence": run.sequence,
+            "run_number": run.number,
+            "started_at": (run.started_at or run.created_at).isoformat(),
+            "software": run.software,
+            "device": device,
+            "entry_pa": self._entry_pa,
+        }
+        try:
+            self._journal = await asyncio.to_thread(JournalWriter, self._store.journal_path(run.id), header)
+        except OSError as error:
+            raise MeasurementError(
+                f"{run.valve}: the journal cannot be written ({error}): nothing was moved"
+            ) from error
+
+    def _on_samples(self, block: SampleBlock) -> None:
+        self._live.samples(block)
+        if self._journal is None or self._disk_error:
+            return
+        try:
+            self._journal.append(block)
+        except OSError as error:
+            self._abort_for_disk(error)
+
+    def _on_progress(self, share: float, phase: str) -> None:
+        if phase == UPLOADING and not self._live.motion_ended.is_set():
+            self._live.run = replace(self._live.run, safe_confirmed=True)
+            self._live.motion_ended.set()
+        self._live.progress(MOTION_SHARE * share, phase)
+
+    def _on_analysis(self, share: float, phase: str) -> None:
+        self._live.progress(MOTION_SHARE + (1.0 - MOTION_SHARE) * share, phase)
+
+    def _abort_for_disk(self, error: OSError) -> None:
+        self._disk_error = f"samples can no longer be written ({error.strerror or error}): the test was stopped"
+        self._live.request_stop("")
+
+
+def recording_quality(recording: Recording, notes: tuple[str, ...]) -> Mapping[str, Any]:
+    """How evenly a recording was sampled, with the driver's notes; None for what it cannot say."""
+    if recording.samples < 2:
+        return {"samples": recording.samples, "notes": list(notes)}
+    quality = {"samples": recording.samples, "gaps": recording.gaps, **asdict(recording.sampling_quality())}
+    numbers = {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in quality.items()
+    }
+    return {**numbers, "notes": list(notes)}

@@ -1,0 +1,74 @@
+"""A run while it is alive: its state in memory, its stop switch, and what its watchers see."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from dataclasses import replace
+from typing import Any, Final
+
+from drivers.outcome import SampleBlock
+from service.events import EventLog
+from service.runs.run import Run
+
+_LIVE_PERIOD_S: Final = 0.05  # 20 points a second are more than an eye follows
+_PROGRESS_STEP: Final = 0.005
+# Motion is the greater part of a test; the rest is the analysis.
+MOTION_SHARE: Final = 0.95
+
+
+class LiveRun:
+    """One run from its request to its end; changed on the event loop alone."""
+
+    def __init__(self, run: Run) -> None:
+        self.run = run
+        self.stop = asyncio.Event()
+        self.stop_reason = ""
+        self.motion_ended = asyncio.Event()
+        self.finished = asyncio.Event()
+        self.events = EventLog()
+        self._shown = -1.0
+        self._phase = ""
+        self._last_point_s = -math.inf
+        self.announce()
+
+    def announce(self) -> None:
+        """Tell the watchers the state, and at the end that it is the end."""
+        run = self.run
+        self.events.append("state", {"id": run.id, "state": run.state.value, "progress": run.progress})
+        if run.state.finished:
+            end = {"id": run.id, "state": run.state.value, "error": run.error, "safe_confirmed": run.safe_confirmed}
+            self.events.append("end", end)
+            self.events.close()
+            self.finished.set()
+
+    def progress(self, share: float, phase: str) -> None:
+        """Note how much of the whole test is done, 0 to 1."""
+        share = min(1.0, max(self.run.progress, share))
+        self.run = replace(self.run, progress=share)
+        if phase != self._phase or share >= self._shown + _PROGRESS_STEP:
+            self._shown, self._phase = share, phase
+            self.events.append("progress", {"progress": round(share, 4), "phase": phase})
+
+    def samples(self, block: SampleBlock) -> None:
+        """Show what was polled, thinned; what a device captured by itself was watched already."""
+        if block.sent_s is None and block.recorded:
+            return
+        chosen: list[int] = []
+        for index, time_s in enumerate(block.time_s.tolist()):
+            if not 0.0 <= time_s - self._last_point_s < _LIVE_PERIOD_S:
+                chosen.append(index)
+                self._last_point_s = time_s
+        if chosen:
+            names = ("time_s", "position_m", "pressure_pa", "command_pa")
+            self.events.append("samples", {name: _numbers(getattr(block, name)[chosen].tolist()) for name in names})
+
+    def request_stop(self, reason: str) -> None:
+        """Throw the switch; the first reason counts."""
+        if not self.stop.is_set() and not self.motion_ended.is_set():
+            self.stop_reason = reason
+            self.stop.set()
+
+
+def _numbers(values: list[float]) -> list[Any]:
+    return [value if math.isfinite(value) else None for value in values]

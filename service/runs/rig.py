@@ -1,0 +1,47 @@
+"""What a run needs of the world of wires; tests put something else in its place."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+from drivers.outcome import PlayOutcome, SampleBlock
+from service.settings import PlantValve
+from valve.waveform import Waveform
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """One motion that is asked for: which valve, which waveform, and the number that fences it."""
+
+    valve: PlantValve
+    waveform: Waveform
+    sequence: str
+    run_number: int
+
+
+@dataclass(frozen=True, slots=True)
+class Watcher:
+    """Who is told what happens. ``on_ready`` is awaited after the device is identified and before anything moves.
+
+    It gets what the device commanded at entry (Pa) and what the device says it is.
+    """
+
+    on_ready: Callable[[float, str], Awaitable[None]]
+    on_samples: Callable[[SampleBlock], None]
+    on_progress: Callable[[float, str], None]
+
+
+class Rig(Protocol):
+    """Drives valves."""
+
+    def check(self, valve: PlantValve, waveform: Waveform) -> None:
+        """Refuse what this valve must not do. Raises WaveformError."""
+
+    async def play(self, order: Order, watcher: Watcher, stop: asyncio.Event) -> PlayOutcome:
+        """Play a waveform; however it ends, the valve is sent to its safe value."""
+
+    async def go_safe(self, valve: PlantValve, run_number: int, entry_pa: float | None) -> bool:
+        """Send a valve that a dead process left alone to its safe value; True where that was read back."""

@@ -1,0 +1,130 @@
+"""``/tests``: run, list, watch, stop, and the raw recording."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import AsyncIterator
+from http import HTTPStatus
+from pathlib import Path
+from typing import Annotated, Final
+
+from fastapi import APIRouter, Depends, Header, Query, Request, Response
+from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
+
+from service.events import Event
+from service.parts import Parts, parts_of
+from service.problems import PROBLEMS
+from service.recordings.formats import CSV, PARQUET, acceptable
+from service.runs.views import RunPage, RunRequest, RunView, summary, view
+from valve.errors import NotFoundError
+
+router = APIRouter(prefix="/tests", tags=["tests"], responses=PROBLEMS)
+PartsOf = Annotated[Parts, Depends(parts_of)]
+
+_WAIT: Final = re.compile(r"(?:^|[,;\s])wait\s*=\s*\"?(\d{1,6})")
+_LONGEST_WAIT_S: Final = 900
+
+
+def _wait_s(request: Request) -> int | None:
+    """Seconds that the client is ready to wait (RFC 7240, 4.3); None where it does not say."""
+    found = _WAIT.search(",".join(request.headers.getlist("prefer")))
+    return None if found is None else min(int(found.group(1)), _LONGEST_WAIT_S)
+
+
+@router.post(
+    "/run",
+    status_code=HTTPStatus.ACCEPTED,
+    response_model=RunView,
+    responses={200: {"model": RunView, "description": "Done within the time that Prefer: wait=SECONDS gave"}},
+)
+async def run_test(
+    request: Request,
+    wanted: RunRequest,
+    parts: PartsOf,
+    idempotency_key: Annotated[
+        str | None,
+        Header(min_length=1, max_length=255, description="the same key with the same body gives the same test"),
+    ] = None,
+) -> Response:
+    """Start a test of one valve. With ``Prefer: wait=SECONDS`` the answer comes when it is done, or then."""
+    run = await parts.runs.start(wanted.valve, wanted.sequence, wanted.overrides, idempotency_key)
+    headers = {"Location": f"/tests/{run.id}"}
+    status = HTTPStatus.ACCEPTED
+    wait_s = _wait_s(request)
+    if wait_s is not None:
+        run = await parts.runs.wait(run.id, wait_s)
+        headers["Preference-Applied"] = f"wait={wait_s}"
+        status = HTTPStatus.OK if run.state.finished else HTTPStatus.ACCEPTED
+    return JSONResponse(view(run).model_dump(mode="json"), status_code=status, headers=headers)
+
+
+@router.get("")
+async def list_tests(
+    parts: PartsOf,
+    limit: Annotated[int, Query(ge=1, le=200)] = 50,
+    before: Annotated[str | None, Query(max_length=40, description="an id: list what is older")] = None,
+    valve: Annotated[str | None, Query(max_length=64, description="a tag: list its tests alone")] = None,
+) -> RunPage:
+    """List tests, newest first, without their analysis."""
+    runs = await parts.runs.newest(limit + 1, before=before, tag=valve)
+    following = None
+    if len(runs) > limit:
+        following = f"/tests?limit={limit}&before={runs[limit - 1].id}" + ("" if valve is None else f"&valve={valve}")
+    return RunPage(tests=[summary(run) for run in runs[:limit]], next=following)
+
+
+@router.get("/{test_id}")
+async def get_test(test_id: str, parts: PartsOf) -> RunView:
+    """Return one test."""
+    return view(await parts.runs.get(test_id))
+
+
+@router.post("/{test_id}/stop")
+async def stop_test(test_id: str, parts: PartsOf) -> RunView:
+    """Send the valve to its safe value at once; a test that has ended stays as it is."""
+    return view(await parts.runs.stop(test_id))
+
+
+@router.get(
+    "/{test_id}/events", response_class=StreamingResponse, responses={200: {"content": {"text/event-stream": {}}}}
+)
+async def watch_test(
+    test_id: str, parts: PartsOf, last_event_id: Annotated[str | None, Header(max_length=40)] = None
+) -> StreamingResponse:
+    """Stream what happens as server-sent events (state, progress, samples, end); it ends when the test ends."""
+    after = int(last_event_id) if last_event_id is not None and last_event_id.isdecimal() else 0
+    events = await parts.runs.follow(test_id, after)
+    return StreamingResponse(
+        _as_text(events),
+        media_type="text/event-stream",
+        headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
+    )
+
+
+async def _as_text(events: AsyncIterator[Event | None]) -> AsyncIterator[str]:
+    async for event in events:
+        if event is None:
+            yield ": waiting\n\n"
+        else:
+            yield f"id: {event.id}\nevent: {event.kind}\ndata: {json.dumps(event.data, allow_nan=False)}\n\n"
+
+
+@router.get(
+    "/{test_id}/recording",
+    response_class=FileResponse,
+    responses={200: {"content": {CSV: {}, PARQUET: {}}, "description": "The raw recording, as Accept asks"}},
+)
+async def get_recording(request: Request, test_id: str, parts: PartsOf) -> Response:
+    """Return the raw recording: CSV, or Parquet where ``Accept`` asks for it."""
+    media_type = acceptable(request.headers.get("accept", "*/*"))
+    run = await parts.runs.get(test_id)
+    if run.recording_file is None:
+        raise NotFoundError(f"test {run.id} has no recording (it is {run.state.value}): choose another test")
+    path: Path = parts.store.recording_path(run.id)
+    if media_type == PARQUET:
+        headers = {"ETag": f'"{run.recording_sha256}"', "Vary": "Accept"}
+        return FileResponse(path, media_type=PARQUET, filename=path.name, headers=headers)
+    data = await parts.converter.csv(path)
+    disposition = f'attachment; filename="{run.id}.csv"'
+    return Response(data, media_type=CSV, headers={"Content-Disposition": disposition, "Vary": "Accept"})

@@ -1,0 +1,198 @@
+"""Runs: asked for, watched, stopped, and brought to an end when the service ends."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections import OrderedDict
+from collections.abc import AsyncIterator, Mapping
+from dataclasses import replace
+from typing import Any, Final
+
+import structlog
+
+from service.bus import BusOwners
+from service.events import Event
+from service.runs.life import NOT_CONFIRMED, Analyst, Life
+from service.runs.live import LiveRun
+from service.runs.recovery import UNFINISHED, mark_interrupted, needs_safe
+from service.runs.rig import Order, Rig
+from service.runs.run import Run, checked_run_id, new_run_id
+from service.runs.sequences import build_waveform
+from service.settings import Plant, PlantValve
+from service.store.store import Store
+from valve.errors import BusyError, NotFoundError, RequestError
+
+_LOG = structlog.get_logger(__name__)
+_REMEMBERED_RUNS: Final = 32  # finished runs whose events can still be followed
+
+
+class Runs:
+    """Every run of this process. All methods belong to the event loop."""
+
+    def __init__(self, plant: Plant, store: Store, rig: Rig, analyst: Analyst, *, software: str) -> None:
+        self._plant = plant
+        self._store = store
+        self._rig = rig
+        self._analyst = analyst
+        self._software = software
+        self._owners = BusOwners()
+        self._live: OrderedDict[str, LiveRun] = OrderedDict()
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._admission = asyncio.Lock()
+        self._closing = False
+
+    def valve(self, tag: str) -> PlantValve:
+        """Return the valve of this tag. Raises NotFoundError."""
+        if tag not in self._plant.valves:
+            raise NotFoundError(f"valve {tag[:64]!r} is unknown: GET /valves lists all")
+        return self._plant.valves[tag]
+
+    def user_of(self, tag: str) -> str | None:
+        """Return the id of the run that uses this valve now, if any."""
+        return self._owners.holder(tag)
+
+    async def start(
+        self, tag: str, sequence: str, overrides: Mapping[str, Any], idempotency_key: str | None = None
+    ) -> Run:
+        """Start a test; its intent is on disk when this returns. A known key returns the run that it asked for first.
+
+        Raises NotFoundError, BusyError, WaveformError and RequestError; then nothing was stored and nothing moves.
+        """
+        valve = self.valve(tag)
+        waveform = build_waveform(sequence, overrides, valve.nameplate, valve.wiring.limits)
+        self._rig.check(valve, waveform)
+        wanted = Run(
+            id=new_run_id(),
+            valve=tag,
+            sequence=sequence,
+            overrides=dict(overrides),
+            idempotency_key=idempotency_key,
+            software=self._software,
+        )
+        async with self._admission:
+            known = await self._asked_before(wanted)
+            if known is not None:
+                return known
+            if self._closing:
+                raise BusyError(f"{tag}: the service is shutting down: repeat the request when it is back")
+            claim = self._owners.claim(wanted.id, tag, valve.buses)
+            try:
+                stored = await asyncio.to_thread(self._store.runs.insert, wanted)
+            except BaseException:
+                self._owners.release(claim)
+                raise
+            live = self._remember(stored)
+            order = Order(valve, waveform, sequence, stored.number)
+            self._spawn(Life(live, order, claim, self._store, self._owners).run(self._rig, self._analyst))
+        _LOG.info("test accepted", test=stored.id, valve=tag, sequence=sequence, run_number=stored.number)
+        return live.run
+
+    async def _asked_before(self, wanted: Run) -> Run | None:
+        if wanted.idempotency_key is None:
+            return None
+        known = await asyncio.to_thread(self._store.runs.by_idempotency_key, wanted.idempotency_key)
+        if known is None:
+            return None
+        if (known.valve, known.sequence, known.overrides) != (wanted.valve, wanted.sequence, wanted.overrides):
+            raise RequestError(
+                f"Idempotency-Key {wanted.idempotency_key!r} was used for another request (test {known.id}): "
+                "choose a new key for a new test"
+            )
+        return await self.get(known.id)
+
+    def _remember(self, run: Run) -> LiveRun:
+        live = LiveRun(run)
+        self._live[run.id] = live
+        finished = [key for key, other in self._live.items() if other.finished.is_set()]
+        for key in finished[: max(0, len(self._live) - _REMEMBERED_RUNS)]:
+            del self._live[key]
+        return live
+
+    def _spawn(self, work: Any) -> None:
+        task: asyncio.Task[None] = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def get(self, run_id: str) -> Run:
+        """Return a run as it stands now. Raises NotFoundError."""
+        live = self._live.get(checked_run_id(run_id))
+        return await asyncio.to_thread(self._store.runs.get, run_id) if live is None else live.run
+
+    async def newest(self, limit: int, *, before: str | None = None, tag: str | None = None) -> list[Run]:
+        """Runs older than the run ``before``, newest first. Raises NotFoundError."""
+        number = None if before is None else (await self.get(before)).number
+        runs = await asyncio.to_thread(self._store.runs.newest, limit, before=number, valve=tag)
+        return [live.run if (live := self._live.get(run.id)) is not None else run for run in runs]
+
+    async def wait(self, run_id: str, timeout_s: float) -> Run:
+        """Return a run when it has ended or when the time is over."""
+        live = self._live.get(run_id)
+        if live is not None and timeout_s > 0.0:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(live.finished.wait(), timeout_s)
+        return await self.get(run_id)
+
+    async def stop(self, run_id: str, *, reason: str = "stopped on request", timeout_s: float = 8.0) -> Run:
+        """Send the valve of a run to safe at once and return when it is there; what has ended stays as it is."""
+        live = self._live.get(checked_run_id(run_id))
+        if live is not None:
+            live.request_stop(reason)
+            try:
+                await asyncio.wait_for(live.motion_ended.wait(), timeout_s)
+            except TimeoutError:
+                _LOG.error("stop takes long", test=run_id, seconds=timeout_s)
+        return await self.get(run_id)
+
+    async def follow(self, run_id: str, after: int) -> AsyncIterator[Event | None]:
+        """Return the events of a run with an id above ``after``, until it has ended. Raises NotFoundError."""
+        live = self._live.get(checked_run_id(run_id))
+        if live is None:
+            live = LiveRun(await asyncio.to_thread(self._store.runs.get, run_id))
+        return live.events.follow(after)
+
+    async def recover(self) -> None:
+        """Mark what a dead process left and send its valves to safe, each in a task of its own."""
+        for run in await asyncio.to_thread(self._store.runs.in_states, UNFINISHED):
+            interrupted, entry_pa = await asyncio.to_thread(mark_interrupted, self._store, run)
+            valve = self._plant.valves.get(run.valve)
+            if valve is None:
+                error = f"{interrupted.error}; {NOT_CONFIRMED}: plant.toml no longer names it"
+                await asyncio.to_thread(self._store.runs.save, replace(interrupted, error=error, safe_confirmed=False))
+            elif needs_safe(run):
+                self._spawn(self._send_safe(interrupted, valve, entry_pa))
+
+    async def _send_safe(self, run: Run, valve: PlantValve, entry_pa: float | None) -> None:
+        claim = await self._claim_when_free(run, valve)
+        try:
+            confirmed = await self._rig.go_safe(valve, run.number, entry_pa)
+        except Exception as error:  # noqa: BLE001  - whatever it is, the result must say that the valve was not seen safe
+            _LOG.error("valve not sent to safe", test=run.id, valve=run.valve, exc_info=error)
+            confirmed = False
+        finally:
+            self._owners.release(claim)
+        error_text = run.error + ("; the valve was sent to its safe value" if confirmed else f"; {NOT_CONFIRMED}")
+        await asyncio.to_thread(self._store.runs.save, replace(run, safe_confirmed=confirmed, error=error_text))
+        _LOG.warning("valve sent to safe", test=run.id, valve=run.valve, confirmed=confirmed)
+
+    async def _claim_when_free(self, run: Run, valve: PlantValve) -> Any:
+        while True:
+            try:
+                return self._owners.claim(run.id, run.valve, valve.buses)
+            except BusyError:
+                await asyncio.sleep(0.05)
+
+    def begin_shutdown(self) -> None:
+        """Accept no further test and stop those that run."""
+        self._closing = True
+        for live in self._live.values():
+            live.request_stop("stopped: the service was shut down")
+
+    async def shut_down(self, timeout_s: float = 20.0) -> None:
+        """Stop every run and wait until its valve is safe and its end is stored."""
+        self.begin_shutdown()
+        if self._tasks:
+            _, late = await asyncio.wait(set(self._tasks), timeout=timeout_s)
+            for task in late:
+                _LOG.error("a test did not end in time", seconds=timeout_s)
+                task.cancel()

@@ -1,0 +1,81 @@
+"""Tests as the REST interface shows them."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field, JsonValue
+
+from service.runs.run import Run, RunState
+from service.runs.sequences import DEFAULT_SEQUENCE
+
+
+class RunRequest(BaseModel):
+    """What ``POST /tests/run`` takes: a tag, never a host or a register."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
+    valve: str = Field(min_length=1, max_length=64, examples=["FV-101"])
+    sequence: str = Field(default=DEFAULT_SEQUENCE, min_length=1, max_length=64)
+    overrides: dict[str, JsonValue] = Field(default_factory=dict, examples=[{"cycles": 2, "period_s": 20}])
+
+
+class RecordingLink(BaseModel):
+    """Where the raw recording is and what it hashes to."""
+
+    href: str
+    sha256: str
+
+
+class RunSummary(BaseModel):
+    """One test in a list."""
+
+    id: str
+    valve: str
+    sequence: str
+    overrides: dict[str, Any]
+    state: RunState
+    progress: float = Field(ge=0.0, le=1.0)
+    created_at: datetime
+    started_at: datetime | None
+    motion_ended_at: datetime | None
+    finished_at: datetime | None
+    error: str = Field(description="why the test did not complete; empty where it did")
+    safe_confirmed: bool | None = Field(description="whether the valve's safe value was read back after the motion")
+    recording: RecordingLink | None
+    software: str
+    href: str
+
+
+class RunView(RunSummary):
+    """One test with all that is known of it."""
+
+    run_number: int
+    quality: dict[str, Any] | None = Field(description="achieved rate, jitter and missed slots of the recording")
+    analysis: dict[str, Any] | None = Field(description="the analysis object, breakaway/analysis/1, once completed")
+
+
+class RunPage(BaseModel):
+    """Tests, newest first, and where the older ones are."""
+
+    tests: list[RunSummary]
+    next: str | None
+
+
+def _shared(run: Run) -> dict[str, Any]:
+    href = f"/tests/{run.id}"
+    link = None
+    if run.recording_sha256 is not None:
+        link = RecordingLink(href=f"{href}/recording", sha256=run.recording_sha256)
+    names = RunSummary.model_fields.keys() - {"recording", "href"}
+    return {name: getattr(run, name) for name in names} | {"recording": link, "href": href}
+
+
+def summary(run: Run) -> RunSummary:
+    """Return a test as it stands in a list."""
+    return RunSummary(**_shared(run))
+
+
+def view(run: Run) -> RunView:
+    """Return a test with all that is known of it."""
+    return RunView(**_shared(run), run_number=run.number, quality=run.quality, analysis=run.analysis)  # type: ignore[arg-type]  # a read-only mapping is copied

@@ -1,0 +1,1 @@
+"""Valves over the REST interface."""

@@ -1,0 +1,95 @@
+"""``/valves``: what the plant has, and how each valve did last."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import asdict
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends
+from pydantic import BaseModel, Field
+
+from service.parts import Parts, parts_of
+from service.problems import PROBLEMS
+from service.runs.run import Run, RunState
+from service.runs.sequences import SEQUENCES
+from service.runs.views import RunSummary, RunView, summary, view
+
+router = APIRouter(prefix="/valves", tags=["valves"], responses=PROBLEMS)
+PartsOf = Annotated[Parts, Depends(parts_of)]
+
+
+class ValveSummary(BaseModel):
+    """One valve in the list."""
+
+    tag: str
+    href: str
+    buses: list[str]
+    acquisition: str
+    busy_with: str | None = Field(description="id of the test that uses the valve now")
+    last_test: RunSummary | None
+    health: dict[str, Any] | None = Field(description="NAMUR NE 107 state of the last completed test, with reasons")
+
+
+class ValveView(ValveSummary):
+    """One valve with what it is and what it may do."""
+
+    nameplate: dict[str, Any]
+    limits: dict[str, Any]
+    safe_value_pa: float | str
+    sequences: list[str]
+    last_result: RunView | None = Field(description="the last completed test")
+
+
+class ValveList(BaseModel):
+    """All valves of the plant."""
+
+    valves: list[ValveSummary]
+
+
+def _summary(parts: Parts, tag: str, last: Run | None, completed: Run | None) -> dict[str, Any]:
+    valve = parts.plant.valves[tag]
+    analysis = None if completed is None else completed.analysis
+    return {
+        "tag": tag,
+        "href": f"/valves/{tag}",
+        "buses": sorted(valve.buses),
+        "acquisition": valve.wiring.acquisition.mode.value,
+        "busy_with": parts.runs.user_of(tag),
+        "last_test": None if last is None else summary(last),
+        "health": None if analysis is None else analysis.get("health"),
+    }
+
+
+async def _latest(parts: Parts) -> tuple[dict[str, Run], dict[str, Run]]:
+    last = await asyncio.to_thread(parts.store.runs.latest_by_valve)
+    completed = await asyncio.to_thread(parts.store.runs.latest_by_valve, [RunState.COMPLETED])
+    return last, completed
+
+
+@router.get("")
+async def list_valves(parts: PartsOf) -> ValveList:
+    """List the plant's valves with their last test."""
+    last, completed = await _latest(parts)
+    return ValveList(
+        valves=[
+            ValveSummary(**_summary(parts, tag, last.get(tag), completed.get(tag)))
+            for tag in sorted(parts.plant.valves)
+        ]
+    )
+
+
+@router.get("/{tag}")
+async def get_valve(tag: str, parts: PartsOf) -> ValveView:
+    """Return one valve with its last completed test."""
+    valve = parts.runs.valve(tag)
+    last, completed = await _latest(parts)
+    result = completed.get(tag)
+    return ValveView(
+        **_summary(parts, tag, last.get(tag), result),
+        nameplate=asdict(valve.nameplate),
+        limits=asdict(valve.wiring.limits),
+        safe_value_pa=valve.wiring.safe_value_pa,
+        sequences=list(SEQUENCES),
+        last_result=None if result is None else view(result),
+    )

@@ -1,0 +1,100 @@
+"""A rig without wires, and an analyst that answers at once: what runs do is tested without a device."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.outcome import Ended, PlayOutcome, SampleBlock
+from service.runs.rig import Order, Watcher
+from service.settings import PlantValve
+from valve.errors import DeviceError, WaveformError
+from valve.nameplate import Nameplate
+from valve.recording import Recording
+from valve.recording_files import read_recording
+from valve.waveform import Waveform
+
+
+class FakeRig:
+    """Plays a waveform of any length in ``duration_s``; ``moving`` is set once it does."""
+
+    def __init__(self, duration_s: float = 0.05) -> None:
+        self.duration_s = duration_s
+        self.orders: list[Order] = []
+        self.safe_calls: list[tuple[str, int, float | None]] = []
+        self.safe_confirmed = True
+        self.refusal: Exception | None = None
+        self.break_at: float | None = None
+        self.failure: Exception = DeviceError("FV-101: the stem is stuck: look at it")
+        self.moving = asyncio.Event()
+
+    def check(self, valve: PlantValve, waveform: Waveform) -> None:
+        if waveform.fastest_rate_pa_per_s > valve.wiring.limits.pressure_rate_pa_per_s:
+            raise WaveformError(f"{valve.nameplate.tag}: too steep: make it slower")
+
+    async def play(self, order: Order, watcher: Watcher, stop: asyncio.Event) -> PlayOutcome:
+        self.orders.append(order)
+        if self.refusal is not None:
+            raise self.refusal
+        await watcher.on_ready(1234.0, "fake device")
+        self.moving.set()
+        blocks = 20
+        time_s = np.linspace(0.0, order.waveform.duration_s, 200)
+        command_pa = order.waveform.at(time_s)
+        done = 0
+        for number in range(1, blocks + 1):
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(stop.wait(), self.duration_s / blocks)
+            if stop.is_set():
+                break
+            part = slice(done, 10 * number)
+            done = 10 * number
+            watcher.on_samples(_block(time_s[part], command_pa[part]))
+            watcher.on_progress(number / blocks, "playing")
+            if self.break_at is not None and number / blocks >= self.break_at:
+                raise self.failure
+        recording = (
+            None if done < 2 else Recording(time_s[:done], 1e-6 * command_pa[:done], command_pa=command_pa[:done])
+        )
+        ended = Ended.STOPPED if stop.is_set() else Ended.COMPLETED
+        return PlayOutcome(recording, ended, self.safe_confirmed, notes=("no wire",))
+
+    async def go_safe(self, valve: PlantValve, run_number: int, entry_pa: float | None) -> bool:
+        self.safe_calls.append((valve.nameplate.tag, run_number, entry_pa))
+        return self.safe_confirmed
+
+
+def _block(time_s: Any, command_pa: Any) -> SampleBlock:
+    return SampleBlock(
+        time_s=time_s,
+        position_m=1e-6 * command_pa,
+        pressure_pa=np.full(time_s.shape, np.nan),
+        command_pa=command_pa,
+        sent_s=time_s - 0.001,
+        received_s=time_s + 0.001,
+        recorded=True,
+    )
+
+
+class FakeAnalyst:
+    """Reads the file and counts its samples."""
+
+    def __init__(self) -> None:
+        self.let_go = asyncio.Event()
+        self.let_go.set()
+
+    async def analyze(self, recording_path: Path, nameplate: Nameplate, progress: Any = None) -> dict[str, Any]:
+        await self.let_go.wait()
+        recording = read_recording(recording_path, nameplate)
+        if progress is not None:
+            progress(1.0, "done")
+        return {
+            "schema": "breakaway/analysis/1",
+            "recording": {"samples": recording.samples},
+            "estimates": [],
+            "health": {"ne107": None, "reasons": []},
+        }

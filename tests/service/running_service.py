@@ -1,0 +1,36 @@
+"""A service that really listens, in the test's own event loop."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import httpx
+import uvicorn
+
+from service.app import create_app
+from service.runs.life import Analyst
+from service.runs.rig import Rig
+from service.settings import Plant
+
+
+@asynccontextmanager
+async def running_service(plant: Plant, rig: Rig | None, analyst: Analyst | None) -> AsyncIterator[httpx.AsyncClient]:
+    """Serve a plant on a free port and hand out a client of it."""
+    app = create_app(plant, rig=rig, analyst=analyst)
+    config = uvicorn.Config(app, host="127.0.0.1", port=0, log_config=None, lifespan="on", ws="none")
+    server = uvicorn.Server(config)
+    serving = asyncio.create_task(server.serve())
+    while not server.started:
+        if serving.done():
+            await serving
+            raise RuntimeError("the service did not start")
+        await asyncio.sleep(0.005)
+    port = server.servers[0].sockets[0].getsockname()[1]
+    try:
+        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=20.0) as client:
+            yield client
+    finally:
+        server.should_exit = True
+        await serving
