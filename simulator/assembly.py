@@ -1,0 +1,145 @@
+"""A simulated plant: valves, the units that show and move them, and the wires that the units are served on."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from drivers.maps import reference
+from drivers.registers import Register, RegisterMap
+from simulator.clock import Clock, RunningClock
+from simulator.faults import Fault
+from simulator.plant import SimulatedValve, SoftwareValve, warm_up
+from simulator.record import ValveRecord
+from simulator.reference_unit import ReferenceUnit
+from simulator.slave import Bus, Listener, Slave
+from simulator.unit import Channel, MapUnit, Quantity, Unit
+from valve.errors import ConfigurationError, NotFoundError
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedChannel:
+    """One register and the valve, by tag, that it shows or moves; ``register`` is scaled to Pa or m."""
+
+    tag: str
+    quantity: Quantity
+    register: Register
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedUnit:
+    """One device id: its map and its channels; several valves may share it, a valve may be spread over several."""
+
+    device_id: int
+    map: RegisterMap
+    channels: tuple[SimulatedChannel, ...]
+
+
+def reference_unit(device_id: int, tag: str, *, pressure: bool = True) -> SimulatedUnit:
+    """Return a device with the reference map that serves one valve alone."""
+    quantities = [Quantity.COMMAND, Quantity.POSITION, *([Quantity.PRESSURE] if pressure else [])]
+    channels = (SimulatedChannel(tag, quantity, reference.MAP.register(quantity)) for quantity in quantities)
+    return SimulatedUnit(device_id, reference.MAP, tuple(channels))
+
+
+class SimulatedPlant:
+    """Valves on wires, from ``start`` to ``stop``; ``valves`` and ``records`` are theirs by tag.
+
+    Raises ConfigurationError where units and valves do not fit together.
+    """
+
+    def __init__(
+        self,
+        valves: Sequence[SimulatedValve],
+        listeners: Mapping[Listener, Sequence[SimulatedUnit]],
+        clock: Clock | None = None,
+    ) -> None:
+        warm_up()
+        self.clock = RunningClock() if clock is None else clock
+        self._valves: dict[str, SoftwareValve] = {}
+        for settings in valves:
+            if settings.tag in self._valves:
+                raise ConfigurationError(f"valve {settings.tag} stands in the simulated plant twice, rename one")
+            self._valves[settings.tag] = SoftwareValve(settings, self.clock.now_s())
+        self.valves: Mapping[str, SoftwareValve] = MappingProxyType(self._valves)
+        self.slaves = [
+            Slave(listener, Bus([self._unit(unit) for unit in units], self.clock.now_s))
+            for listener, units in listeners.items()
+        ]
+        self.addresses: list[str] = []
+        self._watching: asyncio.Task[None] | None = None
+
+    @property
+    def records(self) -> dict[str, ValveRecord]:
+        """What happened to each valve, by tag."""
+        return {tag: valve.record for tag, valve in self._valves.items()}
+
+    async def start(self, look_every_s: float | None = None) -> None:
+        """Serve every listener; ``addresses`` then has one entry a listener, in their order.
+
+        With ``look_every_s`` every valve is also looked at so often (real time), so that its record goes on where
+        nobody reads. Raises ConfigurationError where an address cannot be had; then nothing is served.
+        """
+        try:
+            for slave in self.slaves:
+                self.addresses.append(await slave.start())
+        except ConfigurationError:
+            await self.stop()
+            raise
+        if look_every_s is not None:
+            self._watching = asyncio.get_running_loop().create_task(self._watch(look_every_s))
+
+    async def stop(self) -> None:
+        """Stop serving."""
+        if self._watching is not None:
+            self._watching.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._watching
+            self._watching = None
+        for slave in self.slaves:
+            await slave.stop()
+        self.addresses = []
+
+    def look(self) -> None:
+        """Bring every valve to the present time."""
+        now_s = self.clock.now_s()
+        for valve in self._valves.values():
+            valve.look(now_s)
+
+    def inject(self, tag: str, fault: Fault) -> None:
+        """Add a fault to a valve or its device. Raises NotFoundError, or ParameterError for one in the past."""
+        if tag not in self._valves:
+            raise NotFoundError(f"valve {tag} is not in the simulated plant; there are {', '.join(self._valves)}")
+        self._valves[tag].inject(fault)
+
+    async def _watch(self, every_s: float) -> None:
+        while True:
+            self.look()
+            await asyncio.sleep(every_s)
+
+    def _unit(self, unit: SimulatedUnit) -> Unit:
+        missing = [channel.tag for channel in unit.channels if channel.tag not in self._valves]
+        if missing:
+            raise ConfigurationError(f"unit {unit.device_id}: valve {missing[0]} is not in the simulated plant")
+        if unit.map.name != reference.MAP.name:
+            channels = [Channel(c.register, c.quantity, self._valves[c.tag]) for c in unit.channels]
+            return MapUnit(unit.device_id, unit.map, channels)
+        by_quantity: dict[Quantity, SoftwareValve] = {}
+        for channel in unit.channels:
+            if channel.quantity in by_quantity:
+                raise ConfigurationError(
+                    f"unit {unit.device_id}: two valves have their {channel.quantity} there, the reference map has "
+                    "one: give each valve a device id of its own"
+                )
+            by_quantity[channel.quantity] = self._valves[channel.tag]
+        if Quantity.COMMAND not in by_quantity:
+            raise ConfigurationError(f"unit {unit.device_id}: no valve is commanded there, the reference map needs one")
+        return ReferenceUnit(
+            unit.device_id,
+            by_quantity[Quantity.COMMAND],
+            position=by_quantity.get(Quantity.POSITION),
+            pressure=by_quantity.get(Quantity.PRESSURE),
+        )

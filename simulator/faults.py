@@ -1,0 +1,68 @@
+"""Faults of a valve and its device, as data: what fails, from when to when, in simulated time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+
+from valve.errors import ParameterError
+
+
+class FaultKind(StrEnum):
+    """What fails."""
+
+    STUCK_STEM = "stuck_stem"  # the stem stays where it is, whatever the pressure
+    AIR_LOST = "air_lost"  # the supply falls to ``amount`` Pa
+    FROZEN_SENSOR = "frozen_sensor"  # the position reads as it was at the start
+    SENSOR_LOST = "sensor_lost"  # the position reads NaN
+    SENSOR_JUMP = "sensor_jump"  # the position reads ``amount`` m too much
+    OUTPUT_RESET = "output_reset"  # at the start the output falls to the low end of its range, unasked
+    RESTART = "restart"  # at the start the device restarts: outputs low, owner, watchdog and capture lost
+    IGNORED_WRITES = "ignored_writes"  # writes are acknowledged and not executed
+    REFUSAL = "refusal"  # every request is answered with exception ``amount``
+    SILENCE = "silence"  # no request is answered; writes are executed all the same
+
+
+# These happen once, at their start.
+MOMENTARY = frozenset({FaultKind.OUTPUT_RESET, FaultKind.RESTART})
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One fault, from ``start_s`` to just before ``end_s`` of the simulated clock.
+
+    Raises ParameterError where the times or the amount make no sense.
+    """
+
+    kind: FaultKind
+    start_s: float
+    end_s: float = math.inf
+    amount: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.start_s) and self.end_s > self.start_s):
+            raise ParameterError(f"fault {self.kind}: it lasts from {self.start_s:g} to {self.end_s:g} s, give a rise")
+        if not math.isfinite(self.amount):
+            raise ParameterError(f"fault {self.kind}: its amount is {self.amount}, give a finite number")
+        if self.kind is FaultKind.REFUSAL and not 1 <= self.amount <= 255:
+            raise ParameterError(f"fault {self.kind}: exception code {self.amount:g} is outside 1 to 255")
+
+    def active(self, at_s: float) -> bool:
+        """Whether it is there at this time."""
+        return self.start_s <= at_s < self.end_s
+
+
+def active_fault(faults: Iterable[Fault], kind: FaultKind, at_s: float) -> Fault | None:
+    """Return the first fault of this kind that is there at this time."""
+    for fault in faults:
+        if fault.kind is kind and fault.active(at_s):
+            return fault
+    return None
+
+
+def next_edge_s(faults: Iterable[Fault], after_s: float) -> float:
+    """First time later than ``after_s`` at which a fault begins or ends; infinite where there is none."""
+    edges = (edge for fault in faults for edge in (fault.start_s, fault.end_s) if edge > after_s)
+    return min(edges, default=math.inf)

@@ -1,0 +1,272 @@
+"""The software valve: stem, I/P transducer and sensors as a function of simulated time.
+
+Nothing here runs by itself: the state is computed when somebody looks, up to the time of the look.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from simulator.faults import MOMENTARY, Fault, FaultKind, active_fault, next_edge_s
+from simulator.record import Event, Happening, ValveRecord
+from simulator.sensor import Sensor
+from simulator.trajectory import Trajectory
+from simulator.transducer import Transducer, lagged, limited, value_at
+from valve.errors import ParameterError
+from valve.motion import StemIntegrator, StemState, simulate_motion
+from valve.nameplate import Nameplate
+from valve.parameters import TravelStops, ValveParameters
+
+FloatArray = npt.NDArray[np.float64]
+
+_NO_TIMES: Final[FloatArray] = np.empty(0)
+# Captured samples and live ones draw their noise from numbers that never meet.
+LIVE_SAMPLES_FROM: Final = 1 << 48
+SAMPLES_A_CAPTURE: Final = 1 << 24
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedValve:
+    """One valve of a simulated plant: the truth, and what stands between it and the wire.
+
+    Position and pressure are None where there is no such sensor. Raises ParameterError without a diaphragm area.
+    """
+
+    tag: str
+    parameters: ValveParameters
+    nameplate: Nameplate
+    transducer: Transducer
+    position: Sensor
+    pressure: Sensor | None = None
+    stops: TravelStops = field(default_factory=TravelStops)
+    start_pa: float | None = None  # pressure asked for at the start; the low end of the range by default
+    faults: tuple[Fault, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.nameplate.actuator.diaphragm_area_m2 is None:
+            raise ParameterError(f"{self.tag}: actuator.diaphragm_area_m2 is missing, a simulated valve needs it")
+
+    @property
+    def area_m2(self) -> float:
+        """Diaphragm area, m2."""
+        area_m2 = self.nameplate.actuator.diaphragm_area_m2
+        assert area_m2 is not None  # checked when it was made
+        return area_m2
+
+    def rest_position_m(self, pressure_pa: float) -> float:
+        """Where the stem rests with no friction at this pressure, m; 0 or the nearest stop without a spring."""
+        force_n = self.area_m2 * pressure_pa - self.parameters.preload_n
+        rate_n_per_m = self.parameters.spring_rate_n_per_m
+        free_m = force_n / rate_n_per_m if rate_n_per_m > 0.0 else 0.0
+        return min(max(free_m, self.stops.low_m), self.stops.high_m)
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """True values at sample times, all of shape (n,); ``sensed_m`` is the position as a faulty sensor shows it."""
+
+    position_m: FloatArray
+    sensed_m: FloatArray
+    pressure_pa: FloatArray
+    asked_pa: FloatArray
+
+
+def warm_up() -> None:
+    """Compile what follows a stem, or load it: seconds at the first time, which no read should have to wait for."""
+    parameters = ValveParameters(1.0, 1.0e4, 100.0, 10.0, 12.0, 1.0e-4)
+    StemIntegrator(parameters).ramp(StemState(), 0.1, 0.0, 100.0)
+    simulate_motion(parameters, np.array([0.0, 0.1]), np.array([0.0, 100.0]), np.array([0.0, 0.1]))
+
+
+class SoftwareValve:
+    """A valve whose state is known at ``time_s`` and can be advanced to any later time.
+
+    ``before_advance``, where set, is called with the time of a look before the valve goes there: a device's own
+    logic (watchdog, capture player) does there what it would have done in between.
+    """
+
+    def __init__(self, settings: SimulatedValve, start_s: float = 0.0) -> None:
+        self.settings = settings
+        self.record = ValveRecord(settings.tag)
+        self.faults: tuple[Fault, ...] = settings.faults
+        self.before_advance: Callable[[float], None] | None = None
+        start_pa = settings.transducer.range_pa[0] if settings.start_pa is None else settings.start_pa
+        start_pa = float(settings.transducer.quantised(np.array([start_pa]))[0])
+        self.time_s = start_s
+        self.asked = Trajectory(start_s, start_pa)
+        self.pressure_pa = min(start_pa, settings.transducer.supply_pa)
+        self.stem = StemState(settings.rest_position_m(self.pressure_pa), 0.0)
+        self._integrator = StemIntegrator(settings.parameters, settings.stops)
+        self._frozen_m = self.stem.position_m
+        self._sample = LIVE_SAMPLES_FROM
+
+    def look(self, at_s: float) -> None:
+        """Bring the valve, and the device that drives it, to the time of a look; earlier times change nothing."""
+        if self.before_advance is not None:
+            self.before_advance(at_s)
+        self.advance(at_s)
+        self.record.look(self.time_s, self.stem.position_m, self.pressure_pa, self.asked_pa)
+
+    @property
+    def asked_pa(self) -> float:
+        """Pressure that the device asks of the I/P now, Pa."""
+        return self.asked.at(self.time_s)
+
+    @property
+    def supply_pa(self) -> float:
+        """Air supply now, Pa."""
+        lost = self.fault(FaultKind.AIR_LOST)
+        return self.settings.transducer.supply_pa if lost is None else lost.amount
+
+    def ask(self, pressure_pa: float) -> None:
+        """From now on ask the I/P for this pressure, rounded to a level of the output, Pa."""
+        self.asked.step_to(self.time_s, float(self.settings.transducer.quantised(np.array([pressure_pa]))[0]))
+
+    def play(self, after_s: FloatArray, pressure_pa: FloatArray) -> None:
+        """From now on ask for this waveform; its corners are rounded to levels of the output, the lines are not."""
+        self.asked.replace_from(self.time_s, after_s, self.settings.transducer.quantised(pressure_pa))
+
+    def hold(self) -> None:
+        """From now on hold the pressure asked for, whatever was to come."""
+        self.asked.hold_from(self.time_s)
+
+    def inject(self, fault: Fault) -> None:
+        """Add a fault. Raises ParameterError where it would have begun in the past, which is computed already."""
+        if fault.start_s <= self.time_s:
+            raise ParameterError(
+                f"{self.settings.tag}: fault {fault.kind} was to begin at {fault.start_s:g} s, "
+                f"the valve is known up to {self.time_s:g} s already: choose a later time"
+            )
+        self.faults = (*self.faults, fault)
+
+    def advance(self, to_s: float, sample_s: FloatArray = _NO_TIMES) -> Samples | None:
+        """Go to ``to_s`` and return true values at ``sample_s``, rising times from now to ``to_s``; None without."""
+        if not self.faults and sample_s.size == 0:
+            return self._advance_evenly(to_s, sample_s)
+        pieces: list[Samples] = []
+        taken = 0
+        while True:
+            edge_s = min(to_s, next_edge_s(self.faults, self.time_s)) if self.faults else to_s
+            until = int(np.searchsorted(sample_s, edge_s, side="left" if edge_s < to_s else "right"))
+            before_s, frozen = self.time_s, self.fault(FaultKind.FROZEN_SENSOR) is not None
+            piece = self._advance_evenly(edge_s, sample_s[taken:until])
+            if piece is not None:
+                pieces.append(piece)
+            if not frozen:
+                self._frozen_m = self.stem.position_m
+            self._let_momentary_faults_happen(before_s)
+            taken = until
+            if edge_s >= to_s:
+                break
+        if not pieces:
+            return None
+        return Samples(
+            *(
+                np.concatenate([getattr(piece, name) for piece in pieces])
+                for name in ("position_m", "sensed_m", "pressure_pa", "asked_pa")
+            )
+        )
+
+    def read_position_m(self) -> float:
+        """Position as the sensor reads it now, m; NaN when it is bad. Each reading draws new noise."""
+        self._sample += 1
+        sensed_m = self.stem.position_m
+        if self.faults:
+            sensed_m = float(self._sensed(np.array([sensed_m]))[0])
+        return self.settings.position.reading(sensed_m, self._sample)
+
+    def read_pressure_pa(self) -> float:
+        """Actuator pressure as its sensor reads it now, Pa; NaN where there is none."""
+        self._sample += 1
+        sensor = self.settings.pressure
+        return math.nan if sensor is None else sensor.reading(self.pressure_pa, self._sample)
+
+    def fault(self, kind: FaultKind) -> Fault | None:
+        """Return the fault of this kind that is there now."""
+        return active_fault(self.faults, kind, self.time_s) if self.faults else None
+
+    def _advance_evenly(self, to_s: float, sample_s: FloatArray) -> Samples | None:
+        """Advance over a time in which no fault begins or ends."""
+        start_s, dead_s = self.time_s, self.settings.transducer.dead_time_s
+        duration_s = max(to_s - start_s, 0.0)
+        if sample_s.size == 0 and (duration_s == 0.0 or self._is_level(start_s - dead_s)):
+            self._stay_level(duration_s)
+            self.time_s = max(to_s, start_s)
+            return None
+        time_s, asked_pa = self.asked.between(start_s - dead_s, start_s + duration_s - dead_s)
+        after_s, target_pa = limited(time_s - time_s[0], asked_pa, self.supply_pa)
+        # Local times: the clock may have run for days, and the difference of two such times is rounded.
+        after_s[-1] = duration_s
+        after_s, pressure_pa = lagged(after_s, target_pa, self.pressure_pa, self.settings.transducer.lag_s)
+        wanted_s = np.clip(sample_s - start_s, 0.0, duration_s)
+        position_m = self._follow(after_s, pressure_pa, wanted_s)
+        sensed_m = self._sensed(position_m)
+        asked_then_pa = self.asked.values(sample_s)
+        self.pressure_pa, self.time_s = float(pressure_pa[-1]), max(to_s, start_s)
+        self.asked.forget(self.time_s - dead_s)
+        if sample_s.size == 0:
+            return None
+        return Samples(position_m, sensed_m, value_at(after_s, pressure_pa, wanted_s), asked_then_pa)
+
+    def _is_level(self, from_s: float) -> bool:
+        """Whether the pressure asked for and that at the actuator stay as they are."""
+        target_pa = min(self.asked.at(from_s), self.supply_pa)
+        if not self.asked.is_held_from(from_s):
+            return False
+        if self.settings.transducer.lag_s == 0.0:
+            self.pressure_pa = target_pa
+        return target_pa == self.pressure_pa
+
+    def _stay_level(self, duration_s: float) -> None:
+        """Advance with the pressure as it is."""
+        if duration_s > 0.0:
+            force_n = self.settings.area_m2 * self.pressure_pa
+            if self.fault(FaultKind.STUCK_STEM) is None:
+                self.stem = self._integrator.ramp(self.stem, duration_s, force_n, force_n)
+            else:
+                self.stem = StemState(self.stem.position_m, 0.0)
+
+    def _let_momentary_faults_happen(self, after_s: float) -> None:
+        for fault in self.faults:
+            if fault.kind in MOMENTARY and after_s < fault.start_s <= self.time_s:
+                self.ask(self.settings.transducer.range_pa[0])
+                happening = Happening.RESTARTED if fault.kind is FaultKind.RESTART else Happening.OUTPUT_RESET
+                self.record.add(Event(self.time_s, self.settings.tag, happening, pressure_pa=self.asked_pa))
+
+    def _follow(self, after_s: FloatArray, pressure_pa: FloatArray, wanted_s: FloatArray) -> FloatArray:
+        """Positions at ``wanted_s`` after now while the pressure takes this course; the stem is left at its end."""
+        if self.fault(FaultKind.STUCK_STEM) is not None:
+            self.stem = StemState(self.stem.position_m, 0.0)
+            return np.full(wanted_s.shape, self.stem.position_m)
+        force_n = self.settings.area_m2 * pressure_pa
+        if wanted_s.size == 0:
+            self.stem = self._integrator.advance(self.stem, after_s, force_n)
+            return wanted_s
+        # A motion ends with its last output: the end of the course is one more.
+        motion = simulate_motion(
+            self.settings.parameters,
+            after_s,
+            force_n,
+            np.append(wanted_s, after_s[-1]),
+            stops=self.settings.stops,
+            initial=self.stem,
+        )
+        self.stem = motion.final_state
+        return motion.position_m[:-1]
+
+    def _sensed(self, position_m: FloatArray) -> FloatArray:
+        """True positions as a sensor with the faults of now shows them, before its noise and resolution."""
+        if not self.faults:
+            return position_m
+        if self.fault(FaultKind.SENSOR_LOST) is not None:
+            return np.full(position_m.shape, math.nan)
+        if self.fault(FaultKind.FROZEN_SENSOR) is not None:
+            return np.full(position_m.shape, self._frozen_m)
+        jump = self.fault(FaultKind.SENSOR_JUMP)
+        return position_m if jump is None else position_m + jump.amount
