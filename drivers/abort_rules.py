@@ -1,0 +1,98 @@
+"""When a test must end by itself: the wire is lost, a limit is passed, the output does not follow."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from typing import Final
+
+from drivers.addresses import MotionLimits
+from drivers.device import ValveDevice
+from drivers.outcome import Sample
+from valve.errors import DeviceError, EquipmentError, MeasurementError, WireError
+
+_FAILURES: Final = 5  # looks in a row; fewer would end a test for one disturbance on the line
+_SILENCE_S: Final = 1.0  # without any answer, after more than one failure
+_BLIND_S: Final = 1.0  # without a valid position
+_BEYOND: Final = 2  # samples in a row beyond a limit; a single one may be a spike
+_FOLLOWING_S: Final = 0.5  # a PLC's scan and its output card
+_PRESSURE_SLACK: Final = 0.05  # of the limits' span: an I/P overshoots and a sensor is not exact
+_DURATION_SLACK_S: Final = 5.0
+
+
+class AbortRules:
+    """Watches one test; ``fault`` tells the first rule that was broken."""
+
+    def __init__(self, device: ValveDevice, limits: MotionLimits, longest_s: float, period_s: float) -> None:
+        self._device = device
+        self._limits = limits
+        self._longest_s = longest_s + _DURATION_SLACK_S
+        self._started_s = time.monotonic()
+        self._failures = 0
+        self._last_error: EquipmentError | None = None
+        self._silence_s = max(_SILENCE_S, 2.0 * period_s)
+        self._seen_s = self._followed_s = self._answered_s = self._started_s
+        self._beyond = 0
+        self._commands: deque[tuple[float, float]] = deque()
+
+    def commanded(self, pressure_pa: float) -> None:
+        """Note what was asked for, Pa."""
+        self._commands.append((time.monotonic(), pressure_pa))
+
+    def missed(self, error: EquipmentError) -> None:
+        """Note a transaction that failed."""
+        self._failures += 1
+        self._last_error = error
+
+    def fault(self, sample: Sample | None, *, follows: bool = True) -> EquipmentError | MeasurementError | None:
+        """Return why the test must end now, or None. ``follows``: whether the output is commanded by us."""
+        tag, now_s = self._device.tag, time.monotonic()
+        if now_s - self._started_s > self._longest_s:
+            return MeasurementError(f"{tag}: the test lasts longer than {self._longest_s:.3g} s, it is ended")
+        if sample is None:
+            lost = self._failures >= _FAILURES or (self._failures > 1 and now_s - self._answered_s > self._silence_s)
+            if lost:
+                return WireError(f"{tag}: communication is lost, {self._failures} times in a row: {self._last_error}")
+            return None
+        self._failures, self._answered_s = 0, now_s
+        if self._device.drives_safe_itself(sample):
+            return DeviceError(f"{tag}: the device went to its safe value by itself: its watchdog tripped")
+        if math.isfinite(sample.position_m):
+            self._seen_s = now_s
+        elif now_s - self._seen_s > max(_BLIND_S, self._silence_s):
+            return DeviceError(f"{tag}: no valid position for {now_s - self._seen_s:.2g} s: check the position sensor")
+        return self._beyond_limits(sample) or (self._not_following(sample, now_s) if follows else None)
+
+    def _beyond_limits(self, sample: Sample) -> EquipmentError | None:
+        low_pa, high_pa = self._limits.pressure_pa
+        slack_pa = _PRESSURE_SLACK * (high_pa - low_pa)
+        broken = ""
+        if sample.pressure_pa < low_pa - slack_pa or sample.pressure_pa > high_pa + slack_pa:
+            broken = f"pressure {sample.pressure_pa:g} Pa is outside {low_pa:g} to {high_pa:g} Pa"
+        if self._limits.position_m is not None:
+            low_m, high_m = self._limits.position_m
+            if sample.position_m < low_m or sample.position_m > high_m:
+                broken = f"position {sample.position_m:g} m is outside {low_m:g} to {high_m:g} m"
+        self._beyond = self._beyond + 1 if broken else 0
+        if self._beyond < _BEYOND:
+            return None
+        return DeviceError(f"{self._device.tag}: {broken}: check the valve and its limits")
+
+    def _not_following(self, sample: Sample, now_s: float) -> EquipmentError | None:
+        """Compare with everything that was commanded lately: an output may lag and may not differ."""
+        while len(self._commands) > 1 and self._commands[1][0] < sample.sent_s - _FOLLOWING_S:
+            self._commands.popleft()
+        if not self._commands:
+            return None
+        lately = [pressure_pa for _, pressure_pa in self._commands]
+        slack_pa = self._device.tolerance_pa
+        if min(lately) - slack_pa <= sample.output_pa <= max(lately) + slack_pa:
+            self._followed_s = now_s
+            return None
+        if now_s - self._followed_s <= _FOLLOWING_S:
+            return None
+        return DeviceError(
+            f"{self._device.tag}: {lately[-1]:g} Pa are commanded and the device shows {sample.output_pa:g} Pa: "
+            "check that it is in automatic and nobody else commands it"
+        )

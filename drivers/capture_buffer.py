@@ -1,0 +1,160 @@
+"""A device that plays a waveform by its own clock and keeps samples: hand over the corners, fetch the samples."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from drivers.capabilities import Capture
+from drivers.faults import CorruptBlockError, IllegalFunctionError
+from drivers.registers import Kind, Register, Table, words_crc16
+from drivers.transport import Exchange
+from drivers.wiring import Unit
+from valve.errors import DeviceError, WaveformError, WireError
+from valve.waveform import Waveform
+
+FloatArray = npt.NDArray[np.float64]
+
+_CORNERS_A_WRITE: Final = 30  # 120 words; one write carries 123
+_READS_A_WINDOW: Final = 3  # reading moves nothing, so a window may be read again
+_TIME: Final = Register("corner time", 0, Kind.U32, unit="s", scale=1.0e-6)
+_PRESSURE: Final = Register("corner pressure", 2, Kind.F32, unit="Pa")
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """How far a capture is."""
+
+    taken: int
+    wanted: int
+    running: bool
+    done: bool
+    aborted: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Window:
+    """Samples from ``first`` on, each channel of shape (n,), m and Pa; NaN where the device has no valid one."""
+
+    first: int
+    position_m: FloatArray
+    pressure_pa: FloatArray
+    command_pa: FloatArray
+
+
+class CaptureBuffer:
+    """The capture buffer of one device."""
+
+    def __init__(self, tag: str, unit: Unit, capture: Capture) -> None:
+        self._tag = tag
+        self._unit = unit
+        self._capture = capture
+        self._has_read_write = unit.map.has_read_write
+
+    async def check(self, waveform: Waveform, samples: int) -> None:
+        """Make sure that a waveform and its samples fit. Raises WaveformError where they do not."""
+        capture = self._capture
+        shown = await self._unit.values(capture.capacity, capture.corner_capacity)
+        if samples > shown[capture.capacity]:
+            raise WaveformError(
+                f"{self._tag}: {samples} samples, {self._unit.subject} keeps {shown[capture.capacity]:.0f}: "
+                "make the test shorter or its period longer"
+            )
+        if waveform.time_s.size > shown[capture.corner_capacity]:
+            raise WaveformError(
+                f"{self._tag}: {waveform.time_s.size} corners, {self._unit.subject} keeps "
+                f"{shown[capture.corner_capacity]:.0f}: choose a waveform with fewer"
+            )
+
+    async def start(self, waveform: Waveform, period_s: float, samples: int) -> None:
+        """Hand the waveform over, read it back, and start, once.
+
+        Raises DeviceError where the device holds something else or does not start.
+        """
+        capture, unit = self._capture, self._unit
+        words = [
+            word
+            for time_s, pressure_pa in zip(waveform.time_s, waveform.pressure_pa, strict=True)
+            for word in (*_TIME.encode(float(time_s)), *_PRESSURE.encode(float(pressure_pa)))
+        ]
+        size = 4 * _CORNERS_A_WRITE
+        for start in range(0, len(words), size):
+            part, address = words[start : start + size], capture.corners_address + start
+            await unit.bus.write(unit.device_id, address, part)
+            shown = await unit.bus.read_words(unit.device_id, Table.HOLDING, address, len(part))
+            if list(shown.words) != part:
+                raise DeviceError(f"{self._tag}: {unit.subject} holds other corners than were written: check the map")
+        corners = float(waveform.time_s.size)
+        await unit.write({capture.period: period_s, capture.wanted: float(samples)})
+        await unit.write({capture.corner_count: corners})
+        held = await unit.values(capture.period, capture.wanted, capture.corner_count)
+        fits = abs(held[capture.period] - period_s) <= 0.5 * unit.map.register(capture.period).resolution
+        if not fits or (held[capture.wanted], held[capture.corner_count]) != (samples, corners):
+            raise DeviceError(f"{self._tag}: {unit.subject} holds other capture settings than were written: {held}")
+        await unit.write({capture.control: capture.start})
+        progress = await self.progress()
+        if not (progress.running or progress.done):
+            raise DeviceError(f"{self._tag}: {unit.subject} does not start its capture: look at its state")
+
+    async def progress(self) -> Progress:
+        """How far the capture is."""
+        capture = self._capture
+        shown = await self._unit.values(capture.state, capture.wanted, capture.taken)
+        state = shown[capture.state]
+        return Progress(
+            taken=round(shown[capture.taken]),
+            wanted=round(shown[capture.wanted]),
+            running=state == capture.states.running,
+            done=state == capture.states.done,
+            aborted=state == capture.states.aborted,
+        )
+
+    async def abort(self) -> None:
+        """End a capture; the device holds what it commands at that moment."""
+        await self._unit.write({self._capture.control: self._capture.abort})
+
+    async def windows(self, samples: int) -> AsyncIterator[Window]:
+        """Fetch the first ``samples`` samples, window by window. Raises WireError where one cannot be had."""
+        names = [name for pair in self._capture.ranges for name in pair]
+        shown = await self._unit.values(*names)
+        ranges = [(shown[low], shown[high]) for low, high in self._capture.ranges]
+        for first in range(0, samples, self._capture.window_samples):
+            raw = await self._window_words(first)
+            count = min(self._capture.window_samples, samples - first)
+            rows = np.array(raw[2:-1], dtype=np.float64).reshape(-1, len(ranges))[:count]
+            rows[rows == self._capture.missing] = np.nan
+            channels = [
+                low + (high - low) / self._capture.full_scale * rows[:, i] for i, (low, high) in enumerate(ranges)
+            ]
+            yield Window(first, *channels)
+
+    async def _window_words(self, first: int) -> tuple[int, ...]:
+        """One whole window; read again, a few times, where it came wrong."""
+        for attempt in range(1, _READS_A_WINDOW + 1):
+            try:
+                words = (await self._ask_window(first)).words
+                if words_crc16(words[:-1]) == words[-1] and (words[0] << 16 | words[1]) == first:
+                    return words
+                raise CorruptBlockError(f"{self._tag}: the window of sample {first} came with a wrong check or index")
+            except WireError:
+                if attempt == _READS_A_WINDOW:
+                    raise
+        raise AssertionError("unreachable")
+
+    async def _ask_window(self, first: int) -> Exchange:
+        capture, unit = self._capture, self._unit
+        pointer = unit.map.register(capture.window_index)
+        count = 2 + capture.window_samples * len(capture.ranges) + 1
+        if self._has_read_write:
+            try:
+                return await unit.bus.read_write(
+                    unit.device_id, pointer.address, pointer.encode(first), capture.window_address, count
+                )
+            except IllegalFunctionError:
+                self._has_read_write = False
+        await unit.bus.write(unit.device_id, pointer.address, pointer.encode(first))
+        return await unit.bus.read_words(unit.device_id, pointer.table, capture.window_address, count)

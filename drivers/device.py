@@ -1,0 +1,252 @@
+"""What a test needs of a valve on its wires: who it is, whose it is, look at it, move it, make it safe."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import time
+from collections.abc import Mapping
+from typing import Final
+
+from drivers.addresses import ValveWiring
+from drivers.capture_buffer import CaptureBuffer
+from drivers.eye import Eye
+from drivers.outcome import Sample
+from drivers.transport import Exchange
+from drivers.wiring import Bus, Unit, Wired, wire
+from valve.errors import BusyError, ConfigurationError, DeviceError, EquipmentError
+
+_SAFE_ATTEMPTS: Final = 3
+_SAFE_DEADLINE_S: Final = 6.0  # then only the device's own watchdog can act, and the outcome says "not confirmed"
+_SETTLING_S: Final = 0.6  # a PLC's scan and its output card; the valve may take longer, the command may not
+_SETTLED_READS: Final = 2  # a slave that wakes up may still carry out an older write: one fitting read is too few
+_READ_PAUSE_S: Final = 0.02
+_TOLERANCE_SHARE: Final = 1.0e-3  # of the pressure limits' span: an output card's own resolution
+
+
+class ValveDevice:
+    """One valve on its devices. Buses are opened, closed and shared by the caller."""
+
+    def __init__(self, wiring: ValveWiring, wired: Wired) -> None:
+        self.wiring = wiring
+        self.safe_value_pa = math.nan if wiring.safe_value_pa == "entry" else wiring.safe_value_pa
+        self.in_force_pa = math.nan  # what was written last and confirmed; NaN while nobody knows
+        self._asked_pa = math.nan
+        self.run_number = 0
+        self._wired = wired
+        self._eye = Eye(wiring.tag, wired)
+        self._heartbeat = 0
+        self._fed_s = -math.inf
+        self.tolerance_pa = max(
+            _TOLERANCE_SHARE * (wiring.limits.pressure_pa[1] - wiring.limits.pressure_pa[0]),
+            2.0 * wired.command.register.resolution,
+            2.0 * wired.readback.register.resolution,
+        )
+        capture = self.unit.map.capture
+        self.buffer = None if capture is None else CaptureBuffer(wiring.tag, self.unit, capture)
+
+    @property
+    def tag(self) -> str:
+        """Tag of the valve."""
+        return self.wiring.tag
+
+    @property
+    def unit(self) -> Unit:
+        """Device that the valve is commanded through."""
+        return self._wired.command.unit
+
+    @property
+    def captures(self) -> bool:
+        """Whether the device can play a waveform and sample by its own clock."""
+        return self.buffer is not None
+
+    @property
+    def has_watchdog(self) -> bool:
+        """Whether the device has a watchdog and the wiring says how long it waits."""
+        return self.unit.map.watchdog is not None and self.wiring.watchdog.timeout_s is not None
+
+    # ---- who and whose
+
+    async def identify(self) -> str:
+        """Make sure that each device is the one that is configured. Returns words that name it.
+
+        Raises DeviceError where it is another, ConfigurationError where the wiring asks for what it has not.
+        """
+        if self.wiring.watchdog.timeout_s is not None and self.unit.map.watchdog is None:
+            raise ConfigurationError(
+                f"{self.tag}: map {self.unit.map.name} has no watchdog: say watchdog.waived = the reason to go without"
+            )
+        for unit in self._wired.units:
+            await self._identify(unit)
+        return ", ".join(f"{unit.map.name} ({unit.subject})" for unit in self._wired.units)
+
+    async def _identify(self, unit: Unit) -> None:
+        for check in (unit.map.canary, unit.map.version):
+            if check is None:
+                continue
+            block = unit.map.block(check.register)
+            words = (await unit.bus.read(unit.device_id, block)).words
+            value = block.decode(words)[check.register]
+            if not check.accepts(value):
+                rule = "excludes" if check.differs else "expects"
+                raise DeviceError(
+                    f"{self.tag}: {unit.subject} shows {value:.12g} in {check.register}, map {unit.map.name} "
+                    f"{rule} {check.expected:.12g}: another device answers, correct device_id or map"
+                )
+            if check is unit.map.canary and not check.differs:
+                unit.bus.set_canary(unit.device_id, block, words)
+
+    async def take_ownership(self, run_number: int) -> None:
+        """Fence the device: commands of no other run count. Nothing is written where the map has no fence.
+
+        Raises BusyError where another run owns it.
+        """
+        if not 0 < run_number <= 0xFFFFFFFF:
+            raise ConfigurationError(f"{self.tag}: run number {run_number} is outside 1 to 4294967295")
+        fence = self.unit.map.fence
+        if fence is not None:
+            owner = round(await self.unit.value(fence.owner))
+            if owner == 0:
+                await self.unit.write({fence.owner: run_number})
+                owner = round(await self.unit.value(fence.owner))
+            if owner != run_number:
+                raise BusyError(
+                    f"{self.tag}: run {owner} owns {self.unit.subject}, run {run_number} cannot have it: "
+                    "wait for its end or for the device's watchdog"
+                )
+        self.run_number = run_number
+
+    async def release(self) -> None:
+        """Give the device back: from now on no command counts."""
+        fence, self.run_number = self.unit.map.fence, 0
+        if fence is not None:
+            await self.unit.write({fence.owner: 0})
+
+    # ---- watchdog
+
+    async def arm_watchdog(self) -> None:
+        """Set the safe value and the timeout, and read both back. Raises DeviceError where they do not stick."""
+        watchdog, timeout_s = self.unit.map.watchdog, self.wiring.watchdog.timeout_s
+        if watchdog is None or timeout_s is None:
+            return
+        await self.unit.write({watchdog.safe_value: self.safe_value_pa})
+        self._fed_s = (await self.unit.write({watchdog.timeout: timeout_s})).sent_s
+        shown = await self.unit.values(watchdog.timeout, watchdog.state, watchdog.safe_value, watchdog.heartbeat)
+        self._heartbeat = round(shown[watchdog.heartbeat])
+        if (
+            shown[watchdog.state] != watchdog.armed
+            or abs(shown[watchdog.timeout] - timeout_s) > self.unit.map.register(watchdog.timeout).resolution
+            or not abs(shown[watchdog.safe_value] - self.safe_value_pa) <= self.tolerance_pa
+        ):
+            raise DeviceError(
+                f"{self.tag}: {timeout_s:g} s and {self.safe_value_pa:g} Pa were written to the watchdog of "
+                f"{self.unit.subject} and it is not armed with them: check the device"
+            )
+
+    async def disarm_watchdog(self) -> None:
+        """Switch the watchdog off. Raises DeviceError where it stays on."""
+        watchdog = self.unit.map.watchdog
+        if watchdog is None or not self.has_watchdog:
+            return
+        await self.unit.write({watchdog.timeout: 0.0})
+        if await self.unit.value(watchdog.state) == watchdog.armed:
+            raise DeviceError(f"{self.tag}: the watchdog of {self.unit.subject} stays armed after it was switched off")
+
+    async def feed_watchdog(self) -> None:
+        """Change the heartbeat where nothing has fed the watchdog for a quarter of its timeout."""
+        watchdog, timeout_s = self.unit.map.watchdog, self.wiring.watchdog.timeout_s
+        if watchdog is None or timeout_s is None or time.monotonic() - self._fed_s < 0.25 * timeout_s:
+            return
+        self._heartbeat = (self._heartbeat + 1) & 0xFFFF
+        self._fed_s = (await self.unit.write({watchdog.heartbeat: self._heartbeat})).sent_s
+
+    # ---- look and move
+
+    async def read(self, *, priority: bool = False) -> Sample:
+        """Take one sample. Raises WireError or DeviceError where there is none: that is a gap."""
+        return await self._eye.look(priority=priority)
+
+    def drives_safe_itself(self, sample: Sample) -> bool:
+        """Whether the device says that it has left us and drives its safe value."""
+        return bool(sample.status & self._eye.at_safe_mask)
+
+    async def drive(self, pressure_pa: float, *, priority: bool = False) -> Exchange | None:
+        """Write a command, once; None where exactly it is in force already. The look that follows reads it back.
+
+        Raises WireError or DeviceError: then nobody knows what is in force until it is read back.
+        """
+        register = self._wired.command.register
+        words = register.encode(pressure_pa)
+        value_pa = register.decode(words)
+        if value_pa == self.in_force_pa and not priority:
+            return None
+        self.in_force_pa, self._asked_pa = math.nan, value_pa
+        exchange = await self._write_command(words, priority)
+        self.in_force_pa, self._fed_s = value_pa, exchange.sent_s
+        return exchange
+
+    def adopt(self, sample: Sample) -> None:
+        """Take a write whose answer was lost for carried out where the device shows it: it is not written again."""
+        if math.isnan(self.in_force_pa) and abs(sample.output_pa - self._asked_pa) <= self.tolerance_pa:
+            self.in_force_pa = self._asked_pa
+
+    async def _write_command(self, words: tuple[int, ...], priority: bool) -> Exchange:
+        unit, register, fence = self.unit, self._wired.command.register, self.unit.map.fence
+        if fence is None:
+            return await unit.bus.write(unit.device_id, register.address, words, priority=priority)
+        number = unit.map.register(fence.run_number)
+        both = [*number.encode(self.run_number), *words]
+        return await unit.bus.write(unit.device_id, number.address, both, priority=priority)
+
+    async def command(self, pressure_pa: float) -> None:
+        """Write a command, once, and wait until the device shows it.
+
+        Raises DeviceError where its output does not follow.
+        """
+        await self.drive(pressure_pa)
+        if not await self.shows(pressure_pa, reads=1):
+            raise DeviceError(
+                f"{self.tag}: {pressure_pa:g} Pa were commanded and {self.unit.subject} does not show them within "
+                f"{_SETTLING_S:g} s: check that it is in automatic and the map fits"
+            )
+
+    async def go_safe(self) -> bool:
+        """Send the valve to its safe value at once, ahead of everything queued. True where it was read back.
+
+        A further attempt is made only where reading back shows that the one before did not take effect.
+        """
+        if not math.isfinite(self.safe_value_pa):
+            return False
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(_SAFE_DEADLINE_S):
+                for _ in range(_SAFE_ATTEMPTS):
+                    if await self._safe_now():
+                        return True
+        return False
+
+    async def _safe_now(self) -> bool:
+        # A write without an answer may have been carried out all the same: look.
+        with contextlib.suppress(EquipmentError):
+            await self.drive(self.safe_value_pa, priority=True)
+        return await self.shows(self.safe_value_pa, priority=True)
+
+    async def shows(self, pressure_pa: float, *, reads: int = _SETTLED_READS, priority: bool = False) -> bool:
+        """Whether the device shows this command within the settling time, so many looks in a row."""
+        fitting, until_s = 0, time.monotonic() + _SETTLING_S
+        while fitting < reads:
+            try:
+                output_pa = (await self.read(priority=priority)).output_pa
+            except EquipmentError:
+                output_pa = math.nan
+            fitting = fitting + 1 if abs(output_pa - pressure_pa) <= self.tolerance_pa else 0
+            if fitting < reads:
+                if time.monotonic() > until_s:
+                    return False
+                await asyncio.sleep(_READ_PAUSE_S)
+        return True
+
+
+def connect_valve(wiring: ValveWiring, buses: Mapping[str, Bus]) -> ValveDevice:
+    """Join a valve to its buses by name; nothing is sent yet. Raises ConfigurationError where the wiring is wrong."""
+    return ValveDevice(wiring, wire(wiring, buses))

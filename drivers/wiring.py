@@ -1,0 +1,172 @@
+"""From names in a configuration to registers on a bus; every contradiction is found here, before anything is opened."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from drivers.addresses import Point, ValveWiring
+from drivers.capabilities import Role
+from drivers.maps import register_map
+from drivers.registers import MAX_READ_WORDS, Block, Register, RegisterMap, Table
+from drivers.serial_gauge import SerialGauge
+from drivers.transport import Exchange, Transport
+from valve.errors import ConfigurationError
+
+Bus = Transport | SerialGauge
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Unit:
+    """One device on a bus."""
+
+    bus: Transport
+    device_id: int
+    map: RegisterMap
+
+    @property
+    def subject(self) -> str:
+        """Words for errors."""
+        return f"device {self.device_id} on {self.bus.name}"
+
+    async def values(self, *names: str) -> dict[str, float]:
+        """Read registers in one transaction. Raises as ``Transport.read`` does."""
+        block = self.map.block(*names)
+        return block.decode((await self.bus.read(self.device_id, block)).words)
+
+    async def value(self, name: str) -> float:
+        """Read one register."""
+        return (await self.values(name))[name]
+
+    async def write(self, values: Mapping[str, float], *, priority: bool = False) -> Exchange:
+        """Write neighbouring registers in one transaction, once. Raises as ``Transport.write`` does."""
+        block = self.map.block(*values)
+        return await self.bus.write(self.device_id, block.address, block.encode(dict(values)), priority=priority)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Signal:
+    """A register of a device, read or written as a quantity in Pa or m."""
+
+    unit: Unit
+    register: Register
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wired:
+    """The signals of one valve. ``position`` is a signal or a gauge; ``pressure`` may be absent."""
+
+    command: Signal
+    readback: Signal
+    position: Signal | SerialGauge
+    pressure: Signal | None
+
+    @property
+    def units(self) -> tuple[Unit, ...]:
+        """Every device that the valve is wired to, once."""
+        signals = [self.command, self.position, self.pressure]
+        found = {(s.unit.bus.name, s.unit.device_id): s.unit for s in reversed(signals) if isinstance(s, Signal)}
+        return tuple(found.values())
+
+
+def _unit(tag: str, point: Point, buses: Mapping[str, Bus]) -> Unit | SerialGauge:
+    bus = buses.get(point.bus)
+    if bus is None:
+        raise ConfigurationError(f"{tag}: no bus is called {point.bus!r}, choose one of {', '.join(buses)}")
+    if isinstance(bus, SerialGauge):
+        return bus
+    if point.device_id is None or point.map is None:
+        raise ConfigurationError(f"{tag}: bus {point.bus} is Modbus, give device_id and map of the device")
+    return Unit(bus, point.device_id, register_map(point.map))
+
+
+def _as_quantity(tag: str, role: str, register: Register, point: Point, si_unit: str) -> Register:
+    if point.signal is not None and point.quantity is not None:
+        return register.spanning(point.signal, point.quantity, si_unit)
+    if register.unit != si_unit:
+        raise ConfigurationError(
+            f"{tag}: the {role} stands in {register.name} in {register.unit}, not in {si_unit}: "
+            "say by signal and quantity what it means"
+        )
+    return register
+
+
+def _measured(tag: str, role: Role, unit: Unit, point: Point, si_unit: str) -> Signal:
+    name = point.register or unit.map.roles.get(role)
+    if name is None:
+        raise ConfigurationError(f"{tag}: map {unit.map.name} has no {role} of its own, name the register")
+    return Signal(unit, _as_quantity(tag, role, unit.map.register(name), point, si_unit))
+
+
+def _commanded(tag: str, unit: Unit, point: Point) -> tuple[Signal, Signal]:
+    name = point.register or unit.map.roles.get(Role.COMMAND)
+    if name is None:
+        raise ConfigurationError(f"{tag}: map {unit.map.name} has no command of its own, name the register")
+    register = unit.map.register(name)
+    if not register.writable:
+        raise ConfigurationError(f"{tag}: {name} of map {unit.map.name} cannot be written, name another register")
+    shown = unit.map.register(point.readback_register or unit.map.readbacks.get(name, name))
+    if shown.unit != register.unit:
+        raise ConfigurationError(
+            f"{tag}: {name} is in {register.unit} and its read-back {shown.name} in {shown.unit}, name another"
+        )
+    command = Signal(unit, _as_quantity(tag, "command", register, point, "Pa"))
+    return command, Signal(unit, _as_quantity(tag, "read-back", shown, point, "Pa"))
+
+
+def wire(wiring: ValveWiring, buses: Mapping[str, Bus]) -> Wired:
+    """Find what ``wiring`` names. Raises ConfigurationError where it names nothing or contradicts itself."""
+    tag = wiring.tag
+    unit = _unit(tag, wiring.command, buses)
+    if isinstance(unit, SerialGauge):
+        raise ConfigurationError(f"{tag}: bus {unit.name} is a gauge, it commands nothing")
+    command, readback = _commanded(tag, unit, wiring.command)
+    position: Signal | SerialGauge
+    if wiring.position is None:
+        own = Point(wiring.command.bus, wiring.command.device_id, wiring.command.map)
+        position = _measured(tag, Role.POSITION, unit, own, "m")
+    else:
+        other = _unit(tag, wiring.position, buses)
+        if isinstance(other, SerialGauge):
+            position = other
+        else:
+            position = _measured(tag, Role.POSITION, other, wiring.position, "m")
+    pressure: Signal | None = None
+    if wiring.pressure is not None:
+        other = _unit(tag, wiring.pressure, buses)
+        if isinstance(other, SerialGauge):
+            raise ConfigurationError(f"{tag}: bus {other.name} is a gauge, it measures no pressure")
+        pressure = _measured(tag, Role.PRESSURE, other, wiring.pressure, "Pa")
+    elif unit.map.live is not None and Role.PRESSURE in unit.map.roles:
+        pressure = Signal(unit, unit.map.register(unit.map.roles[Role.PRESSURE]))
+    return Wired(command, readback, position, pressure)
+
+
+def read_blocks(unit: Unit, registers: Iterable[Register]) -> tuple[Block, ...]:
+    """Fewest transactions that read ``registers``, over no address that the map does not have.
+
+    A map with a live block is read by that block as a whole, where it holds them, so that its check can be made.
+    """
+    wanted = {(r.table, r.address): r for r in registers}
+    blocks: list[Block] = []
+    live = unit.map.live
+    if live is not None:
+        block = unit.map.block(*live.registers)
+        inside = {key: r for key, r in wanted.items() if r.name in live.registers}
+        if inside:
+            named = {r.name: r for r in inside.values()}
+            both = tuple(named.get(r.name, r) for r in block.registers)
+            blocks.append(Block(both, block.address, block.words, block.table))
+            wanted = {key: r for key, r in wanted.items() if key not in inside}
+    for table in Table:
+        rest = sorted((r for r in wanted.values() if r.table is table), key=lambda r: r.address)
+        known = {a for r in unit.map.registers if r.table is table for a in range(r.address, r.address + r.words)}
+        while rest:
+            start, chosen = rest[0].address, [rest.pop(0)]
+            while rest:
+                end = rest[0].address + rest[0].words
+                if end - start > MAX_READ_WORDS or not known.issuperset(range(start, end)):
+                    break
+                chosen.append(rest.pop(0))
+            blocks.append(Block(tuple(chosen), start, chosen[-1].address + chosen[-1].words - start, table))
+    return tuple(blocks)
