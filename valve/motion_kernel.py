@@ -44,11 +44,11 @@ kernel: Any = njit(cache=True, error_model="numpy")
 def impulse_response(tau, c, w2):
     """Return S', S, S1 and S2 after tau, each to rounding at any damping, critical included."""
     b, d = c * tau, w2 * tau * tau
-    if b < 0.5 and d < 0.25:
+    if b < 1.0 and d < 0.25:
         # Taylor: the closed forms of S1 and S2 cancel here
         p, before = 1.0, 0.0
         rate = value = once = twice = 0.0
-        for n in range(18):
+        for n in range(20):
             rate += p * INVERSE_FACTORIAL[n]
             value += p * INVERSE_FACTORIAL[n + 1]
             once += p * INVERSE_FACTORIAL[n + 2]
@@ -326,7 +326,7 @@ def slip_step(c, w2, DV, low, high, s, x, v, a, r, push, left, memory):
     to first order.
     """
     d, w = left - memory[0], math.sqrt(w2)
-    if not abs(d) * (c + w) < 1.0e-8:
+    if not (abs(d) * (c + w) < 1.0e-8 and abs(d) < 1.0e-9 * left):
         memory[0] = left
         memory[1], memory[2], memory[3], memory[4] = impulse_response(left, c, w2)
         d = 0.0
@@ -414,7 +414,7 @@ def follow(
     """
     w2, c = k / m, F_v / m
     n, n_out, n_events, out = corner_time.size, out_time.size, 0, 0
-    table, memory = np.zeros((4, BLOCK if n_out > 0 else 2)), np.full(5, -1.0)
+    table, memory = np.zeros((4, BLOCK if n_out > 0 else 2)), np.full(5, math.nan)
     held_force = corner_force[0]
     if mode == STUCK and v == 0.0 and (x >= high or x <= low):
         mode = STOPPED
