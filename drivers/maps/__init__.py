@@ -4,11 +4,21 @@ from __future__ import annotations
 
 from typing import Final
 
-from drivers.maps import reference
+from drivers.maps import advantech_adam_6024, fisher_easy_drive, moxa_iologik, reference
 from drivers.registers import RegisterMap
 from valve.errors import ConfigurationError
 
-REGISTER_MAPS: Final[dict[str, RegisterMap]] = {entry.name: entry for entry in (reference.MAP,)}
+REGISTER_MAPS: Final[dict[str, RegisterMap]] = {
+    entry.name: entry
+    for entry in (
+        reference.MAP,
+        advantech_adam_6024.MAP,
+        moxa_iologik.E1240,
+        moxa_iologik.E1241,
+        fisher_easy_drive.OLDER,
+        fisher_easy_drive.GEN_2,
+    )
+}
 
 
 def register_map(name: str) -> RegisterMap:

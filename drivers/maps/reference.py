@@ -10,7 +10,7 @@ from enum import IntEnum
 from typing import Final
 
 from drivers.capabilities import Capture, CaptureStates, Fence, LiveBlock, Role, Watchdog
-from drivers.registers import Canary, Kind, Register, RegisterMap
+from drivers.registers import Canary, GoldenFrame, Kind, Register, RegisterMap
 
 CANARY_VALUE: Final = 0x42574159  # "BWAY" in ASCII
 CORNERS_ADDRESS: Final = 1000  # the corner table: 4 words a corner (time us u32, pressure Pa f32)
@@ -136,6 +136,20 @@ MAP = RegisterMap(
         window_samples=WINDOW_SAMPLES,
     ),
     has_read_write=True,
+    golden=(
+        GoldenFrame(
+            request=bytes.fromhex("01 03 00 00 00 03 05 CB"),
+            answer=bytes.fromhex("01 03 06 42 57 41 59 00 01 5E 74"),
+            values={"canary": float(CANARY_VALUE), "map_version": 1.0},
+            source="composed from docs/reference-map.md: the canary and the version of unit 1",
+        ),
+        GoldenFrame(
+            request=bytes.fromhex("01 10 00 20 00 04 08 00 00 00 07 47 1C 40 00 66 B7"),
+            answer=bytes.fromhex("01 10 00 20 00 04 C0 00"),
+            values={"run_number": 7.0, "command": 40_000.0},
+            source="composed from docs/reference-map.md: run 7 commands 40 kPa",
+        ),
+    ),
     registers=(
         # identity, read only
         _u32("canary", 0, "always 0x42574159"),

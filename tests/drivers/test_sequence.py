@@ -1,0 +1,436 @@
+from __future__ import annotations
+
+import asyncio
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.addresses import MotionLimits, Point, Sampling, ValveWiring, WatchdogChoice
+from drivers.device import ValveDevice, connect_valve
+from drivers.maps.reference import CaptureState, WatchdogState
+from drivers.outcome import Ended, PlayOutcome, SampleBlock
+from drivers.sequence import play_sequence
+from drivers.transport import Transport
+from tests.drivers.conftest import TIMEOUT_S
+from tests.drivers.reference_device import METRE_PER_PA, SPAN_PA, ReferenceDevice
+from tests.drivers.slave import Fault, RawSlave
+from valve.errors import BusyError, ConfigurationError, DeviceError, WaveformError, WireError
+from valve.recording import Acquisition, Provenance
+from valve.waveform import Waveform, steps, triangle
+
+LIMITS = MotionLimits((0.0, SPAN_PA), 400_000.0, 30.0)
+SAFE_PA = 5_000.0
+WIRING = ValveWiring(
+    "FV-101",
+    Point("bus", 1, "reference"),
+    SAFE_PA,
+    LIMITS,
+    Sampling("polled", 0.02),  # type: ignore[arg-type]  # the text is turned into a Mode
+    watchdog=WatchdogChoice(timeout_s=2.0),
+)
+WAVE = triangle(0.5, 1, 10_000.0, 60_000.0)
+
+
+@dataclass
+class Bench:
+    """A device under test and what came out of playing on it."""
+
+    device: ReferenceDevice
+    valve: ValveDevice
+    stop: asyncio.Event = field(default_factory=asyncio.Event)
+    blocks: list[SampleBlock] = field(default_factory=list)
+    phases: list[tuple[float, str]] = field(default_factory=list)
+    on_phase: Callable[[str], None] = lambda _: None
+
+    def progress(self, share: float, phase: str) -> None:
+        self.phases.append((share, phase))
+        self.on_phase(phase)
+
+    async def play(
+        self, waveform: Waveform = WAVE, mode: str = "polled", period_s: float = 0.02, **more: Any
+    ) -> PlayOutcome:
+        return await play_sequence(
+            self.valve,
+            waveform,
+            mode=mode,
+            period_s=period_s,
+            run_number=7,
+            stop=self.stop,
+            on_samples=self.blocks.append,
+            on_progress=self.progress,
+            limits=more.pop("limits", LIMITS),
+            provenance=Provenance(started_at="2026-11-20T10:00:00+00:00"),
+            **more,
+        )
+
+    @property
+    def moved_pa(self) -> list[float]:
+        return [pressure_pa for _, pressure_pa in self.device.moves]
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    """Wait for a condition, 10 s at most."""
+    async with asyncio.timeout(10.0):
+        while not condition():  # noqa: ASYNC110  - it is looked at from outside, nothing would set an event
+            await asyncio.sleep(0.01)
+
+
+@pytest.fixture
+def device(slave: RawSlave) -> ReferenceDevice:
+    return ReferenceDevice(slave)
+
+
+@pytest.fixture
+async def bench(device: ReferenceDevice, tcp: Transport) -> Bench:
+    return Bench(device, connect_valve(WIRING, {"bus": tcp}))
+
+
+async def test_a_polled_test_records_the_stem_and_ends_safe(device: ReferenceDevice, bus: Transport) -> None:
+    bench = Bench(device, connect_valve(WIRING, {"bus": bus}))
+    outcome = await bench.play()
+    recording = outcome.recording
+    assert (outcome.ended, outcome.safe_confirmed, outcome.error) == (Ended.COMPLETED, True, None)
+    assert recording is not None
+    assert recording.samples >= 8  # 26 on a machine with nothing else to do
+    assert recording.provenance.acquisition is Acquisition.POLLED
+    assert recording.command_pa is not None
+    assert np.allclose(recording.position_m, recording.command_pa * METRE_PER_PA, rtol=1e-6)
+    assert np.abs(recording.command_pa - WAVE.at(recording.time_s)).max() < 0.02 * 200_000.0
+    assert recording.sent_s is not None
+    assert recording.received_s is not None
+    assert np.allclose(recording.time_s, 0.5 * (recording.sent_s + recording.received_s))
+    assert device.output_pa == SAFE_PA
+    assert device.value("run_owner") == 0
+    assert device.value("watchdog_state") == WatchdogState.OFF
+    assert device.ignored == 0
+    assert [phase for _, phase in bench.phases][-1] == "ended"
+
+
+async def test_a_captured_test_brings_every_sample_at_its_own_time(device: ReferenceDevice, bus: Transport) -> None:
+    bench = Bench(device, connect_valve(WIRING, {"bus": bus}))
+    outcome = await bench.play(mode="captured", period_s=0.001)
+    recording = outcome.recording
+    assert (outcome.ended, outcome.safe_confirmed, outcome.error) == (Ended.COMPLETED, True, None)
+    assert recording is not None
+    assert recording.samples == 501
+    assert recording.is_evenly_sampled
+    assert recording.gaps == 0
+    assert recording.command_pa is not None
+    assert np.abs(recording.command_pa - WAVE.at(recording.time_s)).max() <= 0.51 * SPAN_PA / 65534 + 0.5
+    assert np.abs(recording.position_m - WAVE.at(recording.time_s) * METRE_PER_PA).max() <= 1.1e-6
+    recorded = np.concatenate([block.time_s for block in bench.blocks if block.recorded])
+    assert np.array_equal(recorded, recording.time_s)
+    assert any(not block.recorded for block in bench.blocks)
+    assert device.value("run_owner") == 0
+
+
+async def test_a_device_without_function_23_is_read_by_two_transactions(bench: Bench) -> None:
+    slave = bench.device.slave
+    whole = slave.answer
+    slave.answer = lambda unit, pdu: bytes((0x97, 1)) if pdu[0] == 23 else whole(unit, pdu)  # type: ignore[method-assign]  # a device that lacks it
+    outcome = await bench.play(mode="captured", period_s=0.001)
+    assert outcome.recording is not None
+    assert (outcome.recording.samples, outcome.recording.gaps) == (501, 0)
+
+
+async def test_the_valve_is_ramped_to_the_start_and_to_safe_at_the_allowed_rate(bench: Bench) -> None:
+    limits = replace(LIMITS, pressure_rate_pa_per_s=200_000.0)
+    bench.device.output_pa = 80_000.0
+    await bench.play(limits=limits)
+    times_s, pressures_pa = np.array(bench.device.moves).T
+    rise_pa, run_s = np.abs(np.diff(pressures_pa)), np.diff(times_s)
+    assert (rise_pa <= 200_000.0 * (run_s + 0.03) + 1.0).all()
+    assert abs(pressures_pa[0] - 80_000.0) < 2_000.0
+
+
+async def test_nothing_is_written_after_the_release(bench: Bench) -> None:
+    await bench.play()
+    writes = bench.device.slave.writes
+    assert [address for _, address, _ in writes[-2:]] == [40, 36]
+    assert writes[-1][2] == [0, 0]
+    last_move = max(index for index, (_, address, _) in enumerate(writes) if address == 32)
+    assert last_move < len(writes) - 2
+
+
+@pytest.mark.parametrize(
+    ("waveform", "limits", "match"),
+    [
+        (triangle(0.5, 1, 0.0, 2.0 * SPAN_PA), LIMITS, "limits.pressure_pa"),
+        (triangle(0.1, 1, 0.0, SPAN_PA), LIMITS, "limits.pressure_rate"),
+        (steps([0.0, 1000.0], 0.2), LIMITS, "allow steps"),
+        (triangle(20.0, 2, 0.0, SPAN_PA), LIMITS, "longest_test_s"),
+    ],
+)
+async def test_a_waveform_beyond_the_limits_moves_nothing(
+    bench: Bench, waveform: Waveform, limits: MotionLimits, match: str
+) -> None:
+    with pytest.raises(WaveformError, match=match):
+        await bench.play(waveform, limits=limits)
+    assert bench.device.slave.requests == []
+
+
+async def test_steps_are_played_where_they_are_allowed(bench: Bench) -> None:
+    outcome = await bench.play(steps([10_000.0, 50_000.0, 20_000.0], 0.1), limits=replace(LIMITS, steps_allowed=True))
+    assert outcome.ended is Ended.COMPLETED
+    assert {50_000.0, 20_000.0} <= set(bench.moved_pa)
+
+
+async def test_a_plateau_is_commanded_once(bench: Bench) -> None:
+    await bench.play(steps([10_000.0, 50_000.0], 0.3), limits=replace(LIMITS, steps_allowed=True))
+    assert bench.moved_pa.count(50_000.0) == 1
+
+
+async def test_another_device_is_never_moved(bench: Bench) -> None:
+    bench.device.show(canary=4711)
+    with pytest.raises(DeviceError, match="another device"):
+        await bench.play()
+    assert bench.device.slave.writes == []
+
+
+async def test_another_version_of_the_map_is_never_moved(bench: Bench) -> None:
+    bench.device.show(map_version=2)
+    with pytest.raises(DeviceError, match="map_version"):
+        await bench.play()
+    assert bench.device.slave.writes == []
+
+
+async def test_a_device_that_another_run_owns_is_left_alone(bench: Bench) -> None:
+    bench.device.show(run_owner=6)
+    with pytest.raises(BusyError, match="run 6"):
+        await bench.play()
+    assert bench.device.slave.writes == []
+
+
+async def test_a_watchdog_that_does_not_arm_moves_nothing_and_releases(bench: Bench) -> None:
+    device = bench.device
+    obey = device.on_write
+
+    def deaf(unit: int, address: int, words: list[int]) -> int | None:
+        code = obey(unit, address, words)
+        device.show(watchdog_state=WatchdogState.OFF)
+        return code
+
+    device.slave.on_write = deaf
+    with pytest.raises(DeviceError, match="not armed"):
+        await bench.play()
+    assert device.moves == []
+    assert device.value("run_owner") == 0
+
+
+async def test_the_caller_hears_of_the_entry_before_anything_is_written(bench: Bench) -> None:
+    bench.device.output_pa = 30_000.0
+    heard = []
+
+    async def ready(entry_pa: float, name: str) -> None:
+        heard.append((entry_pa, name, len(bench.device.slave.writes)))
+
+    await bench.play(on_ready=ready)
+    assert heard == [(30_000.0, "reference (device 1 on plc)", 0)]
+
+
+@pytest.mark.parametrize("mode", ["polled", "captured"])
+async def test_a_stop_goes_to_safe_at_once_and_keeps_what_was_recorded(
+    device: ReferenceDevice, bus: Transport, mode: str
+) -> None:
+    bench = Bench(device, connect_valve(WIRING, {"bus": bus}))
+    long = triangle(20.0, 1, 10_000.0, 60_000.0)
+    task = asyncio.create_task(bench.play(long, mode=mode, period_s=0.02 if mode == "polled" else 0.001))
+    await until(lambda: any(phase == "playing" and share > 0.05 for share, phase in bench.phases))
+    stopped_s = time.monotonic()
+    bench.stop.set()
+    outcome = await task
+    assert (outcome.ended, outcome.safe_confirmed) == (Ended.STOPPED, True)
+    assert device.output_pa == SAFE_PA
+    assert device.moves[-1][1] == SAFE_PA
+    assert device.moves[-1][0] - stopped_s < 0.2
+    assert outcome.recording is not None
+    assert outcome.recording.samples > 3
+    assert device.value("capture_state") != CaptureState.RUNNING
+    assert device.value("run_owner") == 0
+
+
+async def test_a_stop_before_the_first_move_ends_safe_without_playing(bench: Bench) -> None:
+    bench.stop.set()
+    bench.device.output_pa = 40_000.0
+    outcome = await bench.play()
+    assert (outcome.ended, outcome.safe_confirmed, outcome.recording) == (Ended.STOPPED, True, None)
+    assert bench.device.output_pa == SAFE_PA
+    assert max(bench.moved_pa) <= 40_000.0
+
+
+async def test_a_cancelled_test_leaves_the_valve_safe(bench: Bench) -> None:
+    task = asyncio.create_task(bench.play(triangle(20.0, 1, 10_000.0, 60_000.0)))
+    await until(lambda: len(bench.device.moves) >= 5)
+    task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert bench.device.output_pa == SAFE_PA
+    assert bench.device.value("run_owner") == 0
+
+
+async def test_an_answer_that_is_lost_is_a_gap_and_the_test_goes_on(bench: Bench) -> None:
+    slave = bench.device.slave
+
+    def lose_one(phase: str) -> None:
+        if phase == "playing" and len(slave.faults) == 0 and not lost:
+            lost.append(1)
+            slave.faults.append(Fault(drop=True))
+
+    lost: list[int] = []
+    bench.on_phase = lose_one
+    outcome = await bench.play(triangle(1.0, 1, 10_000.0, 60_000.0))
+    assert outcome.ended is Ended.COMPLETED
+    recording = outcome.recording
+    assert recording is not None
+    assert recording.command_pa is not None
+    assert np.isnan(recording.position_m).sum() == 1
+    good = np.isfinite(recording.position_m)
+    assert np.allclose(recording.position_m[good], recording.command_pa[good] * METRE_PER_PA, rtol=1e-6)
+    assert recording.sampling_quality().missed_slots >= 1
+
+
+async def test_a_write_whose_answer_was_lost_is_not_written_again_when_the_device_shows_it(bench: Bench) -> None:
+    slave = bench.device.slave
+    obey = bench.device.on_write
+
+    def lose(unit: int, address: int, words: list[int]) -> int | None:
+        code = obey(unit, address, words)
+        if address == 32 and bench.moved_pa[-1:] == [50_000.0] and bench.moved_pa.count(50_000.0) == 1:
+            slave.always = Fault(drop=True)
+            asyncio.get_running_loop().call_later(1.5 * TIMEOUT_S, setattr, slave, "always", Fault())
+        return code
+
+    slave.on_write = lose
+    outcome = await bench.play(steps([10_000.0, 50_000.0], 0.6), limits=replace(LIMITS, steps_allowed=True))
+    assert outcome.ended is Ended.COMPLETED
+    assert bench.moved_pa.count(50_000.0) == 1
+
+
+async def test_a_live_block_with_a_wrong_check_is_a_gap(bench: Bench) -> None:
+    bench.on_phase = lambda phase: setattr(bench.device, "break_check", 1) if phase == "playing" else None
+    outcome = await bench.play()
+    assert outcome.ended is Ended.COMPLETED
+    assert outcome.recording is not None
+    assert np.isnan(outcome.recording.position_m).any()
+
+
+async def test_a_window_with_a_wrong_check_is_read_again(bench: Bench) -> None:
+    bench.device.break_windows = 2
+    outcome = await bench.play(mode="captured", period_s=0.001)
+    assert outcome.recording is not None
+    assert outcome.recording.gaps == 0
+    assert np.abs(outcome.recording.position_m - WAVE.at(outcome.recording.time_s) * METRE_PER_PA).max() <= 1.1e-6
+
+
+async def test_a_window_that_stays_wrong_fails_the_test_and_the_valve_is_safe(bench: Bench) -> None:
+    bench.device.break_windows = 1000
+    outcome = await bench.play(mode="captured", period_s=0.001)
+    assert (outcome.ended, outcome.safe_confirmed) == (Ended.FAILED, True)
+    assert isinstance(outcome.error, WireError)
+
+
+async def test_a_device_that_falls_silent_fails_the_test_and_is_not_called_safe(bench: Bench) -> None:
+    bench.on_phase = lambda phase: (
+        setattr(bench.device.slave, "always", Fault(drop=True, silent_execution=False)) if phase == "playing" else None
+    )
+    start_s = time.monotonic()
+    outcome = await bench.play(triangle(20.0, 1, 10_000.0, 60_000.0))
+    assert (outcome.ended, outcome.safe_confirmed) == (Ended.FAILED, False)
+    assert isinstance(outcome.error, WireError)
+    assert "communication is lost" in str(outcome.error)
+    assert time.monotonic() - start_s < 10.0
+    assert any("watchdog stays armed" in note for note in outcome.notes)
+    bench.device.tick()
+    assert bench.device.output_pa == SAFE_PA  # the device's own watchdog
+
+
+async def test_an_output_that_does_not_follow_ends_the_test(bench: Bench) -> None:
+    bench.on_phase = lambda phase: setattr(bench.device, "stuck", True) if phase == "playing" else None
+    outcome = await bench.play(triangle(4.0, 1, 10_000.0, 60_000.0))
+    assert (outcome.ended, outcome.safe_confirmed) == (Ended.FAILED, False)
+    assert "the device shows" in str(outcome.error)
+
+
+async def test_a_watchdog_that_trips_ends_the_test(bench: Bench) -> None:
+    bench.on_phase = lambda phase: (
+        bench.device.show(watchdog_state=WatchdogState.TRIPPED, run_owner=0) if phase == "playing" else None
+    )
+    outcome = await bench.play(triangle(4.0, 1, 10_000.0, 60_000.0))
+    assert outcome.ended is Ended.FAILED
+    assert "watchdog tripped" in str(outcome.error)
+
+
+@pytest.mark.parametrize("mode", ["polled", "captured"])
+async def test_a_stem_beyond_its_limits_ends_the_test(bench: Bench, mode: str) -> None:
+    limits = replace(LIMITS, position_m=(0.0, 0.05))
+    outcome = await bench.play(triangle(2.0, 1, 10_000.0, 60_000.0), mode=mode, limits=limits)
+    assert (outcome.ended, outcome.safe_confirmed) == (Ended.FAILED, True)
+    assert "position" in str(outcome.error)
+
+
+async def test_a_position_that_is_no_number_is_a_gap_and_ends_the_test_when_it_lasts(bench: Bench) -> None:
+    bench.on_phase = lambda phase: (
+        setattr(bench.device, "position_m", lambda _: math.nan) if phase == "playing" else None
+    )
+    outcome = await bench.play(triangle(8.0, 1, 10_000.0, 60_000.0))
+    assert outcome.ended is Ended.FAILED
+    assert "no valid position" in str(outcome.error)
+    assert outcome.recording is not None
+    assert np.isfinite(outcome.recording.position_m).mean() < 0.5
+
+
+async def test_a_frozen_device_gives_gaps_and_no_samples(bench: Bench) -> None:
+    bench.on_phase = lambda phase: setattr(bench.device, "frozen", True) if phase == "playing" else None
+    wave = steps([10_000.0, 10_001.0], 2.0)
+    outcome = await bench.play(wave, limits=replace(LIMITS, steps_allowed=True))
+    assert outcome.ended is Ended.FAILED
+    assert outcome.recording is not None
+    assert np.isfinite(outcome.recording.position_m).sum() <= 7
+
+
+async def test_the_watchdog_is_fed_while_the_device_plays_by_itself(bench: Bench) -> None:
+    outcome = await bench.play(triangle(1.5, 1, 10_000.0, 60_000.0), mode="captured", period_s=0.001)
+    assert (outcome.ended, outcome.error) == (Ended.COMPLETED, None)
+
+
+async def test_the_value_at_entry_can_be_the_safe_one(device: ReferenceDevice, tcp: Transport) -> None:
+    bench = Bench(device, connect_valve(replace(WIRING, safe_value_pa="entry"), {"bus": tcp}))
+    device.output_pa = 33_000.0
+    outcome = await bench.play()
+    assert outcome.safe_confirmed
+    assert device.output_pa == 33_000.0
+
+
+async def test_a_slow_device_is_polled_on_the_grid_and_its_missed_slots_are_counted(bench: Bench) -> None:
+    bench.on_phase = lambda phase: (
+        setattr(bench.device.slave, "always", Fault(delay_s=0.02)) if phase == "playing" else None
+    )
+    outcome = await bench.play(triangle(1.0, 1, 10_000.0, 60_000.0))
+    assert outcome.recording is not None
+    quality = outcome.recording.sampling_quality()
+    assert quality.missed_slots >= 20
+    assert 15.0 < quality.achieved_rate_hz < 30.0
+    assert outcome.recording.provenance.timing_uncertainty_s is not None
+    assert outcome.recording.provenance.timing_uncertainty_s >= 0.009
+
+
+async def test_a_map_that_cannot_capture_says_so(slave: RawSlave, tcp: Transport) -> None:
+    wiring = replace(
+        WIRING,
+        command=Point("bus", 1, "advantech_adam_6024", signal=(0.004, 0.020), quantity=(0.0, SPAN_PA)),
+        position=Point("bus", 1, "advantech_adam_6024", signal=(0.004, 0.020), quantity=(0.0, 0.1)),
+    )
+    bench = Bench(ReferenceDevice(slave), connect_valve(wiring, {"bus": tcp}))
+    with pytest.raises(ConfigurationError, match="cannot capture"):
+        await bench.play(mode="captured")
+
+
+async def test_samples_arrive_while_the_test_runs(bench: Bench) -> None:
+    await bench.play(triangle(1.0, 1, 10_000.0, 60_000.0))
+    assert len(bench.blocks) >= 5
+    assert all(block.recorded and block.sent_s is not None for block in bench.blocks)
