@@ -12,6 +12,7 @@ from drivers.maps import reference
 from drivers.registers import Register, RegisterMap
 from simulator.clock import Clock, RunningClock
 from simulator.faults import Fault
+from simulator.gauge import Gauge, GaugeListener
 from simulator.plant import SimulatedValve, SoftwareValve, warm_up
 from simulator.record import ValveRecord
 from simulator.reference_unit import ReferenceUnit
@@ -48,6 +49,8 @@ def reference_unit(device_id: int, tag: str, *, pressure: bool = True) -> Simula
 class SimulatedPlant:
     """Valves on wires, from ``start`` to ``stop``; ``valves`` and ``records`` are theirs by tag.
 
+    A gauge shows the position of the valve whose tag stands beside it.
+
     Raises ConfigurationError where units and valves do not fit together.
     """
 
@@ -56,6 +59,7 @@ class SimulatedPlant:
         valves: Sequence[SimulatedValve],
         listeners: Mapping[Listener, Sequence[SimulatedUnit]],
         clock: Clock | None = None,
+        gauges: Mapping[GaugeListener, str] | None = None,
     ) -> None:
         warm_up()
         self.clock = RunningClock() if clock is None else clock
@@ -69,6 +73,18 @@ class SimulatedPlant:
             Slave(listener, Bus([self._unit(unit) for unit in units], self.clock.now_s))
             for listener, units in listeners.items()
         ]
+        self._described = [
+            "; ".join(
+                f"unit {unit.device_id} ({unit.map.name}) {', '.join(dict.fromkeys(c.tag for c in unit.channels))}"
+                for unit in units
+            )
+            for units in listeners.values()
+        ]
+        self.gauges = [
+            Gauge(listener, self._known(tag, str(listener.link_path)), self.clock.now_s)
+            for listener, tag in (gauges or {}).items()
+        ]
+        self._served: list[Slave | Gauge] = [*self.slaves, *self.gauges]
         self.addresses: list[str] = []
         self._watching: asyncio.Task[None] | None = None
 
@@ -77,15 +93,20 @@ class SimulatedPlant:
         """What happened to each valve, by tag."""
         return {tag: valve.record for tag, valve in self._valves.items()}
 
+    @property
+    def descriptions(self) -> list[str]:
+        """What is served, in words: one entry a listener, in the order of ``addresses``."""
+        return [*self._described, *(f"gauge of {gauge.tag}" for gauge in self.gauges)]
+
     async def start(self, look_every_s: float | None = None) -> None:
-        """Serve every listener; ``addresses`` then has one entry a listener, in their order.
+        """Serve every listener; ``addresses`` then has one entry a listener, in their order, gauges last.
 
         With ``look_every_s`` every valve is also looked at so often (real time), so that its record goes on where
         nobody reads. Raises ConfigurationError where an address cannot be had; then nothing is served.
         """
         try:
-            for slave in self.slaves:
-                self.addresses.append(await slave.start())
+            for served in self._served:
+                self.addresses.append(await served.start())
         except ConfigurationError:
             await self.stop()
             raise
@@ -99,8 +120,8 @@ class SimulatedPlant:
             with contextlib.suppress(asyncio.CancelledError):
                 await self._watching
             self._watching = None
-        for slave in self.slaves:
-            await slave.stop()
+        for served in self._served:
+            await served.stop()
         self.addresses = []
 
     def look(self) -> None:
@@ -120,12 +141,15 @@ class SimulatedPlant:
             self.look()
             await asyncio.sleep(every_s)
 
+    def _known(self, tag: str, subject: str) -> SoftwareValve:
+        if tag not in self._valves:
+            raise ConfigurationError(f"{subject}: valve {tag} is not in the simulated plant")
+        return self._valves[tag]
+
     def _unit(self, unit: SimulatedUnit) -> Unit:
-        missing = [channel.tag for channel in unit.channels if channel.tag not in self._valves]
-        if missing:
-            raise ConfigurationError(f"unit {unit.device_id}: valve {missing[0]} is not in the simulated plant")
+        subject = f"unit {unit.device_id}"
         if unit.map.name != reference.MAP.name:
-            channels = [Channel(c.register, c.quantity, self._valves[c.tag]) for c in unit.channels]
+            channels = [Channel(c.register, c.quantity, self._known(c.tag, subject)) for c in unit.channels]
             return MapUnit(unit.device_id, unit.map, channels)
         by_quantity: dict[Quantity, SoftwareValve] = {}
         for channel in unit.channels:
@@ -134,7 +158,7 @@ class SimulatedPlant:
                     f"unit {unit.device_id}: two valves have their {channel.quantity} there, the reference map has "
                     "one: give each valve a device id of its own"
                 )
-            by_quantity[channel.quantity] = self._valves[channel.tag]
+            by_quantity[channel.quantity] = self._known(channel.tag, subject)
         if Quantity.COMMAND not in by_quantity:
             raise ConfigurationError(f"unit {unit.device_id}: no valve is commanded there, the reference map needs one")
         return ReferenceUnit(

@@ -13,7 +13,7 @@ import ssl
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, cast
 
 from pymodbus import FramerType
 from pymodbus.constants import ExcCodes
@@ -337,9 +337,9 @@ class Slave:
                 f"{listener.host}:{listener.port}: the simulator cannot listen there, the port is taken or not "
                 "allowed: choose another one"
             ) from error
-        transport = self._server.transport
-        assert isinstance(transport, asyncio.Server)
-        host, port = transport.sockets[0].getsockname()[:2]
+        # asyncio's server object, or uvloop's, which is no subclass of it
+        server = cast(asyncio.Server, self._server.transport)
+        host, port = server.sockets[0].getsockname()[:2]
         return f"{host}:{port}"
 
     async def stop(self) -> None:

@@ -1,0 +1,70 @@
+"""``breakaway simulate``: the plant's valves as Modbus slaves, from the file that the service reads."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from valve.errors import ConfigurationError, RequestError
+
+if TYPE_CHECKING:
+    from simulator.assembly import SimulatedPlant
+
+# Nobody needs to read: a valve's log goes on, so that it shows what happened after the last request.
+_LOOK_EVERY_S: Final = 0.1
+
+
+def simulate(
+    config: Annotated[Path, typer.Option("--config", metavar="FILE", help="plant.toml.", show_default=False)],
+    speed: Annotated[float, typer.Option("--speed", help="Run the valves' clock so many times faster.")] = 1.0,
+    log: Annotated[
+        Path | None, typer.Option("--log", metavar="FILE", help="Write every event and position there, JSON lines.")
+    ] = None,
+    tls_certificate: Annotated[
+        Path | None, typer.Option("--tls-certificate", metavar="FILE", help="Certificate of simulated TLS devices.")
+    ] = None,
+    tls_key: Annotated[Path | None, typer.Option("--tls-key", metavar="FILE", help="Its private key.")] = None,
+) -> None:
+    """Serve the plant's valves as Modbus slaves and gauges until SIGTERM or SIGINT."""
+    # heavy imports stand here: --help and wrong usage do without
+    import uvloop  # noqa: PLC0415
+
+    from service.cli.simulated_plant import ServerCertificate, plant_from_settings  # noqa: PLC0415
+    from service.settings import load_plant  # noqa: PLC0415
+
+    if (tls_certificate is None) != (tls_key is None):
+        raise ConfigurationError("--tls-certificate and --tls-key belong together, give both")
+    certificate = None if tls_certificate is None or tls_key is None else ServerCertificate(tls_certificate, tls_key)
+    plant = plant_from_settings(load_plant(config), speed, certificate)
+    uvloop.run(_serve(plant, log))
+
+
+async def _serve(plant: SimulatedPlant, log: Path | None) -> None:
+    """Serve until a signal comes. Raises ConfigurationError where an address cannot be had."""
+    from simulator.record import RecordFile  # noqa: PLC0415
+
+    stopped, loop = asyncio.Event(), asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, stopped.set)
+    with contextlib.ExitStack() as stack:
+        if log is not None:
+            try:
+                file = RecordFile(stack.enter_context(log.open("a", encoding="utf-8")))
+            except OSError as error:
+                raise RequestError(
+                    f"{log}: the log cannot be written there ({error.strerror}): give another file"
+                ) from error
+            for record in plant.records.values():
+                file.attach(record)
+        try:
+            await plant.start(None if log is None else _LOOK_EVERY_S)
+            for address, served in zip(plant.addresses, plant.descriptions, strict=True):
+                print(f"{address}: {served}", flush=True)
+            await stopped.wait()
+        finally:
+            await plant.stop()

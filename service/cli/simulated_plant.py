@@ -1,0 +1,209 @@
+"""From plant.toml to a simulated plant: every valve behind the buses and registers that the service is told of."""
+
+from __future__ import annotations
+
+import zlib
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from pydantic import BaseModel, ConfigDict
+
+from drivers.addresses import BusAddress, GaugeAddress, Point, RtuAddress, TcpAddress, ValveWiring
+from drivers.capabilities import Role
+from drivers.maps import reference, register_map
+from drivers.registers import Register
+from service.settings import Plant, PlantValve
+from service.settings_errors import Findings, read_toml
+from simulator.assembly import SimulatedChannel, SimulatedPlant, SimulatedUnit
+from simulator.clock import RunningClock
+from simulator.gauge import GaugeListener
+from simulator.plant import SimulatedValve, warm_up
+from simulator.sensor import Sensor
+from simulator.slave import Listener, RtuListener, TcpListener
+from simulator.transducer import Transducer
+from simulator.unit import Quantity
+from valve.errors import ConfigurationError, ValveError
+from valve.nameplate import Nameplate
+from valve.parameter_sets import parameter_set
+from valve.parameters import TravelStops, ValveParameters, parameters_from_symbols
+
+# A sensor is chosen a little wider than what it measures.
+_MARGIN: Final = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class ServerCertificate:
+    """What a simulated TLS device shows: its certificate and key."""
+
+    certificate_file: Path
+    key_file: Path
+
+
+class SimulationSection(BaseModel):
+    """``[valves.simulation]``: the truth about a simulated valve, by a published set or by the paper's symbols."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+    parameter_set: str | None = None
+    parameters: dict[str, float] | None = None
+    position_noise_m: float = 0.0
+    pressure_noise_pa: float = 0.0
+    seed: int | None = None  # by default one that the tag gives
+    lag_s: float = 0.0
+    dead_time_s: float = 0.0
+    supply_pa: float = 140.0e3
+    dac_bits: int = 16
+    adc_bits: int = 16
+    travel_stops_m: tuple[float, float] | None = None
+
+
+def plant_from_settings(
+    settings: Plant, speed: float = 1.0, certificate: ServerCertificate | None = None
+) -> SimulatedPlant:
+    """Build the plant that ``settings`` describe; its clock runs ``speed`` times faster and starts now.
+
+    Raises ConfigurationError where the file does not say enough to simulate it.
+    """
+    sections = _simulation_sections(settings.file)
+    valves = [_valve(valve, sections[tag]) for tag, valve in settings.valves.items()]
+    units: dict[str, dict[int, list[tuple[str, SimulatedChannel]]]] = defaultdict(lambda: defaultdict(list))
+    gauges: dict[GaugeListener, str] = {}
+    for tag, valve in settings.valves.items():
+        for point, channel in _channels(tag, valve.wiring):
+            units[point.bus][point.device_id or 0].append((point.map or "", channel))
+        position = valve.wiring.position
+        address = None if position is None else settings.buses[position.bus]
+        if isinstance(address, GaugeAddress):
+            listener = GaugeListener(
+                Path(address.serial_port), address.request, address.pattern, address.terminator, address.unit
+            )
+            if listener in gauges:
+                raise ConfigurationError(
+                    f"bus {address.name}: {gauges[listener]} and {tag} share a gauge, give each one"
+                )
+            gauges[listener] = tag
+    listeners: dict[Listener, list[SimulatedUnit]] = {}
+    for bus, on_bus in units.items():
+        served_on = _listener(settings.buses[bus], certificate)
+        if served_on in listeners:
+            raise ConfigurationError(f"bus {bus}: another bus has its address, name one bus for both")
+        listeners[served_on] = [_unit(bus, device_id, of) for device_id, of in on_bus.items()]
+    warm_up()
+    return SimulatedPlant(valves, listeners, RunningClock(speed), gauges)
+
+
+def _simulation_sections(file: Path) -> dict[str, SimulationSection]:
+    """Every valve's ``[valves.simulation]``, by tag; the file was validated but for these sections."""
+    findings = Findings(file.name)
+    sections: dict[str, SimulationSection] = {}
+    for index, raw in enumerate(read_toml(file)["valves"]):
+        key = ("valves", index, "simulation")
+        simulation: dict[str, Any] | None = raw.get("simulation")
+        section = None if simulation is None else findings.model(SimulationSection, simulation, key)
+        if simulation is None:
+            findings.add(key, None, "a valve without it cannot be simulated", 'add it with parameter_set = "nominal"')
+        elif section is not None:
+            if (section.parameter_set is None) == (section.parameters is None):
+                findings.add(key, simulation, "its parameters are given twice or not at all", "give one of the two")
+            sections[raw["tag"]] = section
+    if findings:
+        raise findings.error()
+    return sections
+
+
+def _wider(span: tuple[float, float]) -> tuple[float, float]:
+    margin = _MARGIN * (span[1] - span[0])
+    return span[0] - margin, span[1] + margin
+
+
+def _parameters(section: SimulationSection) -> ValveParameters:
+    if section.parameters is not None:
+        return parameters_from_symbols(section.parameters)
+    assert section.parameter_set is not None  # one of the two was asked for
+    return parameter_set(section.parameter_set).parameters
+
+
+def _valve(valve: PlantValve, section: SimulationSection) -> SimulatedValve:
+    nameplate: Nameplate = valve.nameplate
+    signal, stops = nameplate.signal, section.travel_stops_m
+    range_pa = valve.wiring.limits.pressure_pa if signal is None else signal.range_pa
+    seed = zlib.crc32(nameplate.tag.encode()) if section.seed is None else section.seed
+    position_span_m = _wider((0.0, nameplate.actuator.travel_m))
+    try:
+        return SimulatedValve(
+            nameplate.tag,
+            _parameters(section),
+            nameplate,
+            Transducer(range_pa, section.lag_s, section.dead_time_s, section.supply_pa, section.dac_bits),
+            Sensor(position_span_m, section.position_noise_m, section.adc_bits, 2 * seed),
+            Sensor(_wider(range_pa), section.pressure_noise_pa, section.adc_bits, 2 * seed + 1),
+            TravelStops() if stops is None else TravelStops(*stops),
+        )
+    except ValveError as error:
+        raise ConfigurationError(f"{nameplate.tag}: [valves.simulation]: {error}") from error
+
+
+def _channels(tag: str, wiring: ValveWiring) -> list[tuple[Point, SimulatedChannel]]:
+    """Every register that shows or moves one valve, with its place."""
+    command = wiring.command
+    assert command.map is not None  # checked with the rest of the file
+    device = register_map(command.map)
+    name = _register_name(tag, command, Role.COMMAND)
+    channels = [(command, _channel(tag, Quantity.COMMAND, command, device.register(name)))]
+    readback = command.readback_register or device.readbacks.get(name)
+    if readback is not None and command.map != reference.MAP.name:
+        channels.append((command, _channel(tag, Quantity.OUTPUT, command, device.register(readback))))
+    own = Point(command.bus, command.device_id, command.map)
+    for role, given in ((Role.POSITION, wiring.position), (Role.PRESSURE, wiring.pressure)):
+        if given is None and (role is Role.PRESSURE and command.map != reference.MAP.name):
+            continue
+        point = own if given is None else given
+        if point.map is None:
+            continue  # a gauge
+        register = register_map(point.map).register(_register_name(tag, point, role))
+        channels.append((point, _channel(tag, Quantity(role), point, register)))
+    return channels
+
+
+def _register_name(tag: str, point: Point, role: Role) -> str:
+    assert point.map is not None  # checked with the rest of the file
+    name = point.register or register_map(point.map).roles.get(role)
+    if name is None:
+        raise ConfigurationError(f"{tag}: map {point.map} has no {role} of its own, name the register")
+    return name
+
+
+def _channel(tag: str, quantity: Quantity, point: Point, register: Register) -> SimulatedChannel:
+    si_unit = "m" if quantity is Quantity.POSITION else "Pa"
+    if point.signal is not None and point.quantity is not None:
+        register = register.spanning(point.signal, point.quantity, si_unit)
+    if register.unit != si_unit:
+        raise ConfigurationError(
+            f"{tag}: the {quantity} stands in {register.name} in {register.unit}, not in {si_unit}: "
+            "say by signal and quantity what it means"
+        )
+    return SimulatedChannel(tag, quantity, register)
+
+
+def _unit(bus: str, device_id: int, channels: list[tuple[str, SimulatedChannel]]) -> SimulatedUnit:
+    maps = {name for name, _ in channels}
+    if len(maps) > 1:
+        raise ConfigurationError(
+            f"bus {bus}: device {device_id} has the maps {' and '.join(sorted(maps))}, a device has one: correct it"
+        )
+    return SimulatedUnit(device_id, register_map(maps.pop()), tuple(channel for _, channel in channels))
+
+
+def _listener(address: BusAddress, certificate: ServerCertificate | None) -> Listener:
+    if isinstance(address, TcpAddress):
+        return TcpListener(address.host, address.port)
+    if isinstance(address, RtuAddress):
+        return RtuListener(Path(address.serial_port))
+    assert not isinstance(address, GaugeAddress)  # its points have no map
+    if certificate is None:
+        raise ConfigurationError(
+            f"bus {address.name}: a simulated TLS device needs a certificate, give --tls-certificate and --tls-key"
+        )
+    client_ca = Path(address.ca_file) if address.certificate_file is not None else None
+    return TcpListener(address.host, address.port, certificate.certificate_file, certificate.key_file, client_ca)

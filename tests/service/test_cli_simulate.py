@@ -1,0 +1,162 @@
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from service.cli.simulated_plant import plant_from_settings
+from service.settings import load_plant
+from simulator.gauge import Gauge
+from valve.errors import ConfigurationError
+
+PLANT = """
+[service]
+store = "store"
+[[buses]]
+name = "plc"
+kind = "modbus_tcp"
+host = "127.0.0.1"
+port = {port}
+[[buses]]
+name = "line"
+kind = "modbus_rtu"
+serial_port = "{folder}/line"
+[[buses]]
+name = "gauge"
+kind = "serial_gauge"
+serial_port = "{folder}/gauge"
+request = "?"
+pattern = '(?P<value>-?[0-9.]+) mm'
+"""
+VALVE = """
+[[valves]]
+tag = "{tag}"
+safe_value_pa = 0.0
+actuator = {{ diaphragm_area_m2 = 0.06452, travel_m = 0.1016 }}
+signal = {{ range_ma = [4.0, 20.0], range_pa = [0.0, 82737.0] }}
+limits = {{ pressure_pa = [0.0, 82737.0], pressure_rate_pa_per_s = 30000.0, longest_test_s = 300.0 }}
+acquisition = {{ mode = "polled", period_s = 0.01 }}
+command = {{ bus = "{bus}", device_id = {device}, map = "reference" }}
+{more}
+"""
+NOMINAL = 'simulation = { parameter_set = "nominal", position_noise_m = 1.0e-6 }'
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        return int(listener.getsockname()[1])
+
+
+def write(folder: Path, *valves: str) -> Path:
+    path = folder / "plant.toml"
+    path.write_text(PLANT.format(port=free_port(), folder=folder) + "".join(valves))
+    return path
+
+
+def valve(tag: str, device: int = 1, bus: str = "plc", more: str = NOMINAL) -> str:
+    return VALVE.format(tag=tag, device=device, bus=bus, more=more)
+
+
+def test_a_plant_is_built_as_its_file_says(tmp_path: Path) -> None:
+    symbols = "{ m = 2.0, k = 5.0e4, F_v = 600.0, F_c = 700.0, F_s = 900.0, DV = 1.0e-4 }"
+    more = f'position = {{ bus = "gauge" }}\nsimulation = {{ parameters = {symbols}, lag_s = 0.3, adc_bits = 12, '
+    path = write(
+        tmp_path,
+        valve("A"),
+        valve("B", 2, more=more + "travel_stops_m = [0.0, 0.1], seed = 4 }"),
+        valve("C", 1, "line"),
+    )
+    plant = plant_from_settings(load_plant(path), 5.0)
+    assert plant.descriptions == [
+        "unit 1 (reference) A; unit 2 (reference) B",
+        "unit 1 (reference) C",
+        "gauge of B",
+    ]
+    settings = plant.valves["B"].settings
+    assert settings.parameters.mass_kg == 2.0
+    assert settings.transducer.lag_s == 0.3
+    assert settings.position.adc_bits == 12
+    assert settings.stops.high_m == 0.1
+    assert plant.valves["A"].settings.position.seed != plant.valves["C"].settings.position.seed
+    assert isinstance(plant.gauges[0], Gauge)
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("", "cannot be simulated"),
+        ("simulation = { }", "twice or not at all"),
+        ('simulation = { parameter_set = "nominal", noise = 1.0 }', "noise"),
+        ('simulation = { parameter_set = "nominal", lag_s = -1.0 }', "lag_s"),
+        ('simulation = { parameter_set = "nominl" }', "nominl"),
+        ('simulation = { parameter_set = "nominal", travel_stops_m = [1.0, 0.0] }', "stops"),
+        ("simulation = { parameters = { m = 1.0, K = 2.0 } }", "K"),
+    ],
+)
+def test_a_simulation_that_cannot_be_is_refused_in_words(tmp_path: Path, more: str, said: str) -> None:
+    with pytest.raises(ConfigurationError, match=said):
+        plant_from_settings(load_plant(write(tmp_path, valve("A", more=more))))
+
+
+@pytest.fixture
+def command(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], Path, Path]]:
+    path, log = write(tmp_path, valve("A"), valve("C", 1, "line")), tmp_path / "log"
+    arguments = ["simulate", "--config", str(path), "--speed", "10", "--log", str(log)]
+    with subprocess.Popen(
+        [sys.executable, "-m", "service.cli", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        yield process, tmp_path, log
+        process.kill()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_the_command_serves_says_so_logs_and_ends_cleanly_on_a_signal(
+    command: tuple[subprocess.Popen[str], Path, Path], number: signal.Signals
+) -> None:
+    process, folder, log = command
+    assert process.stdout is not None
+    address, served = process.stdout.readline().strip().split(": ", 1)
+    assert served == "unit 1 (reference) A"
+    assert process.stdout.readline().strip() == f"{folder}/line: unit 1 (reference) C"
+    host, port = address.rsplit(":", 1)
+    with socket.create_connection((host, int(port)), timeout=5.0) as connection:
+        for pdu in (struct.pack(">BHHBI", 16, 36, 2, 4, 9), struct.pack(">BHHBIf", 16, 32, 4, 8, 9, 5.0e4)):
+            connection.sendall(struct.pack(">HHHB", 1, 0, len(pdu) + 1, 1) + pdu)
+            assert connection.recv(64)[7] == 16
+    deadline = time.monotonic() + 10.0
+    lines: list[dict[str, object]] = []
+    while time.monotonic() < deadline and not any(line.get("position_m", 0.0) != 0.0 for line in lines):
+        time.sleep(0.05)
+        lines = [json.loads(line) for line in log.read_text().splitlines()]
+    commanded = [line for line in lines if line.get("happening") == "commanded"]
+    assert [(line["tag"], line["run"], line["pressure_pa"]) for line in commanded] == [("A", 9, 5.0e4)]
+    assert any(line.get("position_m", 0.0) != 0.0 for line in lines)
+    process.send_signal(number)
+    assert process.wait(10.0) == 0
+    assert process.stderr is not None
+    assert process.stderr.read() == ""
+    assert not (folder / "line").is_symlink()
+
+
+def test_a_taken_port_ends_the_command_with_one_sentence(tmp_path: Path) -> None:
+    path = write(tmp_path, valve("A"))
+    port = int(path.read_text().split("port = ")[1].split()[0])
+    with socket.create_server(("127.0.0.1", port)):
+        done = subprocess.run(
+            [sys.executable, "-m", "service.cli", "simulate", "--config", str(path)],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+    assert done.returncode == 1
+    assert "cannot listen" in done.stderr
+    assert "Traceback" not in done.stderr
