@@ -43,23 +43,26 @@ class Health(BaseModel):
     version: str
 
 
-def create_app(plant: Plant, *, rig: Rig | None = None, analyst: Analyst | None = None) -> FastAPI:
+def create_app(
+    plant: Plant, *, store: Store | None = None, rig: Rig | None = None, analyst: Analyst | None = None
+) -> FastAPI:
     """Return the service of a plant; ``rig`` and ``analyst`` stand in for the wires and the analysis in tests.
 
-    The store is opened when the application starts: BusyError where another process has it.
+    The application owns ``store`` and closes it. Without one it opens the plant's own when it starts: BusyError
+    where another process has it.
     """
 
     software = f"breakaway {VERSION}"
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        store = await asyncio.to_thread(Store, plant.service.store)
+        opened = store if store is not None else await asyncio.to_thread(Store, plant.service.store)
         pool = AnalysisPool() if analyst is None else None
         converter = Converter()
         chosen = pool if pool is not None else analyst
         assert chosen is not None
-        runs = Runs(plant, store, rig or WiredRig(plant.buses, software), chosen, software=software)
-        app.state.parts = Parts(plant, store, runs, chosen, converter, VERSION)
+        runs = Runs(plant, opened, rig or WiredRig(plant.buses, software), chosen, software=software)
+        app.state.parts = Parts(plant, opened, runs, chosen, converter, VERSION)
         try:
             if pool is not None:
                 await pool.start()
@@ -70,7 +73,7 @@ def create_app(plant: Plant, *, rig: Rig | None = None, analyst: Analyst | None 
             await converter.close()
             if pool is not None:
                 await pool.close()
-            store.close()
+            opened.close()
 
     app = FastAPI(
         title="breakaway",

@@ -1,0 +1,77 @@
+"""The command line. A command's module is imported when the command is called: ``--help`` stays quick."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any, Final
+
+import typer
+from typer.core import TyperGroup
+
+from valve.errors import ValveError
+
+# Name of each command and what the list of commands says of it; its module is service.cli.NAME.
+COMMANDS: Final = {
+    "demo": "Simulated valves and the service, each valve tested through REST, truth beside estimate.",
+    "serve": "The service of the plant that a plant file describes.",
+    "simulate": "The valves of a plant file as Modbus slaves.",
+    "run": "One test of one valve through the REST interface of a running service.",
+    "analyze": "Estimates from recordings that exist already, with no service or device.",
+    "paper": "Tables and figures of Romano and Garcia (2007), ours beside the printed values.",
+}
+TRACEBACK_VARIABLE: Final = "BREAKAWAY_TRACEBACK"
+
+
+class _LazyGroup(TyperGroup):
+    """Knows every command by name and one line, and loads the one that is called."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
+        """Return the command that is called, loaded."""
+        name, command, rest = super().resolve_command(ctx, args)
+        return name, command if name is None else _loaded(name), rest
+
+
+def _loaded(name: str) -> Any:
+    single = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    single.command(name)(getattr(import_module(f"service.cli.{name}"), name))
+    return typer.main.get_command(single)
+
+
+def _named(name: str, line: str) -> Callable[[], None]:
+    def command() -> None:
+        """Stand in the list of commands; what is called is loaded."""
+
+    command.__name__, command.__doc__ = name, line
+    return command
+
+
+app = typer.Typer(
+    name="breakaway",
+    help="Vendor-neutral control-valve diagnostics over Modbus.",
+    cls=_LazyGroup,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+for _name, _line in COMMANDS.items():
+    app.command(_name)(_named(_name, _line))
+
+
+def main() -> None:
+    """Run the command line: 0 done, 1 the work failed (one sentence on standard error), 2 wrong usage."""
+    try:
+        app()
+    except ValveError as error:
+        sys.stderr.write(f"breakaway: {error}\n")
+        sys.exit(1)
+    except Exception as error:
+        if os.environ.get(TRACEBACK_VARIABLE):
+            raise
+        sys.stderr.write(
+            f"breakaway: a fault of ours ({type(error).__name__}: {error}): "
+            f"report it with what {TRACEBACK_VARIABLE}=1 shows\n"
+        )
+        sys.exit(1)

@@ -1,0 +1,120 @@
+"""``breakaway run``: one test through the REST interface, watched to its end."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from typing import Annotated, Any, Final
+from urllib.parse import quote
+
+import httpx
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from service.cli.analysis_tables import print_analysis
+from valve.errors import MeasurementError, RequestError, WireError
+
+_RECONNECTIONS: Final = 5
+_TIMEOUT: Final = httpx.Timeout(10.0, read=30.0)  # the stream says that it lives every 15 s
+
+
+def run(
+    tag: Annotated[str, typer.Argument(help="tag of the valve")],
+    sequence: Annotated[str, typer.Option(help="triangle, multi_rate, sine, steps or dwell")] = "triangle",
+    url: Annotated[str, typer.Option(envvar="BREAKAWAY_URL", help="root of the service")] = "http://127.0.0.1:8321",
+    as_json: Annotated[
+        bool, typer.Option("--json", help="print the test as one JSON object instead of tables")
+    ] = False,
+) -> None:
+    """Run one test of one valve and print both methods' estimates. Ctrl-C stops the test."""
+    try:
+        client = httpx.Client(base_url=url, timeout=_TIMEOUT)
+    except (httpx.InvalidURL, ValueError) as error:
+        raise RequestError(f"--url {url!r} is no address ({error}): give one such as http://127.0.0.1:8321") from None
+    with client:
+        location = _start(client, tag, sequence)
+        try:
+            _watch(client, location, tag)
+        except KeyboardInterrupt:
+            stopped = _asked(client, "POST", f"{location}/stop")
+            state = "at its safe value" if stopped["safe_confirmed"] else "SAFE STATE NOT CONFIRMED"
+            raise MeasurementError(f"{tag}: the test was stopped on request, the valve is {state}") from None
+        test = _asked(client, "GET", location)
+    if as_json:
+        sys.stdout.write(json.dumps(test, indent=2) + "\n")
+    if test["state"] != "completed":
+        raise MeasurementError(f"{tag}: the test is {test['state']}: {test['error']}")
+    if not as_json:
+        _print_test(Console(), test)
+
+
+def _asked(client: httpx.Client, method: str, path: str, body: dict[str, Any] | None = None) -> dict[str, Any]:
+    try:
+        answer = client.request(method, path, json=body)
+    except httpx.HTTPError as error:
+        raise WireError(
+            f"{client.base_url}: no answer ({error}): start it by breakaway serve, or name it by --url"
+        ) from None
+    try:
+        content: dict[str, Any] = answer.json()
+    except ValueError:
+        raise WireError(f"{client.base_url}: its answer is no JSON ({answer.status_code}): is it breakaway?") from None
+    if answer.is_error:
+        raise RequestError(str(content.get("detail", f"status {answer.status_code}")))
+    return content
+
+
+def _start(client: httpx.Client, tag: str, sequence: str) -> str:
+    test = _asked(client, "POST", "/tests/run", {"valve": tag, "sequence": sequence})
+    return f"/tests/{quote(test['id'], safe='')}"
+
+
+def _watch(client: httpx.Client, location: str, tag: str) -> None:
+    """Follow the test to its end; a broken stream is taken up where it broke."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TextColumn("{task.fields[phase]}"))
+    with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as bar:
+        task = bar.add_task(tag, total=1.0, phase="queued")
+        last, broken = "0", 0
+        while True:
+            try:
+                for number, kind, data in _events(client, location, last):
+                    last, broken = number, 0
+                    if kind == "progress":
+                        bar.update(task, completed=data["progress"], phase=data["phase"])
+                    elif kind == "end":
+                        bar.update(task, phase=data["state"], completed=1.0 if data["state"] == "completed" else None)
+                        return
+            except httpx.HTTPError as error:
+                problem = str(error) or type(error).__name__
+            else:
+                problem = "the stream ended before the test"
+            broken += 1
+            if broken > _RECONNECTIONS:
+                raise WireError(f"{tag}: the service is no longer heard ({problem}): see {client.base_url}{location}")
+
+
+def _events(client: httpx.Client, location: str, last: str) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    """Events of the stream as (id, kind, data)."""
+    fields: dict[str, str] = {}
+    with client.stream("GET", f"{location}/events", headers={"Last-Event-ID": last}) as answer:
+        answer.raise_for_status()
+        for line in answer.iter_lines():
+            if line:
+                name, _, value = line.partition(": ")
+                fields[name] = value
+            elif "data" in fields:
+                yield fields["id"], fields["event"], json.loads(fields["data"])
+                fields = {}
+
+
+def _print_test(console: Console, test: dict[str, Any]) -> None:
+    table = Table(show_header=False, box=None)
+    table.add_row("test", test["id"])
+    table.add_row("valve", f"{test['valve']}, {test['sequence']}")
+    table.add_row("recording", f"sha256 {test['recording']['sha256']}")
+    table.add_row("valve left at", "its safe value, read back" if test["safe_confirmed"] else "NOT CONFIRMED")
+    console.print(table)
+    print_analysis(console, test["analysis"])

@@ -1,0 +1,22 @@
+"""``breakaway serve``: the service as a process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def serve(
+    config: Annotated[Path, typer.Option("--config", help="the plant file", exists=False, dir_okay=False)],
+) -> None:
+    """Serve the plant that the file describes until SIGTERM or Ctrl-C; a running test is stopped and made safe."""
+    from service.settings import load_plant  # noqa: PLC0415  - a wrong file is told before anything heavy loads
+
+    plant = load_plant(config)
+    from service.logs import log_as_json  # noqa: PLC0415
+    from service.server import serve_plant  # noqa: PLC0415
+
+    log_as_json()
+    serve_plant(plant)

@@ -1,0 +1,80 @@
+"""The service on its socket: started, told to end, and ended with every valve safe."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import socket
+from types import FrameType
+from typing import Final
+
+import structlog
+import uvicorn
+from fastapi import FastAPI
+
+from service.app import create_app
+from service.parts import Parts
+from service.settings import Plant, ServiceSettings
+from service.store.store import Store
+from valve.errors import ConfigurationError
+
+_LOG = structlog.get_logger(__name__)
+_END_S: Final = 30  # for requests that wait for the end of a test, which is being stopped
+
+
+class _Server(uvicorn.Server):
+    """Ends by SIGTERM or SIGINT as it should: exit code 0, tests stopped before connections are waited for."""
+
+    def __init__(self, config: uvicorn.Config, app: FastAPI) -> None:
+        super().__init__(config)
+        self._application = app
+        self._loop: asyncio.AbstractEventLoop | None = None
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start, and say where."""
+        self._loop = asyncio.get_running_loop()
+        await super().startup(sockets=sockets)
+        for listener in sockets or []:
+            host, port = listener.getsockname()[:2]
+            _LOG.info("listening", url=f"http://{f'[{host}]' if ':' in host else host}:{port}")
+
+    def handle_exit(self, sig: int, _frame: FrameType | None) -> None:
+        """Stop the tests at once; the second signal no longer waits for anybody."""
+        self.force_exit = self.should_exit and sig == signal.SIGINT
+        self.should_exit = True
+        parts = getattr(self._application.state, "parts", None)
+        if isinstance(parts, Parts) and self._loop is not None:
+            self._loop.call_soon_threadsafe(parts.runs.begin_shutdown)
+
+
+def _listen(settings: ServiceSettings) -> socket.socket:
+    family = socket.AF_INET6 if ":" in settings.bind else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((settings.bind, settings.port))
+    except OSError as error:
+        listener.close()
+        raise ConfigurationError(
+            f"service.bind {settings.bind} port {settings.port} cannot be used ({error.strerror}): "
+            "choose another port, or end what uses it"
+        ) from error
+    return listener
+
+
+def serve_plant(plant: Plant) -> None:
+    """Serve until a signal ends it. Raises BusyError where another service has the store, ConfigurationError."""
+    with _listen(plant.service) as listener:
+        app = create_app(plant, store=Store(plant.service.store))
+        config = uvicorn.Config(
+            app,
+            loop="uvloop",
+            lifespan="on",
+            ws="none",
+            log_config=None,
+            access_log=False,
+            server_header=False,
+            timeout_graceful_shutdown=_END_S,
+        )
+        _Server(config, app).run(sockets=[listener])
+    _LOG.info("ended")

@@ -1,0 +1,94 @@
+"""A simulated plant on a TCP port, and the plant file of a service that drives it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from simulator.assembly import SimulatedPlant, reference_unit
+from simulator.clock import RunningClock
+from simulator.plant import SimulatedValve
+from simulator.sensor import Sensor
+from simulator.slave import TcpListener
+from simulator.transducer import Transducer
+from valve.parameter_sets import PARAMETER_SETS
+
+TAG = "FV-101"
+SAFE_PA = 20_000.0
+
+
+@asynccontextmanager
+async def wired_plant(
+    folder: Path,
+    *,
+    mode: str = "polled",
+    period_s: float = 0.01,
+    speed: float = 1.0,
+    watchdog_s: float = 2.0,
+    safe: str = str(SAFE_PA),
+    port: int = 0,
+) -> AsyncIterator[tuple[Path, SimulatedPlant]]:
+    """Serve one nominal valve and hand out the plant file and the plant."""
+    chosen = PARAMETER_SETS["nominal"]
+    valve = SimulatedValve(
+        TAG,
+        chosen.parameters,
+        chosen.nameplate,
+        Transducer((0.0, 82737.0)),
+        Sensor((-0.005, 0.107)),
+        Sensor((-4000.0, 87000.0)),
+    )
+    listener = TcpListener(port=port)
+    plant = SimulatedPlant([valve], {listener: [reference_unit(1, TAG)]}, RunningClock(speed))
+    await plant.start(look_every_s=0.01)
+    actuator, signal = chosen.nameplate.actuator, chosen.nameplate.signal
+    assert signal is not None
+    path = folder / "plant.toml"
+    path.write_text(
+        f"""\
+[service]
+store = "plant-data"
+port = 0
+[[buses]]
+name = "plc-1"
+kind = "modbus_tcp"
+host = "127.0.0.1"
+port = {plant.addresses[0].rpartition(":")[2]}
+timeout_s = 2.0
+[[valves]]
+tag = "{TAG}"
+safe_value_pa = {safe}
+[valves.actuator]
+diaphragm_area_m2 = {actuator.diaphragm_area_m2}
+travel_m = {actuator.travel_m}
+[valves.signal]
+range_ma = {json.dumps(signal.range_ma)}
+range_pa = {json.dumps(signal.range_pa)}
+[valves.limits]
+pressure_pa = {json.dumps(signal.range_pa)}
+pressure_rate_pa_per_s = 60000.0
+longest_test_s = 300.0
+[valves.command]
+bus = "plc-1"
+device_id = 1
+map = "reference"
+[valves.acquisition]
+mode = "{mode}"
+period_s = {period_s}
+[valves.watchdog]
+timeout_s = {watchdog_s}
+""",
+        encoding="utf-8",
+    )
+    try:
+        yield path, plant
+    finally:
+        await plant.stop()
+
+
+def asked_pa(plant: SimulatedPlant) -> float:
+    """Return what the simulated device asks of its I/P now, Pa."""
+    plant.look()
+    return float(plant.records[TAG].track.asked_pa[-1])
