@@ -1,0 +1,217 @@
+"""What every estimator gives: one estimate, with each parameter's value, interval and honesty."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, Final, Protocol
+
+from valve.nameplate import Nameplate
+from valve.parameters import PARAMETER_SYMBOLS, ValveParameters, parameters_from_symbols
+from valve.recording import Recording
+
+NORMAL_95: Final = 1.959964  # two-sided 95 % of the normal distribution
+# A 95 % interval wider than +-30 % of the value is no knowledge of it (the contract's limit of identifiability).
+LARGEST_RELATIVE_HALF_WIDTH: Final = 0.30
+
+
+class Status(StrEnum):
+    """How far an estimate may be trusted as a whole."""
+
+    OK = "ok"  # every parameter that the method can give is there
+    POOR = "poor"  # some are missing; the message says which and why
+    FAILED = "failed"  # nothing can be told of the friction; the message says why
+
+
+class Form(StrEnum):
+    """Which form of a method is used."""
+
+    PUBLISHED = "published"  # Romano & Garcia (2007), step by step
+    CORRECTED = "corrected"  # preload fitted, the bias of backward differences taken out, many points
+
+
+class Outcome(StrEnum):
+    """What a recording can be instead of a source of numbers; each value is a sentence with the remedy."""
+
+    NEVER_MOVED = "The stem never moved: repeat with a larger amplitude, or look for a stuck stem."
+    ONE_DIRECTION_ONLY = (
+        "The stem moved in one direction only, so friction and preload cannot be told apart: "
+        "repeat with a full cycle, up and down."
+    )
+    STOP_INSIDE_SWEEP = "The stem ran into a travel stop inside the sweep; what was measured on the stop is left out."
+    TOO_FEW_SAMPLES = "The recording has too few complete samples: repeat with a longer test or a higher rate."
+    RATE_TOO_LOW = "The sampling rate is too low to follow the stem: sample faster, or capture in the device."
+    TRANSIENTS_NOT_RESOLVED = (
+        "The sampling rate is too low to follow the stem from breakaway to steady motion: "
+        "capture in the device at 1 ms for m and F_v."
+    )
+    NOISE_TOO_HIGH = (
+        "The noise of the position swamps its differences: "
+        "use a quieter position sensor, or an estimator that does without differences."
+    )
+    MASS_HIDDEN = "The stem is damped so strongly that its mass does not show in its motion."
+    NO_BREAKAWAY = "No breakaway from rest was seen: repeat with a slower sequence that lets the stem come to rest."
+    NO_UNIFORM_MOTION = (
+        "The stem never moved uniformly, it slipped or was forced unevenly: repeat with a triangular wave, faster."
+    )
+    NO_FORCE_CHANGE = "The actuator's force did not change: check the pressure channel and repeat the test."
+    NO_DIAPHRAGM_AREA = (
+        "The recording has a pressure and the nameplate no diaphragm area: add actuator.diaphragm_area_m2."
+    )
+    UNPHYSICAL = (
+        "What was fitted is no valve (spring rate or friction below 0): "
+        "check the channels' signs and units, the diaphragm area and the action."
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterEstimate:
+    """One parameter in its SI unit: a value with its interval, or None with the reason in ``note``.
+
+    ``std_error`` holds the scatter and the known systematic errors; ``ci95`` may be None where a method has none.
+    """
+
+    value: float | None
+    std_error: float | None = None
+    ci95: tuple[float, float] | None = None
+    identifiable: bool = True
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        numbers = [self.value, self.std_error, *(self.ci95 or ())]
+        if any(number is not None and not math.isfinite(number) for number in numbers):
+            raise ValueError(f"parameter estimate {numbers}: every number must be finite, give None instead")
+        if (self.value is not None) != self.identifiable:
+            raise ValueError("parameter estimate: a value is given if and only if it is identifiable")
+        if self.value is None and not self.note:
+            raise ValueError("parameter estimate: a missing value needs a note that says why")
+
+    def to_json(self, unit: str) -> dict[str, Any]:
+        """Return the parameter as in the analysis object."""
+        return {
+            "value": self.value,
+            "unit": unit,
+            "std_error": self.std_error,
+            "ci95": None if self.ci95 is None else list(self.ci95),
+            "identifiable": self.identifiable,
+            "note": self.note,
+        }
+
+
+def absent(note: str) -> ParameterEstimate:
+    """Return a parameter that the data cannot give, and why."""
+    return ParameterEstimate(None, identifiable=False, note=note)
+
+
+def measured(value: float, std_error: float, *, note: str = "", reason: str = "") -> ParameterEstimate:
+    """Return a parameter with its 95 % interval, or its absence where the interval is wider than +-30 %.
+
+    ``reason`` says where the width comes from; ``note`` stays with a value that is given.
+    """
+    if not (math.isfinite(value) and math.isfinite(std_error)):
+        return absent(reason or "the data do not determine it")
+    half_width = NORMAL_95 * std_error
+    if half_width > LARGEST_RELATIVE_HALF_WIDTH * abs(value):
+        share = f"+-{100.0 * half_width / abs(value):.0f} %" if value != 0.0 else f"+-{half_width:.3g} about 0"
+        why = reason or "the data do not determine it better"
+        return absent(f"known to {share} only, the limit is 30 %: {why}")
+    return ParameterEstimate(value, std_error, (value - half_width, value + half_width), True, note)
+
+
+def offset_estimate(
+    value: float, std_error: float, scale: float, *, note: str = "", reason: str = ""
+) -> ParameterEstimate:
+    """As ``measured`` for a quantity that may be zero: its interval is judged against ``scale``."""
+    if not (math.isfinite(value) and math.isfinite(std_error)):
+        return absent(reason or "the data do not determine it")
+    half_width = NORMAL_95 * std_error
+    if half_width > LARGEST_RELATIVE_HALF_WIDTH * max(abs(value), scale):
+        return absent(f"known to +-{half_width:.3g} only: {reason or 'the data do not determine it better'}")
+    return ParameterEstimate(value, std_error, (value - half_width, value + half_width), True, note)
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """One method's answer to one recording; ``parameters`` has every symbol of PARAMETER_SYMBOLS.
+
+    ``residual_rms_m`` is the root mean square of measured minus simulated position with these parameters (exact
+    motion), or None where they do not suffice. ``diagnostics`` holds what a person or a picture may want beside
+    that (thresholds, raw values, counts) and is no part of the contract.
+    """
+
+    method: str
+    status: Status
+    message: str
+    residual_rms_m: float | None
+    parameters: dict[str, ParameterEstimate]
+    diagnostics: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if list(self.parameters) != list(PARAMETER_SYMBOLS):
+            raise ValueError(f"{self.method}: parameters are {list(self.parameters)}, not {list(PARAMETER_SYMBOLS)}")
+        if self.status is not Status.OK and not self.message:
+            raise ValueError(f"{self.method}: status {self.status} needs a message")
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the estimate as in the analysis object."""
+        return {
+            "method": self.method,
+            "status": str(self.status),
+            "message": self.message,
+            "residual_rms_m": self.residual_rms_m,
+            "parameters": {
+                symbol: self.parameters[symbol].to_json(entry.unit) for symbol, entry in PARAMETER_SYMBOLS.items()
+            },
+        }
+
+    def value(self, symbol: str) -> float | None:
+        """Return the value of this parameter, or None."""
+        return self.parameters[symbol].value
+
+    def valve_parameters(self, fallback: dict[str, float] | None = None) -> ValveParameters | None:
+        """Return all values as a valve; missing ones come from ``fallback`` (by symbol), None where some are left.
+
+        F_s is raised to F_c where the estimates cross within their errors.
+        """
+        values = {symbol: self.parameters[symbol].value for symbol in PARAMETER_SYMBOLS}
+        complete: dict[str, float] = {}
+        for symbol, value in values.items():
+            given = value if value is not None else (fallback or {}).get(symbol)
+            if given is None:
+                return None
+            complete[symbol] = given
+        complete["F_s"] = max(complete["F_s"], complete["F_c"])
+        return parameters_from_symbols(complete)
+
+
+def failed(method: str, outcome: Outcome, diagnostics: dict[str, Any] | None = None) -> Estimate:
+    """Return the estimate of a recording that tells nothing, by its outcome."""
+    parameters = {symbol: absent(str(outcome)) for symbol in PARAMETER_SYMBOLS}
+    return Estimate(
+        method, Status.FAILED, str(outcome), None, parameters, {"outcomes": [outcome.name], **(diagnostics or {})}
+    )
+
+
+def in_order(parameters: dict[str, ParameterEstimate]) -> dict[str, ParameterEstimate]:
+    """Return the parameters in the contract's order; one that is not there is marked as not given by the method."""
+    return {symbol: parameters.get(symbol, absent("the method does not give it")) for symbol in PARAMETER_SYMBOLS}
+
+
+def sentences(outcomes: Iterable[Outcome]) -> str:
+    """Return the outcomes' sentences, each once, in order."""
+    return " ".join(dict.fromkeys(str(outcome) for outcome in outcomes))
+
+
+class Estimator(Protocol):
+    """Anything that turns a recording into an estimate; its settings are frozen fields of the object."""
+
+    @property
+    def method(self) -> str:
+        """Name in the analysis object."""
+        ...
+
+    def estimate(self, recording: Recording, nameplate: Nameplate) -> Estimate:
+        """Return the estimate. Raises nothing for an odd recording: its status and message say what is wrong."""
+        ...

@@ -1,0 +1,58 @@
+"""How an estimate is concluded: status, message, misfit and diagnostics, the same for either method."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from estimators.base import Estimate, Outcome, ParameterEstimate, Status, in_order, sentences
+from estimators.misfit import Fallback, with_misfit
+from estimators.recorded_motion import RecordedMotion
+from estimators.transients import Transients
+
+_LARGE_BIAS = 0.05  # own choice: from here on a published value's bias makes the estimate poor
+_NEVER_GIVEN = {"DV"}
+
+
+def conclude(
+    method: str,
+    motion: RecordedMotion,
+    *,
+    parameters: dict[str, ParameterEstimate],
+    outcomes: list[Outcome],
+    transients: Transients,
+    diagnostics: dict[str, Any],
+    fallback: Fallback,
+) -> Estimate:
+    """Return the estimate: ok where all but DV is known, failed where not even friction or spring is."""
+    found = list(outcomes)
+    if motion.stops is not None:
+        found.append(Outcome.STOP_INSIDE_SWEEP)
+    if transients.outcome is not None:
+        found.append(transients.outcome)
+    complete = in_order(parameters)
+    assumed = {"F_0"} if diagnostics.get("form") == "published" else set()
+    missing = [s for s, p in complete.items() if p.value is None and s not in _NEVER_GIVEN | assumed]
+    message = sentences(found)
+    biased = [
+        f"{symbol} by about {100.0 * share:+.0f} %"
+        for symbol, share in zip(("m", "F_v"), transients.published_bias or (), strict=False)
+        if abs(share) > _LARGE_BIAS
+    ]
+    if missing:
+        message = f"{message} Not given: {', '.join(missing)}.".strip()
+    if biased:
+        message = f"{message} Backward differences bias {' and '.join(biased)}: use the corrected form.".strip()
+    hidden = {"m"} if Outcome.MASS_HIDDEN in found else set()
+    status = Status.POOR if set(missing) - hidden or biased or Outcome.ONE_DIRECTION_ONLY in found else Status.OK
+    if complete["k"].value is None and complete["F_c"].value is None:
+        status = Status.FAILED
+    information = {
+        **diagnostics,
+        "outcomes": [outcome.name for outcome in found],
+        "position_noise_m": motion.samples.position_noise_m,
+        "breakaways": len(motion.phases.breakaways),
+        "moving_speed_m_per_s": motion.phases.moving_speed,
+        "stops_m": None if motion.stops is None else [motion.stops.low_m, motion.stops.high_m],
+    }
+    estimate = Estimate(method, status, message, None, complete, information)
+    return with_misfit(estimate, motion.samples, motion.first_moving_row, fallback, motion.stops)

@@ -1,0 +1,73 @@
+"""What both methods begin with: the samples, their phases, the uniform motion in them and the stops they touch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from estimators.base import Estimate, Outcome
+from estimators.phases import Phases, find_phases
+from estimators.samples import Samples, prepare
+from estimators.stops import find_stops
+from estimators.uniform_motion import UniformMotion, fit_uniform_motion
+from valve.nameplate import Action, Nameplate
+from valve.parameters import TravelStops
+from valve.recording import Recording
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedMotion:
+    """Samples, phases, uniform motion (None where there is none, ``uniform_outcome`` says why) and stops."""
+
+    samples: Samples
+    phases: Phases
+    uniform: UniformMotion | None
+    uniform_outcome: Outcome | None
+    stops: TravelStops | None
+    action: Action
+    moving_mass_kg: float | None
+
+    @property
+    def first_moving_row(self) -> int:
+        """First row in motion."""
+        return self.phases.stretches[0].first
+
+    @property
+    def one_direction(self) -> bool:
+        """Whether the stem moved in one direction only, as far as uniform motion shows."""
+        directions = self.phases.directions if self.uniform is None else self.uniform.directions
+        return len(directions) < 2
+
+
+def read_motion(recording: Recording, nameplate: Nameplate) -> RecordedMotion | Outcome:
+    """Return what the recording holds, or the outcome where it holds no motion to work on."""
+    with np.errstate(all="ignore"):
+        return _read(recording, nameplate)
+
+
+@runtime_checkable
+class MotionEstimator(Protocol):
+    """An estimator that begins with what ``read_motion`` returns, so that several can share it."""
+
+    def estimate_motion(self, motion: RecordedMotion | Outcome) -> Estimate:
+        """Return the estimate."""
+        ...
+
+
+def _read(recording: Recording, nameplate: Nameplate) -> RecordedMotion | Outcome:
+    samples = prepare(recording, nameplate)
+    if isinstance(samples, Outcome):
+        return samples
+    if float(samples.force_n.max()) - float(samples.force_n.min()) <= 6.0 * samples.force_noise_n:
+        return Outcome.NO_FORCE_CHANGE
+    phases = find_phases(samples)
+    if isinstance(phases, Outcome):
+        return phases
+    action = nameplate.actuator.action
+    uniform = fit_uniform_motion(samples, phases, action)
+    if isinstance(uniform, Outcome):
+        return RecordedMotion(samples, phases, None, uniform, None, action, nameplate.actuator.moving_mass_kg)
+    stops = find_stops(samples, phases, uniform)
+    return RecordedMotion(samples, phases, uniform, None, stops, action, nameplate.actuator.moving_mass_kg)

@@ -1,0 +1,40 @@
+"""The estimators that there are: add one by its file and a line in ESTIMATORS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from estimators.base import Estimate, Estimator
+from estimators.garcia import GarciaEstimator
+from estimators.recorded_motion import MotionEstimator, read_motion
+from estimators.regression import RegressionEstimator
+from valve.errors import NotFoundError
+from valve.nameplate import Nameplate
+from valve.recording import Recording
+
+# In the order of the analysis object.
+ESTIMATORS: Final[dict[str, Callable[[], Estimator]]] = {
+    "regression": RegressionEstimator,
+    "garcia": GarciaEstimator,
+}
+
+
+def estimator(name: str) -> Estimator:
+    """Return the estimator of this name with its usual settings. Raises NotFoundError for another name."""
+    if name not in ESTIMATORS:
+        raise NotFoundError(f"estimator {name!r} is unknown: choose one of {', '.join(ESTIMATORS)}")
+    return ESTIMATORS[name]()
+
+
+def estimate_all(recording: Recording, nameplate: Nameplate) -> list[Estimate]:
+    """Return every estimator's answer to this recording, in the order of ESTIMATORS."""
+    motion = read_motion(recording, nameplate)
+    estimates = []
+    for make in ESTIMATORS.values():
+        one = make()
+        if isinstance(one, MotionEstimator):
+            estimates.append(one.estimate_motion(motion))  # what these begin with is read once
+        else:
+            estimates.append(one.estimate(recording, nameplate))
+    return estimates

@@ -1,0 +1,134 @@
+"""The samples that an estimator works on: complete rows, in runs across which nothing is differenced."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from estimators.base import Outcome
+from valve.errors import RecordingError
+from valve.nameplate import Nameplate
+from valve.recording import Recording
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+# Own choices: a longest step within a run (one missed slot is a gap), and the fewest rows that can hold a cycle.
+_LONGEST_STEP_PERIODS: Final = 1.75
+_FEWEST_SAMPLES: Final = 40
+_LARGEST_POSITION_M: Final = 1.0e3
+_LARGEST_FORCE_N: Final = 1.0e9
+_ROUNDING: Final = 1.0e-9  # of the range: below it a channel is computed and not measured
+_MAD_TO_SIGMA: Final = 1.4826  # of the normal distribution
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """Complete rows of a recording: ``time_s``, ``position_m`` and ``force_n``, shape (n,).
+
+    ``run_first`` and ``run_last``, shape (n,), are the first and last row of each row's run without a gap.
+    """
+
+    time_s: FloatArray
+    position_m: FloatArray
+    force_n: FloatArray
+    run_first: IntArray
+    run_last: IntArray
+    period_s: float
+    position_noise_m: float
+    force_noise_n: float
+
+    @property
+    def count(self) -> int:
+        """Number of rows."""
+        return int(self.time_s.size)
+
+
+def prepare(recording: Recording, nameplate: Nameplate) -> Samples | Outcome:
+    """Return the recording's complete samples, or the outcome that says why there are none to work on."""
+    try:
+        force_n = recording.actuator_force_n(nameplate)
+    except RecordingError:
+        return Outcome.NO_DIAPHRAGM_AREA
+    present = np.isfinite(recording.position_m) & np.isfinite(force_n)
+    rows = np.flatnonzero(present)
+    if rows.size < _FEWEST_SAMPLES:
+        return Outcome.TOO_FEW_SAMPLES
+    time_s, position_m, force_n = recording.time_s[rows], recording.position_m[rows], force_n[rows]
+    if max(abs(float(position_m.max())), abs(float(position_m.min()))) > _LARGEST_POSITION_M:
+        return Outcome.UNPHYSICAL
+    if max(abs(float(force_n.max())), abs(float(force_n.min()))) > _LARGEST_FORCE_N:
+        return Outcome.UNPHYSICAL
+    step_s = np.diff(time_s)
+    period_s = float(np.median(step_s))
+    broken = (np.diff(rows) > 1) | (step_s > _LONGEST_STEP_PERIODS * period_s)
+    firsts = np.concatenate([[0], np.flatnonzero(broken) + 1])
+    lengths = np.diff(np.concatenate([firsts, [rows.size]]))
+    if period_s <= 0.0 or int(lengths.max()) < 8:
+        return Outcome.TOO_FEW_SAMPLES
+    run_first = np.repeat(firsts, lengths)
+    run_last = run_first + np.repeat(lengths, lengths) - 1
+    noise_m = max(channel_noise(time_s, position_m, run_first), _resolution(position_m) / np.sqrt(12.0))
+    return Samples(
+        time_s=time_s,
+        position_m=position_m,
+        force_n=force_n,
+        run_first=run_first,
+        run_last=run_last,
+        period_s=period_s,
+        position_noise_m=noise_m if noise_m > _ROUNDING * float(np.ptp(position_m)) else 0.0,
+        force_noise_n=channel_noise(time_s, force_n, run_first),
+    )
+
+
+def channel_noise(time_s: FloatArray, channel: FloatArray, run_first: IntArray) -> float:
+    """White noise of a channel, one standard deviation, by its 4th differences.
+
+    The median absolute value of the 4th divided differences, each scaled to unit variance; they vanish for a
+    smooth motion also where the samples are uneven.
+    """
+    inside = np.flatnonzero(run_first[4:] == run_first[:-4])
+    if inside.size < 8:
+        return 0.0
+    step_s = np.diff(time_s)
+    if float(np.ptp(step_s)) <= 1.0e-3 * float(step_s.min()):
+        fourth = np.abs(np.diff(channel, 4)[inside]) / np.sqrt(70.0)
+    else:
+        fourth = _fourth_divided(time_s, channel)[inside]
+    return _MAD_TO_SIGMA * float(np.median(fourth))
+
+
+def _fourth_divided(time_s: FloatArray, channel: FloatArray) -> FloatArray:
+    """Absolute 4th divided differences, each divided by the norm of its coefficients; shape (n - 4,)."""
+    count = time_s.size - 4
+    total, norm = np.zeros(count), np.zeros(count)
+    unit_s = float(np.median(np.diff(time_s)))
+    for own in range(5):
+        weight = np.ones(count)
+        for other in range(5):
+            if other != own:
+                weight /= (time_s[own : own + count] - time_s[other : other + count]) / unit_s
+        total += weight * channel[own : own + count]
+        norm += weight * weight
+    return np.asarray(np.abs(total) / np.sqrt(norm))
+
+
+def _resolution(channel: FloatArray) -> float:
+    """Step of the grid that the channel lies on, or 0 where it lies on none that is coarser than rounding.
+
+    A stem at rest on one step hides the resolution from the differences: its noise is then step / sqrt(12).
+    """
+    gaps = np.abs(np.diff(channel))
+    gaps = gaps[gaps > 1.0e-12 * float(np.abs(channel).max())]
+    if gaps.size == 0:
+        return 0.0
+    step = float(gaps.min())
+    multiples = (channel[:: max(1, channel.size // 2000)] - channel[0]) / step
+    if float(np.abs(multiples).max()) > 1.0e7:
+        return 0.0
+    off_grid = np.abs(multiples - np.rint(multiples))
+    return step if float(off_grid.max()) < 0.02 else 0.0

@@ -1,0 +1,54 @@
+"""Travel stops inside the sweep: the stem rests at an end although the force exceeds all friction."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from estimators.phases import Phases
+from estimators.samples import BoolArray, Samples
+from estimators.static_friction import breakaway_forces
+from estimators.uniform_motion import UniformMotion
+from valve.parameters import TravelStops
+
+# Own choices: what a rest may exceed the friction at breakaway by, and how near to its end a stop's rest lies.
+_EXCESS: Final = 1.15
+_EXCESS_OF_RANGE: Final = 0.01
+_NEAR_THE_END: Final = 0.005
+
+
+def find_stops(samples: Samples, phases: Phases, uniform: UniformMotion) -> TravelStops | None:
+    """Return the stops that the stem rested on, or None; a rest is on one where |F - k x - F_0| is beyond friction."""
+    if uniform.preload_n is None:
+        return None
+    spring, preload = uniform.spring_n_per_m, uniform.preload_n
+    forces = breakaway_forces(samples, phases, spring, preload)
+    friction = uniform.friction_n if forces is None else max(float(forces.friction_n.max()), uniform.friction_n)
+    limit = _EXCESS * friction + _EXCESS_OF_RANGE * float(np.ptp(samples.force_n)) + 5.0 * samples.force_noise_n
+    resting = np.ones(samples.count, dtype=np.bool_)
+    for stretch in phases.stretches:
+        resting[stretch.rows] = False
+    excess = samples.force_n - spring * samples.position_m - preload
+    low_m, high_m = float(samples.position_m.min()), float(samples.position_m.max())
+    near = _NEAR_THE_END * (high_m - low_m) + 6.0 * samples.position_noise_m
+    on_high = resting & (excess > limit) & (samples.position_m > high_m - near)
+    on_low = resting & (excess < -limit) & (samples.position_m < low_m + near)
+    stops = {}
+    if on_high.any():
+        stops["high_m"] = float(np.median(samples.position_m[on_high]))
+    if on_low.any():
+        stops["low_m"] = float(np.median(samples.position_m[on_low]))
+    return TravelStops(**stops) if stops else None
+
+
+def rows_off_stops(samples: Samples, stops: TravelStops | None) -> BoolArray:
+    """Rows, shape (n,), of which neither they nor the two before touch a stop."""
+    if stops is None:
+        return np.ones(samples.count, dtype=np.bool_)
+    near = 6.0 * samples.position_noise_m + 1.0e-6 * float(np.ptp(samples.position_m))
+    touching = (samples.position_m > stops.high_m - near) | (samples.position_m < stops.low_m + near)
+    off = ~touching
+    off[1:] &= ~touching[:-1]
+    off[2:] &= ~touching[:-2]
+    return off
