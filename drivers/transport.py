@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import ssl
 import termios
 import time
@@ -56,6 +57,9 @@ _LONGEST_SILENCE_S: Final = 1.75e-3  # the gap above 19200 baud (the same, 2.5.1
 _CANARY_ATTEMPTS: Final = 3
 _TLS_HANDSHAKE_S: Final = 2.0  # on top of the transaction's deadline: two certificates are checked
 _RTU_FRAME_OVERHEAD: Final = 3
+
+# What pymodbus would print is said by the errors here; who configures logging still gets it.
+logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 
 _Client = AsyncModbusTcpClient | AsyncModbusSerialClient
 
@@ -326,7 +330,12 @@ class Transport:
                 connected = await client.connect()
         except TimeoutError:
             connected = False
-        except (OSError, termios.error, ModbusException) as error:
+        except termios.error as error:
+            raise ConnectionLostError(
+                f"bus {self.name}: the port refuses its settings ({error}): check baud_rate, parity and stop_bits; "
+                'pseudo-terminals and some adapters know no parity, then say parity = "N"'
+            ) from error
+        except (OSError, ModbusException) as error:
             raise ConnectionLostError(f"bus {self.name}: it cannot be opened ({error}): check the address") from error
         if not connected:
             client.close()
