@@ -45,7 +45,7 @@ def _bus(valve: DemoValve, port: int, folder: Path) -> str:
     if valve.transport == "tcp":
         return f'kind = "modbus_tcp"\nhost = "127.0.0.1"\nport = {port}\n'
     path = json.dumps(str(folder / f"line-{valve.tag}"))
-    return f'kind = "modbus_rtu"\nserial_port = {path}\nbaud_rate = 115200\nparity = "E"\n'
+    return f'kind = "modbus_rtu"\nserial_port = {path}\nbaud_rate = 115200\nparity = "N"\n'
 
 
 def _valve(valve: DemoValve) -> str:
