@@ -15,7 +15,7 @@ def _cells(parameter: dict[str, Any] | None, truth: float) -> tuple[str, str]:
     """Value with its interval, and its error in percent of the truth, as text."""
     value = None if parameter is None else parameter.get("value")
     if value is None:
-        return "not identifiable", ""
+        return "not known", ""
     error = f"{100.0 * (value - truth) / truth:+.3g} %" if truth != 0.0 else ""
     return f"{value:.6g}", error
 
@@ -49,13 +49,18 @@ def print_test(console: Console, valve: DemoValve, made: dict[str, Any]) -> None
         return
     console.print(_table(valve, made))
     for estimate in test["analysis"]["estimates"]:
-        if estimate["message"]:
-            console.print(f"  {estimate['method']}: {estimate['message']}")
-        notes: dict[str, list[str]] = {}
-        for symbol, parameter in estimate["parameters"].items():
-            if parameter["value"] is None and parameter["note"]:
-                notes.setdefault(parameter["note"], []).append(symbol)
-        for note, symbols in notes.items():
-            console.print(f"  {estimate['method']}, {', '.join(symbols)}: {note}")
+        _print_reasons(console, estimate)
     discrepancy = test["analysis"]["discrepancy"]
     console.print(f"  diagnosis: {discrepancy['verdict']}. {discrepancy.get('message', '')}")
+
+
+def _print_reasons(console: Console, estimate: dict[str, Any]) -> None:
+    """Print why an estimate is not better than it is, each reason once."""
+    if estimate["message"]:
+        console.print(f"  {estimate['method']}: {estimate['message']}")
+    reasons: dict[str, list[str]] = {}
+    for symbol, parameter in estimate["parameters"].items():
+        if parameter["value"] is None and parameter["note"] not in estimate["message"]:
+            reasons.setdefault(parameter["note"], []).append(symbol)
+    for reason, symbols in reasons.items():
+        console.print(f"  {estimate['method']}, {', '.join(symbols)} not known: {reason}")
