@@ -65,7 +65,9 @@ class Sine(Sequence):
 
     def waveform(self, low_pa: float, high_pa: float) -> Waveform:
         """Return the sine as straight lines."""
-        return sine(self.period_s, self.cycles, low_pa, high_pa, corners_per_period=int(_SINE_CORNERS / self.cycles))
+        return sine(
+            self.period_s, self.cycles, low_pa, high_pa, corners_per_period=2 * int(_SINE_CORNERS / self.cycles / 2.0)
+        )
 
 
 class Steps(Sequence):

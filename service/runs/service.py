@@ -15,7 +15,7 @@ from service.bus import BusOwners
 from service.events import Event
 from service.runs.life import NOT_CONFIRMED, Analyst, Life
 from service.runs.live import LiveRun
-from service.runs.recovery import UNFINISHED, mark_interrupted, needs_safe
+from service.runs.recovery import UNFINISHED, keep_journals_of_ended_runs, mark_interrupted, needs_safe
 from service.runs.rig import Order, Rig
 from service.runs.run import Run, checked_run_id, new_run_id
 from service.runs.sequences import build_waveform
@@ -123,7 +123,12 @@ class Runs:
         """Runs older than the run ``before``, newest first. Raises NotFoundError."""
         number = None if before is None else (await self.get(before)).number
         runs = await asyncio.to_thread(self._store.runs.newest, limit, before=number, valve=tag)
-        return [live.run if (live := self._live.get(run.id)) is not None else run for run in runs]
+        return [self.as_it_stands(run) for run in runs]
+
+    def as_it_stands(self, run: Run) -> Run:
+        """Return a stored run with the progress that only the memory knows."""
+        live = self._live.get(run.id)
+        return run if live is None else live.run
 
     async def wait(self, run_id: str, timeout_s: float) -> Run:
         """Return a run when it has ended or when the time is over."""
@@ -153,6 +158,7 @@ class Runs:
 
     async def recover(self) -> None:
         """Mark what a dead process left and send its valves to safe, each in a task of its own."""
+        await asyncio.to_thread(keep_journals_of_ended_runs, self._store)
         for run in await asyncio.to_thread(self._store.runs.in_states, UNFINISHED):
             interrupted, entry_pa = await asyncio.to_thread(mark_interrupted, self._store, run)
             valve = self._plant.valves.get(run.valve)

@@ -56,7 +56,7 @@ def _summary(parts: Parts, tag: str, last: Run | None, completed: Run | None) ->
         "buses": sorted(valve.buses),
         "acquisition": valve.wiring.acquisition.mode.value,
         "busy_with": parts.runs.user_of(tag),
-        "last_test": None if last is None else summary(last),
+        "last_test": None if last is None else summary(parts.runs.as_it_stands(last)),
         "health": None if analysis is None else analysis.get("health"),
     }
 

@@ -256,14 +256,11 @@ BAD_BODIES: dict[str, tuple[str, int]] = {
 }
 
 
-@pytest.mark.parametrize(("body", "status"), BAD_BODIES.values(), ids=list(BAD_BODIES))
-async def test_a_bad_body_is_refused_and_nothing_moves(
-    client: httpx.AsyncClient, rig: FakeRig, body: str, status: int
-) -> None:
-    answer = await client.post("/tests/run", content=body, headers={"Content-Type": "application/json"})
-    if status == 422 and answer.status_code == 400:
-        status = 400
-    assert_problem(answer, status)
+async def test_a_bad_body_is_refused_and_nothing_moves(client: httpx.AsyncClient, rig: FakeRig) -> None:
+    for name, (body, status) in BAD_BODIES.items():
+        answer = await client.post("/tests/run", content=body, headers={"Content-Type": "application/json"})
+        assert answer.status_code in ((400, 422) if status == 422 else (status,)), f"{name}: {answer.text}"
+        assert_problem(answer, answer.status_code)
     assert rig.orders == []
     assert (await client.get("/tests")).json()["tests"] == []
 

@@ -1,0 +1,264 @@
+from __future__ import annotations
+
+import asyncio
+import hashlib
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.addresses import MotionLimits
+from drivers.outcome import SampleBlock
+from service.bus import BusOwners
+from service.events import EventLog
+from service.recordings.formats import CSV, PARQUET, acceptable
+from service.runs.life import Life
+from service.runs.live import LiveRun
+from service.runs.recovery import keep_journals_of_ended_runs
+from service.runs.rig import Order
+from service.runs.run import Run, RunState, new_run_id
+from service.runs.sequences import SEQUENCES, build_waveform
+from service.runs.service import Runs
+from service.settings import Plant, load_plant
+from service.store.journal import JournalWriter
+from service.store.store import Store
+from tests.service.fake_rig import FakeAnalyst, FakeRig
+from valve.errors import BusyError, NotFoundError, RequestError, WaveformError
+from valve.nameplate import Actuator, Nameplate, Signal
+
+PLATE = Nameplate("X", Actuator(0.1, 0.06), Signal((4.0, 20.0), (10_000.0, 90_000.0)))
+LIMITS = MotionLimits((0.0, 80_000.0), 30_000.0, 300.0)
+
+
+@pytest.mark.parametrize("name", list(SEQUENCES))
+def test_every_sequence_stays_between_signal_and_limits_by_default(name: str) -> None:
+    waveform = build_waveform(name, {}, PLATE, LIMITS)
+    assert waveform.range_pa == pytest.approx((10_000.0, 80_000.0))
+    assert waveform.time_s.size <= 1024
+    assert build_waveform(name, {"low_pa": 2e4, "high_pa": 3e4}, PLATE, LIMITS).range_pa == pytest.approx((2e4, 3e4))
+
+
+def test_the_default_sequence_is_the_papers() -> None:
+    waveform = build_waveform("triangle", {}, PLATE, LIMITS)
+    assert waveform.duration_s == 60.0
+    assert build_waveform("triangle", {"period_s": 10, "cycles": 1}, PLATE, LIMITS).duration_s == 10.0
+
+
+@pytest.mark.parametrize(
+    ("name", "overrides", "part"),
+    [
+        ("waltz", {}, "triangle"),
+        ("triangle", {"cycle": 1}, "cycle"),
+        ("triangle", {"cycles": 0}, "cycles"),
+        ("triangle", {"cycles": 1.5}, "cycles"),
+        ("triangle", {"period_s": float("nan")}, "period_s"),
+        ("triangle", {"period_s": "20"}, "period_s"),
+        ("multi_rate", {"periods_s": []}, "periods_s"),
+        ("steps", {"levels_percent": [0, 101]}, "levels_percent"),
+    ],
+)
+def test_wrong_overrides_are_refused_by_name(name: str, overrides: dict[str, Any], part: str) -> None:
+    with pytest.raises(RequestError, match=part):
+        build_waveform(name, overrides, PLATE, LIMITS)
+
+
+def test_a_span_that_falls_is_refused() -> None:
+    with pytest.raises(WaveformError):
+        build_waveform("triangle", {"low_pa": 5e4, "high_pa": 2e4}, PLATE, LIMITS)
+
+
+def test_a_bus_has_one_owner_until_it_is_given_back() -> None:
+    owners = BusOwners()
+    claim = owners.claim("run-1", "A", {"bus-1", "bus-2"})
+    with pytest.raises(BusyError, match="run-1 uses this valve"):
+        owners.claim("run-2", "A", {"bus-9"})
+    with pytest.raises(BusyError, match="bus-2"):
+        owners.claim("run-2", "B", {"bus-2"})
+    other = owners.claim("run-3", "C", {"bus-3"})
+    assert owners.holder("A") == "run-1"
+    owners.release(claim)
+    owners.release(claim)
+    owners.claim("run-4", "B", {"bus-2"})
+    owners.release(other)
+
+
+async def test_a_log_is_followed_by_many_each_from_where_it_wants() -> None:
+    log = EventLog()
+    log.append("a", {})
+
+    async def read(after: int) -> list[int]:
+        return [event.id async for event in log.follow(after, idle_s=5.0) if event is not None]
+
+    readers = [asyncio.create_task(read(after)) for after in (0, 1, 99)]
+    await asyncio.sleep(0)
+    log.append("b", {})
+    await asyncio.sleep(0)
+    log.append("c", {})
+    log.close()
+    assert [await reader for reader in readers] == [[1, 2, 3], [2, 3], [1, 2, 3]]
+
+
+async def test_a_quiet_log_says_that_it_lives() -> None:
+    log = EventLog()
+    async for event in log.follow(idle_s=0.01):
+        assert event is None
+        break
+
+
+@pytest.mark.parametrize(
+    ("accept", "expected"),
+    [
+        ("*/*", CSV),
+        ("text/csv", CSV),
+        ("application/vnd.apache.parquet", PARQUET),
+        ("text/csv;q=0.5, application/x-parquet", PARQUET),
+        ("text/*, application/*;q=0.9", CSV),
+        ("*/*;q=0.1, text/csv;q=0", PARQUET),
+        ("text/csv;q=nonsense, */*;q=0.2", PARQUET),
+    ],
+)
+def test_the_format_is_what_the_client_prefers(accept: str, expected: str) -> None:
+    assert acceptable(accept) == expected
+
+
+# ---- a store, a plant and a fake rig
+
+
+def _runs(plant: Plant, store: Store, rig: FakeRig) -> Runs:
+    return Runs(plant, store, rig, FakeAnalyst(), software="breakaway 0")
+
+
+async def test_the_intent_is_on_disk_before_the_rig_is_asked(plant_file: Path) -> None:
+    plant = load_plant(plant_file)
+    store = Store(plant.service.store)
+    seen: list[RunState] = []
+
+    class Looking(FakeRig):
+        async def play(self, order: Order, watcher: Any, stop: asyncio.Event) -> Any:
+            seen.append(store.runs.newest(1)[0].state)
+            return await super().play(order, watcher, stop)
+
+    runs = _runs(plant, store, Looking())
+    run = await runs.start("FV-101", "triangle", {})
+    assert store.runs.get(run.id).valve == "FV-101"
+    ended = await runs.wait(run.id, 10.0)
+    assert seen == [RunState.RUNNING]
+    assert ended == store.runs.get(run.id)
+    assert ended.recording_sha256 == hashlib.sha256(store.recording_path(run.id).read_bytes()).hexdigest()
+    await runs.shut_down()
+    store.close()
+
+
+async def test_an_unfinished_test_is_interrupted_and_its_valve_is_sent_to_safe(plant_file: Path) -> None:
+    plant = load_plant(plant_file)
+    store = Store(plant.service.store)
+    states = (RunState.QUEUED, RunState.RUNNING, RunState.ANALYZING)
+    left = [store.runs.insert(_stored(state)) for state in states]
+    store.runs.save(replace(left[2], safe_confirmed=True))
+    journal = JournalWriter(store.journal_path(left[1].id), {"valve": "FV-101", "entry_pa": 777.0})
+    journal.append(_block(50))
+    journal.close()
+    rig = FakeRig()
+    runs = _runs(plant, store, rig)
+    await runs.recover()
+    await runs.shut_down()
+    after = [store.runs.get(run.id) for run in left]
+    assert {run.state for run in after} == {RunState.INTERRUPTED}
+    assert sorted(rig.safe_calls, key=str) == [("FV-101", 1, None), ("FV-101", 2, 777.0)]
+    assert [run.safe_confirmed for run in after] == [True, True, True]
+    assert after[1].recording_file is not None
+    assert not store.journal_path(left[1].id).exists()
+    assert rig.orders == [], "nothing resumes by itself"
+    store.close()
+
+
+async def test_a_valve_that_cannot_be_made_safe_after_a_crash_is_said_so(plant_file: Path) -> None:
+    plant = load_plant(plant_file)
+    store = Store(plant.service.store)
+    gone = store.runs.insert(replace(_stored(RunState.RUNNING), valve="FV-999"))
+    here = store.runs.insert(_stored(RunState.RUNNING))
+    rig = FakeRig()
+    rig.safe_confirmed = False
+    runs = _runs(plant, store, rig)
+    await runs.recover()
+    await runs.shut_down()
+    for run in (gone, here):
+        assert store.runs.get(run.id).safe_confirmed is False
+        assert "SAFE STATE NOT CONFIRMED" in store.runs.get(run.id).error
+    store.close()
+
+
+async def test_a_disk_that_fails_stops_the_test_and_keeps_what_was_written(
+    plant_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plant = load_plant(plant_file)
+    store = Store(plant.service.store)
+    rig = FakeRig(1.0)
+    runs = _runs(plant, store, rig)
+    write, calls = JournalWriter.append, 0
+
+    def failing(self: JournalWriter, block: SampleBlock) -> None:
+        nonlocal calls
+        calls += 1
+        if calls > 3:
+            raise OSError(28, "No space left on device")
+        write(self, block)
+
+    def no_room(*_: Any) -> tuple[str, str]:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(JournalWriter, "append", failing)
+    monkeypatch.setattr(store, "write_recording", no_room)
+    run = await runs.start("FV-101", "triangle", {})
+    ended = await runs.wait(run.id, 10.0)
+    assert ended.state is RunState.FAILED
+    assert "No space left" in ended.error
+    assert store.journal_path(run.id).exists()
+    monkeypatch.undo()
+    keep_journals_of_ended_runs(store)
+    kept = store.runs.get(run.id)
+    assert kept.recording_sha256 is not None
+    assert kept.state is RunState.FAILED
+    await runs.shut_down()
+    store.close()
+
+
+async def test_a_test_that_is_stopped_before_it_moves_never_moves(plant_file: Path) -> None:
+    plant = load_plant(plant_file)
+    store = Store(plant.service.store)
+    live = LiveRun(store.runs.insert(_stored(RunState.QUEUED)))
+    live.request_stop("stopped on request")
+    rig, owners, valve = FakeRig(), BusOwners(), plant.valves["FV-101"]
+    waveform = build_waveform("triangle", {}, valve.nameplate, valve.wiring.limits)
+    order = Order(valve, waveform, "triangle", live.run.number)
+    claim = owners.claim(live.run.id, "FV-101", valve.buses)
+    await Life(live, order, claim, store, owners).run(rig, FakeAnalyst())
+    assert live.run.state is RunState.STOPPED
+    assert rig.orders == []
+    assert owners.holder("FV-101") is None
+    store.close()
+
+
+async def test_nothing_starts_while_the_service_shuts_down(plant_file: Path) -> None:
+    plant = load_plant(plant_file)
+    store = Store(plant.service.store)
+    runs = _runs(plant, store, FakeRig())
+    runs.begin_shutdown()
+    with pytest.raises(BusyError, match="shutting down"):
+        await runs.start("FV-101", "triangle", {})
+    with pytest.raises(NotFoundError):
+        await runs.start("FV-1", "triangle", {})
+    assert store.runs.newest(5) == []
+    store.close()
+
+
+def _stored(state: RunState) -> Run:
+    return Run(id=new_run_id(), valve="FV-101", sequence="triangle", state=state)
+
+
+def _block(count: int) -> SampleBlock:
+    time_s = np.linspace(0.0, 1.0, count)
+    channel = np.full(count, 1.0)
+    return SampleBlock(time_s, 0.001 * channel, channel, channel, time_s, time_s, recorded=True)
