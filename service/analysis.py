@@ -1,0 +1,165 @@
+"""The analysis object: what one recording says of its valve, as the contract has it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+import numpy as np
+from estimators.registry import ESTIMATORS
+
+from estimators.base import Estimate, Status
+from estimators.samples import channel_noise
+from valve.errors import MotionError, ParameterError, RecordingError
+from valve.motion import simulate_recording
+from valve.nameplate import Nameplate
+from valve.recording import CHANNELS, FloatArray, Recording
+
+Progress = Callable[[float, str], None]
+
+SCHEMA: Final = "breakaway/analysis/1"
+_NOT_ASSESSED: Final = "This version estimates parameters and does not look for causes of a misfit."
+_NO_HEALTH: Final = "not assessed: this version has no limits to judge the parameters by"
+# Between two recordings that are analysed together, in periods of the second: the estimators see a gap there.
+_PERIODS_BETWEEN: Final = 10.0
+
+
+def analyze_recordings(
+    recordings: Sequence[Recording],
+    nameplate: Nameplate,
+    *,
+    held_out: Sequence[tuple[str, Recording]] = (),
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Analysis object (``breakaway/analysis/1``) of one recording, or of several as one with gaps between them.
+
+    ``held_out`` are named recordings that the estimates are tried on. ``progress`` is told the share done, 0 to 1,
+    and what is going on. Raises RecordingError where there is no recording, or where they have different channels.
+    """
+    tell = progress or (lambda _share, _phase: None)
+    tell(0.0, "looking at the recording")
+    recording = joined(recordings)
+    estimates: list[Estimate] = []
+    for done, (method, make) in enumerate(ESTIMATORS.items()):
+        tell((1 + done) / (2 + len(ESTIMATORS)), f"estimating by {method.replace('_', ' ')}")
+        estimates.append(make().estimate(recording, nameplate))
+    analysis = {
+        "schema": SCHEMA,
+        "recording": recording_summary(recording),
+        "estimates": [estimate.to_json() for estimate in estimates],
+        "discrepancy": {"verdict": "not_assessed", "message": _NOT_ASSESSED},
+        "signature": signature(estimates, nameplate),
+        "health": {"ne107": None, "reasons": [_NO_HEALTH]},
+    }
+    if held_out:
+        tell((1 + len(ESTIMATORS)) / (2 + len(ESTIMATORS)), "trying the estimates on held-out recordings")
+        analysis["held_out"] = [_tried(name, recording, estimates, nameplate) for name, recording in held_out]
+    tell(1.0, "done")
+    return analysis
+
+
+def joined(recordings: Sequence[Recording]) -> Recording:
+    """Return the recordings one after the other, with a gap in time between; their provenance is the first one's.
+
+    Raises RecordingError where there is none, or where they have different channels.
+    """
+    if not recordings:
+        raise RecordingError("analysis: no recording is given, give at least 1")
+    first = recordings[0]
+    if len(recordings) == 1:
+        return first
+    channels = [name for name in CHANNELS if getattr(first, name) is not None]
+    columns: dict[str, list[FloatArray]] = {name: [] for name in ("time_s", *channels)}
+    start_s = float(first.time_s[0])
+    for number, recording in enumerate(recordings, 1):
+        own = [name for name in CHANNELS if getattr(recording, name) is not None]
+        if own != channels:
+            raise RecordingError(
+                f"analysis: recording {number} has the channels {', '.join(own)} and the first {', '.join(channels)}: "
+                "analyse recordings with different channels one by one"
+            )
+        columns["time_s"].append(recording.time_s - recording.time_s[0] + start_s)
+        period_s = recording.sample_period_s if recording.samples > 1 else 1.0
+        start_s = float(columns["time_s"][-1][-1]) + _PERIODS_BETWEEN * period_s
+        for name in channels:
+            columns[name].append(getattr(recording, name))
+    whole = {name: np.concatenate(parts) for name, parts in columns.items()}
+    return Recording(**whole, provenance=first.provenance)
+
+
+def recording_summary(recording: Recording) -> dict[str, Any]:
+    """Return size, rate, gaps, noise and how evenly the samples were taken; None where it cannot be told."""
+    summary: dict[str, Any] = {
+        "samples": recording.samples,
+        "duration_s": recording.duration_s,
+        "sample_period_s": recording.sample_period_s if recording.samples > 1 else None,
+        "gaps": recording.gaps,
+        "position_noise_m": position_noise_m(recording),
+        "acquisition": str(recording.provenance.acquisition),
+        "channels": [name for name in CHANNELS if getattr(recording, name) is not None],
+        "sampling": None,
+    }
+    if recording.samples > 1:
+        quality = recording.sampling_quality()
+        summary["sampling"] = {
+            "rate_hz": quality.achieved_rate_hz,
+            "jitter_rms_s": quality.jitter_rms_s,
+            "largest_period_s": quality.largest_period_s,
+            "missed_slots": quality.missed_slots,
+            "exchange_s": quality.median_exchange_s,
+        }
+    return summary
+
+
+def position_noise_m(recording: Recording) -> float | None:
+    """White noise of the position by its 4th differences within runs without a gap, m; None with too few samples."""
+    rows = np.flatnonzero(np.isfinite(recording.position_m))
+    if rows.size < 12:
+        return None
+    firsts = np.concatenate([[True], np.diff(rows) > 1])
+    run_first = np.maximum.accumulate(np.where(firsts, np.arange(rows.size), 0))
+    return channel_noise(recording.time_s[rows], recording.position_m[rows], run_first)
+
+
+def signature(estimates: Sequence[Estimate], nameplate: Nameplate) -> dict[str, Any] | None:
+    """Return the technician's figures that follow from the first estimate that has a spring rate; None without one.
+
+    ``spring_rate_n_per_m`` is k; ``bench_set_pa`` is F_0 / S_a and (F_0 + k travel) / S_a; ``friction_mean_n`` is
+    F_c, the friction at low speed. What no estimate gives (friction over travel, dead band) is left out.
+    """
+    for estimate in estimates:
+        stiffness = estimate.value("k")
+        if estimate.status is Status.FAILED or stiffness is None:
+            continue
+        figures: dict[str, Any] = {"from": f"the parameters by {estimate.method}", "spring_rate_n_per_m": stiffness}
+        friction_n, preload_n = estimate.value("F_c"), estimate.value("F_0")
+        area_m2 = nameplate.actuator.diaphragm_area_m2
+        if friction_n is not None:
+            figures["friction_mean_n"] = friction_n
+        if preload_n is not None and area_m2 is not None:
+            full_n = preload_n + stiffness * nameplate.actuator.travel_m
+            figures["bench_set_pa"] = [preload_n / area_m2, full_n / area_m2]
+        return figures
+    return None
+
+
+def _tried(name: str, recording: Recording, estimates: Sequence[Estimate], nameplate: Nameplate) -> dict[str, Any]:
+    """RMS of measured minus simulated position by method, m, on a recording that was not fitted, or why none."""
+    rmse_m: dict[str, float | None] = {}
+    notes: dict[str, str] = {}
+    for estimate in estimates:
+        rmse_m[estimate.method] = None
+        try:
+            stand_ins = estimate.diagnostics.get("stand_ins", {})
+            parameters = estimate.valve_parameters(stand_ins)
+            if parameters is None:
+                notes[estimate.method] = "the method does not give the parameters that a simulation needs"
+                continue
+            if stand_ins:
+                notes[estimate.method] = "stand-ins took the place of " + ", ".join(stand_ins)
+            simulated_m = simulate_recording(parameters, recording, nameplate).position_m
+        except (MotionError, ParameterError, RecordingError) as error:
+            notes[estimate.method] = str(error)
+            continue
+        rmse_m[estimate.method] = float(np.sqrt(np.nanmean((recording.position_m - simulated_m) ** 2)))
+    return {"file": name, "position_noise_m": position_noise_m(recording), "rmse_m": rmse_m, "notes": notes}

@@ -1,0 +1,119 @@
+"""An analysis object as tables and plain words for a terminal."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from valve.parameters import PARAMETER_SYMBOLS
+
+_NOT_GIVEN: Final = "not identifiable"
+_WIDE: Final = 110  # columns of the terminal from which each parameter's meaning has room
+
+
+def print_analysis(console: Console, analysis: dict[str, Any]) -> None:
+    """Print the recording's quality, both methods beside each other, what is missing and why, and the rest."""
+    _print_recording(console, analysis["recording"])
+    console.print(_parameters(analysis["estimates"], wide=console.width >= _WIDE))
+    for estimate in analysis["estimates"]:
+        _print_reasons(console, estimate)
+    if analysis["signature"] is not None:
+        _print_signature(console, analysis["signature"])
+    for tried in analysis.get("held_out", []):
+        _print_held_out(console, tried)
+    discrepancy = analysis["discrepancy"]
+    _say(console, f"Diagnosis: {discrepancy['verdict'].replace('_', ' ')}. {discrepancy.get('message', '')}")
+    health = analysis["health"]
+    _say(console, f"Health: {'; '.join([*filter(None, [health['ne107']]), *health['reasons']])}.")
+
+
+def _say(console: Console, sentence: str) -> None:
+    console.print(Text(sentence))
+
+
+def _print_recording(console: Console, recording: dict[str, Any]) -> None:
+    table = Table(title="Recording", title_justify="left", show_header=False)
+    table.add_column()
+    table.add_column(justify="right")
+    table.add_row("samples", f"{recording['samples']} over {recording['duration_s']:.4g} s")
+    sampling = recording["sampling"]
+    if sampling is not None:
+        period_s = recording["sample_period_s"]
+        table.add_row("sample period", f"{1e3 * period_s:.4g} ms, largest {1e3 * sampling['largest_period_s']:.4g} ms")
+        table.add_row("rate achieved", f"{sampling['rate_hz']:.4g} Hz")
+        table.add_row("jitter", f"{1e3 * sampling['jitter_rms_s']:.3g} ms rms")
+        table.add_row("missed slots", f"{sampling['missed_slots']}")
+        if sampling["exchange_s"] is not None:
+            table.add_row("request to answer", f"{1e3 * sampling['exchange_s']:.3g} ms (median)")
+    table.add_row("gaps", f"{recording['gaps']}")
+    table.add_row("position noise, rms", _micrometres(recording["position_noise_m"]))
+    table.add_row("channels", ", ".join(recording["channels"]))
+    console.print(table)
+
+
+def _parameters(estimates: list[dict[str, Any]], *, wide: bool) -> Table:
+    table = Table(title="Parameters", title_justify="left")
+    table.add_column("parameter")
+    for estimate in estimates:
+        table.add_column(Text(f"{estimate['method'].replace('_', ' ')} ({estimate['status']})"), justify="right")
+        table.add_column("95 % interval", justify="right")
+    for symbol, entry in PARAMETER_SYMBOLS.items():
+        cells = [cell for estimate in estimates for cell in _cells(estimate["parameters"][symbol])]
+        meaning = f"  {entry.meaning}" if wide else ""
+        table.add_row(Text(f"{symbol} [{entry.unit}]{meaning}"), *cells)
+    residuals = [estimate["residual_rms_m"] for estimate in estimates]
+    cells = [cell for residual_m in residuals for cell in (_micrometres(residual_m), "")]
+    table.add_row("residual, rms", *cells)
+    return table
+
+
+def _cells(parameter: dict[str, Any]) -> tuple[str, str]:
+    if parameter["value"] is None:
+        return _NOT_GIVEN, ""
+    interval = parameter["ci95"]
+    return f"{parameter['value']:.6g}", "none" if interval is None else f"{interval[0]:.6g} to {interval[1]:.6g}"
+
+
+def _micrometres(length_m: float | None) -> str:
+    if length_m is None:
+        return "unknown"
+    return f"{1e6 * length_m:.4g} um" if length_m == 0.0 or length_m >= 1.0e-9 else "below 0.001 um"
+
+
+def _print_reasons(console: Console, estimate: dict[str, Any]) -> None:
+    """Say the method's message, and each note once with the parameters that it belongs to."""
+    method = estimate["method"].replace("_", " ")
+    if estimate["message"]:
+        _say(console, f"{method}: {estimate['message']}")
+    notes: dict[str, list[str]] = {}
+    for symbol, parameter in estimate["parameters"].items():
+        if parameter["note"] and parameter["note"] != estimate["message"]:
+            notes.setdefault(parameter["note"], []).append(symbol)
+    for note, symbols in notes.items():
+        _say(console, f"{method}, {', '.join(symbols)}: {note}")
+
+
+def _print_signature(console: Console, signature: dict[str, Any]) -> None:
+    figures = [f"spring rate {signature['spring_rate_n_per_m']:.5g} N/m"]
+    if "friction_mean_n" in signature:
+        figures.append(f"friction {signature['friction_mean_n']:.5g} N")
+    if "bench_set_pa" in signature:
+        low_pa, high_pa = signature["bench_set_pa"]
+        figures.append(f"bench set {low_pa:.5g} to {high_pa:.5g} Pa")
+    _say(console, f"Signature, from {signature['from']}: {', '.join(figures)}.")
+
+
+def _print_held_out(console: Console, tried: dict[str, Any]) -> None:
+    parts = []
+    for method, rmse_m in tried["rmse_m"].items():
+        note = tried["notes"].get(method)
+        found = "unknown" if rmse_m is None else f"{_micrometres(rmse_m)} rms"
+        parts.append(f"{method.replace('_', ' ')} {found}{f' ({note})' if note else ''}")
+    _say(
+        console,
+        f"Held-out {tried['file']}: simulated beside measured position: {'; '.join(parts)}; "
+        f"noise {_micrometres(tried['position_noise_m'])}.",
+    )

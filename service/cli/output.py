@@ -1,0 +1,35 @@
+"""Where a command's JSON goes: a file, or standard output for ``-``."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any, Final
+
+from valve.errors import RequestError
+
+STANDARD_OUTPUT: Final = "-"
+
+
+def require_writable(target: str | None) -> None:
+    """Raise RequestError where JSON cannot be written to ``target``: said before the work is done, not after."""
+    if target is None or target == STANDARD_OUTPUT:
+        return
+    path = Path(target)
+    if path.is_dir():
+        raise RequestError(f"{target}: it is a folder, the JSON needs a file: give a file name")
+    if not path.parent.is_dir():
+        raise RequestError(f"{target}: there is no folder {path.parent}: make it, or give another file name")
+
+
+def write_json(target: str, document: dict[str, Any]) -> None:
+    """Write ``document`` to the file ``target``, or to standard output for ``-``. Raises RequestError."""
+    text = json.dumps(document, indent=2, allow_nan=False) + "\n"
+    if target == STANDARD_OUTPUT:
+        sys.stdout.write(text)
+        return
+    try:
+        Path(target).write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise RequestError(f"{target}: it cannot be written ({error.strerror}): give another file name") from None

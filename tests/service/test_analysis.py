@@ -1,0 +1,189 @@
+"""The analysis object: its shape, that it is true, and that it says what it cannot tell."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from service.analysis import analyze_recordings, joined
+from service.analysis_pool import AnalysisPool
+from tests.service.recordings import NOMINAL, at_rest, sine_test, triangle_test, with_gaps
+from valve.errors import RecordingError
+from valve.nameplate import Nameplate
+from valve.parameters import PARAMETER_SYMBOLS
+from valve.recording import Recording
+from valve.recording_files import write_csv, write_parquet
+
+PLATE = NOMINAL.nameplate
+AREA_M2 = 0.06452
+
+
+@pytest.fixture(scope="module")
+def noisy() -> dict[str, Any]:
+    return analyze_recordings([triangle_test(noise_m=5.0e-6)], PLATE, held_out=[("sine.csv", sine_test())])
+
+
+def values(analysis: dict[str, Any], method: str) -> dict[str, float | None]:
+    estimate = next(estimate for estimate in analysis["estimates"] if estimate["method"] == method)
+    return {symbol: parameter["value"] for symbol, parameter in estimate["parameters"].items()}
+
+
+def test_the_object_has_what_the_contract_promises(noisy: dict[str, Any]) -> None:
+    json.dumps(noisy, allow_nan=False)
+    assert noisy["schema"] == "breakaway/analysis/1"
+    assert {"samples", "duration_s", "sample_period_s", "gaps", "position_noise_m"} <= set(noisy["recording"])
+    assert [estimate["method"] for estimate in noisy["estimates"]][:2] == ["regression", "garcia"]
+    for estimate in noisy["estimates"]:
+        assert estimate["status"] in ("ok", "poor", "failed")
+        assert list(estimate["parameters"]) == list(PARAMETER_SYMBOLS)
+        for symbol, parameter in estimate["parameters"].items():
+            assert parameter["unit"] == PARAMETER_SYMBOLS[symbol].unit
+            assert (parameter["value"] is not None) == parameter["identifiable"]
+            assert parameter["value"] is not None or parameter["note"]
+    assert noisy["discrepancy"]["verdict"] == "not_assessed"
+    assert noisy["discrepancy"]["message"]
+    assert noisy["health"]["reasons"]
+
+
+@pytest.mark.parametrize("method", ["regression", "garcia"])
+def test_spring_rate_and_friction_of_the_nominal_valve_come_out(noisy: dict[str, Any], method: str) -> None:
+    found, truth = values(noisy, method), NOMINAL.parameters.by_symbol()
+    for symbol in ("k", "F_c", "F_s"):
+        assert found[symbol] == pytest.approx(truth[symbol], rel=0.02), symbol
+
+
+def test_the_recording_is_described(noisy: dict[str, Any]) -> None:
+    recording = noisy["recording"]
+    assert recording["samples"] == 20_001
+    assert recording["duration_s"] == pytest.approx(20.0)
+    assert recording["sample_period_s"] == pytest.approx(0.001)
+    assert recording["gaps"] == 0
+    assert recording["position_noise_m"] == pytest.approx(5.0e-6, rel=0.05)
+    assert recording["channels"] == ["pressure_pa", "position_m"]
+    assert recording["sampling"]["rate_hz"] == pytest.approx(1000.0, rel=1e-3)
+    assert recording["sampling"]["missed_slots"] == 0
+
+
+def test_gaps_are_counted_and_do_not_reach_into_the_noise() -> None:
+    recording = analyze_recordings([with_gaps(triangle_test(noise_m=5.0e-6))], PLATE)["recording"]
+    assert recording["gaps"] == 2
+    assert recording["sampling"]["missed_slots"] == 21
+    assert recording["position_noise_m"] == pytest.approx(5.0e-6, rel=0.05)
+
+
+def test_a_recording_at_20_hz_does_not_claim_a_mass() -> None:
+    analysis = analyze_recordings([triangle_test(0.05, noise_m=5.0e-6)], PLATE)
+    for estimate in analysis["estimates"]:
+        mass = estimate["parameters"]["m"]
+        assert mass["value"] is None
+        assert not mass["identifiable"]
+        assert mass["note"]
+
+
+def test_a_valve_that_never_moved_gives_reasons_and_no_number() -> None:
+    analysis = analyze_recordings([at_rest()], PLATE, held_out=[("sine.csv", sine_test())])
+    for estimate in analysis["estimates"]:
+        assert estimate["status"] == "failed"
+        assert "never moved" in estimate["message"]
+        assert all(parameter["value"] is None for parameter in estimate["parameters"].values())
+    assert analysis["signature"] is None
+    assert analysis["held_out"][0]["rmse_m"] == {"regression": None, "garcia": None}
+
+
+def test_one_sample_is_described_and_no_more() -> None:
+    analysis = analyze_recordings([Recording(np.zeros(1), np.zeros(1), force_n=np.zeros(1))], PLATE)
+    assert analysis["recording"]["sampling"] is None
+    assert analysis["recording"]["sample_period_s"] is None
+    assert analysis["recording"]["position_noise_m"] is None
+    assert {estimate["status"] for estimate in analysis["estimates"]} == {"failed"}
+
+
+def test_the_signature_follows_from_the_estimates(noisy: dict[str, Any]) -> None:
+    found, figures = values(noisy, "regression"), noisy["signature"]
+    stiffness, preload_n = found["k"], found["F_0"]
+    assert stiffness is not None
+    assert preload_n is not None
+    assert figures["spring_rate_n_per_m"] == stiffness
+    assert figures["friction_mean_n"] == found["F_c"]
+    low_pa, high_pa = figures["bench_set_pa"]
+    assert low_pa == pytest.approx(preload_n / AREA_M2)
+    assert high_pa - low_pa == pytest.approx(stiffness * 0.1016 / AREA_M2)
+    assert "dead_band_percent" not in figures
+
+
+def test_the_held_out_recording_is_predicted_by_what_was_estimated(noisy: dict[str, Any]) -> None:
+    true = triangle_test(noise_m=5.0e-6)
+    assert true.pressure_pa is not None
+    wrong = replace(true, pressure_pa=1.2 * true.pressure_pa)
+    misled = analyze_recordings([wrong], PLATE, held_out=[("sine.csv", sine_test())])
+    tried = noisy["held_out"][0]
+    assert tried["file"] == "sine.csv"
+    for method in ("regression", "garcia"):
+        rmse_m = tried["rmse_m"][method]
+        assert rmse_m < 1.0e-3  # of 0.08 m; what is left is a slip that comes one sample early or late
+        assert rmse_m < 0.2 * misled["held_out"][0]["rmse_m"][method]
+        assert "DV" in tried["notes"][method]
+
+
+def test_a_held_out_recording_with_a_gap_in_its_input_gives_a_reason(noisy: dict[str, Any]) -> None:
+    holed = sine_test()
+    assert holed.pressure_pa is not None
+    pressure_pa = holed.pressure_pa.copy()
+    pressure_pa[10] = np.nan
+    holed = replace(holed, pressure_pa=pressure_pa)
+    tried = analyze_recordings([triangle_test()], PLATE, held_out=[("holed.csv", holed)])["held_out"][0]
+    assert tried["rmse_m"]["regression"] is None
+    assert "is missing in 1 of 8001 samples" in tried["notes"]["regression"]
+
+
+def test_progress_rises_from_0_to_1_and_names_what_goes_on() -> None:
+    told: list[tuple[float, str]] = []
+    analyze_recordings([at_rest()], PLATE, progress=lambda share, phase: told.append((share, phase)))
+    shares = [share for share, _ in told]
+    assert shares == sorted(shares)
+    assert (shares[0], shares[-1]) == (0.0, 1.0)
+    assert any("garcia" in phase for _, phase in told)
+
+
+def test_several_recordings_are_analysed_as_one_with_a_gap_between() -> None:
+    first, second = triangle_test(0.002), triangle_test(0.002)
+    whole = joined([first, second])
+    assert whole.samples == 2 * first.samples
+    assert np.diff(whole.time_s).max() == pytest.approx(0.02)
+    found = values(analyze_recordings([first, second], PLATE), "regression")
+    assert found["k"] == pytest.approx(NOMINAL.parameters.spring_rate_n_per_m, rel=0.02)
+
+
+def test_recordings_that_do_not_fit_together_are_refused() -> None:
+    first = triangle_test(0.002)
+    second = Recording(first.time_s, first.position_m, force_n=np.zeros(first.samples))
+    with pytest.raises(RecordingError, match="recording 2 has the channels force_n, position_m and the first pressure"):
+        joined([first, second])
+    with pytest.raises(RecordingError, match="no recording"):
+        joined([])
+
+
+async def test_the_real_worker_analyses_a_stored_recording_as_this_process_does(tmp_path: Any) -> None:
+    recording = triangle_test(0.002, noise_m=5.0e-6)
+    write_parquet(recording, tmp_path / "a.parquet")
+    write_csv(recording, tmp_path / "bad.csv")
+    (tmp_path / "bad.csv").write_text((tmp_path / "bad.csv").read_text().replace("position_m", "position_mm"))
+    shares: list[float] = []
+    async with AnalysisPool() as pool:
+        with pytest.raises(RecordingError, match=r"bad\.csv: unknown column 'position_mm'"):
+            await pool.analyze(tmp_path / "bad.csv", PLATE)
+        analysis = await pool.analyze(tmp_path / "a.parquet", PLATE, lambda share, _phase: shares.append(share))
+    here = analyze_recordings([recording], PLATE)
+    assert analysis == json.loads(json.dumps(here))
+    assert shares[-1] == 1.0
+
+
+def test_a_nameplate_without_an_area_gives_reasons() -> None:
+    bare = Nameplate("FV-101", replace(PLATE.actuator, diaphragm_area_m2=None))
+    for estimate in analyze_recordings([triangle_test(0.002)], bare)["estimates"]:
+        assert estimate["status"] == "failed"
+        assert "diaphragm" in estimate["message"]
