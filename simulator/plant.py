@@ -97,7 +97,7 @@ class SoftwareValve:
         self.faults: tuple[Fault, ...] = settings.faults
         self.before_advance: Callable[[float], None] | None = None
         start_pa = settings.transducer.range_pa[0] if settings.start_pa is None else settings.start_pa
-        start_pa = float(settings.transducer.quantised(np.array([start_pa]))[0])
+        start_pa = settings.transducer.level(start_pa)
         self.time_s = start_s
         self.asked = Trajectory(start_s, start_pa)
         self.pressure_pa = min(start_pa, settings.transducer.supply_pa)
@@ -126,7 +126,7 @@ class SoftwareValve:
 
     def ask(self, pressure_pa: float) -> None:
         """From now on ask the I/P for this pressure, rounded to a level of the output, Pa."""
-        self.asked.step_to(self.time_s, float(self.settings.transducer.quantised(np.array([pressure_pa]))[0]))
+        self.asked.step_to(self.time_s, self.settings.transducer.level(pressure_pa))
 
     def play(self, after_s: FloatArray, pressure_pa: FloatArray) -> None:
         """From now on ask for this waveform; its corners are rounded to levels of the output, the lines are not."""
@@ -198,6 +198,7 @@ class SoftwareValve:
         if sample_s.size == 0 and (duration_s == 0.0 or self._is_level(start_s - dead_s)):
             self._stay_level(duration_s)
             self.time_s = max(to_s, start_s)
+            self.asked.forget(self.time_s - dead_s)
             return None
         time_s, asked_pa = self.asked.between(start_s - dead_s, start_s + duration_s - dead_s)
         after_s, target_pa = limited(time_s - time_s[0], asked_pa, self.supply_pa)

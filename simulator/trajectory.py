@@ -20,6 +20,11 @@ class Trajectory:
         self._time_s: FloatArray = np.array([start_s])
         self._pressure_pa: FloatArray = np.array([pressure_pa])
 
+    @property
+    def corners(self) -> int:
+        """Number of corners that are kept."""
+        return int(self._time_s.size)
+
     def at(self, time_s: float) -> float:
         """Pressure at this time, Pa; at a step the value after it."""
         if time_s >= self._time_s[-1]:
@@ -43,6 +48,12 @@ class Trajectory:
 
     def step_to(self, start_s: float, pressure_pa: float) -> None:
         """From ``start_s`` on hold this pressure."""
+        if start_s > self._time_s[-1]:
+            # The usual case: after a held pressure another one. One array each, and what was before is kept.
+            held_pa = self._pressure_pa[-1]
+            self._time_s = np.array((*self._time_s, start_s, start_s))
+            self._pressure_pa = np.array((*self._pressure_pa, held_pa, pressure_pa))
+            return
         self.replace_from(start_s, np.zeros(1), np.array([pressure_pa]))
 
     def hold_from(self, start_s: float) -> None:
@@ -59,6 +70,8 @@ class Trajectory:
 
     def forget(self, before_s: float) -> None:
         """Drop the corners that no question about ``before_s`` or later needs."""
+        if self._time_s.size == 1:
+            return
         first = int(np.searchsorted(self._time_s, before_s, side="right")) - 1
         if first > 0:
             self._time_s = self._time_s[first:].copy()

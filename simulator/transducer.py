@@ -60,6 +60,13 @@ class Transducer:
         slack_pa = self.resolution_pa / 2.0
         return low_pa - slack_pa <= pressure_pa <= high_pa + slack_pa
 
+    def level(self, pressure_pa: float) -> float:
+        """Nearest level of the output to one pressure, Pa; the same as ``quantised`` gives."""
+        low_pa, high_pa = self.range_pa
+        return (
+            low_pa + round((min(max(pressure_pa, low_pa), high_pa) - low_pa) / self.resolution_pa) * self.resolution_pa
+        )
+
     def quantised(self, pressure_pa: FloatArray) -> FloatArray:
         """Nearest levels of the output to these pressures, Pa, clipped to the range."""
         low_pa, high_pa = self.range_pa

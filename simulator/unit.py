@@ -11,13 +11,20 @@ import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
-from typing import Protocol
+from typing import Final, Protocol
 
 from drivers.registers import Kind, Register, RegisterMap, Table
 from simulator.faults import FaultKind
 from simulator.plant import SoftwareValve
 from simulator.record import Event, Happening
 from valve.errors import ConfigurationError
+
+_WHOLE_RANGE: Final[dict[Kind, tuple[float, float]]] = {
+    Kind.U16: (0, 0xFFFF),
+    Kind.I16: (-0x8000, 0x7FFF),
+    Kind.U32: (0, 0xFFFFFFFF),
+    Kind.I32: (-0x80000000, 0x7FFFFFFF),
+}
 
 
 class ExceptionCode(IntEnum):
@@ -82,20 +89,15 @@ def measured_words(register: Register, value: float) -> tuple[int, ...]:
     if register.kind is Kind.F32:
         return register.encode(value)
     raw = (value - register.offset) / register.scale
-    low, high = register.raw_range or _whole_range(register.kind)
+    low, high = register.raw_range or _WHOLE_RANGE[register.kind]
     raw = min(max(raw, low), high)
     return register.encode(register.scale * raw + register.offset)
-
-
-def _whole_range(kind: Kind) -> tuple[float, float]:
-    bits = 16 if kind in (Kind.U16, Kind.I16) else 32
-    return (0, 2**bits - 1) if kind in (Kind.U16, Kind.U32) else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
 
 
 def _bad_words(register: Register) -> tuple[int, ...]:
     if register.kind is Kind.F32:
         return struct.unpack(">2H", struct.pack(">f", math.nan))
-    low, high = _whole_range(register.kind)
+    low, high = _WHOLE_RANGE[register.kind]
     measured = register.raw_range or (low, high)
     raw = int(high if measured[1] < high else low if measured[0] > low else high)
     data = raw.to_bytes(2 * register.words, "big", signed=raw < 0)

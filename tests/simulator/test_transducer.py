@@ -74,6 +74,9 @@ def test_the_output_has_as_many_levels_as_its_converter() -> None:
     levels = np.unique(settings.quantised(np.linspace(-1000.0, 90000.0, 100_000)))
     assert levels.size == 256
     assert levels[[0, -1]] == pytest.approx([0.0, 82737.0])
+    assert [settings.level(p) for p in (-5.0, 1000.0, 41000.0, 9e4)] == pytest.approx(
+        settings.quantised(np.array([-5.0, 1000.0, 41000.0, 9e4]))
+    )
     assert np.diff(levels) == pytest.approx(np.full(255, settings.resolution_pa))
     assert pressures(settings, [(0.0, 1000.0)], [1.0]) == pytest.approx([3 * settings.resolution_pa])
 
