@@ -116,6 +116,7 @@ class ValveDevice:
                     "wait for its end or for the device's watchdog"
                 )
         self.run_number = run_number
+        self.in_force_pa = self._asked_pa = math.nan  # what an earlier run wrote may have been undone since
 
     async def release(self) -> None:
         """Give the device back: from now on no command counts."""
