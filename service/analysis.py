@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import numpy as np
-from estimators.registry import ESTIMATORS
 
 from estimators.base import Estimate, Status
+from estimators.registry import ESTIMATORS
 from estimators.samples import channel_noise
 from valve.errors import MotionError, ParameterError, RecordingError
 from valve.motion import simulate_recording

@@ -44,7 +44,8 @@ def _print_recording(console: Console, recording: dict[str, Any]) -> None:
         period_s = recording["sample_period_s"]
         table.add_row("sample period", f"{1e3 * period_s:.4g} ms, largest {1e3 * sampling['largest_period_s']:.4g} ms")
         table.add_row("rate achieved", f"{sampling['rate_hz']:.4g} Hz")
-        table.add_row("jitter", f"{1e3 * sampling['jitter_rms_s']:.3g} ms rms")
+        jitter_s = sampling["jitter_rms_s"]
+        table.add_row("jitter, rms", f"{1e3 * jitter_s:.3g} ms" if jitter_s >= 1.0e-6 else "below 0.001 ms")
         table.add_row("missed slots", f"{sampling['missed_slots']}")
         if sampling["exchange_s"] is not None:
             table.add_row("request to answer", f"{1e3 * sampling['exchange_s']:.3g} ms (median)")
