@@ -1,0 +1,53 @@
+"""Modbus/TCP Security with certificates that are made here (openssl on the command line)."""
+
+from __future__ import annotations
+
+import shutil
+import ssl
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from drivers.addresses import TlsAddress
+from drivers.faults import ConnectionLostError
+from drivers.registers import Table
+from drivers.transport import Transport
+from tests.drivers.slave import RawSlave, TcpPort
+from valve.errors import ConfigurationError
+
+OPENSSL = shutil.which("openssl")
+pytestmark = pytest.mark.skipif(OPENSSL is None, reason="openssl is not installed")
+
+
+def certificate(folder: Path, name: str) -> tuple[Path, Path]:
+    """A self-signed certificate for ``name`` and its key."""
+    files = folder / f"{name}.pem", folder / f"{name}.key"
+    subprocess.run(
+        [str(OPENSSL), "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-days",
+         "2", "-subj", f"/CN={name}", "-addext", f"subjectAltName=DNS:{name}", "-out", files[0], "-keyout", files[1]],
+        check=True, capture_output=True, timeout=20,
+    )  # fmt: skip
+    return files
+
+
+async def test_a_device_is_spoken_to_only_under_the_name_of_its_certificate(slave: RawSlave, tmp_path: Path) -> None:
+    shown, key = certificate(tmp_path, "plc-1")
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(shown, key)
+    async with TcpPort(slave, context) as port:
+        bus = Transport(TlsAddress("plc", "127.0.0.1", str(shown), port.port, server_name="plc-1"))
+        await bus.open()
+        assert (await bus.read_words(1, Table.HOLDING, 10, 125)).words == tuple(range(10, 135))
+        await bus.write(1, 20, [7, 8])
+        assert slave.writes == [(1, 20, [7, 8])]
+        await bus.close()
+        other = Transport(TlsAddress("plc", "127.0.0.1", str(shown), port.port, server_name="plc-2"))
+        with pytest.raises(ConnectionLostError):
+            await other.open()
+
+
+async def test_a_certificate_that_cannot_be_read_is_said(tmp_path: Path) -> None:
+    bus = Transport(TlsAddress("plc", "127.0.0.1", str(tmp_path / "missing.pem")))
+    with pytest.raises(ConfigurationError, match="certificates"):
+        await bus.open()
