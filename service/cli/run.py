@@ -12,7 +12,6 @@ import httpx
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
 from service.cli.analysis_tables import print_analysis
 from valve.errors import MeasurementError, RequestError, WireError
@@ -111,10 +110,6 @@ def _events(client: httpx.Client, location: str, last: str) -> Iterator[tuple[st
 
 
 def _print_test(console: Console, test: dict[str, Any]) -> None:
-    table = Table(show_header=False, box=None)
-    table.add_row("test", test["id"])
-    table.add_row("valve", f"{test['valve']}, {test['sequence']}")
-    table.add_row("recording", f"sha256 {test['recording']['sha256']}")
-    table.add_row("valve left at", "its safe value, read back" if test["safe_confirmed"] else "NOT CONFIRMED")
-    console.print(table)
+    left = "its safe value, read back" if test["safe_confirmed"] else "SAFE STATE NOT CONFIRMED"
+    console.print(f"{test['valve']}: {test['sequence']}, test {test['id']}, valve left at {left}", highlight=False)
     print_analysis(console, test["analysis"])
