@@ -212,7 +212,7 @@ class StemIntegrator:
 
     def ramp(self, state: StemState, duration_s: float, start_n: float, end_n: float) -> StemState:
         """Return the state after a force that goes straight from ``start_n`` to ``end_n`` in ``duration_s``."""
-        return self.advance(state, np.array((0.0, duration_s)), np.array((start_n, end_n)))
+        return self.advance(state, np.array((0.0, duration_s)), np.array((start_n, end_n), dtype=np.float64))
 
     def events(self, state: StemState, force_time_s: FloatArray, force_n: FloatArray) -> tuple[ModeChanges, StemState]:
         """Return the changes of mode and the state at the last corner."""

@@ -68,7 +68,8 @@ def simulate_batch(
     arguments = [kernel_arguments(valve, limits) for valve, limits in zip(parameters, stops_each, strict=True)]
     position_m = np.empty((count, time_s.size))
     velocity_m_per_s = np.empty((count, time_s.size)) if velocities else np.empty((1, 0))
-    final_x, final_v = np.array([s.position_m for s in states]), np.array([s.velocity_m_per_s for s in states])
+    final_x = np.array([s.position_m for s in states], dtype=np.float64)
+    final_v = np.array([s.velocity_m_per_s for s in states], dtype=np.float64)
     final_mode, status, events = (np.array([int(s.mode) for s in states], dtype=np.int64) for _ in range(3))
     follow_many(
         np.array(arguments),

@@ -104,7 +104,10 @@ def regime(k, F_v, F_c, F_s, DV, low, high, x, v, net, slope, rounding):
     if abs(v) > DV * (1.0 + 1.0e-12):
         return SLIP, (1.0 if v > 0.0 else -1.0)
     if abs(v) < DV * (1.0 - 1.0e-12):
-        s = 1.0 if (net > 0.0 or (net == 0.0 and slope > 0.0)) else -1.0
+        if F_s <= tol and abs(net) <= tol:
+            # no static friction: as with very little of it, the stem is caught where the force passes zero
+            return (BAND if v == 0.0 and slope != 0.0 else STUCK), (1.0 if slope > 0.0 else -1.0)
+        s = 1.0 if net > 0.0 else -1.0
         y = s * net - F_s
         grows = s * (slope - k * v) > 0.0
         return (BAND if y > tol or (y >= -tol and grows) else STUCK), s
@@ -117,7 +120,7 @@ def regime(k, F_v, F_c, F_s, DV, low, high, x, v, net, slope, rounding):
         return SLIP, s
     if y > F_s + tol or (y >= F_s - tol and moving >= F_s - tol and rate >= -flat):
         return SLIDE, s
-    if y < -F_s - tol or (y <= -F_s + tol and rate < -flat):
+    if y < -F_s - tol or (y <= -F_s + tol and rate < -flat and F_s > tol):
         return BAND, -s
     return STUCK, s
 
@@ -188,8 +191,8 @@ def slip_end(c, w2, DV, s, v, a, push, horizon):
             h = (g1 + root) / M if g1 > 0.0 else (2.0 * g / (root - g1) if g > 0.0 else 0.0)
         else:
             h = math.inf if g1 >= 0.0 else -g / g1
-        if g1 >= 0.0 and g2 > 0.0 and M3 > 0.0:
-            h = max(h, 3.0 * g2 / M3)
+        if g1 >= 0.0 and g2 > 0.0:
+            h = max(h, 3.0 * g2 / M3) if M3 > 0.0 else math.inf
         if tau + h >= horizon:
             return math.inf
         if tau + h == tau:
@@ -238,7 +241,7 @@ def band_end(m, w2, F_s, DV, low, high, s, x, v, net, slope, left):
 
     0 nothing, 1 |v| = DV, 2 |F| = F_s, 3 the stop ahead (towards s), 4 the stop behind.
     """
-    y = max(s * net - F_s, 0.0)
+    y = s * net - F_s if s * net > F_s else 0.0  # never -0.0, which atan2 would take half a turn back
     y_rate = s * slope - m * w2 * s * v
     capture = band_capture(y, y_rate, w2)
     reach = band_reach(DV - s * v, y / m, y_rate / m, w2)
@@ -413,7 +416,7 @@ def follow(
     An event is a change of mode: the first event_time.size of them are written, ``most_events`` followed.
     """
     w2, c = k / m, F_v / m
-    n, n_out, n_events, out = corner_time.size, out_time.size, 0, 0
+    n, n_out, n_events, out, pieces = corner_time.size, out_time.size, 0, 0, 0
     table, memory = np.zeros((4, BLOCK if n_out > 0 else 2)), np.full(5, math.nan)
     held_force = corner_force[0]
     if mode == STUCK and v == 0.0 and (x >= high or x <= low):
@@ -438,11 +441,12 @@ def follow(
                 x, v = high, min(v, 0.0)
             elif x <= low:
                 x, v = low, max(v, 0.0)
-            rounding = 1.0e-15 * (abs(force) + abs(k * x) + abs(F_0))
+            # of the numbers that make up the net force, and of the time at which it is taken
+            rounding = 1.0e-15 * (abs(force) + abs(k * x) + abs(F_0) + tau * (abs(slope) + k * abs(v)))
             now, s = regime(k, F_v, F_c, F_s, DV, low, high, x, v, net, slope, rounding)
+            if (n_events == most_events and now != mode) or pieces > most_events:
+                return TOO_MANY_EVENTS, n_events, x, v, mode
             if now != mode:
-                if n_events == most_events:
-                    return TOO_MANY_EVENTS, n_events, x, v, mode
                 mode = now
                 if n_events < event_time.size:
                     event_time[n_events], event_mode[n_events] = start + tau, mode
@@ -470,6 +474,7 @@ def follow(
                 if math.isnan(dwell):
                     return ROOT_NOT_FOUND, n_events, x, v, mode
             begun, tau = tau, (tau + dwell if ended else span)
+            pieces += ended
             ending = start + tau
             if out < n_out and out_time[out] < ending:
                 if out_time[out] == start + begun and (out + 1 == n_out or out_time[out + 1] >= ending):

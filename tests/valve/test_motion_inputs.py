@@ -17,6 +17,7 @@ from valve.motion import (
     simulate_recording,
     simulate_waveform,
 )
+from valve.motion_kernel import follow
 from valve.parameter_sets import parameter_set
 from valve.parameters import TravelStops
 from valve.recording import Recording
@@ -65,10 +66,14 @@ def test_a_sample_period_must_be_above_zero(period_s: float) -> None:
 
 
 def test_integers_and_lists_do_as_well_as_floats_and_arrays() -> None:
+    simulate_motion(P, [0.0], [0.0], [0.0])
+    compiled = len(follow.signatures)
     whole = simulate_motion(P, [0, 1, 2], [0, 4000, 0], [0, 1, 2], initial=StemState(0, 0))
     same = simulate_motion(P, np.array([0.0, 1.0, 2.0]), np.array([0.0, 4000.0, 0.0]), np.array([0.0, 1.0, 2.0]))
     assert np.array_equal(whole.position_m, same.position_m)
     assert StemIntegrator(P).ramp(StemState(0, 0), 1, 0, 4000) == simulate_motion(P, [0, 1], [0, 4000], [1]).final_state
+    simulate_batch([P], [0, 1], [0, 4000], [0, 1], initial=[StemState(0, 0)])
+    assert len(follow.signatures) == compiled, "another compilation costs seconds"
 
 
 def test_arrays_that_must_not_be_written_are_taken() -> None:

@@ -9,9 +9,10 @@ import numpy.typing as npt
 import pytest
 
 from tests.valve.random_valves import DURATION_S, KINDS, RandomValve, random_valve, random_valves
+from valve.errors import MotionError
 from valve.motion import Mode, Motion, StemIntegrator, StemState, simulate_batch, simulate_motion
 from valve.parameter_sets import PARAMETER_SETS
-from valve.parameters import TravelStops
+from valve.parameters import TravelStops, ValveParameters
 from valve.waveform import triangle
 
 EVEN_S: npt.NDArray[np.float64] = np.arange(501, dtype=np.float64) * 1.0e-3
@@ -198,3 +199,47 @@ def test_events_alone_and_batches_equal_the_single_motions() -> None:
         assert np.array_equal(events.time_s, single.events.time_s)
         assert np.array_equal(events.mode, single.events.mode)
         assert final == single.final_state
+
+
+def test_extreme_valves_neither_hang_nor_lose_a_number_nor_turn_time_back() -> None:
+    """1500 valves far outside any actuator, with forces that sit exactly on the edges between the modes."""
+    rng = np.random.default_rng(5)
+    followed = 0
+    for _ in range(1500):
+        m, k = 10.0 ** rng.uniform(-2.0, 2.0), rng.choice([0.0, 10.0 ** rng.uniform(-6.0, 7.0)])
+        critical = 2.0 * np.sqrt(k * m)
+        F_v = rng.choice([0.0, 10.0 ** rng.uniform(-3.0, 6.0), critical, critical * (1.0 + 1.0e-9)])
+        F_c = rng.choice([0.0, 10.0 ** rng.uniform(-3.0, 4.0)])
+        F_s = F_c * rng.choice([1.0, 1.0 + 10.0 ** rng.uniform(-12.0, 0.0)])
+        DV, span_s, n = 10.0 ** rng.uniform(-8.0, 0.0), 10.0 ** rng.uniform(-2.0, 1.0), int(rng.choice([2, 6, 100]))
+        force_time_s = np.sort(np.round(rng.uniform(0.0, span_s, n), 2))  # some fall together: steps
+        forces_n = (
+            rng.normal(size=n) * 10.0 ** rng.uniform(-2.0, 4.0),
+            np.round(rng.normal(size=n)) * F_s,  # on the edge of breakaway
+            np.cumsum(np.full(n, k * DV * span_s / n)),  # at the limit velocity
+            np.full(n, 1.5 * F_s),
+        )
+        stops = TravelStops(-0.01, 0.02) if rng.random() < 0.5 else None
+        initial = StemState(rng.choice([0.0, -0.01, 0.02]), rng.choice([0.0, DV, -DV, 0.1]))
+        output_s = np.linspace(force_time_s[0], force_time_s[-1] + 0.1, 300)
+        parameters = ValveParameters(m, k, F_v, F_c, F_s, DV)
+        try:
+            motion = simulate_motion(
+                parameters,
+                force_time_s,
+                forces_n[rng.integers(4)],
+                output_s.astype(np.float64),
+                stops=stops,
+                initial=initial,
+                most_events=20_000,
+            )
+        except MotionError:
+            continue  # thousands of oscillations a second: the cap is the answer
+        followed += 1
+        assert np.isfinite(motion.position_m).all()
+        assert np.isfinite(motion.velocity_m_per_s).all()
+        assert np.all(np.diff(motion.events.time_s) >= 0.0)
+        if stops is not None:
+            assert motion.position_m.min() >= stops.low_m
+            assert motion.position_m.max() <= stops.high_m
+    assert followed > 1450

@@ -155,6 +155,15 @@ def test_an_undamped_frictionless_stem_swings_as_a_harmonic_oscillator() -> None
     assert motion.position_m == pytest.approx(0.02 * (1.0 - np.cos(w0 * quarter)), abs=1.0e-15)
 
 
+def test_a_frictionless_stem_comes_to_rest_where_the_force_passes_zero_inside_the_band() -> None:
+    # the limit of ever smaller static friction: |F| <= F_s and |v| < DV hold for an instant
+    for F_s in (0.0, 1.0e-9):
+        free = ValveParameters(2.0, 5.0e4, 300.0, 0.0, F_s, 1.0e-3)
+        motion = simulate_motion(free, [0.0, 2.0], [1000.0, 1000.0], np.linspace(0.0, 2.0, 201))
+        assert motion.final_state.mode == Mode.STUCK
+        assert motion.position_m[-1] == pytest.approx(0.02, abs=1.0e-5)
+
+
 def test_a_stop_catches_the_stem_and_holds_it_until_friction_lets_go() -> None:
     stops = TravelStops(-0.001, 0.01)
     time_s = np.linspace(0.0, 4.0, 4001)
