@@ -22,7 +22,9 @@ def analyze(
     ],
     held_out: Annotated[
         list[Path] | None,
-        typer.Option("--held-out", metavar="RECORDING", help="A recording to try the estimates on; may be repeated."),
+        typer.Option(
+            "--held-out", metavar="RECORDING", help="A recording to try the estimates on; repeat the flag for more."
+        ),
     ] = None,
     json_file: Annotated[
         str | None, typer.Option("--json", metavar="FILE", help="Write the analysis object there; - prints it.")
