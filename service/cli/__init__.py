@@ -36,7 +36,8 @@ class _LazyGroup(TyperGroup):
 
 def _loaded(name: str) -> Any:
     single = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-    single.command(name)(getattr(import_module(f"service.cli.{name}"), name))
+    module = import_module(f"service.cli.{name}")
+    single.command(name, cls=getattr(module, "COMMAND_CLASS", None))(getattr(module, name))
     return typer.main.get_command(single)
 
 

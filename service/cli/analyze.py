@@ -10,7 +10,10 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from service.cli.analysis_tables import print_analysis
+from service.cli.held_out import HeldOutCommand
 from service.cli.output import STANDARD_OUTPUT, require_writable, write_json
+
+COMMAND_CLASS = HeldOutCommand
 
 
 def analyze(
@@ -23,7 +26,7 @@ def analyze(
     held_out: Annotated[
         list[Path] | None,
         typer.Option(
-            "--held-out", metavar="RECORDING", help="A recording to try the estimates on; repeat the flag for more."
+            "--held-out", metavar="RECORDING...", help="Recordings to try the estimates on; they are not fitted."
         ),
     ] = None,
     json_file: Annotated[

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from drivers.addresses import TcpAddress
 from service.settings import Plant, load_plant
-from tests.service.compose_file import read_compose_file
 from valve.parameter_sets import PARAMETER_SETS
 
 PROJECT = Path(__file__).resolve().parents[2]
@@ -20,7 +20,9 @@ PLANT_FILE = PROJECT / "deploy" / "compose" / "plant.toml"
 
 @pytest.fixture(scope="module")
 def compose() -> dict[str, Any]:
-    return read_compose_file(PROJECT / "docker-compose.yml")
+    content = yaml.safe_load((PROJECT / "docker-compose.yml").read_text(encoding="utf-8"))
+    assert isinstance(content, dict)
+    return content
 
 
 @pytest.fixture(scope="module")
