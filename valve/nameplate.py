@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -22,10 +23,21 @@ def _require_positive(subject: str, value: float, unit: str) -> None:
         raise ParameterError(f"{subject} is {value:g} {unit}, it must be above 0: correct the nameplate")
 
 
-def _require_range(subject: str, span: tuple[float, float], unit: str) -> None:
+def _range(subject: str, span: Sequence[float], unit: str) -> tuple[float, float]:
+    """Return the two ends as a tuple, whatever sequence a file gave. Raises ParameterError unless they rise."""
+    if len(span) != 2:
+        raise ParameterError(f"{subject} has {len(span)} values, it needs 2: give its lower and its upper end")
     low, high = span
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise ParameterError(f"{subject} is {low:g} to {high:g} {unit}, it must rise: give the lower value first")
+    return low, high
+
+
+def _action(value: str) -> Action:
+    try:
+        return Action(value)
+    except ValueError:
+        raise ParameterError(f"actuator.action is {value!r}, there are {', '.join(Action)}: choose one") from None
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,26 +54,34 @@ class Actuator:
     bench_set_pa: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "action", Action(self.action))
+        object.__setattr__(self, "action", _action(self.action))
         _require_positive("actuator.travel_m", self.travel_m, "m")
         if self.diaphragm_area_m2 is not None:
             _require_positive("actuator.diaphragm_area_m2", self.diaphragm_area_m2, "m2")
         if self.moving_mass_kg is not None:
             _require_positive("actuator.moving_mass_kg", self.moving_mass_kg, "kg")
         if self.bench_set_pa is not None:
-            _require_range("actuator.bench_set_pa", self.bench_set_pa, "Pa")
+            bench_set_pa = _range("actuator.bench_set_pa", self.bench_set_pa, "Pa")
+            object.__setattr__(self, "bench_set_pa", bench_set_pa)
+            if self.action is Action.DOUBLE:
+                raise ParameterError(
+                    "actuator.bench_set_pa is given for a double-acting actuator, which has no spring: leave it out"
+                )
 
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """The I/P transducer: the current that it takes (mA) and the pressure that it gives (Pa)."""
+    """The I/P transducer: the current that it takes (mA) and the pressure that it gives (Pa).
+
+    Raises ParameterError where a range does not rise.
+    """
 
     range_ma: tuple[float, float]
     range_pa: tuple[float, float]
 
     def __post_init__(self) -> None:
-        _require_range("signal.range_ma", self.range_ma, "mA")
-        _require_range("signal.range_pa", self.range_pa, "Pa")
+        object.__setattr__(self, "range_ma", _range("signal.range_ma", self.range_ma, "mA"))
+        object.__setattr__(self, "range_pa", _range("signal.range_pa", self.range_pa, "Pa"))
 
     def pressure_pa(self, current_ma: float) -> float:
         """Pressure that the transducer should give at this current, Pa."""
@@ -74,7 +94,10 @@ class Signal:
 
 @dataclass(frozen=True, slots=True)
 class Nameplate:
-    """A valve's nameplate: ``tag``, ``[actuator]`` and, where there is an I/P, ``[signal]``."""
+    """A valve's nameplate: ``tag``, ``[actuator]`` and, where there is an I/P, ``[signal]``.
+
+    Raises ParameterError for a tag that cannot be shown.
+    """
 
     tag: str
     actuator: Actuator

@@ -73,10 +73,16 @@ class ValveParameters:
 
 
 def parameters_from_symbols(values: dict[str, float]) -> ValveParameters:
-    """Make ValveParameters from values under the paper's symbols; F_0 may be left out."""
+    """Make ValveParameters from values under the paper's symbols; F_0 may be left out.
+
+    Raises ParameterError for a symbol that there is not, one that is missing, or an unphysical value.
+    """
     unknown = sorted(set(values) - set(PARAMETER_SYMBOLS))
     if unknown:
         raise ParameterError(f"{unknown[0]}: no such parameter; there are {', '.join(PARAMETER_SYMBOLS)}")
+    missing = [symbol for symbol in PARAMETER_SYMBOLS if symbol not in values and symbol != "F_0"]
+    if missing:
+        raise ParameterError(f"{', '.join(missing)}: missing; only F_0 may be left out: add them")
     return ValveParameters(**{PARAMETER_SYMBOLS[symbol].field: value for symbol, value in values.items()})
 
 

@@ -60,7 +60,7 @@ class Waveform:
         moving = rise_pa > 0.0
         if not moving.any():
             return 0.0
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", over="ignore"):
             return float((rise_pa[moving] / run_s[moving]).max())
 
     def at(self, time_s: FloatArray | float) -> FloatArray:
@@ -73,10 +73,12 @@ class Waveform:
         before = after - 1
         run_s = self.time_s[after] - self.time_s[before]
         with np.errstate(invalid="ignore", divide="ignore"):
-            share = np.where(run_s > 0.0, (wanted_s - self.time_s[before]) / run_s, 1.0)
+            share = np.where(run_s > 0.0, (wanted_s - self.time_s[before]) / run_s, wanted_s >= self.time_s[before])
         share = np.clip(share, 0.0, 1.0)
-        rise_pa = self.pressure_pa[after] - self.pressure_pa[before]
-        return np.asarray(self.pressure_pa[before] + share * rise_pa)
+        start_pa, end_pa = self.pressure_pa[before], self.pressure_pa[after]
+        # rounding must not carry the command past a limit that the corners keep
+        between_pa = np.clip((1.0 - share) * start_pa + share * end_pa, *np.sort((start_pa, end_pa), axis=0))
+        return np.asarray(between_pa)
 
 
 def _joined(name: str, corners: Sequence[tuple[float, float]]) -> Waveform:
@@ -131,6 +133,8 @@ def multi_rate_triangle(
         last_slope = (high_pa - low_pa) / (periods_s[-1] / 2.0)
         legs = [(0.0, rest_pa), (abs(low_pa - rest_pa) / first_slope, low_pa), *legs[1:]]
         legs.append((abs(low_pa - rest_pa) / last_slope, rest_pa))
+    if not (math.isfinite(rest_s) and rest_s >= 0.0):
+        raise WaveformError(f"waveform {name}: the rest is {rest_s:g} s, it must not be negative: correct it")
     if rest_s > 0.0:
         legs.append((rest_s, legs[-1][1]))
     return _joined(name, legs)
@@ -143,6 +147,8 @@ def sine(period_s: float, cycles: float, low_pa: float, high_pa: float, *, corne
     """
     _require_positive("sine", "the period in s", period_s)
     _require_positive("sine", "the number of cycles", cycles)
+    if corners_per_period < 8:
+        raise WaveformError(f"waveform sine: {corners_per_period} corners a period, it needs at least 8: raise them")
     if not low_pa < high_pa:
         raise WaveformError(f"waveform sine: it goes from {low_pa:g} to {high_pa:g} Pa, the second must be higher")
     time_s = np.linspace(0.0, cycles * period_s, max(2, math.ceil(cycles * corners_per_period) + 1))
