@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import os
 import ssl
 import struct
@@ -154,9 +155,10 @@ class TcpMaster:
 class RtuMaster:
     """The master's end of a serial line, opened as a plain file."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, raw: bool = True) -> None:
         self._descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        tty.setraw(self._descriptor)
+        if raw:
+            tty.setraw(self._descriptor)
 
     def send(self, data: bytes) -> None:
         os.write(self._descriptor, data)
@@ -166,10 +168,9 @@ class RtuMaster:
         loop = asyncio.get_running_loop()
         end_s, data = loop.time() + deadline_s, b""
         while len(data) < length and loop.time() < end_s:
-            try:
+            with contextlib.suppress(BlockingIOError):
                 data += os.read(self._descriptor, length - len(data))
-            except BlockingIOError:
-                await asyncio.sleep(0.001)
+            await asyncio.sleep(0.001)
         return data
 
     async def ask(self, pdu: bytes, answer_bytes: int, unit: int = 1) -> list[int]:

@@ -327,6 +327,7 @@ def test_a_command_or_a_changed_heartbeat_feeds_the_watchdog_and_a_repeated_one_
         else:
             device.command(1.0e4)
     assert device.read(WATCHDOG_STATE, 1) == [1]
+    device.at_s = 8.1 + 0.6
     device.write(HEARTBEAT, [9])  # as it was
     device.command(3.0e4, RUN + 1)  # fenced
     device.at_s = 8.1 + 1.001

@@ -10,6 +10,7 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
+import serial
 from pymodbus.client import AsyncModbusTcpClient
 
 from drivers.registers import Kind, Register, RegisterMap, Table, WordOrder
@@ -318,11 +319,27 @@ async def test_a_serial_slave_is_silent_for_others_broken_frames_and_broadcasts_
     ):
         master.send(frame + crc(frame).to_bytes(2, "little"))
         assert await master.receive(1, 0.1) == b""
-    for broken in (good + b"\x00\x00", good[:3], b"\x01\x10\x00", b"\x55" * 40):
+    unfinished = b"\x01" + write_pdu(1000, [0] * 120)[:50]  # without a pause it would swallow what comes next
+    for broken in (good + b"\x00\x00", good[:3], b"\x01\x10\x00", b"\x55" * 40, unfinished):
         master.send(broken)
         assert await master.receive(1, 0.1) == b""
     assert await master.ask(read_pdu(3, 44, 1), 7) == [0]
     master.close()
+
+
+async def test_a_line_is_clean_for_a_master_that_sets_nothing_and_for_one_that_sets_parity_again_and_again(
+    rtu: tuple[SimulatedPlant, Path, ManualClock],
+) -> None:
+    _, link, _ = rtu
+    plain = RtuMaster(link, raw=False)
+    assert await plain.ask(read_pdu(3, 0, 1), 7) == [0x4257]
+    plain.close()
+    for _ in range(3):
+        with serial.Serial(str(link), 115200, parity="E"):
+            pass
+        master = RtuMaster(link, raw=False)
+        assert await master.ask(read_pdu(3, 0, 1), 7) == [0x4257]
+        master.close()
 
 
 async def test_a_pulled_line_is_gone_and_works_again_when_it_is_back(
