@@ -1,0 +1,1 @@
+"""Measurements of speed and accuracy, outside the test run: ``make bench``."""
