@@ -84,7 +84,7 @@ def _without_stiction(
     balance: Balance, coulomb: float, coulomb_error: float, forces: BreakawayForces
 ) -> ParameterEstimate:
     """F_s = F_c for a valve without stiction, or the friction at breakaway where that is known better."""
-    most = min(balance.friction[0], forces.value + forces.std_error)
+    most = forces.value + forces.std_error
     error = math.hypot(coulomb_error, max(0.0, most - coulomb) / math.sqrt(3.0))
     direct = math.hypot(forces.std_error, 0.0 if balance.preload is None else balance.preload[1])
     if direct < error:

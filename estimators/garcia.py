@@ -20,7 +20,7 @@ from estimators.slip_fit import fit_slips
 from estimators.static_friction import BreakawayForces, breakaway_forces
 from estimators.transients import Setting, judge_transients
 from estimators.uniform_motion import UniformMotion
-from valve.nameplate import Action, Nameplate
+from valve.nameplate import Nameplate
 from valve.recording import Recording
 
 _NO_LIMIT_VELOCITY = "the method does not give it; on ramps of one speed it cannot be told from F_s"
@@ -95,7 +95,7 @@ class GarciaEstimator:
         if forces is not None:
             raw["F_s"] = forces.value
         diagnostics: dict[str, Any] = {"form": str(self.form), "raw": raw}
-        if (balance.spring[0] <= 0.0 and motion.action is Action.SPRING) or balance.friction[0] <= 0.0:
+        if not balance.is_physical:
             return failed(self.method, Outcome.UNPHYSICAL, diagnostics)
         settling = viscous_from_settling(motion.samples, motion.phases, balance)
         measured_bounds = settling is not None and self.form is not Form.PUBLISHED

@@ -20,9 +20,12 @@ _COARSE_WINDOWS: Final = 200  # parts of the recording whose mean positions give
 _NOISE_OF_PATH_SPEED: Final = 0.08  # the windowed velocity's noise as a share of the mean speed
 _MOVING_SIGMAS: Final = 5.0
 _MOVING_SHARE: Final = 0.1  # of the median moving speed
+_SLOW_SHARE: Final = 0.2  # of the limit of motion: what drifts faster is not at rest
 _REST_SIGMAS: Final = 4.5  # a sample that far from the rest position has left it
+# The stem creeps for sqrt(2 m DV / force rate) before it reaches DV, unseen below any noise: about a millisecond.
+_CREEP_S: Final = 1.0e-3
+_LATENESS_ERROR: Final = 1.2  # of the lateness that is taken out: the stem may start softly
 _CORNER_WINDOW_S: Final = 0.05
-YOUNG_ROWS: Final = 12
 _MOST_LEVEL_SAMPLES: Final = 200
 
 
@@ -96,14 +99,6 @@ class Phases:
         """
         return stretch.first + (3 if stretch.after is After.BREAKAWAY else 2)
 
-    def young_rows(self, count: int) -> BoolArray:
-        """Rows, shape (n,), just after a breakaway, where the stem may still creep below DV."""
-        young = np.zeros(count, dtype=np.bool_)
-        for stretch in self.stretches:
-            if stretch.after is After.BREAKAWAY:
-                young[stretch.first : min(stretch.first + YOUNG_ROWS, stretch.last + 1)] = True
-        return young
-
 
 def find_phases(samples: Samples) -> Phases | Outcome:
     """Return the phases, or the outcome where the stem never moved."""
@@ -120,6 +115,7 @@ def find_phases(samples: Samples) -> Phases | Outcome:
     moving_speed = float(np.median(lively))
     limit = max(_MOVING_SIGMAS * noise, _MOVING_SHARE * moving_speed)
     sense = np.where(pace > limit, np.sign(velocity), 0.0).astype(np.int8)
+    sense = _without_slow_motion(samples, sense, pace, limit)
     force_window = max(half_window, 2, round(_CORNER_WINDOW_S / samples.period_s))
     force_rate = windowed_slope(samples, samples.force_n, force_window)
     corners = _corners(samples, force_rate, force_window)
@@ -190,11 +186,42 @@ class _Span:
     left_rest: Breakaway | None
 
 
-def _spans(samples: Samples, sense: npt.NDArray[np.int8], half_window: int) -> list[_Span]:
-    """Unbroken motion in one direction, its ends found to the row where it begins or ends at rest."""
+def _pieces(samples: Samples, sense: npt.NDArray[np.int8]) -> list[tuple[int, int, int]]:
+    """First row, last row and sense of each stretch of rows without a change of sense or a gap."""
     edges = np.flatnonzero((sense[1:] != sense[:-1]) | (samples.run_first[1:] != samples.run_first[:-1])) + 1
     bounds = np.concatenate([[0], edges, [sense.size]])
-    pieces = [(int(a), int(b) - 1, int(sense[a])) for a, b in pairwise(bounds.tolist())]
+    return [(first, end - 1, int(sense[first])) for first, end in pairwise(bounds.tolist())]
+
+
+def _without_slow_motion(
+    samples: Samples, sense: npt.NDArray[np.int8], pace: FloatArray, limit: float
+) -> npt.NDArray[np.int8]:
+    """The sense, with rests filled in that are none: between motions of one direction, the stem goes on slowly."""
+    pieces = _pieces(samples, sense)
+    filled = sense.copy()
+    for before, rest, after in zip(pieces, pieces[1:], pieces[2:], strict=False):
+        if rest[2] != 0 or before[2] != after[2]:
+            continue
+        first, last = rest[0], rest[1]
+        if not samples.run_first[before[1]] == samples.run_first[first] == samples.run_first[after[0]]:
+            continue
+        half = (last - first + 1) // 2
+        if half < 1 or float(pace[first : last + 1].min()) > limit / 3.0:
+            filled[first : last + 1] = before[2]
+            continue
+        early = float(np.median(samples.position_m[first : first + half]))
+        late = float(np.median(samples.position_m[last + 1 - half : last + 1]))
+        way_m = before[2] * (late - early)
+        run_s = float(samples.time_s[last] - samples.time_s[first]) / 2.0
+        noise_m = 1.25 * math.sqrt(2.0 / half) * samples.position_noise_m
+        if way_m > 3.0 * noise_m and way_m > _SLOW_SHARE * limit * run_s:
+            filled[first : last + 1] = before[2]
+    return filled
+
+
+def _spans(samples: Samples, sense: npt.NDArray[np.int8], half_window: int) -> list[_Span]:
+    """Unbroken motion in one direction, its ends found to the row where it begins or ends at rest."""
+    pieces = _pieces(samples, sense)
     spans = []
     for number, (first, last, direction) in enumerate(pieces):
         if direction == 0:
@@ -245,12 +272,9 @@ def _breakaway(
     late_s = _lateness(samples, row + 1, last, direction, level_m)
     at_s = max(seen_s - late_s, float(time_s[rest_first]))
     row = int(np.searchsorted(time_s, at_s, side="right")) - 1
-    # a start within the noise may have been a row earlier
-    leap_m = direction * (float(samples.position_m[min(row + 1, last)]) - level_m)
-    step_error_s = half_step_s / math.sqrt(3.0) if leap_m > 4.0 * _tolerance(samples) else 2.0 * half_step_s
-    if samples.position_noise_m == 0.0:
-        step_error_s = half_step_s / math.sqrt(3.0)
-    return Breakaway(row, direction, at_s, max(step_error_s, 0.6 * abs(late_s)), level_m)
+    creep_s = _CREEP_S if samples.position_noise_m > 0.0 else 0.0
+    step_error_s = math.hypot(half_step_s / math.sqrt(3.0), creep_s)
+    return Breakaway(row, direction, at_s, max(step_error_s, _LATENESS_ERROR * abs(late_s)), level_m)
 
 
 def _lateness(samples: Samples, row: int, last: int, direction: int, level_m: float) -> float:
@@ -307,10 +331,11 @@ def _split(span: _Span, corners: IntArray, force_rate: FloatArray) -> list[Stret
     firsts = [span.first, *(int(corner) + 1 for corner in inside)]
     lasts = [*(int(corner) - 1 for corner in inside), span.last]
     stretches = []
+    opposing = 0.05 * float(np.abs(force_rate).max())  # a force that holds does not oppose
     for number, (first, last) in enumerate(zip(firsts, lasts, strict=True)):
         if last - first < 2:
             continue
         middle = (first + last) // 2
-        driven = bool(force_rate[middle] * span.direction > 0.0)
+        driven = bool(force_rate[middle] * span.direction > -opposing)
         stretches.append(Stretch(first, last, span.direction, begin if number == 0 else After.CORNER, driven))
     return stretches

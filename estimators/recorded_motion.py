@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 
 from estimators.base import Estimate, Outcome
-from estimators.phases import Phases, find_phases
-from estimators.samples import Samples, prepare
+from estimators.phases import After, Phases, find_phases
+from estimators.samples import BoolArray, Samples, prepare
 from estimators.stops import find_stops
 from estimators.uniform_motion import UniformMotion, fit_uniform_motion
 from valve.nameplate import Action, Nameplate
 from valve.parameters import TravelStops
 from valve.recording import Recording
+
+_YOUNG_ROWS: Final = 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,3 +73,14 @@ def _read(recording: Recording, nameplate: Nameplate) -> RecordedMotion | Outcom
         return RecordedMotion(samples, phases, None, uniform, None, action, nameplate.actuator.moving_mass_kg)
     stops = find_stops(samples, phases, uniform)
     return RecordedMotion(samples, phases, uniform, None, stops, action, nameplate.actuator.moving_mass_kg)
+
+
+def young_rows(motion: RecordedMotion) -> BoolArray:
+    """Rows, shape (n,), just after a breakaway where the stem may still creep below DV; none where noise hides that."""
+    young = np.zeros(motion.samples.count, dtype=np.bool_)
+    if motion.samples.position_noise_m > 0.0:
+        return young
+    for stretch in motion.phases.stretches:
+        if stretch.after is After.BREAKAWAY:
+            young[stretch.first : min(stretch.first + _YOUNG_ROWS, stretch.last + 1)] = True
+    return young

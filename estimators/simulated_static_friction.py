@@ -9,15 +9,38 @@ from typing import Final
 import numpy as np
 from scipy.optimize import minimize_scalar
 
+from estimators.base import ParameterEstimate, measured
 from estimators.differences import backward_differences
-from estimators.misfit import simulated_position
+from estimators.misfit import Fallback, simulated_position
+from estimators.recorded_motion import RecordedMotion
 from estimators.samples import Samples
-from valve.parameters import TravelStops, ValveParameters
+from valve.errors import ParameterError
+from valve.parameters import PARAMETER_SYMBOLS, TravelStops, ValveParameters, parameters_from_symbols
 
 # The cost of Eq. (9) has several minima within some percent: they are scanned before the best is refined.
 _SCANNED: Final = 25
 _BRACKET: Final = 0.03
 _TOLERANCE: Final = 1.0e-7
+
+
+def refined_static_friction(
+    motion: RecordedMotion, parameters: dict[str, ParameterEstimate], fallback: Fallback
+) -> ParameterEstimate:
+    """Method 1's third step, Eq. (9), around the value from the breakaways; that value where it cannot be done."""
+    start = parameters["F_s"]
+    values = {symbol: estimate.value for symbol, estimate in parameters.items()}
+    complete = fallback.by_symbol() | {symbol: value for symbol, value in values.items() if value is not None}
+    if start.value is None or set(complete) != set(PARAMETER_SYMBOLS):
+        return start
+    complete["F_s"] = max(complete["F_s"], complete["F_c"])
+    try:
+        valve = parameters_from_symbols(complete)
+    except ParameterError:
+        return start
+    found = static_friction_by_simulation(
+        motion.samples, valve, start.std_error or 0.0, motion.first_moving_row, motion.stops
+    )
+    return start if found is None else measured(*found, note="by simulation, Eq. (9)")
 
 
 def static_friction_by_simulation(

@@ -11,15 +11,18 @@ from estimators.balance import Balance
 from estimators.differences import backward_differences, noise_covariance
 from estimators.linear_fit import LinearFit, fit_trimmed
 from estimators.phases import After, Stretch
-from estimators.recorded_motion import RecordedMotion
-from estimators.samples import BoolArray, FloatArray, IntArray, Samples
+from estimators.ramp_speeds import ramp_speeds
+from estimators.recorded_motion import RecordedMotion, young_rows
+from estimators.samples import BoolArray, FloatArray
+from estimators.settling import inertial_rows
 from estimators.threshold_sweep import sweep_thresholds
 from valve.nameplate import Action
 
 # A transient is fitted over its first 1.25^n rows, n by the least expected error.
 _GROWTH: Final = 1.25
 _LENGTHS: Final = 48
-_LINE_ROWS: Final = 400
+_SPEEDS_APART: Final = 0.2
+_LEAST_SHARE_APART: Final = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,15 +53,18 @@ def fit_slips(motion: RecordedMotion, balance: Balance, *, coasting: bool) -> tu
     target = samples.force_n[rows] - explained
     columns = [acceleration[rows], velocity[rows] - tends_to]
     other_speed = tends_to - sense * balance.speed
-    if bool((np.abs(other_speed) > 0.2 * balance.speed).any()):
+    apart = np.abs(other_speed) > _SPEEDS_APART * balance.speed
+    if np.count_nonzero(apart) > _LEAST_SHARE_APART * rows.size:
         columns.append(other_speed)  # F_v itself, without bias: ramps of other speeds, and coasting
     matrix = np.stack(columns, axis=1)
     noise = np.zeros((len(columns), len(columns)))
     noise[:2, :2] = noise_covariance(samples.position_noise_m, samples.period_s)[:2, :2]
-    young = motion.phases.young_rows(samples.count)[rows]
+    young = young_rows(motion)[rows]
     key = _LENGTHS - np.floor(np.log1p(transient.age[rows]) / np.log(_GROWTH))
     full = _best(matrix, target, key, noise, young)
-    return full, _best(matrix[:, 1:], target, key, noise[1:, 1:], young)
+    # without a mass only what comes after its part can be fitted
+    free = ~inertial_rows(motion, balance)[rows]
+    return full, _best(matrix[free, 1:], target[free], key[free], noise[1:, 1:], young[free])
 
 
 def _best(
@@ -79,6 +85,9 @@ def _transients(motion: RecordedMotion, balance: Balance, coasting: bool) -> _Tr
     count = motion.samples.count
     chosen = np.zeros(count, dtype=np.bool_)
     age, tends_to, sense = np.zeros(count), np.zeros(count), np.zeros(count)
+    speeds = tends_to
+    if motion.action is Action.SPRING:
+        speeds = ramp_speeds(motion.samples, motion.phases, balance.spring[0])
     for stretch in motion.phases.stretches:
         if motion.action is Action.SPRING and not _is_used(stretch, coasting):
             continue
@@ -97,7 +106,7 @@ def _transients(motion: RecordedMotion, balance: Balance, coasting: bool) -> _Tr
             tends_to[rows] = stretch.direction * balance.speed
             age[rows] = 0.0
         else:
-            tends_to[rows] = _force_slope(motion.samples, stretch, motion.phases.corners) / balance.spring[0]
+            tends_to[rows] = speeds[rows]
     return _Transient(chosen, age, tends_to, sense)
 
 
@@ -105,15 +114,3 @@ def _is_used(stretch: Stretch, coasting: bool) -> bool:
     if stretch.after is After.BREAKAWAY:
         return stretch.driven
     return coasting and stretch.after is After.CORNER
-
-
-def _force_slope(samples: Samples, stretch: Stretch, corners: IntArray) -> float:
-    """Slope of the force on the line that the stretch lies on, N/s, also beyond the stretch."""
-    first = stretch.first
-    later = corners[corners > first]
-    last = min(first + _LINE_ROWS, int(samples.run_last[first]))
-    if later.size:
-        last = min(last, int(later[0]) - 1)
-    rows = slice(first, max(last, first + 1) + 1)
-    time_s = samples.time_s[rows] - float(samples.time_s[rows].mean())
-    return float(time_s @ samples.force_n[rows]) / float(time_s @ time_s)

@@ -67,7 +67,11 @@ def breakaway_forces(
     for breakaway in phases.breakaways:
         force_n, rate = force_at(samples, breakaway)
         friction = breakaway.direction * (force_n - spring_n_per_m * breakaway.rest_m - preload_n)
-        found.append((friction, abs(rate) * breakaway.within_s, float(breakaway.direction), breakaway.time_s))
+        following = min(breakaway.row + 1, int(samples.run_last[breakaway.row]))
+        step_n = float(samples.force_n[following] - samples.force_n[breakaway.row])
+        # a force that leaps at the breakaway leaves it open within the leap
+        timing_n = max(abs(rate) * breakaway.within_s, abs(step_n) / math.sqrt(12.0))
+        found.append((friction, timing_n, float(breakaway.direction), breakaway.time_s))
     if not found:
         return None
     friction, timing, direction, time_s = np.array(found).T

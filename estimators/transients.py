@@ -9,20 +9,18 @@ from typing import Final
 
 import numpy as np
 
-from estimators.balance import Balance
+from estimators.balance import Balance, heaviest_mass_kg
 from estimators.base import Form, Outcome, ParameterEstimate, absent, measured
 from estimators.differences import Dynamics, without_bias, without_bias_massless
 from estimators.linear_fit import LinearFit
 from estimators.recorded_motion import RecordedMotion
 from estimators.samples import FloatArray
 
-# A transient is followed where it lasts for 3 samples, its fast part where that lasts for half a sample.
-_FEWEST_SAMPLES_OF_TRANSIENT: Final = 3.0
+# A transient is followed where its time constants last for 5 samples, its fast part where that lasts for half a one.
+_FEWEST_SAMPLES_OF_TRANSIENT: Final = 5.0
 _FEWEST_SAMPLES_OF_FAST_PART: Final = 0.5
-# Moving parts of control valves weigh some kg; the heaviest that is thought of where the nameplate says nothing.
-_HEAVIEST_KG: Final = 100.0
-_NAMEPLATE_MASS: Final = 1.25  # how far the nameplate's mass may be exceeded
 _CAPTURE_PERIOD_S: Final = 2.0e-3  # sampling faster than that is no remedy any more
+_LARGEST_INERTIA: Final = 0.1  # share of F_v that a mass left out may make
 _MORE_THAN_NOISE: Final = 1.5
 _ROUNDING: Final = 1.0e-5  # of the friction
 
@@ -93,12 +91,8 @@ class Setting:
     @property
     def unresolved(self) -> Outcome:
         """Outcome where noise or the rate hides a transient: the one whose remedy is left."""
-        return Outcome.NOISE_TOO_HIGH if self.period_s <= _CAPTURE_PERIOD_S else Outcome.TRANSIENTS_NOT_RESOLVED
-
-
-def heaviest_mass_kg(moving_mass_kg: float | None) -> float:
-    """Mass that the moving parts surely do not exceed, kg, by the nameplate's where it says one."""
-    return _HEAVIEST_KG if moving_mass_kg is None else _NAMEPLATE_MASS * moving_mass_kg
+        noisy = self.position_noise_m > 0.0 and self.period_s <= _CAPTURE_PERIOD_S
+        return Outcome.NOISE_TOO_HIGH if noisy else Outcome.TRANSIENTS_NOT_RESOLVED
 
 
 def judge_transients(
@@ -204,6 +198,8 @@ def _from_massless(massless: LinearFit | None, setting: Setting) -> Transients |
     if rate * setting.period_s > 1.0 / _FEWEST_SAMPLES_OF_TRANSIENT:
         return None
     most = setting.heaviest_kg * rate
+    if most > _LARGEST_INERTIA * value:
+        return None
     error = math.hypot(float(massless.std_error[0]) * value / fitted, most / math.sqrt(12.0))
     value += 0.5 * most
     if setting.form is Form.PUBLISHED:

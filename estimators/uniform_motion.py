@@ -16,6 +16,8 @@ from valve.nameplate import Action
 # Own choices. The rest of a stretch is steady where its first 40 % is over 9 time constants of a transient.
 _STEADY_SHARE: Final = 0.6
 _LARGEST_SPEED_CHANGE: Final = 0.15  # between the halves of a steady part
+_STEADY_SPEED_CHANGE: Final = 0.03
+_LEAST_WAY: Final = 0.01  # of the travel seen
 _FEWEST_ROWS: Final = 4
 _SPEEDS_APART: Final = 0.2  # speeds that differ by less than this share of their median count as one
 _PLATEAU: Final = 0.97
@@ -49,19 +51,30 @@ class UniformMotion:
 def steady_rows(samples: Samples, phases: Phases, action: Action) -> tuple[BoolArray, list[tuple[Stretch, slice]]]:
     """Rows in uniform motion, shape (n,), and the same stretch by stretch."""
     chosen = np.zeros(samples.count, dtype=np.bool_)
-    parts = []
+    parts: list[tuple[Stretch, slice]] = []
+    changes: list[float] = []
+    travel_m = float(np.ptp(samples.position_m))
     for stretch in phases.stretches:
         part = _plateau(phases, stretch) if action is Action.DOUBLE else _settled(samples, phases, stretch)
         if part is None:
             continue
-        speed = np.abs(phases.velocity[part])
-        half = speed.size // 2
-        early, late = float(speed[:half].mean()), float(speed[half:].mean())
-        if abs(early - late) > _LARGEST_SPEED_CHANGE * max(early, late):
-            continue
+        way_m = abs(float(samples.position_m[part.stop - 1] - samples.position_m[part.start]))
+        if way_m >= _LEAST_WAY * travel_m + 6.0 * samples.position_noise_m:
+            parts.append((stretch, part))
+            changes.append(_speed_change(phases.velocity[part]))
+    # the steadiest ones; what varies more is not settled yet, or hindered
+    limit = min(_LARGEST_SPEED_CHANGE, max(_STEADY_SPEED_CHANGE, 2.0 * min(changes, default=0.0)))
+    parts = [part for part, change in zip(parts, changes, strict=True) if change <= limit]
+    for _, part in parts:
         chosen[part] = True
-        parts.append((stretch, part))
     return chosen, parts
+
+
+def _speed_change(velocity: FloatArray) -> float:
+    """Change of the mean speed from the first half to the second, as a share of the faster one."""
+    half = velocity.size // 2
+    early, late = abs(float(velocity[:half].mean())), abs(float(velocity[half:].mean()))
+    return abs(early - late) / max(early, late)
 
 
 def _settled(samples: Samples, phases: Phases, stretch: Stretch) -> slice | None:
