@@ -220,8 +220,8 @@ class _Play:
         try:
             if math.isnan(device.in_force_pa):
                 device.adopt(await device.read())
-            if await device.drive(pressure_pa) is not None:
-                self._rules.commanded(device.in_force_pa)
+            self._rules.commanded(pressure_pa)
+            await device.drive(pressure_pa)
             await device.feed_watchdog()
             sample = await device.read()
         except EquipmentError as error:
@@ -244,8 +244,8 @@ class _Play:
                 await self._pause_until(time.monotonic() + _RAMP_PERIOD_S)
         if self._stop.is_set():
             raise _StopError
+        self._rules.commanded(target_pa)
         await self._device.command(target_pa)
-        self._rules.commanded(self._device.in_force_pa)
 
     async def _present_output_pa(self) -> float:
         while True:

@@ -6,6 +6,7 @@ import asyncio
 import os
 import pty
 import ssl
+import time
 import tty
 from collections import deque
 from collections.abc import Callable, Coroutine
@@ -49,6 +50,7 @@ class RawSlave:
     faults: deque[Fault] = field(default_factory=deque)
     always: Fault = OK
     requests: list[bytes] = field(default_factory=list)  # unit, function and data of each
+    asked_s: list[float] = field(default_factory=list)  # when each of them came
     asked: asyncio.Event = field(default_factory=asyncio.Event)
     in_flight: int = 0
     most_in_flight: int = 0
@@ -110,10 +112,14 @@ class RawSlave:
 
     async def serve(self, unit: int, pdu: bytes, frame: Callable[[int, bytes, Fault], bytes], raw: bytes) -> bytes:
         """Bytes to send back for one request, after its delay."""
-        fault = self.faults.popleft() if self.faults else self.always
+        scripted = bool(self.faults)
+        fault = self.faults.popleft() if scripted else self.always
         self.requests.append(bytes((unit,)) + pdu)
+        self.asked_s.append(time.monotonic())
         self.asked.set()
         answer = self._spoiled(unit, pdu, fault)
+        if not scripted:
+            fault = self.always  # a write may have changed it
         self.in_flight += 1
         self.most_in_flight = max(self.most_in_flight, self.in_flight)
         if fault.delay_s > 0.0:

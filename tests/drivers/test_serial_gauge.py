@@ -75,7 +75,7 @@ async def test_stale_bytes_are_thrown_away_before_a_request(gauge: SerialGauge, 
 
 
 async def test_a_late_answer_never_becomes_the_next_one(gauge: SerialGauge, fake: FakeGauge) -> None:
-    fake.answers.extend([(0.15, b"1.0 mm\r\n"), (0.0, b"2.0 mm\r\n"), (0.0, b"3.0 mm\r\n")])
+    fake.answers.extend([(0.13, b"1.0 mm\r\n"), (0.06, b"2.0 mm\r\n"), (0.0, b"3.0 mm\r\n")])
     with pytest.raises(NoAnswerError):
         await gauge.read()
     assert [(await gauge.read()).value_m for _ in range(2)] == pytest.approx([0.002, 0.003])

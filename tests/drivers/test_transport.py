@@ -54,7 +54,8 @@ async def test_a_silent_slave_costs_no_more_than_the_deadline(bus: Transport, sl
 
 
 async def test_a_late_answer_never_becomes_the_next_one(bus: Transport, slave: RawSlave) -> None:
-    slave.faults.append(Fault(delay_s=TIMEOUT_S + 0.05))
+    slave.faults.append(Fault(delay_s=TIMEOUT_S + 0.03))
+    slave.always = Fault(delay_s=0.05)
     got = []
     for address in (100, 200, 300, 400):
         try:
@@ -66,14 +67,25 @@ async def test_a_late_answer_never_becomes_the_next_one(bus: Transport, slave: R
 
 async def test_an_answer_later_than_the_worst_latency_is_caught_by_the_canary(rtu: Transport, slave: RawSlave) -> None:
     slave.faults.append(Fault(delay_s=WORST_LATENCY_S + 0.03))
-    slave.faults.append(Fault(delay_s=0.05))
+    slave.always = Fault(delay_s=0.05)
     with pytest.raises(NoAnswerError):
         await read(rtu, 100)
-    assert [await read(rtu, address) for address in (200, 300)] == [(200,), (300,)]
+    assert [await read(rtu, address) for address in (200, 300, 400)] == [(200,), (300,), (400,)]
+
+
+async def test_a_serial_line_is_left_alone_until_the_slowest_answer_must_have_come(
+    rtu: Transport, slave: RawSlave
+) -> None:
+    slave.faults.append(Fault(drop=True))
+    with pytest.raises(NoAnswerError):
+        await read(rtu, 100)
+    assert await read(rtu, 200) == (200,)
+    assert slave.asked_s[1] - slave.asked_s[0] >= WORST_LATENCY_S - 0.002
 
 
 async def test_a_cancelled_caller_does_not_leave_the_bus_off_by_one(bus: Transport, slave: RawSlave) -> None:
-    slave.faults.append(Fault(delay_s=0.05))
+    slave.faults.append(Fault(delay_s=0.03))
+    slave.always = Fault(delay_s=0.05)
     task = asyncio.create_task(read(bus, 100))
     await slave.asked.wait()
     task.cancel()
