@@ -147,6 +147,17 @@ def test_first_order_hold_of_a_sampled_force_equals_its_corners(name: str) -> No
     assert np.abs(sampled.events.time_s - corners.events.time_s).max() <= 1.0e-9
 
 
+def test_periods_that_differ_by_less_than_a_picosecond_are_kept_apart() -> None:
+    # without a spring nothing draws a lost instant back: 1e4 of 5e-13 s each would be 5e-9 m
+    coasting = ValveParameters(2.0, 0.0, 10.0, 1.0, 1.0, 1.0e-3)
+    periods_s = 1.0e-3 * (1.0 + 5.0e-10 * (np.arange(10_000) % 2))
+    time_s = np.concatenate(([0.0], np.cumsum(periods_s)))
+    corners = simulate_motion(coasting, [0.0, 20.0], [11.0, 11.0], time_s)
+    sampled = simulate_motion(coasting, time_s, corners.force_n, time_s)
+    assert sampled.position_m[-1] == pytest.approx(9.8, rel=0.01)
+    assert np.abs(sampled.position_m - corners.position_m).max() < 1.0e-12
+
+
 def test_the_motion_does_not_depend_on_where_it_is_looked_at() -> None:
     rng = np.random.default_rng(4)
     for valve in random_valves(5, first_seed=400):
