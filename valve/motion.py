@@ -58,7 +58,7 @@ def _follow(
         most_events,
     )
     if status != FOLLOWED:
-        raise motion_error(arguments, status, events)
+        raise motion_error(arguments, status, events, most_events)
     if events > room:
         return _follow(arguments, initial, corners, outputs, most_events=most_events, room=events)
     changes = ModeChanges(event_time_s[:events].copy(), event_mode[:events].copy())
@@ -207,7 +207,7 @@ class StemIntegrator:
             self.most_events,
         )
         if status != FOLLOWED:
-            raise motion_error(self._arguments, status, events)
+            raise motion_error(self._arguments, status, events, self.most_events)
         return StemState(position_m, velocity_m_per_s, Mode(mode))
 
     def ramp(self, state: StemState, duration_s: float, start_n: float, end_n: float) -> StemState:

@@ -88,7 +88,8 @@ def simulate_batch(
         events,
     )
     for valve in np.flatnonzero(status != FOLLOWED):
-        raise motion_error(arguments[valve], int(status[valve]), int(events[valve]), f"valve {valve + 1} of {count}")
+        subject = f"valve {valve + 1} of {count}"
+        raise motion_error(arguments[valve], int(status[valve]), int(events[valve]), most_events, subject=subject)
     final = tuple(
         StemState(float(x), float(v), Mode(int(mode))) for x, v, mode in zip(final_x, final_v, final_mode, strict=True)
     )

@@ -81,7 +81,9 @@ def require_within_stops(state: StemState, stops: TravelStops | None) -> None:
         )
 
 
-def motion_error(arguments: tuple[float, ...], status: int, events: int, subject: str = "the stem") -> MotionError:
+def motion_error(
+    arguments: tuple[float, ...], status: int, events: int, most_events: int, *, subject: str = "the stem"
+) -> MotionError:
     """Return the error for a kernel's ``status``: too many events, or a root that was not found."""
     named = ", ".join(
         f"{symbol} = {value:.6g}"
@@ -93,7 +95,7 @@ def motion_error(arguments: tuple[float, ...], status: int, events: int, subject
         )
     creep_n_per_s = arguments[1] * arguments[5]
     return MotionError(
-        f"{subject} ({named}): more than {events} changes of mode, the limit is {events}: a force slower than "
+        f"{subject} ({named}): more than {most_events} changes of mode, the limit is {most_events}: a force slower than "
         f"k DV = {creep_n_per_s:.3g} N/s makes it creep in micro-steps, so drive it faster, shorten the test or "
         "raise most_events"
     )
