@@ -95,7 +95,7 @@ def motion_error(
         )
     creep_n_per_s = arguments[1] * arguments[5]
     return MotionError(
-        f"{subject} ({named}): more than {most_events} changes of mode, the limit is {most_events}: a force slower than "
-        f"k DV = {creep_n_per_s:.3g} N/s makes it creep in micro-steps, so drive it faster, shorten the test or "
+        f"{subject} ({named}): more than {most_events} changes of mode, the limit is {most_events}: a force slower "
+        f"than k DV = {creep_n_per_s:.3g} N/s makes it creep in micro-steps, so drive it faster, shorten the test or "
         "raise most_events"
     )
