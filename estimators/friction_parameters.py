@@ -66,6 +66,9 @@ def _coulomb(balance: Balance, transients: Transients) -> tuple[float, float]:
 
 
 def _tied_note(balance: Balance, transients: Transients) -> str:
+    """What is known where F_c is told from F_v badly; nothing for a drive without a spring, which has other speeds."""
+    if balance.action is Action.DOUBLE:
+        return ""
     known = (
         f"F_c + {balance.speed:.3g} m/s * F_v = {balance.friction[0]:.5g} N is known to +-{balance.friction[1]:.2g} N"
     )

@@ -24,7 +24,7 @@ _SLOW_SHARE: Final = 0.2  # of the limit of motion: what drifts faster is not at
 _REST_SIGMAS: Final = 4.5  # a sample that far from the rest position has left it
 # The stem creeps for sqrt(2 m DV / force rate) before it reaches DV, unseen below any noise: about a millisecond.
 _CREEP_S: Final = 1.0e-3
-_LATENESS_ERROR: Final = 1.2  # of the lateness that is taken out: the stem may start softly
+_LATENESS_ERROR: Final = 1.5  # of the lateness that is taken out: the stem may start softly
 _CORNER_WINDOW_S: Final = 0.05
 _MOST_LEVEL_SAMPLES: Final = 200
 
@@ -319,8 +319,9 @@ def _end_of_motion(samples: Samples, rest: tuple[int, int], first: int, last: in
     begin = max(first, last - 4 * half_window - 8)
     end = min(rest_last, rest_first + _MOST_LEVEL_SAMPLES)
     away = np.abs(samples.position_m[begin : end + 1] - level_m) > _tolerance(samples)
-    rows = np.flatnonzero(away)
-    return begin + int(rows[-1]) if rows.size else last
+    still = np.flatnonzero(~away)
+    # the first that is not away: at the end of the rest the next motion already creeps
+    return max(begin, begin + int(still[0]) - 1) if still.size else last
 
 
 def _split(span: _Span, corners: IntArray, force_rate: FloatArray) -> list[Stretch]:

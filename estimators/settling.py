@@ -7,17 +7,19 @@ from breakaway on is (F_v d(0) + m v)/k, and the last term is small.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from estimators.balance import Balance, heaviest_mass_kg, viscous_bounds
-from estimators.phases import After, Breakaway, Phases, Stretch
+from estimators.phases import After, Phases
 from estimators.recorded_motion import RecordedMotion
-from estimators.samples import BoolArray, Samples
+from estimators.samples import BoolArray, FloatArray, Samples
 from estimators.static_friction import force_at
 
 _LEAST_JUMP_SIGMAS: Final = 8.0
+_LEAST_JUMP_ERRORS: Final = 3.0
 _SETTLED_AFTER: Final = 6.0  # times the time in which the lag falls to 1/e
 _FAST_PART_OVER: Final = 5.0  # time constants
 _MODEL_SHARE: Final = 0.05  # for m v and the steady motion's own errors
@@ -41,46 +43,80 @@ def inertial_rows(motion: RecordedMotion, balance: Balance) -> BoolArray:
 
 
 def viscous_from_settling(samples: Samples, phases: Phases, balance: Balance) -> tuple[float, float] | None:
-    """F_v from the slips' settling, N s/m, with its standard error; None where no jump stands out of the noise."""
+    """F_v from the slips' settling, N s/m, with its standard error; None where no jump stands out of the noise.
+
+    Whether they do is judged on all slips together: to keep the larger jumps alone would make F_v too small.
+    """
     if balance.spring[0] <= 0.0:
         return None
-    starts = {stretch.first: stretch for stretch in phases.stretches}
-    found = []
-    for breakaway in phases.breakaways:
-        stretch = starts.get(breakaway.row + 1)
-        one = None if stretch is None else _one_slip(samples, breakaway, stretch, balance)
-        if one is not None:
-            found.append(one)
-    if not found:
+    slips = _slips(samples, phases, balance)
+    if not slips:
         return None
-    values, timing = np.array(found).T
-    value = float(np.median(values))
-    scatter = 1.4826 * float(np.median(np.abs(values - value))) / math.sqrt(values.size)
-    return value, math.hypot(scatter, float(np.median(timing)), _MODEL_SHARE * value)
+    jump_m = float(np.median([slip.jump_m for slip in slips]))
+    jump_error_m = math.hypot(
+        float(np.median([slip.jump_error_m for slip in slips])), balance.friction[1] / balance.spring[0]
+    )
+    if jump_m <= max(_LEAST_JUMP_SIGMAS * samples.position_noise_m, _LEAST_JUMP_ERRORS * jump_error_m):
+        return None
+    settled = [one for slip in slips if (one := _integral(samples, slip, jump_m)) is not None]
+    if not settled:
+        return None
+    integrals, rows, steps_s = np.array(settled).T
+    per_slip = balance.spring[0] * integrals / jump_m
+    value = max(0.0, float(np.median(per_slip)))
+    scatter = 1.4826 * float(np.median(np.abs(per_slip - value))) / math.sqrt(per_slip.size)
+    timing_s = math.hypot(jump_error_m / jump_m * value / balance.spring[0], 0.3 * float(np.median(steps_s)))
+    noise_s = samples.position_noise_m / jump_m * math.sqrt(float(np.median(rows))) * samples.period_s
+    error = balance.spring[0] * math.hypot(timing_s, noise_s, float(np.median([slip.within_s for slip in slips])))
+    return value, math.hypot(scatter, error, _MODEL_SHARE * value)
 
 
-def _one_slip(samples: Samples, breakaway: Breakaway, stretch: Stretch, balance: Balance) -> tuple[float, float] | None:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Slip:
+    """A slip's lag behind steady motion, m, over the time since its breakaway, s; the first value is the jump."""
+
+    time_s: FloatArray
+    lag_m: FloatArray
+    jump_m: float
+    jump_error_m: float
+    within_s: float
+
+
+def _slips(samples: Samples, phases: Phases, balance: Balance) -> list[_Slip]:
     spring = balance.spring[0]
     preload = 0.0 if balance.preload is None else balance.preload[0]
-    steady_n = preload + breakaway.direction * balance.friction[0]
-    force_n, rate_n_per_s = force_at(samples, breakaway)
-    jump_m = breakaway.direction * ((force_n - steady_n) / spring - breakaway.rest_m)
-    jump_error_m = math.hypot(abs(rate_n_per_s) * breakaway.within_s, balance.friction[1]) / spring
-    if jump_m <= max(_LEAST_JUMP_SIGMAS * samples.position_noise_m, 3.0 * jump_error_m):
-        return None
-    rows = stretch.rows
-    time_s = np.concatenate([[breakaway.time_s], samples.time_s[rows]])
-    lag_m = breakaway.direction * ((samples.force_n[rows] - steady_n) / spring - samples.position_m[rows])
-    lag_m = np.concatenate([[jump_m], lag_m])
-    fallen = np.flatnonzero(lag_m < jump_m / math.e)
+    starts = {stretch.first: stretch for stretch in phases.stretches}
+    slips = []
+    for breakaway in phases.breakaways:
+        stretch = starts.get(breakaway.row + 1)
+        if stretch is None or not stretch.driven:
+            continue
+        sense, rows = breakaway.direction, stretch.rows
+        steady_n = preload + sense * balance.friction[0]
+        force_n, rate_n_per_s = force_at(samples, breakaway)
+        jump_m = sense * ((force_n - steady_n) / spring - breakaway.rest_m)
+        lag_m = sense * ((samples.force_n[rows] - steady_n) / spring - samples.position_m[rows])
+        time_s = samples.time_s[rows] - breakaway.time_s
+        jump_error_m = abs(rate_n_per_s) * breakaway.within_s / spring
+        slips.append(
+            _Slip(
+                time_s=np.concatenate([[0.0], time_s]),
+                lag_m=np.concatenate([[jump_m], lag_m]),
+                jump_m=jump_m,
+                jump_error_m=jump_error_m,
+                within_s=breakaway.within_s,
+            )
+        )
+    return slips
+
+
+def _integral(samples: Samples, slip: _Slip, jump_m: float) -> tuple[float, float, float] | None:
+    """Integral of the lag until it has settled, m s, the rows that it takes and its first step, s."""
+    fallen = np.flatnonzero(slip.lag_m < jump_m / math.e)
     if fallen.size == 0:
         return None
-    end_s = breakaway.time_s + _SETTLED_AFTER * max(float(time_s[fallen[0]]) - breakaway.time_s, samples.period_s)
-    kept = time_s <= end_s
-    if np.count_nonzero(kept) < 3:
+    kept = slip.time_s <= _SETTLED_AFTER * max(float(slip.time_s[fallen[0]]), samples.period_s)
+    rows = int(np.count_nonzero(kept))
+    if rows < 3:
         return None
-    integral = float(np.trapezoid(lag_m[kept], time_s[kept]))
-    timing_s = math.hypot(breakaway.within_s, 0.3 * float(time_s[1] - time_s[0]))
-    value = max(0.0, spring * integral / jump_m)
-    noise_s = samples.position_noise_m / jump_m * math.sqrt(np.count_nonzero(kept)) * samples.period_s
-    return value, math.hypot(spring * timing_s, value * jump_error_m / jump_m, spring * noise_s)
+    return float(np.trapezoid(slip.lag_m[kept], slip.time_s[kept])), float(rows), float(slip.time_s[1])

@@ -54,7 +54,8 @@ def fit_slips(motion: RecordedMotion, balance: Balance, *, coasting: bool) -> tu
     columns = [acceleration[rows], velocity[rows] - tends_to]
     other_speed = tends_to - sense * balance.speed
     apart = np.abs(other_speed) > _SPEEDS_APART * balance.speed
-    if np.count_nonzero(apart) > _LEAST_SHARE_APART * rows.size:
+    # few rows coast, and what they tend to is another speed for certain
+    if bool((sense * tends_to < 0.0).any()) or np.count_nonzero(apart) > _LEAST_SHARE_APART * rows.size:
         columns.append(other_speed)  # F_v itself, without bias: ramps of other speeds, and coasting
     matrix = np.stack(columns, axis=1)
     noise = np.zeros((len(columns), len(columns)))
@@ -84,29 +85,24 @@ def _best(
 def _transients(motion: RecordedMotion, balance: Balance, coasting: bool) -> _Transient:
     count = motion.samples.count
     chosen = np.zeros(count, dtype=np.bool_)
-    age, tends_to, sense = np.zeros(count), np.zeros(count), np.zeros(count)
-    speeds = tends_to
-    if motion.action is Action.SPRING:
-        speeds = ramp_speeds(motion.samples, motion.phases, balance.spring[0])
+    age, sense = np.zeros(count), np.zeros(count)
     for stretch in motion.phases.stretches:
         if motion.action is Action.SPRING and not _is_used(stretch, coasting):
             continue
-        first = motion.phases.first_differenced_row(stretch)
-        # what is settled by then says nothing of the transient
-        last = (
-            stretch.last if motion.action is Action.DOUBLE else min(stretch.last, first + (stretch.last - first) // 2)
-        )
-        rows = slice(first, last + 1)
-        if rows.stop <= rows.start:
+        first, last = motion.phases.first_differenced_row(stretch), stretch.last
+        if motion.action is Action.SPRING and stretch.driven:
+            last = min(last, first + (last - first) // 2)  # what is settled by then says nothing of the transient
+        if last < first:
             continue
+        rows = slice(first, last + 1)
         chosen[rows] = True
-        age[rows] = np.arange(rows.stop - rows.start)
         sense[rows] = stretch.direction
-        if motion.action is Action.DOUBLE:
-            tends_to[rows] = stretch.direction * balance.speed
-            age[rows] = 0.0
-        else:
-            tends_to[rows] = speeds[rows]
+        if motion.action is Action.SPRING:
+            age[rows] = np.arange(last + 1 - first)
+    if motion.action is Action.SPRING:
+        tends_to = np.where(chosen, ramp_speeds(motion.samples, motion.phases, balance.spring[0]), 0.0)
+    else:
+        tends_to = sense * balance.speed
     return _Transient(chosen, age, tends_to, sense)
 
 

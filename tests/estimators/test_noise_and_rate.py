@@ -1,0 +1,128 @@
+"""What noise and slow sampling hide is said to be hidden, and what is given keeps its interval."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from estimators.base import Estimate, Estimator, Form, Status
+from estimators.garcia import GarciaEstimator
+from estimators.regression import RegressionEstimator
+from estimators.samples import channel_noise
+from tests.estimators.recordings import VALVES, Recorded, recorded
+from valve.parameter_sets import parameter_set
+from valve.recording import Recording
+from valve.waveform import triangle
+
+BOTH: list[Estimator] = [RegressionEstimator(), GarciaEstimator()]
+ALL_FORMS: list[Estimator] = [
+    *BOTH,
+    RegressionEstimator(form=Form.PUBLISHED),
+    GarciaEstimator(form=Form.PUBLISHED),
+]
+
+
+def by_form(estimator: Estimator) -> str:
+    return f"{estimator.method}-{getattr(estimator, 'form', '')}"
+
+
+def estimated(estimator: Estimator, test: Recorded) -> Estimate:
+    return estimator.estimate(test.recording, test.nameplate)
+
+
+@pytest.mark.parametrize("estimator", ALL_FORMS, ids=by_form)
+@pytest.mark.parametrize("name", VALVES)
+def test_a_mass_is_never_given_at_20_um_and_1_ms(name: str, estimator: Estimator) -> None:
+    estimate = estimated(estimator, recorded(name, noise_m=20.0e-6))
+    assert estimate.value("m") is None
+    assert estimate.parameters["m"].note
+    if name != "graphite":
+        assert estimate.status is not Status.OK
+
+
+@pytest.mark.parametrize("estimator", BOTH, ids=by_form)
+@pytest.mark.parametrize("name", ["nominal", "rough"])
+def test_friction_and_spring_are_known_at_20_um(name: str, estimator: Estimator) -> None:
+    test = recorded(name, noise_m=20.0e-6)
+    estimate = estimated(estimator, test)
+    for symbol, rel in (("k", 2.0e-4), ("F_c", 2.0e-3), ("F_s", 1.5e-3)):
+        assert estimate.value(symbol) == pytest.approx(test.truth.by_symbol()[symbol], rel=rel), symbol
+    assert estimate.residual_rms_m == pytest.approx(20.0e-6, rel=1.0)
+
+
+@pytest.mark.parametrize("estimator", BOTH, ids=by_form)
+@pytest.mark.parametrize("noise_m", [0.0, 20.0e-6])
+def test_polled_at_20_hz_neither_m_nor_f_v_of_the_nominal_valve_is_given(estimator: Estimator, noise_m: float) -> None:
+    test = recorded("nominal", period_s=0.05, noise_m=noise_m, jitter=0.1)
+    estimate = estimated(estimator, test)
+    assert estimate.status is Status.POOR
+    assert "sampling rate is too low" in estimate.message
+    for symbol in ("m", "F_v"):
+        assert not estimate.parameters[symbol].identifiable
+        assert estimate.value(symbol) is None
+        assert "sampling rate" in estimate.parameters[symbol].note
+    for symbol, rel in (("k", 1.0e-3), ("F_c", 0.01), ("F_s", 0.01)):
+        assert estimate.value(symbol) == pytest.approx(test.truth.by_symbol()[symbol], rel=rel), symbol
+    assert "F_c + 0.0102 m/s * F_v" in estimate.parameters["F_c"].note
+
+
+@pytest.mark.parametrize("estimator", BOTH, ids=by_form)
+def test_without_a_slip_jump_f_c_is_said_to_be_tied_to_f_v(estimator: Estimator) -> None:
+    estimate = estimated(estimator, recorded("vendor", noise_m=20.0e-6))
+    assert estimate.value("F_c") is None
+    assert "tied to F_v" in estimate.parameters["F_c"].note
+    clean = estimated(estimator, recorded("vendor"))
+    assert "without a slip jump" in clean.parameters["F_c"].note
+
+
+@pytest.mark.parametrize("estimator", BOTH, ids=by_form)
+def test_gaps_are_never_differenced_across(estimator: Estimator) -> None:
+    test = recorded("nominal")
+    position_m = test.recording.position_m.copy()
+    random = np.random.default_rng(7)
+    for first in random.integers(0, position_m.size, 30):
+        position_m[first : first + int(random.integers(1, 200))] = np.nan
+    missing = np.isnan(position_m)
+    with_gaps = Recording(time_s=test.recording.time_s, position_m=position_m, pressure_pa=test.recording.pressure_pa)
+    for recording in (with_gaps, test.recording.rows(~missing)):
+        estimate = estimated(estimator, Recorded(recording, test.nameplate, test.truth))
+        for symbol in ("m", "k", "F_v", "F_c"):
+            assert estimate.value(symbol) == pytest.approx(test.truth.by_symbol()[symbol], rel=1.0e-4), symbol
+
+
+@pytest.mark.parametrize("estimator", BOTH, ids=by_form)
+@pytest.mark.parametrize("name", ["nominal", "rough"])
+def test_a_16_bit_position_still_gives_the_mass(name: str, estimator: Estimator) -> None:
+    test = recorded(name, resolution_m=0.1016 / 65535)
+    estimate = estimated(estimator, test)
+    assert estimate.value("m") == pytest.approx(test.truth.mass_kg, rel=0.06)
+
+
+@pytest.mark.parametrize("estimator", BOTH, ids=by_form)
+@pytest.mark.parametrize(
+    ("name", "period_s", "noise_m"),
+    [("nominal", 1e-3, 1e-6), ("rough", 1e-3, 5e-6), ("vendor", 1e-3, 20e-6), ("graphite", 1e-2, 10e-6)],
+)
+def test_errors_keep_to_the_standard_errors(name: str, period_s: float, noise_m: float, estimator: Estimator) -> None:
+    signal = parameter_set(name).nameplate.signal
+    assert signal is not None
+    scores = []
+    for seed in range(6):
+        wave = triangle(20.0 + 0.07 * seed, 3, *signal.range_pa)
+        test = recorded(name, period_s=period_s, noise_m=noise_m, seed=seed, waveform=wave)
+        estimate = estimated(estimator, test)
+        for symbol, parameter in estimate.parameters.items():
+            if parameter.value is not None and parameter.std_error:
+                scores.append((parameter.value - test.truth.by_symbol()[symbol]) / parameter.std_error)
+    assert len(scores) >= 12
+    assert float(np.sqrt(np.mean(np.square(scores)))) < 2.0
+    assert float(np.abs(scores).max()) < 6.0
+
+
+def test_noise_is_measured_also_where_samples_are_uneven() -> None:
+    random = np.random.default_rng(3)
+    for jitter in (0.0, 0.2):
+        time_s = 0.01 * (np.arange(4000) + jitter * random.uniform(-1.0, 1.0, 4000))
+        ramp_m = 0.02 * time_s + 20.0e-6 * random.standard_normal(4000)
+        noise_m = channel_noise(time_s, ramp_m, np.zeros(4000, dtype=np.int64))
+        assert noise_m == pytest.approx(20.0e-6, rel=0.05)
