@@ -64,13 +64,20 @@ def without_bias(mass_kg: float, viscous_n_s_per_m: float, spring_n_per_m: float
 
     s1, s2 solve m^ s^2 + F_v^ s + k = 0; l = -ln(1 - s T)/T; m = k / (l1 l2), F_v = -m (l1 + l2).
     """
-    if not (mass_kg > 0.0 and viscous_n_s_per_m > 0.0 and spring_n_per_m >= 0.0):
+    if not (mass_kg > 0.0 and spring_n_per_m >= 0.0):
         return None
+    # F_v^ may be negative: the bias of a lightly damped stem exceeds its F_v
     root = cmath.sqrt(viscous_n_s_per_m**2 - 4.0 * mass_kg * spring_n_per_m)
-    fast = -(viscous_n_s_per_m + root) / (2.0 * mass_kg)
-    slow = -2.0 * spring_n_per_m / (viscous_n_s_per_m + root)
+    twice = viscous_n_s_per_m + (root if viscous_n_s_per_m > 0.0 else -root)
+    if twice == 0.0:
+        return None
+    fast, slow = -twice / (2.0 * mass_kg), -2.0 * spring_n_per_m / twice
+    if max(fast.real, slow.real) * period_s >= 1.0:
+        return None  # grows faster than differences can tell
     rate_fast = _rate(fast, period_s)
     if spring_n_per_m == 0.0:
+        if not rate_fast.real < 0.0:
+            return None
         # no spring: s1 = l1 = 0, and what is left is m^ s + F_v^ = 0 at the same F_v
         return Dynamics(viscous_n_s_per_m / -rate_fast.real, viscous_n_s_per_m, (rate_fast, rate_fast))
     rate_slow = _rate(slow, period_s)

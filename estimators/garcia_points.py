@@ -85,7 +85,9 @@ def _slip(motion: RecordedMotion, spring: float) -> LinearFit | None:
     """
     samples = motion.samples
     velocity, acceleration = backward_differences(samples)
-    allowed = motion.phases.differenced_rows(samples.count) & np.isfinite(acceleration)
+    allowed = motion.phases.differenced_rows(samples.count, coasting=motion.action is Action.DOUBLE) & np.isfinite(
+        acceleration
+    )
     # three rows in a row, the first two of which the next follows
     fits = allowed[:-2] & allowed[1:-1] & allowed[2:]
     starts = np.flatnonzero(fits)

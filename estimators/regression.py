@@ -11,6 +11,7 @@ import numpy as np
 from estimators.balance import Balance, heaviest_mass_kg, viscous_bounds
 from estimators.base import Estimate, Form, Outcome, absent, failed
 from estimators.conclusion import conclude
+from estimators.differences import without_bias
 from estimators.friction_parameters import friction_parameters
 from estimators.limit_velocity import limit_velocity
 from estimators.linear_fit import LinearFit
@@ -21,7 +22,7 @@ from estimators.settling import viscous_from_settling
 from estimators.simulated_static_friction import refined_static_friction
 from estimators.static_friction import BreakawayForces, breakaway_forces, published_breakaway_forces
 from estimators.threshold_sweep import ThresholdSweep
-from estimators.transients import Setting, judge_transients
+from estimators.transients import Setting, is_resolved, judge_transients
 from valve.errors import ParameterError
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
@@ -165,7 +166,11 @@ class RegressionEstimator:
         if chosen is not None:
             full = regressors.fit(chosen[0] * sweep.step_m_per_s)
             rest = full if chosen[0] == chosen[1] else regressors.fit(chosen[1] * sweep.step_m_per_s)
-        clear = full is not None and _is_clear(full, heaviest_mass_kg(motion.moving_mass_kg))
+        spring = 0.0
+        if full is not None and "k" in names:
+            spring = abs(float(full.coefficients[names.index("k")]))
+        heaviest_kg = heaviest_mass_kg(motion.moving_mass_kg)
+        clear = full is not None and _is_clear(full, heaviest_kg, spring, motion.samples.period_s)
         if not clear:
             light = regressors.without_mass()
             light_sweep = light.sweep(self.thresholds, self.parts)
@@ -228,7 +233,12 @@ def _raw_values(balance: Balance, first: _FirstStep) -> dict[str, float]:
     return raw
 
 
-def _is_clear(fit: LinearFit, heaviest_kg: float) -> bool:
-    """Whether m^ and F_v^ are known to 15 %, and m^ is one that the valve can have."""
-    known = bool((fit.std_error[:2] < 0.15 * np.abs(fit.coefficients[:2])).all())
-    return known and bool((fit.coefficients[:2] > 0.0).all()) and float(fit.coefficients[0]) < heaviest_kg
+def _is_clear(fit: LinearFit, heaviest_kg: float, spring_n_per_m: float, period_s: float) -> bool:
+    """Whether m and F_v are known to 15 %, m is one that the valve can have, and their transients are resolved."""
+    mass, viscous = (float(value) for value in fit.coefficients[:2])
+    # F_v itself is about k T larger than F_v^
+    known = fit.std_error[0] < 0.15 * mass and fit.std_error[1] < 0.15 * abs(viscous + spring_n_per_m * period_s)
+    if not known or mass > heaviest_kg:
+        return False
+    dynamics = without_bias(mass, viscous, spring_n_per_m, period_s)
+    return dynamics is not None and (spring_n_per_m == 0.0 or is_resolved(dynamics, period_s))

@@ -79,7 +79,7 @@ def corrected_regressors(motion: RecordedMotion, spring_n_per_m: float | None, *
     samples, phases = motion.samples, motion.phases
     velocity, acceleration = backward_differences(samples)
     usable = np.isfinite(acceleration) & rows_off_stops(samples, motion.stops)
-    usable &= phases.differenced_rows(samples.count)
+    usable &= phases.differenced_rows(samples.count, coasting=motion.action is Action.DOUBLE)
     sense = np.where(usable, np.sign(phases.velocity), 0.0)
     velocity, acceleration = np.where(usable, velocity, 0.0), np.where(usable, acceleration, 0.0)
     if motion.action is Action.SPRING and spring_n_per_m is not None and spring_n_per_m > 0.0:

@@ -8,7 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from estimators.phases import Breakaway, Phases
+from estimators.phases import Phases
+from estimators.rests import Breakaway
 from estimators.samples import FloatArray, Samples
 
 _LINE_ROWS: Final = 40  # rows at rest whose force is drawn on to the instant of breakaway

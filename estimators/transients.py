@@ -95,6 +95,11 @@ class Setting:
         return Outcome.NOISE_TOO_HIGH if noisy else Outcome.TRANSIENTS_NOT_RESOLVED
 
 
+def is_resolved(dynamics: Dynamics, period_s: float) -> bool:
+    """Whether a transient is followed: its time constants, F_v/k together, last for 5 samples."""
+    return dynamics.slow_s >= _FEWEST_SAMPLES_OF_TRANSIENT * period_s
+
+
 def judge_transients(
     full: LinearFit | None, massless: LinearFit | None, steady: tuple[float, float] | None, setting: Setting
 ) -> Transients:
@@ -138,8 +143,7 @@ def _from_full(full: LinearFit | None, setting: Setting) -> Transients | None:
         error = _propagated(lambda p: _inverted(p, setting), pair, covariance)
     if setting.form is not Form.PUBLISHED and dynamics.mass_kg > setting.heaviest_kg:
         return None
-    samples = dynamics.slow_s / setting.period_s
-    if setting.spring_n_per_m > 0.0 and samples < _FEWEST_SAMPLES_OF_TRANSIENT:
+    if setting.spring_n_per_m > 0.0 and not is_resolved(dynamics, setting.period_s):
         return None
     bias = (float(pair[0] / dynamics.mass_kg - 1.0), float(pair[1] / dynamics.viscous_n_s_per_m - 1.0))
     notes = ["", ""]
