@@ -10,11 +10,14 @@ from typing import Final
 
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
+from fastapi.responses import HTMLResponse
 from pydantic import BaseModel
 
 from service.analysis_pool import AnalysisPool
 from service.body_limits import BodyLimits
+from service.docs_page import docs_page
 from service.errors import install_error_handlers
+from service.head_requests import HeadRequests
 from service.parts import Parts
 from service.problems import Problem
 from service.recordings.conversion import Converter
@@ -81,8 +84,11 @@ def create_app(
         description=_DESCRIPTION,
         lifespan=lifespan,
         redirect_slashes=False,
+        docs_url=None,  # FastAPI's own pages load their scripts from elsewhere
+        redoc_url=None,
     )
     app.add_middleware(BodyLimits)
+    app.add_middleware(HeadRequests)
     install_error_handlers(app)
     for router in (test_routes, recording_routes, valve_routes):
         app.include_router(router)
@@ -91,6 +97,10 @@ def create_app(
     async def healthz() -> Health:
         """Say that the service lives."""
         return Health(status="ok", version=VERSION)
+
+    @app.get("/docs", include_in_schema=False)
+    async def docs() -> HTMLResponse:
+        return HTMLResponse(docs_page(app.openapi()))
 
     app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]  # the way that FastAPI documents
     return app

@@ -90,7 +90,10 @@ def _http_error(request: Request, error: Exception) -> ProblemResponse:
         detail = f"{_printable(request.url.path)} is no route of this service: /docs lists all"
     if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
         detail = f"{request.method} is not possible on {_printable(request.url.path)}: /docs lists what is"
-    return problem(error.status_code, detail, instance=request.url.path, headers=error.headers)
+    headers = dict(error.headers or {})
+    if "GET" in headers.get("Allow", "").split(", "):
+        headers["Allow"] += ", HEAD"
+    return problem(error.status_code, detail, instance=request.url.path, headers=headers)
 
 
 def _invalid_request(request: Request, error: Exception) -> ProblemResponse:

@@ -6,6 +6,7 @@ import asyncio
 from collections import deque
 from collections.abc import AsyncIterator, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any, Final
 
 _KEPT_EVENTS: Final = 4096  # 5 minutes of progress and samples at 10 a second each
@@ -53,7 +54,8 @@ class EventLog:
             after = 0
         while True:
             changed = self._changed
-            for event in [event for event in self._events if event.id > after]:
+            fresh = min(self._latest - after, len(self._events))
+            for event in list(islice(self._events, len(self._events) - fresh, None)):
                 after = event.id
                 yield event
             if changed is not self._changed:

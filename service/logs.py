@@ -8,8 +8,15 @@ from typing import Final
 
 import structlog
 
-# What these say below a warning is their own business.
-_QUIET: Final = ("alembic", "pymodbus", "uvicorn", "httpx", "asyncio")
+# What these say below a level is their own business: a failed connection and a torn form are said by us, once.
+_QUIET: Final = {
+    "alembic": logging.WARNING,
+    "asyncio": logging.WARNING,
+    "httpx": logging.WARNING,
+    "pymodbus": logging.CRITICAL,
+    "python_multipart": logging.CRITICAL,
+    "uvicorn": logging.WARNING,
+}
 
 
 def log_as_json() -> None:
@@ -36,5 +43,5 @@ def log_as_json() -> None:
         )
     )
     logging.basicConfig(level=logging.INFO, handlers=[handler], force=True)
-    for name in _QUIET:
-        logging.getLogger(name).setLevel(logging.WARNING)
+    for name, level in _QUIET.items():
+        logging.getLogger(name).setLevel(level)

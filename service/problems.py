@@ -30,6 +30,7 @@ PROBLEMS: Final[dict[int | str, dict[str, Any]]] = {
         (408, "The request came too slowly"),
         (409, "The valve or its bus is busy"),
         (413, "The request is too large"),
+        (415, "The body is of another type than the route takes"),
         (422, "The request is understood and wrong"),
     )
 }

@@ -6,11 +6,15 @@ import asyncio
 import json
 import secrets
 import shutil
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from http import HTTPStatus
 from pathlib import Path
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Request
 from starlette.datastructures import FormData, UploadFile
+from starlette.exceptions import HTTPException
 
 from service.nameplates import nameplate_from_mapping, nameplate_from_toml
 from service.parts import Parts, parts_of
@@ -41,8 +45,11 @@ _BODY = {
 async def analyze_recording(request: Request, parts: Annotated[Parts, Depends(parts_of)]) -> dict[str, Any]:
     """Analyse an uploaded recording: the analysis object. Nothing is kept."""
     if not request.headers.get("content-type", "").lower().startswith("multipart/form-data"):
-        raise RequestError("the body is no multipart/form-data: send the parts recording and nameplate")
-    async with request.form(max_files=4, max_fields=4) as form:
+        raise HTTPException(
+            HTTPStatus.UNSUPPORTED_MEDIA_TYPE,
+            "the body is no multipart/form-data: send the parts recording and nameplate",
+        )
+    async with _form(request) as form:
         unknown = sorted(set(form) - {"recording", "nameplate"})
         if unknown or len(form.multi_items()) != len(form):
             raise RequestError(
@@ -60,6 +67,23 @@ async def analyze_recording(request: Request, parts: Annotated[Parts, Depends(pa
             raise RecordingError(str(error).replace(str(path), "recording")) from error
         finally:
             path.unlink(missing_ok=True)
+
+
+@asynccontextmanager
+async def _form(request: Request) -> AsyncIterator[FormData]:
+    try:
+        form = await request.form(max_files=4, max_fields=4)
+    except HTTPException as error:
+        if error.status_code != HTTPStatus.BAD_REQUEST:
+            raise
+        reason = str(error.detail).rstrip(".")
+        raise RequestError(
+            f"the body cannot be read as multipart/form-data ({reason}): send the parts recording and nameplate"
+        ) from None
+    try:
+        yield form
+    finally:
+        await form.close()
 
 
 def _keep(upload: UploadFile, path: Path) -> None:

@@ -8,18 +8,20 @@ from collections.abc import AsyncIterator
 from http import HTTPStatus
 from pathlib import Path
 from typing import Annotated, Final
+from urllib.parse import urlencode
 
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 
 from service.events import Event
+from service.json_body import JsonRoute
 from service.parts import Parts, parts_of
 from service.problems import PROBLEMS
 from service.recordings.formats import CSV, PARQUET, acceptable
 from service.runs.views import RunPage, RunRequest, RunView, summary, view
 from valve.errors import NotFoundError
 
-router = APIRouter(prefix="/tests", tags=["tests"], responses=PROBLEMS)
+router = APIRouter(prefix="/tests", tags=["tests"], responses=PROBLEMS, route_class=JsonRoute)
 PartsOf = Annotated[Parts, Depends(parts_of)]
 
 _WAIT: Final = re.compile(r"(?:^|[,;\s])wait\s*=\s*\"?(\d{1,6})")
@@ -70,7 +72,8 @@ async def list_tests(
     runs = await parts.runs.newest(limit + 1, before=before, tag=valve)
     following = None
     if len(runs) > limit:
-        following = f"/tests?limit={limit}&before={runs[limit - 1].id}" + ("" if valve is None else f"&valve={valve}")
+        query = {"limit": limit, "before": runs[limit - 1].id} | ({} if valve is None else {"valve": valve})
+        following = f"/tests?{urlencode(query)}"
     return RunPage(tests=[summary(run) for run in runs[:limit]], next=following)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from dataclasses import asdict
 from typing import Annotated, Any
+from urllib.parse import quote
 
 from fastapi import APIRouter, Depends
 from pydantic import BaseModel, Field
@@ -52,7 +53,7 @@ def _summary(parts: Parts, tag: str, last: Run | None, completed: Run | None) ->
     analysis = None if completed is None else completed.analysis
     return {
         "tag": tag,
-        "href": f"/valves/{tag}",
+        "href": f"/valves/{quote(tag)}",
         "buses": sorted(valve.buses),
         "acquisition": valve.wiring.acquisition.mode.value,
         "busy_with": parts.runs.user_of(tag),
@@ -79,7 +80,7 @@ async def list_valves(parts: PartsOf) -> ValveList:
     )
 
 
-@router.get("/{tag}")
+@router.get("/{tag:path}")
 async def get_valve(tag: str, parts: PartsOf) -> ValveView:
     """Return one valve with its last completed test."""
     valve = parts.runs.valve(tag)

@@ -128,7 +128,7 @@ def test_the_command_serves_says_so_logs_and_ends_cleanly_on_a_signal(
     assert process.stdout.readline().strip() == f"{folder}/line: unit 1 (reference) C"
     host, port = address.rsplit(":", 1)
     with socket.create_connection((host, int(port)), timeout=5.0) as connection:
-        for pdu in (struct.pack(">BHHBI", 16, 36, 2, 4, 9), struct.pack(">BHHBIf", 16, 32, 4, 8, 9, 5.0e4)):
+        for pdu in (struct.pack(">BHHBIH", 16, 36, 3, 6, 9, 1), struct.pack(">BHHBIf", 16, 32, 4, 8, 9, 5.0e4)):
             connection.sendall(struct.pack(">HHHB", 1, 0, len(pdu) + 1, 1) + pdu)
             assert connection.recv(64)[7] == 16
     deadline = time.monotonic() + 10.0

@@ -14,6 +14,7 @@ import pytest
 
 from service.settings import Plant, load_plant
 from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.service.problem import assert_problem
 from tests.service.running_service import running_service
 
 RUN = {"valve": "FV-101"}
@@ -49,16 +50,6 @@ async def finished(client: httpx.AsyncClient, location: str, within_s: float = 1
             return body
         await asyncio.sleep(0.01)
     raise AssertionError(f"{location} did not end within {within_s} s")
-
-
-def assert_problem(answer: httpx.Response, status: int, *parts: str) -> None:
-    assert answer.status_code == status, answer.text
-    assert answer.headers["content-type"] == "application/problem+json"
-    body = answer.json()
-    assert body["status"] == status
-    assert {"type", "title", "detail", "instance"} <= body.keys()
-    for part in parts:
-        assert part in body["detail"]
 
 
 async def test_a_test_is_accepted_run_analysed_and_listed(client: httpx.AsyncClient, rig: FakeRig) -> None:
@@ -345,7 +336,7 @@ async def test_a_bad_upload_is_a_clear_problem(client: httpx.AsyncClient, plant:
     assert_problem(await send(CSV, None), 422, "nameplate")
     assert_problem(await send(None, NAMEPLATE), 422, "recording")
     assert_problem(await send(CSV, NAMEPLATE, more="x"), 422, "more")
-    assert_problem(await client.post("/recordings/analyze", json={}), 422, "multipart")
+    assert_problem(await client.post("/recordings/analyze", json={}), 415, "multipart")
 
 
 async def test_the_openapi_page_describes_every_route(client: httpx.AsyncClient) -> None:
