@@ -16,16 +16,27 @@ class Role(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Fence:
-    """Commands count only while ``run_number``, written with each of them, equals ``owner``."""
+    """Blocks that move count only while the run number that each begins with equals ``owner``.
+
+    ``run_number`` begins the command's block. A device is taken and released by ``claim_run`` and ``claim`` together.
+    """
 
     run_number: str
     owner: str
+    claim_run: str
+    claim: str
+    take: int
+    release: int
 
 
 @dataclass(frozen=True, slots=True)
 class Watchdog:
-    """A timer in the device that drives ``safe_value`` after ``timeout`` without a command or a changed heartbeat."""
+    """A timer in the device that drives ``safe_value`` after ``timeout`` without a command or a changed heartbeat.
 
+    ``run``, ``timeout``, ``heartbeat`` and ``safe_value`` are neighbours and are written together.
+    """
+
+    run: str
     timeout: str
     state: str
     safe_value: str
@@ -64,11 +75,14 @@ class Capture:
     """A device that plays corners by its own clock and keeps samples, which are fetched window by window.
 
     A window holds the index of its first sample (u32), ``window_samples`` rows of u16 (position, pressure, command;
-    each range's two registers stand for 0 and ``full_scale``) and the CRC of all before.
+    each range's two registers stand for 0 and ``full_scale``) and the CRC of all before. ``run``, ``control``,
+    ``corner_count``, ``corner_check`` (CRC of the corners), ``period`` and ``wanted`` are written together.
     """
 
+    run: str
     state: str
     control: str
+    prepare: int
     start: int
     abort: int
     states: CaptureStates
@@ -77,6 +91,7 @@ class Capture:
     taken: str
     capacity: str
     corner_count: str
+    corner_check: str
     corner_capacity: str
     corners_address: int
     ranges: tuple[tuple[str, str], tuple[str, str], tuple[str, str]]

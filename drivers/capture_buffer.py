@@ -27,8 +27,9 @@ _PRESSURE: Final = Register("corner pressure", 2, Kind.F32, unit="Pa")
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far a capture is."""
+    """How far a capture is, and whose it is."""
 
+    run_number: int
     taken: int
     wanted: int
     running: bool
@@ -54,6 +55,7 @@ class CaptureBuffer:
         self._unit = unit
         self._capture = capture
         self._has_read_write = unit.map.has_read_write
+        self._settings: dict[str, float] = {}
 
     async def check(self, waveform: Waveform, samples: int) -> None:
         """Make sure that a waveform and its samples fit. Raises WaveformError where they do not."""
@@ -70,12 +72,14 @@ class CaptureBuffer:
                 f"{shown[capture.corner_capacity]:.0f}: choose a waveform with fewer"
             )
 
-    async def start(self, waveform: Waveform, period_s: float, samples: int) -> None:
-        """Hand the waveform over, read it back, and start, once.
+    async def hand_over(
+        self, waveform: Waveform, period_s: float, samples: int, run_number: int
+    ) -> AsyncIterator[None]:
+        """Write corners and settings and read them back, a part at a time: the caller may do other things between.
 
-        Raises DeviceError where the device holds something else or does not start.
+        Samples of an earlier capture are forgotten. Raises DeviceError where the device holds something else.
         """
-        capture, unit = self._capture, self._unit
+        unit = self._unit
         words = [
             word
             for time_s, pressure_pa in zip(waveform.time_s, waveform.pressure_pa, strict=True)
@@ -83,39 +87,54 @@ class CaptureBuffer:
         ]
         size = 4 * _CORNERS_A_WRITE
         for start in range(0, len(words), size):
-            part, address = words[start : start + size], capture.corners_address + start
+            part, address = words[start : start + size], self._capture.corners_address + start
             await unit.bus.write(unit.device_id, address, part)
             shown = await unit.bus.read_words(unit.device_id, Table.HOLDING, address, len(part))
             if list(shown.words) != part:
                 raise DeviceError(f"{self._tag}: {unit.subject} holds other corners than were written: check the map")
-        corners = float(waveform.time_s.size)
-        await unit.write({capture.period: period_s, capture.wanted: float(samples)})
-        await unit.write({capture.corner_count: corners})
-        held = await unit.values(capture.period, capture.wanted, capture.corner_count)
-        fits = abs(held[capture.period] - period_s) <= 0.5 * unit.map.register(capture.period).resolution
-        if not fits or (held[capture.wanted], held[capture.corner_count]) != (samples, corners):
-            raise DeviceError(f"{self._tag}: {unit.subject} holds other capture settings than were written: {held}")
-        await unit.write({capture.control: capture.start})
+            yield
+        await self._prepare(run_number, waveform.time_s.size, words_crc16(words), period_s, samples)
+
+    async def _prepare(self, run_number: int, corners: int, check: int, period_s: float, samples: int) -> None:
+        capture, unit = self._capture, self._unit
+        settings = {
+            capture.run: float(run_number),
+            capture.corner_count: float(corners),
+            capture.corner_check: float(check),
+            capture.period: period_s,
+            capture.wanted: float(samples),
+        }
+        await unit.write({**settings, capture.control: capture.prepare})
+        held = await unit.values(*settings)
+        for name, value in settings.items():
+            if abs(held[name] - value) > 0.5 * unit.map.register(name).resolution:
+                raise DeviceError(
+                    f"{self._tag}: {value:g} was written to {name} of {unit.subject} and it holds {held[name]:g}: "
+                    "check the device and its map"
+                )
+        self._settings = settings
+
+    async def start(self) -> None:
+        """Start what was handed over, once. Raises DeviceError where the device does not start."""
+        capture = self._capture
+        await self._unit.write({**self._settings, capture.control: capture.start})
         progress = await self.progress()
         if not (progress.running or progress.done):
-            raise DeviceError(f"{self._tag}: {unit.subject} does not start its capture: look at its state")
+            raise DeviceError(f"{self._tag}: {self._unit.subject} does not start its capture: look at its state")
 
     async def progress(self) -> Progress:
         """How far the capture is."""
         capture = self._capture
-        shown = await self._unit.values(capture.state, capture.wanted, capture.taken)
+        shown = await self._unit.values(capture.run, capture.state, capture.wanted, capture.taken)
         state = shown[capture.state]
         return Progress(
+            run_number=round(shown[capture.run]),
             taken=round(shown[capture.taken]),
             wanted=round(shown[capture.wanted]),
             running=state == capture.states.running,
             done=state == capture.states.done,
             aborted=state == capture.states.aborted,
         )
-
-    async def abort(self) -> None:
-        """End a capture; the device holds what it commands at that moment."""
-        await self._unit.write({self._capture.control: self._capture.abort})
 
     async def windows(self, samples: int) -> AsyncIterator[Window]:
         """Fetch the first ``samples`` samples, window by window. Raises WireError where one cannot be had."""

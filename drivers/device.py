@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from drivers.addresses import ValveWiring
+from drivers.capabilities import Fence, Watchdog
 from drivers.capture_buffer import CaptureBuffer
 from drivers.eye import Eye
 from drivers.outcome import Sample
@@ -21,6 +22,7 @@ _SAFE_ATTEMPTS: Final = 3
 _SAFE_DEADLINE_S: Final = 6.0  # then only the device's own watchdog can act, and the outcome says "not confirmed"
 _SETTLING_S: Final = 0.6  # a PLC's scan and its output card; the valve may take longer, the command may not
 _SETTLED_READS: Final = 2  # a slave that wakes up may still carry out an older write: one fitting read is too few
+_UNSEEN_READS: Final = 3  # looks in a row that failed; a lost answer costs a serial line longer than the settling
 _READ_PAUSE_S: Final = 0.02
 _TOLERANCE_SHARE: Final = 1.0e-3  # of the pressure limits' span: an output card's own resolution
 
@@ -98,7 +100,7 @@ class ValveDevice:
                 unit.bus.set_canary(unit.device_id, block, words)
 
     async def take_ownership(self, run_number: int) -> None:
-        """Fence the device: commands of no other run count. Nothing is written where the map has no fence.
+        """Fence the device: no other run's blocks count. Nothing is written where the map has no fence.
 
         Raises BusyError where another run owns it.
         """
@@ -108,21 +110,35 @@ class ValveDevice:
         if fence is not None:
             owner = round(await self.unit.value(fence.owner))
             if owner == 0:
-                await self.unit.write({fence.owner: run_number})
+                await self._claim(fence, run_number, fence.take)
                 owner = round(await self.unit.value(fence.owner))
             if owner != run_number:
                 raise BusyError(
-                    f"{self.tag}: run {owner} owns {self.unit.subject}, run {run_number} cannot have it: "
-                    "wait for its end or for the device's watchdog"
+                    f"{self.tag}: run {owner} owns {self.unit.subject}, run {run_number} cannot have it: wait for "
+                    "its end or for the device's watchdog, or restart the device where that run is dead"
                 )
         self.run_number = run_number
         self.in_force_pa = self._asked_pa = math.nan  # what an earlier run wrote may have been undone since
 
-    async def release(self) -> None:
-        """Give the device back: from now on no command counts."""
-        fence, self.run_number = self.unit.map.fence, 0
-        if fence is not None:
-            await self.unit.write({fence.owner: 0})
+    async def release(self, run_number: int | None = None) -> None:
+        """Give the device back, its watchdog off: from now on nothing of this run counts.
+
+        ``run_number`` is that of the owner by default. Raises DeviceError where the device stays with that run.
+        """
+        fence, number = self.unit.map.fence, self.run_number if run_number is None else run_number
+        self.run_number = 0
+        if fence is None:
+            await self.disarm_watchdog()
+            return
+        await self._claim(fence, number, fence.release)
+        watchdog = self.unit.map.watchdog
+        if round(await self.unit.value(fence.owner)) == number:
+            raise DeviceError(f"{self.tag}: {self.unit.subject} stays with run {number} after it was released")
+        if watchdog is not None and await self.unit.value(watchdog.state) == watchdog.armed:
+            raise DeviceError(f"{self.tag}: the watchdog of {self.unit.subject} stays armed after the release")
+
+    async def _claim(self, fence: Fence, run_number: int, claim: int) -> None:
+        await self.unit.write({fence.claim_run: run_number, fence.claim: claim})
 
     # ---- watchdog
 
@@ -131,10 +147,9 @@ class ValveDevice:
         watchdog, timeout_s = self.unit.map.watchdog, self.wiring.watchdog.timeout_s
         if watchdog is None or timeout_s is None:
             return
-        await self.unit.write({watchdog.safe_value: self.safe_value_pa})
-        self._fed_s = (await self.unit.write({watchdog.timeout: timeout_s})).sent_s
-        shown = await self.unit.values(watchdog.timeout, watchdog.state, watchdog.safe_value, watchdog.heartbeat)
-        self._heartbeat = round(shown[watchdog.heartbeat])
+        self._heartbeat = round(await self.unit.value(watchdog.heartbeat))
+        await self._write_watchdog(watchdog, timeout_s)
+        shown = await self.unit.values(watchdog.timeout, watchdog.state, watchdog.safe_value)
         if (
             shown[watchdog.state] != watchdog.armed
             or abs(shown[watchdog.timeout] - timeout_s) > self.unit.map.register(watchdog.timeout).resolution
@@ -150,7 +165,7 @@ class ValveDevice:
         watchdog = self.unit.map.watchdog
         if watchdog is None or not self.has_watchdog:
             return
-        await self.unit.write({watchdog.timeout: 0.0})
+        await self._write_watchdog(watchdog, 0.0)
         if await self.unit.value(watchdog.state) == watchdog.armed:
             raise DeviceError(f"{self.tag}: the watchdog of {self.unit.subject} stays armed after it was switched off")
 
@@ -159,8 +174,19 @@ class ValveDevice:
         watchdog, timeout_s = self.unit.map.watchdog, self.wiring.watchdog.timeout_s
         if watchdog is None or timeout_s is None or time.monotonic() - self._fed_s < 0.25 * timeout_s:
             return
+        await self._write_watchdog(watchdog, timeout_s)
+
+    async def _write_watchdog(self, watchdog: Watchdog, timeout_s: float) -> None:
         self._heartbeat = (self._heartbeat + 1) & 0xFFFF
-        self._fed_s = (await self.unit.write({watchdog.heartbeat: self._heartbeat})).sent_s
+        exchange = await self.unit.write(
+            {
+                watchdog.run: self.run_number,
+                watchdog.timeout: timeout_s,
+                watchdog.heartbeat: self._heartbeat,
+                watchdog.safe_value: self.safe_value_pa,
+            }
+        )
+        self._fed_s = exchange.sent_s
 
     # ---- look and move
 
@@ -234,15 +260,17 @@ class ValveDevice:
 
     async def shows(self, pressure_pa: float, *, reads: int = _SETTLED_READS, priority: bool = False) -> bool:
         """Whether the device shows this command within the settling time, so many looks in a row."""
-        fitting, until_s = 0, time.monotonic() + _SETTLING_S
+        fitting, unseen, until_s = 0, 0, time.monotonic() + _SETTLING_S
         while fitting < reads:
             try:
                 output_pa = (await self.read(priority=priority)).output_pa
             except EquipmentError:
-                output_pa = math.nan
-            fitting = fitting + 1 if abs(output_pa - pressure_pa) <= self.tolerance_pa else 0
+                unseen += 1  # a look that failed says nothing, neither yes nor no
+            else:
+                fits = abs(output_pa - pressure_pa) <= self.tolerance_pa
+                fitting, unseen = (fitting + 1 if fits else 0), 0
             if fitting < reads:
-                if time.monotonic() > until_s:
+                if time.monotonic() > until_s and (fitting == unseen == 0 or unseen >= _UNSEEN_READS):
                     return False
                 await asyncio.sleep(_READ_PAUSE_S)
         return True

@@ -77,8 +77,8 @@ async def play_sequence(
     Everything that can be refused is refused before anything moves, as a ValveError: the waveform against the limits,
     the device's identity, its owner, its watchdog. ``on_ready`` is awaited with the output at entry (Pa) and the
     device's name before the first write. From the first move on every end is an outcome: the valve is sent to its
-    safe value, this is read back, and nothing but watchdog off and release is written afterwards; where it is not
-    confirmed the watchdog stays armed. A cancelled caller gets the same, then the cancellation.
+    safe value, this is read back, and nothing but the release is written afterwards; where it is not confirmed the
+    watchdog stays armed. A cancelled caller gets the same, then the cancellation.
     """
     check_waveform(device.tag, waveform, limits)
     play = _Play(
@@ -183,7 +183,6 @@ class _Play:
             self._notes.append("the safe value was not read back: the device's watchdog stays armed")
             return
         try:
-            await self._device.disarm_watchdog()
             await self._device.release()
         except EquipmentError as error:
             self._notes.append(f"the device was not released: {error}")
@@ -294,7 +293,9 @@ class _Play:
     async def _watch(self, buffer: CaptureBuffer) -> None:
         """Let the device play; look at it now and then, keep its watchdog fed, and end with it."""
         device = self._device
-        await buffer.start(self._waveform, self._period_s, self.samples)
+        async for _ in buffer.hand_over(self._waveform, self._period_s, self.samples, device.run_number):
+            await device.feed_watchdog()
+        await buffer.start()
         device.in_force_pa = math.nan
         while True:
             await self._pause_until(time.monotonic() + _WATCH_PERIOD_S)

@@ -1,16 +1,16 @@
 """A device with the reference map: identity, live values, fence, watchdog and capture buffer.
 
-What docs/reference-map.md leaves open is decided here so: a command counts only when ``run_number`` and ``command``
-come in one write; a write of ``run_owner`` that may not take the device is acknowledged and changes nothing, so read
-it back; half of a 32-bit register cannot be written; a capture works on a copy of the corner table, is done when its
-last sample was taken and its waveform has ended, and leaves the last corner's pressure; an aborted capture holds the
-pressure of that moment; addresses between the registers do not exist.
+What docs/reference-map.md leaves open is decided here so: a block that does not count is not looked at further, so
+its values are not refused either; a capture works on a copy of the corner table; half of a 32-bit register can be read;
+addresses between the registers do not exist.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -26,10 +26,11 @@ from drivers.maps.reference import (
     WINDOW_WORDS,
     CaptureControl,
     CaptureState,
+    Claim,
     StatusBit,
     WatchdogState,
 )
-from drivers.registers import Register, Table, words_crc16
+from drivers.registers import Table, words_crc16
 from simulator.capture import (
     SAMPLE_CAPACITY,
     SHORTEST_PERIOD_S,
@@ -45,7 +46,6 @@ from simulator.unit import (
     ExceptionCode,
     NoAnswer,
     Refusal,
-    covered,
     measured_words,
     obey_wire_faults,
     registers_by_address,
@@ -57,9 +57,41 @@ _REGISTERS: Final = registers_by_address(MAP.registers, Table.HOLDING)
 _LIVE: Final = MAP.block(
     "device_time", "position", "pressure", "output", "supply_pressure", "status", "sample_counter", "live_check"
 )
+_COMMAND: Final = MAP.block("run_number", "command")
+_CLAIM: Final = MAP.block("claim_run", "claim")
+_WATCHDOG: Final = MAP.block("watchdog_run", "watchdog_timeout", "heartbeat", "safe_value")
+_CAPTURE: Final = MAP.block(
+    "capture_run", "capture_control", "corner_count", "corner_check", "capture_period", "capture_wanted"
+)
+_OWNED_BLOCKS: Final = {block.address: block for block in (_COMMAND, _CLAIM, _WATCHDOG, _CAPTURE)}
+_BLOCKS: Final = {**_OWNED_BLOCKS, (_INDEX := MAP.block("window_index")).address: _INDEX}
 _CORNERS_END: Final = CORNERS_ADDRESS + CORNER_CAPACITY * CORNER_WORDS
 _WINDOW_END: Final = WINDOW_ADDRESS + WINDOW_WORDS
 _DEVICE_TIME_WRAP_S: Final = 2**32 * 1.0e-6
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureSettings:
+    """What a capture is to be: corners of the table and their CRC, time between samples, number of samples."""
+
+    corners: int = 0
+    check: int = 0
+    period_s: float = 1.0e-3
+    wanted: int = 0
+
+    @classmethod
+    def of(cls, values: Mapping[str, float]) -> CaptureSettings:
+        """Return the settings that a capture block carries."""
+        corners, check = int(values["corner_count"]), int(values["corner_check"])
+        return cls(corners, check, values["capture_period"], int(values["capture_wanted"]))
+
+
+def _block_values(address: int, words: Sequence[int]) -> dict[str, float]:
+    """Values of a block that was written whole. Raises Refusal for any other write."""
+    block = _BLOCKS.get(address)
+    if block is None or len(words) != block.words:
+        raise Refusal(ExceptionCode.ILLEGAL_ADDRESS)
+    return block.decode(words)
 
 
 class ReferenceUnit:
@@ -92,11 +124,13 @@ class ReferenceUnit:
     def _forget_everything(self) -> None:
         """Memory as after a restart."""
         low_pa = self._valve.settings.transducer.range_pa[0]
-        self._run_number, self._owner, self._command_pa = 0, 0, low_pa
+        self._owner, self._command_pa = 0, low_pa
         self._timeout_s, self._watchdog, self._safe_pa = 0.0, WatchdogState.OFF, low_pa
         self._fed_s, self._heartbeat, self._at_safe = self._until_s, 0, False
         self._capture: Capture | None = None
-        self._period_s, self._wanted, self._corner_count, self._window_index = 1.0e-3, 0, 0, 0
+        self._settings = CaptureSettings()
+        self._window_index = 0
+        self._written: dict[str, float] = {}  # what each block held when it counted last
         self._corners = [0] * (CORNER_CAPACITY * CORNER_WORDS)
 
     # What the device does by itself
@@ -221,20 +255,23 @@ class ReferenceUnit:
             "map_version": lambda: 1,
             "device_id": lambda: self.device_id,
             "boot_count": lambda: self._boots,
-            "run_number": lambda: self._run_number,
+            **{
+                name: partial(self._last_written, name)
+                for name in ("run_number", "claim_run", "claim", "watchdog_run", "capture_run", "capture_control")
+            },
             "command": lambda: self._command_pa,
             "run_owner": lambda: self._owner,
             "watchdog_timeout": lambda: self._timeout_s,
-            "watchdog_state": lambda: self._watchdog,
-            "safe_value": lambda: self._safe_pa,
             "heartbeat": lambda: self._heartbeat,
+            "safe_value": lambda: self._safe_pa,
+            "watchdog_state": lambda: self._watchdog,
+            "corner_count": lambda: self._settings.corners,
+            "corner_check": lambda: self._settings.check,
+            "capture_period": lambda: self._settings.period_s,
+            "capture_wanted": lambda: self._settings.wanted,
             "capture_state": lambda: CaptureState.IDLE if self._capture is None else self._capture.state,
-            "capture_control": lambda: CaptureControl.NONE,
-            "capture_period": lambda: self._period_s,
-            "capture_wanted": lambda: self._wanted,
             "capture_taken": lambda: 0 if self._capture is None else self._capture.taken,
             "capture_capacity": lambda: SAMPLE_CAPACITY,
-            "corner_count": lambda: self._corner_count,
             "corner_capacity": lambda: CORNER_CAPACITY,
             "position_low": lambda: ranges.position_m[0],
             "position_high": lambda: ranges.position_m[1],
@@ -244,6 +281,9 @@ class ReferenceUnit:
             "command_high": lambda: ranges.command_pa[1],
             "window_index": lambda: self._window_index,
         }
+
+    def _last_written(self, name: str) -> float:
+        return self._written.get(name, 0.0)
 
     def _live_words(self) -> list[int]:
         """Take one live sample; its words with their check."""
@@ -304,47 +344,64 @@ class ReferenceUnit:
                 self._corners[address - CORNERS_ADDRESS : end - CORNERS_ADDRESS] = list(words)
             self._note(Happening.IGNORED if ignored else Happening.WRITTEN, address, words)
             return
-        registers = covered(_REGISTERS, address, len(words))
-        values = {r.name: r.decode(list(words[r.address - address :][: r.words])) for r in registers}
-        self._check(registers, values)
-        if ignored:
-            self._note(Happening.IGNORED, address, words)
+        values = _block_values(address, words)
+        run = int(next(iter(values.values()))) if address in _OWNED_BLOCKS else None
+        counts = run is None or self._counts(address, run)
+        if counts:
+            self._check(values)
+        if ignored or not counts:
+            asked_pa = values.get("command")
+            self._note(Happening.IGNORED if ignored else Happening.FENCED, address, words, asked_pa, run)
             return
+        self._written |= values
         if "command" in values:
-            self._obey_command(values, address, words)
+            self._obey_command(values["command"], address, words, run)
+            return
+        self._note(Happening.WRITTEN, address, words, run=run)
+        if "claim" in values:
+            self._obey_claim(values)
+        elif "heartbeat" in values:
+            self._set_watchdog(values)
+        elif "capture_control" in values:
+            self._control(values)
         else:
-            self._note(Happening.WRITTEN, address, words)
-        for name, value in values.items():
-            self._take(name, value)
+            self._window_index = int(values["window_index"])
 
-    def _check(self, registers: Sequence[Register], values: dict[str, float]) -> None:
-        """Raise Refusal where a register cannot be written or does not take this value."""
-        if not all(register.writable for register in registers):
-            raise Refusal(ExceptionCode.ILLEGAL_ADDRESS)
+    def _counts(self, address: int, run: int) -> bool:
+        """Whether a block of this run may act: it owns the device, or takes it while nobody does."""
+        free = self._owner == 0 and address == _CLAIM.address
+        return run != 0 and (run == self._owner or free)
+
+    def _check(self, values: dict[str, float]) -> None:
+        """Raise Refusal where a block that counts has a value that cannot be taken."""
         covers = self._valve.settings.transducer.covers
-        for name in ("command", "safe_value"):
-            if name in values and not (math.isfinite(values[name]) and covers(values[name])):
-                raise Refusal(ExceptionCode.ILLEGAL_VALUE)
-        if "capture_control" in values and not self._may_control(values):
+        pressures = [values[name] for name in ("command", "safe_value") if name in values]
+        fits = all(math.isfinite(pressure_pa) and covers(pressure_pa) for pressure_pa in pressures)
+        if "claim" in values:
+            fits = values["claim"] in tuple(Claim)
+        if "capture_control" in values:
+            fits = self._may_control(values)
+        if not fits:
             raise Refusal(ExceptionCode.ILLEGAL_VALUE)
 
     def _may_control(self, values: dict[str, float]) -> bool:
         control = values["capture_control"]
-        if control == CaptureControl.START:
-            if self._capturing or self._owner == 0:
-                return False
-            period_s = values.get("capture_period", self._period_s)
-            wanted = values.get("capture_wanted", self._wanted)
-            count = int(values.get("corner_count", self._corner_count))
-            sampling = period_s >= SHORTEST_PERIOD_S * (1.0 - 1.0e-9) and 1 <= wanted <= SAMPLE_CAPACITY
-            return sampling and self._corner_table(count) is not None
-        if control == CaptureControl.CLEAR:
-            return not self._capturing
-        return control in (CaptureControl.NONE, CaptureControl.ABORT)
+        if control == CaptureControl.ABORT:
+            return True
+        if control not in tuple(CaptureControl) or self._capturing:
+            return False
+        return control == CaptureControl.PREPARE or self._may_start(CaptureSettings.of(values))
 
-    def _corner_table(self, count: int) -> tuple[FloatArray, FloatArray] | None:
+    def _may_start(self, settings: CaptureSettings) -> bool:
+        sampling = settings.period_s >= SHORTEST_PERIOD_S * (1.0 - 1.0e-9) and 1 <= settings.wanted <= SAMPLE_CAPACITY
+        return sampling and self._corner_table(settings) is not None
+
+    def _corner_table(self, settings: CaptureSettings) -> tuple[FloatArray, FloatArray] | None:
         """Times after the start and pressures of the table's first corners; None where they make no waveform."""
-        if not 1 <= count <= CORNER_CAPACITY:
+        count = settings.corners
+        if not 2 <= count <= CORNER_CAPACITY:
+            return None
+        if words_crc16(self._corners[: count * CORNER_WORDS]) != settings.check:
             return None
         table = np.array(self._corners[: count * CORNER_WORDS], dtype=">u2").reshape(count, CORNER_WORDS)
         time_s = np.ascontiguousarray(table[:, :2]).view(">u4").astype(np.float64).ravel() * 1.0e-6
@@ -356,63 +413,50 @@ class ReferenceUnit:
             return None
         return time_s, pressure_pa
 
-    def _obey_command(self, values: dict[str, float], address: int, words: Sequence[int]) -> None:
-        """Let a command act if it comes with the owner's number in the same write."""
-        run, pressure_pa = int(values.get("run_number", 0)), values["command"]
+    def _obey_command(self, pressure_pa: float, address: int, words: Sequence[int], run: int | None) -> None:
         self._command_pa = pressure_pa
-        if run == 0 or run != self._owner:
-            self._note(Happening.FENCED, address, words, pressure_pa, run)
-            return
         if self._capturing:
             self._end_capture(CaptureState.ABORTED)
         self._valve.ask(pressure_pa)
         self._fed_s, self._at_safe = self._until_s, False
         self._note(Happening.COMMANDED, address, words, pressure_pa, run)
 
-    def _take(self, name: str, value: float) -> None:
-        """Let one written value act; commands were obeyed before."""
-        number = int(value) if math.isfinite(value) else 0
-        if name == "run_number":
-            self._run_number = number
-        elif name == "run_owner":
-            release = number == 0 and not self._capturing
-            if self._owner in (0, number) or release:
-                self._owner = number
-        elif name == "watchdog_timeout":
-            self._timeout_s, self._fed_s = value, self._until_s
-            self._watchdog = WatchdogState.ARMED if value > 0.0 else WatchdogState.OFF
-        elif name == "safe_value":
-            self._safe_pa = value
-        elif name == "heartbeat":
-            if number != self._heartbeat:
-                self._heartbeat, self._fed_s = number, self._until_s
-        elif name == "capture_period":
-            self._period_s = value
-        elif name == "capture_wanted":
-            self._wanted = number
-        elif name == "corner_count":
-            self._corner_count = number
-        elif name == "window_index":
-            self._window_index = number
-        elif name == "capture_control":
-            self._control(CaptureControl(number))
+    def _obey_claim(self, values: dict[str, float]) -> None:
+        if values["claim"] == Claim.TAKE:
+            self._owner = int(values["claim_run"])
+        elif not self._capturing and self._owner != 0:
+            self._owner, self._timeout_s, self._watchdog = 0, 0.0, WatchdogState.OFF
 
-    def _control(self, control: CaptureControl) -> None:
-        if control is CaptureControl.START:
-            self._start_capture()
-        elif control is CaptureControl.ABORT and self._capturing:
-            self._end_capture(CaptureState.ABORTED)
-        elif control is CaptureControl.CLEAR:
+    def _set_watchdog(self, values: dict[str, float]) -> None:
+        """Take timeout, safe value and heartbeat; only a change of the heartbeat, or arming, feeds."""
+        armed = self._watchdog is WatchdogState.ARMED
+        self._timeout_s, self._safe_pa = values["watchdog_timeout"], values["safe_value"]
+        self._watchdog = WatchdogState.ARMED if self._timeout_s > 0.0 else WatchdogState.OFF
+        heartbeat = int(values["heartbeat"])
+        if heartbeat != self._heartbeat or not armed:
+            self._heartbeat, self._fed_s = heartbeat, self._until_s
+
+    def _control(self, values: dict[str, float]) -> None:
+        control = CaptureControl(int(values["capture_control"]))
+        if control is CaptureControl.ABORT:
+            if self._capturing:
+                self._end_capture(CaptureState.ABORTED)
+            return
+        self._settings = CaptureSettings.of(values)
+        if control is CaptureControl.PREPARE:
             self._capture = None
+        else:
+            self._start_capture()
 
     def _start_capture(self) -> None:
-        corners = self._corner_table(self._corner_count)
+        settings = self._settings
+        corners = self._corner_table(settings)
         assert corners is not None  # checked before anything of this write took effect
         after_s, pressure_pa = corners
         self._captures += 1
         start_s = self._until_s
         self._valve.play(after_s, pressure_pa)
-        self._capture = Capture(self._captures, start_s, self._period_s, self._wanted, float(after_s[-1]))
+        self._capture = Capture(self._captures, start_s, settings.period_s, settings.wanted, float(after_s[-1]))
         self._at_safe = False
         self._note(Happening.CAPTURE_STARTED, pressure_pa=float(pressure_pa[0]), run=self._owner)
         self._settle(start_s)

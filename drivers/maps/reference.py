@@ -2,6 +2,10 @@
 
 Holding registers only, addresses from 0, 32-bit values high word first. Every block that is checked is read in
 one transaction. Watchdog, fence and capture buffer are what a bare analog module lacks.
+
+Every block that can change what the device does begins with the number of the run that writes it, is written whole in
+one transaction and counts only for the run that owns the device: a write that is carried out late, of a run that has
+ended, changes nothing.
 """
 
 from __future__ import annotations
@@ -18,7 +22,7 @@ CORNER_WORDS: Final = 4
 CORNER_CAPACITY: Final = 1024
 WINDOW_ADDRESS: Final = 8000  # the sample window: index u32, WINDOW_SAMPLES x 3 words, CRC-16 of all before
 WINDOW_SAMPLES: Final = 40
-WINDOW_CHANNELS: Final = ("position", "pressure", "command")  # one u16 each, scaled by the ranges at 60-71
+WINDOW_CHANNELS: Final = ("position", "pressure", "command")  # one u16 each, scaled by the ranges at 68-79
 WINDOW_WORDS: Final = 2 + WINDOW_SAMPLES * len(WINDOW_CHANNELS) + 1
 FULL_SCALE: Final = 65534  # the captured word that stands for the upper end of a range
 MISSING_SAMPLE: Final = 0xFFFF  # a captured word that is no measurement; measurements use 0 to 65534
@@ -44,10 +48,16 @@ class CaptureState(IntEnum):
 class CaptureControl(IntEnum):
     """What is written to ``capture_control``."""
 
-    NONE = 0
-    START = 1
-    ABORT = 2
-    CLEAR = 3
+    PREPARE = 1  # take the settings of this block, forget earlier samples
+    START = 2
+    ABORT = 3
+
+
+class Claim(IntEnum):
+    """What is written to ``claim``."""
+
+    TAKE = 1
+    RELEASE = 2
 
 
 class StatusBit(IntEnum):
@@ -84,8 +94,16 @@ MAP = RegisterMap(
     version=Canary("map_version", 1.0),
     roles={Role.COMMAND: "command", Role.POSITION: "position", Role.PRESSURE: "pressure"},
     readbacks={"command": "output"},
-    fence=Fence(run_number="run_number", owner="run_owner"),
+    fence=Fence(
+        run_number="run_number",
+        owner="run_owner",
+        claim_run="claim_run",
+        claim="claim",
+        take=Claim.TAKE,
+        release=Claim.RELEASE,
+    ),
     watchdog=Watchdog(
+        run="watchdog_run",
         timeout="watchdog_timeout",
         state="watchdog_state",
         safe_value="safe_value",
@@ -112,8 +130,10 @@ MAP = RegisterMap(
         sensor_fault_mask=1 << StatusBit.SENSOR_FAULT,
     ),
     capture=Capture(
+        run="capture_run",
         state="capture_state",
         control="capture_control",
+        prepare=CaptureControl.PREPARE,
         start=CaptureControl.START,
         abort=CaptureControl.ABORT,
         states=CaptureStates(running=CaptureState.RUNNING, done=CaptureState.DONE, aborted=CaptureState.ABORTED),
@@ -122,6 +142,7 @@ MAP = RegisterMap(
         taken="capture_taken",
         capacity="capture_capacity",
         corner_count="corner_count",
+        corner_check="corner_check",
         corner_capacity="corner_capacity",
         corners_address=CORNERS_ADDRESS,
         ranges=(
@@ -165,37 +186,43 @@ MAP = RegisterMap(
         _u16("status", 26, "bits: see StatusBit"),
         _u16("sample_counter", 27, "one more at every sample"),
         _u16("live_check", 28, "CRC-16/MODBUS of registers 16 to 27, high bytes first"),
-        # command, written as one block: it counts only when run_number is the owner's
+        # command block
         _u32("run_number", 32, "number of the run that commands", writable=True),
         _f32("command", 34, "Pa", "pressure asked for", writable=True),
-        _u32("run_owner", 36, "run that may command; 0: none, all commands are ignored", writable=True),
-        # watchdog
+        # ownership block
+        _u32("claim_run", 36, "number of the run that takes or releases the device", writable=True),
+        _u16("claim", 38, "1 take, 2 release", writable=True),
+        _u32("run_owner", 40, "run whose blocks count; 0: none, all are ignored"),
+        # watchdog block
+        _u32("watchdog_run", 44, "number of the run that sets or feeds the watchdog", writable=True),
         _u16(
             "watchdog_timeout",
-            40,
+            46,
             "silence until the safe value; 0: off",
             writable=True,
             unit="s",
             scale=1.0e-3,
         ),
-        _u16("watchdog_state", 41, "0 off, 1 armed, 2 tripped"),
-        _f32("safe_value", 42, "Pa", "pressure that the device asks for when the watchdog trips", writable=True),
-        _u16("heartbeat", 44, "a change, or an accepted command, feeds the watchdog", writable=True),
-        # capture
-        _u16("capture_state", 48, "0 idle, 1 running, 2 done, 3 aborted"),
-        _u16("capture_control", 49, "1 start, 2 abort, 3 clear; needs run_owner", writable=True),
-        _u32("capture_period", 50, "time between samples", writable=True, unit="s", scale=1.0e-6),
-        _u32("capture_wanted", 52, "samples to take", writable=True),
-        _u32("capture_taken", 54, "samples taken so far"),
-        _u32("capture_capacity", 56, "samples that fit"),
-        _u16("corner_count", 58, "corners of the waveform in the table at 1000", writable=True),
-        _u16("corner_capacity", 59, "corners that fit"),
-        _f32("position_low", 60, "m", "position of a captured 0"),
-        _f32("position_high", 62, "m", "position of a captured 65534"),
-        _f32("pressure_low", 64, "Pa", "pressure of a captured 0"),
-        _f32("pressure_high", 66, "Pa", "pressure of a captured 65534"),
-        _f32("command_low", 68, "Pa", "command of a captured 0"),
-        _f32("command_high", 70, "Pa", "command of a captured 65534"),
-        _u32("window_index", 72, "first sample of the window at 8000", writable=True),
+        _u16("heartbeat", 47, "a change, or a command that counts, feeds the watchdog", writable=True),
+        _f32("safe_value", 48, "Pa", "pressure that the device asks for when the watchdog trips", writable=True),
+        _u16("watchdog_state", 50, "0 off, 1 armed, 2 tripped"),
+        # capture block
+        _u32("capture_run", 52, "number of the run whose capture this is", writable=True),
+        _u16("capture_control", 54, "1 prepare, 2 start, 3 abort", writable=True),
+        _u16("corner_count", 55, "corners of the waveform in the table at 1000", writable=True),
+        _u16("corner_check", 56, "CRC-16/MODBUS of these corners, high bytes first", writable=True),
+        _u32("capture_period", 57, "time between samples", writable=True, unit="s", scale=1.0e-6),
+        _u32("capture_wanted", 59, "samples to take", writable=True),
+        _u16("capture_state", 61, "0 idle, 1 running, 2 done, 3 aborted"),
+        _u32("capture_taken", 62, "samples taken so far"),
+        _u32("capture_capacity", 64, "samples that fit"),
+        _u16("corner_capacity", 66, "corners that fit"),
+        _f32("position_low", 68, "m", "position of a captured 0"),
+        _f32("position_high", 70, "m", "position of a captured 65534"),
+        _f32("pressure_low", 72, "Pa", "pressure of a captured 0"),
+        _f32("pressure_high", 74, "Pa", "pressure of a captured 65534"),
+        _f32("command_low", 76, "Pa", "command of a captured 0"),
+        _f32("command_high", 78, "Pa", "command of a captured 65534"),
+        _u32("window_index", 80, "first sample of the window at 8000", writable=True),
     ),
 )

@@ -22,20 +22,21 @@ import uvloop
 from rich.table import Table
 
 from tests.simulator.plants import (
+    CAPTURE,
     CAPTURE_STATE,
-    CONTROL,
-    CORNER_COUNT,
+    CLAIM,
     CORNERS,
     INDEX,
     LIVE,
     LIVE_WORDS,
-    PERIOD,
     RUN_NUMBER,
-    RUN_OWNER,
+    START,
     TAKEN,
     WINDOW,
     WINDOW_WORDS,
     TcpMaster,
+    capture_words,
+    claim_words,
     corner_words,
     crc,
     f32,
@@ -146,24 +147,22 @@ async def _polled(process_id: int, masters: list[TcpMaster], units: list[int]) -
     return rows
 
 
-async def _prepare(master: TcpMaster, unit: int, run: int, period_s: float, cycles: int) -> None:
-    """Own a device and put a triangle into its table, to be sampled each ms."""
+async def _prepare(master: TcpMaster, unit: int, run: int, period_s: float, cycles: int) -> list[int]:
+    """Own a device and put a triangle into its table; the words that start it, to be sampled each ms."""
     waveform = triangle(period_s, cycles, 0.0, HIGH_PA)
-    await master.ask(write_pdu(RUN_OWNER, u32(0)), unit)
-    await master.ask(write_pdu(RUN_OWNER, u32(run)), unit)
-    await master.ask(write_pdu(CORNERS, corner_words(list(waveform.time_s), list(waveform.pressure_pa))), unit)
-    await master.ask(write_pdu(CORNER_COUNT, [waveform.time_s.size]), unit)
-    await master.ask(write_pdu(PERIOD, u32(1000) + u32(round(waveform.duration_s * 1000) + 1)), unit)
+    corners = corner_words(list(waveform.time_s), list(waveform.pressure_pa))
+    await master.ask(write_pdu(CLAIM, claim_words(run)), unit)
+    await master.ask(write_pdu(CORNERS, corners), unit)
+    return capture_words(run, START, corners, 1000, round(waveform.duration_s * 1000) + 1)
 
 
 async def _captured(process_id: int, masters: list[TcpMaster], units: list[int]) -> list[str]:
     """All valves capture at 1 ms at once and are looked at twice a second."""
     places = [(master, unit) for master in masters for unit in units]
-    for master, unit in places:
-        await _prepare(master, unit, unit, CAPTURE_S, 1)
+    starts = [await _prepare(master, unit, unit, CAPTURE_S, 1) for master, unit in places]
     begun_s, cpu_s = time.monotonic(), _cpu_s(process_id)
-    for master, unit in places:
-        await master.ask(write_pdu(CONTROL, [1]), unit)
+    for (master, unit), words in zip(places, starts, strict=True):
+        await master.ask(write_pdu(CAPTURE, words), unit)
     slowest_s, running, looks = 0.0, len(places), 0
     while running and time.monotonic() < begun_s + 3 * CAPTURE_S:
         await asyncio.sleep(0.5)
@@ -186,8 +185,7 @@ async def _captured(process_id: int, masters: list[TcpMaster], units: list[int])
 
 async def _upload_tcp(address: str) -> float:
     master = await TcpMaster.connect(address)
-    await _prepare(master, 1, 1, 20.0, 3)
-    await master.ask(write_pdu(CONTROL, [1]))
+    await master.ask(write_pdu(CAPTURE, await _prepare(master, 1, 1, 20.0, 3)))
     for _ in range(100):
         if (await master.ask(read_pdu(3, CAPTURE_STATE, 1)))[0] != 1:
             break
@@ -214,12 +212,11 @@ def _upload_rtu(path: str) -> float:
     port = os.open(path, os.O_RDWR | os.O_NOCTTY)
     tty.setraw(port)
     waveform = triangle(20.0, 3, 0.0, HIGH_PA)
+    corners = corner_words(list(waveform.time_s), list(waveform.pressure_pa))
     for address, words in (
-        (RUN_OWNER, u32(1)),
-        (CORNERS, corner_words(list(waveform.time_s), list(waveform.pressure_pa))),
-        (CORNER_COUNT, [waveform.time_s.size]),
-        (PERIOD, u32(1000) + u32(SAMPLES)),
-        (CONTROL, [1]),
+        (CLAIM, claim_words(1)),
+        (CORNERS, corners),
+        (CAPTURE, capture_words(1, START, corners, 1000, SAMPLES)),
     ):
         _ask_serial(port, write_pdu(address, words), 8)
     while _ask_serial(port, read_pdu(3, CAPTURE_STATE, 1), 7)[0] == 1:
@@ -239,7 +236,7 @@ async def _load() -> tuple[list[list[str]], list[str]]:
         units = list(range(1, VALVES // PORTS + 1))
         for master in masters:
             for unit in units:
-                await master.ask(write_pdu(RUN_OWNER, u32(unit)), unit)
+                await master.ask(write_pdu(CLAIM, claim_words(unit)), unit)
         polled = await _polled(process_id, masters, units)
         captured = await _captured(process_id, masters, units)
         for master in masters:

@@ -15,6 +15,7 @@ from drivers.maps.reference import (
     WINDOW_SAMPLES,
     CaptureControl,
     CaptureState,
+    Claim,
     WatchdogState,
 )
 from drivers.registers import words_crc16
@@ -22,6 +23,7 @@ from tests.drivers.slave import RawSlave
 
 SPAN_PA = 100_000.0
 METRE_PER_PA = 1.0e-6
+BLOCKS = {"run_number", "claim_run", "watchdog_run", "capture_run"}  # what each block of a run begins with
 
 
 class ReferenceDevice:
@@ -43,10 +45,11 @@ class ReferenceDevice:
         self._corners: list[tuple[float, float]] = []
         slave.holding.clear()
         self.show(canary=CANARY_VALUE, map_version=1, device_id=77, boot_count=1)
-        self.show(run_number=0, command=0.0, run_owner=0, heartbeat=0)
-        self.show(watchdog_timeout=0.0, watchdog_state=WatchdogState.OFF, safe_value=0.0)
-        self.show(capture_state=0, capture_control=0, capture_period=0.001, capture_wanted=0, capture_taken=0)
-        self.show(capture_capacity=100_000, corner_count=0, corner_capacity=1024, window_index=0)
+        self.show(run_number=0, command=0.0, claim_run=0, claim=0, run_owner=0)
+        self.show(watchdog_run=0, watchdog_timeout=0.0, heartbeat=0, safe_value=0.0, watchdog_state=WatchdogState.OFF)
+        self.show(capture_run=0, capture_control=0, corner_count=0, corner_check=0, capture_period=0.001)
+        self.show(capture_wanted=0, capture_state=0, capture_taken=0, capture_capacity=100_000, corner_capacity=1024)
+        self.show(window_index=0)
         self.show(position_low=0.0, position_high=0.1, pressure_low=0.0, pressure_high=SPAN_PA)
         self.show(command_low=0.0, command_high=SPAN_PA)
         for address in range(CORNERS_ADDRESS, CORNERS_ADDRESS + 4 * 1024):
@@ -147,40 +150,54 @@ class ReferenceDevice:
             for r in MAP.registers
             if address <= r.address and r.address + r.words <= address + len(words)
         }
-        if "command" in written and self._command(written):
+        if not self._counts(written):
+            self.ignored += 1
+            words[:] = [self.slave.holding[1, address + i] for i in range(len(words))]
+            return None
+        if "command" in written:
             self._fed_s = time.monotonic()
-        if (
-            "run_owner" in written
-            and self.value("run_owner") not in (0.0, written["run_owner"])
-            and written["run_owner"]
-        ):
-            words[:] = self.slave.holding[1, 36], self.slave.holding[1, 37]
-        if "heartbeat" in written:
-            self._fed_s = time.monotonic()
+            self._end_capture(CaptureState.ABORTED)
+            self.move(written["command"])
+        if "claim" in written:
+            self._claim(written)
         if "watchdog_timeout" in written:
-            self._fed_s = time.monotonic()
-            self.show(watchdog_state=WatchdogState.ARMED if written["watchdog_timeout"] else WatchdogState.OFF)
-        if written.get("capture_control") == CaptureControl.START:
-            return self._start_capture()
+            self._watchdog(written)
+        if "capture_control" in written:
+            return self._control(written)
         return None
 
-    def _command(self, written: dict[str, float]) -> bool:
-        if written["run_number"] != self.value("run_owner") or written["run_number"] == 0.0:
-            self.ignored += 1
-            return False
-        self._end_capture(CaptureState.ABORTED)
-        self.move(written["command"])
-        return True
+    def _counts(self, written: dict[str, float]) -> bool:
+        run = next((value for name, value in written.items() if name in BLOCKS), None)
+        owner = self.value("run_owner")
+        return run is None or (run != 0.0 and (run == owner or (owner == 0.0 and "claim" in written)))
 
-    def _start_capture(self) -> int | None:
-        if self.value("run_owner") == 0.0:
-            return 3
-        self._corners = []
-        for corner in range(round(self.value("corner_count"))):
+    def _claim(self, written: dict[str, float]) -> None:
+        if written["claim"] == Claim.TAKE:
+            self.show(run_owner=written["claim_run"])
+        else:
+            self.show(run_owner=0, watchdog_state=WatchdogState.OFF)
+
+    def _watchdog(self, written: dict[str, float]) -> None:
+        if written["heartbeat"] != self.value("heartbeat") or self.value("watchdog_state") != WatchdogState.ARMED:
+            self._fed_s = time.monotonic()
+        self.show(watchdog_state=WatchdogState.ARMED if written["watchdog_timeout"] else WatchdogState.OFF)
+
+    def _control(self, written: dict[str, float]) -> int | None:
+        if written["capture_control"] == CaptureControl.PREPARE:
+            self.show(capture_state=CaptureState.IDLE, capture_taken=0)
+        if written["capture_control"] == CaptureControl.ABORT:
+            self._end_capture(CaptureState.ABORTED)
+        if written["capture_control"] != CaptureControl.START:
+            return None
+        self._corners, table = [], []
+        for corner in range(round(written["corner_count"])):
             at = CORNERS_ADDRESS + 4 * corner
             words = [self.slave.holding[1, at + i] for i in range(4)]
+            table += words
             time_us = words[0] << 16 | words[1]
             self._corners.append((time_us * 1e-6, struct.unpack(">f", struct.pack(">HH", words[2], words[3]))[0]))
+        if words_crc16(table) != written["corner_check"]:
+            return 3
         self._capture_start_s = time.monotonic()
         self.show(capture_state=CaptureState.RUNNING, capture_taken=0)
         return None

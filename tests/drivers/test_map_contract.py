@@ -83,6 +83,7 @@ def test_every_register_can_be_read_alone_and_its_capabilities_in_one_go(entry: 
     if entry.fence is not None:
         number, command = entry.register(entry.fence.run_number), entry.register(entry.roles[Role.COMMAND])
         assert number.address + number.words == command.address
+        assert entry.block(entry.fence.claim_run, entry.fence.claim).words == 3
     if entry.capture is not None:
         window_words = 2 + entry.capture.window_samples * len(entry.capture.ranges) + 1
         taken = range(entry.capture.window_address, entry.capture.window_address + window_words)

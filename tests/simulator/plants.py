@@ -26,8 +26,10 @@ PRESSURE_SPAN_PA: Final = (-4000.0, 87000.0)
 DEADLINE_S: Final = 5.0
 
 LIVE, LIVE_WORDS = 16, 13
-RUN_NUMBER, RUN_OWNER, TIMEOUT, WATCHDOG_STATE, SAFE, HEARTBEAT = 32, 36, 40, 41, 42, 44
-CAPTURE_STATE, CONTROL, PERIOD, WANTED, TAKEN, CORNER_COUNT, INDEX = 48, 49, 50, 52, 54, 58, 72
+RUN_NUMBER, CLAIM, RUN_OWNER, WATCHDOG, SAFE, WATCHDOG_STATE = 32, 36, 40, 44, 48, 50
+CAPTURE, CAPTURE_STATE, TAKEN, INDEX = 52, 61, 62, 80
+TAKE, RELEASE = 1, 2
+PREPARE, START, ABORT = 1, 2, 3
 CORNERS, WINDOW, WINDOW_WORDS = 1000, 8000, 123
 
 
@@ -72,6 +74,20 @@ def corner_words(time_s: Sequence[float], pressure_pa: Sequence[float]) -> list[
     for at_s, at_pa in zip(time_s, pressure_pa, strict=True):
         words += u32(round(at_s * 1.0e6)) + f32(at_pa)
     return words
+
+
+def claim_words(run: int, claim: int = TAKE) -> list[int]:
+    return [*u32(run), claim]
+
+
+def watchdog_words(run: int, timeout_ms: int, heartbeat: int, safe_pa: float = 0.0) -> list[int]:
+    return [*u32(run), timeout_ms, heartbeat, *f32(safe_pa)]
+
+
+def capture_words(run: int, control: int, corners: Sequence[int], period_us: int, wanted: int) -> list[int]:
+    """Words of the capture block; ``corners`` are the words of the table that it vouches for."""
+    check = crc(b"".join(word.to_bytes(2, "big") for word in corners))
+    return [*u32(run), control, len(corners) // 4, check, *u32(period_us), *u32(wanted)]
 
 
 def from_codes(codes: Any, span: tuple[float, float]) -> Any:

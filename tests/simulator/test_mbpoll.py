@@ -48,7 +48,8 @@ async def test_mbpoll_reads_identity_and_floats_and_moves_the_valve(wire: tuple[
     plant, address = wire
     identity = await mbpoll("-t", "4:hex", "-r", "1", "-c", "2", *address)
     assert identity == {1: "0x4257", 2: "0x4159"}
-    await mbpoll("-t", "4:int", "-r", "37", *address, "5")
+    # run number 5 takes the device
+    await mbpoll("-t", "4", "-r", "37", *address, "0", "5", "1")
     # run number 5 and 50000 Pa (0x47435000) in one write
     await mbpoll("-t", "4", "-r", "33", *address, "0", "5", str(0x4743), str(0x5000))
     assert isinstance(plant.clock, ManualClock)

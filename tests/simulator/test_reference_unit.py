@@ -15,27 +15,30 @@ from simulator.sensor import Sensor
 from simulator.transducer import Transducer
 from simulator.unit import Refusal
 from tests.simulator.plants import (
+    ABORT,
+    CAPTURE,
     CAPTURE_STATE,
-    CONTROL,
-    CORNER_COUNT,
+    CLAIM,
     CORNERS,
-    HEARTBEAT,
     INDEX,
     LIVE,
     LIVE_WORDS,
-    PERIOD,
     POSITION_SPAN_M,
+    PREPARE,
     PRESSURE_SPAN_PA,
     RANGE_PA,
+    RELEASE,
     RUN_NUMBER,
     RUN_OWNER,
     SAFE,
+    START,
     TAKEN,
-    TIMEOUT,
-    WANTED,
+    WATCHDOG,
     WATCHDOG_STATE,
     WINDOW,
     WINDOW_WORDS,
+    capture_words,
+    claim_words,
     corner_words,
     crc,
     f32,
@@ -45,6 +48,7 @@ from tests.simulator.plants import (
     reference,
     u32,
     valve,
+    watchdog_words,
 )
 from valve.motion import simulate_motion, simulate_waveform
 from valve.waveform import Waveform, triangle
@@ -59,6 +63,7 @@ class Device:
     def __init__(self, settings: object = None) -> None:
         self.valve, self.unit = reference(settings)  # type: ignore[arg-type]  # None means the usual one
         self.at_s = 0.0
+        self._heartbeat = 0
 
     def read(self, address: int, count: int) -> list[int]:
         return self.unit.read(Table.HOLDING, address, count, self.at_s)
@@ -67,7 +72,14 @@ class Device:
         self.unit.write(address, words, self.at_s)
 
     def own(self, run: int = RUN) -> None:
-        self.write(RUN_OWNER, u32(run))
+        self.write(CLAIM, claim_words(run))
+
+    def release(self, run: int = RUN) -> None:
+        self.write(CLAIM, claim_words(run, RELEASE))
+
+    def watch(self, timeout_ms: int, *, safe_pa: float = 0.0, run: int = RUN, beat: bool = True) -> None:
+        self._heartbeat += beat
+        self.write(WATCHDOG, watchdog_words(run, timeout_ms, self._heartbeat, safe_pa))
 
     def command(self, pressure_pa: float, run: int = RUN) -> None:
         self.write(RUN_NUMBER, u32(run) + f32(pressure_pa))
@@ -94,9 +106,10 @@ class Device:
         words = corner_words(list(waveform.time_s), list(waveform.pressure_pa))
         for first in range(0, len(words), 120):
             self.write(CORNERS + first, words[first : first + 120])
-        self.write(CORNER_COUNT, [waveform.time_s.size])
-        self.write(PERIOD, u32(round(period_s * 1e6)) + u32(wanted))
-        self.write(CONTROL, [1])
+        self.control(START, words, round(period_s * 1e6), wanted)
+
+    def control(self, control: int, corners: list[int] = [], period_us: int = 1000, wanted: int = 1) -> None:  # noqa: B006 - read only
+        self.write(CAPTURE, capture_words(self.owner, control, corners, period_us, wanted))
 
     def samples(self, wanted: int) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:
         """Every sample of a capture, shape (wanted, 3), through the window and with its CRC checked."""
@@ -190,35 +203,63 @@ def test_samples_not_yet_taken_are_missing_and_progress_is_told() -> None:
     assert (rows[101:] == 0xFFFF).all()
 
 
+RISE = corner_words([0.0, 2.0, 4.0], [0.0, 8.0e4, 0.0])
+
+
 @pytest.mark.parametrize(
-    "change",
+    ("table", "corners", "period_us", "wanted"),
     [
-        lambda device: device.write(CORNER_COUNT, [0]),
-        lambda device: device.write(CORNER_COUNT, [1025]),
-        lambda device: device.write(CORNERS, corner_words([0.1], [0.0])),
-        lambda device: device.write(CORNERS, corner_words([0.0, 3.0, 2.0], [0.0, 1.0, 2.0])),
-        lambda device: device.write(CORNERS + 4, corner_words([2.0], [9.0e4])),
-        lambda device: device.write(CORNERS + 4, corner_words([2.0], [math.nan])),
-        lambda device: device.write(PERIOD, u32(0)),
-        lambda device: device.write(WANTED, u32(0)),
-        lambda device: device.write(WANTED, u32(400_001)),
-        lambda device: device.write(RUN_OWNER, u32(0)),
+        (RISE, [], 1000, 11),
+        (RISE, RISE[:4], 1000, 11),
+        (RISE, [*RISE[:-1], 1], 1000, 11),  # the table is not what the block vouches for
+        ([0] * 4096, [0] * 4100, 1000, 11),
+        (corner_words([0.1, 1.0], [0.0, 1.0]), None, 1000, 11),
+        (corner_words([0.0, 3.0, 2.0], [0.0, 1.0, 2.0]), None, 1000, 11),
+        (corner_words([0.0, 2.0], [0.0, 9.0e4]), None, 1000, 11),
+        (corner_words([0.0, 2.0], [0.0, math.nan]), None, 1000, 11),
+        (RISE, None, 0, 11),
+        (RISE, None, 1000, 0),
+        (RISE, None, 1000, 400_001),
     ],
 )
-def test_a_capture_that_cannot_be_is_refused_and_nothing_moves(change: object) -> None:
+def test_a_capture_that_cannot_be_is_refused_and_nothing_moves(
+    table: list[int], corners: list[int] | None, period_us: int, wanted: int
+) -> None:
     device = Device()
     device.own()
-    device.start_capture(triangle(4.0, 1, *RANGE_PA), 0.01, 11)
-    device.at_s = 10.0
-    device.write(CONTROL, [3])
+    for first in range(0, len(table), 120):
+        device.write(CORNERS + first, table[first : first + 120])
     at_rest = device.live()
-    change(device)  # type: ignore[operator]  # a parameter of the test
     with pytest.raises(Refusal) as refused:
-        device.write(CONTROL, [1])
+        device.control(START, table if corners is None else corners, period_us, wanted)
     assert refused.value.code == 3
     device.at_s = 20.0
     assert device.live() == at_rest
     assert device.read(CAPTURE_STATE, 1) == [0]
+
+
+def test_a_second_start_while_a_capture_runs_is_refused() -> None:
+    device = Device()
+    device.own()
+    device.start_capture(triangle(4.0, 1, *RANGE_PA), 0.01, 401)
+    device.at_s = 1.0
+    for control in (START, PREPARE):
+        with pytest.raises(Refusal):
+            device.control(control, RISE, 10_000, 401)
+    device.at_s = 4.0
+    assert number(device.read(TAKEN, 2)) == 401
+
+
+def test_preparing_a_capture_forgets_the_samples_of_the_one_before() -> None:
+    device = Device()
+    device.own()
+    device.start_capture(triangle(4.0, 1, *RANGE_PA), 0.01, 401)
+    device.at_s = 5.0
+    device.control(PREPARE, RISE)
+    assert device.read(CAPTURE_STATE, 1) == [0]
+    assert number(device.read(TAKEN, 2)) == 0
+    assert (device.samples(401) == 0xFFFF).all()
+    assert device.read(CAPTURE, 9) == capture_words(RUN, PREPARE, RISE, 1000, 1)
 
 
 def test_a_command_during_a_capture_aborts_it_and_takes_effect() -> None:
@@ -238,7 +279,7 @@ def test_an_aborted_capture_holds_the_pressure_of_that_moment() -> None:
     device.own()
     device.start_capture(triangle(20.0, 3, *RANGE_PA), 0.001, 60_001)
     device.at_s = 5.0
-    device.write(CONTROL, [2])
+    device.control(ABORT)
     device.at_s = 9.0
     assert device.live()[2] == pytest.approx(RANGE_PA[1] / 2, abs=1.0)
 
@@ -249,37 +290,48 @@ def test_a_command_without_the_owners_number_is_acknowledged_and_does_nothing() 
         device.command(4.0e4, run)  # nobody owns it
     device.own(6)
     device.command(4.0e4, 5)
-    device.write(RUN_NUMBER + 2, f32(4.0e4))  # the number is missing from this write
     device.at_s = 1.0
     assert device.live()[1:3] == pytest.approx([0.0, 0.0], abs=2.0)
     device.command(4.0e4, 6)
     assert device.live()[2] == pytest.approx(4.0e4, abs=1.0)
-    assert device.happenings.count(Happening.FENCED) == 4
+    assert device.happenings.count(Happening.FENCED) == 3
     assert device.happenings.count(Happening.COMMANDED) == 1
 
 
 def test_a_device_is_taken_only_when_it_is_free() -> None:
     device = Device()
+    device.own(0)
     device.own(5)
     device.own(6)
     assert device.owner == 5
-    device.own(0)
+    device.release(6)
+    assert device.owner == 5
+    device.release(5)
     assert device.owner == 0
     device.own(6)
     assert device.owner == 6
     device.start_capture(triangle(4.0, 1, *RANGE_PA), 0.01, 401)
-    device.own(0)
+    device.release(6)
     assert device.owner == 6  # not while a capture runs
     device.at_s = 4.0
-    device.own(0)
+    device.release(6)
     assert device.owner == 0
+
+
+def test_a_release_switches_the_watchdog_off() -> None:
+    device = Device()
+    device.own()
+    device.watch(1000)
+    device.release()
+    device.at_s = 100.0
+    assert device.read(WATCHDOG_STATE, 1) == [0]
+    assert Happening.WATCHDOG_TRIPPED not in device.happenings
 
 
 def test_a_silent_master_lets_the_watchdog_drive_the_safe_value_at_its_own_time() -> None:
     device = Device()
     device.own()
-    device.write(SAFE, f32(2.0e4))
-    device.write(TIMEOUT, [1500])
+    device.watch(1500, safe_pa=2.0e4)
     device.at_s = 1.0
     device.command(7.0e4)
     device.at_s = 60.0  # nobody looked in between
@@ -303,7 +355,7 @@ def test_a_capture_shows_the_safe_value_from_the_trip_on() -> None:
     device, watched = Device(), Device()
     for each in (device, watched):
         each.own()
-        each.write(TIMEOUT, [2000])
+        each.watch(2000)
         each.start_capture(triangle(20.0, 1, *RANGE_PA), 0.01, 2001)
     device.at_s = 12.0
     assert device.read(CAPTURE_STATE, 1) == [3]
@@ -319,31 +371,33 @@ def test_a_capture_shows_the_safe_value_from_the_trip_on() -> None:
 def test_a_command_or_a_changed_heartbeat_feeds_the_watchdog_and_a_repeated_one_does_not() -> None:
     device = Device()
     device.own()
-    device.write(TIMEOUT, [1000])
+    device.watch(1000)
     for step in range(1, 10):
         device.at_s = 0.9 * step
         if step % 2:
-            device.write(HEARTBEAT, [step])
+            device.watch(1000)
         else:
             device.command(1.0e4)
     assert device.read(WATCHDOG_STATE, 1) == [1]
     device.at_s = 8.1 + 0.6
-    device.write(HEARTBEAT, [9])  # as it was
+    device.watch(1000, beat=False)  # as it was
     device.command(3.0e4, RUN + 1)  # fenced
     device.at_s = 8.1 + 1.001
-    device.write(HEARTBEAT, [9])
+    device.watch(1000)
     assert device.read(WATCHDOG_STATE, 1) == [2]
 
 
-def test_a_tripped_watchdog_stays_tripped_until_it_is_armed_anew_or_switched_off() -> None:
+def test_a_tripped_watchdog_stays_tripped_until_a_new_owner_sets_it() -> None:
     device = Device()
-    device.write(TIMEOUT, [1000])
+    device.own()
+    device.watch(1000)
     device.at_s = 2.0
-    device.write(HEARTBEAT, [1])
+    device.watch(1000)
     assert device.read(WATCHDOG_STATE, 1) == [2]
-    device.write(TIMEOUT, [1000])
+    device.own(RUN + 1)
+    device.watch(1000, run=RUN + 1)
     assert device.read(WATCHDOG_STATE, 1) == [1]
-    device.write(TIMEOUT, [0])
+    device.watch(0, run=RUN + 1)
     device.at_s = 100.0
     assert device.read(WATCHDOG_STATE, 1) == [0]
 
@@ -352,8 +406,8 @@ def test_a_watchdog_acts_also_when_the_position_is_read_through_another_device()
     first, second = SoftwareValve(valve("A")), SoftwareValve(valve("B"))
     commander = ReferenceUnit(1, first)
     reader = ReferenceUnit(2, second, position=first)
-    commander.write(TIMEOUT, [1000], 0.0)
-    commander.write(RUN_OWNER, u32(RUN), 0.0)
+    commander.write(CLAIM, claim_words(RUN), 0.0)
+    commander.write(WATCHDOG, watchdog_words(RUN, 1000, 1), 0.0)
     commander.write(RUN_NUMBER, u32(RUN) + f32(8.0e4), 0.0)
     reader.read(Table.HOLDING, LIVE, LIVE_WORDS, 0.9)
     assert first.stem.position_m > 0.05
@@ -367,7 +421,7 @@ def test_a_watchdog_acts_also_when_the_position_is_read_through_another_device()
 def test_a_pressure_outside_the_transducers_range_is_refused(wrong: float) -> None:
     device = Device()
     device.own()
-    for address, words in ((RUN_NUMBER, u32(RUN) + f32(wrong)), (SAFE, f32(wrong))):
+    for address, words in ((RUN_NUMBER, u32(RUN) + f32(wrong)), (WATCHDOG, watchdog_words(RUN, 9, 9, wrong))):
         with pytest.raises(Refusal) as refused:
             device.write(address, words)
         assert refused.value.code == 3
@@ -376,17 +430,31 @@ def test_a_pressure_outside_the_transducers_range_is_refused(wrong: float) -> No
 
 
 @pytest.mark.parametrize(
-    ("address", "words"), [(0, [1, 2]), (6, [0]), (18, [0, 0]), (32, [1]), (35, [1, 2]), (41, [0]), (4096 + 1000, [1])]
+    ("address", "words"),
+    [
+        (0, [1, 2]),
+        (6, [0]),
+        (18, [0, 0]),
+        (32, [1]),
+        (34, f32(4.0e4)),  # a command without a run
+        (35, [1, 2]),
+        (36, [0, 7]),
+        (40, [0, 7]),
+        (46, [0]),  # a watchdog's timeout without a run
+        (50, [0]),
+        (54, [2]),
+        (4096 + 1000, [1]),
+    ],
 )
-def test_a_write_to_what_is_no_writable_whole_register_is_refused_with_exception_2(
-    address: int, words: list[int]
-) -> None:
+def test_a_write_that_is_no_whole_block_is_refused_with_exception_2(address: int, words: list[int]) -> None:
     with pytest.raises(Refusal) as refused:
         Device().write(address, words)
     assert refused.value.code == 2
 
 
-@pytest.mark.parametrize(("address", "count"), [(6, 1), (14, 4), (73, 2), (999, 2), (5096, 1), (7999, 2), (8122, 2)])
+@pytest.mark.parametrize(
+    ("address", "count"), [(6, 1), (14, 4), (39, 1), (81, 2), (999, 2), (5096, 1), (7999, 2), (8122, 2)]
+)
 def test_an_address_without_a_register_is_refused_with_exception_2(address: int, count: int) -> None:
     with pytest.raises(Refusal) as refused:
         Device().read(address, count)
@@ -398,7 +466,7 @@ def test_an_address_without_a_register_is_refused_with_exception_2(address: int,
 def test_a_restart_counts_up_and_forgets_owner_watchdog_capture_and_output() -> None:
     device = Device()
     device.own()
-    device.write(TIMEOUT, [5000])
+    device.watch(5000)
     device.start_capture(triangle(20.0, 1, *RANGE_PA), 0.01, 2001)
     device.valve.inject(Fault(FaultKind.RESTART, 3.0))
     device.at_s = 10.0
@@ -416,9 +484,71 @@ def test_an_ignored_write_is_acknowledged_and_changes_nothing() -> None:
     device.own()
     device.at_s = 1.5
     device.command(4.0e4)
-    device.own(0)
+    device.release()
     device.at_s = 2.5
     assert device.owner == RUN
     assert device.live()[2] == 0.0
     device.command(4.0e4)
+    assert device.live()[2] == pytest.approx(4.0e4, abs=1.0)
+
+
+STALE = {  # writes of run 1 that a device which was frozen carries out late
+    "command": (RUN_NUMBER, u32(1) + f32(7.0e4)),
+    "take": (CLAIM, claim_words(1)),
+    "release": (CLAIM, claim_words(1, RELEASE)),
+    "watchdog off": (WATCHDOG, watchdog_words(1, 0, 7)),
+    "watchdog slower and elsewhere": (WATCHDOG, watchdog_words(1, 60_000, 8, 8.0e4)),
+    "heartbeat": (WATCHDOG, watchdog_words(1, 2000, 9, 1.0e4)),
+    "prepare": (CAPTURE, capture_words(1, PREPARE, RISE, 2000, 5)),
+    "start": (CAPTURE, capture_words(1, START, RISE, 1000, 11)),
+    "abort": (CAPTURE, capture_words(1, ABORT, RISE, 1000, 11)),
+    "nobody's release": (CLAIM, claim_words(0, RELEASE)),
+    "nobody's command": (RUN_NUMBER, u32(0) + f32(7.0e4)),
+}
+
+
+@pytest.mark.parametrize("stale", STALE)
+@pytest.mark.parametrize("capturing", [False, True])
+def test_a_late_write_of_a_run_that_has_ended_changes_nothing_for_the_next(stale: str, capturing: bool) -> None:
+    devices = Device(), Device()
+    address, words = STALE[stale]
+    for device in devices:
+        device.own(1)
+        device.release(1)
+        device.own(2)
+        device.watch(2000, safe_pa=1.0e4, run=2)
+        device.write(CORNERS, RISE)
+        if capturing:
+            device.write(CAPTURE, capture_words(2, START, RISE, 1000, 4001))
+        else:
+            device.command(3.0e4, 2)
+        device.at_s = 1.0
+    disturbed, undisturbed = devices
+    disturbed.write(address, words)
+    assert disturbed.happenings[-1] is Happening.FENCED
+    for at_s in (1.0, 1.5, 1.99, 2.01, 8.0):  # the watchdog trips at 2 s in both
+        for device in devices:
+            device.at_s = at_s
+        assert disturbed.read(0, 6) == undisturbed.read(0, 6)
+        assert disturbed.live() == undisturbed.live()
+        for first, count in ((32, 7), (RUN_OWNER, 2), (WATCHDOG, 7), (CAPTURE, 15), (INDEX, 2)):
+            assert disturbed.read(first, count) == undisturbed.read(first, count)
+    assert disturbed.read(WATCHDOG_STATE, 1) == [2]
+    if capturing:
+        assert (disturbed.samples(4001) == undisturbed.samples(4001)).all()
+
+
+def test_corners_that_come_late_stop_the_next_start_and_touch_no_running_capture() -> None:
+    device = Device()
+    device.own(2)
+    device.write(CORNERS, RISE)
+    late = corner_words([0.0, 1.0], [8.0e4, 0.0])
+    device.write(CORNERS, late)
+    with pytest.raises(Refusal):
+        device.write(CAPTURE, capture_words(2, START, RISE, 1000, 4001))
+    device.write(CORNERS, RISE)
+    device.write(CAPTURE, capture_words(2, START, RISE, 1000, 4001))
+    device.at_s = 1.0
+    device.write(CORNERS, late)
+    device.at_s = 3.0
     assert device.live()[2] == pytest.approx(4.0e4, abs=1.0)

@@ -21,6 +21,9 @@ from simulator.plant import SimulatedValve
 from simulator.slave import Listener, RtuListener, TcpListener
 from simulator.unit import Quantity
 from tests.simulator.plants import (
+    CLAIM,
+    CORNERS,
+    INDEX,
     LIVE,
     LIVE_WORDS,
     RUN_NUMBER,
@@ -29,6 +32,7 @@ from tests.simulator.plants import (
     RefusedError,
     RtuMaster,
     TcpMaster,
+    claim_words,
     crc,
     f32,
     floats,
@@ -104,7 +108,7 @@ async def rig() -> AsyncIterator[Rig]:
 async def test_three_units_on_one_port_answer_each_for_itself() -> None:
     rig = await started([valve(tag) for tag in "ABC"], [reference_unit(i, tag) for i, tag in enumerate("ABC", start=1)])
     for unit in (1, 2, 3):
-        await rig.ask(write_pdu(RUN_OWNER, u32(unit)), unit)
+        await rig.ask(write_pdu(CLAIM, claim_words(unit)), unit)
         await rig.ask(write_pdu(RUN_NUMBER, u32(unit) + f32(1.0e4 * unit)), unit)
     rig.clock.advance(1.0)
     for unit in (1, 2, 3):
@@ -118,11 +122,11 @@ async def test_three_units_on_one_port_answer_each_for_itself() -> None:
 async def test_the_five_functions_read_and_write_over_tcp(rig: Rig) -> None:
     assert await rig.ask(read_pdu(3, 0, 2), 7) == [0x4257, 0x4159]
     assert await rig.ask(read_pdu(4, 0, 1), 4) == [0]
-    assert await rig.ask(struct.pack(">BHH", 6, 44, 9), 7) == [44, 9]
-    assert await rig.ask(read_pdu(3, 44, 1), 7) == [9]
-    assert await rig.ask(write_pdu(RUN_OWNER, u32(70_000)), 7) == [RUN_OWNER, 2]
-    assert await rig.ask(read_write_pdu(RUN_OWNER, 2, 72, u32(123_456)), 7) == u32(70_000)
-    words = await rig.ask(read_write_pdu(WINDOW, 123, 72, u32(80)), 7)
+    assert await rig.ask(struct.pack(">BHH", 6, 1000, 9), 7) == [1000, 9]
+    assert await rig.ask(read_pdu(3, 1000, 1), 7) == [9]
+    assert await rig.ask(write_pdu(CLAIM, claim_words(70_000)), 7) == [CLAIM, 3]
+    assert await rig.ask(read_write_pdu(RUN_OWNER, 2, INDEX, u32(123_456)), 7) == u32(70_000)
+    words = await rig.ask(read_write_pdu(WINDOW, 123, INDEX, u32(80)), 7)
     assert words[:2] == u32(80)
     assert words[-1] == crc(b"".join(word.to_bytes(2, "big") for word in words[:-1]))
 
@@ -145,7 +149,7 @@ async def test_the_channels_of_one_module_move_and_show_different_valves(rig: Ri
 async def test_a_valve_may_be_commanded_on_one_unit_and_sensed_on_another() -> None:
     sensing = SimulatedUnit(2, MODULE, (channel("A", Quantity.POSITION, "ai3", (0.0, 0.1016)),))
     rig = await started([valve("A")], [reference_unit(1, "A"), sensing])
-    await rig.ask(write_pdu(RUN_OWNER, u32(5)))
+    await rig.ask(write_pdu(CLAIM, claim_words(5)))
     await rig.ask(write_pdu(RUN_NUMBER, u32(5) + f32(7.0e4)))
     rig.clock.advance(20.0)
     (raw,) = await rig.ask(read_pdu(4, 3, 1), 2)
@@ -173,11 +177,12 @@ async def test_a_bad_sensor_gives_a_raw_value_that_is_no_measurement(rig: Rig) -
         (read_pdu(3, 16, 0), 7, 3),
         (read_pdu(3, 16, 126), 7, 3),
         (write_pdu(0, [1, 2]), 7, 2),
-        (write_pdu(34, f32(1.0e6)), 7, 3),
+        (write_pdu(34, f32(1.0e4)), 7, 2),
+        (write_pdu(CLAIM, claim_words(5, 9)), 7, 3),
         (write_pdu(1000, [0] * 124)[:6] + b"\xf8" + b"\x00" * 248, 7, 3),
         (struct.pack(">BHHB2H", 16, 1000, 3, 4, 0, 0), 7, 3),
-        (struct.pack(">BHHHHBH", 23, 16, 0, 44, 1, 2, 5), 7, 3),
-        (struct.pack(">BHHHHB2H", 23, 16, 2, 44, 1, 4, 5, 6), 7, 3),
+        (struct.pack(">BHHHHBH", 23, 16, 0, 1000, 1, 2, 5), 7, 3),
+        (struct.pack(">BHHHHB2H", 23, 16, 2, 1000, 1, 4, 5, 6), 7, 3),
         (b"\x01\x00\x00\x00\x08", 7, 1),
         (b"\x05\x00\x00\xff\x00", 7, 1),
         (b"\x18\x00\x00", 7, 1),
@@ -195,13 +200,13 @@ async def test_what_cannot_be_answered_gets_its_exception_and_nothing_changes(
     with pytest.raises(RefusedError) as refused:
         await rig.ask(pdu, unit)
     assert (refused.value.function, refused.value.code) == (pdu[0], code)
-    assert await rig.ask(read_pdu(3, 44, 1), 7) == [0]
+    assert await rig.ask(read_pdu(3, CORNERS, 1), 7) == [0]
     assert await rig.ask(read_pdu(3, 0, 2), 7) == [0x4257, 0x4159]
 
 
 async def test_requests_in_one_piece_are_all_executed_and_answered_in_order(rig: Rig) -> None:
-    numbers = [rig.master.send(7, struct.pack(">BHH", 6, 44, value)) for value in range(1, 9)]
-    numbers.append(rig.master.send(7, read_pdu(3, 44, 1)))
+    numbers = [rig.master.send(7, struct.pack(">BHH", 6, CORNERS, value)) for value in range(1, 9)]
+    numbers.append(rig.master.send(7, read_pdu(3, CORNERS, 1)))
     answers = [await rig.master.receive(7, number) for number in numbers]
     assert answers[-1] == b"\x03\x02\x00\x08"
 
@@ -219,16 +224,16 @@ async def test_refusing_silent_and_deaf_devices_behave_so_until_the_fault_ends(r
     rig.plant.inject("C", Fault(FaultKind.REFUSAL, 1.0, 2.0, amount=6))
     rig.plant.inject("C", Fault(FaultKind.SILENCE, 3.0, 4.0))
     rig.clock.advance(1.5)
-    for pdu in (read_pdu(3, 0, 2), write_pdu(44, [3])):
+    for pdu in (read_pdu(3, 0, 2), write_pdu(CORNERS, [3])):
         with pytest.raises(RefusedError) as refused:
             await rig.ask(pdu, 7)
         assert refused.value.code == 6
     rig.clock.advance(2.0)
-    rig.master.send(7, write_pdu(44, [4]))
-    rig.master.send(7, read_pdu(3, 44, 1))
+    rig.master.send(7, write_pdu(CORNERS, [4]))
+    rig.master.send(7, read_pdu(3, CORNERS, 1))
     assert await rig.ask(read_pdu(4, 0, 1), 4) == [0]  # a neighbour answers, and nothing stands before its answer
     rig.clock.advance(1.0)
-    assert await rig.ask(read_pdu(3, 44, 1), 7) == [4]  # what was written in silence was executed
+    assert await rig.ask(read_pdu(3, CORNERS, 1), 7) == [4]  # what was written in silence was executed
 
 
 async def test_the_clocks_speed_is_that_of_the_device() -> None:
@@ -296,10 +301,10 @@ async def test_functions_3_16_and_23_work_over_the_serial_line(rtu: tuple[Simula
     _, link, clock = rtu
     master = RtuMaster(link)
     assert await master.ask(read_pdu(3, 0, 2), 9) == [0x4257, 0x4159]
-    assert await master.ask(write_pdu(RUN_OWNER, u32(5)), 8, 2) == [RUN_OWNER, 2]
+    assert await master.ask(write_pdu(CLAIM, claim_words(5)), 8, 2) == [CLAIM, 3]
     assert await master.ask(write_pdu(RUN_NUMBER, u32(5) + f32(5.0e4)), 8, 2) == [RUN_NUMBER, 4]
     clock.advance(1.0)
-    words = await master.ask(read_write_pdu(LIVE, LIVE_WORDS, 44, [1]), 5 + 2 * LIVE_WORDS, 2)
+    words = await master.ask(read_write_pdu(LIVE, LIVE_WORDS, INDEX, u32(1)), 5 + 2 * LIVE_WORDS, 2)
     assert floats(words[6:8]) == pytest.approx([5.0e4], abs=1.0)
     with pytest.raises(RefusedError) as refused:
         await master.ask(read_pdu(3, 14, 1), 5)
@@ -315,7 +320,7 @@ async def test_a_serial_slave_is_silent_for_others_broken_frames_and_broadcasts_
     good = b"\x01" + read_pdu(3, 0, 2)
     for frame in (
         b"\x09" + read_pdu(3, 0, 2),  # nobody's id
-        b"\x00" + write_pdu(44, [7]),  # everybody's id
+        b"\x00" + write_pdu(INDEX, u32(7)),  # everybody's id
     ):
         master.send(frame + crc(frame).to_bytes(2, "little"))
         assert await master.receive(1, 0.1) == b""
@@ -323,7 +328,7 @@ async def test_a_serial_slave_is_silent_for_others_broken_frames_and_broadcasts_
     for broken in (good + b"\x00\x00", good[:3], b"\x01\x10\x00", b"\x55" * 40, unfinished):
         master.send(broken)
         assert await master.receive(1, 0.1) == b""
-    assert await master.ask(read_pdu(3, 44, 1), 7) == [0]
+    assert await master.ask(read_pdu(3, INDEX, 2), 9) == [0, 0]
     master.close()
 
 
@@ -427,6 +432,6 @@ async def test_pymodbus_own_client_reads_what_was_written(rig: Rig) -> None:
     host, port = rig.plant.addresses[0].rsplit(":", 1)
     client = AsyncModbusTcpClient(host, port=int(port), retries=0, reconnect_delay=0)
     assert await client.connect()
-    assert not (await client.write_registers(44, [77], device_id=7)).isError()
-    assert (await client.read_holding_registers(44, count=1, device_id=7)).registers == [77]
+    assert not (await client.write_registers(CORNERS, [77], device_id=7)).isError()
+    assert (await client.read_holding_registers(CORNERS, count=1, device_id=7)).registers == [77]
     client.close()
