@@ -57,7 +57,7 @@ def _listen(settings: ServiceSettings) -> socket.socket:
         listener.close()
         raise ConfigurationError(
             f"service.bind {settings.bind} port {settings.port} cannot be used ({error.strerror}): "
-            "choose another port, or end what uses it"
+            "choose another address or port, or end what uses it"
         ) from error
     return listener
 

@@ -9,7 +9,7 @@ import typer
 
 
 def serve(
-    config: Annotated[Path, typer.Option("--config", help="the plant file", exists=False, dir_okay=False)],
+    config: Annotated[Path, typer.Option("--config", metavar="FILE", help="The plant file.", show_default=False)],
 ) -> None:
     """Serve the plant that the file describes until SIGTERM or Ctrl-C; a running test is stopped and made safe."""
     from service.settings import load_plant  # noqa: PLC0415  - a wrong file is told before anything heavy loads

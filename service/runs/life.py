@@ -27,6 +27,7 @@ _LOG = structlog.get_logger(__name__)
 _SYNC_PERIOD_S: Final = 1.0
 # The phase in which a device's own samples are fetched: only then, and only where the valve was read back at safe.
 UPLOADING: Final = "uploading"
+ENDED: Final = "ended"  # however it did: no sign of how much was done
 NOT_CONFIRMED: Final = "SAFE STATE NOT CONFIRMED: go and look at the valve"
 
 
@@ -60,7 +61,7 @@ class Life:
                 await self._analyze(analyst)
         except Exception as error:  # noqa: BLE001  - here a test's failure is stored
             _LOG.error("test failed unexpectedly", test=self._live.run.id, exc_info=error)
-            await self._rescue(rig, f"{type(error).__name__}: {error}: report it")
+            await self._rescue(rig, _reason(error))
         finally:
             if self._journal is not None:
                 self._journal.close()
@@ -71,9 +72,23 @@ class Life:
         """Store an end that was not foreseen; where the valve's state is unknown it is sent to safe first."""
         safe = self._live.run.safe_confirmed
         if safe is None and self._live.run.state is RunState.RUNNING:
-            safe = await rig.go_safe(self._order.valve, self._order.run_number, self._entry_pa)
+            safe = await self._sent_safe(rig)
         reasons = [NOT_CONFIRMED, reason] if safe is False else [reason]
-        await self._end(RunState.FAILED, "; ".join(reasons), safe_confirmed=safe)
+        changes: dict[str, Any] = {"error": "; ".join(reasons), "finished_at": datetime.now(UTC)}
+        changes["safe_confirmed"] = safe
+        try:
+            await self._end(RunState.FAILED, **changes)
+        except Exception as error:  # noqa: BLE001  - nobody may wait for ever for an end that cannot be stored
+            _LOG.error("end of test not stored", test=self._live.run.id, exc_info=error)
+            self._live.run = replace(self._live.run, state=RunState.FAILED, **changes)
+            self._live.announce()
+
+    async def _sent_safe(self, rig: Rig) -> bool:
+        try:
+            return await rig.go_safe(self._order.valve, self._order.run_number, self._entry_pa)
+        except Exception as error:  # noqa: BLE001  - whatever it is, the valve was not seen safe
+            _LOG.error("valve not sent to safe", test=self._live.run.id, exc_info=error)
+            return False
 
     async def _change(self, **changes: Any) -> None:
         """Store the changed run, then let it be seen: nobody hears of what a crash could undo."""
@@ -83,7 +98,7 @@ class Life:
         self._live.announce()
 
     async def _end(self, state: RunState, error: str = "", **changes: Any) -> None:
-        await self._change(state=state, error=error, finished_at=datetime.now(UTC), **changes)
+        await self._change(**{"state": state, "error": error, "finished_at": datetime.now(UTC), **changes})
         _LOG.info("test ended", test=self._live.run.id, valve=self._live.run.valve, state=state.value, error=error)
 
     async def _move(self, rig: Rig) -> bool:
@@ -113,6 +128,8 @@ class Life:
             name, sha256 = await asyncio.to_thread(self._store.write_recording, self._live.run.id, outcome.recording)
             changes |= {"recording_file": name, "recording_sha256": sha256}
             changes["quality"] = recording_quality(outcome.recording, outcome.notes)
+        elif outcome.notes:
+            changes["quality"] = {"samples": 0, "notes": list(outcome.notes)}
         if self._journal is not None:
             self._journal.close()
             if outcome.recording is not None:
@@ -181,6 +198,8 @@ class Life:
         if phase == UPLOADING and not self._live.motion_ended.is_set():
             self._live.run = replace(self._live.run, safe_confirmed=True)
             self._live.motion_ended.set()
+        if phase == ENDED or self._live.stop.is_set():
+            share = 0.0  # progress never falls: it stays where it was
         self._live.progress(MOTION_SHARE * share, phase)
 
     def _on_analysis(self, share: float, phase: str) -> None:
@@ -189,6 +208,12 @@ class Life:
     def _abort_for_disk(self, error: OSError) -> None:
         self._disk_error = f"samples can no longer be written ({error.strerror or error}): the test was stopped"
         self._live.request_stop("")
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, OSError) and error.strerror:
+        return f"the store cannot be written ({error.strerror}): look at its disk"
+    return f"{type(error).__name__}: {error}: report it"
 
 
 def recording_quality(recording: Recording, notes: tuple[str, ...]) -> Mapping[str, Any]:

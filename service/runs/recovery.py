@@ -9,37 +9,45 @@ from typing import Any, Final
 import structlog
 
 from service.runs.run import Run, RunState, checked_run_id
-from service.store.journal import read_journal, recording_from_journal
+from service.store.journal import read_header, recording_from_journal
 from service.store.store import Store
-from valve.errors import NotFoundError, RecordingError
+from valve.errors import ValveError
 
 _LOG = structlog.get_logger(__name__)
 UNFINISHED: Final = (RunState.QUEUED, RunState.RUNNING, RunState.ANALYZING)
 
 
-def mark_interrupted(store: Store, run: Run) -> tuple[Run, float | None]:
-    """Turn an unfinished run of a dead process into an interrupted one; its journal becomes its recording.
+def entry_pressure_pa(store: Store, run: Run) -> float | None:
+    """Return what the device commanded before the test, Pa; None where its journal does not say it. Blocks."""
+    try:
+        entry_pa = read_header(store.journal_path(run.id)).get("entry_pa")
+    except FileNotFoundError:
+        return None
+    except (OSError, ValveError) as error:
+        _LOG.warning("entry value not read", test=run.id, error=str(error))
+        return None
+    return None if entry_pa is None else float(entry_pa)
 
-    Returns it with the pressure that the device commanded before the test, Pa, where the journal says it. Blocks.
-    """
+
+def mark_interrupted(store: Store, run: Run) -> Run:
+    """Turn an unfinished run of a dead process into an interrupted one; its journal becomes its recording. Blocks."""
     changes: dict[str, Any] = {"state": RunState.INTERRUPTED, "finished_at": datetime.now(UTC)}
     reason = "the service ended while this test was under way"
     if run.state is RunState.ANALYZING:
         reason += "; the recording is complete: analyse it by breakaway analyze"
-    entry_pa, kept = None, False
+    kept = False
     try:
         if store.journal_path(run.id).exists():
-            entry_pa = read_journal(store.journal_path(run.id))[0].get("entry_pa")
             changes |= _kept_journal(store, run)
-    except RecordingError as error:
+    except (OSError, ValveError) as error:
         kept = True
-        reason += f"; its journal is kept as it cannot be read: {error}"
+        reason += f"; its journal is kept as no recording could be made of it: {error}"
     interrupted = replace(run, error=reason, **changes)
     store.runs.save(interrupted)
     if not kept:
         store.journal_path(run.id).unlink(missing_ok=True)
     _LOG.warning("test was interrupted", test=run.id, valve=run.valve, was=run.state.value)
-    return interrupted, entry_pa
+    return interrupted
 
 
 def _kept_journal(store: Store, run: Run) -> dict[str, Any]:
@@ -59,7 +67,7 @@ def keep_journals_of_ended_runs(store: Store) -> None:
             if run.state.finished:
                 store.runs.save(replace(run, **_kept_journal(store, run)))
                 journal.unlink()
-        except (NotFoundError, RecordingError) as error:
+        except (OSError, ValveError) as error:
             _LOG.warning("journal left as it is", journal=journal.name, error=str(error))
 
 

@@ -5,17 +5,23 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections import OrderedDict
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Coroutine, Mapping
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import structlog
 
-from service.bus import BusOwners
+from service.bus import BusOwners, Claim
 from service.events import Event
 from service.runs.life import NOT_CONFIRMED, Analyst, Life
 from service.runs.live import LiveRun
-from service.runs.recovery import UNFINISHED, keep_journals_of_ended_runs, mark_interrupted, needs_safe
+from service.runs.recovery import (
+    UNFINISHED,
+    entry_pressure_pa,
+    keep_journals_of_ended_runs,
+    mark_interrupted,
+    needs_safe,
+)
 from service.runs.rig import Order, Rig
 from service.runs.run import Run, checked_run_id, new_run_id
 from service.runs.sequences import build_waveform
@@ -23,7 +29,10 @@ from service.settings import Plant, PlantValve
 from service.store.store import Store
 from valve.errors import BusyError, NotFoundError, RequestError
 
+Result = TypeVar("Result")
+
 _LOG = structlog.get_logger(__name__)
+_CANCELLED_S: Final = 5.0
 _REMEMBERED_RUNS: Final = 32  # finished runs whose events can still be followed
 
 
@@ -38,7 +47,7 @@ class Runs:
         self._software = software
         self._owners = BusOwners()
         self._live: OrderedDict[str, LiveRun] = OrderedDict()
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._tasks: set[asyncio.Task[Any]] = set()
         self._admission = asyncio.Lock()
         self._closing = False
 
@@ -109,10 +118,11 @@ class Runs:
             del self._live[key]
         return live
 
-    def _spawn(self, work: Any) -> None:
-        task: asyncio.Task[None] = asyncio.create_task(work)
+    def _spawn(self, work: Coroutine[Any, Any, Result]) -> asyncio.Task[Result]:
+        task = asyncio.create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
+        return task
 
     async def get(self, run_id: str) -> Run:
         """Return a run as it stands now. Raises NotFoundError."""
@@ -157,31 +167,44 @@ class Runs:
         return live.events.follow(after)
 
     async def recover(self) -> None:
-        """Mark what a dead process left and send its valves to safe, each in a task of its own."""
-        await asyncio.to_thread(keep_journals_of_ended_runs, self._store)
-        for run in await asyncio.to_thread(self._store.runs.in_states, UNFINISHED):
-            interrupted, entry_pa = await asyncio.to_thread(mark_interrupted, self._store, run)
-            valve = self._plant.valves.get(run.valve)
-            if valve is None:
-                error = f"{interrupted.error}; {NOT_CONFIRMED}: plant.toml no longer names it"
-                await asyncio.to_thread(self._store.runs.save, replace(interrupted, error=error, safe_confirmed=False))
-            elif needs_safe(run):
-                self._spawn(self._send_safe(interrupted, valve, entry_pa))
+        """Send the valves that a dead process left to safe, each in a task of its own, and mark its tests.
 
-    async def _send_safe(self, run: Run, valve: PlantValve, entry_pa: float | None) -> None:
+        The valves come first: neither a long journal nor a full disk holds them up.
+        """
+        unfinished = await asyncio.to_thread(self._store.runs.in_states, UNFINISHED)
+        sent: dict[str, asyncio.Task[bool]] = {}
+        for run in unfinished:
+            if run.valve in self._plant.valves and needs_safe(run):
+                entry_pa = await asyncio.to_thread(entry_pressure_pa, self._store, run)
+                sent[run.id] = self._spawn(self._send_safe(run, entry_pa))
+        marked = [await asyncio.to_thread(mark_interrupted, self._store, run) for run in unfinished]
+        await asyncio.to_thread(keep_journals_of_ended_runs, self._store)
+        for run in marked:
+            if run.id in sent:
+                self._spawn(self._note_safe(run.id, sent[run.id]))
+            elif needs_safe(run):
+                error = f"{run.error}; {NOT_CONFIRMED}: plant.toml no longer names it"
+                await asyncio.to_thread(self._store.runs.save, replace(run, error=error, safe_confirmed=False))
+
+    async def _send_safe(self, run: Run, entry_pa: float | None) -> bool:
+        valve = self._plant.valves[run.valve]
         claim = await self._claim_when_free(run, valve)
         try:
-            confirmed = await self._rig.go_safe(valve, run.number, entry_pa)
+            return await self._rig.go_safe(valve, run.number, entry_pa)
         except Exception as error:  # noqa: BLE001  - whatever it is, the result must say that the valve was not seen safe
             _LOG.error("valve not sent to safe", test=run.id, valve=run.valve, exc_info=error)
-            confirmed = False
+            return False
         finally:
             self._owners.release(claim)
-        error_text = run.error + ("; the valve was sent to its safe value" if confirmed else f"; {NOT_CONFIRMED}")
-        await asyncio.to_thread(self._store.runs.save, replace(run, safe_confirmed=confirmed, error=error_text))
+
+    async def _note_safe(self, run_id: str, sent: asyncio.Task[bool]) -> None:
+        confirmed = await sent
+        run = await asyncio.to_thread(self._store.runs.get, run_id)
+        error = run.error + ("; the valve was sent to its safe value" if confirmed else f"; {NOT_CONFIRMED}")
+        await asyncio.to_thread(self._store.runs.save, replace(run, safe_confirmed=confirmed, error=error))
         _LOG.warning("valve sent to safe", test=run.id, valve=run.valve, confirmed=confirmed)
 
-    async def _claim_when_free(self, run: Run, valve: PlantValve) -> Any:
+    async def _claim_when_free(self, run: Run, valve: PlantValve) -> Claim:
         while True:
             try:
                 return self._owners.claim(run.id, run.valve, valve.buses)
@@ -202,3 +225,5 @@ class Runs:
             for task in late:
                 _LOG.error("a test did not end in time", seconds=timeout_s)
                 task.cancel()
+            if late:  # what is cancelled still sends its valve to safe
+                await asyncio.wait(late, timeout=_CANCELLED_S)

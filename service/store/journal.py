@@ -91,18 +91,29 @@ class JournalWriter:
         self._file.close()
 
 
+def read_header(path: Path) -> dict[str, Any]:
+    """Return the header of a journal alone. Raises RecordingError where it is missing or damaged, OSError."""
+    with path.open("rb") as file:
+        return _header(path, _checked_lines(file.readline().rstrip(b"\n")))
+
+
+def _header(path: Path, lines: Iterator[str]) -> dict[str, Any]:
+    try:
+        header: dict[str, Any] = json.loads(next(lines, ""))
+        if header.get("schema") != SCHEMA:
+            raise ValueError(f"schema {header.get('schema')!r}")
+    except (ValueError, AttributeError) as error:
+        raise RecordingError(f"{path.name}: it has no header of {SCHEMA} ({error}), nothing can be read") from error
+    return header
+
+
 def read_journal(path: Path) -> tuple[dict[str, Any], FloatArray]:
     """Return the header and the samples of a journal, shape (n, 7), torn and damaged lines left out.
 
     Raises RecordingError where the header itself is missing or damaged.
     """
     lines = _checked_lines(path.read_bytes())
-    try:
-        header = json.loads(next(lines, ""))
-        if header.get("schema") != SCHEMA:
-            raise ValueError(f"schema {header.get('schema')!r}")
-    except (ValueError, AttributeError) as error:
-        raise RecordingError(f"{path.name}: it has no header of {SCHEMA} ({error}), nothing can be read") from error
+    header = _header(path, lines)
     rows = [[float(cell) for cell in line.split(",")] for line in lines]
     return header, np.array([row for row in rows if len(row) == len(_FIELDS)]).reshape(-1, len(_FIELDS))
 

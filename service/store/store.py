@@ -37,19 +37,20 @@ class Store:
             for part in ("recordings", "journals", "uploads"):
                 (folder / part).mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise ConfigurationError(
-                f"{folder}: the store cannot be written ({error.strerror}): name another folder as service.store"
-            ) from error
+            raise _unwritable(folder, error) from error
         self._lock = StoreLock(folder / "lock")
-        self._lock.acquire()
         try:
+            self._lock.acquire()
+            for leftover in (folder / "uploads").iterdir():
+                leftover.unlink()
             self._engine: Engine = open_database(database_url or f"sqlite:///{folder / 'breakaway.db'}")
+        except OSError as error:
+            self._lock.release()
+            raise _unwritable(folder, error) from error
         except BaseException:
             self._lock.release()
             raise
         self.runs = RunTable(self._engine)
-        for leftover in (folder / "uploads").iterdir():
-            leftover.unlink()
 
     def close(self) -> None:
         """Close the database and give the folder back."""
@@ -82,3 +83,10 @@ class Store:
                 f"test {run_id}: its recording reads back as {on_disk}, it was {sha256}: check the disk"
             )
         return path.name, sha256
+
+
+def _unwritable(folder: Path, error: OSError) -> ConfigurationError:
+    return ConfigurationError(
+        f"{folder}: the store cannot be written ({error.strerror}): make it writable, "
+        "or name another folder as service.store"
+    )

@@ -2,29 +2,24 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from drivers.addresses import MotionLimits
-from drivers.outcome import SampleBlock
 from service.bus import BusOwners
 from service.events import EventLog
 from service.recordings.formats import CSV, PARQUET, acceptable
 from service.runs.life import Life
 from service.runs.live import LiveRun
-from service.runs.recovery import keep_journals_of_ended_runs
 from service.runs.rig import Order
-from service.runs.run import Run, RunState, new_run_id
+from service.runs.run import RunState
 from service.runs.sequences import SEQUENCES, build_waveform
-from service.runs.service import Runs
-from service.settings import Plant, load_plant
-from service.store.journal import JournalWriter
+from service.settings import load_plant
 from service.store.store import Store
 from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.service.stored_runs import runs_of, stored
 from valve.errors import BusyError, NotFoundError, RequestError, WaveformError
 from valve.nameplate import Actuator, Nameplate, Signal
 
@@ -123,13 +118,6 @@ def test_the_format_is_what_the_client_prefers(accept: str, expected: str) -> No
     assert acceptable(accept) == expected
 
 
-# ---- a store, a plant and a fake rig
-
-
-def _runs(plant: Plant, store: Store, rig: FakeRig) -> Runs:
-    return Runs(plant, store, rig, FakeAnalyst(), software="breakaway 0")
-
-
 async def test_the_intent_is_on_disk_before_the_rig_is_asked(plant_file: Path) -> None:
     plant = load_plant(plant_file)
     store = Store(plant.service.store)
@@ -140,7 +128,7 @@ async def test_the_intent_is_on_disk_before_the_rig_is_asked(plant_file: Path) -
             seen.append(store.runs.newest(1)[0].state)
             return await super().play(order, watcher, stop)
 
-    runs = _runs(plant, store, Looking())
+    runs = runs_of(plant, store, Looking())
     run = await runs.start("FV-101", "triangle", {})
     assert store.runs.get(run.id).valve == "FV-101"
     ended = await runs.wait(run.id, 10.0)
@@ -151,84 +139,10 @@ async def test_the_intent_is_on_disk_before_the_rig_is_asked(plant_file: Path) -
     store.close()
 
 
-async def test_an_unfinished_test_is_interrupted_and_its_valve_is_sent_to_safe(plant_file: Path) -> None:
-    plant = load_plant(plant_file)
-    store = Store(plant.service.store)
-    states = (RunState.QUEUED, RunState.RUNNING, RunState.ANALYZING)
-    left = [store.runs.insert(_stored(state)) for state in states]
-    store.runs.save(replace(left[2], safe_confirmed=True))
-    journal = JournalWriter(store.journal_path(left[1].id), {"valve": "FV-101", "entry_pa": 777.0})
-    journal.append(_block(50))
-    journal.close()
-    rig = FakeRig()
-    runs = _runs(plant, store, rig)
-    await runs.recover()
-    await runs.shut_down()
-    after = [store.runs.get(run.id) for run in left]
-    assert {run.state for run in after} == {RunState.INTERRUPTED}
-    assert sorted(rig.safe_calls, key=str) == [("FV-101", 1, None), ("FV-101", 2, 777.0)]
-    assert [run.safe_confirmed for run in after] == [True, True, True]
-    assert after[1].recording_file is not None
-    assert not store.journal_path(left[1].id).exists()
-    assert rig.orders == [], "nothing resumes by itself"
-    store.close()
-
-
-async def test_a_valve_that_cannot_be_made_safe_after_a_crash_is_said_so(plant_file: Path) -> None:
-    plant = load_plant(plant_file)
-    store = Store(plant.service.store)
-    gone = store.runs.insert(replace(_stored(RunState.RUNNING), valve="FV-999"))
-    here = store.runs.insert(_stored(RunState.RUNNING))
-    rig = FakeRig()
-    rig.safe_confirmed = False
-    runs = _runs(plant, store, rig)
-    await runs.recover()
-    await runs.shut_down()
-    for run in (gone, here):
-        assert store.runs.get(run.id).safe_confirmed is False
-        assert "SAFE STATE NOT CONFIRMED" in store.runs.get(run.id).error
-    store.close()
-
-
-async def test_a_disk_that_fails_stops_the_test_and_keeps_what_was_written(
-    plant_file: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    plant = load_plant(plant_file)
-    store = Store(plant.service.store)
-    rig = FakeRig(1.0)
-    runs = _runs(plant, store, rig)
-    write, calls = JournalWriter.append, 0
-
-    def failing(self: JournalWriter, block: SampleBlock) -> None:
-        nonlocal calls
-        calls += 1
-        if calls > 3:
-            raise OSError(28, "No space left on device")
-        write(self, block)
-
-    def no_room(*_: Any) -> tuple[str, str]:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(JournalWriter, "append", failing)
-    monkeypatch.setattr(store, "write_recording", no_room)
-    run = await runs.start("FV-101", "triangle", {})
-    ended = await runs.wait(run.id, 10.0)
-    assert ended.state is RunState.FAILED
-    assert "No space left" in ended.error
-    assert store.journal_path(run.id).exists()
-    monkeypatch.undo()
-    keep_journals_of_ended_runs(store)
-    kept = store.runs.get(run.id)
-    assert kept.recording_sha256 is not None
-    assert kept.state is RunState.FAILED
-    await runs.shut_down()
-    store.close()
-
-
 async def test_a_test_that_is_stopped_before_it_moves_never_moves(plant_file: Path) -> None:
     plant = load_plant(plant_file)
     store = Store(plant.service.store)
-    live = LiveRun(store.runs.insert(_stored(RunState.QUEUED)))
+    live = LiveRun(store.runs.insert(stored(RunState.QUEUED)))
     live.request_stop("stopped on request")
     rig, owners, valve = FakeRig(), BusOwners(), plant.valves["FV-101"]
     waveform = build_waveform("triangle", {}, valve.nameplate, valve.wiring.limits)
@@ -244,7 +158,7 @@ async def test_a_test_that_is_stopped_before_it_moves_never_moves(plant_file: Pa
 async def test_nothing_starts_while_the_service_shuts_down(plant_file: Path) -> None:
     plant = load_plant(plant_file)
     store = Store(plant.service.store)
-    runs = _runs(plant, store, FakeRig())
+    runs = runs_of(plant, store, FakeRig())
     runs.begin_shutdown()
     with pytest.raises(BusyError, match="shutting down"):
         await runs.start("FV-101", "triangle", {})
@@ -252,13 +166,3 @@ async def test_nothing_starts_while_the_service_shuts_down(plant_file: Path) -> 
         await runs.start("FV-1", "triangle", {})
     assert store.runs.newest(5) == []
     store.close()
-
-
-def _stored(state: RunState) -> Run:
-    return Run(id=new_run_id(), valve="FV-101", sequence="triangle", state=state)
-
-
-def _block(count: int) -> SampleBlock:
-    time_s = np.linspace(0.0, 1.0, count)
-    channel = np.full(count, 1.0)
-    return SampleBlock(time_s, 0.001 * channel, channel, channel, time_s, time_s, recorded=True)

@@ -172,3 +172,15 @@ def test_a_journal_without_two_samples_gives_no_recording(quick_path: Path) -> N
     journal.append(_block(0, 1))
     journal.close()
     assert recording_from_journal(path) is None
+
+
+@pytest.mark.parametrize("part", ["lock", "uploads"])
+def test_a_store_that_cannot_be_written_is_refused_in_one_sentence(quick_path: Path, part: str) -> None:
+    Store(quick_path).close()
+    if part == "lock":
+        (quick_path / "lock").unlink()
+        (quick_path / "lock").mkdir()
+    else:
+        (quick_path / "uploads" / "folder").mkdir()
+    with pytest.raises(ConfigurationError, match=r"cannot be written .*make it writable"):
+        Store(quick_path)
