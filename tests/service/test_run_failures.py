@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from drivers.outcome import Ended, PlayOutcome, SampleBlock
-from service.runs.recovery import mark_interrupted
+from service.runs.recovery import keep_journals_of_ended_runs, mark_interrupted
 from service.runs.rig import Order, Watcher
 from service.runs.run import Run, RunState
 from service.settings import load_plant
