@@ -59,35 +59,32 @@ def fit_trimmed(
     scale = np.sqrt(squares(columns, rows) / rows.size)
     if not (np.isfinite(scale).all() and (scale > 0.0).all()):
         return None
-    unsure = doubtful[rows]
-    kept = np.ones(rows.size, dtype=np.bool_)
-    solved = _solve(columns, target, rows, scale)
+    weight = 1.0 / scale
+    sure, kept = rows[~doubtful[rows]], rows[doubtful[rows]]
+    sums = gram(columns, target, sure, weight)
+    solved = _solve(sums + gram(columns, target, kept, weight), sure.size + kept.size)
     for _ in range(MOST_TRIMS):
-        if solved is None or not unsure.any() or np.count_nonzero(~unsure) <= columns.shape[1] + 2:
+        if solved is None or kept.size == 0 or sure.size <= columns.shape[1] + 2:
             break
-        residual = np.abs(residuals(columns, target, rows, scale, solved[0]))
-        limit = TRIM * float(np.sqrt(np.mean(residual[~unsure] ** 2)))
-        trimmed = kept & ~(unsure & (residual > limit))
-        if np.array_equal(trimmed, kept):
+        beyond_doubt = residuals(columns, target, sure, weight, solved[0])
+        limit = TRIM * float(np.sqrt(beyond_doubt @ beyond_doubt / sure.size))
+        fitting = kept[np.abs(residuals(columns, target, kept, weight, solved[0])) <= limit]
+        if fitting.size == kept.size:
             break
-        kept = trimmed
-        solved = _solve(columns, target, rows[kept], scale)
+        kept = fitting
+        solved = _solve(sums + gram(columns, target, kept, weight), sure.size + kept.size)
     if solved is None:
         return None
-    return _described(columns, target, rows[kept], scale, solved=solved, noise=noise)
+    rows = np.sort(np.concatenate([sure, kept])) if kept.size else sure
+    return _described(columns, target, rows, scale, solved=solved, noise=noise)
 
 
-def _solve(
-    columns: FloatArray, target: FloatArray, rows: IntArray, scale: FloatArray
-) -> tuple[FloatArray, FloatArray] | None:
-    """Coefficients (p,) and (X'X)^-1 (p, p) of scaled columns; None where they are not independent."""
-    width = columns.shape[1]
-    if rows.size < width + 2:
-        return None
-    sums = gram(columns, target, rows, scale)
+def _solve(sums: FloatArray, count: int) -> tuple[FloatArray, FloatArray] | None:
+    """Coefficients (p,) and (X'X)^-1 (p, p) from sums of products (p + 1, p + 1); None where not independent."""
+    width = sums.shape[0] - 1
     normal = sums[:width, :width]
     norm = np.sqrt(np.diag(normal))
-    if not (norm > 0.0).all():
+    if count < width + 2 or not (norm > 0.0).all():
         return None
     try:
         root = np.linalg.cholesky(normal / np.outer(norm, norm))
@@ -97,11 +94,7 @@ def _solve(
         return None
     half = np.linalg.inv(root)
     bread = half.T @ half / np.outer(norm, norm)
-    coefficients = bread @ sums[:width, width]
-    # one step of refinement makes good what the normal equations lose
-    left = residuals(columns, target, rows, scale, coefficients)
-    coefficients = coefficients + bread @ block_scores(columns, rows, scale, left, target.size)[0]
-    return coefficients, bread
+    return bread @ sums[:width, width], bread
 
 
 def _described(
@@ -116,8 +109,11 @@ def _described(
     """The fit in its own units, with its covariance and the bias that noise is expected to make."""
     coefficients, bread = solved
     count, width = rows.size, columns.shape[1]
-    residual = residuals(columns, target, rows, scale, coefficients)
-    scores = block_scores(columns, rows, scale, residual, max(1, count // MOST_BLOCKS))
+    residual = residuals(columns, target, rows, 1.0 / scale, coefficients)
+    # one step of refinement makes good what the normal equations lose
+    coefficients = coefficients + bread @ block_scores(columns, rows, 1.0 / scale, residual, target.size)[0]
+    residual = residuals(columns, target, rows, 1.0 / scale, coefficients)
+    scores = block_scores(columns, rows, 1.0 / scale, residual, max(1, count // MOST_BLOCKS))
     covariance = bread @ newey_west(scores, LAGS) @ bread * (count / (count - width))
     bias = np.zeros(width)
     if noise is not None:
@@ -141,8 +137,12 @@ def predicted_bias(bread: FloatArray, noise: FloatArray, coefficients: FloatArra
     With G = (X'X)^-1 N the fit is (1 - G) times the truth; the bias is G (1 - 0.9 G)^-1 times the fit.
     """
     gain = bread @ noise
+    if not noise.any():
+        return np.zeros_like(coefficients)
     undone = np.eye(coefficients.shape[-1]) - ATTENUATION_UNDONE * gain
-    # the determinant vanishes only where the attenuation passes 1/0.9, that is for pure noise
-    safe = np.where((np.abs(np.linalg.det(undone)) > 1.0e-9)[..., None, None], undone, np.eye(coefficients.shape[-1]))
-    restored = np.linalg.solve(safe, coefficients[..., None])
+    try:
+        restored = np.linalg.solve(undone, coefficients[..., None])
+    except np.linalg.LinAlgError:
+        # only where an attenuation is 1/0.9 to the last digit, that is for pure noise
+        restored = 10.0 * coefficients[..., None]
     return np.asarray((gain @ restored)[..., 0])

@@ -1,6 +1,6 @@
 """The compiled sums of least squares: one pass over the chosen rows, without copies of them.
 
-``rows`` (r,) are the row numbers used; ``scale`` (p,) divides the columns. Compiled from plain functions, so that
+``rows`` (r,) are the row numbers used; ``weight`` (p,) multiplies the columns. Compiled from plain functions, so that
 their types are checked as they stand here.
 """
 
@@ -14,14 +14,14 @@ from numba import njit
 from estimators.samples import FloatArray, IntArray
 
 
-def _gram(columns: FloatArray, target: FloatArray, rows: IntArray, scale: FloatArray) -> FloatArray:
+def _gram(columns: FloatArray, target: FloatArray, rows: IntArray, weight: FloatArray) -> FloatArray:
     """Products of the scaled columns and the target, summed over the rows, shape (p + 1, p + 1)."""
     width = columns.shape[1]
     sums = np.zeros((width + 1, width + 1))
     values = np.empty(width + 1)
     for row in rows:
         for column in range(width):
-            values[column] = columns[row, column] / scale[column]
+            values[column] = columns[row, column] * weight[column]
         values[width] = target[row]
         for one in range(width + 1):
             for other in range(one + 1):
@@ -33,19 +33,21 @@ def _gram(columns: FloatArray, target: FloatArray, rows: IntArray, scale: FloatA
 
 
 def _residuals(
-    columns: FloatArray, target: FloatArray, rows: IntArray, scale: FloatArray, coefficients: FloatArray
+    columns: FloatArray, target: FloatArray, rows: IntArray, weight: FloatArray, coefficients: FloatArray
 ) -> FloatArray:
     """Target less fit at the rows, shape (r,)."""
     left = np.empty(rows.size)
+    own = weight * coefficients
     for place in range(rows.size):
         row = rows[place]
-        left[place] = target[row]
+        value = target[row]
         for column in range(columns.shape[1]):
-            left[place] -= columns[row, column] / scale[column] * coefficients[column]
+            value -= columns[row, column] * own[column]
+        left[place] = value
     return left
 
 
-def _scores(columns: FloatArray, rows: IntArray, scale: FloatArray, residual: FloatArray, block: int) -> FloatArray:
+def _scores(columns: FloatArray, rows: IntArray, weight: FloatArray, residual: FloatArray, block: int) -> FloatArray:
     """Sums of column times residual over blocks of ``block`` consecutive row numbers, shape (blocks, p)."""
     width = columns.shape[1]
     first = rows[0]
@@ -53,8 +55,8 @@ def _scores(columns: FloatArray, rows: IntArray, scale: FloatArray, residual: Fl
     for place in range(rows.size):
         number = (rows[place] - first) // block
         for column in range(width):
-            sums[number, column] += columns[rows[place], column] / scale[column] * residual[place]
-    return sums
+            sums[number, column] += columns[rows[place], column] * residual[place]
+    return sums * weight
 
 
 def _squares(columns: FloatArray, rows: IntArray) -> FloatArray:

@@ -23,6 +23,7 @@ from estimators.simulated_static_friction import refined_static_friction
 from estimators.static_friction import BreakawayForces, breakaway_forces, published_breakaway_forces
 from estimators.threshold_sweep import ThresholdSweep
 from estimators.transients import Setting, is_resolved, judge_transients
+from estimators.uniform_motion import UniformMotion
 from valve.errors import ParameterError
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
@@ -111,7 +112,9 @@ class RegressionEstimator:
             return failed(self.method, Outcome.UNPHYSICAL, {"raw": raw})
         bounds = viscous_from_settling(motion.samples, motion.phases, balance) or viscous_bounds(balance)
         setting = Setting.of(motion, balance, bounds)
-        transients = judge_transients(first.full, first.massless, first.coefficient("steady"), setting)
+        settled = None if first.clear else self._settled_rows(motion)
+        steady = first.coefficient("steady") if settled is None else settled.viscous_n_s_per_m
+        transients = judge_transients(first.full, first.massless, steady, setting)
         forces = self._breakaways(motion, balance)
         if forces is not None:
             raw["F_s"] = forces.value
@@ -162,24 +165,29 @@ class RegressionEstimator:
         sweep = regressors.sweep(self.thresholds, self.parts)
         chosen = self._chosen(sweep, regressors)
         full = rest = massless = None
-        names = regressors.names
+        names, spring = regressors.names, 0.0
         if chosen is not None:
             full = regressors.fit(chosen[0] * sweep.step_m_per_s)
-            rest = full if chosen[0] == chosen[1] else regressors.fit(chosen[1] * sweep.step_m_per_s)
-        spring = 0.0
         if full is not None and "k" in names:
             spring = abs(float(full.coefficients[names.index("k")]))
         heaviest_kg = heaviest_mass_kg(motion.moving_mass_kg)
         clear = full is not None and _is_clear(full, heaviest_kg, spring, motion.samples.period_s)
+        needs_rest = clear or self._settled_rows(motion) is None
+        if chosen is not None and needs_rest:
+            rest = full if chosen[0] == chosen[1] else regressors.fit(chosen[1] * sweep.step_m_per_s)
         if not clear:
             light = regressors.without_mass()
             light_sweep = light.sweep(self.thresholds, self.parts)
             light_chosen = self._chosen(light_sweep, light)
             if light_chosen is not None:
                 massless = light.fit(light_chosen[0] * light_sweep.step_m_per_s)
-                if rest is None:
+                if rest is None and needs_rest:
                     names, rest = light.names, light.fit(light_chosen[1] * light_sweep.step_m_per_s)
         return _FirstStep(regressors, sweep, chosen, full, massless, rest, names, clear)
+
+    def _settled_rows(self, motion: RecordedMotion) -> UniformMotion | None:
+        """What gives k, A and F_0 where hidden transients would pull at them: uniform motion alone."""
+        return motion.uniform if self.form is not Form.PUBLISHED else None
 
     def _chosen(self, sweep: ThresholdSweep, regressors: Regressors) -> tuple[int, int] | None:
         """Threshold numbers for (m and F_v, the rest) by the least expected error; None where none is determined."""
@@ -200,8 +208,9 @@ class RegressionEstimator:
 
     def _balance(self, motion: RecordedMotion, first: _FirstStep) -> Balance | None:
         """k, A and F_0: from the regression, or from settled rows alone where hidden transients would pull at k."""
-        if self.form is not Form.PUBLISHED and not first.clear and motion.uniform is not None:
-            return Balance.of(motion.uniform, self.form, motion.action)
+        settled = self._settled_rows(motion)
+        if not first.clear and settled is not None:
+            return Balance.of(settled, self.form, motion.action)
         friction = first.coefficient("A")
         if friction is None:
             return None

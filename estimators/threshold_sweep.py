@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from estimators.linear_fit import predicted_bias
+from estimators.linear_fit import LEAST_INDEPENDENCE, predicted_bias
+from estimators.linear_fit_kernel import squares
 from estimators.samples import FloatArray, IntArray
 
 _ROUNDING: Final = 1.0e-15
-_LEAST_INDEPENDENCE: Final = 1.0e-14  # determinant of the regressors' correlations below which rounding decides
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,16 +51,17 @@ def sweep_thresholds(
     kept = np.flatnonzero(passed > 0)
     if kept.size <= width:
         return _undetermined(steps, width)
-    scale = np.sqrt(np.mean(columns[kept] ** 2, axis=0))
+    columns = np.ascontiguousarray(columns)
+    scale = np.sqrt(squares(columns, kept) / kept.size)
     scale[scale == 0.0] = 1.0
-    binned = _binned_products(np.ascontiguousarray(columns), target, scale, passed, steps)
+    binned = _binned_products(columns, target, 1.0 / scale, passed, steps)
     sums = np.cumsum(binned[:0:-1], axis=0)[::-1]
     rows = np.cumsum(np.bincount(passed[kept], minlength=steps + 1)[:0:-1])[::-1]
     return _solved(sums, rows, scale, noise, largest / parts)
 
 
 def _sum_products(
-    columns: FloatArray, target: FloatArray, scale: FloatArray, passed: IntArray, steps: int
+    columns: FloatArray, target: FloatArray, weight: FloatArray, passed: IntArray, steps: int
 ) -> FloatArray:
     """Sums of products of the scaled columns and the target, bin by bin, shape (steps + 1, p + 1, p + 1)."""
     width = columns.shape[1]
@@ -70,7 +71,7 @@ def _sum_products(
         if passed[index] == 0:
             continue
         for column in range(width):
-            row[column] = columns[index, column] / scale[column]
+            row[column] = columns[index, column] * weight[column]
         row[width] = target[index]
         table = sums[passed[index]]
         for one in range(width + 1):
@@ -98,12 +99,16 @@ def _solved(sums: FloatArray, rows: IntArray, scale: FloatArray, noise: FloatArr
     width = scale.size
     normal, moment = sums[:, :width, :width], sums[:, :width, width]
     diagonal = np.sqrt(np.clip(np.einsum("sii->si", normal), 0.0, None))
-    # as correlations: what is left is how far the regressors are independent
+    # as correlations, with the inverse's diagonal as the measure of how far the regressors are independent
     norm = np.where(diagonal > 0.0, diagonal, 1.0)
     correlation = normal / (norm[:, :, None] * norm[:, None, :])
-    determined = (np.linalg.det(correlation) > _LEAST_INDEPENDENCE) & (rows > width + 3) & (diagonal > 0.0).all(axis=1)
-    safe = np.where(determined[:, None, None], correlation, np.eye(width))
-    bread = np.linalg.inv(safe) / (norm[:, :, None] * norm[:, None, :])
+    enough = (rows > width + 3) & (diagonal > 0.0).all(axis=1)
+    safe = np.where(enough[:, None, None], correlation + _ROUNDING * np.eye(width), np.eye(width))
+    inverse = np.linalg.inv(safe)
+    inflation = np.einsum("sii->si", inverse)
+    determined = enough & (inflation > 0.0).all(axis=1) & (inflation < 1.0 / LEAST_INDEPENDENCE**2).all(axis=1)
+    inverse[~determined] = np.eye(width)
+    bread = inverse / (norm[:, :, None] * norm[:, None, :])
     scaled = np.einsum("sij,sj->si", bread, moment)
     total = sums[:, width, width]
     # the difference is known to the rounding of its terms only
