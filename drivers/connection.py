@@ -1,0 +1,261 @@
+"""One connection to a bus, and one request on it at a time, carried by pymodbus.
+
+The one module that speaks to pymodbus' client. It sends, waits until a deadline and believes only a checked answer;
+when to connect, what to do after a doubtful exchange and who comes next is decided by ``drivers.transport``.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import ssl
+import termios
+import time
+from functools import partial
+from typing import Any, Final
+
+from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient, AsyncModbusTlsClient
+from pymodbus.exceptions import ModbusException
+from pymodbus.framer import FramerSocket
+from pymodbus.pdu import DecodePDU, ModbusPDU
+from pymodbus.pdu.register_message import (
+    ReadHoldingRegistersRequest,
+    ReadInputRegistersRequest,
+    ReadWriteMultipleRegistersRequest,
+    WriteMultipleRegistersRequest,
+)
+
+from drivers.addresses import RtuAddress, TcpAddress, TlsAddress
+from drivers.faults import BadAnswerError, ConnectionLostError, EchoError, NoAnswerError
+from drivers.frames import READ_HOLDING, READ_INPUT, WRITE, Request, checked_words, mbap_answer, rtu_answer
+from valve.errors import ConfigurationError, WireError
+
+_CHARACTER_BITS: Final = 11  # start, eight data, parity or second stop, stop (Modbus over Serial Line 1.02, 2.5.1)
+_LONGEST_SILENCE_S: Final = 1.75e-3  # the gap above 19200 baud (the same, 2.5.1.1)
+_TLS_HANDSHAKE_S: Final = 2.0  # on top of the transaction's deadline: two certificates are checked
+_RTU_FRAME_OVERHEAD: Final = 3
+
+# What pymodbus would print is said by the errors here; who configures logging still gets it.
+logging.getLogger("pymodbus").addHandler(logging.NullHandler())
+
+_Client = AsyncModbusTcpClient | AsyncModbusSerialClient
+
+
+def _tls_context(address: TlsAddress) -> ssl.SSLContext:
+    try:
+        context = ssl.create_default_context(cafile=address.ca_file)
+        if address.certificate_file is not None:
+            context.load_cert_chain(address.certificate_file, address.key_file)
+    except (OSError, ssl.SSLError) as error:
+        raise ConfigurationError(
+            f"bus {address.name}: its certificates cannot be used ({error}): check the files"
+        ) from error
+    return context
+
+
+def _pdu(request: Request) -> ModbusPDU:
+    words = list(request.words)
+    if request.function == READ_HOLDING:
+        return ReadHoldingRegistersRequest(
+            dev_id=request.device_id, address=request.read_address, count=request.read_count
+        )
+    if request.function == READ_INPUT:
+        return ReadInputRegistersRequest(
+            dev_id=request.device_id, address=request.read_address, count=request.read_count
+        )
+    if request.function == WRITE:
+        return WriteMultipleRegistersRequest(dev_id=request.device_id, address=request.write_address, registers=words)
+    return ReadWriteMultipleRegistersRequest(
+        dev_id=request.device_id,
+        read_address=request.read_address,
+        read_count=request.read_count,
+        write_address=request.write_address,
+        write_registers=words,
+    )
+
+
+class Connection:
+    """What pymodbus opens at an address. One request is outstanding at a time: the caller sees to it.
+
+    ``unasked`` tells that bytes came which no request was waiting for; ``sent_s`` and ``heard_s`` when the last request
+    went out and its answer was there; ``quiet_from_s`` since when a serial line carries nothing (monotonic).
+    """
+
+    def __init__(self, address: TcpAddress | TlsAddress | RtuAddress) -> None:
+        self.address = address
+        self.unasked = False
+        self.sent_s = self.heard_s = self.quiet_from_s = 0.0
+        self._client: _Client | None = None
+        self._outstanding: Request | None = None
+        self._sent = self._heard = b""
+        self._answer: bytes | None = None
+
+    @property
+    def _subject(self) -> str:
+        return f"bus {self.address.name}"
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there is a connection."""
+        return self._client is not None and self._client.connected
+
+    @property
+    def silence_s(self) -> float:
+        """Gap that ends a frame on a serial line (t3.5), s; 0 on TCP."""
+        if not isinstance(self.address, RtuAddress):
+            return 0.0
+        if self.address.baud_rate > 19200:
+            return _LONGEST_SILENCE_S
+        return 3.5 * _CHARACTER_BITS / self.address.baud_rate
+
+    async def exchange(self, request: Request) -> tuple[int, ...]:
+        """Send a request once and return the words of its answer, none for a write.
+
+        Raises WireError where no believable answer came, or the error of the exception that came.
+        """
+        client = self._client
+        if client is None:
+            raise ConnectionLostError(f"{self._subject}: it is not connected")
+        pdu, deadline_s = _pdu(request), self._deadline_s(request)
+        self._outstanding, self._answer, self.unasked = request, None, False
+        self.sent_s = time.monotonic()
+        try:
+            async with asyncio.timeout(deadline_s):
+                await client.execute(False, pdu)
+            return self._believed(request, pdu.transaction_id)
+        except TimeoutError as error:
+            raise NoAnswerError(
+                f"{self._subject}: {request.subject}: no answer within {deadline_s:.3g} s: "
+                "check the device and the wire"
+            ) from error
+        except ModbusException as error:
+            lost = not self.is_open
+            raise (ConnectionLostError if lost else BadAnswerError)(
+                f"{self._subject}: {request.subject}: {error}"
+            ) from error
+        except (OSError, termios.error, AttributeError) as error:
+            # AttributeError: pymodbus writes to a serial port that it closed itself when the line was pulled.
+            self.close()
+            raise ConnectionLostError(f"{self._subject}: {request.subject}: {error}: check the line") from error
+        finally:
+            self._outstanding = None
+
+    def _believed(self, request: Request, transaction_id: int) -> tuple[int, ...]:
+        heard = self._answer or b""
+        if isinstance(self.address, RtuAddress):
+            return checked_words(request, rtu_answer(request, heard))
+        return checked_words(request, mbap_answer(request, transaction_id, heard))
+
+    def _deadline_s(self, request: Request) -> float:
+        return self.address.timeout_s + self._line_s(request.request_bytes) + self._line_s(request.answer_bytes)
+
+    def _line_s(self, pdu_bytes: int) -> float:
+        """Time that a frame takes on the line; nothing on TCP."""
+        if not isinstance(self.address, RtuAddress):
+            return 0.0
+        return (pdu_bytes + _RTU_FRAME_OVERHEAD) * _CHARACTER_BITS / self.address.baud_rate
+
+    # ---- what pymodbus tells us on the way
+
+    def _packet(self, sending: bool, data: bytes) -> bytes:
+        now_s = time.monotonic()
+        if sending:
+            self._sent, self.sent_s = data, now_s
+            self.quiet_from_s = now_s + self._line_s(len(data) - _RTU_FRAME_OVERHEAD)
+            return data
+        self.quiet_from_s = now_s
+        if self._outstanding is None or self._answer is not None:
+            self.unasked = True
+        elif isinstance(self.address, RtuAddress) and data.startswith(self._sent):
+            self._fail(EchoError(f"{self._subject}: the line returns what is sent: switch off the adapter's echo"))
+        else:
+            self._heard, self.heard_s = data, now_s
+        return data
+
+    def _decoded(self, sending: bool, pdu: ModbusPDU) -> ModbusPDU:
+        if not sending and self._outstanding is not None and self._answer is None:
+            self._answer = self._heard
+        return pdu
+
+    def _connection(self, connected: bool) -> None:
+        if not connected:
+            self._fail(ConnectionLostError(f"{self._subject}: the connection broke: check the device and the wire"))
+
+    def _fail(self, error: WireError) -> None:
+        waiting = None if self._client is None else self._client.ctx.response_future
+        if self._outstanding is not None and waiting is not None and not waiting.done():
+            waiting.set_exception(error)
+
+    # ---- open and close
+
+    def _new_client(self) -> _Client:
+        address = self.address
+        # retries and reconnect_delay 0: nothing may be sent or opened that was not asked for here. Its timeout is
+        # never reached, the deadlines here are shorter.
+        ours: dict[str, Any] = {
+            "timeout": 10.0 * address.timeout_s + 60.0,
+            "retries": 0,
+            "reconnect_delay": 0,
+            "trace_packet": self._packet,
+            "trace_pdu": self._decoded,
+            "trace_connect": self._connection,
+        }
+        if isinstance(address, RtuAddress):
+            return AsyncModbusSerialClient(
+                address.serial_port,
+                baudrate=address.baud_rate,
+                parity=address.parity.value,
+                stopbits=address.stop_bits,
+                **ours,
+            )
+        if isinstance(address, TcpAddress):
+            return AsyncModbusTcpClient(address.host, port=address.port, **ours)
+        context = _tls_context(address)
+        client = AsyncModbusTlsClient(address.host, port=address.port, sslctx=context, **ours)
+        # pymodbus' TLS framer takes every segment for a whole frame; Modbus/TCP Security frames as TCP does.
+        client.ctx.framer = FramerSocket(DecodePDU(False))
+        client.ctx.call_create = partial(
+            asyncio.get_running_loop().create_connection,
+            client.ctx.handle_new_connection,
+            address.host,
+            address.port,
+            ssl=context,
+            server_hostname=address.server_name or address.host,
+        )
+        return client
+
+    async def open(self) -> None:
+        """Connect anew. Raises ConnectionLostError where that fails within the deadline."""
+        self.close()
+        client = self._new_client()
+        deadline_s = self.address.timeout_s + (_TLS_HANDSHAKE_S if isinstance(self.address, TlsAddress) else 0.0)
+        try:
+            async with asyncio.timeout(deadline_s):
+                connected = await client.connect()
+        except TimeoutError:
+            connected = False
+        except termios.error as error:
+            raise ConnectionLostError(
+                f"{self._subject}: the port refuses its settings ({error}): check baud_rate, parity and stop_bits; "
+                'pseudo-terminals and some adapters know no parity, then say parity = "N"'
+            ) from error
+        except (OSError, ModbusException) as error:
+            raise ConnectionLostError(f"{self._subject}: it cannot be opened ({error}): check the address") from error
+        if not connected:
+            client.close()
+            where = (
+                self.address.serial_port
+                if isinstance(self.address, RtuAddress)
+                else (f"{self.address.host}:{self.address.port}")
+            )
+            raise ConnectionLostError(f"{self._subject}: {where} cannot be opened: check the address and the wire")
+        self._client = client
+        self.unasked = False
+
+    def close(self) -> None:
+        """Disconnect, if there is a connection."""
+        client, self._client = self._client, None
+        if client is not None:
+            with contextlib.suppress(OSError, termios.error, AttributeError):
+                client.close()
