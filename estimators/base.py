@@ -56,6 +56,9 @@ class Outcome(StrEnum):
     NO_UNIFORM_MOTION = (
         "The stem never moved uniformly, it slipped or was forced unevenly: repeat with a triangular wave, faster."
     )
+    PRELOAD_IGNORED = (
+        "The stem has a preload, and the published form of the methods assumes none: use the corrected form."
+    )
     NO_FORCE_CHANGE = "The actuator's force did not change: check the pressure channel and repeat the test."
     NO_DIAPHRAGM_AREA = (
         "The recording has a pressure and the nameplate no diaphragm area: add actuator.diaphragm_area_m2."

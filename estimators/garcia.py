@@ -49,6 +49,8 @@ class GarciaEstimator:
         with np.errstate(all="ignore"):
             if motion.uniform is None:
                 return failed(self.method, motion.uniform_outcome or Outcome.NO_UNIFORM_MOTION)
+            if self.form is Form.PUBLISHED and motion.has_preload:
+                return failed(self.method, Outcome.PRELOAD_IGNORED)
             if self.form is Form.PUBLISHED:
                 return self._published(motion, motion.uniform)
             return self._corrected(motion, motion.uniform)

@@ -17,6 +17,7 @@ from valve.parameters import TravelStops
 from valve.recording import Recording
 
 _YOUNG_ROWS: Final = 12
+_TRIFLE: Final = 0.05  # of the friction: a smaller preload does not spoil what assumes none
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +36,14 @@ class RecordedMotion:
     def first_moving_row(self) -> int:
         """First row in motion."""
         return self.phases.stretches[0].first
+
+    @property
+    def has_preload(self) -> bool:
+        """Whether uniform motion surely shows a preload that is no trifle against the friction."""
+        if self.uniform is None or self.uniform.preload_n is None:
+            return False
+        sure_n = 5.0 * float(self.uniform.std_error[2])
+        return abs(self.uniform.preload_n) > max(sure_n, _TRIFLE * abs(self.uniform.friction_n))
 
     @property
     def one_direction(self) -> bool:

@@ -102,6 +102,8 @@ class RegressionEstimator:
             return self._estimate(motion)
 
     def _estimate(self, motion: RecordedMotion) -> Estimate:
+        if motion.has_preload and not self._fits_preload:
+            return failed(self.method, Outcome.PRELOAD_IGNORED)
         first = self._first_step(motion)
         balance = self._balance(motion, first)
         if balance is None:

@@ -9,9 +9,10 @@ from typing import Final
 from rich.console import Console
 from rich.table import Table
 
-from tests.benchmarks import motion, simulator
+from tests.benchmarks import classic_methods, motion, simulator
 
 BENCHMARKS: Final[dict[str, Callable[[], Table | list[Table]]]] = {
+    "classic_methods": classic_methods.run,
     "motion": motion.run,
     "simulator": simulator.run,
 }

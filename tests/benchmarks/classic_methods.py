@@ -1,0 +1,102 @@
+"""The two classic methods: error by form, noise and sampling period, and time at 60,000 samples."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Final
+
+import numpy as np
+from rich.table import Table
+
+from estimators.base import Estimator, Form
+from estimators.garcia import GarciaEstimator
+from estimators.recorded_motion import read_motion
+from estimators.registry import estimate_all
+from estimators.regression import RegressionEstimator, StaticFriction
+from tests.benchmarks.timing import median_s, shown
+from tests.estimators.recordings import VALVES, recorded
+from valve.parameter_sets import parameter_set
+from valve.waveform import triangle
+
+ESTIMATORS: Final[dict[str, Callable[..., Estimator]]] = {"regression": RegressionEstimator, "garcia": GarciaEstimator}
+CONDITIONS: Final = (
+    (1.0e-3, 0.0),
+    (1.0e-3, 1.0e-6),
+    (1.0e-3, 5.0e-6),
+    (1.0e-3, 20.0e-6),
+    (10.0e-3, 20.0e-6),
+    (50.0e-3, 20.0e-6),
+)
+SYMBOLS: Final = ("m", "k", "F_v", "F_c", "F_s")
+SEEDS: Final = 5
+
+
+def run() -> list[Table]:
+    """Return the tables of errors, one a valve, and the table of times."""
+    return [*(_errors(name) for name in VALVES), _times()]
+
+
+def _errors(name: str) -> Table:
+    """Root mean square error in percent of what is given over seeds and sampling phases; how often it is given."""
+    table = Table(
+        title=f"Classic methods, {name} valve, 3 x 20 s triangle: rms error in % of what is given, {SEEDS} seeds",
+        caption="In brackets: in how many of the seeds it is given, where not in all. A dash: not identifiable.",
+        title_justify="left",
+    )
+    for heading in ("method", "form", "period", "noise"):
+        table.add_column(heading)
+    for symbol in SYMBOLS:
+        table.add_column(symbol, justify="right")
+    signal = parameter_set(name).nameplate.signal
+    assert signal is not None
+    for method, make in ESTIMATORS.items():
+        for form in Form:
+            for period_s, noise_m in CONDITIONS:
+                errors: dict[str, list[float]] = {symbol: [] for symbol in SYMBOLS}
+                for seed in range(SEEDS):
+                    wave = triangle(20.0 + 0.07 * seed, 3, *signal.range_pa)
+                    jitter = 0.1 if period_s > 5.0e-3 else 0.0
+                    test = recorded(name, period_s=period_s, noise_m=noise_m, seed=seed, waveform=wave, jitter=jitter)
+                    estimate = make(form=form).estimate(test.recording, test.nameplate)
+                    for symbol in SYMBOLS:
+                        value = estimate.value(symbol)
+                        if value is not None:
+                            errors[symbol].append(100.0 * (value / test.truth.by_symbol()[symbol] - 1.0))
+                last = (period_s, noise_m) == CONDITIONS[-1]
+                table.add_row(
+                    method,
+                    str(form),
+                    f"{1e3 * period_s:g} ms",
+                    f"{1e6 * noise_m:g} um",
+                    *(_shown(errors[symbol]) for symbol in SYMBOLS),
+                    end_section=last,
+                )
+    return table
+
+
+def _shown(errors: list[float]) -> str:
+    if not errors:
+        return "-"
+    rms = float(np.sqrt(np.mean(np.square(errors))))
+    size = f"{rms:.0e}" if rms < 1.0e-4 else f"{rms:.2g}"
+    return size if len(errors) == SEEDS else f"{size} ({len(errors)})"
+
+
+def _times() -> Table:
+    table = Table(title="Classic methods: time at 60,001 samples, corrected form, 5 um", title_justify="left")
+    for heading in ("valve", "both together", "regression", "garcia", "reading alone", "regression, F_s by Eq. (9)"):
+        table.add_column(heading, justify="left" if heading == "valve" else "right")
+    for name in VALVES:
+        test = recorded(name, noise_m=5.0e-6)
+        recording, nameplate = test.recording, test.nameplate
+        by_simulation = RegressionEstimator(static_friction=StaticFriction.SIMULATION)
+        calls: list[Callable[[], object]] = [
+            partial(estimate_all, recording, nameplate),
+            partial(RegressionEstimator().estimate, recording, nameplate),
+            partial(GarciaEstimator().estimate, recording, nameplate),
+            partial(read_motion, recording, nameplate),
+            partial(by_simulation.estimate, recording, nameplate),
+        ]
+        table.add_row(name, *(shown(median_s(call)) for call in calls))
+    return table
