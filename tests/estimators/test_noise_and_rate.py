@@ -67,6 +67,14 @@ def test_polled_at_20_hz_neither_m_nor_f_v_of_the_nominal_valve_is_given(estimat
 
 
 @pytest.mark.parametrize("estimator", BOTH, ids=by_form)
+def test_a_transient_shorter_than_five_samples_gives_no_mass_even_without_noise(estimator: Estimator) -> None:
+    for period_s, resolved in ((1.0e-3, True), (5.0e-3, False)):
+        mass = estimated(estimator, recorded("nominal", period_s=period_s)).parameters["m"]
+        assert mass.identifiable is resolved
+        assert resolved or "sampling rate is too low" in mass.note
+
+
+@pytest.mark.parametrize("estimator", BOTH, ids=by_form)
 def test_without_a_slip_jump_f_c_is_said_to_be_tied_to_f_v(estimator: Estimator) -> None:
     estimate = estimated(estimator, recorded("vendor", noise_m=20.0e-6))
     assert estimate.value("F_c") is None
@@ -82,6 +90,9 @@ def test_gaps_are_never_differenced_across(estimator: Estimator) -> None:
     random = np.random.default_rng(7)
     for first in random.integers(0, position_m.size, 30):
         position_m[first : first + int(random.integers(1, 200))] = np.nan
+    speed = np.abs(np.diff(test.recording.position_m))
+    for slip in np.flatnonzero((speed[1:] > 5.0e-5) & (speed[:-1] <= 5.0e-5)):
+        position_m[slip + 8 : slip + 14] = np.nan  # in the midst of each slip
     missing = np.isnan(position_m)
     with_gaps = Recording(time_s=test.recording.time_s, position_m=position_m, pressure_pa=test.recording.pressure_pa)
     for recording in (with_gaps, test.recording.rows(~missing)):
