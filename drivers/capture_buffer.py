@@ -10,12 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.capabilities import Capture
+from drivers.course import Course
 from drivers.faults import CorruptBlockError, IllegalFunctionError
 from drivers.registers import Kind, Register, Table, words_crc16
 from drivers.transport import Exchange
 from drivers.wiring import Unit
 from valve.errors import DeviceError, WaveformError, WireError
-from valve.waveform import Waveform
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -57,24 +57,22 @@ class CaptureBuffer:
         self._has_read_write = unit.map.has_read_write
         self._settings: dict[str, float] = {}
 
-    async def check(self, waveform: Waveform, samples: int) -> None:
+    async def check(self, course: Course) -> None:
         """Make sure that a waveform and its samples fit. Raises WaveformError where they do not."""
         capture = self._capture
         shown = await self._unit.values(capture.capacity, capture.corner_capacity)
-        if samples > shown[capture.capacity]:
+        if course.samples > shown[capture.capacity]:
             raise WaveformError(
-                f"{self._tag}: {samples} samples, {self._unit.subject} keeps {shown[capture.capacity]:.0f}: "
+                f"{self._tag}: {course.samples} samples, {self._unit.subject} keeps {shown[capture.capacity]:.0f}: "
                 "make the test shorter or its period longer"
             )
-        if waveform.time_s.size > shown[capture.corner_capacity]:
+        if course.waveform.time_s.size > shown[capture.corner_capacity]:
             raise WaveformError(
-                f"{self._tag}: {waveform.time_s.size} corners, {self._unit.subject} keeps "
+                f"{self._tag}: {course.waveform.time_s.size} corners, {self._unit.subject} keeps "
                 f"{shown[capture.corner_capacity]:.0f}: choose a waveform with fewer"
             )
 
-    async def hand_over(
-        self, waveform: Waveform, period_s: float, samples: int, run_number: int
-    ) -> AsyncIterator[None]:
+    async def hand_over(self, course: Course, run_number: int) -> AsyncIterator[None]:
         """Write corners and settings and read them back, a part at a time: the caller may do other things between.
 
         Samples of an earlier capture are forgotten. Raises DeviceError where the device holds something else.
@@ -82,7 +80,7 @@ class CaptureBuffer:
         unit = self._unit
         words = [
             word
-            for time_s, pressure_pa in zip(waveform.time_s, waveform.pressure_pa, strict=True)
+            for time_s, pressure_pa in zip(course.waveform.time_s, course.waveform.pressure_pa, strict=True)
             for word in (*_TIME.encode(float(time_s)), *_PRESSURE.encode(float(pressure_pa)))
         ]
         size = 4 * _CORNERS_A_WRITE
@@ -93,16 +91,16 @@ class CaptureBuffer:
             if list(shown.words) != part:
                 raise DeviceError(f"{self._tag}: {unit.subject} holds other corners than were written: check the map")
             yield
-        await self._prepare(run_number, waveform.time_s.size, words_crc16(words), period_s, samples)
+        await self._prepare(run_number, words_crc16(words), course)
 
-    async def _prepare(self, run_number: int, corners: int, check: int, period_s: float, samples: int) -> None:
+    async def _prepare(self, run_number: int, check: int, course: Course) -> None:
         capture, unit = self._capture, self._unit
         settings = {
             capture.run: float(run_number),
-            capture.corner_count: float(corners),
+            capture.corner_count: float(course.waveform.time_s.size),
             capture.corner_check: float(check),
-            capture.period: period_s,
-            capture.wanted: float(samples),
+            capture.period: course.period_s,
+            capture.wanted: float(course.samples),
         }
         await unit.write({**settings, capture.control: capture.prepare})
         held = await unit.values(*settings)

@@ -15,7 +15,8 @@ import structlog
 from drivers.addresses import BusAddress
 from drivers.device import ValveDevice, connect_valve
 from drivers.outcome import PlayOutcome
-from drivers.sequence import check_waveform, play_sequence
+from drivers.sequence import play_sequence
+from drivers.waveform_check import check_waveform
 from drivers.wiring import Bus
 from service.bus import make_bus
 from service.runs.rig import Order, Watcher

@@ -1,0 +1,112 @@
+"""The captured way: the device plays and samples by its own clock; it is watched meanwhile and its samples fetched."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from drivers.capture_buffer import CaptureBuffer, Progress
+from drivers.course import Course
+from drivers.mover import Mover
+from drivers.outcome import Sample, SampleBlock
+from drivers.rows import CapturedRows
+from valve.errors import DeviceError, EquipmentError
+from valve.recording import Provenance, Recording
+
+_WATCH_PERIOD_S: Final = 0.1
+_UPLOAD_BLOCK: Final = 25  # windows
+
+
+class CapturedPlay:
+    """Lets the device play one waveform; ``on_share`` hears how much of playing or of fetching is done, 0 to 1."""
+
+    def __init__(
+        self,
+        buffer: CaptureBuffer,
+        course: Course,
+        on_samples: Callable[[SampleBlock], None],
+        on_share: Callable[[float], None],
+    ) -> None:
+        self._buffer = buffer
+        self._course = course
+        self._on_samples = on_samples
+        self._on_share = on_share
+        self._rows = CapturedRows(course.period_s)
+
+    def recording(self, provenance: Provenance) -> Recording | None:
+        """Return what was fetched; None where nothing was."""
+        return self._rows.recording(provenance)
+
+    async def play(self, mover: Mover) -> None:
+        """Let the device play; look at it now and then, keep its watchdog fed, and end with it."""
+        device, rules, buffer = mover.device, mover.rules, self._buffer
+        async for _ in buffer.hand_over(
+            self._course.waveform, self._course.period_s, self._course.samples, device.run_number
+        ):
+            await device.feed_watchdog()
+        await buffer.start()
+        device.in_force_pa = math.nan
+        while True:
+            await mover.pause_until(time.monotonic() + _WATCH_PERIOD_S)
+            sample: Sample | None = None
+            progress: Progress | None = None
+            try:
+                await device.feed_watchdog()
+                progress = await buffer.progress()
+                sample = await device.read()
+            except EquipmentError as error:
+                rules.missed(error)
+            fault = rules.fault(sample, follows=False)
+            if fault is not None:
+                raise fault
+            if sample is None or progress is None:
+                continue
+            self._on_samples(_glimpse(sample, progress.taken * self._course.period_s))
+            self._on_share(min(1.0, progress.taken / self._course.samples))
+            if progress.done:
+                return
+            if not progress.running:
+                raise DeviceError(
+                    f"{device.tag}: the device ended its capture after {progress.taken} samples by itself"
+                )
+
+    async def fetch(self, mover: Mover) -> None:
+        """Fetch the samples; the valve rests at its safe value meanwhile. Raises EquipmentError where some are lost."""
+        taken = (await self._buffer.progress()).taken
+        ready: list[SampleBlock] = []
+        async for window in self._buffer.windows(min(taken, self._course.samples)):
+            ready.append(self._rows.add(window))
+            if len(ready) == _UPLOAD_BLOCK:
+                self._hand_on(ready, window.first / max(1, taken))
+                await mover.device.feed_watchdog()
+        self._hand_on(ready, 1.0)
+
+    def _hand_on(self, ready: list[SampleBlock], share: float) -> None:
+        if ready:
+            self._on_samples(_joined(ready))
+            ready.clear()
+        self._on_share(share)
+
+
+def _glimpse(sample: Sample, time_s: float) -> SampleBlock:
+    """One look at a captured test: for the eye, not for the recording."""
+    time, position, pressure, command = np.array(
+        [[time_s], [sample.position_m], [sample.pressure_pa], [sample.output_pa]], dtype=np.float64
+    )
+    return SampleBlock(time, position, pressure, command, sent_s=None, received_s=None, recorded=False)
+
+
+def _joined(blocks: list[SampleBlock]) -> SampleBlock:
+    return SampleBlock(
+        np.concatenate([block.time_s for block in blocks]),
+        np.concatenate([block.position_m for block in blocks]),
+        np.concatenate([block.pressure_pa for block in blocks]),
+        np.concatenate([block.command_pa for block in blocks]),
+        None,
+        None,
+        recorded=True,
+    )

@@ -1,0 +1,86 @@
+"""Moving a valve during a test: each step is commanded, looked at and judged; a stop ends it at once."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import time
+from typing import Final
+
+from drivers.abort_rules import AbortRules
+from drivers.device import ValveDevice
+from drivers.outcome import Sample
+from valve.errors import EquipmentError
+
+_RAMP_PERIOD_S: Final = 0.05
+
+
+class StopAskedError(Exception):
+    """Somebody asked for the end."""
+
+
+class Mover:
+    """Moves one valve within the rules; ``stop`` ends whatever is under way."""
+
+    def __init__(
+        self, device: ValveDevice, rules: AbortRules, stop: asyncio.Event, pressure_rate_pa_per_s: float
+    ) -> None:
+        self.device = device
+        self.rules = rules
+        self._stop = stop
+        self._rate_pa_per_s = pressure_rate_pa_per_s
+
+    async def pause_until(self, until_s: float) -> None:
+        """Wait until a time of the monotonic clock. Raises StopAskedError as soon as a stop is asked for."""
+        delay_s = until_s - time.monotonic()
+        if delay_s > 0.0:
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(delay_s):
+                    await self._stop.wait()
+        if self._stop.is_set():
+            raise StopAskedError
+
+    async def step(self, pressure_pa: float) -> Sample | None:
+        """Command, look, judge. None where the wire failed this time; raises where the test must end."""
+        device = self.device
+        sample: Sample | None = None
+        try:
+            if math.isnan(device.in_force_pa):
+                device.adopt(await device.read())
+            self.rules.commanded(pressure_pa)
+            await device.drive(pressure_pa)
+            await device.feed_watchdog()
+            sample = await device.read()
+        except EquipmentError as error:
+            self.rules.missed(error)
+        fault = self.rules.fault(sample)
+        if fault is not None:
+            raise fault
+        return sample
+
+    async def ramp_to(self, target_pa: float) -> None:
+        """Go from where the output is to ``target_pa`` at no more than the allowed rate, and see it there."""
+        from_pa = await self._present_output_pa()
+        start_s = time.monotonic()
+        pressure_pa = from_pa
+        while pressure_pa != target_pa:
+            reach_pa = self._rate_pa_per_s * (time.monotonic() - start_s)
+            pressure_pa = from_pa + min(max(target_pa - from_pa, -reach_pa), reach_pa)
+            await self.step(pressure_pa)
+            if pressure_pa != target_pa:
+                await self.pause_until(time.monotonic() + _RAMP_PERIOD_S)
+        if self._stop.is_set():
+            raise StopAskedError
+        self.rules.commanded(target_pa)
+        await self.device.command(target_pa)
+
+    async def _present_output_pa(self) -> float:
+        while True:
+            try:
+                return (await self.device.read()).output_pa
+            except EquipmentError as error:
+                self.rules.missed(error)
+            fault = self.rules.fault(None)
+            if fault is not None:
+                raise fault
