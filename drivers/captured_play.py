@@ -44,9 +44,7 @@ class CapturedPlay:
     async def play(self, mover: Mover) -> None:
         """Let the device play; look at it now and then, keep its watchdog fed, and end with it."""
         device, rules, buffer = mover.device, mover.rules, self._buffer
-        async for _ in buffer.hand_over(
-            self._course.waveform, self._course.period_s, self._course.samples, device.run_number
-        ):
+        async for _ in buffer.hand_over(self._course, device.run_number):
             await device.feed_watchdog()
         await buffer.start()
         device.in_force_pa = math.nan
