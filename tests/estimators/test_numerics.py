@@ -172,3 +172,21 @@ def test_slow_motion_is_not_mistaken_for_rest() -> None:
     assert not isinstance(phases, Outcome)
     # a sine stands still for an instant at each of its 15 crests and nowhere else
     assert len(phases.breakaways) <= 15
+
+
+def test_differences_stop_at_a_missing_row_and_at_a_missing_slot() -> None:
+    test = recorded("nominal", period_s=0.01)
+    position_m = test.recording.position_m.copy()
+    position_m[100:103] = np.nan
+    later = np.arange(position_m.size) >= 200
+    recording = dataclasses.replace(
+        test.recording, position_m=position_m, time_s=test.recording.time_s + np.where(later, 0.01, 0.0)
+    )
+    samples = prepare(recording, test.nameplate)
+    assert isinstance(samples, Samples)
+    assert sorted(set(samples.run_first.tolist())) == [0, 100, 197]
+    velocity, acceleration = backward_differences(samples)
+    assert np.flatnonzero(np.isnan(velocity)).tolist() == [0, 100, 197]
+    assert np.flatnonzero(np.isnan(acceleration)).tolist() == [0, 1, 100, 101, 197, 198]
+    steps = np.where(np.arange(samples.count) >= 100, 1.0, 0.0)
+    assert windowed_slope(samples, steps, 5).max() == 0.0
