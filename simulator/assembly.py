@@ -10,13 +10,14 @@ from types import MappingProxyType
 
 from drivers.maps import reference
 from drivers.registers import Register, RegisterMap
+from simulator.bus import Bus
 from simulator.clock import Clock, RunningClock
 from simulator.faults import Fault
 from simulator.gauge import Gauge, GaugeListener
 from simulator.plant import SimulatedValve, SoftwareValve, warm_up
 from simulator.record import ValveRecord
 from simulator.reference_unit import ReferenceUnit
-from simulator.slave import Bus, Listener, Slave
+from simulator.slave import Listener, Slave
 from simulator.unit import Channel, MapUnit, Quantity, Unit
 from valve.errors import ConfigurationError, NotFoundError
 

@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import asyncio
 import ssl
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, cast
 
 from pymodbus import FramerType
 from pymodbus.constants import ExcCodes
-from pymodbus.exceptions import ModbusIOException, NoSuchIdException
+from pymodbus.exceptions import ModbusIOException
 from pymodbus.pdu import ExceptionResponse, ModbusPDU
 from pymodbus.pdu.register_message import (
     ReadHoldingRegistersRequest,
@@ -34,9 +34,10 @@ from pymodbus.server import ModbusSerialServer, ModbusTcpServer, ModbusTlsServer
 from pymodbus.server.requesthandler import ServerRequestHandler
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from drivers.registers import MAX_READ_WORDS, MAX_WRITE_WORDS, Table
+from drivers.registers import MAX_READ_WORDS, Table
+from simulator.bus import Bus, NoSuchUnit
 from simulator.serial_line import SerialLine
-from simulator.unit import ExceptionCode, NoAnswer, Refusal, Unit
+from simulator.unit import ExceptionCode, NoAnswer, Refusal
 from valve.errors import ConfigurationError
 
 _MOST_WORDS_OF_READ_WRITE: Final = 121  # Modbus Application Protocol 1.1b3, 6.17
@@ -67,44 +68,6 @@ class RtuListener:
 Listener = TcpListener | RtuListener
 
 
-class Bus:
-    """The units on one wire, and the simulated clock that they live by. A later unit of the same id is refused."""
-
-    def __init__(self, units: Sequence[Unit], now_s: Callable[[], float]) -> None:
-        self._units: dict[int, Unit] = {}
-        self._now_s = now_s
-        for unit in units:
-            if not 1 <= unit.device_id <= 247:
-                raise ConfigurationError(f"device id {unit.device_id} is outside 1 to 247, correct it")
-            if unit.device_id in self._units:
-                raise ConfigurationError(f"device id {unit.device_id} stands on one bus twice, change one")
-            self._units[unit.device_id] = unit
-
-    def read(self, device_id: int, table: Table, address: int, count: int) -> list[int]:
-        """Words of a unit. Raises NoSuchIdException, Refusal or NoAnswer."""
-        unit = self._unit(device_id)
-        if not 1 <= count <= MAX_READ_WORDS:
-            raise Refusal(ExceptionCode.ILLEGAL_VALUE)
-        return unit.read(table, address, count, self._now_s())
-
-    def write(self, device_id: int, address: int, words: Sequence[int], most: int = MAX_WRITE_WORDS) -> None:
-        """Write words to a unit. Raises as ``read``."""
-        unit = self._unit(device_id)
-        if not 1 <= len(words) <= most:
-            raise Refusal(ExceptionCode.ILLEGAL_VALUE)
-        unit.write(address, words, self._now_s())
-
-    def require(self, device_id: int) -> None:
-        """Raise NoSuchIdException where no unit has this id."""
-        self._unit(device_id)
-
-    def _unit(self, device_id: int) -> Unit:
-        unit = self._units.get(device_id)
-        if unit is None:
-            raise NoSuchIdException(f"no unit {device_id}")
-        return unit
-
-
 class _Request(ModbusPDU):
     """A request that a bus answers; ``answer`` is what each function code does."""
 
@@ -113,7 +76,7 @@ class _Request(ModbusPDU):
     def response(self) -> ModbusPDU | None:
         """Carry the request out; its response or an exception, None where it stays unanswered by a fault.
 
-        Raises NoSuchIdException where nobody has this device id.
+        Raises NoSuchUnit where nobody has this device id.
         """
         try:
             response = self.answer(self.dev_id)
@@ -125,7 +88,7 @@ class _Request(ModbusPDU):
         return response
 
     def answer(self, device_id: int) -> ModbusPDU:
-        """Carry the request out. Raises Refusal, NoAnswer or NoSuchIdException."""
+        """Carry the request out. Raises Refusal, NoAnswer or NoSuchUnit."""
         self.bus.require(device_id)
         raise Refusal(ExceptionCode.ILLEGAL_FUNCTION)
 
@@ -241,7 +204,7 @@ class _Connection(ServerRequestHandler):
     def _answer(self, request: _Request) -> None:
         try:
             response = request.response()
-        except NoSuchIdException:
+        except NoSuchUnit:
             if self._serial:
                 return
             response = ExceptionResponse(
@@ -350,8 +313,3 @@ class Slave:
         if self.line is not None:
             self.line.close()
             self.line = None
-
-
-def slaves(units: Mapping[Listener, Sequence[Unit]], now_s: Callable[[], float]) -> list[Slave]:
-    """One slave a listener."""
-    return [Slave(listener, Bus(on_it, now_s)) for listener, on_it in units.items()]
