@@ -47,7 +47,14 @@ def analyze_recordings(
         "schema": SCHEMA,
         "recording": recording_summary(recording),
         "estimates": [estimate.to_json() for estimate in estimates],
-        "discrepancy": {"verdict": "not_assessed", "message": _NOT_ASSESSED},
+        "discrepancy": {
+            "verdict": "not_assessed",
+            "message": _NOT_ASSESSED,
+            "causes": [],
+            "not_told_apart_from": [],
+            "separating_test": None,
+            "gain": None,
+        },
         "signature": signature(estimates, nameplate),
         "health": {"ne107": None, "reasons": [_NO_HEALTH]},
     }
@@ -121,26 +128,27 @@ def position_noise_m(recording: Recording) -> float | None:
     return channel_noise(recording.time_s[rows], recording.position_m[rows], run_first)
 
 
-def signature(estimates: Sequence[Estimate], nameplate: Nameplate) -> dict[str, Any] | None:
-    """Return the technician's figures that follow from the first estimate that has a spring rate; None without one.
+def signature(estimates: Sequence[Estimate], nameplate: Nameplate) -> dict[str, Any]:
+    """Return the technician's figures that follow from the first estimate that has a spring rate.
 
     ``spring_rate_n_per_m`` is k; ``bench_set_pa`` is F_0 / S_a and (F_0 + k travel) / S_a; ``friction_mean_n`` is
-    F_c, the friction at low speed. What no estimate gives (friction over travel, dead band) is left out.
+    F_c, the friction at low speed. None stands for what no estimate gives: friction over travel, dead band.
     """
+    figures: dict[str, Any] = dict.fromkeys(
+        ("from", "friction_mean_n", "friction_max_n", "spring_rate_n_per_m", "bench_set_pa", "dead_band_percent")
+    )
     for estimate in estimates:
         stiffness = estimate.value("k")
         if estimate.status is Status.FAILED or stiffness is None:
             continue
-        figures: dict[str, Any] = {"from": f"the parameters by {estimate.method}", "spring_rate_n_per_m": stiffness}
-        friction_n, preload_n = estimate.value("F_c"), estimate.value("F_0")
-        area_m2 = nameplate.actuator.diaphragm_area_m2
-        if friction_n is not None:
-            figures["friction_mean_n"] = friction_n
+        figures |= {"from": f"the parameters by {estimate.method}", "spring_rate_n_per_m": stiffness}
+        figures["friction_mean_n"] = estimate.value("F_c")
+        preload_n, area_m2 = estimate.value("F_0"), nameplate.actuator.diaphragm_area_m2
         if preload_n is not None and area_m2 is not None:
             full_n = preload_n + stiffness * nameplate.actuator.travel_m
             figures["bench_set_pa"] = [preload_n / area_m2, full_n / area_m2]
-        return figures
-    return None
+        break
+    return figures
 
 
 def _tried(name: str, recording: Recording, estimates: Sequence[Estimate], nameplate: Nameplate) -> dict[str, Any]:

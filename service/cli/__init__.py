@@ -9,8 +9,8 @@ from importlib import import_module
 from typing import Any, Final
 
 import typer
-from typer.core import TyperGroup
 
+from service.cli.command import Command, CommandGroup
 from valve.errors import ValveError
 
 # Name of each command and what the list of commands says of it; its module is service.cli.NAME.
@@ -25,7 +25,7 @@ COMMANDS: Final = {
 TRACEBACK_VARIABLE: Final = "BREAKAWAY_TRACEBACK"
 
 
-class _LazyGroup(TyperGroup):
+class _LazyGroup(CommandGroup):
     """Knows every command by name and one line, and loads the one that is called."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
@@ -37,7 +37,7 @@ class _LazyGroup(TyperGroup):
 def _loaded(name: str) -> Any:
     single = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
     module = import_module(f"service.cli.{name}")
-    single.command(name, cls=getattr(module, "COMMAND_CLASS", None))(getattr(module, name))
+    single.command(name, cls=getattr(module, "COMMAND_CLASS", Command))(getattr(module, name))
     return typer.main.get_command(single)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any, Final
 
 from rich.console import Console
@@ -11,6 +12,8 @@ from rich.text import Text
 from valve.parameters import PARAMETER_SYMBOLS
 
 _NOT_GIVEN: Final = "not identifiable"
+_IN_THE_TABLE: Final = "Not given: "  # how an estimate lists what its table shows as missing
+_SENTENCE_END: Final = re.compile(r"(?<=\.) (?=[A-Z])")
 _WIDE: Final = 110  # columns of the terminal from which each parameter's meaning has room
 
 
@@ -18,9 +21,9 @@ def print_analysis(console: Console, analysis: dict[str, Any]) -> None:
     """Print the recording's quality, both methods beside each other, what is missing and why, and the rest."""
     _print_recording(console, analysis["recording"])
     console.print(_parameters(analysis["estimates"], wide=console.width >= _WIDE))
-    for estimate in analysis["estimates"]:
-        _print_reasons(console, estimate)
-    if analysis["signature"] is not None:
+    for reason in reasons(analysis["estimates"]):
+        _say(console, reason)
+    if analysis["signature"]["spring_rate_n_per_m"] is not None:
         _print_signature(console, analysis["signature"])
     for tried in analysis.get("held_out", []):
         _print_held_out(console, tried)
@@ -57,25 +60,29 @@ def _print_recording(console: Console, recording: dict[str, Any]) -> None:
 
 def _parameters(estimates: list[dict[str, Any]], *, wide: bool) -> Table:
     table = Table(title="Parameters", title_justify="left")
-    table.add_column("parameter")
+    table.add_column("parameter", no_wrap=True)
     for estimate in estimates:
         table.add_column(Text(f"{estimate['method'].replace('_', ' ')} ({estimate['status']})"), justify="right")
-        table.add_column("95 % interval", justify="right")
+        table.add_column("95 % interval" if wide else "± 95 %", justify="right", no_wrap=True)
     for symbol, entry in PARAMETER_SYMBOLS.items():
-        cells = [cell for estimate in estimates for cell in _cells(estimate["parameters"][symbol])]
+        cells = [cell for estimate in estimates for cell in _cells(estimate["parameters"][symbol], wide=wide)]
         meaning = f"  {entry.meaning}" if wide else ""
         table.add_row(Text(f"{symbol} [{entry.unit}]{meaning}"), *cells)
     residuals = [estimate["residual_rms_m"] for estimate in estimates]
     cells = [cell for residual_m in residuals for cell in (_micrometres(residual_m), "")]
-    table.add_row("residual, rms", *cells)
+    table.add_row("residual, rms" if wide else "residual", *cells)
     return table
 
 
-def _cells(parameter: dict[str, Any]) -> tuple[str, str]:
+def _cells(parameter: dict[str, Any], *, wide: bool) -> tuple[str, str]:
     if parameter["value"] is None:
         return _NOT_GIVEN, ""
-    interval = parameter["ci95"]
-    return f"{parameter['value']:.6g}", "none" if interval is None else f"{interval[0]:.6g} to {interval[1]:.6g}"
+    value, interval = f"{parameter['value']:.6g}", parameter["ci95"]
+    if interval is None:
+        return value, "none"
+    if wide:
+        return value, f"{interval[0]:.6g} to {interval[1]:.6g}"
+    return value, f"{max(interval[1] - parameter['value'], parameter['value'] - interval[0]):.2g}"
 
 
 def _micrometres(length_m: float | None) -> str:
@@ -84,24 +91,35 @@ def _micrometres(length_m: float | None) -> str:
     return f"{1e6 * length_m:.4g} um" if length_m == 0.0 or length_m >= 1.0e-9 else "below 0.001 um"
 
 
-def _print_reasons(console: Console, estimate: dict[str, Any]) -> None:
-    """Say the method's message, and each note once with the parameters that it belongs to."""
-    method = estimate["method"].replace("_", " ")
-    if estimate["message"]:
-        _say(console, f"{method}: {estimate['message']}")
-    notes: dict[str, list[str]] = {}
-    for symbol, parameter in estimate["parameters"].items():
-        if parameter["note"] and parameter["note"] != estimate["message"]:
-            notes.setdefault(parameter["note"], []).append(symbol)
-    for note, symbols in notes.items():
-        _say(console, f"{method}, {', '.join(symbols)}: {note}")
+def reasons(estimates: list[dict[str, Any]]) -> list[str]:
+    """Why values are missing or weak: each reason once, after the methods and parameters that it belongs to."""
+    whose: dict[str, dict[tuple[str, ...], list[str]]] = {}
+    for estimate in estimates:
+        method, said = estimate["method"].replace("_", " "), estimate["message"]
+        sentences = [text for text in _SENTENCE_END.split(said) if text and not text.startswith(_IN_THE_TABLE)]
+        of_method: dict[str, list[str]] = {sentence: [] for sentence in sentences}
+        for symbol, parameter in estimate["parameters"].items():
+            note = parameter["note"]
+            head, _, tail = note.partition(": ")
+            note = head if tail and tail in said else note
+            if note not in said:
+                of_method.setdefault(note, []).append(symbol)
+        for reason, symbols in of_method.items():
+            whose.setdefault(reason, {}).setdefault(tuple(symbols), []).append(method)
+    return [f"{_owners(owners)}: {reason}" for reason, owners in whose.items()]
+
+
+def _owners(owners: dict[tuple[str, ...], list[str]]) -> str:
+    return "; ".join(
+        " and ".join(methods) + (f", {', '.join(symbols)}" if symbols else "") for symbols, methods in owners.items()
+    )
 
 
 def _print_signature(console: Console, signature: dict[str, Any]) -> None:
     figures = [f"spring rate {signature['spring_rate_n_per_m']:.5g} N/m"]
-    if "friction_mean_n" in signature:
+    if signature["friction_mean_n"] is not None:
         figures.append(f"friction {signature['friction_mean_n']:.5g} N")
-    if "bench_set_pa" in signature:
+    if signature["bench_set_pa"] is not None:
         low_pa, high_pa = signature["bench_set_pa"]
         figures.append(f"bench set {low_pa:.5g} to {high_pa:.5g} Pa")
     _say(console, f"Signature, from {signature['from']}: {', '.join(figures)}.")

@@ -18,7 +18,7 @@ COMMAND_CLASS = HeldOutCommand
 
 def analyze(
     recordings: Annotated[
-        list[Path], typer.Argument(metavar="RECORDING...", help="CSV or Parquet files, SI units.", show_default=False)
+        list[Path], typer.Argument(metavar="RECORDING", help="CSV or Parquet files, SI units.", show_default=False)
     ],
     nameplate: Annotated[
         Path, typer.Option("--nameplate", metavar="FILE", help="The valve's nameplate, TOML.", show_default=False)

@@ -6,18 +6,20 @@ from typing import Any
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
+from service.cli.analysis_tables import reasons
 from service.cli.demo_plant import DemoValve
 from valve.parameters import PARAMETER_SYMBOLS
 
 
 def _cells(parameter: dict[str, Any] | None, truth: float) -> tuple[str, str]:
-    """Value with its interval, and its error in percent of the truth, as text."""
+    """Value, and its error in percent of the truth, as text; a truth of zero has no percents."""
     value = None if parameter is None else parameter.get("value")
     if value is None:
         return "not known", ""
-    error = f"{100.0 * (value - truth) / truth:+.3g} %" if truth != 0.0 else ""
-    return f"{value:.6g}", error
+    error_percent = 100.0 * (value - truth) / truth if truth != 0.0 else None
+    return f"{value:.5g}", "" if error_percent is None else f"{error_percent:+.3f}"
 
 
 def _table(valve: DemoValve, made: dict[str, Any]) -> Table:
@@ -28,15 +30,15 @@ def _table(valve: DemoValve, made: dict[str, Any]) -> Table:
         f"{recording['samples']} samples, {1e3 * recording['sample_period_s']:.3g} ms apart",
         title_justify="left",
     )
-    table.add_column("parameter")
-    table.add_column("truth", justify="right")
+    table.add_column("parameter", no_wrap=True)
+    table.add_column("truth", justify="right", no_wrap=True)
     for method, estimate in estimates.items():
-        table.add_column(f"{method} ({estimate['status']})", justify="right")
-        table.add_column("error", justify="right")
+        table.add_column(f"{method.replace('_', ' ')} ({estimate['status']})", justify="right")
+        table.add_column("error %", justify="right", no_wrap=True)
     for symbol, entry in PARAMETER_SYMBOLS.items():
         truth = made["truth"][symbol]
         cells = [cell for estimate in estimates.values() for cell in _cells(estimate["parameters"].get(symbol), truth)]
-        table.add_row(f"{symbol} [{entry.unit}]".replace("[", r"\["), f"{truth:.6g}", *cells)
+        table.add_row(Text(f"{symbol} [{entry.unit}]"), f"{truth:.6g}", *cells)
     return table
 
 
@@ -48,19 +50,8 @@ def print_test(console: Console, valve: DemoValve, made: dict[str, Any]) -> None
         console.print(f"{valve.tag}: {test['state']}: {test.get('error') or 'no reason given'}", style="bold")
         return
     console.print(_table(valve, made))
-    for estimate in test["analysis"]["estimates"]:
-        _print_reasons(console, estimate)
+    for reason in reasons(test["analysis"]["estimates"]):
+        console.print(Text(f"  {reason}"))
     discrepancy = test["analysis"]["discrepancy"]
-    console.print(f"  diagnosis: {discrepancy['verdict']}. {discrepancy.get('message', '')}")
-
-
-def _print_reasons(console: Console, estimate: dict[str, Any]) -> None:
-    """Print why an estimate is not better than it is, each reason once."""
-    if estimate["message"]:
-        console.print(f"  {estimate['method']}: {estimate['message']}")
-    reasons: dict[str, list[str]] = {}
-    for symbol, parameter in estimate["parameters"].items():
-        if parameter["value"] is None and parameter["note"] not in estimate["message"]:
-            reasons.setdefault(parameter["note"], []).append(symbol)
-    for reason, symbols in reasons.items():
-        console.print(f"  {estimate['method']}, {', '.join(symbols)} not known: {reason}")
+    verdict = discrepancy["verdict"].replace("_", " ")
+    console.print(Text(f"  diagnosis: {verdict}. {discrepancy.get('message', '')}"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from typer.core import TyperCommand
+from service.cli.command import Command
 
 FLAG: Final = "--held-out"
 
@@ -32,7 +32,7 @@ def repeat_flag(arguments: list[str]) -> list[str]:
     return spread
 
 
-class HeldOutCommand(TyperCommand):
+class HeldOutCommand(Command):
     """A command whose flag for held-out recordings takes several files at once."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:

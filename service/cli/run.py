@@ -11,9 +11,12 @@ from urllib.parse import quote
 import httpx
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.text import Text
 
 from service.cli.analysis_tables import print_analysis
+from service.cli.signals import ended_by_signals
 from valve.errors import MeasurementError, RequestError, WireError
 
 _RECONNECTIONS: Final = 5
@@ -21,26 +24,32 @@ _TIMEOUT: Final = httpx.Timeout(10.0, read=30.0)  # the stream says that it live
 
 
 def run(
-    tag: Annotated[str, typer.Argument(help="tag of the valve")],
-    sequence: Annotated[str, typer.Option(help="triangle, multi_rate, sine, steps or dwell")] = "triangle",
-    url: Annotated[str, typer.Option(envvar="BREAKAWAY_URL", help="root of the service")] = "http://127.0.0.1:8321",
+    tag: Annotated[str, typer.Argument(metavar="TAG", help="The valve's tag, as plant.toml has it.")],
+    sequence: Annotated[
+        str, typer.Option(metavar="NAME", help="How it moves: triangle, multi_rate, sine, steps or dwell.")
+    ] = "triangle",
+    url: Annotated[
+        str, typer.Option(metavar="URL", envvar="BREAKAWAY_URL", help="Address of the service.")
+    ] = "http://127.0.0.1:8321",
     as_json: Annotated[
-        bool, typer.Option("--json", help="print the test as one JSON object instead of tables")
+        bool, typer.Option("--json", help="Print the test as one JSON object instead of tables.")
     ] = False,
 ) -> None:
     """Run one test of one valve and print both methods' estimates. Ctrl-C stops the test."""
     try:
+        if httpx.URL(url).scheme not in ("http", "https") or not httpx.URL(url).host:
+            raise ValueError("it begins with http:// and a host")
         client = httpx.Client(base_url=url, timeout=_TIMEOUT)
     except (httpx.InvalidURL, ValueError) as error:
         raise RequestError(f"--url {url!r} is no address ({error}): give one such as http://127.0.0.1:8321") from None
-    with client:
+    with client, ended_by_signals():
         location = _start(client, tag, sequence)
         try:
             _watch(client, location, tag)
         except KeyboardInterrupt:
             stopped = _asked(client, "POST", f"{location}/stop")
-            state = "at its safe value" if stopped["safe_confirmed"] else "SAFE STATE NOT CONFIRMED"
-            raise MeasurementError(f"{tag}: the test was stopped on request, the valve is {state}") from None
+            state = "the valve is at its safe value" if stopped["safe_confirmed"] else "SAFE STATE NOT CONFIRMED"
+            raise MeasurementError(f"{tag}: the test was stopped on request, {state}") from None
         test = _asked(client, "GET", location)
     if as_json:
         sys.stdout.write(json.dumps(test, indent=2) + "\n")
@@ -75,7 +84,7 @@ def _watch(client: httpx.Client, location: str, tag: str) -> None:
     """Follow the test to its end; a broken stream is taken up where it broke."""
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TextColumn("{task.fields[phase]}"))
     with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as bar:
-        task = bar.add_task(tag, total=1.0, phase="queued")
+        task = bar.add_task(escape(tag), total=1.0, phase="queued")
         last, broken = "0", 0
         while True:
             try:
@@ -111,5 +120,5 @@ def _events(client: httpx.Client, location: str, last: str) -> Iterator[tuple[st
 
 def _print_test(console: Console, test: dict[str, Any]) -> None:
     left = "its safe value, read back" if test["safe_confirmed"] else "SAFE STATE NOT CONFIRMED"
-    console.print(f"{test['valve']}: {test['sequence']}, test {test['id']}, valve left at {left}", highlight=False)
+    console.print(Text(f"{test['valve']}: {test['sequence']}, test {test['id']}, valve left at {left}"))
     print_analysis(console, test["analysis"])

@@ -20,8 +20,8 @@ _LOOK_EVERY_S: Final = 0.1
 
 
 def simulate(
-    config: Annotated[Path, typer.Option("--config", metavar="FILE", help="plant.toml.", show_default=False)],
-    speed: Annotated[float, typer.Option("--speed", help="Run the valves' clock so many times faster.")] = 1.0,
+    config: Annotated[Path, typer.Option("--config", metavar="FILE", help="The plant file.", show_default=False)],
+    speed: Annotated[float, typer.Option("--speed", metavar="N", help="Run the valves' clock N times faster.")] = 1.0,
     log: Annotated[
         Path | None, typer.Option("--log", metavar="FILE", help="Write every event and position there, JSON lines.")
     ] = None,

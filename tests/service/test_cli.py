@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import signal
 import statistics
 import subprocess
@@ -42,11 +43,12 @@ def test_help_comes_at_once() -> None:
     assert statistics.median(taken_s) < 5.0, "0.3 s on an idle machine"
 
 
-@pytest.mark.parametrize("command", ["serve", "run"])
-def test_each_command_has_a_help_of_its_own(command: str) -> None:
-    answer = called(command, "--help")
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_each_help_names_no_type_of_the_programming_language(command: str) -> None:
+    answer = called(*filter(None, [command]), "--help")
     assert answer.returncode == 0
     assert "Usage: " in answer.stdout
+    assert not re.search(r"<\w+>|list\[|None", answer.stdout), answer.stdout
 
 
 @pytest.mark.parametrize("arguments", [("fly",), ("serve",), ("run",), ("run", "FV-101", "--speed", "3")])
@@ -70,6 +72,27 @@ def test_a_service_that_is_not_there_ends_with_1_and_one_sentence() -> None:
     assert answer.returncode == 1
     assert len(answer.stderr.splitlines()) == 1
     assert "breakaway serve" in answer.stderr
+
+
+@pytest.mark.parametrize("url", ["nonsense", "ftp://127.0.0.1", "http://", "http://[::1"])
+def test_an_address_that_is_none_is_told_before_anything_is_asked(url: str) -> None:
+    answer = called("run", "FV-101", "--url", url)
+    assert answer.returncode == 1
+    assert "is no address" in answer.stderr
+    assert len(answer.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("command", ["serve", "simulate"])
+@pytest.mark.parametrize("file", [".", "missing.toml", "/dev/null"])
+def test_a_plant_file_that_cannot_be_read_is_the_same_sentence_everywhere(
+    command: str, file: str, tmp_path: Path
+) -> None:
+    answer = subprocess.run(
+        [*BREAKAWAY, command, "--config", file], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert answer.returncode == 1
+    assert answer.stderr.startswith("breakaway: ")
+    assert "Traceback" not in answer.stderr
 
 
 async def test_run_follows_a_test_to_its_end_and_prints_it(plant_file: Path) -> None:
@@ -101,7 +124,8 @@ async def test_run_ends_with_1_when_the_test_fails(plant_file: Path) -> None:
         assert "SAFE STATE NOT CONFIRMED" in err.decode()
 
 
-async def test_ctrl_c_stops_the_test(plant_file: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+async def test_ctrl_c_and_a_closed_terminal_stop_the_test(plant_file: Path, number: signal.Signals) -> None:
     rig = FakeRig(30.0)
     async with running_service(load_plant(plant_file), rig, FakeAnalyst()) as client:
         process = await asyncio.create_subprocess_exec(
@@ -109,7 +133,7 @@ async def test_ctrl_c_stops_the_test(plant_file: Path) -> None:
         )
         await asyncio.wait_for(rig.moving.wait(), 30.0)
         await asyncio.sleep(0.2)
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         _, err = await asyncio.wait_for(process.communicate(), 30.0)
         assert process.returncode == 1
         assert "stopped on request" in err.decode()

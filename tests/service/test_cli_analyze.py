@@ -91,7 +91,7 @@ def test_what_is_not_identifiable_is_said_with_its_reason(run: Run) -> None:
     outcome = run("rest.csv", "--nameplate", "fv-101.toml")
     assert outcome.code == 0, outcome.err
     assert outcome.out.count("not identifiable") == 14
-    assert "regression: The stem never moved" in outcome.out
+    assert "regression and garcia: The stem never moved" in outcome.out
     assert "Signature" not in outcome.out
 
 

@@ -1,0 +1,73 @@
+"""The demonstration's processes: started together, watched, and ended together however the demonstration ends."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from service.cli.signals import ENDING_SIGNALS
+from valve.errors import InternalError
+
+_END_S: Final = 15.0  # the service brings its valves to their safe values first
+
+
+@dataclass(frozen=True, slots=True)
+class DemoProcess:
+    """A breakaway command that runs as a process of its own; what it says goes to ``log``."""
+
+    name: str
+    process: subprocess.Popen[bytes]
+    log: Path
+
+    @property
+    def said(self) -> list[str]:
+        """What it has said so far, line by line."""
+        return self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
+
+    def require_alive(self) -> None:
+        """Raise InternalError with its last words where it has ended."""
+        code = self.process.poll()
+        if code is not None:
+            last = (self.said or ["it said nothing"])[-1]
+            raise InternalError(f"demo: breakaway {self.name} ended by itself with code {code}: {last}")
+
+
+@contextlib.contextmanager
+def demo_processes(config: Path) -> Iterator[list[DemoProcess]]:
+    """Run the simulated plant and the service of a plant file; at the end both are gone, with what they started."""
+    running: list[DemoProcess] = []
+    try:
+        for name in ("simulate", "serve"):
+            log = config.parent / f"{name}.log"
+            command = [sys.executable, "-m", "service.cli", name, "--config", str(config)]
+            with log.open("wb") as output:
+                # a session of its own: Ctrl-C in the terminal reaches the demonstration alone, which ends them in order
+                process = subprocess.Popen(command, stdout=output, stderr=output, start_new_session=True)
+            running.append(DemoProcess(name, process, log))
+        yield running
+    finally:
+        _end([one.process for one in reversed(running)])
+
+
+def _end(processes: list[subprocess.Popen[bytes]]) -> None:
+    """Ask for the end, wait for it and at last enforce it; no further signal cuts this short."""
+    former = {number: signal.signal(number, signal.SIG_IGN) for number in ENDING_SIGNALS}
+    try:
+        for process in processes:  # the service first: its valves need the plant
+            process.terminate()
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(_END_S)
+        for process in processes:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+    finally:
+        for number, handler in former.items():
+            signal.signal(number, handler)

@@ -1,0 +1,67 @@
+"""The reasons that stand below a table of estimates: each once, with whom it belongs to."""
+
+from __future__ import annotations
+
+from io import StringIO
+from typing import Any
+
+from rich.console import Console
+
+from service.cli.analysis_tables import print_analysis, reasons
+from valve.parameters import PARAMETER_SYMBOLS
+
+TOO_SLOW = "The sampling rate is too low: capture in the device."
+
+
+def _estimate(method: str, message: str, notes: dict[str, str]) -> dict[str, Any]:
+    parameters: dict[str, dict[str, Any]] = {
+        symbol: {"value": None if symbol in notes else 52538.123, "ci95": None, "note": notes.get(symbol, "")}
+        for symbol in PARAMETER_SYMBOLS
+    }
+    parameters["k"]["ci95"] = [52500.0, 52570.0]
+    return {
+        "method": method,
+        "status": "poor",
+        "message": message,
+        "parameters": parameters,
+        "residual_rms_m": 8.756e-4,
+    }
+
+
+ESTIMATES = [
+    _estimate("regression", f"{TOO_SLOW} Not given: m, F_v.", {"m": TOO_SLOW, "F_v": TOO_SLOW, "DV": "one speed"}),
+    _estimate("garcia", f"{TOO_SLOW} Not given: m.", {"m": f"known to +-55 % only: {TOO_SLOW}", "DV": "one speed"}),
+]
+
+
+def test_a_reason_of_both_methods_stands_there_once_without_what_the_table_shows() -> None:
+    assert reasons(ESTIMATES) == [
+        f"regression and garcia: {TOO_SLOW}",
+        "regression and garcia, DV: one speed",
+        "garcia, m: known to +-55 % only",
+    ]
+
+
+def test_a_terminal_of_80_columns_breaks_no_cell_of_the_table() -> None:
+    console = Console(width=80, record=True, file=StringIO())
+    analysis = {
+        "recording": {
+            "samples": 1201,
+            "duration_s": 60.0,
+            "sample_period_s": 0.05,
+            "sampling": None,
+            "gaps": 0,
+            "position_noise_m": None,
+            "channels": ["command_pa", "position_m"],
+        },
+        "estimates": ESTIMATES,
+        "signature": {"spring_rate_n_per_m": None},
+        "discrepancy": {"verdict": "not_assessed"},
+        "health": {"ne107": None, "reasons": ["not assessed"]},
+    }
+    print_analysis(console, analysis)
+    lines = console.export_text().splitlines()
+    rows = [line for line in lines if line.startswith("│ ") and "[" in line]
+    assert [row.split()[1] for row in rows] == list(PARAMETER_SYMBOLS)
+    assert sum(line.count("not identifiable") for line in lines) == 5
+    assert not any("…" in line for line in lines)
