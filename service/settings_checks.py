@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from drivers.addresses import BusAddress, GaugeAddress, Point, ValveWiring
+from drivers.addresses import BusAddress, GaugeAddress, Point, RtuAddress, ValveWiring
+from drivers.capabilities import Role
 from drivers.maps import register_map
 from drivers.wiring import Bus, wire
 from service.bus import make_bus
@@ -30,8 +32,9 @@ def check_wiring(
             unopened[address.name] = make_bus(address)
         except ConfigurationError as error:
             findings.add_error(("buses", index), error)
+    _check_places(findings, buses)
     tags: set[str] = set()
-    commanded: dict[tuple[str, int | None, str | None], str] = {}
+    commanded: dict[tuple[object, ...], str] = {}
     for index, (nameplate, wiring) in enumerate(valves):
         key: Key = ("valves", index)
         if wiring.tag in tags:
@@ -40,9 +43,8 @@ def check_wiring(
         for role, point in (("command", wiring.command), ("position", wiring.position), ("pressure", wiring.pressure)):
             if point is not None:
                 _check_point(findings, (*key, role), role, point, by_name)
-        output = (wiring.command.bus, wiring.command.device_id, wiring.command.register)
-        other = commanded.setdefault(output, wiring.tag)
-        if other != wiring.tag:
+        others = {commanded.setdefault(word, wiring.tag) for word in _commanded_words(wiring.command)} - {wiring.tag}
+        for other in sorted(others):
             findings.add(
                 (*key, "command"), wiring.tag, f"valve {other} is commanded by the same register", "correct one"
             )
@@ -52,6 +54,33 @@ def check_wiring(
                 wire(wiring, unopened)
             except ConfigurationError as error:
                 findings.add_error(key, error)
+
+
+def _check_places(findings: Findings, buses: Sequence[BusAddress]) -> None:
+    """Refuse two names for one line: each would be driven as if it were alone."""
+    places: dict[str, str] = {}
+    for index, address in enumerate(buses):
+        if isinstance(address, (RtuAddress, GaugeAddress)):
+            key, place = "serial_port", os.path.realpath(address.serial_port)
+        else:
+            key, place = "port", f"{address.host}:{address.port}"
+        other = places.setdefault(place, address.name)
+        if other != address.name:
+            findings.add(("buses", index, key), place, f"bus {other} is there too", f"use {other} for both")
+
+
+def _commanded_words(command: Point) -> list[tuple[object, ...]]:
+    """Every word that commanding this point writes; none where the point is wrong in itself, which is told anyway."""
+    try:
+        device = register_map(command.map or "")
+        name = command.register or device.roles.get(Role.COMMAND)
+        register = None if name is None else device.register(name)
+    except ConfigurationError:
+        return []
+    if register is None:
+        return []
+    words = range(register.address, register.address + register.words)
+    return [(command.bus, command.device_id, register.table, word) for word in words]
 
 
 def _check_point(findings: Findings, key: Key, role: str, point: Point, buses: dict[str, BusAddress]) -> None:

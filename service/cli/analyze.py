@@ -37,7 +37,8 @@ def analyze(
     require_writable(json_file)
     console = Console(stderr=json_file == STANDARD_OUTPUT)
     columns = (TextColumn("{task.description}"), BarColumn(bar_width=30), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+    screen = Console(stderr=True)
+    with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as progress:
         task = progress.add_task("reading", total=1.0)
         analysis = _analysis(recordings, nameplate, held_out or [], progress, task)
     print_analysis(console, analysis)

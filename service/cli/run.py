@@ -83,7 +83,8 @@ def _start(client: httpx.Client, tag: str, sequence: str) -> str:
 def _watch(client: httpx.Client, location: str, tag: str) -> None:
     """Follow the test to its end; a broken stream is taken up where it broke."""
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TextColumn("{task.fields[phase]}"))
-    with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True)) as bar:
+    screen = Console(stderr=True)
+    with Progress(*columns, TimeElapsedColumn(), console=screen, disable=not screen.is_terminal) as bar:
         task = bar.add_task(escape(tag), total=1.0, phase="queued")
         last, broken = "0", 0
         while True:

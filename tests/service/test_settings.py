@@ -80,6 +80,19 @@ BAD = {
     ),
     "a valve on a gauge": ('bus = "plc-1"\ndevice_id = 1\nmap = "reference"', 'bus = "gauge-1"', ["command", "gauge"]),
     "two valves on one register": ("device_id = 2", "device_id = 1", ["valves[1].command", "FV-101", "same register"]),
+    "two valves on one register, one by its name": (
+        'device_id = 2\nmap = "reference"',
+        'device_id = 1\nmap = "reference"\nregister = "command"',
+        ["valves[1].command", "FV-101", "same register"],
+    ),
+    "two names for one line": (
+        'name = "gauge-1"\nkind = "serial_gauge"',
+        (
+            'name = "line-1"\nkind = "modbus_rtu"\nserial_port = "/dev/../dev/null"\nbaud_rate = 9600\n[[buses]]\n'
+            'name = "gauge-1"\nkind = "serial_gauge"'
+        ),
+        ["buses[2].serial_port", "/dev/null", "bus line-1 is there too", "use line-1 for both"],
+    ),
     "the broadcast address": ("device_id = 1", "device_id = 0", ["valves[0].command", "device_id 0", "1 to 247"]),
     "one tag twice": ('tag = "FV-102"', 'tag = "FV-101"', ["valves[1].tag", "FV-101", "rename"]),
     "one bus name twice": ('name = "gauge-1"', 'name = "plc-1"', ["buses[1].name", "plc-1", "rename"]),
