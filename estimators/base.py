@@ -59,6 +59,10 @@ class Outcome(StrEnum):
     PRELOAD_IGNORED = (
         "The stem has a preload, and the published form of the methods assumes none: use the corrected form."
     )
+    COMMAND_ONLY = (
+        "The pressure was not measured and the command stands in for it: the transducer's lag, times the ramp's force "
+        "rate, adds to F_c and F_s. Measure the pressure at the actuator."
+    )
     NO_FORCE_CHANGE = "The actuator's force did not change: check the pressure channel and repeat the test."
     NO_DIAPHRAGM_AREA = (
         "The recording has a pressure and the nameplate no diaphragm area: add actuator.diaphragm_area_m2."

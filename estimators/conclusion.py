@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from estimators.base import Estimate, Outcome, ParameterEstimate, Status, in_order, sentences
@@ -29,6 +30,9 @@ def conclude(
         found.append(Outcome.STOP_INSIDE_SWEEP)
     if transients.outcome is not None:
         found.append(transients.outcome)
+    if motion.command_only:
+        found.append(Outcome.COMMAND_ONLY)
+        parameters = {symbol: _with_lag(symbol, parameter) for symbol, parameter in parameters.items()}
     complete = in_order(parameters)
     assumed = {"F_0"} if diagnostics.get("form") == "published" else set()
     missing = [s for s, p in complete.items() if p.value is None and s not in _NEVER_GIVEN | assumed]
@@ -43,7 +47,8 @@ def conclude(
     if biased:
         message = f"{message} Backward differences bias {' and '.join(biased)}: use the corrected form.".strip()
     hidden = {"m"} if Outcome.MASS_HIDDEN in found else set()
-    status = Status.POOR if set(missing) - hidden or biased or Outcome.ONE_DIRECTION_ONLY in found else Status.OK
+    poor = {Outcome.ONE_DIRECTION_ONLY, Outcome.COMMAND_ONLY} & set(found)
+    status = Status.POOR if set(missing) - hidden or biased or poor else Status.OK
     if complete["k"].value is None and complete["F_c"].value is None:
         status = Status.FAILED
     information = {
@@ -56,3 +61,13 @@ def conclude(
     }
     estimate = Estimate(method, status, message, None, complete, information)
     return with_misfit(estimate, motion.samples, motion.first_moving_row, fallback, motion.stops)
+
+
+def _with_lag(symbol: str, parameter: ParameterEstimate) -> ParameterEstimate:
+    """Say of the frictions that the transducer's lag is in them; no interval holds it."""
+    if symbol not in ("F_c", "F_s") or parameter.value is None:
+        return parameter
+    note = f"{parameter.note}; " if parameter.note else ""
+    return replace(
+        parameter, std_error=None, ci95=None, note=f"{note}the transducer's lag is in it, the pressure was not measured"
+    )

@@ -31,6 +31,7 @@ class RecordedMotion:
     stops: TravelStops | None
     action: Action
     moving_mass_kg: float | None
+    command_only: bool
 
     @property
     def first_moving_row(self) -> int:
@@ -47,9 +48,8 @@ class RecordedMotion:
 
     @property
     def one_direction(self) -> bool:
-        """Whether the stem moved in one direction only, as far as uniform motion shows."""
-        directions = self.phases.directions if self.uniform is None else self.uniform.directions
-        return len(directions) < 2
+        """Whether the stem moved in one direction only."""
+        return len(self.phases.directions) < 2
 
 
 def read_motion(recording: Recording, nameplate: Nameplate) -> RecordedMotion | Outcome:
@@ -78,10 +78,17 @@ def _read(recording: Recording, nameplate: Nameplate) -> RecordedMotion | Outcom
         return phases
     action = nameplate.actuator.action
     uniform = fit_uniform_motion(samples, phases, action)
-    if isinstance(uniform, Outcome):
-        return RecordedMotion(samples, phases, None, uniform, None, action, nameplate.actuator.moving_mass_kg)
-    stops = find_stops(samples, phases, uniform)
-    return RecordedMotion(samples, phases, uniform, None, stops, action, nameplate.actuator.moving_mass_kg)
+    found = None if isinstance(uniform, Outcome) else uniform
+    return RecordedMotion(
+        samples=samples,
+        phases=phases,
+        uniform=found,
+        uniform_outcome=uniform if isinstance(uniform, Outcome) else None,
+        stops=None if found is None else find_stops(samples, phases, found),
+        action=action,
+        moving_mass_kg=nameplate.actuator.moving_mass_kg,
+        command_only=recording.force_n is None and recording.pressure_pa is None,
+    )
 
 
 def young_rows(motion: RecordedMotion) -> BoolArray:

@@ -189,7 +189,9 @@ class RegressionEstimator:
 
     def _settled_rows(self, motion: RecordedMotion) -> UniformMotion | None:
         """What gives k, A and F_0 where hidden transients would pull at them: uniform motion alone."""
-        return motion.uniform if self.form is not Form.PUBLISHED else None
+        if self.form is Form.PUBLISHED or motion.uniform is None:
+            return None
+        return motion.uniform if motion.uniform.directions == motion.phases.directions else None
 
     def _chosen(self, sweep: ThresholdSweep, regressors: Regressors) -> tuple[int, int] | None:
         """Threshold numbers for (m and F_v, the rest) by the least expected error; None where none is determined."""

@@ -93,7 +93,7 @@ def _slips(samples: Samples, phases: Phases, balance: Balance) -> list[_Slip]:
             continue
         sense, rows = breakaway.direction, stretch.rows
         steady_n = preload + sense * balance.friction[0]
-        force_n, rate_n_per_s = force_at(samples, breakaway)
+        force_n, rate_n_per_s = force_at(samples, phases, breakaway)
         jump_m = sense * ((force_n - steady_n) / spring - breakaway.rest_m)
         lag_m = sense * ((samples.force_n[rows] - steady_n) / spring - samples.position_m[rows])
         time_s = samples.time_s[rows] - breakaway.time_s

@@ -12,7 +12,9 @@ from estimators.phases import Phases
 from estimators.rests import Breakaway
 from estimators.samples import FloatArray, Samples
 
-_LINE_ROWS: Final = 40  # rows at rest whose force is drawn on to the instant of breakaway
+# Own choices: rows at rest whose force is drawn on to the instant of breakaway.
+_FEWEST_LINE_ROWS: Final = 3
+_MOST_LINE_ROWS: Final = 40
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,14 +40,28 @@ class BreakawayForces:
         return math.hypot(1.25 * scatter / math.sqrt(count), float(np.median(self.timing_n)))
 
 
-def force_at(samples: Samples, breakaway: Breakaway) -> tuple[float, float]:
-    """Force at the instant of breakaway and its slope (N, N/s), from a line through the rows at rest before it."""
-    first = max(int(samples.run_first[breakaway.row]), breakaway.row - _LINE_ROWS + 1)
-    rows = slice(first, breakaway.row + 2)  # the force does not feel the breakaway
-    if breakaway.row + 1 > int(samples.run_last[breakaway.row]):
-        rows = slice(first, breakaway.row + 1)
+def force_at(samples: Samples, phases: Phases, breakaway: Breakaway) -> tuple[float, float]:
+    """Force at the instant of breakaway and its slope (N, N/s), from a line through the rows about it.
+
+    As few rows before it as bring the force's noise below the timing error: the force may still bend after a corner.
+    The row after it counts too, the force does not feel the breakaway.
+    """
+    timing_n = abs(float(phases.force_rate[breakaway.row])) * breakaway.within_s
+    wanted = (4.0 * samples.force_noise_n / timing_n) ** 2 if timing_n > 0.0 else _MOST_LINE_ROWS
+    before = int(min(_MOST_LINE_ROWS, max(_FEWEST_LINE_ROWS, math.ceil(min(wanted, 1.0e6)))))
+    first = max(int(samples.run_first[breakaway.row]), breakaway.row - before + 1)
+    last = min(breakaway.row + 1, int(samples.run_last[breakaway.row]))
+    rows = slice(first, last + 1)
     time_s, force_n = samples.time_s[rows] - breakaway.time_s, samples.force_n[rows]
-    # a corner within the rows would bend the line: keep what lies on the last one
+    # a corner among the rows would bend the line, a leap would tear it: keep what lies together before the breakaway
+    steps_n = np.diff(force_n)
+    usual_n = float(np.median(np.abs(steps_n))) if steps_n.size else 0.0
+    torn = np.flatnonzero(np.abs(steps_n) > 4.0 * usual_n + 8.0 * samples.force_noise_n)
+    if torn.size and int(torn[-1]) == steps_n.size - 1 and last > breakaway.row:
+        time_s, force_n = time_s[:-1], force_n[:-1]
+        torn = torn[:-1]
+    if torn.size and time_s.size - int(torn[-1]) - 1 >= 2:
+        time_s, force_n = time_s[int(torn[-1]) + 1 :], force_n[int(torn[-1]) + 1 :]
     if time_s.size > 3:
         bend = np.abs(np.diff(force_n, 2))
         limit = 8.0 * samples.force_noise_n + 1.0e-6 * float(np.ptp(force_n)) + 3.0 * float(np.median(bend))
@@ -66,12 +82,13 @@ def breakaway_forces(
     """Friction at each breakaway; None where there was none."""
     found = []
     for breakaway in phases.breakaways:
-        force_n, rate = force_at(samples, breakaway)
+        force_n, rate = force_at(samples, phases, breakaway)
         friction = breakaway.direction * (force_n - spring_n_per_m * breakaway.rest_m - preload_n)
-        following = min(breakaway.row + 1, int(samples.run_last[breakaway.row]))
-        step_n = float(samples.force_n[following] - samples.force_n[breakaway.row])
+        first = max(breakaway.row - 1, int(samples.run_first[breakaway.row]))
+        last = min(breakaway.row + 1, int(samples.run_last[breakaway.row]))
+        leap_n = float(np.abs(np.diff(samples.force_n[first : last + 1])).max(initial=0.0))
         # a force that leaps at the breakaway leaves it open within the leap
-        timing_n = max(abs(rate) * breakaway.within_s, abs(step_n) / math.sqrt(12.0))
+        timing_n = max(abs(rate) * breakaway.within_s, leap_n / math.sqrt(12.0))
         found.append((friction, timing_n, float(breakaway.direction), breakaway.time_s))
     if not found:
         return None

@@ -62,12 +62,17 @@ def steady_rows(samples: Samples, phases: Phases, action: Action) -> tuple[BoolA
         if way_m >= _LEAST_WAY * travel_m + 6.0 * samples.position_noise_m:
             parts.append((stretch, part))
             changes.append(_speed_change(phases.velocity[part]))
-    # the steadiest ones; what varies more is not settled yet, or hindered
-    limit = min(_LARGEST_SPEED_CHANGE, max(_STEADY_SPEED_CHANGE, 2.0 * min(changes, default=0.0)))
-    parts = [part for part, change in zip(parts, changes, strict=True) if change <= limit]
-    for _, part in parts:
+    # the steadiest ones of each direction; what varies more is not settled yet, or hindered
+    kept = []
+    for direction in (1, -1):
+        own = [(part, change) for part, change in zip(parts, changes, strict=True) if part[0].direction == direction]
+        least = min((change for _, change in own), default=0.0)
+        limit = min(_LARGEST_SPEED_CHANGE, max(_STEADY_SPEED_CHANGE, 2.0 * least))
+        kept += [part for part, change in own if change <= limit]
+    kept.sort(key=lambda part: part[0].first)
+    for _, part in kept:
         chosen[part] = True
-    return chosen, parts
+    return chosen, kept
 
 
 def _speed_change(velocity: FloatArray) -> float:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
-from estimators.base import Estimate, Estimator, Form, Status
+from estimators.base import Estimate, Estimator, Form, Outcome, Status
 from estimators.garcia import GarciaEstimator
 from estimators.regression import RegressionEstimator
 from estimators.samples import channel_noise
-from tests.estimators.recordings import VALVES, Recorded, recorded
+from tests.estimators.recordings import VALVES, Recorded, paper_triangle, recorded
+from valve.motion import simulate_motion
 from valve.parameter_sets import parameter_set
 from valve.recording import Recording
 from valve.waveform import triangle
@@ -128,6 +132,55 @@ def test_errors_keep_to_the_standard_errors(name: str, period_s: float, noise_m:
     assert len(scores) >= 12
     assert float(np.sqrt(np.mean(np.square(scores)))) < 2.0
     assert float(np.abs(scores).max()) < 6.0
+
+
+def lagged_recording(name: str, *, period_s: float, lag_s: float, noise_pa: float, measured: bool) -> Recorded:
+    """A valve behind a lagging transducer; its pressure measured with noise, or only its command known."""
+    chosen = parameter_set(name)
+    area_m2 = chosen.nameplate.actuator.diaphragm_area_m2
+    assert area_m2 is not None
+    wave = paper_triangle(name)
+    fine_s = np.arange(0.0, wave.duration_s + 0.5e-3, 1.0e-3)
+    command_pa = wave.at(fine_s)
+    kept = math.exp(-1.0e-3 / lag_s)
+    pressure_pa = lfilter([1.0 - kept], [1.0, -kept], command_pa, zi=[kept * command_pa[0]])[0]
+    random = np.random.default_rng(12)
+    time_s = np.arange(0.0, wave.duration_s, period_s)
+    position_m = simulate_motion(chosen.parameters, fine_s, area_m2 * pressure_pa, time_s).position_m
+    position_m = np.round((position_m + 5.0e-6 * random.standard_normal(time_s.size)) / 1.5e-6) * 1.5e-6
+    seen_pa = np.interp(time_s, fine_s, pressure_pa) + noise_pa * random.standard_normal(time_s.size)
+    channel = {"pressure_pa": seen_pa} if measured else {"command_pa": np.interp(time_s, fine_s, command_pa)}
+    return Recorded(Recording(time_s=time_s, position_m=position_m, **channel), chosen.nameplate, chosen.parameters)
+
+
+@pytest.mark.parametrize("estimator", BOTH, ids=by_form)
+@pytest.mark.parametrize(
+    ("name", "period_s"), [("vendor", 0.02), ("nominal", 0.02), ("nominal", 1e-3), ("graphite", 1e-3)]
+)
+def test_a_lagging_transducer_with_a_noisy_pressure_does_no_harm(
+    name: str, period_s: float, estimator: Estimator
+) -> None:
+    test = lagged_recording(name, period_s=period_s, lag_s=0.1, noise_pa=20.0, measured=True)
+    estimate = estimated(estimator, test)
+    assert estimate.value("k") == pytest.approx(test.truth.spring_rate_n_per_m, rel=5.0e-4)
+    for symbol in ("F_c", "F_s"):
+        parameter = estimate.parameters[symbol]
+        if parameter.value is not None:
+            assert parameter.std_error is not None
+            assert abs(parameter.value - test.truth.by_symbol()[symbol]) < 4.0 * parameter.std_error, symbol
+
+
+@pytest.mark.parametrize("estimator", BOTH, ids=by_form)
+def test_a_command_in_place_of_the_pressure_is_said_to_add_its_lag(estimator: Estimator) -> None:
+    test = lagged_recording("nominal", period_s=1.0e-3, lag_s=0.1, noise_pa=0.0, measured=False)
+    estimate = estimated(estimator, test)
+    assert estimate.status is Status.POOR
+    assert str(Outcome.COMMAND_ONLY) in estimate.message
+    assert estimate.value("k") == pytest.approx(test.truth.spring_rate_n_per_m, rel=5.0e-4)
+    for symbol in ("F_c", "F_s"):
+        assert estimate.value(symbol) == pytest.approx(test.truth.by_symbol()[symbol] + 53.4, abs=8.0)
+        assert estimate.parameters[symbol].ci95 is None
+        assert "lag" in estimate.parameters[symbol].note
 
 
 def test_noise_is_measured_also_where_samples_are_uneven() -> None:
