@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -74,8 +75,8 @@ NOTES: Final = (
         "(0.015 %). Here errors are computed from the printed values."
     ),
     (
-        "The last column is the corrected form, which takes the bias of the differences out: the same data, no noise, "
-        "the true diaphragm area."
+        "The last column is the error of the corrected form, which takes the differences' bias out: the same data, "
+        "no noise, the true diaphragm area; a dash where it says that the data do not give the parameter."
     ),
 )
 
@@ -271,15 +272,16 @@ def _followed(parameters: ValveParameters, wave: Waveform, area_m2: float) -> tu
 
 def _rendered(table: PaperTable) -> Table:
     """The table for a terminal."""
-    rendered = Table(title=f"Table {table.number}: {table.valve} valve", title_justify="left")
-    rendered.add_column("method")
-    rendered.add_column("parameter")
-    for heading in ("truth", "printed", "error %", "ours", "error %", "corrected form, error %"):
-        rendered.add_column(heading, justify="right")
+    title = f"Table {table.number}: {table.valve} valve, [1] regression, [2] Garcia; errors in %"
+    rendered = Table(title=Text(title), title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
+    rendered.add_column("", no_wrap=True, min_width=3)
+    rendered.add_column("parameter", no_wrap=True)
+    for heading in ("truth", "printed", "error", "ours", "error", "corrected"):
+        rendered.add_column(heading, justify="right", no_wrap=True)
     for place, row in enumerate(table.rows):
         last = place + 1 == len(table.rows) or table.rows[place + 1].method != row.method
         rendered.add_row(
-            f"[{1 if row.method == 'regression' else 2}] {row.method}".replace("[", "\\["),
+            Text("[1]" if row.method == "regression" else "[2]"),
             f"{row.parameter}, {PARAMETER_SYMBOLS[row.parameter].unit}",
             _number(row.truth),
             _number(row.printed),
@@ -293,7 +295,8 @@ def _rendered(table: PaperTable) -> Table:
 
 
 def _rendered_validation(largest_errors_m: dict[str, dict[str, float]]) -> Table:
-    table = Table(title="Figures 3 to 5: largest position error under the 8 s sine, mm", title_justify="left")
+    title = "Figures 3 to 5: largest position error under the 8 s sine, mm"
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, min_width=len(title))
     table.add_column("parameters")
     for valve in largest_errors_m:
         table.add_column(valve, justify="right")
@@ -303,10 +306,15 @@ def _rendered_validation(largest_errors_m: dict[str, dict[str, float]]) -> Table
 
 
 def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.5g}"
+    if value is None:
+        return "-"
+    if abs(value) >= 1.0e4:
+        return f"{value:.0f}"
+    return f"{value:.2e}" if 0.0 < abs(value) < 0.01 else f"{value:.4g}"
 
 
 def _percent(value: float | None) -> str:
     if value is None:
-        return "not given"
-    return f"{value:+.3f}" if abs(value) < 1000.0 else f"{value:+.1f}"
+        return "-"
+    decimals = 3 if abs(value) < 10.0 else 2 if abs(value) < 1000.0 else 0
+    return f"{value:+.{decimals}f}"

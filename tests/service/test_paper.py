@@ -98,8 +98,8 @@ def test_printed_parameters_validate_as_badly_as_they_do(paper: PaperReproductio
     assert printed["rough"] == pytest.approx((3.9, 3.8), rel=0.05)
 
 
-def test_the_terminal_shows_tables_validation_and_notes(paper: PaperReproduction) -> None:
-    console = Console(file=io.StringIO(), width=140)
+def test_a_narrow_terminal_shows_tables_validation_and_notes(paper: PaperReproduction) -> None:
+    console = Console(file=io.StringIO(), width=80)
     paper.render(console)
     stream = console.file
     assert isinstance(stream, io.StringIO)
@@ -113,6 +113,7 @@ def test_the_terminal_shows_tables_validation_and_notes(paper: PaperReproduction
         "-21.49",
     ):
         assert wanted in text
+    assert "…" not in text
 
 
 def test_without_a_folder_no_figure_is_drawn() -> None:
