@@ -28,13 +28,15 @@ class AbortRules:
         self._device = device
         self._limits = limits
         self._longest_s = longest_s + _DURATION_SLACK_S
-        self._started_s = time.monotonic()
-        self._failures = 0
         self._last_error: EquipmentError | None = None
         self._silence_s = max(_SILENCE_S, 2.0 * period_s)
-        self._seen_s = self._followed_s = self._answered_s = self._started_s
-        self._beyond = 0
         self._commands: deque[tuple[float, float]] = deque()
+        self.begin()
+
+    def begin(self) -> None:
+        """Count from now: the first motion is about to begin."""
+        self._started_s = self._seen_s = self._followed_s = self._answered_s = time.monotonic()
+        self._failures = self._beyond = 0
 
     def commanded(self, pressure_pa: float) -> None:
         """Note what was asked for, Pa."""

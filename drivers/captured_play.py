@@ -19,6 +19,7 @@ from valve.recording import Provenance, Recording
 
 _WATCH_PERIOD_S: Final = 0.1
 _UPLOAD_BLOCK: Final = 25  # windows
+_UPLOAD_AFTER_STOP_S: Final = 10.0  # a slow line would need minutes, and whoever stopped wants the valve back
 
 
 class CapturedPlay:
@@ -41,11 +42,15 @@ class CapturedPlay:
         """Return what was fetched; None where nothing was."""
         return self._rows.recording(provenance)
 
+    async def hand_over(self, mover: Mover) -> None:
+        """Give the device what it is to play, with its watchdog fed. Raises StopAskedError when a stop comes."""
+        async for _ in self._buffer.hand_over(self._course, mover.device.run_number):
+            mover.require_no_stop()
+            await mover.device.feed_watchdog()
+
     async def play(self, mover: Mover) -> None:
         """Let the device play; look at it now and then, keep its watchdog fed, and end with it."""
         device, rules, buffer = mover.device, mover.rules, self._buffer
-        async for _ in buffer.hand_over(self._course, device.run_number):
-            await device.feed_watchdog()
         await buffer.start()
         device.in_force_pa = math.nan
         while True:
@@ -72,16 +77,28 @@ class CapturedPlay:
                     f"{device.tag}: the device ended its capture after {progress.taken} samples by itself"
                 )
 
-    async def fetch(self, mover: Mover) -> None:
-        """Fetch the samples; the valve rests at its safe value meanwhile. Raises EquipmentError where some are lost."""
-        taken = (await self._buffer.progress()).taken
+    async def fetch(self, mover: Mover) -> str:
+        """Fetch the samples of this run; the valve rests at its safe value meanwhile.
+
+        A stop ends it at once; where the stop came before, it may take ``_UPLOAD_AFTER_STOP_S``. Returns words about
+        samples that were left behind, none where there are none. Raises EquipmentError where some are lost.
+        """
+        progress = await self._buffer.progress()
+        if progress.run_number != mover.device.run_number:
+            return ""  # stopped before it was handed over: what the device keeps is another run's
+        wanted = min(progress.taken, self._course.samples)
+        until_s = time.monotonic() + _UPLOAD_AFTER_STOP_S if mover.stop_asked else -math.inf
         ready: list[SampleBlock] = []
-        async for window in self._buffer.windows(min(taken, self._course.samples)):
+        async for window in self._buffer.windows(wanted):
+            await mover.device.feed_watchdog()  # on a slow line a window takes a good part of a second
             ready.append(self._rows.add(window))
-            if len(ready) == _UPLOAD_BLOCK:
-                self._hand_on(ready, window.first / max(1, taken))
-                await mover.device.feed_watchdog()
-        self._hand_on(ready, 1.0)
+            fetched = window.first + window.position_m.size
+            if len(ready) == _UPLOAD_BLOCK or fetched == wanted:
+                self._hand_on(ready, fetched / wanted)
+            if fetched < wanted and mover.stop_asked and time.monotonic() > until_s:
+                self._hand_on(ready, 1.0)
+                return f"{fetched} of {wanted} samples were fetched when the stop ended the upload"
+        return ""
 
     def _hand_on(self, ready: list[SampleBlock], share: float) -> None:
         if ready:

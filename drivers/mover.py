@@ -14,6 +14,7 @@ from drivers.outcome import Sample
 from valve.errors import EquipmentError
 
 _RAMP_PERIOD_S: Final = 0.05
+_LONGEST_STEP_S: Final = 0.2  # of ramp in one command; a slow serial line needs as long for command and look
 
 
 class StopAskedError(Exception):
@@ -38,8 +39,17 @@ class Mover:
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(delay_s):
                     await self._stop.wait()
+        self.require_no_stop()
+
+    def require_no_stop(self) -> None:
+        """Raise StopAskedError where a stop was asked for."""
         if self._stop.is_set():
             raise StopAskedError
+
+    @property
+    def stop_asked(self) -> bool:
+        """Whether a stop was asked for."""
+        return self._stop.is_set()
 
     async def step(self, pressure_pa: float) -> Sample | None:
         """Command, look, judge. None where the wire failed this time; raises where the test must end."""
@@ -61,17 +71,18 @@ class Mover:
 
     async def ramp_to(self, target_pa: float) -> None:
         """Go from where the output is to ``target_pa`` at no more than the allowed rate, and see it there."""
-        from_pa = await self._present_output_pa()
-        start_s = time.monotonic()
-        pressure_pa = from_pa
+        pressure_pa = await self._present_output_pa()
+        then_s = time.monotonic()
         while pressure_pa != target_pa:
-            reach_pa = self._rate_pa_per_s * (time.monotonic() - start_s)
-            pressure_pa = from_pa + min(max(target_pa - from_pa, -reach_pa), reach_pa)
-            await self.step(pressure_pa)
+            now_s = time.monotonic()
+            # After a disturbance the ramp goes on from where it was: no leap makes up for the time.
+            reach_pa = self._rate_pa_per_s * min(now_s - then_s, _LONGEST_STEP_S)
+            next_pa = pressure_pa + min(max(target_pa - pressure_pa, -reach_pa), reach_pa)
+            if await self.step(next_pa) is not None:
+                pressure_pa, then_s = next_pa, now_s
             if pressure_pa != target_pa:
                 await self.pause_until(time.monotonic() + _RAMP_PERIOD_S)
-        if self._stop.is_set():
-            raise StopAskedError
+        self.require_no_stop()
         self.rules.commanded(target_pa)
         await self.device.command(target_pa)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import replace
 
 from drivers.abort_rules import AbortRules
@@ -18,7 +18,7 @@ from drivers.mover import Mover, StopAskedError
 from drivers.outcome import Ended, PlayOutcome, SampleBlock
 from drivers.polled_play import PolledPlay
 from drivers.waveform_check import check_waveform
-from valve.errors import ConfigurationError, DeviceError, EquipmentError, ValveError
+from valve.errors import ConfigurationError, DeviceError, EquipmentError, ValveError, WireError
 from valve.recording import Provenance
 from valve.waveform import Waveform
 
@@ -26,6 +26,7 @@ OnSamples = Callable[[SampleBlock], None]
 OnProgress = Callable[[float, str], None]
 OnReady = Callable[[float, str], Awaitable[None]]
 
+_RELEASE_ATTEMPTS = 3  # it moves nothing, so it may be repeated
 _PLAY_FROM, _PLAY_TO, _POLLED_TO = 0.05, 0.8, 0.95  # shares of the progress
 
 
@@ -74,6 +75,8 @@ async def play_sequence(
     entry = await device.read()
     if not math.isfinite(entry.output_pa):
         raise DeviceError(f"{device.tag}: {device.unit.subject} does not show its output: nothing is moved from there")
+    if not math.isfinite(entry.position_m):
+        raise DeviceError(f"{device.tag}: there is no valid position before the test: check the position sensor")
     if device.wiring.safe_value_pa == "entry":
         device.safe_value_pa = entry.output_pa
     if buffer is not None:
@@ -92,13 +95,29 @@ async def play_sequence(
 
 
 async def _take(device: ValveDevice, run_number: int) -> None:
-    await device.take_ownership(run_number)
     try:
+        await device.take_ownership(run_number)
         await device.arm_watchdog()
-    except ValveError:
-        with contextlib.suppress(EquipmentError):
-            await device.release()
+    except (WireError, DeviceError, asyncio.CancelledError):
+        # Also a take whose answer was lost may have been carried out: nobody else could have the device then.
+        await _to_the_end(_released(device, run_number))
         raise
+
+
+async def _released(device: ValveDevice, run_number: int) -> None:
+    for _ in range(_RELEASE_ATTEMPTS):
+        with contextlib.suppress(EquipmentError):
+            await device.release(run_number)
+            return
+
+
+async def _to_the_end(work: Coroutine[None, None, None]) -> None:
+    """Do what must be done also for a caller that is cancelled, and cancelled again."""
+    task = asyncio.ensure_future(work)
+    while not task.done():
+        with contextlib.suppress(asyncio.CancelledError):
+            await asyncio.shield(task)
+    task.result()
 
 
 class _Play:
@@ -121,9 +140,10 @@ class _Play:
         self._waveform = waveform
         self._on_progress = on_progress
         self._phase = (_PLAY_FROM, _POLLED_TO if buffer is None else _PLAY_TO, "playing")
-        ramps_s = 2.0 * (limits.pressure_pa[1] - limits.pressure_pa[0]) / limits.pressure_rate_pa_per_s
-        rules = AbortRules(device, limits, waveform.duration_s + ramps_s, period_s)
-        self._mover = Mover(device, rules, stop, limits.pressure_rate_pa_per_s)
+        # There and back over the whole range, and as long again for a line that is slow.
+        ramps_s = 4.0 * (limits.pressure_pa[1] - limits.pressure_pa[0]) / limits.pressure_rate_pa_per_s
+        self._rules = AbortRules(device, limits, waveform.duration_s + ramps_s, period_s)
+        self._mover = Mover(device, self._rules, stop, limits.pressure_rate_pa_per_s)
         self._captured: CapturedPlay | None = None
         if buffer is not None:
             self._captured = CapturedPlay(buffer, course, on_samples, self._tell)
@@ -142,30 +162,44 @@ class _Play:
             safe = safe or await self._device.go_safe()
             if self._captured is not None and safe:
                 ended, error = await self._fetch(self._captured, ended, error)
-        except asyncio.CancelledError:
-            await asyncio.shield(self._abandon())
+            recording = (self._polled if self._captured is None else self._captured).recording(provenance)
+        except BaseException:
+            # A cancelled caller, a full disk under on_samples, a fault of ours: the valve goes to safe all the same.
+            await _to_the_end(self._abandon())
             raise
-        recording = (self._polled if self._captured is None else self._captured).recording(provenance)
-        await self._let_go(safe)
+        safe = await self._let_go(safe)
         self._on_progress(1.0, "ended")
         return PlayOutcome(recording, ended, safe, error, tuple(self._notes))
 
     async def _abandon(self) -> None:
         await self._let_go(await self._device.go_safe())
 
-    async def _let_go(self, safe: bool) -> None:
-        """Write for the last time. A valve that is not known to be safe keeps its watchdog."""
+    async def _let_go(self, safe: bool) -> bool:
+        """Write for the last time. A valve that is not known to be safe keeps its watchdog.
+
+        Where a fence closed behind the last write, what is read then is final, and is returned.
+        """
+        device = self._device
         if not safe:
             self._notes.append("the safe value was not read back: the device's watchdog stays armed")
-            return
+            return False
         try:
-            await self._device.release()
+            await device.release()
         except EquipmentError as error:
             self._notes.append(f"the device was not released: {error}")
+            return True
+        if device.unit.map.fence is None or await device.shows(device.safe_value_pa, reads=1):
+            return True
+        self._notes.append("after the release the device no longer shows the safe value: a late write reached it")
+        return False
 
     async def _move(self) -> tuple[Ended, ValveError | None]:
         try:
+            if self._captured is not None:
+                self._on_progress(0.005, "handing over")
+                await self._captured.hand_over(self._mover)
             self._on_progress(0.01, "ramping")
+            self._rules.begin()
             await self._mover.ramp_to(float(self._waveform.pressure_pa[0]))
             await (self._polled if self._captured is None else self._captured).play(self._mover)
             self._on_progress(self._phase[1], "returning")
@@ -181,7 +215,10 @@ class _Play:
     ) -> tuple[Ended, ValveError | None]:
         self._phase = (_PLAY_TO, 1.0, "uploading")
         try:
-            await captured.fetch(self._mover)
+            note = await captured.fetch(self._mover)
+            if note:
+                self._notes.append(note)
+                ended = Ended.STOPPED if ended is Ended.COMPLETED else ended
         except EquipmentError as fault:
             if ended is Ended.COMPLETED:
                 return Ended.FAILED, fault

@@ -5,7 +5,10 @@ from collections.abc import AsyncIterator
 import pytest
 
 from drivers.addresses import Parity, RtuAddress, TcpAddress
+from drivers.device import connect_valve
 from drivers.transport import Transport
+from tests.drivers.bench import WIRING, Bench
+from tests.drivers.reference_device import ReferenceDevice
 from tests.drivers.slave import RawSlave, SerialPort, TcpPort
 
 TIMEOUT_S = 0.08
@@ -58,3 +61,13 @@ def bus(request: pytest.FixtureRequest) -> Transport:
     transport = request.getfixturevalue(request.param)
     assert isinstance(transport, Transport)
     return transport
+
+
+@pytest.fixture
+def device(slave: RawSlave) -> ReferenceDevice:
+    return ReferenceDevice(slave)
+
+
+@pytest.fixture
+async def bench(device: ReferenceDevice, tcp: Transport) -> Bench:
+    return Bench(device, connect_valve(WIRING, {"bus": tcp}))

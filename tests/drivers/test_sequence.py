@@ -3,91 +3,23 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from drivers.addresses import MotionLimits, Point, Sampling, ValveWiring, WatchdogChoice
-from drivers.device import ValveDevice, connect_valve
+from drivers.addresses import MotionLimits, Point
+from drivers.device import connect_valve
 from drivers.maps.reference import CaptureState, WatchdogState
-from drivers.outcome import Ended, PlayOutcome, SampleBlock
-from drivers.sequence import play_sequence
+from drivers.outcome import Ended
 from drivers.transport import Transport
+from tests.drivers.bench import LIMITS, SAFE_PA, WAVE, WIRING, Bench, until
 from tests.drivers.conftest import TIMEOUT_S
 from tests.drivers.reference_device import METRE_PER_PA, SPAN_PA, ReferenceDevice
 from tests.drivers.slave import Fault, RawSlave
 from valve.errors import BusyError, ConfigurationError, DeviceError, WaveformError, WireError
-from valve.recording import Acquisition, Provenance
+from valve.recording import Acquisition
 from valve.waveform import Waveform, steps, triangle
-
-LIMITS = MotionLimits((0.0, SPAN_PA), 400_000.0, 30.0)
-SAFE_PA = 5_000.0
-WIRING = ValveWiring(
-    "FV-101",
-    Point("bus", 1, "reference"),
-    SAFE_PA,
-    LIMITS,
-    Sampling("polled", 0.02),  # type: ignore[arg-type]  # the text is turned into a Mode
-    watchdog=WatchdogChoice(timeout_s=2.0),
-)
-WAVE = triangle(0.5, 1, 10_000.0, 60_000.0)
-
-
-@dataclass
-class Bench:
-    """A device under test and what came out of playing on it."""
-
-    device: ReferenceDevice
-    valve: ValveDevice
-    stop: asyncio.Event = field(default_factory=asyncio.Event)
-    blocks: list[SampleBlock] = field(default_factory=list)
-    phases: list[tuple[float, str]] = field(default_factory=list)
-    on_phase: Callable[[str], None] = lambda _: None
-
-    def progress(self, share: float, phase: str) -> None:
-        self.phases.append((share, phase))
-        self.on_phase(phase)
-
-    async def play(
-        self, waveform: Waveform = WAVE, mode: str = "polled", period_s: float = 0.02, **more: Any
-    ) -> PlayOutcome:
-        return await play_sequence(
-            self.valve,
-            waveform,
-            mode=mode,
-            period_s=period_s,
-            run_number=7,
-            stop=self.stop,
-            on_samples=self.blocks.append,
-            on_progress=self.progress,
-            limits=more.pop("limits", LIMITS),
-            provenance=Provenance(started_at="2026-11-20T10:00:00+00:00"),
-            **more,
-        )
-
-    @property
-    def moved_pa(self) -> list[float]:
-        return [pressure_pa for _, pressure_pa in self.device.moves]
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    """Wait for a condition, 10 s at most."""
-    async with asyncio.timeout(10.0):
-        while not condition():  # noqa: ASYNC110  - it is looked at from outside, nothing would set an event
-            await asyncio.sleep(0.01)
-
-
-@pytest.fixture
-def device(slave: RawSlave) -> ReferenceDevice:
-    return ReferenceDevice(slave)
-
-
-@pytest.fixture
-async def bench(device: ReferenceDevice, tcp: Transport) -> Bench:
-    return Bench(device, connect_valve(WIRING, {"bus": tcp}))
 
 
 async def test_a_polled_test_records_the_stem_and_ends_safe(device: ReferenceDevice, bus: Transport) -> None:
