@@ -273,7 +273,7 @@ def _followed(parameters: ValveParameters, wave: Waveform, area_m2: float) -> tu
 def _rendered(table: PaperTable) -> Table:
     """The table for a terminal."""
     title = f"Table {table.number}: {table.valve} valve, [1] regression, [2] Garcia; errors in %"
-    rendered = Table(title=Text(title), title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
+    rendered = Table(title=Text(title), title_justify="left", box=None, padding=(0, 1), header_style="bold")
     rendered.add_column("", no_wrap=True, min_width=3)
     rendered.add_column("parameter", no_wrap=True)
     for heading in ("truth", "printed", "error", "ours", "error", "corrected"):
