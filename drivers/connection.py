@@ -96,6 +96,12 @@ class Connection:
         return f"bus {self.address.name}"
 
     @property
+    def _place(self) -> str:
+        if isinstance(self.address, RtuAddress):
+            return self.address.serial_port
+        return f"{self.address.host}:{self.address.port}"
+
+    @property
     def is_open(self) -> bool:
         """Whether there is a connection."""
         return self._client is not None and self._client.connected
@@ -242,14 +248,13 @@ class Connection:
             ) from error
         except (OSError, ModbusException) as error:
             raise ConnectionLostError(f"{self._subject}: it cannot be opened ({error}): check the address") from error
+        finally:
+            if not client.connected:
+                client.close()
         if not connected:
-            client.close()
-            where = (
-                self.address.serial_port
-                if isinstance(self.address, RtuAddress)
-                else (f"{self.address.host}:{self.address.port}")
+            raise ConnectionLostError(
+                f"{self._subject}: {self._place} cannot be opened: check the address and the wire"
             )
-            raise ConnectionLostError(f"{self._subject}: {where} cannot be opened: check the address and the wire")
         self._client = client
         self.unasked = False
 

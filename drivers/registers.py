@@ -52,6 +52,9 @@ _LIMITS: Final[dict[Kind, tuple[float, float]]] = {
 }
 
 
+_STANDARD_SIGNAL_A: Final = (3.6e-3, 21.0e-3)  # NAMUR NE 43
+
+
 def _ordered(data: bytes, order: WordOrder) -> bytes:
     """Bytes A B C D in the order named; the same exchange undoes itself."""
     if len(data) != 4 or order is WordOrder.ABCD:
@@ -132,6 +135,17 @@ class Register:
     def resolution(self) -> float:
         """Value of one raw step in ``unit``; 0 for a float."""
         return 0.0 if self.kind is Kind.F32 else abs(self.scale)
+
+    def within_standard_signal(self) -> Register:
+        """Return this register with every current that is no measurement as NaN; others than amperes as they are.
+
+        Below 3.6 and above 21 mA a 4-20 mA transmitter reports a failure, or its wire is broken (NAMUR NE 43).
+        """
+        if self.unit != "A" or self.scale <= 0.0:
+            return self
+        ends = tuple((end - self.offset) / self.scale for end in _STANDARD_SIGNAL_A)
+        low, high = _LIMITS[self.kind] if self.raw_range is None else self.raw_range
+        return replace(self, raw_range=(max(low, ends[0]), min(high, ends[1])))
 
     def spanning(self, signal: tuple[float, float], quantity: tuple[float, float], unit: str) -> Register:
         """Return this register read as a quantity: ``signal`` (its own unit) stands for ``quantity`` (in ``unit``).
@@ -223,6 +237,7 @@ class RegisterMap:
     live: LiveBlock | None = None
     capture: Capture | None = None
     has_read_write: bool = False  # function 23
+    is_positioner: bool = False  # its command is a position of the stem
 
     def __post_init__(self) -> None:
         taken: dict[tuple[Table, int], str] = {}

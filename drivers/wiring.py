@@ -95,13 +95,19 @@ def _measured(tag: str, role: Role, unit: Unit, point: Point, si_unit: str) -> S
     name = point.register or unit.map.roles.get(role)
     if name is None:
         raise ConfigurationError(f"{tag}: map {unit.map.name} has no {role} of its own, name the register")
-    return Signal(unit, _as_quantity(tag, role, unit.map.register(name), point, si_unit))
+    register = unit.map.register(name).within_standard_signal()
+    return Signal(unit, _as_quantity(tag, role, register, point, si_unit))
 
 
 def _commanded(tag: str, unit: Unit, point: Point) -> tuple[Signal, Signal]:
     name = point.register or unit.map.roles.get(Role.COMMAND)
     if name is None:
         raise ConfigurationError(f"{tag}: map {unit.map.name} has no command of its own, name the register")
+    if unit.map.is_positioner:
+        raise ConfigurationError(
+            f"{tag}: map {unit.map.name} is a positioner, its {name} is a position, and friction is found from the "
+            "pressure that moves the stem: command an I/P in pressure, the positioner may show the position"
+        )
     register = unit.map.register(name)
     if not register.writable:
         raise ConfigurationError(f"{tag}: {name} of map {unit.map.name} cannot be written, name another register")

@@ -3,6 +3,9 @@
 Both keep command and position at the same addresses, the older in percent, the second generation in tenths of a
 percent: taken for the other, one moves ten times too far or not at all. The older shows 45964 in its test register
 40009, which is reserved in the second; the maps demand and exclude it.
+
+Both are positioners: they hold a position whatever force it takes. They show where a stem is; friction is found from
+the pressure that moves it, so a test cannot be commanded through them.
 """
 
 from __future__ import annotations
@@ -42,6 +45,7 @@ OLDER: Final = RegisterMap(
     ),
     registers=_registers(100),
     canary=Canary("test", _TEST_VALUE),
+    is_positioner=True,
     roles=_ROLES,
     readbacks=_READBACKS,
     golden=(
@@ -62,6 +66,7 @@ GEN_2: Final = RegisterMap(
     ),
     registers=_registers(1000),
     canary=Canary("test", _TEST_VALUE, differs=True),
+    is_positioner=True,
     roles=_ROLES,
     readbacks=_READBACKS,
     golden=(

@@ -182,18 +182,17 @@ async def test_a_device_without_a_watchdog_needs_a_waiver(module: Module, tcp: T
 
 
 @pytest.mark.parametrize(("shown", "fits"), [(45964, "fisher_easy_drive"), (0, "fisher_easy_drive_gen2")])
-async def test_the_generation_of_an_actuator_is_found_before_it_moves_ten_times_too_far(
-    slave: RawSlave, rtu: Transport, shown: int, fits: str
+async def test_the_generation_of_an_actuator_is_found_before_its_position_is_taken_ten_times_too_far(
+    slave: RawSlave, tcp: Transport, rtu: Transport, shown: int, fits: str
 ) -> None:
     slave.holding[1, 8] = shown
     for name in ("fisher_easy_drive", "fisher_easy_drive_gen2"):
         wiring = replace(
             MODULE,
-            command=Point("line", 1, name, signal=(0.0, 1.0), quantity=(0.0, SPAN_PA)),
             position=Point("line", 1, name, signal=(0.0, 1.0), quantity=(0.0, 0.1)),
             pressure=None,
         )
-        device = connect_valve(wiring, {"line": rtu})
+        device = connect_valve(wiring, {"io": tcp, "line": rtu})
         if name == fits:
             assert fits in await device.identify()
         else:
@@ -225,6 +224,10 @@ async def test_a_safe_value_is_written_again_only_when_it_is_not_there(slave: Ra
         ({"command": Point("io", 1, "reference", "no_such_register")}, "no register"),
         ({"position": Point("io", 1, "moxa_iologik_e1241", signal=MA, quantity=(0.0, 1.0))}, "no position of its own"),
         ({"pressure": Point("gauge")}, "measures no pressure"),
+        (
+            {"command": Point("io", 1, "fisher_easy_drive", signal=(0.0, 1.0), quantity=(0.0, SPAN_PA))},
+            "is a positioner.*command an I/P in pressure",
+        ),
     ],
 )
 async def test_a_wiring_that_contradicts_itself_is_refused(

@@ -147,6 +147,21 @@ def test_a_map_that_contradicts_itself_is_refused(registers: tuple[Register, ...
         RegisterMap("broken", "nowhere", registers)
 
 
+def test_a_current_that_no_transmitter_gives_is_no_measurement() -> None:
+    """NAMUR NE 43: a broken wire must not read as a stem a quarter of its travel below its seat."""
+    scaled = register_map("moxa_iologik_e1240").register("ai0").within_standard_signal()
+    stem = scaled.spanning((0.004, 0.020), (0.0, 0.1), "m")
+    for milliamperes, position_m in (
+        (0.0, math.nan),
+        (3.59, math.nan),
+        (3.7, -0.001875),
+        (20.9, 0.105625),
+        (22, math.nan),
+    ):
+        words = struct.unpack(">HH", struct.pack(">f", milliamperes))
+        assert stem.decode(words) == pytest.approx(position_m, rel=1e-6, nan_ok=True)
+
+
 def test_a_role_that_no_register_plays_is_refused() -> None:
     with pytest.raises(ConfigurationError, match="no register 'b'"):
         RegisterMap("broken", "nowhere", (Register("a", 0),), roles={Role.COMMAND: "b"})
