@@ -66,7 +66,9 @@ async def list_tests(
     parts: PartsOf,
     limit: Annotated[int, Query(ge=1, le=200)] = 50,
     before: Annotated[str | None, Query(max_length=40, description="an id: list what is older")] = None,
-    valve: Annotated[str | None, Query(max_length=64, description="a tag: list its tests alone")] = None,
+    valve: Annotated[
+        str | None, Query(max_length=64, pattern=r"^[^\x00]*$", description="a tag: list its tests alone")
+    ] = None,
 ) -> RunPage:
     """List tests, newest first, without their analysis."""
     runs = await parts.runs.newest(limit + 1, before=before, tag=valve)
