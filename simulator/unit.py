@@ -143,7 +143,8 @@ class MapUnit:
     """A unit without logic of its own: registers that hold what was written, and channels to valves.
 
     Addresses without a register are refused with exception 2, as are writes to a register that is not writable; the
-    map's canary reads as it should. A command outside the transducer's range acts as its nearest end.
+    map's canary reads as it should, 0 where it must only differ. A command outside the transducer's range acts as its
+    nearest end.
     Raises ConfigurationError where a channel's register is not in the map or a command's is not writable.
     """
 
@@ -162,7 +163,7 @@ class MapUnit:
         self._words: dict[str, tuple[int, ...]] = {
             register.name: (0,) * register.words for register in register_map.registers
         }
-        if register_map.canary is not None:
+        if register_map.canary is not None and not register_map.canary.differs:
             canary = register_map.register(register_map.canary.register)
             self._words[canary.name] = canary.encode(register_map.canary.expected)
         for channel in channels:

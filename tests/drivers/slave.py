@@ -193,8 +193,10 @@ class TcpPort:
 class SerialPort:
     """Serve a slave on a pseudo-terminal; ``path`` is the master's end."""
 
-    def __init__(self, slave: RawSlave, units: tuple[int, ...] = (1,)) -> None:
+    def __init__(self, slave: RawSlave, units: tuple[int, ...] = (1,), *, paced: int | None = None) -> None:
         self.slave, self.units = slave, units
+        self.paced = paced  # baud rate whose time the frames take; a pseudo-terminal alone takes none
+        self.piece = 0  # bytes that come at a time; 0: all
         self._buffer = b""
         self._tasks: set[asyncio.Task[None]] = set()
         self._ours = self._theirs = -1
@@ -250,5 +252,11 @@ class SerialPort:
             return body + crc16(body).to_bytes(2, "little")
 
         data = await self.slave.serve(raw[0], raw[1:-2], frame, raw)
-        if self._ours >= 0:
-            os.write(self._ours, data)
+        if self.paced is not None:
+            await asyncio.sleep((len(raw) + len(data)) * 11 / self.paced)
+        step = self.piece or len(data)
+        for start in range(0, len(data), max(1, step)):
+            if start:
+                await asyncio.sleep(0.016)  # latency timer of a USB adapter
+            if self._ours >= 0:
+                os.write(self._ours, data[start : start + step])

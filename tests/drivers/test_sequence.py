@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drivers.addresses import MotionLimits, Point
+from drivers.addresses import MotionLimits, Parity, Point, RtuAddress
 from drivers.device import connect_valve
 from drivers.maps.reference import CaptureState, WatchdogState
 from drivers.outcome import Ended
@@ -16,7 +16,7 @@ from drivers.transport import Transport
 from tests.drivers.bench import LIMITS, SAFE_PA, WAVE, WIRING, Bench, until
 from tests.drivers.conftest import TIMEOUT_S
 from tests.drivers.reference_device import METRE_PER_PA, SPAN_PA, ReferenceDevice
-from tests.drivers.slave import Fault, RawSlave
+from tests.drivers.slave import Fault, RawSlave, SerialPort
 from valve.errors import BusyError, ConfigurationError, DeviceError, WaveformError, WireError
 from valve.recording import Acquisition
 from valve.waveform import Waveform, steps, triangle
@@ -348,6 +348,26 @@ async def test_a_slow_device_is_polled_on_the_grid_and_its_missed_slots_are_coun
     assert 15.0 < quality.achieved_rate_hz < 30.0
     assert outcome.recording.provenance.timing_uncertainty_s is not None
     assert outcome.recording.provenance.timing_uncertainty_s >= 0.009
+
+
+async def test_50_hz_on_a_line_of_9600_baud_give_what_the_line_carries_and_say_so(
+    device: ReferenceDevice, slave: RawSlave
+) -> None:
+    async with SerialPort(slave, paced=9600) as line:
+        bus = Transport(RtuAddress("line", line.path, 9600, Parity.NONE))
+        await bus.open()
+        bench = Bench(device, connect_valve(WIRING, {"bus": bus}))
+        outcome = await bench.play(triangle(3.0, 1, 10_000.0, 60_000.0), period_s=0.02)
+        await bus.close()
+    assert (outcome.ended, outcome.safe_confirmed, outcome.error) == (Ended.COMPLETED, True, None)
+    assert outcome.recording is not None
+    assert outcome.recording.gaps == 0
+    quality = outcome.recording.sampling_quality()
+    # 25 bytes of a command, 39 of a look, 11 bits each: 73 ms
+    assert 5.0 < quality.achieved_rate_hz < 14.0
+    assert quality.missed_slots >= 100
+    assert outcome.recording.provenance.timing_uncertainty_s is not None
+    assert outcome.recording.provenance.timing_uncertainty_s >= 0.5 * 39 * 11 / 9600
 
 
 async def test_a_map_that_cannot_capture_says_so(slave: RawSlave, tcp: Transport) -> None:

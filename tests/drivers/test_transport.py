@@ -300,6 +300,21 @@ async def test_a_canary_that_shows_other_words_keeps_the_bus_closed(bus: Transpo
     assert await read(bus, 2) == (2,)
 
 
+@pytest.mark.parametrize("piece", [1, 3, 62])
+async def test_an_answer_that_a_usb_adapter_hands_on_in_pieces_is_whole(slave: RawSlave, piece: int) -> None:
+    async with SerialPort(slave) as port:
+        port.piece = piece
+        count = 4 if piece < 62 else 80
+        bus = Transport(RtuAddress("line", port.path, 115200, Parity.NONE, timeout_s=0.5))
+        await bus.open()
+        for _ in range(2):
+            exchange = await bus.read_words(1, Table.HOLDING, 10, count)
+            assert exchange.words == tuple(range(10, 10 + count))
+        await bus.write(1, 20, [7, 8])
+        assert bus.recoveries == 0
+        await bus.close()
+
+
 async def test_frames_on_a_serial_line_keep_their_distance(serial_port: SerialPort, slave: RawSlave) -> None:
     bus = Transport(RtuAddress("line", serial_port.path, 9600, Parity.NONE, timeout_s=0.2))
     await bus.open()
