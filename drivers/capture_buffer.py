@@ -57,6 +57,11 @@ class CaptureBuffer:
         self._has_read_write = unit.map.has_read_write
         self._settings: dict[str, float] = {}
 
+    def kept_period_s(self, period_s: float) -> float:
+        """Time between samples as the device can keep it, s. Raises ParameterError where it cannot."""
+        register = self._unit.map.register(self._capture.period)
+        return register.decode(register.encode(period_s))
+
     async def check(self, course: Course) -> None:
         """Make sure that a waveform and its samples fit. Raises WaveformError where they do not."""
         capture = self._capture

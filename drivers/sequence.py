@@ -60,6 +60,7 @@ async def play_sequence(
                 f"{device.tag}: map {device.unit.map.name} cannot capture: say acquisition.mode = polled"
             )
         buffer = device.buffer
+        period_s = buffer.kept_period_s(period_s)
     play = _Play(
         device=device,
         waveform=waveform,

@@ -167,4 +167,5 @@ class SimulatedPlant:
             by_quantity[Quantity.COMMAND],
             position=by_quantity.get(Quantity.POSITION),
             pressure=by_quantity.get(Quantity.PRESSURE),
+            speed=self.clock.speed,
         )

@@ -10,7 +10,12 @@ from valve.errors import ParameterError
 
 
 class Clock(Protocol):
-    """Simulated time, s, from 0 at the plant's start; it never runs backwards."""
+    """Simulated time, s, from 0 at the plant's start; it never runs backwards.
+
+    ``speed`` is how many simulated seconds pass in a second of the master's.
+    """
+
+    speed: float
 
     def now_s(self) -> float:
         """Simulated time now, s."""
@@ -38,6 +43,7 @@ class ManualClock:
     """Simulated time that moves only when it is told to."""
 
     def __init__(self, start_s: float = 0.0) -> None:
+        self.speed = 1.0
         self._now_s = start_s
 
     def now_s(self) -> float:

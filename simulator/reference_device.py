@@ -52,10 +52,11 @@ class ReferenceDevice:
     count and are valid before anything is obeyed.
     """
 
-    def __init__(self, device_id: int, valve: SoftwareValve) -> None:
+    def __init__(self, device_id: int, valve: SoftwareValve, speed: float = 1.0) -> None:
         self.device_id, self.valve = device_id, valve
         self.ranges = capture_ranges(valve.settings)
         self.boots = 1
+        self._speed = speed
         self._captures = 0
         self._until_s = valve.time_s
         self._forget_everything()
@@ -78,7 +79,8 @@ class ReferenceDevice:
     def _run_until(self, to_s: float) -> None:
         """Do what falls due until ``to_s``, each at its own time, and bring the valve there."""
         while True:
-            trip_s = self._fed_s + self.timeout_s if self.watchdog is WatchdogState.ARMED else math.inf
+            # The watchdog waits for the master, who lives in real time however fast the valve's clock runs.
+            trip_s = self._fed_s + self.timeout_s * self._speed if self.watchdog is WatchdogState.ARMED else math.inf
             end_s = math.inf if self.capture is None or not self.capturing else self.capture.end_s
             restart_s = min(
                 (

@@ -73,7 +73,8 @@ class ReferenceUnit:
     """One device with the reference map that commands ``command`` and senses ``position`` and ``pressure``.
 
     The sensed valves are None where this device has no such sensor. The watchdog and the capture player act at their
-    own simulated times, whenever somebody looks afterwards, through this unit or another.
+    own simulated times, whenever somebody looks afterwards, through this unit or another. ``speed`` is that of the
+    clock: the watchdog's timeout counts real seconds.
     """
 
     def __init__(
@@ -83,9 +84,10 @@ class ReferenceUnit:
         *,
         position: SoftwareValve | None = None,
         pressure: SoftwareValve | None = None,
+        speed: float = 1.0,
     ) -> None:
         self.device_id = device_id
-        self._device = ReferenceDevice(device_id, command)
+        self._device = ReferenceDevice(device_id, command, speed)
         self._position, self._pressure = position, pressure
         self._valves = tuple({id(v): v for v in (command, position, pressure) if v is not None}.values())
         self._sample_counter = 0

@@ -34,13 +34,21 @@ def simulate(
     # heavy imports stand here: --help and wrong usage do without
     import uvloop  # noqa: PLC0415
 
+    from drivers.addresses import Mode  # noqa: PLC0415
     from service.cli.simulated_plant import ServerCertificate, plant_from_settings  # noqa: PLC0415
     from service.settings import load_plant  # noqa: PLC0415
 
     if (tls_certificate is None) != (tls_key is None):
         raise ConfigurationError("--tls-certificate and --tls-key belong together, give both")
     certificate = None if tls_certificate is None or tls_key is None else ServerCertificate(tls_certificate, tls_key)
-    plant = plant_from_settings(load_plant(config), speed, certificate)
+    settings = load_plant(config)
+    polled = [tag for tag, valve in settings.valves.items() if valve.wiring.acquisition.mode is Mode.POLLED]
+    if speed != 1.0 and polled:
+        raise ConfigurationError(
+            f"{config}: --speed is {speed:g} and {', '.join(polled)} have acquisition.mode = polled: such a test plays "
+            "by the service's clock and would see another valve; leave --speed out, or say captured"
+        )
+    plant = plant_from_settings(settings, speed, certificate)
     uvloop.run(_serve(plant, log))
 
 

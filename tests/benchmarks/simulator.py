@@ -74,7 +74,7 @@ safe_value_pa = 0.0
 actuator = {{ diaphragm_area_m2 = 0.06452, travel_m = 0.1016 }}
 signal = {{ range_ma = [4.0, 20.0], range_pa = [0.0, {HIGH_PA}] }}
 limits = {{ pressure_pa = [0.0, {HIGH_PA}], pressure_rate_pa_per_s = 30000.0, longest_test_s = 300.0 }}
-acquisition = {{ mode = "polled", period_s = 0.1 }}
+acquisition = {{ mode = "captured", period_s = 0.1 }}
 command = {{ bus = "{bus}", device_id = {device}, map = "reference" }}
 simulation = {{ parameter_set = "{chosen}", position_noise_m = 2.0e-6, pressure_noise_pa = 5.0 }}
 """

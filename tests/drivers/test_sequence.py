@@ -62,6 +62,13 @@ async def test_a_captured_test_brings_every_sample_at_its_own_time(device: Refer
     assert device.value("run_owner") == 0
 
 
+async def test_a_period_that_the_device_cannot_keep_exactly_is_recorded_as_it_was_kept(bench: Bench) -> None:
+    outcome = await bench.play(mode="captured", period_s=1.0 / 3000.0)
+    assert outcome.recording is not None
+    assert outcome.recording.time_s[1] == pytest.approx(333.0e-6, rel=1e-9)
+    assert outcome.recording.provenance.requested_period_s == pytest.approx(333.0e-6, rel=1e-9)
+
+
 async def test_a_device_without_function_23_is_read_by_two_transactions(bench: Bench) -> None:
     slave = bench.device.slave
     whole = slave.answer

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from service.cli.simulate import simulate
 from service.cli.simulated_plant import plant_from_settings
 from service.settings import load_plant
 from simulator.gauge import Gauge
@@ -109,6 +110,7 @@ def test_a_simulation_that_cannot_be_is_refused_in_words(tmp_path: Path, more: s
 @pytest.fixture
 def command(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], Path, Path]]:
     path, log = write(tmp_path, valve("A"), valve("C", 1, "line")), tmp_path / "log"
+    path.write_text(path.read_text().replace("polled", "captured"))
     arguments = ["simulate", "--config", str(path), "--speed", "10", "--log", str(log)]
     with subprocess.Popen(
         [sys.executable, "-m", "service.cli", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -160,3 +162,9 @@ def test_a_taken_port_ends_the_command_with_one_sentence(tmp_path: Path) -> None
     assert done.returncode == 1
     assert "cannot listen" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_a_polled_valve_on_a_faster_clock_is_refused_because_it_would_be_another_valve(tmp_path: Path) -> None:
+    path = write(tmp_path, valve("A"))
+    with pytest.raises(ConfigurationError, match=r"--speed is 10 and A have acquisition.mode = polled"):
+        simulate(path, speed=10.0)

@@ -51,7 +51,7 @@ async def test_a_polled_test_runs_end_to_end(quick_path: Path) -> None:
 
 
 async def test_a_captured_test_runs_end_to_end(quick_path: Path) -> None:
-    async with wired_plant(quick_path, mode="captured", period_s=0.001, speed=10.0, watchdog_s=60.0) as (path, _):
+    async with wired_plant(quick_path, mode="captured", period_s=0.001, speed=10.0) as (path, _):
         async with running_service(load_plant(path), None, FakeAnalyst()) as client:
             order = {"valve": TAG, "overrides": {"cycles": 1, "period_s": 6.0}}
             body = (await client.post("/tests/run", json=order, headers={"Prefer": "wait=60"})).json()

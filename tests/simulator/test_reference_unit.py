@@ -350,6 +350,15 @@ def test_a_silent_master_lets_the_watchdog_drive_the_safe_value_at_its_own_time(
     assert device.live()[0] == pytest.approx(exact[0], abs=device.valve.settings.position.resolution)
 
 
+def test_the_watchdog_counts_the_masters_seconds_however_fast_the_valves_clock_runs() -> None:
+    software = SoftwareValve(valve())
+    unit = ReferenceUnit(1, software, speed=10.0)
+    unit.write(CLAIM, claim_words(RUN), 0.0)
+    unit.write(WATCHDOG, watchdog_words(RUN, 2000, 1), 0.0)
+    assert unit.read(Table.HOLDING, WATCHDOG_STATE, 1, 19.9) == [1]
+    assert unit.read(Table.HOLDING, WATCHDOG_STATE, 1, 20.1) == [2]
+
+
 def test_a_capture_shows_the_safe_value_from_the_trip_on() -> None:
     """The corner table would have gone on; the trajectory of the valve itself is judged, sample by sample."""
     device, watched = Device(), Device()
