@@ -14,7 +14,7 @@ from valve.parameters import PARAMETER_SYMBOLS
 _NOT_GIVEN: Final = "not identifiable"
 _IN_THE_TABLE: Final = "Not given: "  # how an estimate lists what its table shows as missing
 _SENTENCE_END: Final = re.compile(r"(?<=\.) (?=[A-Z])")
-_WIDE: Final = 110  # columns of the terminal from which each parameter's meaning has room
+_WIDE: Final = 140  # columns of the terminal from which each parameter's meaning has room
 
 
 def print_analysis(console: Console, analysis: dict[str, Any]) -> None:
