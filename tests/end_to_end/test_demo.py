@@ -30,7 +30,7 @@ def _error_percent(made: dict[str, Any], method: str, symbol: str) -> float:
     value = estimate["parameters"][symbol]["value"]
     assert value is not None, estimate["parameters"][symbol]["note"]
     truth = made["truth"][symbol]
-    return abs(100.0 * (value - truth) / truth)
+    return abs(100.0 * (float(value) - float(truth)) / float(truth))
 
 
 def test_every_valve_is_tested_over_its_wire_within_the_time_limit(demonstration: dict[str, Any]) -> None:
