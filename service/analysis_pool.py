@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import sys
 from asyncio.subprocess import PIPE, Process
 from collections.abc import Callable, Sequence
@@ -25,6 +26,8 @@ WORKER: Final = (sys.executable, "-m", "service.analysis_worker")
 _LOG = structlog.get_logger(__name__)
 _START_LIMIT_S: Final = 300.0  # compiling everything once on a slow machine
 _END_LIMIT_S: Final = 2.0
+# A second thread of the linear algebra gains nothing on small matrices and takes a core from the polling.
+_ONE_THREAD: Final = {"OPENBLAS_NUM_THREADS": "1"}
 _LONGEST_ANSWER_BYTES: Final = 2**24
 
 
@@ -113,7 +116,7 @@ class AnalysisPool:
         await self._discard()
         self._ready = False
         self._worker = await asyncio.create_subprocess_exec(
-            *self._command, stdin=PIPE, stdout=PIPE, limit=_LONGEST_ANSWER_BYTES
+            *self._command, stdin=PIPE, stdout=PIPE, limit=_LONGEST_ANSWER_BYTES, env=os.environ | _ONE_THREAD
         )
         _LOG.info("analysis worker started", pid=self._worker.pid)
         return self._worker
