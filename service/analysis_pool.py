@@ -26,9 +26,18 @@ WORKER: Final = (sys.executable, "-m", "service.analysis_worker")
 _LOG = structlog.get_logger(__name__)
 _START_LIMIT_S: Final = 300.0  # compiling everything once on a slow machine
 _END_LIMIT_S: Final = 2.0
+_LOOK_ONLY: Final = os.WEXITED | os.WNOHANG | os.WNOWAIT
 # A second thread of the linear algebra gains nothing on small matrices and takes a core from the polling.
 _ONE_THREAD: Final = {"OPENBLAS_NUM_THREADS": "1"}
 _LONGEST_ANSWER_BYTES: Final = 2**24
+
+
+class _WorkerEndedError(InternalError):
+    """The worker ended before it answered."""
+
+
+class _DiedWaitingError(_WorkerEndedError):
+    """The same, with a worker that had been waiting for this job and had not begun to answer."""
 
 
 class AnalysisPool:
@@ -92,13 +101,10 @@ class AnalysisPool:
             "nameplate": asdict(nameplate),
         }
         async with self._turn:
-            worker, answered = await self._started(), False
             try:
-                answer = await self._answer(worker, job, progress)
-                answered = True
-            finally:
-                if not answered:  # crashed, too slow or cancelled: a late answer must not become the next job's
-                    await self._discard()
+                answer = await self._attempt(job, progress)
+            except _DiedWaitingError:  # it may have ended before this job: a fresh one says whether the job does it
+                answer = await self._attempt(job, progress)
         if "error" in answer:
             raise _error(answer)
         return dict(answer["analysis"])
@@ -108,10 +114,20 @@ class AnalysisPool:
         if worker is not None:
             await _ended(worker)
 
+    async def _attempt(self, job: dict[str, Any], progress: Progress | None) -> dict[str, Any]:
+        worker, answered = await self._started(), False
+        try:
+            answer = await self._answer(worker, job, progress)
+            answered = True
+        finally:
+            if not answered:  # crashed, too slow or cancelled: a late answer must not become the next job's
+                await self._discard()
+        return answer
+
     async def _started(self) -> Process:
         if self._closed:
             raise InternalError("analysis: it was closed, as the service is ending: repeat the request later")
-        if self._worker is not None and self._worker.returncode is None:
+        if self._worker is not None and _alive(self._worker):
             return self._worker
         await self._discard()
         self._ready = False
@@ -122,7 +138,8 @@ class AnalysisPool:
         return self._worker
 
     async def _answer(self, worker: Process, job: dict[str, Any], progress: Progress | None) -> dict[str, Any]:
-        if not self._ready:
+        waited = self._ready
+        if not waited:
             if progress is not None:
                 progress(0.0, "getting the analysis ready")
             await self._next(worker, _START_LIMIT_S, "start")
@@ -134,7 +151,13 @@ class AnalysisPool:
         deadline_s = asyncio.get_running_loop().time() + self._time_limit_s
         while True:
             left_s = deadline_s - asyncio.get_running_loop().time()
-            answer = await self._next(worker, max(left_s, 0.0), "analyse")
+            try:
+                answer = await self._next(worker, max(left_s, 0.0), "analyse")
+            except _WorkerEndedError as error:
+                if waited:
+                    raise _DiedWaitingError(str(error)) from error
+                raise
+            waited = False
             if "progress" not in answer:
                 return answer
             if progress is not None:
@@ -156,11 +179,19 @@ class AnalysisPool:
             with suppress(TimeoutError):
                 async with asyncio.timeout(_END_LIMIT_S):
                     await worker.wait()
-            raise InternalError(
+            raise _WorkerEndedError(
                 f"analysis: the worker ended with code {worker.returncode} before it answered: "
                 "its last words are in the log; repeat the request, and report it if it ends again"
             )
         return dict(json.loads(line))
+
+
+def _alive(worker: Process) -> bool:
+    """Whether it runs, asked of the system: the event loop hears of an end a moment later."""
+    try:
+        return worker.returncode is None and os.waitid(os.P_PID, worker.pid, _LOOK_ONLY) is None
+    except ChildProcessError:  # reaped, and about to be told
+        return False
 
 
 async def _ended(worker: Process) -> None:

@@ -135,3 +135,10 @@ async def test_a_worker_that_cannot_start_is_an_internal_error() -> None:
     async with AnalysisPool(command=(sys.executable, "-c", "raise SystemExit(7)")) as pool:
         with pytest.raises(InternalError, match="ended with code 7"):
             await pool.analyze("good", PLATE)
+
+
+async def test_a_worker_that_dies_at_the_moment_of_the_next_job_is_replaced_unnoticed() -> None:
+    async with AnalysisPool(command=WORKER) as pool:
+        first = (await pool.analyze("good", PLATE))["pid"]
+        os.kill(first, signal.SIGKILL)  # and no waiting: the pool has not heard of it
+        assert (await pool.analyze("good", PLATE))["pid"] != first
