@@ -77,10 +77,11 @@ async def test_a_serial_line_is_left_alone_until_the_slowest_answer_must_have_co
     rtu: Transport, slave: RawSlave
 ) -> None:
     slave.faults.append(Fault(drop=True))
+    begun_s = time.monotonic()  # not when the slave noticed it: on a busy machine that is later
     with pytest.raises(NoAnswerError):
         await read(rtu, 100)
     assert await read(rtu, 200) == (200,)
-    assert slave.asked_s[1] - slave.asked_s[0] >= WORST_LATENCY_S - 0.002
+    assert slave.asked_s[1] - begun_s >= WORST_LATENCY_S
 
 
 async def test_a_cancelled_caller_does_not_leave_the_bus_off_by_one(bus: Transport, slave: RawSlave) -> None:
