@@ -73,7 +73,6 @@ def prepare(recording: Recording, nameplate: Nameplate) -> Samples | Outcome:
         return Outcome.TOO_FEW_SAMPLES
     run_first = np.repeat(firsts, lengths)
     run_last = run_first + np.repeat(lengths, lengths) - 1
-    noise_m = max(channel_noise(time_s, position_m, run_first), _resolution(position_m) / np.sqrt(12.0))
     return Samples(
         time_s=time_s,
         position_m=position_m,
@@ -81,9 +80,15 @@ def prepare(recording: Recording, nameplate: Nameplate) -> Samples | Outcome:
         run_first=run_first,
         run_last=run_last,
         period_s=period_s,
-        position_noise_m=noise_m if noise_m > _ROUNDING * float(np.ptp(position_m)) else 0.0,
+        position_noise_m=position_noise(time_s, position_m, run_first),
         force_noise_n=channel_noise(time_s, force_n, run_first),
     )
+
+
+def position_noise(time_s: FloatArray, position_m: FloatArray, run_first: IntArray) -> float:
+    """Noise of a position, one standard deviation, m: at least its resolution's; 0 where it is rounding."""
+    noise_m = max(channel_noise(time_s, position_m, run_first), _resolution(position_m) / float(np.sqrt(12.0)))
+    return noise_m if noise_m > _ROUNDING * float(np.ptp(position_m)) else 0.0
 
 
 def channel_noise(time_s: FloatArray, channel: FloatArray, run_first: IntArray) -> float:

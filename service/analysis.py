@@ -8,8 +8,8 @@ from typing import Any, Final
 import numpy as np
 
 from estimators.base import Estimate, Status
-from estimators.registry import ESTIMATORS
-from estimators.samples import channel_noise
+from estimators.registry import estimate_all
+from estimators.samples import position_noise
 from valve.errors import MotionError, ParameterError, RecordingError
 from valve.motion import simulate_recording
 from valve.nameplate import Nameplate
@@ -39,10 +39,8 @@ def analyze_recordings(
     tell = progress or (lambda _share, _phase: None)
     tell(0.0, "looking at the recording")
     recording = joined(recordings)
-    estimates: list[Estimate] = []
-    for done, (method, make) in enumerate(ESTIMATORS.items()):
-        tell((1 + done) / (2 + len(ESTIMATORS)), f"estimating by {method.replace('_', ' ')}")
-        estimates.append(make().estimate(recording, nameplate))
+    tell(0.1, "estimating")
+    estimates = estimate_all(recording, nameplate)
     analysis = {
         "schema": SCHEMA,
         "recording": recording_summary(recording),
@@ -59,7 +57,7 @@ def analyze_recordings(
         "health": {"ne107": None, "reasons": [_NO_HEALTH]},
     }
     if held_out:
-        tell((1 + len(ESTIMATORS)) / (2 + len(ESTIMATORS)), "trying the estimates on held-out recordings")
+        tell(0.8, "trying the estimates on held-out recordings")
         analysis["held_out"] = [_tried(name, recording, estimates, nameplate) for name, recording in held_out]
     tell(1.0, "done")
     return analysis
@@ -119,13 +117,13 @@ def recording_summary(recording: Recording) -> dict[str, Any]:
 
 
 def position_noise_m(recording: Recording) -> float | None:
-    """White noise of the position by its 4th differences within runs without a gap, m; None with too few samples."""
+    """Noise of the position within runs without a gap, as the estimators see it, m; None with too few samples."""
     rows = np.flatnonzero(np.isfinite(recording.position_m))
     if rows.size < 12:
         return None
     firsts = np.concatenate([[True], np.diff(rows) > 1])
     run_first = np.maximum.accumulate(np.where(firsts, np.arange(rows.size), 0))
-    return channel_noise(recording.time_s[rows], recording.position_m[rows], run_first)
+    return position_noise(recording.time_s[rows], recording.position_m[rows], run_first)
 
 
 def signature(estimates: Sequence[Estimate], nameplate: Nameplate) -> dict[str, Any]:

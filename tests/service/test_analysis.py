@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from service.analysis import analyze_recordings, joined
+from service.analysis import analyze_recordings, joined, recording_summary
 from service.analysis_pool import AnalysisPool
 from tests.service.recordings import NOMINAL, at_rest, sine_test, triangle_test, with_gaps
 from valve.errors import RecordingError
@@ -146,7 +146,7 @@ def test_progress_rises_from_0_to_1_and_names_what_goes_on() -> None:
     shares = [share for share, _ in told]
     assert shares == sorted(shares)
     assert (shares[0], shares[-1]) == (0.0, 1.0)
-    assert any("garcia" in phase for _, phase in told)
+    assert any("estimating" in phase for _, phase in told)
 
 
 def test_several_recordings_are_analysed_as_one_with_a_gap_between() -> None:
@@ -187,3 +187,11 @@ def test_a_nameplate_without_an_area_gives_reasons() -> None:
     for estimate in analyze_recordings([triangle_test(0.002)], bare)["estimates"]:
         assert estimate["status"] == "failed"
         assert "diaphragm" in estimate["message"]
+
+
+def test_a_quiet_sensor_has_at_least_the_noise_of_its_resolution() -> None:
+    step_m = 1.6e-6
+    time_s = np.linspace(0.0, 4.0, 4001, dtype=np.float64)
+    position_m = np.round(np.linspace(0.0, 1.0e-4, time_s.size) / step_m) * step_m
+    summary = recording_summary(Recording(time_s, position_m, pressure_pa=time_s))
+    assert summary["position_noise_m"] == pytest.approx(step_m / np.sqrt(12.0))
