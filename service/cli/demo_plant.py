@@ -21,14 +21,16 @@ class DemoValve:
     mode: Literal["captured", "polled"]
     period_s: float
     seed: int
+    position_noise_m: float
 
 
-# The RTU valve is polled at a rate that its line can carry: it shows what such data cannot give.
+# Three with a good position sensor, as both methods rest on differences. The RTU valve is polled at a rate that its
+# line can carry: it shows what such data cannot give.
 DEMO_VALVES: Final = (
-    DemoValve("FV-101", "vendor", "tcp", "captured", 0.001, seed=101),
-    DemoValve("FV-102", "nominal", "tcp", "captured", 0.001, seed=102),
-    DemoValve("FV-103", "rough", "tcp", "captured", 0.001, seed=103),
-    DemoValve("FV-104", "nominal", "rtu", "polled", 0.02, seed=104),
+    DemoValve("FV-101", "vendor", "tcp", "captured", 0.001, seed=101, position_noise_m=3.0e-7),
+    DemoValve("FV-102", "nominal", "tcp", "captured", 0.001, seed=102, position_noise_m=3.0e-7),
+    DemoValve("FV-103", "rough", "tcp", "captured", 0.001, seed=103, position_noise_m=3.0e-7),
+    DemoValve("FV-104", "nominal", "rtu", "polled", 0.02, seed=104, position_noise_m=2.0e-6),
 )
 
 
@@ -78,7 +80,7 @@ period_s = {valve.period_s}
 timeout_s = 2.0
 [valves.simulation]
 parameter_set = "{valve.parameter_set}"
-position_noise_m = 2.0e-6
+position_noise_m = {valve.position_noise_m}
 seed = {valve.seed}
 """
 

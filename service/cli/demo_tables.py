@@ -27,7 +27,8 @@ def _table(valve: DemoValve, made: dict[str, Any]) -> Table:
     recording = made["test"]["analysis"]["recording"]
     table = Table(
         title=f"{valve.tag}: {valve.parameter_set} valve, Modbus {valve.transport.upper()}, {valve.mode}, "
-        f"{recording['samples']} samples, {1e3 * recording['sample_period_s']:.3g} ms apart",
+        f"{recording['samples']} samples, {1e3 * recording['sample_period_s']:.3g} ms apart, "
+        f"position noise {1e6 * recording['position_noise_m']:.2g} um",
         title_justify="left",
     )
     table.add_column("parameter", no_wrap=True)

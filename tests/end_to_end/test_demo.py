@@ -48,6 +48,8 @@ def test_both_methods_recover_spring_rate_and_friction_over_the_wire(
     for made in demonstration["valves"][1:3]:  # sticky valves sampled at 1 ms
         assert _error_percent(made, method, "F_c") < 1.0, made["tag"]
         assert _error_percent(made, method, "F_s") < 1.0, made["tag"]
+        assert _error_percent(made, method, "F_v") < 5.0, made["tag"]
+        assert _error_percent(made, method, "m") < 15.0, made["tag"]
 
 
 def test_captured_recordings_are_at_one_millisecond_and_without_gaps(demonstration: dict[str, Any]) -> None:
