@@ -38,9 +38,9 @@ bench: $(VENV)/.dev  ## speed and accuracy, as tables
 	$(BIN)/python -m tests.benchmarks $(ARGS)
 
 lock: $(VENV)/.dev  ## resolve the dependencies anew (needs uv on the path)
-	uv pip compile --universal --generate-hashes --python-version 3.11 --quiet --no-emit-index-url \
+	uv pip compile --universal --generate-hashes --python-version 3.11 --quiet \
 	  --custom-compile-command "make lock" pyproject.toml --group build --output-file requirements.lock
-	uv pip compile --universal --generate-hashes --python-version 3.11 --quiet --no-emit-index-url \
+	uv pip compile --universal --generate-hashes --python-version 3.11 --quiet \
 	  --custom-compile-command "make lock" pyproject.toml --group build --group dev \
 	  --constraint requirements.lock --output-file requirements-dev.lock
 

@@ -50,8 +50,8 @@ def _analysis(
     recordings: list[Path], nameplate: Path, held_out: list[Path], progress: Progress, task: TaskID
 ) -> dict[str, Any]:
     # heavy imports stand here: --help and wrong usage do without
-    from service.nameplates import read_nameplate  # noqa: PLC0415
-    from valve.recording_files import read_recording  # noqa: PLC0415
+    from service.nameplates import read_nameplate
+    from valve.recording_files import read_recording
 
     # all input is read, and refused where it is wrong, before the estimators are loaded
     plate = read_nameplate(nameplate)
@@ -59,7 +59,7 @@ def _analysis(
     tried = [(path.name, read_recording(path, plate)) for path in held_out]
     progress.update(task, description="loading the estimators")
 
-    from service.analysis import analyze_recordings  # noqa: PLC0415
+    from service.analysis import analyze_recordings
 
     def tell(share: float, phase: str) -> None:
         progress.update(task, completed=share, description=phase)

@@ -12,11 +12,11 @@ def serve(
     config: Annotated[Path, typer.Option("--config", metavar="FILE", help="The plant file.", show_default=False)],
 ) -> None:
     """Serve the plant that the file describes until SIGTERM or Ctrl-C; a running test is stopped and made safe."""
-    from service.settings import load_plant  # noqa: PLC0415  - a wrong file is told before anything heavy loads
+    from service.settings import load_plant
 
     plant = load_plant(config)
-    from service.logs import log_as_json  # noqa: PLC0415
-    from service.server import serve_plant  # noqa: PLC0415
+    from service.logs import log_as_json
+    from service.server import serve_plant
 
     log_as_json()
     serve_plant(plant)

@@ -32,11 +32,11 @@ def simulate(
 ) -> None:
     """Serve the plant's valves as Modbus slaves and gauges until SIGTERM or SIGINT."""
     # heavy imports stand here: --help and wrong usage do without
-    import uvloop  # noqa: PLC0415
+    import uvloop
 
-    from drivers.addresses import Mode  # noqa: PLC0415
-    from service.cli.simulated_plant import ServerCertificate, plant_from_settings  # noqa: PLC0415
-    from service.settings import load_plant  # noqa: PLC0415
+    from drivers.addresses import Mode
+    from service.cli.simulated_plant import ServerCertificate, plant_from_settings
+    from service.settings import load_plant
 
     if (tls_certificate is None) != (tls_key is None):
         raise ConfigurationError("--tls-certificate and --tls-key belong together, give both")
@@ -54,7 +54,7 @@ def simulate(
 
 async def _serve(plant: SimulatedPlant, log: Path | None) -> None:
     """Serve until a signal comes. Raises ConfigurationError where an address cannot be had."""
-    from simulator.record import RecordFile  # noqa: PLC0415
+    from simulator.record import RecordFile
 
     stopped, loop = asyncio.Event(), asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
