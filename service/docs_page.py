@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import re
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -65,4 +66,4 @@ def _fields(schema: Mapping[str, Any]) -> str:
 
 
 def _text(text: object) -> str:
-    return html.escape(str(text))
+    return re.sub(r"`+([^`]+)`+", r"<code>\1</code>", html.escape(str(text)))

@@ -49,7 +49,7 @@ async def run_test(
         Header(min_length=1, max_length=255, description="the same key with the same body gives the same test"),
     ] = None,
 ) -> Response:
-    """Start a test of one valve. With ``Prefer: wait=SECONDS`` the answer comes when it is done, or then."""
+    """Start a test of one valve: 202 at once, or with `Prefer: wait=SECONDS` 200 if it is done by then."""
     run = await parts.runs.start(wanted.valve, wanted.sequence, wanted.overrides, idempotency_key)
     headers = {"Location": f"/tests/{run.id}"}
     status = HTTPStatus.ACCEPTED
@@ -121,7 +121,7 @@ async def _as_text(events: AsyncIterator[Event | None]) -> AsyncIterator[str]:
     responses={200: {"content": {CSV: {}, PARQUET: {}}, "description": "The raw recording, as Accept asks"}},
 )
 async def get_recording(request: Request, test_id: str, parts: PartsOf) -> Response:
-    """Return the raw recording: CSV, or Parquet where ``Accept`` asks for it."""
+    """Return the raw recording: CSV, or Parquet where `Accept` asks for it."""
     media_type = acceptable(request.headers.get("accept", "*/*"))
     run = await parts.runs.get(test_id)
     if run.recording_file is None:
