@@ -1,4 +1,7 @@
-"""Run all benchmarks, or those that are named, and print their tables."""
+"""Run all benchmarks, or those that are named, and print their tables.
+
+A number after a name makes a benchmark of many tests as long or as short as it says: ``coverage 100``.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from typing import Final
 from rich.console import Console
 from rich.table import Table
 
-from tests.benchmarks import classic_methods, motion, simulator
+from tests.benchmarks import classic_methods, coverage, motion, simulator
 
 BENCHMARKS: Final[dict[str, Callable[[], Table | list[Table]]]] = {
     "classic_methods": classic_methods.run,
@@ -17,16 +20,27 @@ BENCHMARKS: Final[dict[str, Callable[[], Table | list[Table]]]] = {
     "simulator": simulator.run,
 }
 
+# These take the number of tests; without one they run as many as their figures are asked for.
+COUNTED: Final[dict[str, Callable[[int | None], Table | list[Table]]]] = {
+    "coverage": coverage.run,
+}
 
-def main(names: list[str]) -> int:
+
+def main(arguments: list[str]) -> int:
     """Print the tables of the benchmarks of these names, of all if there is none; 2 for an unknown name."""
     console = Console(width=None if sys.stdout.isatty() else 150)
-    for name in names:
-        if name not in BENCHMARKS:
-            console.print(f"benchmark {name!r} is unknown: choose from {', '.join(BENCHMARKS)}")
+    asked: list[tuple[str, int | None]] = []
+    for argument in arguments:
+        if argument.isdigit() and asked and asked[-1][0] in COUNTED:
+            asked[-1] = (asked[-1][0], int(argument))
+        elif argument in BENCHMARKS or argument in COUNTED:
+            asked.append((argument, None))
+        else:
+            names = f"{', '.join(BENCHMARKS)}, and with a number of tests {', '.join(COUNTED)}"
+            console.print(f"benchmark {argument!r} is unknown: choose from {names}")
             return 2
-    for name in names or BENCHMARKS:
-        tables = BENCHMARKS[name]()
+    for name, count in asked or [(name, None) for name in (*BENCHMARKS, *COUNTED)]:
+        tables = BENCHMARKS[name]() if name in BENCHMARKS else COUNTED[name](count)
         for table in tables if isinstance(tables, list) else [tables]:
             console.print(table)
     return 0
