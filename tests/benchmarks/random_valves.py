@@ -1,0 +1,236 @@
+"""A thousand random valves, started from nothing but their recordings: how often is a method right, silent, wrong?"""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections import defaultdict
+from dataclasses import dataclass
+from functools import cache
+from types import FrameType
+from typing import Final
+
+import numpy as np
+from rich.table import Table
+
+from estimators.base import NORMAL_95, Estimate, Status
+from estimators.registry import ESTIMATORS
+from tests.benchmarks.bound import bound, relative_half_width
+from tests.benchmarks.parallel import each
+from tests.estimators.random_valves import KINDS, UNINFORMATIVE, RandomTest, random_test
+from valve.motion import simulate_motion
+from valve.parameters import PARAMETER_SYMBOLS
+from valve.stem import FloatArray
+
+TESTS: Final = 1000
+MOST_Z: Final = 6.0  # own standard errors off the truth, and
+LEAST_OFF: Final = 0.01  # this share of it: a wrong value
+MOST_MISFIT: Final = 1.3  # times the noise: a wrong motion
+SURELY_KNOWN: Final = 0.15  # bound's half width, half of the limit: a value that ought to be given
+LONGEST_S: Final = 60
+LISTED: Final = 40
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """One method's answer to one random test against the truth."""
+
+    seed: int
+    kind: str
+    method: str
+    status: str
+    samples: int
+    took_s: float
+    wrong: tuple[str, ...] = ()  # what is wrong, in words
+    withheld: tuple[str, ...] = ()  # parameters that the bound knows well and that are not given
+    known: tuple[str, ...] = ()
+    message: str = ""
+
+
+def judged(seed: int) -> list[Verdict]:
+    """Return every method's verdict for the test of this seed."""
+    _warm()
+    test = random_test(seed)
+    known = known_symbols(test)
+    return [_judged(method, test, known) for method in ESTIMATORS]
+
+
+def _judged(method: str, test: RandomTest, known: tuple[str, ...]) -> Verdict:
+    begun_s = time.perf_counter()
+    samples = test.recording.samples
+    try:
+        signal.signal(signal.SIGALRM, _too_long)
+        signal.alarm(LONGEST_S)
+        estimate = ESTIMATORS[method]().estimate(test.recording, test.nameplate)
+    except Exception as error:  # noqa: BLE001 - what an estimator must not do is counted, and the others go on
+        said = f"{type(error).__name__}: {error}"
+        took_s = time.perf_counter() - begun_s
+        return Verdict(test.seed, test.kind, method, "raised", samples, took_s, (said,), known, known, said)
+    finally:
+        signal.alarm(0)
+    took_s = time.perf_counter() - begun_s
+    withheld = tuple(symbol for symbol in known if estimate.value(symbol) is None)
+    wrong = _wrong(estimate, test)
+    status = str(estimate.status)
+    return Verdict(test.seed, test.kind, method, status, samples, took_s, wrong, withheld, known, estimate.message)
+
+
+def _too_long(_number: int, _frame: FrameType | None) -> None:
+    raise TimeoutError(f"more than {LONGEST_S} s")
+
+
+@cache
+def _warm() -> None:
+    """Load what is compiled, once a process, so that no test's time holds it."""
+    test = random_test(1, "captured")
+    for make in ESTIMATORS.values():
+        make().estimate(test.recording, test.nameplate)
+
+
+def _wrong(estimate: Estimate, test: RandomTest) -> tuple[str, ...]:
+    """Return what is given and wrong: values off by far more than they admit, a motion that does not fit."""
+    found = []
+    truth = test.truth.by_symbol()
+    for symbol, one in estimate.parameters.items():
+        if one.value is None or one.std_error is None:
+            continue
+        error = one.value - truth[symbol]
+        scale = max(abs(truth["F_0"]), truth["F_s"]) if symbol == "F_0" else truth[symbol]
+        own = one.std_error
+        if one.ci95 is not None:  # a bent interval counts on the side of the truth
+            own = max(own, (one.value - one.ci95[0] if error > 0.0 else one.ci95[1] - one.value) / NORMAL_95)
+        if abs(error) > MOST_Z * own and abs(error) > LEAST_OFF * scale:
+            z = f"z {error / own:+.0f}" if own > 0.0 else "no error"
+            found.append(f"{symbol} {100.0 * error / scale:+.2g} % ({z})")
+    rms_m = estimate.residual_rms_m
+    if estimate.status is Status.OK:
+        if rms_m is not None and rms_m > MOST_MISFIT * test.noise_m:
+            found.append(f"misfit {rms_m / test.noise_m:.1f} x noise")
+        if test.kind == UNINFORMATIVE:
+            found.append("ok of a stem that hardly moved")
+    return tuple(found)
+
+
+def known_symbols(test: RandomTest) -> tuple[str, ...]:
+    """Return the parameters that the bound knows well; the noise of a measured pressure is not counted in it."""
+    if test.kind == UNINFORMATIVE:
+        return ()
+    corners, time_s = acting_force(test), test.recording.time_s[np.isfinite(test.recording.position_m)]
+    nuisances = [_derivative(test, corners, time_s, delay_s=1.0e-6)]
+    if test.kind == "command_only":
+        nuisances = [
+            _derivative(test, corners, time_s, delay_s=1.0e-6),
+            _derivative(test, corners, time_s, lag_s=1.0e-5 * test.lag_s),
+        ]
+    errors = bound(
+        test.truth, corners, time_s, test.noise_m, stops=test.stops, initial=test.initial, nuisances=nuisances
+    )
+    return tuple(s for s in PARAMETER_SYMBOLS if relative_half_width(s, errors[s], test.truth) < SURELY_KNOWN)
+
+
+def acting_force(test: RandomTest) -> tuple[FloatArray, FloatArray]:
+    """Corners of the force from the recording's first time on, s and N."""
+    first_s = test.recording.time_s[0]
+    later = test.force_time_s > first_s
+    begin_n = np.interp(first_s, test.force_time_s, test.force_n)
+    return np.concatenate([[first_s], test.force_time_s[later]]), np.concatenate([[begin_n], test.force_n[later]])
+
+
+def _derivative(
+    test: RandomTest,
+    corners: tuple[FloatArray, FloatArray],
+    time_s: FloatArray,
+    *,
+    delay_s: float = 0.0,
+    lag_s: float = 0.0,
+) -> FloatArray:
+    """Change of the position by a force that comes a little later, or through a little more lag, per s."""
+    force_s, force_n = corners
+    sides = []
+    for sign in (1.0, -1.0):
+        changed_n = force_n
+        if lag_s > 0.0:  # to first order: dF = -dT F', F' of each line at its end
+            run_s = np.maximum(np.diff(force_s), 1.0e-12)
+            changed_n = force_n - sign * lag_s * np.concatenate([[0.0], np.diff(force_n) / run_s])
+        shifted_s = np.concatenate([force_s[:1], np.maximum(force_s[1:] + sign * delay_s, force_s[0])])
+        motion = simulate_motion(test.truth, shifted_s, changed_n, time_s, stops=test.stops, initial=test.initial)
+        sides.append(motion.position_m)
+    return np.asarray((sides[0] - sides[1]) / (2.0 * (delay_s + lag_s)))
+
+
+def run(count: int | None = None) -> list[Table]:
+    """Return the counts by method and kind, what is wrong, and what is withheld."""
+    tests = TESTS if count is None else count
+    found = [verdict for verdicts in each(judged, range(tests), "random valves") for verdict in verdicts]
+    return [_counts(found, tests), _wrongs(found), _withheld(found)]
+
+
+def _counts(found: list[Verdict], tests: int) -> Table:
+    table = Table(
+        title=f"{tests} random valves (seeds 0 to {tests - 1}), started from nothing but the recording",
+        caption=f"Wrong: a value off by more than {MOST_Z:g} of its own standard errors and {100 * LEAST_OFF:g} %, or "
+        f"ok with a misfit above {MOST_MISFIT:g} x noise. Withheld: the bound's half width is below "
+        f"{100 * SURELY_KNOWN:.0f} %, and it is not given. Times: medians, at least 40,000 and at most 8,000 samples.",
+        title_justify="left",
+    )
+    for heading in ("method", "kind", "tests", "ok", "poor", "failed", "ok and wrong", "poor and wrong", "withheld"):
+        table.add_column(heading, justify="left" if heading in ("method", "kind") else "right")
+    for heading in ("60,000", "6,000"):
+        table.add_column(heading, justify="right")
+    for method in ESTIMATORS:
+        own = [verdict for verdict in found if verdict.method == method]
+        by_kind: dict[str, list[Verdict]] = defaultdict(list)
+        for verdict in own:
+            by_kind[verdict.kind].append(verdict)
+        for kind in KINDS:
+            table.add_row(method, kind, *_row(by_kind[kind]))
+        table.add_row(method, "all", *_row(own), end_section=True, style="bold")
+    return table
+
+
+def _row(found: list[Verdict]) -> list[str]:
+    def count(*statuses: str, wrong: bool = False) -> str:
+        return str(sum(v.status in statuses and (bool(v.wrong) or not wrong) for v in found))
+
+    known, withheld = sum(len(v.known) for v in found), sum(len(v.withheld) for v in found)
+    long_s = [v.took_s for v in found if v.samples >= 40_000]
+    short_s = [v.took_s for v in found if v.samples <= 8_000]
+    return [
+        str(len(found)),
+        count("ok"),
+        count("poor"),
+        count("failed", "raised"),
+        count("ok", "raised", wrong=True),
+        count("poor", wrong=True),
+        f"{withheld} of {known}",
+        *(f"{np.median(times):.3g} s" if times else "-" for times in (long_s, short_s)),
+    ]
+
+
+def _wrongs(found: list[Verdict]) -> Table:
+    table = Table("method", "seed", "kind", "status", "what is wrong", title="Wrong", title_justify="left")
+    order = {"raised": 0, "ok": 1}
+    wrong = sorted((v for v in found if v.wrong), key=lambda v: (-_place(v.method), order.get(v.status, 2)))
+    for verdict in wrong[:LISTED]:
+        table.add_row(verdict.method, str(verdict.seed), verdict.kind, verdict.status, "; ".join(verdict.wrong))
+    if len(wrong) > LISTED:
+        table.add_row("...", "", "", "", f"{len(wrong) - LISTED} more")
+    return table
+
+
+def _withheld(found: list[Verdict]) -> Table:
+    title = "Withheld by the last method, or failed, although the bound knows it"
+    table = Table("method", "seed", "kind", "status", "withheld", "its message", title=title, title_justify="left")
+    last = list(ESTIMATORS)[-1]
+    silent = [v for v in found if v.method == last and v.withheld]
+    for verdict in sorted(silent, key=lambda v: -len(v.withheld))[:LISTED]:
+        message = verdict.message if len(verdict.message) < 90 else f"{verdict.message[:87]}..."
+        names = ", ".join(verdict.withheld)
+        table.add_row(verdict.method, str(verdict.seed), verdict.kind, verdict.status, names, message)
+    if len(silent) > LISTED:
+        table.add_row("...", "", "", "", "", f"{len(silent) - LISTED} more")
+    return table
+
+
+def _place(method: str) -> int:
+    return list(ESTIMATORS).index(method)
