@@ -12,7 +12,7 @@ from typing import Final
 from rich.console import Console
 from rich.table import Table
 
-from tests.benchmarks import classic_methods, coverage, motion, random_valves, simulator
+from tests.benchmarks import classic_methods, coverage, efficiency, method_table, motion, random_valves, simulator
 
 BENCHMARKS: Final[dict[str, Callable[[], Table | list[Table]]]] = {
     "classic_methods": classic_methods.run,
@@ -23,6 +23,8 @@ BENCHMARKS: Final[dict[str, Callable[[], Table | list[Table]]]] = {
 # These take the number of tests; without one they run as many as their figures are asked for.
 COUNTED: Final[dict[str, Callable[[int | None], Table | list[Table]]]] = {
     "coverage": coverage.run,
+    "efficiency": efficiency.run,
+    "method_table": method_table.run,
     "random_valves": random_valves.run,
 }
 

@@ -1,4 +1,4 @@
-"""Do the 95 % intervals hold the truth in 95 % of the tests? Four valves with scatter, noises, rates and phases."""
+"""Whether the 95 % intervals hold the truth in 95 % of the tests: four valves with scatter, noises, rates, phases."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A thousand random valves, started from nothing but their recordings: how often is a method right, silent, wrong?"""
+"""A thousand random valves, started from nothing but their recordings: right, silent or wrong, by method."""
 
 from __future__ import annotations
 
