@@ -70,7 +70,7 @@ def _judged(method: str, test: RandomTest, known: tuple[str, ...]) -> Verdict:
         signal.alarm(0)
     took_s = time.perf_counter() - begun_s
     withheld = tuple(symbol for symbol in known if estimate.value(symbol) is None)
-    wrong = _wrong(estimate, test)
+    wrong = what_is_wrong(estimate, test)
     status = str(estimate.status)
     return Verdict(test.seed, test.kind, method, status, samples, took_s, wrong, withheld, known, estimate.message)
 
@@ -87,7 +87,7 @@ def _warm() -> None:
         make().estimate(test.recording, test.nameplate)
 
 
-def _wrong(estimate: Estimate, test: RandomTest) -> tuple[str, ...]:
+def what_is_wrong(estimate: Estimate, test: RandomTest) -> tuple[str, ...]:
     """Return what is given and wrong: values off by far more than they admit, a motion that does not fit."""
     found = []
     truth = test.truth.by_symbol()
