@@ -74,7 +74,7 @@ def test_the_bound_is_the_published_one_for_the_nominal_valve() -> None:
     """0.76 % of m and 0.14 % of F_v at 20 um and 1 ms with x_0 known; with x_0 and the preload free a little more."""
     chosen = parameter_set("nominal")
     corners = np.arange(7, dtype=np.float64) * 10.0, np.array([0.0, 1.0] * 3 + [0.0]) * 82737.0 * 0.06452
-    errors = bound(chosen.parameters, corners, np.arange(60001) * 1.0e-3, 20.0e-6)
+    errors = bound(chosen.parameters, corners, np.arange(60001, dtype=np.float64) * 1.0e-3, 20.0e-6)
     assert relative_half_width("m", errors["m"], chosen.parameters) / 1.959964 == pytest.approx(0.0085, rel=0.25)
     assert relative_half_width("F_v", errors["F_v"], chosen.parameters) / 1.959964 == pytest.approx(0.0015, rel=0.25)
 
