@@ -1,0 +1,48 @@
+"""The actuator force of a recording as a polyline in time, with what is not known of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Protocol
+
+from estimators.base import Outcome
+from estimators.likelihood.nuisance import Nuisance
+from estimators.likelihood.pressure_lines import MeasuredPath, measured_path
+from estimators.samples import FloatArray
+from valve.errors import RecordingError
+from valve.nameplate import Nameplate
+from valve.recording import Recording
+
+
+class InputPath(Protocol):
+    """The actuator force, straight between its corners, for given values of its nuisances."""
+
+    @property
+    def nuisances(self) -> tuple[Nuisance, ...]:
+        """What is to be fitted together with the valve."""
+        ...
+
+    @property
+    def breaks_s(self) -> FloatArray:
+        """Times, shape (b, 2), between which the force is not known and after which the stem is started anew."""
+        ...
+
+    def corners(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Corner times, s, that never fall, and force, N, both shape (n,), for these values of the nuisances."""
+        ...
+
+    def variations(self, values: FloatArray) -> Iterator[tuple[FloatArray, FloatArray]]:
+        """Corners changed by one sigma along each independent direction in which the input is uncertain."""
+        ...
+
+
+def input_path(recording: Recording, nameplate: Nameplate) -> InputPath | Outcome:
+    """Return the actuator force of a recording, or the outcome that says why there is none."""
+    try:
+        force_n = recording.actuator_force_n(nameplate)
+    except RecordingError:
+        return Outcome.NO_DIAPHRAGM_AREA
+    return measured_path(recording, force_n)
+
+
+__all__ = ["InputPath", "MeasuredPath", "Nuisance", "input_path"]

@@ -1,0 +1,243 @@
+"""The measured pressure or force as straight lines: a polyline, and what its noise leaves unknown of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from estimators.base import Outcome
+from estimators.likelihood.exact_lines import exact_corners
+from estimators.likelihood.nuisance import Nuisance
+from estimators.likelihood.pieces import Joint, Pieces, fit_pieces
+from estimators.samples import FloatArray, IntArray, position_noise
+from valve.recording import Acquisition, Recording
+
+Corners = tuple[FloatArray, FloatArray]
+
+_FEWEST_ROWS: Final = 12
+_LONGEST_JUMP_PERIODS: Final = 5.0  # without a row: another recording, or as good as one
+_LONGEST_GAP_S: Final = 0.5
+_LONGEST_GAP_PERIODS: Final = 25.0  # of rows without a value, across which two lines may still be drawn to a corner
+_SMOOTH_NOISE: Final = 1.0e-9  # of the span: what a computed curve is fitted to
+_CHORD_ERROR: Final = 2.0e-7  # of the span, or a tenth of a curve's own error
+_MOST_CHORDS: Final = 2000
+_ROUNDING: Final = float(np.finfo(np.float64).eps)
+_ROWS_A_STEP: Final = 40  # more steps than one in as many rows are a converter's and not the test's
+_MOST_VARIATIONS: Final = 100
+_DELAY_PERIODS: Final = 5.0
+_DELAY_S: Final = 0.02
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stretch:
+    """A part of the channel without a break: known corners, or pieces with what is not known of them."""
+
+    first_s: float
+    last_s: float
+    known: Corners | None
+    pieces: Pieces | None
+    piece_of: IntArray
+    share_of: FloatArray
+
+    @property
+    def directions(self) -> int:
+        """Number of independent directions in which it is uncertain."""
+        return 0 if self.pieces is None else int(self.pieces.root.shape[0])
+
+    def corners(self, coefficient: FloatArray | None = None) -> Corners:
+        """Return corner times and values, with other coefficients (k, 4) of the pieces if they are given."""
+        if self.known is not None:
+            return self.known
+        assert self.pieces is not None
+        chosen = self.pieces.coefficient if coefficient is None else coefficient
+        at_s = np.concatenate([[self.pieces.first_s], self.pieces.crossings(chosen), [self.pieces.last_s]])
+        start_s, end_s = at_s[self.piece_of], at_s[self.piece_of + 1]
+        time_s = np.where(self.share_of < 1.0, start_s + self.share_of * (end_s - start_s), end_s)
+        return time_s, self.pieces.values(chosen, self.piece_of, time_s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredPath:
+    """The actuator force from a measured channel; ``delay_s`` is how much later it acts than its time stamps say.
+
+    ``noise_n`` is the noise of the channel, one standard deviation, 0 where it is computed. ``breaks_s``, shape
+    (b, 2), are times, on the channel's own clock, between which the force is not known: the stem has to be started
+    anew after each. Between them the polyline holds its last value to the middle and the next one from there.
+    Before the first row and after the last the force is held.
+    """
+
+    stretches: tuple[Stretch, ...]
+    delay: Nuisance
+    noise_n: float
+    breaks_s: FloatArray
+
+    @property
+    def nuisances(self) -> tuple[Nuisance, ...]:
+        """The delay between the channels."""
+        return (self.delay,)
+
+    def corners(self, values: FloatArray) -> Corners:
+        """Corner times, s, and force, N, shape (n,), for this delay."""
+        return self._joined([stretch.corners() for stretch in self.stretches], float(values[0]))
+
+    def variations(self, values: FloatArray) -> Iterator[Corners]:
+        """Corners changed by one sigma along each independent direction of the fitted lines' errors.
+
+        A line has two such directions, its level and its slope, which are independent of all other lines; pieces
+        that pass smoothly into each other have the eigen-directions of their covariance. Of more than 100 those with
+        the largest change of force are kept.
+        """
+        plain = [stretch.corners() for stretch in self.stretches]
+        sized = [
+            (float(np.abs(stretch.pieces.root[i]).sum(axis=1).max()), number, i)
+            for number, stretch in enumerate(self.stretches)
+            if stretch.pieces is not None
+            for i in range(stretch.directions)
+        ]
+        for _, number, i in sorted(sized, reverse=True)[:_MOST_VARIATIONS]:
+            stretch = self.stretches[number]
+            assert stretch.pieces is not None
+            changed = list(plain)
+            changed[number] = stretch.corners(stretch.pieces.coefficient + stretch.pieces.root[i])
+            yield self._joined(changed, float(values[0]))
+
+    def _joined(self, parts: list[Corners], delay_s: float) -> Corners:
+        """Put the stretches together, each held half-way into the breaks about it, and delay them."""
+        times: list[FloatArray] = []
+        forces: list[FloatArray] = []
+        for number, (time_s, force_n) in enumerate(parts):
+            lead_s = self.delay.upper + _DELAY_S if number == 0 else 0.5 * float(np.diff(self.breaks_s[number - 1])[0])
+            times += [time_s[:1] - lead_s, time_s]
+            forces += [force_n[:1], force_n]
+            if number < len(parts) - 1:
+                times.append(np.array([0.5 * float(self.breaks_s[number].sum())]))
+                forces.append(force_n[-1:])
+        return np.concatenate(times) + delay_s, np.concatenate(forces)
+
+
+def measured_path(recording: Recording, force_n: FloatArray) -> MeasuredPath | Outcome:
+    """Return the polyline of the measured force, shape (n,), N, NaN where it is missing; or why there is none.
+
+    A computed channel (noise below 1e-9 of its span) gives its corners to rounding. A noisy one is cut into as few
+    lines as its noise allows, curves into cubics that are drawn with chords; lines cross at corners. Where values
+    are missing the pieces on both sides are drawn on to their crossing; where they do not cross, where more than
+    0.5 s (and 25 rows) are missing about a corner, or where time jumps by 5 periods without a row (as between two
+    recordings that were put together) there is a break.
+    """
+    rows = np.flatnonzero(np.isfinite(force_n))
+    if rows.size < _FEWEST_ROWS:
+        return Outcome.TOO_FEW_SAMPLES
+    time_s, value = recording.time_s[rows], force_n[rows]
+    period_s = recording.sample_period_s
+    row_step_s = np.diff(recording.time_s)
+    jumps = np.flatnonzero(row_step_s > _LONGEST_JUMP_PERIODS * period_s)
+    gap = np.diff(rows) > 1
+    run_first = np.maximum.accumulate(np.where(np.concatenate([[True], gap]), np.arange(rows.size), 0))
+    noise_n = position_noise(time_s, value, run_first)
+    span_n = float(np.ptp(value))
+    if span_n <= 6.0 * noise_n:
+        return Outcome.NO_FORCE_CHANGE
+    cuts = np.unique(np.searchsorted(rows, jumps, side="right"))
+    edges = [0, *(int(cut) for cut in cuts if 0 < cut < rows.size), int(rows.size)]
+    stretches = [
+        stretch
+        for first, last in pairwise(edges)
+        for stretch in _stretches(time_s[first:last], value[first:last], noise_n, span_n, period_s)
+    ]
+    breaks_s = np.array([(one.last_s, two.first_s) for one, two in pairwise(stretches)]).reshape(-1, 2)
+    lead_s = max(_DELAY_PERIODS * period_s, _DELAY_S)
+    delay = Nuisance("delay_s", 0.0, 0.1 * period_s, -lead_s, lead_s, delay_prior_s(recording))
+    return MeasuredPath(tuple(stretches), delay, noise_n, breaks_s)
+
+
+def delay_prior_s(recording: Recording) -> float:
+    """What is known beforehand of the delay between the channels, one standard deviation, s.
+
+    Half a period where the device or this process took both channels at once. Polled: half an exchange, within
+    which both were read; a period where nothing is said.
+    """
+    period_s = recording.sample_period_s
+    provenance = recording.provenance
+    if provenance.acquisition in {Acquisition.CAPTURED, Acquisition.SIMULATED}:
+        return 0.5 * period_s
+    if provenance.timing_uncertainty_s is not None:
+        return max(provenance.timing_uncertainty_s, 1.0e-3 * period_s)
+    exchange_s = recording.sampling_quality().median_exchange_s
+    return period_s if exchange_s is None else max(0.5 * exchange_s, 1.0e-3 * period_s)
+
+
+def _stretches(time_s: FloatArray, value: FloatArray, noise_n: float, span_n: float, period_s: float) -> list[Stretch]:
+    """Stretches of rows that no jump in time parts."""
+    known = _exact(time_s, value, span_n)
+    if known is not None:
+        nothing = (np.empty(0, np.int64), np.empty(0))
+        return [Stretch(float(time_s[0]), float(time_s[-1]), known, None, *nothing)]
+    noise_n = max(noise_n, _SMOOTH_NOISE * span_n)
+    pieces = fit_pieces(time_s, value, noise_n)
+    cut = _longest_gap(time_s, pieces, period_s)
+    if cut is None:
+        return [Stretch(pieces.first_s, pieces.last_s, None, pieces, *_drawn(pieces, noise_n, span_n))]
+    return [
+        *_stretches(time_s[:cut], value[:cut], noise_n, span_n, period_s),
+        *_stretches(time_s[cut:], value[cut:], noise_n, span_n, period_s),
+    ]
+
+
+def _exact(time_s: FloatArray, value: FloatArray, span_n: float) -> Corners | None:
+    """Return the corners of a channel that is straight between them to rounding, or None.
+
+    Many steps, and rows that lie on no line, are the converter's or noise.
+    """
+    if time_s.size < _FEWEST_ROWS:
+        return time_s, value
+    off = _rounding_noise(time_s, value)
+    if off > _SMOOTH_NOISE * span_n:
+        return None
+    tolerance = 4.0 * _ROUNDING * float(np.abs(value).max()) + 6.0 * off
+    corner_s, corner_n, others = exact_corners(time_s, value, tolerance)
+    return None if others > max(_FEWEST_ROWS, time_s.size // _ROWS_A_STEP) else (corner_s, corner_n)
+
+
+def _rounding_noise(time_s: FloatArray, value: FloatArray) -> float:
+    """Median of what the middle one of three rows is off the line through the others; a digit lost, or nothing."""
+    share = (time_s[1:-1] - time_s[:-2]) / (time_s[2:] - time_s[:-2])
+    off = value[1:-1] - value[:-2] - share * (value[2:] - value[:-2])
+    return float(np.median(np.abs(off)))
+
+
+def _longest_gap(time_s: FloatArray, pieces: Pieces, period_s: float) -> int | None:
+    """First row after a gap in which two pieces meet and that hides how; None where there is none."""
+    for joint, at_s in zip(pieces.joint, pieces.joint_s, strict=True):
+        after = int(np.searchsorted(time_s, at_s, side="right"))
+        if not 0 < after < time_s.size:
+            continue
+        missing_s = float(time_s[after] - time_s[after - 1])
+        wide = missing_s > max(_LONGEST_GAP_S, _LONGEST_GAP_PERIODS * period_s)
+        if wide or (joint == Joint.STEP and missing_s > _LONGEST_JUMP_PERIODS * period_s):
+            return after
+    return None
+
+
+def _drawn(pieces: Pieces, noise_n: float, span_n: float) -> tuple[IntArray, FloatArray]:
+    """Piece of each corner to be drawn and its place on it, 0 to 1; chords leave a curve by a tenth of its error."""
+    at_s = np.concatenate([[pieces.first_s], pieces.joint_s, [pieces.last_s]])
+    piece_of, share_of = [], []
+    count = pieces.degree.size
+    for i in range(count):
+        c, half_s = pieces.coefficient[i], float(pieces.half_s[i])
+        bend = max(abs(2.0 * c[2] + 6.0 * c[3]), abs(2.0 * c[2] - 6.0 * c[3])) / half_s**2
+        error = max(
+            _CHORD_ERROR * span_n, 0.1 * noise_n * math.sqrt((pieces.degree[i] + 1.0) / max(1.0, float(pieces.rows[i])))
+        )
+        wanted = (at_s[i + 1] - at_s[i]) * math.sqrt(bend / (8.0 * error)) if pieces.degree[i] > 1 else 1.0
+        chords = int(np.clip(math.ceil(wanted), 1, _MOST_CHORDS))
+        drops_start = i > 0 and pieces.joint[i - 1] != Joint.STEP
+        share = np.linspace(0.0, 1.0, chords + 1)[1 if drops_start else 0 :]
+        piece_of.append(np.full(share.size, i))
+        share_of.append(share)
+    return np.concatenate(piece_of), np.concatenate(share_of)
