@@ -34,7 +34,7 @@ check: $(VENV)/.dev  ## style, types and import contracts
 test: check  ## the checks, then every test
 	$(BIN)/pytest -n 2 $(ARGS)
 
-bench: $(VENV)/.dev  ## speed and accuracy, as tables
+bench: $(VENV)/.dev  ## speed and accuracy, as tables; one alone: ARGS="coverage 200"
 	$(BIN)/python -m tests.benchmarks $(ARGS)
 
 lock: $(VENV)/.dev  ## resolve the dependencies anew (needs uv on the path)

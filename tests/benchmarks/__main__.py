@@ -1,6 +1,7 @@
 """Run all benchmarks, or those that are named, and print their tables.
 
 A number after a name makes a benchmark of many tests as long or as short as it says: ``coverage 100``.
+``--markdown`` prints tables that can go into a document.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import sys
 from collections.abc import Callable
 from typing import Final
 
+from rich import box
 from rich.console import Console
 from rich.table import Table
 
@@ -31,9 +33,13 @@ COUNTED: Final[dict[str, Callable[[int | None], Table | list[Table]]]] = {
 
 def main(arguments: list[str]) -> int:
     """Print the tables of the benchmarks of these names, of all if there is none; 2 for an unknown name."""
-    console = Console(width=None if sys.stdout.isatty() else 150)
+    markdown = "--markdown" in arguments
+    # a document's tables are as wide as they are
+    console = Console(width=1000 if markdown else None if sys.stdout.isatty() else 150)
     asked: list[tuple[str, int | None]] = []
     for argument in arguments:
+        if argument == "--markdown":
+            continue
         if argument.isdigit() and asked and asked[-1][0] in COUNTED:
             asked[-1] = (asked[-1][0], int(argument))
         elif argument in BENCHMARKS or argument in COUNTED:
@@ -45,8 +51,20 @@ def main(arguments: list[str]) -> int:
     for name, count in asked or [(name, None) for name in (*BENCHMARKS, *COUNTED)]:
         tables = BENCHMARKS[name]() if name in BENCHMARKS else COUNTED[name](count)
         for table in tables if isinstance(tables, list) else [tables]:
-            console.print(table)
+            _print(console, table, markdown=markdown)
     return 0
+
+
+def _print(console: Console, table: Table, *, markdown: bool) -> None:
+    if not markdown:
+        console.print(table)
+        return
+    title, caption, table.title, table.caption, table.box = table.title, table.caption, None, None, box.MARKDOWN
+    for row in table.rows:
+        row.end_section = False  # a line between sections would end the table
+    console.print(f"**{title}**", soft_wrap=True)
+    console.print(table)
+    console.print(f"{caption or ''}\n", soft_wrap=True)
 
 
 if __name__ == "__main__":

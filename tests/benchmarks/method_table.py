@@ -25,9 +25,9 @@ SYMBOLS: Final = ("m", "k", "F_v", "F_c", "F_s")
 BOUND: Final = "bound"
 
 METHODS: Final[dict[str, Callable[[], Estimator]]] = {
-    **{f"method 1\n{form}": partial(RegressionEstimator, form=form) for form in Form},
-    **{f"method 2\n{form}": partial(GarciaEstimator, form=form) for form in Form},
-    **{name.replace("_", "\n"): make for name, make in ESTIMATORS.items() if name not in ("regression", "garcia")},
+    **{f"method 1 {form}": partial(RegressionEstimator, form=form) for form in Form},
+    **{f"method 2 {form}": partial(GarciaEstimator, form=form) for form in Form},
+    **{name.replace("_", " "): make for name, make in ESTIMATORS.items() if name not in ("regression", "garcia")},
 }
 
 
