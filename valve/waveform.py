@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +13,13 @@ import numpy.typing as npt
 from valve.errors import WaveformError
 
 FloatArray = npt.NDArray[np.float64]
+
+# Golden section: multiples of it, taken modulo 1, fill an interval evenly and never repeat.
+_GOLDEN: Final = (math.sqrt(5.0) - 1.0) / 2.0
+# tests/benchmarks/sequences.py: 0.05 to 0.3 do about equally, 0 loses a factor of 3 to samples that fall alike.
+_PERIOD_SPREAD: Final = 0.3
+_LEAST_RATIO: Final = 1.5  # of the slowest period to the fastest
+_LEAST_RATIO_BETWEEN: Final = 4.0  # from where a rate between them is worth its time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,6 +146,39 @@ def multi_rate_triangle(
     if rest_s > 0.0:
         legs.append((rest_s, legs[-1][1]))
     return _joined(name, legs)
+
+
+def multi_rate_periods(fastest_s: float, slowest_s: float = 20.0, duration_s: float = 60.0) -> tuple[float, ...]:
+    """Periods for ``multi_rate_triangle`` within ``duration_s``: one slow, one between, then fast ones to the end.
+
+    The slow one serves the signature and dead band, the fast ones mass, viscous friction and limit velocity. No two
+    fast ones are alike (1 to 1.3 times ``fastest_s``), so that no sample period falls alike on all of them; the one
+    between is left out where it would be hardly another rate. Raises WaveformError where the rates would not differ
+    by a half, or fewer than two fast ones fit.
+    """
+    name = "multi_rate_triangle"
+    for subject, value in (("the fastest period", fastest_s), ("the slowest", slowest_s), ("the duration", duration_s)):
+        _require_positive(name, f"{subject} in s", value)
+    if fastest_s * _LEAST_RATIO > slowest_s:
+        raise WaveformError(
+            f"waveform {name}: its fastest period is {fastest_s:.4g} s and its slowest {slowest_s:g} s, hardly "
+            "another rate: allow a higher rate, or choose sequence triangle"
+        )
+    periods_s = [slowest_s]
+    if fastest_s * _LEAST_RATIO_BETWEEN <= slowest_s:
+        periods_s.append(math.sqrt(slowest_s * fastest_s))
+    slow_ones, left_s = len(periods_s), duration_s - sum(periods_s)
+    number = 1
+    while (period_s := fastest_s * (1.0 + _PERIOD_SPREAD * (number * _GOLDEN % 1.0))) <= left_s:
+        periods_s.append(period_s)
+        left_s -= period_s
+        number += 1
+    if len(periods_s) < slow_ones + 2:
+        raise WaveformError(
+            f"waveform {name}: beside a period of {slowest_s:g} s fewer than two of {fastest_s:.4g} s fit into "
+            f"{duration_s:g} s: allow more time, or choose sequence triangle"
+        )
+    return tuple(periods_s)
 
 
 def sine(period_s: float, cycles: float, low_pa: float, high_pa: float, *, corners_per_period: int = 2000) -> Waveform:

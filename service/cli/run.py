@@ -26,8 +26,13 @@ _TIMEOUT: Final = httpx.Timeout(10.0, read=30.0)  # the stream says that it live
 def run(
     tag: Annotated[str, typer.Argument(metavar="TAG", help="The valve's tag, as plant.toml has it.")],
     sequence: Annotated[
-        str, typer.Option(metavar="NAME", help="How it moves: triangle, multi_rate, sine, steps or dwell.")
-    ] = "triangle",
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="How it moves: multi_rate, triangle, sine, steps or dwell. By default multi_rate, or triangle where "
+            "the valve's limits do not allow it.",
+        ),
+    ] = None,
     url: Annotated[
         str, typer.Option(metavar="URL", envvar="BREAKAWAY_URL", help="Address of the service.")
     ] = "http://127.0.0.1:8321",
@@ -75,8 +80,9 @@ def _asked(client: httpx.Client, method: str, path: str, body: dict[str, Any] | 
     return content
 
 
-def _start(client: httpx.Client, tag: str, sequence: str) -> str:
-    test = _asked(client, "POST", "/tests/run", {"valve": tag, "sequence": sequence})
+def _start(client: httpx.Client, tag: str, sequence: str | None) -> str:
+    wanted = {} if sequence is None else {"sequence": sequence}
+    test = _asked(client, "POST", "/tests/run", {"valve": tag, **wanted})
     return f"/tests/{quote(test['id'], safe='')}"
 
 

@@ -7,21 +7,36 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, Final
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.addresses import MotionLimits
-from valve.errors import RequestError
+from valve.errors import RequestError, WaveformError
 from valve.nameplate import Nameplate
-from valve.waveform import Waveform, dwell, multi_rate_triangle, sine, steps, triangle
+from valve.waveform import Waveform, dwell, multi_rate_periods, multi_rate_triangle, sine, steps, triangle
 
-DEFAULT_SEQUENCE: Final = "triangle"
+# What a test runs that names no sequence, and what it runs where a valve's limits do not allow that.
+DEFAULT_SEQUENCE: Final = "multi_rate"
+FALLBACK_SEQUENCE: Final = "triangle"
+# A ramp of 1 s: still several lags of an I/P on a valve that closes within some seconds (0.1 to 0.3 s).
+_FASTEST_PERIOD_S: Final = 2.0
 _SINE_CORNERS: Final = 1000  # fits the corner table of the reference map (1024), whatever the number of cycles
 
 Period = Annotated[float, Field(gt=0.0, le=3600.0)]
 Pressure = Annotated[float, Field(ge=-1.0e7, le=1.0e7)]
 Span = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Room:
+    """What a sequence may use: pressures, Pa, up to which rate, Pa/s, and how long, s."""
+
+    low_pa: float
+    high_pa: float
+    rate_pa_per_s: float
+    longest_s: float
 
 
 class Sequence(BaseModel):
@@ -32,8 +47,8 @@ class Sequence(BaseModel):
     high_pa: Pressure | None = None
 
     @abstractmethod
-    def waveform(self, low_pa: float, high_pa: float) -> Waveform:
-        """Return the waveform between these pressures. Raises WaveformError."""
+    def waveform(self, room: Room) -> Waveform:
+        """Return the waveform in this room. Raises WaveformError."""
 
 
 class Triangle(Sequence):
@@ -42,19 +57,31 @@ class Triangle(Sequence):
     period_s: Period = 20.0
     cycles: Annotated[int, Field(ge=1, le=1000)] = 3
 
-    def waveform(self, low_pa: float, high_pa: float) -> Waveform:
+    def waveform(self, room: Room) -> Waveform:
         """Return the triangular wave."""
-        return triangle(self.period_s, self.cycles, low_pa, high_pa)
+        return triangle(self.period_s, self.cycles, room.low_pa, room.high_pa)
 
 
 class MultiRate(Sequence):
-    """Triangles at several rates, slow ones first: they tell friction that depends on speed."""
+    """One slow triangle, then fast ones at many rates: the most that a minute can tell of a valve.
 
-    periods_s: Annotated[list[Period], Field(min_length=1, max_length=100)] = [40.0, 20.0, 10.0]
+    ``periods_s`` says them all. Otherwise the fastest is 2 s, or as slow as the limit of the pressure's rate asks;
+    name ``fastest_period_s`` where the I/P is slower than that. They fill ``duration_s``, within longest_test_s.
+    """
 
-    def waveform(self, low_pa: float, high_pa: float) -> Waveform:
+    periods_s: Annotated[list[Period], Field(min_length=1, max_length=100)] | None = None
+    fastest_period_s: Period | None = None
+    duration_s: Annotated[float, Field(ge=10.0, le=3600.0)] = 60.0
+
+    def waveform(self, room: Room) -> Waveform:
         """Return the triangles, one a period."""
-        return multi_rate_triangle(self.periods_s, low_pa, high_pa)
+        return multi_rate_triangle(self.periods_s or self._periods_s(room), room.low_pa, room.high_pa)
+
+    def _periods_s(self, room: Room) -> tuple[float, ...]:
+        # 1e-6 longer, so that rounding does not make it too fast
+        allowed_s = 2.0 * (room.high_pa - room.low_pa) / room.rate_pa_per_s * (1.0 + 1.0e-6)
+        fastest_s = max(_FASTEST_PERIOD_S, allowed_s) if self.fastest_period_s is None else self.fastest_period_s
+        return multi_rate_periods(fastest_s, duration_s=min(self.duration_s, room.longest_s))
 
 
 class Sine(Sequence):
@@ -63,11 +90,10 @@ class Sine(Sequence):
     period_s: Period = 20.0
     cycles: Annotated[float, Field(ge=0.25, le=50.0)] = 3.0
 
-    def waveform(self, low_pa: float, high_pa: float) -> Waveform:
+    def waveform(self, room: Room) -> Waveform:
         """Return the sine as straight lines."""
-        return sine(
-            self.period_s, self.cycles, low_pa, high_pa, corners_per_period=2 * int(_SINE_CORNERS / self.cycles / 2.0)
-        )
+        corners = 2 * int(_SINE_CORNERS / self.cycles / 2.0)
+        return sine(self.period_s, self.cycles, room.low_pa, room.high_pa, corners_per_period=corners)
 
 
 class Steps(Sequence):
@@ -86,9 +112,10 @@ class Steps(Sequence):
     ]
     hold_s: Period = 5.0
 
-    def waveform(self, low_pa: float, high_pa: float) -> Waveform:
+    def waveform(self, room: Room) -> Waveform:
         """Return the staircase."""
-        return steps([low_pa + (high_pa - low_pa) * level / 100.0 for level in self.levels_percent], self.hold_s)
+        span_pa = room.high_pa - room.low_pa
+        return steps([room.low_pa + span_pa * level / 100.0 for level in self.levels_percent], self.hold_s)
 
 
 class Dwell(Sequence):
@@ -97,9 +124,9 @@ class Dwell(Sequence):
     period_s: Period = 20.0
     dwells_s: Annotated[list[Period], Field(min_length=1, max_length=50)] = [1.0, 3.0, 10.0]
 
-    def waveform(self, low_pa: float, high_pa: float) -> Waveform:
+    def waveform(self, room: Room) -> Waveform:
         """Return the triangles with their rests."""
-        return dwell(self.period_s, low_pa, high_pa, self.dwells_s)
+        return dwell(self.period_s, room.low_pa, room.high_pa, self.dwells_s)
 
 
 SEQUENCES: Final[dict[str, type[Sequence]]] = {
@@ -109,6 +136,47 @@ SEQUENCES: Final[dict[str, type[Sequence]]] = {
     "steps": Steps,
     "dwell": Dwell,
 }
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """The sequence that a test runs, its waveform, and why it is not the usual one ("" where it is)."""
+
+    name: str
+    waveform: Waveform
+    reason: str = ""
+
+
+def choose_waveform(
+    name: str | None, overrides: Mapping[str, Any], nameplate: Nameplate, limits: MotionLimits
+) -> Choice:
+    """Return the sequence ``name`` for this valve; without a name the usual one, where the limits allow it.
+
+    Overrides without a name choose the triangle where only that knows them (``cycles``, ``period_s``).
+    Raises RequestError and WaveformError as ``build_waveform``.
+    """
+    if name is not None:
+        return Choice(name, build_waveform(name, overrides, nameplate, limits))
+    foreign = sorted(set(overrides) - set(SEQUENCES[DEFAULT_SEQUENCE].model_fields))
+    if foreign and set(overrides) <= set(SEQUENCES[FALLBACK_SEQUENCE].model_fields):
+        waveform = build_waveform(FALLBACK_SEQUENCE, overrides, nameplate, limits)
+        return Choice(FALLBACK_SEQUENCE, waveform, f"{foreign[0]} belongs to sequence {FALLBACK_SEQUENCE}")
+    try:
+        return Choice(DEFAULT_SEQUENCE, build_waveform(DEFAULT_SEQUENCE, overrides, nameplate, limits))
+    except WaveformError as error:
+        if overrides:
+            raise
+        waveform = build_waveform(FALLBACK_SEQUENCE, {}, nameplate, limits)
+        return Choice(FALLBACK_SEQUENCE, waveform, f"the valve's limits do not allow {DEFAULT_SEQUENCE}: {error}")
+
+
+def default_of(nameplate: Nameplate, limits: MotionLimits) -> tuple[str | None, str]:
+    """Return the sequence of a test that names none, or None, and why it is not the usual one."""
+    try:
+        choice = choose_waveform(None, {}, nameplate, limits)
+    except WaveformError as error:
+        return None, str(error)
+    return choice.name, choice.reason
 
 
 def build_waveform(name: str, overrides: Mapping[str, Any], nameplate: Nameplate, limits: MotionLimits) -> Waveform:
@@ -130,7 +198,10 @@ def build_waveform(name: str, overrides: Mapping[str, Any], nameplate: Nameplate
     low_pa, high_pa = limits.pressure_pa
     if nameplate.signal is not None:
         low_pa, high_pa = max(low_pa, nameplate.signal.range_pa[0]), min(high_pa, nameplate.signal.range_pa[1])
-    return sequence.waveform(
+    room = Room(
         low_pa if sequence.low_pa is None else sequence.low_pa,
         high_pa if sequence.high_pa is None else sequence.high_pa,
+        limits.pressure_rate_pa_per_s,
+        limits.longest_test_s,
     )
+    return sequence.waveform(room)

@@ -24,7 +24,7 @@ from service.runs.recovery import (
 )
 from service.runs.rig import Order, Rig
 from service.runs.run import Run, checked_run_id, new_run_id
-from service.runs.sequences import build_waveform
+from service.runs.sequences import choose_waveform
 from service.settings import Plant, PlantValve
 from service.store.store import Store
 from valve.errors import BusyError, NotFoundError, RequestError
@@ -62,19 +62,21 @@ class Runs:
         return self._owners.holder(tag)
 
     async def start(
-        self, tag: str, sequence: str, overrides: Mapping[str, Any], idempotency_key: str | None = None
+        self, tag: str, sequence: str | None, overrides: Mapping[str, Any], idempotency_key: str | None = None
     ) -> Run:
         """Start a test; its intent is on disk when this returns. A known key returns the run that it asked for first.
+
+        Without a sequence the usual one is run, or the one that the valve's limits allow.
 
         Raises NotFoundError, BusyError, WaveformError and RequestError; then nothing was stored and nothing moves.
         """
         valve = self.valve(tag)
-        waveform = build_waveform(sequence, overrides, valve.nameplate, valve.wiring.limits)
-        self._rig.check(valve, waveform)
+        choice = choose_waveform(sequence, overrides, valve.nameplate, valve.wiring.limits)
+        self._rig.check(valve, choice.waveform)
         wanted = Run(
             id=new_run_id(),
             valve=tag,
-            sequence=sequence,
+            sequence=choice.name,
             overrides=dict(overrides),
             idempotency_key=idempotency_key,
             software=self._software,
@@ -92,9 +94,10 @@ class Runs:
                 self._owners.release(claim)
                 raise
             live = self._remember(stored)
-            order = Order(valve, waveform, sequence, stored.number)
+            order = Order(valve, choice.waveform, choice.name, stored.number)
             self._spawn(Life(live, order, claim, self._store, self._owners).run(self._rig, self._analyst))
-        _LOG.info("test accepted", test=stored.id, valve=tag, sequence=sequence, run_number=stored.number)
+        because = {"because": choice.reason} if choice.reason else {}
+        _LOG.info("test accepted", test=stored.id, valve=tag, sequence=choice.name, run_number=stored.number, **because)
         return live.run
 
     async def _asked_before(self, wanted: Run) -> Run | None:

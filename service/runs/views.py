@@ -8,7 +8,6 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from service.runs.run import Run, RunState
-from service.runs.sequences import DEFAULT_SEQUENCE
 
 
 class RunRequest(BaseModel):
@@ -16,7 +15,12 @@ class RunRequest(BaseModel):
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
     valve: str = Field(min_length=1, max_length=64, examples=["FV-101"])
-    sequence: str = Field(default=DEFAULT_SEQUENCE, min_length=1, max_length=64)
+    sequence: str | None = Field(
+        default=None,
+        min_length=1,
+        max_length=64,
+        description="how the valve moves; by default multi_rate, or triangle where the valve's limits do not allow it",
+    )
     overrides: dict[str, JsonValue] = Field(default_factory=dict, examples=[{"cycles": 2, "period_s": 20}])
 
 

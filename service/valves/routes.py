@@ -13,7 +13,7 @@ from pydantic import BaseModel, Field
 from service.parts import Parts, parts_of
 from service.problems import PROBLEMS
 from service.runs.run import Run, RunState
-from service.runs.sequences import SEQUENCES
+from service.runs.sequences import SEQUENCES, default_of
 from service.runs.views import RunSummary, RunView, summary, view
 
 router = APIRouter(prefix="/valves", tags=["valves"], responses=PROBLEMS)
@@ -39,6 +39,8 @@ class ValveView(ValveSummary):
     limits: dict[str, Any]
     safe_value_pa: float | str
     sequences: list[str]
+    default_sequence: str | None = Field(description="what a test runs that names none; null where none is possible")
+    default_sequence_reason: str = Field(description="why it is not the usual one; empty where it is")
     last_result: RunView | None = Field(description="the last completed test")
 
 
@@ -86,11 +88,14 @@ async def get_valve(tag: str, parts: PartsOf) -> ValveView:
     valve = parts.runs.valve(tag)
     last, completed = await _latest(parts)
     result = completed.get(tag)
+    default, reason = default_of(valve.nameplate, valve.wiring.limits)
     return ValveView(
         **_summary(parts, tag, last.get(tag), result),
         nameplate=asdict(valve.nameplate),
         limits=asdict(valve.wiring.limits),
         safe_value_pa=valve.wiring.safe_value_pa,
         sequences=list(SEQUENCES),
+        default_sequence=default,
+        default_sequence_reason=reason,
         last_result=None if result is None else view(result),
     )

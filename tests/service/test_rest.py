@@ -71,6 +71,18 @@ async def test_a_test_is_accepted_run_analysed_and_listed(client: httpx.AsyncCli
     assert page["next"] is None
 
 
+@pytest.mark.parametrize(
+    ("wanted", "sequence"), [({}, "multi_rate"), ({"overrides": {"cycles": 2, "period_s": 20}}, "triangle")]
+)
+async def test_without_a_sequence_the_usual_one_is_run(
+    client: httpx.AsyncClient, rig: FakeRig, wanted: dict[str, Any], sequence: str
+) -> None:
+    answer = await client.post("/tests/run", json={"valve": "FV-101", **wanted})
+    assert answer.json()["sequence"] == sequence
+    await finished(client, answer.headers["location"])
+    assert rig.orders[0].sequence == sequence
+
+
 async def test_prefer_wait_answers_200_with_the_completed_test(client: httpx.AsyncClient) -> None:
     answer = await client.post("/tests/run", json=RUN, headers={"Prefer": "wait=10"})
     assert answer.status_code == 200
@@ -299,6 +311,7 @@ async def test_valves_show_their_last_result(client: httpx.AsyncClient, rig: Fak
     assert one["last_result"]["analysis"] == run["analysis"]
     assert one["nameplate"]["actuator"]["travel_m"] == 0.1016
     assert "triangle" in one["sequences"]
+    assert (one["default_sequence"], one["default_sequence_reason"]) == ("multi_rate", "")
     rig.duration_s = LONG_S
     busy = (await client.post("/tests/run", json=RUN)).json()
     assert (await client.get("/valves/FV-101")).json()["busy_with"] == busy["id"]

@@ -15,7 +15,7 @@ from service.runs.life import Life
 from service.runs.live import LiveRun
 from service.runs.rig import Order
 from service.runs.run import RunState
-from service.runs.sequences import SEQUENCES, build_waveform
+from service.runs.sequences import SEQUENCES, build_waveform, choose_waveform, default_of
 from service.settings import load_plant
 from service.store.store import Store
 from tests.service.fake_rig import FakeAnalyst, FakeRig
@@ -35,10 +35,56 @@ def test_every_sequence_stays_between_signal_and_limits_by_default(name: str) ->
     assert build_waveform(name, {"low_pa": 2e4, "high_pa": 3e4}, PLATE, LIMITS).range_pa == pytest.approx((2e4, 3e4))
 
 
-def test_the_default_sequence_is_the_papers() -> None:
+def test_the_triangle_is_the_papers() -> None:
     waveform = build_waveform("triangle", {}, PLATE, LIMITS)
     assert waveform.duration_s == 60.0
     assert build_waveform("triangle", {"period_s": 10, "cycles": 1}, PLATE, LIMITS).duration_s == 10.0
+
+
+@pytest.mark.parametrize("rate_pa_per_s", [15_000.0, 30_000.0, 1.0e6])
+def test_the_usual_sequence_takes_a_minute_and_is_as_fast_as_the_limit_allows(rate_pa_per_s: float) -> None:
+    choice = choose_waveform(None, {}, PLATE, MotionLimits((0.0, 80_000.0), rate_pa_per_s, 300.0))
+    assert (choice.name, choice.reason) == ("multi_rate", "")
+    assert 40.0 < choice.waveform.duration_s <= 60.0
+    fastest = min(rate_pa_per_s, 70_000.0 / 1.0)
+    assert 0.9 * fastest < choice.waveform.fastest_rate_pa_per_s <= fastest
+    # the paper's rate is among them
+    assert choice.waveform.time_s[1] == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize(
+    ("limits", "reason"),
+    [
+        (MotionLimits((0.0, 80_000.0), 8_000.0, 300.0), "hardly another rate"),
+        (MotionLimits((0.0, 80_000.0), 20_000.0, 25.0), "allow more time"),
+    ],
+)
+def test_a_valve_whose_limits_do_not_allow_the_usual_sequence_gets_the_triangle(
+    limits: MotionLimits, reason: str
+) -> None:
+    choice = choose_waveform(None, {}, PLATE, limits)
+    assert choice.name == "triangle"
+    assert reason in choice.reason
+    assert default_of(PLATE, limits) == ("triangle", choice.reason)
+
+
+def test_overrides_of_the_triangle_choose_it() -> None:
+    choice = choose_waveform(None, {"cycles": 2, "period_s": 20}, PLATE, LIMITS)
+    assert (choice.name, choice.waveform.duration_s) == ("triangle", 40.0)
+    assert choose_waveform(None, {"low_pa": 2.0e4}, PLATE, LIMITS).name == "multi_rate"
+    with pytest.raises(RequestError, match="periods"):
+        choose_waveform(None, {"cycles": 2, "hold_s": 20}, PLATE, LIMITS)
+
+
+def test_a_named_sequence_is_never_exchanged() -> None:
+    with pytest.raises(WaveformError, match="hardly another rate"):
+        choose_waveform("multi_rate", {}, PLATE, MotionLimits((0.0, 80_000.0), 8_000.0, 300.0))
+
+
+def test_a_slow_transducer_can_be_told() -> None:
+    waveform = build_waveform("multi_rate", {"fastest_period_s": 8, "duration_s": 100}, PLATE, LIMITS)
+    assert waveform.fastest_rate_pa_per_s == pytest.approx(70_000.0 / 4.0, rel=0.1)
+    assert 85.0 < waveform.duration_s <= 100.0
 
 
 @pytest.mark.parametrize(

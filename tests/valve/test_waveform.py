@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from valve.errors import WaveformError
-from valve.waveform import Waveform, dwell, multi_rate_triangle, sine, steps, triangle
+from valve.waveform import Waveform, dwell, multi_rate_periods, multi_rate_triangle, sine, steps, triangle
 
 pressures = st.floats(-1.0e6, 1.0e6)
 
@@ -118,6 +118,27 @@ def test_a_multi_rate_triangle_takes_each_period_in_turn() -> None:
     # back to rest at the last period's slope of 100 Pa/s
     assert np.diff(waveform.time_s) == pytest.approx([1.0, 10.0, 10.0, 1.0, 1.0, 0.1])
     assert waveform.fastest_rate_pa_per_s == pytest.approx(100.0)
+
+
+@pytest.mark.parametrize("fastest_s", [2.0, 4.2, 8.0, 12.0])
+def test_multi_rate_periods_fill_the_time_and_none_is_another_again(fastest_s: float) -> None:
+    periods_s = multi_rate_periods(fastest_s)
+    assert periods_s[0] == 20.0
+    assert 60.0 - 1.3 * fastest_s < sum(periods_s) <= 60.0
+    fast = np.sort(periods_s[1 if fastest_s > 5.0 else 2 :])
+    assert fast.size >= 2
+    assert fastest_s <= fast[0]
+    assert fast[-1] <= 1.3 * fastest_s
+    assert np.diff(fast).min() > 1.0e-3 * fastest_s
+
+
+@pytest.mark.parametrize(
+    ("fastest_s", "duration_s", "words"),
+    [(15.0, 60.0, "hardly another rate"), (4.0, 30.0, "allow more time"), (0.0, 60.0, "above 0"), (2.0, math.inf, "0")],
+)
+def test_rates_that_cannot_be_had_are_refused(fastest_s: float, duration_s: float, words: str) -> None:
+    with pytest.raises(WaveformError, match=words):
+        multi_rate_periods(fastest_s, duration_s=duration_s)
 
 
 def test_a_sine_keeps_to_the_sine_between_its_corners() -> None:
