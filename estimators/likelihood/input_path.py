@@ -8,6 +8,7 @@ from typing import Protocol
 from estimators.base import Outcome
 from estimators.likelihood.nuisance import Nuisance
 from estimators.likelihood.pressure_lines import MeasuredPath, measured_path
+from estimators.likelihood.transducer_path import TransducerPath, transducer_path
 from estimators.samples import FloatArray
 from valve.errors import RecordingError
 from valve.nameplate import Nameplate
@@ -37,12 +38,17 @@ class InputPath(Protocol):
 
 
 def input_path(recording: Recording, nameplate: Nameplate) -> InputPath | Outcome:
-    """Return the actuator force of a recording, or the outcome that says why there is none."""
+    """Return the actuator force of a recording, or the outcome that says why there is none.
+
+    A measured force or pressure, ``MeasuredPath``; without either the command through an I/P, ``TransducerPath``.
+    """
     try:
         force_n = recording.actuator_force_n(nameplate)
     except RecordingError:
         return Outcome.NO_DIAPHRAGM_AREA
+    if recording.force_n is None and recording.pressure_pa is None:
+        return transducer_path(recording, nameplate, force_n)
     return measured_path(recording, force_n)
 
 
-__all__ = ["InputPath", "MeasuredPath", "Nuisance", "input_path"]
+__all__ = ["InputPath", "MeasuredPath", "Nuisance", "TransducerPath", "input_path"]

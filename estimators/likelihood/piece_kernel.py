@@ -86,7 +86,10 @@ def _joined_factor(
 
 
 def _best_degree(factor: FloatArray, rows: int, weight: float, price: float) -> tuple[float, int]:
-    """Return the least of squares left, times ``weight``, plus ``price`` a coefficient; and the degree for it."""
+    """Return the least of squares left, times ``weight``, plus ``price`` a coefficient; and the degree for it.
+
+    A curve costs 2 more: three lines, not a cubic and a line, where the two do as well.
+    """
     best, degree = np.inf, 1
     for tried in range(1, 4):
         if tried > 1 and rows < tried + 2:
@@ -94,7 +97,7 @@ def _best_degree(factor: FloatArray, rows: int, weight: float, price: float) -> 
         left = 0.0
         for i in range(tried + 1, COLUMNS):
             left += factor[i, 4] * factor[i, 4]
-        cost = weight * left + price * (tried + 1)
+        cost = weight * left + price * (tried + 1 + (2 if tried > 1 else 0))
         if cost < best:
             best, degree = cost, tried
     return best, degree

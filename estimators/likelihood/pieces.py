@@ -206,41 +206,77 @@ def _moved(time_s: FloatArray, edges: IntArray, apart: _Apart) -> IntArray:
 
 def _smoothed(time_s: FloatArray, value: FloatArray, noise: float, edges: IntArray, apart: _Apart) -> Pieces:
     """Fit each run of pieces that pass smoothly into each other as one, and gather all directions."""
-    centre_s, half_s, coefficient = apart.centre_s, apart.half_s, apart.coefficient
-    degree, roots, joint, joint_s = apart.degree, apart.roots, apart.joint, apart.joint_s
-    count = degree.size
-    directions: list[FloatArray] = []
-    first = 0
-    while first < count:
-        last = first
-        while last < count - 1 and joint[last] == Joint.SMOOTH:
-            last += 1
-        if last == first:
-            own = np.zeros((roots[first].shape[0], count, 4))
-            own[:, first] = roots[first]
-        else:
-            rows = slice(int(edges[first]), int(edges[last + 1]))
-            nodes_s = np.concatenate([time_s[[rows.start]], joint_s[first:last], time_s[[rows.stop - 1]]])
-            span, span_root = smooth_span(time_s[rows], value[rows], nodes_s, degree[first : last + 1], noise)
-            centre_s[first : last + 1] = 0.5 * (nodes_s[1:] + nodes_s[:-1])
-            half_s[first : last + 1] = 0.5 * np.diff(nodes_s)
-            coefficient[first : last + 1] = span
-            own = np.zeros((span_root.shape[0], count, 4))
-            own[:, first : last + 1] = span_root
-        directions.append(own)
-        first = last + 1
+    smooth = apart.joint == Joint.SMOOTH
+    firsts = np.flatnonzero(np.concatenate([[True], ~smooth]))
+    lasts = np.flatnonzero(np.concatenate([~smooth, [True]]))
+    spans = [
+        _span(time_s, value, noise, edges, apart, first=int(i), last=int(j)) for i, j in zip(firsts, lasts, strict=True)
+    ]
+    counts = [span.degree.size for span in spans]
+    offsets = np.concatenate([[0], np.cumsum(counts)])
+    total = int(offsets[-1])
+    root = np.zeros((sum(span.root.shape[0] for span in spans), total, 4))
+    joint = np.full(total - 1, int(Joint.SMOOTH))
+    joint_s, reach_s = np.zeros(total - 1), np.zeros(total - 1)
+    direction = 0
+    for number, span in enumerate(spans):
+        begin, end = int(offsets[number]), int(offsets[number + 1])
+        root[direction : direction + span.root.shape[0], begin:end] = span.root
+        direction += span.root.shape[0]
+        joint_s[begin : end - 1] = span.inner_s
+        if number < len(spans) - 1:
+            met = int(lasts[number])
+            joint[end - 1], joint_s[end - 1], reach_s[end - 1] = (
+                apart.joint[met],
+                apart.joint_s[met],
+                apart.reach_s[met],
+            )
     pieces = Pieces(
         float(time_s[0]),
         float(time_s[-1]),
-        centre_s,
-        half_s,
-        coefficient,
-        degree,
-        np.diff(edges),
+        np.concatenate([span.centre_s for span in spans]),
+        np.concatenate([span.half_s for span in spans]),
+        np.concatenate([span.coefficient for span in spans]),
+        np.concatenate([span.degree for span in spans]),
+        np.concatenate([span.rows for span in spans]),
         joint,
         joint_s,
-        apart.reach_s,
-        np.concatenate(directions),
+        reach_s,
+        root,
     )
-    joint_s[:] = pieces.crossings(coefficient)
+    joint_s[:] = pieces.crossings(pieces.coefficient)
     return pieces
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Span:
+    """Pieces from one corner or step to the next, fitted together; arrays as those of ``Pieces``."""
+
+    centre_s: FloatArray
+    half_s: FloatArray
+    coefficient: FloatArray
+    degree: IntArray
+    rows: IntArray
+    inner_s: FloatArray
+    root: FloatArray
+
+
+def _span(
+    time_s: FloatArray, value: FloatArray, noise: float, edges: IntArray, apart: _Apart, *, first: int, last: int
+) -> _Span:
+    if first == last:
+        own = slice(first, first + 1)
+        rows = np.diff(edges[first : first + 2])
+        root = apart.roots[first][:, None, :]
+        return _Span(
+            apart.centre_s[own], apart.half_s[own], apart.coefficient[own], apart.degree[own], rows, np.empty(0), root
+        )
+    begin, end = int(edges[first]), int(edges[last + 1])
+    node_s = np.concatenate([time_s[[begin]], apart.joint_s[first:last], time_s[[end - 1]]])
+    node_s, degree, coefficient, root = smooth_span(
+        time_s[begin:end], value[begin:end], node_s, apart.degree[first : last + 1], noise
+    )
+    inside = np.searchsorted(time_s[begin:end], node_s[1:-1])
+    rows = np.diff(np.concatenate([[0], inside, [end - begin]]))
+    middle_s, half_s = 0.5 * (node_s[1:] + node_s[:-1]), 0.5 * np.diff(node_s)
+    return _Span(middle_s, half_s, coefficient, degree, rows, node_s[1:-1], root)

@@ -29,6 +29,7 @@ _MOST_CHORDS: Final = 2000
 _ROUNDING: Final = float(np.finfo(np.float64).eps)
 _ROWS_A_STEP: Final = 40  # more steps than one in as many rows are a converter's and not the test's
 _MOST_VARIATIONS: Final = 100
+_NO_CHANGE: Final = 1.2  # times the noise: a channel that scatters so little about its mean stands still
 _DELAY_PERIODS: Final = 5.0
 _DELAY_S: Final = 0.02
 
@@ -107,17 +108,22 @@ class MeasuredPath:
             yield self._joined(changed, float(values[0]))
 
     def _joined(self, parts: list[Corners], delay_s: float) -> Corners:
-        """Put the stretches together, each held half-way into the breaks about it, and delay them."""
-        times: list[FloatArray] = []
-        forces: list[FloatArray] = []
-        for number, (time_s, force_n) in enumerate(parts):
-            lead_s = self.delay.upper + _DELAY_S if number == 0 else 0.5 * float(np.diff(self.breaks_s[number - 1])[0])
-            times += [time_s[:1] - lead_s, time_s]
-            forces += [force_n[:1], force_n]
-            if number < len(parts) - 1:
-                times.append(np.array([0.5 * float(self.breaks_s[number].sum())]))
-                forces.append(force_n[-1:])
-        return np.concatenate(times) + delay_s, np.concatenate(forces)
+        time_s, force_n = held_together(parts, self.breaks_s, self.delay.upper + _DELAY_S)
+        return time_s + delay_s, force_n
+
+
+def held_together(parts: list[Corners], breaks_s: FloatArray, lead_s: float) -> Corners:
+    """Put stretches one after the other, held for ``lead_s`` before the first and half-way into each break."""
+    times: list[FloatArray] = []
+    forces: list[FloatArray] = []
+    for number, (time_s, force_n) in enumerate(parts):
+        middle_s = time_s[0] - lead_s if number == 0 else 0.5 * float(breaks_s[number - 1].sum())
+        times += [np.array([min(middle_s, float(time_s[0]))]), time_s]
+        forces += [force_n[:1], force_n]
+        if number < len(parts) - 1:
+            times.append(np.array([max(0.5 * float(breaks_s[number].sum()), float(time_s[-1]))]))
+            forces.append(force_n[-1:])
+    return np.concatenate(times), np.concatenate(forces)
 
 
 def measured_path(recording: Recording, force_n: FloatArray) -> MeasuredPath | Outcome:
@@ -129,30 +135,47 @@ def measured_path(recording: Recording, force_n: FloatArray) -> MeasuredPath | O
     0.5 s (and 25 rows) are missing about a corner, or where time jumps by 5 periods without a row (as between two
     recordings that were put together) there is a break.
     """
+    found = find_stretches(recording, force_n, _ROWS_A_STEP)
+    if isinstance(found, Outcome):
+        return found
+    stretches, breaks_s, noise_n = found
+    period_s = recording.sample_period_s
+    most_s = max(_DELAY_PERIODS * period_s, _DELAY_S)
+    delay = Nuisance("delay_s", 0.0, 0.1 * period_s, -most_s, most_s, delay_prior_s(recording))
+    return MeasuredPath(stretches, delay, noise_n, breaks_s)
+
+
+def find_stretches(
+    recording: Recording, force_n: FloatArray, rows_a_step: int
+) -> tuple[tuple[Stretch, ...], FloatArray, float] | Outcome:
+    """Stretches of this channel, shape (n,), NaN where it is missing; the breaks between; and its noise.
+
+    ``rows_a_step``: more steps than one in as many rows are taken for a converter's.
+    """
     rows = np.flatnonzero(np.isfinite(force_n))
     if rows.size < _FEWEST_ROWS:
         return Outcome.TOO_FEW_SAMPLES
     time_s, value = recording.time_s[rows], force_n[rows]
     period_s = recording.sample_period_s
-    row_step_s = np.diff(recording.time_s)
-    jumps = np.flatnonzero(row_step_s > _LONGEST_JUMP_PERIODS * period_s)
+    jumps = np.flatnonzero(np.diff(recording.time_s) > _LONGEST_JUMP_PERIODS * period_s)
     gap = np.diff(rows) > 1
     run_first = np.maximum.accumulate(np.where(np.concatenate([[True], gap]), np.arange(rows.size), 0))
-    noise_n = position_noise(time_s, value, run_first)
-    span_n = float(np.ptp(value))
-    if span_n <= 6.0 * noise_n:
-        return Outcome.NO_FORCE_CHANGE
     cuts = np.unique(np.searchsorted(rows, jumps, side="right"))
     edges = [0, *(int(cut) for cut in cuts if 0 < cut < rows.size), int(rows.size)]
+    known = [_exact(time_s[i:j], value[i:j], float(np.ptp(value)), rows_a_step) for i, j in pairwise(edges)]
+    noise_n = 0.0 if all(part is not None for part in known) else position_noise(time_s, value, run_first)
+    if float(np.std(value)) <= _NO_CHANGE * noise_n or np.ptp(value) == 0.0:
+        return Outcome.NO_FORCE_CHANGE
+    span_n = float(np.ptp(value))
     stretches = [
         stretch
-        for first, last in pairwise(edges)
-        for stretch in _stretches(time_s[first:last], value[first:last], noise_n, span_n, period_s)
+        for (i, j), part in zip(pairwise(edges), known, strict=True)
+        for stretch in (
+            _fitted_stretches(time_s[i:j], value[i:j], noise_n, span_n, period_s) if part is None else [_known(part)]
+        )
     ]
     breaks_s = np.array([(one.last_s, two.first_s) for one, two in pairwise(stretches)]).reshape(-1, 2)
-    lead_s = max(_DELAY_PERIODS * period_s, _DELAY_S)
-    delay = Nuisance("delay_s", 0.0, 0.1 * period_s, -lead_s, lead_s, delay_prior_s(recording))
-    return MeasuredPath(tuple(stretches), delay, noise_n, breaks_s)
+    return tuple(stretches), breaks_s, noise_n
 
 
 def delay_prior_s(recording: Recording) -> float:
@@ -171,24 +194,28 @@ def delay_prior_s(recording: Recording) -> float:
     return period_s if exchange_s is None else max(0.5 * exchange_s, 1.0e-3 * period_s)
 
 
-def _stretches(time_s: FloatArray, value: FloatArray, noise_n: float, span_n: float, period_s: float) -> list[Stretch]:
-    """Stretches of rows that no jump in time parts."""
-    known = _exact(time_s, value, span_n)
-    if known is not None:
-        nothing = (np.empty(0, np.int64), np.empty(0))
-        return [Stretch(float(time_s[0]), float(time_s[-1]), known, None, *nothing)]
+def _known(corners: Corners) -> Stretch:
+    return Stretch(float(corners[0][0]), float(corners[0][-1]), corners, None, np.empty(0, np.int64), np.empty(0))
+
+
+def _fitted_stretches(
+    time_s: FloatArray, value: FloatArray, noise_n: float, span_n: float, period_s: float
+) -> list[Stretch]:
+    """Stretches of noisy rows, cut where a gap hides how two pieces meet."""
+    if time_s.size < _FEWEST_ROWS:
+        return [_known((time_s, value))]
     noise_n = max(noise_n, _SMOOTH_NOISE * span_n)
     pieces = fit_pieces(time_s, value, noise_n)
     cut = _longest_gap(time_s, pieces, period_s)
     if cut is None:
         return [Stretch(pieces.first_s, pieces.last_s, None, pieces, *_drawn(pieces, noise_n, span_n))]
     return [
-        *_stretches(time_s[:cut], value[:cut], noise_n, span_n, period_s),
-        *_stretches(time_s[cut:], value[cut:], noise_n, span_n, period_s),
+        *_fitted_stretches(time_s[:cut], value[:cut], noise_n, span_n, period_s),
+        *_fitted_stretches(time_s[cut:], value[cut:], noise_n, span_n, period_s),
     ]
 
 
-def _exact(time_s: FloatArray, value: FloatArray, span_n: float) -> Corners | None:
+def _exact(time_s: FloatArray, value: FloatArray, span_n: float, rows_a_step: int) -> Corners | None:
     """Return the corners of a channel that is straight between them to rounding, or None.
 
     Many steps, and rows that lie on no line, are the converter's or noise.
@@ -200,7 +227,7 @@ def _exact(time_s: FloatArray, value: FloatArray, span_n: float) -> Corners | No
         return None
     tolerance = 4.0 * _ROUNDING * float(np.abs(value).max()) + 6.0 * off
     corner_s, corner_n, others = exact_corners(time_s, value, tolerance)
-    return None if others > max(_FEWEST_ROWS, time_s.size // _ROWS_A_STEP) else (corner_s, corner_n)
+    return None if others > max(_FEWEST_ROWS, time_s.size // rows_a_step) else (corner_s, corner_n)
 
 
 def _rounding_noise(time_s: FloatArray, value: FloatArray) -> float:

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numba import njit
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from estimators.samples import FloatArray, IntArray
+from estimators.likelihood.piece_kernel import chunks_of, piece_factor
+from estimators.samples import BoolArray, FloatArray, IntArray
 
 # Weight of a line's or a parabola's own condition, in rows of unit noise a row of the piece.
 _CONDITION: Final = 1.0e6
+# Own choices: noise alone gives 6 +- 4 where 8 coefficients stand against the 2 that a piece has of its own.
+_MISFIT: Final = 14.0
+_CUT_ROUNDS: Final = 8
+_FEWEST_ROWS: Final = 6
 
 
 def _normal(
@@ -62,27 +68,77 @@ normal = njit(cache=True, error_model="numpy")(_normal)
 
 def smooth_span(
     time_s: FloatArray, value: FloatArray, node_s: FloatArray, degree: IntArray, noise: float
-) -> tuple[FloatArray, FloatArray]:
-    """Coefficients, shape (k, 4), of the pieces between the nodes, and their changes (d, k, 4) by one sigma.
+) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
+    """Nodes (k + 1,), degrees (k,) and coefficients (k, 4) of the pieces, and their changes (d, k, 4) by one sigma.
 
-    The piece from one node to the next is c0 + c1 u + c2 u^2 + c3 u^3 with u from -1 to 1; ``node_s`` (k + 1,),
-    ``degree`` (k,). The changes are along the eigen-directions of the covariance of least squares.
+    It begins with these nodes and degrees. A piece whose halves, fitted each for itself, leave less than it does by
+    more than noise explains is cut in two cubics, until none is. The piece from one node to the next is
+    c0 + c1 u + c2 u^2 + c3 u^3 with u from -1 to 1. The changes are along the eigen-directions of the covariance.
     """
     level = float(value.mean())
-    bands, right = normal(time_s, value - level, node_s, degree, _CONDITION)
-    # a node that too few rows see would leave the matrix singular
-    bands[0] *= 1.0 + 1.0e-13
-    factor = cholesky_banded(bands, lower=True)
-    solution = cho_solve_banded((factor, True), right)
-    size = right.size
-    covariance = noise**2 * cho_solve_banded((factor, True), np.eye(size))
+    centred = value - level
+    chunks = chunks_of(time_s, centred)
+    solved = _solved(time_s, centred, node_s, degree)
+    for _ in range(_CUT_ROUNDS):
+        cut = _misfitting(time_s, centred, chunks, node_s, solved.coefficient, noise=noise)
+        if not cut.any():
+            break
+        node_s = np.sort(np.concatenate([node_s, 0.5 * (node_s[:-1] + node_s[1:])[cut]]))
+        degree = np.repeat(np.where(cut, 3, degree), np.where(cut, 2, 1))
+        solved = _solved(time_s, centred, node_s, degree)
+    covariance = noise**2 * cho_solve_banded((solved.factor, True), np.eye(2 * node_s.size))
     variances, directions = np.linalg.eigh(0.5 * (covariance + covariance.T))
     kept = variances > 1.0e-4 * variances[-1]
     changes = (directions[:, kept] * np.sqrt(variances[kept])).T
     unit_s = float(node_s[-1] - node_s[0]) / degree.size
-    coefficient = _powers(solution, node_s, unit_s)
+    coefficient = solved.coefficient.copy()
     coefficient[:, 0] += level
-    return coefficient, np.array([_powers(change, node_s, unit_s) for change in changes])
+    return node_s, degree, coefficient, np.array([_powers(change, node_s, unit_s) for change in changes])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Solved:
+    coefficient: FloatArray
+    factor: FloatArray
+
+
+def _solved(time_s: FloatArray, value: FloatArray, node_s: FloatArray, degree: IntArray) -> _Solved:
+    bands, right = normal(time_s, value, node_s, degree, _CONDITION)
+    # a node that too few rows see would leave the matrix singular
+    bands[0] *= 1.0 + 1.0e-13
+    factor = cholesky_banded(bands, lower=True)
+    unit_s = float(node_s[-1] - node_s[0]) / degree.size
+    return _Solved(_powers(cho_solve_banded((factor, True), right), node_s, unit_s), factor)
+
+
+def _misfitting(
+    time_s: FloatArray,
+    value: FloatArray,
+    chunks: FloatArray,
+    node_s: FloatArray,
+    coefficient: FloatArray,
+    *,
+    noise: float,
+) -> BoolArray:
+    """Which pieces, shape (k,), leave more than their two halves, each a cubic of its own, beyond noise."""
+    count = coefficient.shape[0]
+    misfits = np.zeros(count, dtype=np.bool_)
+    halves_s = np.interp(np.arange(2 * count + 1) / 2.0, np.arange(count + 1), node_s)
+    edges = np.searchsorted(time_s, halves_s)
+    edges[-1] = time_s.size
+    for i in range(count):
+        first, middle, last = (int(edge) for edge in edges[2 * i : 2 * i + 3])
+        if min(middle - first, last - middle) < _FEWEST_ROWS:
+            continue
+        u = (time_s[first:last] - 0.5 * (node_s[i] + node_s[i + 1])) / (0.5 * (node_s[i + 1] - node_s[i]))
+        c = coefficient[i]
+        left = value[first:last] - (c[0] + u * (c[1] + u * (c[2] + u * c[3])))
+        own = sum(
+            float(piece_factor(time_s, value, chunks, begin, end)[4, 4] ** 2)
+            for begin, end in ((first, middle), (middle, last))
+        )
+        misfits[i] = float(left @ left) - own > _MISFIT * noise**2
+    return misfits
 
 
 def _powers(hermite: FloatArray, node_s: FloatArray, unit_s: float) -> FloatArray:
