@@ -11,11 +11,12 @@ import numpy as np
 from rich.table import Table
 
 from estimators.registry import ESTIMATORS, estimate_all
+from tests.benchmarks.efficiency import taken_at_once
 from tests.benchmarks.parallel import each
 from tests.estimators.recordings import VALVES, Recorded, followed
 from valve.parameter_sets import parameter_set
 from valve.parameters import PARAMETER_SYMBOLS, parameters_from_symbols
-from valve.recording import Acquisition, Provenance, Recording
+from valve.recording import Recording
 from valve.waveform import Waveform, multi_rate_triangle, triangle
 
 TESTS: Final = 1000
@@ -61,9 +62,7 @@ def scattered_test(seed: int) -> tuple[Recorded, str, float, float]:
     if period_s > 1.0e-3:
         time_s[1:] += np.clip(rng.normal(0.0, 0.1, time_s.size - 1), -0.4, 0.4) * period_s
     position_m = followed(truth, wave, area_m2, time_s, None) + noise_m * rng.standard_normal(time_s.size)
-    acquisition = Acquisition.POLLED if period_s > 1.0e-3 else Acquisition.CAPTURED
-    provenance = Provenance(acquisition, requested_period_s=period_s)
-    recording = Recording(time_s, position_m, pressure_pa=wave.at(time_s), provenance=provenance)
+    recording = Recording(time_s, position_m, pressure_pa=wave.at(time_s), provenance=taken_at_once(period_s))
     return Recorded(recording, chosen.nameplate, truth), name, noise_m, period_s
 
 

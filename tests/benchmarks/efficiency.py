@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -14,6 +14,7 @@ from tests.benchmarks.bound import IDENTIFIABLE, bound
 from tests.benchmarks.parallel import each
 from tests.estimators.recordings import SYMBOLS, VALVES, Recorded, paper_triangle, recorded
 from valve.parameter_sets import parameter_set
+from valve.recording import Acquisition, Provenance
 from valve.waveform import Waveform, multi_rate_triangle
 
 SEEDS: Final = 200
@@ -62,7 +63,15 @@ def phased(case: Case, period_s: float = 1.0e-3, jitter: float = 0.0) -> Recorde
         np.concatenate([[0.0], phase_s + 0.05 + wave.time_s]),
         np.concatenate([wave.pressure_pa[:1], wave.pressure_pa]),
     )
-    return recorded(case.valve, period_s=period_s, noise_m=case.noise_m, seed=case.seed, waveform=held, jitter=jitter)
+    test = recorded(case.valve, period_s=period_s, noise_m=case.noise_m, seed=case.seed, waveform=held, jitter=jitter)
+    return replace(test, recording=replace(test.recording, provenance=taken_at_once(period_s)))
+
+
+def taken_at_once(period_s: float) -> Provenance:
+    """Both channels in one instant: captured by the device at 1 ms, slower read in one short exchange."""
+    if period_s <= 1.0e-3:
+        return Provenance(Acquisition.CAPTURED, requested_period_s=period_s)
+    return Provenance(Acquisition.POLLED, requested_period_s=period_s, timing_uncertainty_s=1.0e-3 * period_s)
 
 
 def bounds_of(test: Recorded, noise_m: float) -> dict[str, float]:

@@ -33,6 +33,7 @@ UNINFORMATIVE: Final = "immobile"  # the kind of which an estimator must not say
 RANGES_PA: Final = ((0.0, 82737.0), (20.0e3, 100.0e3), (20.7e3, 103.4e3), (40.0e3, 200.0e3), (60.0e3, 300.0e3))
 LEAST_MOVED: Final = 0.02  # of the stroke: less makes a valve immobile
 _MOST_DRAWS: Final = 200
+_CAPTURED_S: Final = 1.0e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,10 +112,9 @@ def _test(seed: int, kind: str, rng: np.random.Generator) -> RandomTest:
     if rng.random() < 0.3:  # a 16-bit sensor, a little wider than the stroke
         step_m = 1.2 * stroke_m / 65535
         position_m, noise_m = np.round(position_m / step_m) * step_m, math.hypot(noise_m, step_m / math.sqrt(12.0))
-    # read one after the other: up to 0.3 periods apart
-    delay_s = float(rng.uniform(-0.3, 0.3)) * period_s if kind in ("multi_rate", "noisy_pressure") else 0.0
+    provenance, delay_s = _provenance(kind, period_s, rng)
     seen_pa = value_at(pressure_s, pressure_pa, time_s - delay_s)
-    recording = _recording(kind, plant, time_s, position_m, seen_pa, period_s=period_s, rng=rng)
+    recording = _recording(kind, plant, time_s, position_m, seen_pa, provenance=provenance, rng=rng)
     return RandomTest(
         seed, kind, recording, plant.nameplate, plant.truth, stops, first, plant.waveform, pressure_s, force_n,
         noise_m, period_s, lag_s, dead_time_s, delay_s,
@@ -212,11 +212,25 @@ def _start(
 def _times(kind: str, duration_s: float, rng: np.random.Generator) -> tuple[float, FloatArray]:
     """Return the period and the times of the samples, s: 1 ms by the device's clock, or polled with jitter."""
     polled = kind == "polled" or (kind != "captured" and rng.random() < 0.4)
-    period_s = float(rng.choice((5.0e-3, 10.0e-3, 20.0e-3, 50.0e-3))) if polled else 1.0e-3
+    period_s = float(rng.choice((5.0e-3, 10.0e-3, 20.0e-3, 50.0e-3))) if polled else _CAPTURED_S
     time_s = np.arange(math.floor(duration_s / period_s) + 1, dtype=np.float64) * period_s
     if polled:
         time_s[1:] += np.clip(rng.normal(0.0, 0.1, time_s.size - 1), -0.4, 0.4) * period_s
     return period_s, time_s
+
+
+def _provenance(kind: str, period_s: float, rng: np.random.Generator) -> tuple[Provenance, float]:
+    """Return how the samples were taken, and how far the pressure was read behind the position, s.
+
+    Captured: both at once. Polled: within the exchange that the recording tells. A file that says nothing: either.
+    """
+    if kind in ("multi_rate", "noisy_pressure") and rng.random() < 0.3:
+        return Provenance(), float(rng.uniform(-0.3, 0.3)) * period_s
+    if period_s == _CAPTURED_S:
+        return Provenance(Acquisition.CAPTURED, requested_period_s=period_s), 0.0
+    uncertainty_s = _log(rng, 0.01, 0.2) * period_s
+    provenance = Provenance(Acquisition.POLLED, requested_period_s=period_s, timing_uncertainty_s=uncertainty_s)
+    return provenance, float(rng.uniform(-uncertainty_s, uncertainty_s)) if kind != "command_only" else 0.0
 
 
 def _recording(
@@ -226,19 +240,17 @@ def _recording(
     position_m: FloatArray,
     pressure_pa: FloatArray,
     *,
-    period_s: float,
+    provenance: Provenance,
     rng: np.random.Generator,
 ) -> Recording:
     """Return what is written down: measured pressure or the command; polled ones with a few gaps."""
-    polled = period_s > 1.0e-3
-    provenance = Provenance(Acquisition.POLLED if polled else Acquisition.CAPTURED, requested_period_s=period_s)
     low_pa, high_pa = plant.waveform.range_pa
     if kind in ("noisy_pressure", "lagged"):
         noise_pa = _log(rng, 2.0e-4, 2.0e-3) * (high_pa - low_pa)
         pressure_pa = pressure_pa + noise_pa * rng.standard_normal(time_s.size)
     channel_pa = plant.waveform.at(time_s) if kind == "command_only" else pressure_pa
     missing = np.zeros(time_s.size, dtype=bool)
-    if polled:
+    if provenance.acquisition is Acquisition.POLLED:
         for first in rng.integers(10, time_s.size - 30, int(rng.integers(0, 5))):
             missing[first : first + int(rng.integers(1, 12))] = True
     gone = missing & bool(rng.random() < 0.5)  # either rows are missing, or they are there and empty
