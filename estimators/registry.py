@@ -7,6 +7,7 @@ from typing import Final
 
 from estimators.base import Estimate, Estimator
 from estimators.garcia import GarciaEstimator
+from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.recorded_motion import MotionEstimator, read_motion
 from estimators.regression import RegressionEstimator
 from valve.errors import NotFoundError
@@ -17,6 +18,7 @@ from valve.recording import Recording
 ESTIMATORS: Final[dict[str, Callable[[], Estimator]]] = {
     "regression": RegressionEstimator,
     "garcia": GarciaEstimator,
+    "maximum_likelihood": MaximumLikelihoodEstimator,
 }
 
 

@@ -1,0 +1,124 @@
+"""How a fit is concluded: values with intervals, what is not known and why, status, message and diagnostics."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import numpy as np
+
+from estimators.base import Estimate, Outcome, ParameterEstimate, Status, absent, in_order, measured, offset_estimate
+from estimators.identifiability import Knowledge
+from estimators.likelihood.intervals import Ramps, inflation, known, natural_values
+from estimators.likelihood.problem import Problem
+from estimators.likelihood.search import Found
+from estimators.recorded_motion import RecordedMotion
+from valve.parameters import PARAMETER_SYMBOLS
+
+_SAME: Final = 0.1  # speeds and rates that differ by less are one
+_HEAVIEST_KG: Final = 100.0
+_HIDDEN_PERIODS: Final = 1.0  # a fast time constant m/F_v below this share of the sampling period hides m
+
+
+def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found) -> Estimate:
+    """Return the estimate: ok where the fit explains the recording and all but DV and a hidden m is known."""
+    model, point = problem.model, found.point
+    residual = model.residuals(point)
+    values = natural_values(model, point)
+    if residual is None:
+        raise RuntimeError("the fitted valve cannot be followed any more")  # it was, in the search
+    factor = inflation(residual, model.weight)
+    knows = known(model, point, ramps_of(motion), noise_factor=factor)
+    rms_m = float(np.sqrt(np.mean(((residual / model.weight)[model.weight > 0.0]) ** 2)))
+    parameters = {symbol: _parameter(symbol, values, knows) for symbol in PARAMETER_SYMBOLS}
+    complete = in_order(parameters)
+    outcomes = _outcomes(motion, complete, values)
+    missing = [symbol for symbol, entry in complete.items() if entry.value is None and symbol != "DV"]
+    sentences = [str(outcome) for outcome in outcomes]
+    explained = found.certificate.is_good or (problem.is_noise_free and rms_m < 1.0e-6 * model.range_m)
+    if not explained:
+        sentences.append(_misfit(rms_m, problem, found))
+    if missing:
+        sentences.append(f"Not given: {', '.join(missing)}.")
+    hidden = {"m"} if Outcome.MASS_HIDDEN in outcomes else set()
+    poor = {Outcome.ONE_DIRECTION_ONLY, Outcome.COMMAND_ONLY} & set(outcomes)
+    status = Status.OK if explained and not set(missing) - hidden and not poor else Status.POOR
+    if complete["k"].value is None and complete["F_c"].value is None:
+        status = Status.FAILED
+    diagnostics: dict[str, Any] = {
+        "outcomes": [outcome.name for outcome in outcomes],
+        "fitted": values,
+        "noise_m": problem.noise_m,
+        "misfit_over_noise": found.certificate.ratio,
+        "largest_piece": found.certificate.piece,
+        "std_error_factor": factor,
+        "cost": found.cost,
+        "starts": found.starts,
+        "simulations": found.simulations,
+        "stops_m": None if motion.stops is None else [values.get("low", -math.inf), values.get("high", math.inf)],
+        "stand_ins": {symbol: values[symbol] for symbol, entry in complete.items() if entry.value is None},
+    }
+    return Estimate(method, status, " ".join(sentences), rms_m, complete, diagnostics)
+
+
+def ramps_of(motion: RecordedMotion) -> Ramps:
+    """Return the speeds and force rates of the driven stretches, those that differ by less than 10 % once."""
+    samples, phases = motion.samples, motion.phases
+    speeds, rates = [], []
+    for stretch in phases.stretches:
+        if not stretch.driven or stretch.last - stretch.first < 4:
+            continue
+        middle = (stretch.first + stretch.last) // 2
+        run_s = float(samples.time_s[stretch.last] - samples.time_s[middle])
+        speeds.append(abs(float(samples.position_m[stretch.last] - samples.position_m[middle])) / run_s)
+        rates.append(abs(float(samples.force_n[stretch.last] - samples.force_n[middle])) / run_s)
+    return Ramps(_distinct(speeds), _distinct(rates))
+
+
+def _distinct(values: list[float]) -> tuple[float, ...]:
+    kept: list[float] = []
+    for value in sorted(values):
+        if value > 0.0 and (not kept or value > (1.0 + _SAME) * kept[-1]):
+            kept.append(value)
+    return tuple(kept)
+
+
+def _parameter(symbol: str, values: dict[str, float], knows: Knowledge | None) -> ParameterEstimate:
+    if knows is None:
+        return absent("the motion cannot be followed about the fitted values")
+    value, error, reason = values[symbol], knows.std_error(symbol), knows.note(symbol)
+    if symbol == "F_0":
+        return offset_estimate(value, error, values["F_c"], reason=reason)
+    return measured(value, error, reason=reason)
+
+
+def _outcomes(
+    motion: RecordedMotion, complete: dict[str, ParameterEstimate], values: dict[str, float]
+) -> list[Outcome]:
+    found = []
+    if motion.one_direction:
+        found.append(Outcome.ONE_DIRECTION_ONLY)
+    if motion.stops is not None:
+        found.append(Outcome.STOP_INSIDE_SWEEP)
+    if complete["m"].value is None:
+        fast_s = values["m"] / values["F_v"]
+        is_overdamped = values["F_v"] ** 2 > 4.0 * values["k"] * values["m"]
+        seen = complete["F_v"].value is not None
+        hidden = seen and is_overdamped and fast_s < _HIDDEN_PERIODS * max(motion.samples.period_s, 1.0e-3)
+        found.append(Outcome.MASS_HIDDEN if hidden else Outcome.TRANSIENTS_NOT_RESOLVED)
+    if motion.command_only:
+        found.append(Outcome.COMMAND_ONLY)
+    return found
+
+
+def _misfit(rms_m: float, problem: Problem, found: Found) -> str:
+    if problem.is_noise_free:
+        return (
+            f"The model leaves {1.0e6 * rms_m:.3g} um of a position without noise unexplained: "
+            "the valve does something else besides, or the force is not what moved it."
+        )
+    return (
+        f"The model does not explain the recording: its misfit is {found.certificate.ratio:.3g} times the position's "
+        f"noise of {1.0e6 * problem.noise_m:.3g} um, and {found.certificate.piece:.3g} standard deviations at its worst "
+        "place. The intervals are widened by that; the valve does something else besides, or a channel is wrong."
+    )

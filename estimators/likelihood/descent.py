@@ -1,0 +1,115 @@
+"""Levenberg's and Marquardt's descent with bounds, on the normal equations of few unknowns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from estimators.likelihood.model import StemModel
+from estimators.samples import FloatArray
+
+# Own choices: longest step of a coordinate (a factor e of a logarithmic one), and what counts as arrived.
+_LONGEST_STEP: Final = 1.0
+_ARRIVED: Final = 1.0e-3  # of a unit of the cost, whose minimum is uncertain by the number of unknowns
+_MOST_DAMPING: Final = 1.0e12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Descent:
+    """Where a descent ended: ``point`` (p,), its cost, and how many simulations it took."""
+
+    point: FloatArray
+    cost: float
+    simulations: int
+    arrived: bool
+
+
+def descend(model: StemModel, start: FloatArray, *, most_steps: int, held: tuple[str, ...] = ()) -> Descent:
+    """Return the lowest point reached from ``start`` (p,) within ``most_steps`` evaluations of the derivatives."""
+    names = model.coordinates.names
+    moving = [number for number, name in enumerate(names) if name not in held]
+    lower, upper = model.coordinates.lower, model.coordinates.upper
+    prior, weight = model.coordinates.prior, model.coordinates.prior_weight
+    point = np.clip(start, lower, upper)
+    residual = model.residuals(point)
+    simulations = 1
+    if residual is None:
+        return Descent(point, float("inf"), simulations, False)
+    cost = float(residual @ residual) + model.prior_cost(point)
+    damping, growth = 1.0e-3, 2.0
+    for _ in range(most_steps):
+        slopes = model.slopes(point, moving)
+        simulations += 2 * len(moving) + 1
+        if slopes is None:
+            break
+        normal = slopes @ slopes.T + np.diag(weight)
+        pull = slopes @ residual - weight * (point - prior)
+        accepted = False
+        while damping < _MOST_DAMPING:
+            step = _bounded_step(normal, pull, damping, (moving, point, lower, upper))
+            trial = np.clip(point + step, lower, upper)
+            step = trial - point
+            gain = float(2.0 * pull @ step - step @ normal @ step)
+            if gain <= _ARRIVED * 1.0e-3 or not np.abs(step).max() > 1.0e-13:
+                return Descent(point, cost, simulations, True)
+            trial_residual = model.residuals(trial)
+            simulations += 1
+            trial_cost = float("inf")
+            if trial_residual is not None:
+                trial_cost = float(trial_residual @ trial_residual) + model.prior_cost(trial)
+            if trial_residual is not None and trial_cost < cost:
+                ratio = (cost - trial_cost) / gain
+                damping *= max(0.1, 1.0 - (2.0 * ratio - 1.0) ** 3)
+                damping, growth = max(damping, 1.0e-12), 2.0
+                fall = cost - trial_cost
+                point, residual, cost, accepted = trial, trial_residual, trial_cost, True
+                if fall < _ARRIVED and gain < _ARRIVED:
+                    return Descent(point, cost, simulations, True)
+                break
+            if gain < _ARRIVED:
+                return Descent(point, cost, simulations, True)
+            damping *= growth
+            growth *= 2.0
+        if not accepted:
+            break
+    return Descent(point, cost, simulations, False)
+
+
+def _bounded_step(
+    normal: FloatArray,
+    pull: FloatArray,
+    damping: float,
+    where: tuple[list[int], FloatArray, FloatArray, FloatArray],
+) -> FloatArray:
+    """The damped step; an unknown that would leave its bounds goes to the bound, the others' step is solved anew.
+
+    ``where`` are the numbers of the unknowns that may move, the point, and the bounds.
+    """
+    moving, point, lower, upper = where
+    step = np.zeros(point.size)
+    fixed: set[int] = {i for i in range(point.size) if i not in moving or not normal[i, i] > 0.0}
+    for _ in range(point.size):
+        free = [i for i in range(point.size) if i not in fixed]
+        if not free:
+            break
+        own = normal[np.ix_(free, free)]
+        scale = np.sqrt(np.diag(own))
+        damped = own / np.outer(scale, scale) + damping * np.eye(len(free))
+        held = [i for i in range(point.size) if i in fixed and step[i] != 0.0]
+        right = (pull[free] - normal[np.ix_(free, held)] @ step[held]) / scale
+        try:
+            step[free] = np.linalg.solve(damped, right) / scale
+        except np.linalg.LinAlgError:
+            step[free] = right / scale / (1.0 + damping)
+        longest = float(np.abs(step[free]).max())
+        if longest > _LONGEST_STEP:
+            step[free] *= _LONGEST_STEP / longest
+        out = [i for i in free if not lower[i] <= point[i] + step[i] <= upper[i]]
+        if not out:
+            break
+        for i in out:
+            step[i] = (lower[i] if point[i] + step[i] < lower[i] else upper[i]) - point[i]
+        fixed.update(out)
+    return step

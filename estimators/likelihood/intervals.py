@@ -1,0 +1,81 @@
+"""What the fit knows: the information of the residuals and priors, in the parameters' own units."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from estimators.identifiability import Knowledge, knowledge
+from estimators.likelihood.model import StemModel
+from estimators.samples import FloatArray
+
+_PIECES: Final = (1, 4, 16, 64, 256, 1024)
+_FEWEST_PIECES: Final = 20
+_SURE: Final = 3.0  # standard errors by which the variance of pieces must exceed that of white noise
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ramps:
+    """Speeds at which the stem slid, m/s, and rates of the force, N/s."""
+
+    speeds_m_per_s: tuple[float, ...]
+    rates_n_per_s: tuple[float, ...]
+
+
+def inflation(residual: FloatArray, weight: FloatArray) -> float:
+    """Factor on all standard errors for residuals, shape (n,), that are larger than the noise or autocorrelated.
+
+    The square root of the largest ratio of the variance of means of pieces to that of independent samples; 1 where
+    that is no more than chance.
+    """
+    own = residual[weight > 0.0]
+    largest = 1.0
+    for length in _PIECES:
+        pieces = own.size // length
+        if pieces < _FEWEST_PIECES:
+            break
+        sums = own[: pieces * length].reshape(pieces, length).sum(axis=1)
+        ratio = float(sums @ sums) / own[: pieces * length].size
+        if ratio > 1.0 + _SURE * math.sqrt(2.0 / pieces):
+            largest = max(largest, ratio)
+    return math.sqrt(largest)
+
+
+def natural_values(model: StemModel, point: FloatArray) -> dict[str, float]:
+    """Return the values by symbol, in the order of the coordinates; F_s takes the place of d."""
+    values = model.coordinates.values(point)
+    return {
+        ("F_s" if name == "d" else name): (values["F_c"] * (1.0 + value) if name == "d" else value)
+        for name, value in values.items()
+    }
+
+
+def known(model: StemModel, point: FloatArray, ramps: Ramps, *, noise_factor: float) -> Knowledge | None:
+    """Return what is known at ``point`` (p,), with all standard errors of the residuals times ``noise_factor``."""
+    slopes = model.slopes(point)
+    if slopes is None:
+        return None
+    normal = slopes @ slopes.T / noise_factor**2 + np.diag(model.coordinates.prior_weight)
+    change = _change(model, point)
+    values = natural_values(model, point)
+    return knowledge(
+        tuple(values),
+        tuple(values.values()),
+        change.T @ normal @ change,
+        sliding_speeds_m_per_s=ramps.speeds_m_per_s,
+        ramp_rates_n_per_s=ramps.rates_n_per_s,
+    )
+
+
+def _change(model: StemModel, point: FloatArray) -> FloatArray:
+    """Derivatives of the coordinates to the values by symbol, shape (p, p)."""
+    entries, values = model.coordinates.entries, model.coordinates.values(point)
+    change = np.diag([1.0 / entry.slope(float(at)) for entry, at in zip(entries, point, strict=True)])
+    names = model.coordinates.names
+    d, coulomb = names.index("d"), names.index("F_c")
+    change[d, d] = 1.0 / values["F_c"]
+    change[d, coulomb] = -(1.0 + values["d"]) / values["F_c"]
+    return change

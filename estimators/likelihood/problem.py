@@ -1,0 +1,141 @@
+"""The likelihood of one recording: its rows and their weights, the unknowns, and where to look for them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from estimators.likelihood.coordinates import Coordinate, Coordinates, linear, logarithmic
+from estimators.likelihood.input_path import InputPath
+from estimators.likelihood.model import Restarts, StemModel
+from estimators.likelihood.nuisance import Nuisance
+from estimators.likelihood.search import measured_rests
+from estimators.likelihood.start import first_guesses, trials
+from estimators.recorded_motion import RecordedMotion
+from estimators.samples import FloatArray, IntArray
+
+# Own choices. Noise of a position that is computed and not measured, as a share of its range.
+_NO_NOISE: Final = 1.0e-9
+_START_ROWS: Final = 50
+_STILL_ROWS: Final = 3  # fewer before the first motion: the recording begins in it
+# DV: lognormal about 1.5 % of the fastest ramp's sliding speed, and never above that speed.
+_LIMIT_MEDIAN: Final = 0.015
+_LIMIT_SD: Final = 1.5
+_FASTEST: Final = 0.9  # quantile of the speeds in motion
+_MASSES_KG: Final = (1.0e-3, 1.0e3)
+_LARGEST_STICTION: Final = 100.0  # F_s/F_c - 1
+_HELD_SHARE: Final = 0.5  # of the samples equal to the one before: the sensor's steps are seen, and no noise on them
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """The model with its trial values, the rests of the measured stem, and the noise of the position, m."""
+
+    model: StemModel
+    trials: list[dict[str, float]]
+    rests: Restarts
+    noise_m: float
+    is_noise_free: bool
+    fastest_m_per_s: float
+
+
+def pose(motion: RecordedMotion, path: InputPath) -> Problem | None:
+    """Return the problem of this motion under this force; None where no balance of forces gives a start."""
+    samples, phases = motion.samples, motion.phases
+    guesses = first_guesses(motion)
+    if not guesses:
+        return None
+    range_m, range_n = float(np.ptp(samples.position_m)), float(np.ptp(samples.force_n))
+    noise_m = max(samples.position_noise_m, _NO_NOISE * range_m)
+    moving = np.zeros(samples.count, dtype=np.bool_)
+    for stretch in phases.stretches:
+        moving[stretch.rows] = True
+    fastest = float(np.quantile(np.abs(phases.velocity[moving]), _FASTEST))
+    section_row = np.concatenate([[0], np.searchsorted(samples.time_s, path.breaks_s[:, 1])]).astype(np.int64)
+    others = _section_values(motion, section_row) | _stop_values(motion)
+    others |= {nuisance.name: nuisance.start for nuisance in path.nuisances}
+    units = {"x": range_m, "v": fastest, "low": range_m, "high": range_m}
+    coordinates = Coordinates(
+        (
+            *_valve(range_n, fastest),
+            *(linear(name, units[name.split("_")[0]]) for name in others if name.split("_")[0] in units),
+            *(_input(nuisance) for nuisance in path.nuisances),
+        )
+    )
+    wanted = [
+        {**trial, "DV": min(trial["DV"], 0.99 * fastest), **others}
+        for guess in guesses[:1]
+        for trial in trials(guess, motion.moving_mass_kg)
+    ]
+    model = StemModel(
+        time_s=samples.time_s,
+        position_m=samples.position_m,
+        weight=_independent_share(samples.position_m, samples.position_noise_m) / noise_m,
+        path=path,
+        coordinates=coordinates,
+        section_row=section_row,
+        input_names=tuple(nuisance.name for nuisance in path.nuisances),
+        range_m=range_m,
+    )
+    rests = measured_rests(motion)
+    return Problem(model, wanted, rests, noise_m, samples.position_noise_m == 0.0, fastest)
+
+
+def _valve(range_n: float, fastest: float) -> list[Coordinate]:
+    return [
+        logarithmic("m", *_MASSES_KG),
+        logarithmic("k", 1.0e-3, 1.0e12),
+        logarithmic("F_v", 1.0e-9 * range_n / fastest, 1.0e3 * range_n / fastest),
+        logarithmic("F_c", 1.0e-7 * range_n, range_n),
+        linear("d", 1.0, low=0.0, high=_LARGEST_STICTION),
+        linear("F_0", range_n),
+        logarithmic("DV", 1.0e-5 * fastest, fastest, median=_LIMIT_MEDIAN * fastest, sd=_LIMIT_SD),
+    ]
+
+
+def _input(nuisance: Nuisance) -> Coordinate:
+    return linear(
+        nuisance.name,
+        nuisance.scale,
+        low=nuisance.lower,
+        high=nuisance.upper,
+        centre=nuisance.start,
+        sd=nuisance.prior_sd,
+    )
+
+
+def _section_values(motion: RecordedMotion, section_row: IntArray) -> dict[str, float]:
+    """Position, and in motion also velocity, at the first row of each section: x_0, v_0, x_1, ..."""
+    values: dict[str, float] = {}
+    position_m, velocity = motion.samples.position_m, motion.phases.velocity
+    for number, row in enumerate(section_row):
+        coming = [stretch for stretch in motion.phases.stretches if stretch.last >= row]
+        first = coming[0].first if coming else position_m.size
+        if first < row + _STILL_ROWS:
+            values |= {f"x_{number}": float(position_m[row]), f"v_{number}": float(velocity[row : row + 3].mean())}
+        else:
+            values[f"x_{number}"] = float(np.mean(position_m[row : min(first, row + _START_ROWS)]))
+    return values
+
+
+def _stop_values(motion: RecordedMotion) -> dict[str, float]:
+    if motion.stops is None:
+        return {}
+    both = {"low": motion.stops.low_m, "high": motion.stops.high_m}
+    return {name: value for name, value in both.items() if math.isfinite(value)}
+
+
+def _independent_share(position_m: FloatArray, noise_m: float) -> FloatArray:
+    """Weight of each row, shape (n,): 1, or 1/sqrt(n) in each run of n equal samples of a sensor without noise.
+
+    A stem at rest on one step of the sensor repeats one error: the run counts as one sample.
+    """
+    held = np.diff(position_m) == 0.0
+    if noise_m == 0.0 or np.count_nonzero(held) < _HELD_SHARE * position_m.size:
+        return np.ones(position_m.size)
+    edges = np.flatnonzero(~held) + 1
+    lengths = np.diff(np.concatenate([[0], edges, [position_m.size]]))
+    return np.asarray(1.0 / np.sqrt(np.repeat(lengths, lengths)))

@@ -1,0 +1,62 @@
+"""The compiled simulation of the likelihood: the stem followed from one start, or anew from each of several."""
+
+# mypy: allow-untyped-defs
+# numba types each kernel from its arguments, as in valve.motion_kernel
+# ruff: noqa: PLR0917 - kernels take flat numbers in order
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numba import njit
+
+from valve.motion_kernel import FOLLOWED, SLIP, STUCK, follow
+
+# Any: the decorated kernels are typed by numba, from their arguments
+kernel: Any = njit(cache=True, error_model="numpy")
+
+FROM_THE_FIRST_ROW: Final = np.zeros(1, np.int64)
+
+
+@kernel
+def shoot(
+    q, corner_time, corner_force, out_time, even_step, first_row, start_time, start_x, start_v, out_x, most_events,
+):  # fmt: skip
+    """Write the position at ``out_time`` to ``out_x``; return the kernel's status of the first part that failed.
+
+    ``q`` is m, k, F_v, F_c, F_s, DV, F_0 and both stops. Part j covers the rows from first_row[j] to the next part's
+    and begins at start_time[j] (not after its first row) with start_x[j] and start_v[j]. Before its first corner the
+    force is held.
+    """
+    none, no_mode = np.empty(0), np.empty(0, np.int8)
+    n, parts, corners = out_time.size, first_row.size, corner_time.size
+    for j in range(parts):
+        begin = first_row[j]
+        end = first_row[j + 1] if j + 1 < parts else n
+        if end <= begin:
+            continue
+        start, last = start_time[j], out_time[end - 1]
+        first = np.searchsorted(corner_time, start, side="right")
+        after = np.searchsorted(corner_time, last, side="right")
+        after = min(after + 1, corners)
+        times, forces = np.empty(after - first + 1), np.empty(after - first + 1)
+        times[0] = start
+        if first == 0:
+            forces[0] = corner_force[0]
+        elif first == corners:
+            forces[0] = corner_force[corners - 1]
+        else:
+            share = (start - corner_time[first - 1]) / (corner_time[first] - corner_time[first - 1])
+            forces[0] = corner_force[first - 1] + share * (corner_force[first] - corner_force[first - 1])
+        times[1:] = corner_time[first:after]
+        forces[1:] = corner_force[first:after]
+        x = min(max(start_x[j], q[7]), q[8])
+        v = start_v[j]
+        status, _events, _x, _v, _mode = follow(
+            q[0], q[1], q[2], q[3], q[4], q[5], q[6], q[7], q[8], x, v, (STUCK if v == 0.0 else SLIP),
+            times, forces, last, out_time[begin:end], even_step, out_x[begin:end], none, no_mode, none,
+            none, no_mode, most_events,
+        )  # fmt: skip
+        if status != FOLLOWED:
+            return status
+    return FOLLOWED

@@ -1,0 +1,132 @@
+"""Where the fit begins: spring, friction and preload by a force balance, the rest of the unknowns on a grid."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+from typing import Final
+
+import numpy as np
+
+from estimators.phases import After
+from estimators.recorded_motion import RecordedMotion
+from estimators.samples import BoolArray, FloatArray
+from estimators.static_friction import breakaway_forces
+
+# Own choices: the masses tried, kg, a factor of 3.2 apart, and the viscous shares of the friction in motion.
+_MASSES_KG: Final = (0.05, 0.16, 0.5, 1.6, 5.0, 16.0, 50.0)
+_VISCOUS_SHARES: Final = tuple(0.9 * 10.0 ** (-0.5 * step) for step in range(9))
+_LIMIT_SHARES: Final = (0.015, 0.3, 0.9)  # of the speed, that DV may be
+_SETTLED_SHARE: Final = 0.3  # of a stretch, left out of a balance
+
+
+@dataclass(frozen=True, slots=True)
+class FirstGuess:
+    """k (N/m), F_0 (N), the friction A (N) in motion at ``speed`` (m/s), and F_s (N)."""
+
+    spring_n_per_m: float
+    preload_n: float
+    friction_n: float
+    speed: float
+    static_n: float
+
+
+def first_guesses(motion: RecordedMotion) -> list[FirstGuess]:
+    """Return what the force balances give, the most trusted first: uniform motion, all motion, breakaways."""
+    found = [_from_uniform_motion(motion), _from_all_motion(motion), _from_breakaways(motion)]
+    return [guess for guess in found if guess is not None]
+
+
+def _from_uniform_motion(motion: RecordedMotion) -> FirstGuess | None:
+    uniform = motion.uniform
+    if uniform is None:
+        return None
+    preload_n, friction_n = uniform.preload_n, uniform.friction_n
+    if preload_n is None:
+        # one direction shows their sum or difference only: half of the force at rest is as good as any share
+        sense = next(iter(uniform.directions))
+        total_n = friction_n
+        friction_n = 0.2 * float(np.ptp(motion.samples.force_n))
+        preload_n = sense * (total_n - friction_n)
+    return _checked(motion, uniform.spring_n_per_m, preload_n, friction_n, uniform.reference_speed)
+
+
+def _from_all_motion(motion: RecordedMotion) -> FirstGuess | None:
+    """By least squares of F = k x + F_0 +- (A + F_v (|v| - v_ref)) over all that moves, slips left out."""
+    samples, phases = motion.samples, motion.phases
+    chosen = np.zeros(samples.count, dtype=np.bool_)
+    sense = np.zeros(samples.count)
+    for stretch in phases.stretches:
+        skipped = int(_SETTLED_SHARE * (stretch.last - stretch.first)) if stretch.after is After.BREAKAWAY else 0
+        chosen[stretch.first + skipped : stretch.last + 1] = True
+        sense[stretch.rows] = stretch.direction
+    if np.count_nonzero(chosen) < 8 or len(phases.directions) < 2:
+        return None
+    pace = np.abs(phases.velocity)
+    speed = float(np.median(pace[chosen]))
+    columns = [samples.position_m, sense, np.ones(samples.count), sense * (pace - speed)]
+    solved = _solved([column[chosen] for column in columns], samples.force_n[chosen])
+    if solved is None:
+        return None
+    return _checked(motion, float(solved[0]), float(solved[2]), float(solved[1]), speed)
+
+
+def _from_breakaways(motion: RecordedMotion) -> FirstGuess | None:
+    """By least squares of F = k x + F_0 +- F_s over the breakaways; the friction in motion is taken as 0.8 of it."""
+    rows = np.array([breakaway.row for breakaway in motion.phases.breakaways], dtype=np.int64)
+    sense = np.array([float(breakaway.direction) for breakaway in motion.phases.breakaways])
+    if rows.size < 4 or np.unique(sense).size < 2:
+        return None
+    rest_m = np.array([breakaway.rest_m for breakaway in motion.phases.breakaways])
+    solved = _solved([rest_m, sense, np.ones(rows.size)], motion.samples.force_n[rows])
+    if solved is None or not (solved[0] > 0.0 and solved[1] > 0.0):
+        return None
+    static_n = float(solved[1])
+    return FirstGuess(float(solved[0]), float(solved[2]), 0.8 * static_n, motion.phases.moving_speed, static_n)
+
+
+def _solved(columns: list[FloatArray], target: FloatArray) -> FloatArray | None:
+    matrix = np.stack(columns, axis=1)
+    scale = np.sqrt(np.mean(matrix * matrix, axis=0))
+    if not (np.isfinite(scale).all() and (scale > 0.0).all()):
+        return None
+    solution, _residual, rank, _values = np.linalg.lstsq(matrix / scale, target, rcond=1.0e-9)
+    return np.asarray(solution / scale) if rank == scale.size else None
+
+
+def _checked(
+    motion: RecordedMotion, spring: float, preload_n: float, friction_n: float, speed: float
+) -> FirstGuess | None:
+    """The guess with its F_s from the breakaways; None where it is no valve's."""
+    if not (spring > 0.0 and friction_n > 0.0 and speed > 0.0):
+        return None
+    forces = breakaway_forces(motion.samples, motion.phases, spring, preload_n)
+    static_n = friction_n if forces is None else max(forces.value, 0.3 * friction_n)
+    return FirstGuess(spring, preload_n, friction_n, speed, static_n)
+
+
+def trials(guess: FirstGuess, nameplate_mass_kg: float | None) -> Iterator[dict[str, float]]:
+    """Return m, k, F_v, F_c, d, DV and F_0 by name for each mass, viscous share and DV to be tried with a guess."""
+    masses_kg = _MASSES_KG if nameplate_mass_kg is None else (*_MASSES_KG, nameplate_mass_kg)
+    for share in _VISCOUS_SHARES:
+        viscous = share * guess.friction_n / guess.speed
+        coulomb_n = (1.0 - share) * guess.friction_n
+        for mass_kg, limit_share in product(masses_kg, _LIMIT_SHARES):
+            yield {
+                "m": mass_kg,
+                "k": guess.spring_n_per_m,
+                "F_v": viscous,
+                "F_c": coulomb_n,
+                "d": max(0.0, guess.static_n / coulomb_n - 1.0),
+                "DV": limit_share * guess.speed,
+                "F_0": guess.preload_n,
+            }
+
+
+def resting_rows(motion: RecordedMotion) -> BoolArray:
+    """Rows, shape (n,), between the stretches of motion."""
+    resting = np.ones(motion.samples.count, dtype=np.bool_)
+    for stretch in motion.phases.stretches:
+        resting[stretch.rows] = False
+    return resting

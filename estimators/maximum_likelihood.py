@@ -1,0 +1,48 @@
+"""Maximum likelihood on the exact motion: the parameters whose simulated positions are nearest to the measured ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimators.base import Estimate, Outcome, failed
+from estimators.likelihood.conclusion import conclude
+from estimators.likelihood.input_path import InputPath, input_path
+from estimators.likelihood.problem import pose
+from estimators.likelihood.search import search
+from estimators.recorded_motion import RecordedMotion, read_motion
+from valve.nameplate import Nameplate
+from valve.recording import Recording
+
+
+@dataclass(frozen=True, slots=True)
+class MaximumLikelihoodEstimator:
+    """Output-error fit: white position noise, the exact motion, all parameters and nuisances at once.
+
+    Unknown are m, k, F_v, F_c, F_s >= F_c, DV (weak prior), F_0, the position at the start, and travel stops where
+    the stem touched them. A constant error of the position or of the pressure is the same as another F_0
+    (S_a (P + p) - k (x + e) - F_0 has F_0 + k e - S_a p in its place), so neither is fitted beside it.
+    """
+
+    method: str = "maximum_likelihood"
+
+    def estimate(self, recording: Recording, nameplate: Nameplate) -> Estimate:
+        """Return the estimate; odd recordings give a named outcome."""
+        motion = read_motion(recording, nameplate)
+        if isinstance(motion, Outcome):
+            return failed(self.method, motion)
+        path = input_path(recording, nameplate)
+        if isinstance(path, Outcome):
+            return failed(self.method, path)
+        with np.errstate(all="ignore"):
+            return self._fitted(motion, path)
+
+    def _fitted(self, motion: RecordedMotion, path: InputPath) -> Estimate:
+        problem = pose(motion, path)
+        if problem is None:
+            return failed(self.method, motion.uniform_outcome or Outcome.UNPHYSICAL)
+        found = search(problem.model, problem.trials, problem.rests)
+        if found is None:
+            return failed(self.method, Outcome.UNPHYSICAL)
+        return conclude(self.method, motion, problem, found)
