@@ -1,0 +1,218 @@
+"""Friction over travel, spring rate and bench set come out true, within intervals that hold."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimators.signature.figures import FIELDS, Signature
+from estimators.signature.measure import measure_signature
+from tests.estimators.recordings import VALVES, Recorded, recorded
+from valve.nameplate import Nameplate
+from valve.parameter_sets import parameter_set
+from valve.parameters import TravelStops
+from valve.recording import FloatArray, Recording
+from valve.waveform import multi_rate_triangle, triangle
+
+
+def signature_of(test: Recorded) -> Signature:
+    return measure_signature(test.recording, test.nameplate)
+
+
+def friction_at(test: Recorded, rate_n_per_s: float) -> float:
+    """F_c + F_v v at the speed of a ramp of this force rate."""
+    speed = rate_n_per_s / test.truth.spring_rate_n_per_m
+    return test.truth.coulomb_friction_n + test.truth.viscous_friction_n_s_per_m * speed
+
+
+def ramp_rate(test: Recorded, period_s: float = 20.0) -> float:
+    signal, area_m2 = test.nameplate.signal, test.nameplate.actuator.diaphragm_area_m2
+    assert signal is not None
+    assert area_m2 is not None
+    return area_m2 * (signal.range_pa[1] - signal.range_pa[0]) / (period_s / 2.0)
+
+
+def value(found: Signature, name: str) -> float:
+    number = found.figures[name].value
+    assert number is not None, (name, found.figures[name].note)
+    return number
+
+
+@pytest.mark.parametrize("period_s", [1.0e-3, 0.05])
+@pytest.mark.parametrize("name", VALVES)
+def test_without_noise_friction_spring_and_bench_set_are_exact(name: str, period_s: float) -> None:
+    test = recorded(name, period_s=period_s)
+    found = signature_of(test)
+    truth, area_m2 = test.truth, test.nameplate.actuator.diaphragm_area_m2
+    assert area_m2 is not None
+    assert value(found, "friction_mean_n") == pytest.approx(friction_at(test, ramp_rate(test)), rel=2.0e-5)
+    assert value(found, "spring_rate_n_per_m") == pytest.approx(truth.spring_rate_n_per_m, rel=3.0e-5)
+    full_n = truth.preload_n + truth.spring_rate_n_per_m * test.nameplate.actuator.travel_m
+    for end, force_n in zip(found.bench_set, (truth.preload_n, full_n), strict=True):
+        assert end.value == pytest.approx(force_n / area_m2, abs=2.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "period_s", "noise_m", "noise_pa"),
+    [
+        ("vendor", 0.002, 20.0e-6, 0.0),
+        ("nominal", 0.01, 100.0e-6, 0.0),
+        ("graphite", 0.005, 20.0e-6, 0.0),
+        ("nominal", 0.005, 20.0e-6, 50.0),
+        ("rough", 0.005, 50.0e-6, 0.0),
+    ],
+)
+def test_intervals_hold_the_truth_as_often_as_they_say(
+    name: str, period_s: float, noise_m: float, noise_pa: float
+) -> None:
+    tests = 60
+    held = dict.fromkeys(("friction_mean_n", "spring_rate_n_per_m"), 0)
+    exact = recorded(name, period_s=period_s)
+    truth = {
+        "friction_mean_n": friction_at(exact, ramp_rate(exact)),
+        "spring_rate_n_per_m": exact.truth.spring_rate_n_per_m,
+    }
+    for seed in range(tests):
+        test = with_noise(exact, noise_m, noise_pa, seed)
+        found = signature_of(test)
+        for figure, true in truth.items():
+            ci95 = found.figures[figure].ci95
+            assert ci95 is not None
+            held[figure] += ci95[0] <= true <= ci95[1]
+    # 95 % of 60 is 57; fewer than 51 has a chance of 1 in 1000
+    assert min(held.values()) >= 51, held
+
+
+def with_noise(exact: Recorded, noise_m: float, noise_pa: float, seed: int) -> Recorded:
+    random, recording = np.random.default_rng(seed), exact.recording
+    assert recording.pressure_pa is not None
+    position_m = recording.position_m + noise_m * random.standard_normal(recording.samples)
+    pressure_pa = recording.pressure_pa + noise_pa * random.standard_normal(recording.samples)
+    return replace(exact, recording=replace(recording, position_m=position_m, pressure_pa=pressure_pa))
+
+
+def varying(noise_m: float, seed: int = 1) -> tuple[Recording, Nameplate, FloatArray]:
+    """A slow loop whose friction rises from 800 N to 1200 N at mid-travel and falls again: F = k x + F_0 +- f(x)."""
+    plate = parameter_set("nominal").nameplate
+    spring, preload_n, area_m2 = 52538.0, 500.0, 0.06452
+    time_s = np.arange(0.0, 60.0, 0.005)
+    # constant force rates: solve x(t) on each ramp from the force by a table
+    grid_m = np.linspace(-0.05, 0.15, 20_001)
+    friction = 800.0 + 400.0 * np.exp(-(((grid_m - 0.04) / 0.015) ** 2))
+    up_n, down_n = spring * grid_m + preload_n + friction, spring * grid_m + preload_n - friction
+    force_n = np.interp(time_s % 20.0, [0.0, 10.0, 20.0], [0.0, 5300.0, 0.0])
+    going_up, going_down = np.interp(force_n, up_n, grid_m), np.interp(force_n, down_n, grid_m)
+    rising = (time_s % 20.0) < 10.0
+    low_m = float(np.interp(0.0, down_n, grid_m))
+    high_m = float(np.interp(5300.0, up_n, grid_m))
+    position_m = np.where(rising, np.maximum(going_up, low_m), np.minimum(going_down, high_m))
+    position_m += noise_m * np.random.default_rng(seed).standard_normal(time_s.size)
+    truth_n = np.asarray(800.0 + 400.0 * np.exp(-(((grid_m - 0.04) / 0.015) ** 2)))
+    return Recording(time_s, position_m, pressure_pa=force_n / area_m2), plate, truth_n
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 20.0e-6, 100.0e-6])
+def test_friction_that_varies_over_the_travel_shows_its_least_and_its_greatest(noise_m: float) -> None:
+    recording, plate, _ = varying(noise_m)
+    found = measure_signature(recording, plate)
+    low_m, high_m = found.about["central_stroke_m"]
+    travel_m = np.linspace(low_m, high_m, 1000)
+    friction_n = 800.0 + 400.0 * np.exp(-(((travel_m - 0.04) / 0.015) ** 2))
+    assert value(found, "friction_mean_n") == pytest.approx(float(friction_n.mean()), rel=0.005)
+    assert value(found, "friction_min_n") == pytest.approx(float(friction_n.min()), rel=0.02)
+    assert value(found, "friction_max_n") == pytest.approx(float(friction_n.max()), rel=0.02)
+    assert value(found, "spring_rate_n_per_m") == pytest.approx(52538.0, rel=0.01)
+    assert "no variation" not in found.figures["friction_max_n"].note
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_alone_is_not_taken_for_friction_that_varies(seed: int) -> None:
+    test = recorded("nominal", period_s=0.01, noise_m=100.0e-6, seed=seed)
+    found = signature_of(test)
+    true_n = friction_at(test, ramp_rate(test))
+    for name in ("friction_min_n", "friction_max_n"):
+        assert value(found, name) == pytest.approx(true_n, rel=5.0e-4)
+
+
+def test_each_rate_has_its_friction_and_the_slowest_is_reported() -> None:
+    signal = parameter_set("vendor").nameplate.signal
+    assert signal is not None
+    periods_s = [40.0, 20.0, 10.0, 4.0]
+    test = recorded("vendor", noise_m=5.0e-6, waveform=multi_rate_triangle(periods_s, *signal.range_pa))
+    found = signature_of(test)
+    rates = [ramp_rate(test, period_s) for period_s in periods_s]
+    assert [one["rate_n_per_s"] for one in found.about["by_rate"]] == pytest.approx(rates, rel=1.0e-3)
+    for one, rate in zip(found.about["by_rate"], rates, strict=True):
+        assert one["friction_mean_n"] == pytest.approx(friction_at(test, rate), rel=5.0e-4)
+    assert value(found, "friction_mean_n") == found.about["by_rate"][0]["friction_mean_n"]
+
+
+def test_the_transient_after_a_breakaway_is_no_friction() -> None:
+    test = recorded("graphite", period_s=0.005)  # F_v / k is 0.34 s of a ramp of 10 s
+    found = signature_of(test)
+    true_n = friction_at(test, ramp_rate(test))
+    for name in ("friction_min_n", "friction_max_n"):
+        assert value(found, name) == pytest.approx(true_n, rel=1.0e-4)
+
+
+def test_stops_inside_the_sweep_are_no_friction() -> None:
+    test = recorded("nominal", period_s=0.002, noise_m=5.0e-6, stops=TravelStops(high_m=0.06))
+    free = signature_of(recorded("nominal", period_s=0.002, noise_m=5.0e-6))
+    found = signature_of(test)
+    assert value(found, "friction_mean_n") == pytest.approx(friction_at(test, ramp_rate(test)), rel=1.0e-3)
+    assert value(found, "spring_rate_n_per_m") == pytest.approx(test.truth.spring_rate_n_per_m, rel=2.0e-3)
+    # the reversals that began on the stop do not count
+    assert value(found, "dead_band_percent") == pytest.approx(value(free, "dead_band_percent"), rel=2.0e-3)
+
+
+def test_gaps_cost_samples_and_no_truth() -> None:
+    test = recorded("nominal", period_s=0.002, noise_m=20.0e-6)
+    position_m = test.recording.position_m.copy()
+    random = np.random.default_rng(5)
+    for first in random.integers(0, position_m.size - 200, 12):
+        position_m[first : first + random.integers(1, 200)] = np.nan
+    found = measure_signature(replace(test.recording, position_m=position_m), test.nameplate)
+    assert value(found, "friction_mean_n") == pytest.approx(friction_at(test, ramp_rate(test)), rel=2.0e-4)
+
+
+def test_branches_without_common_travel_give_friction_by_straight_lines_and_say_so() -> None:
+    test = recorded("rough", period_s=0.05)
+    found = signature_of(test)
+    mean = found.figures["friction_mean_n"]
+    assert mean.value == pytest.approx(friction_at(test, ramp_rate(test)), rel=1.0e-5)
+    assert "straight lines" in mean.note
+    for name in ("friction_min_n", "friction_max_n", "hysteresis_percent"):
+        assert found.figures[name].value is None
+        assert "too little travel" in found.figures[name].note
+
+
+def test_one_direction_gives_no_friction_but_a_reason() -> None:
+    whole = recorded("nominal", period_s=0.002, waveform=triangle(20.0, 1, 0.0, 82737.0))
+    found = measure_signature(whole.recording.rows(slice(0, 5000)), whole.nameplate)
+    assert all(found.figures[name].value is None for name in FIELDS)
+    assert "one direction only" in found.figures["friction_mean_n"].note
+
+
+def test_a_command_instead_of_a_pressure_takes_the_frictions_intervals_away() -> None:
+    test = recorded("nominal", period_s=0.002, noise_m=5.0e-6)
+    bare = replace(test.recording, pressure_pa=None, command_pa=test.recording.pressure_pa)
+    found = measure_signature(bare, test.nameplate)
+    for name in ("friction_mean_n", "dead_band_percent", "stick_band_percent"):
+        assert found.figures[name].value is not None
+        assert found.figures[name].ci95 is None
+        assert "lag" in found.figures[name].note
+    assert found.figures["spring_rate_n_per_m"].ci95 is not None
+
+
+def test_the_curve_is_small_and_lies_on_the_loop() -> None:
+    test = recorded("nominal", period_s=0.002, noise_m=5.0e-6)
+    curve = signature_of(test).about["curve"]
+    assert len(curve["up"]["travel_m"]) + len(curve["down"]["travel_m"]) <= 200
+    friction_pa = friction_at(test, ramp_rate(test)) / 0.06452
+    for name, sense in (("up", 1.0), ("down", -1.0)):
+        travel_m, pressure_pa = np.array(curve[name]["travel_m"]), np.array(curve[name]["pressure_pa"])
+        inside = (travel_m > 0.035) & (travel_m < 0.06)
+        mid_pa = travel_m[inside] * test.truth.spring_rate_n_per_m / 0.06452
+        assert np.abs(pressure_pa[inside] - mid_pa - sense * friction_pa).max() < 30.0

@@ -1,0 +1,114 @@
+"""Dead band, stick band and slip jump follow from F_s, F_c and F_v as derived for Karnopp's valve."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from estimators.signature.measure import measure_signature
+from tests.estimators.recordings import VALVES, Recorded, recorded
+from valve.motion import simulate_motion
+from valve.parameter_sets import parameter_set
+from valve.recording import Recording
+from valve.stem import Mode
+from valve.waveform import Waveform, triangle
+
+
+def signal_range(name: str) -> tuple[float, float]:
+    signal = parameter_set(name).nameplate.signal
+    assert signal is not None
+    return signal.range_pa
+
+
+def span_n(test: Recorded) -> float:
+    low_pa, high_pa = signal_range(test.nameplate.tag.lower())
+    area_m2 = test.nameplate.actuator.diaphragm_area_m2
+    assert area_m2 is not None
+    return area_m2 * (high_pa - low_pa)
+
+
+def true_dead_band_percent(test: Recorded, wave: Waveform) -> float:
+    """Mean range between each corner and the next breakaway of the exact motion, percent of span."""
+    area_m2 = test.nameplate.actuator.diaphragm_area_m2
+    assert area_m2 is not None
+    motion = simulate_motion(test.truth, wave.time_s, area_m2 * wave.pressure_pa, [0.0, wave.duration_s])
+    breakaways_s = motion.events.times_of(Mode.BAND)
+    ranges_pa = []
+    for corner_s in wave.time_s[1:-1]:
+        after_s = breakaways_s[breakaways_s > corner_s + 1.0e-3]
+        ranges_pa.append(abs(float(wave.at(float(corner_s)) - wave.at(float(after_s[0])))))
+    return 100.0 * area_m2 * float(np.mean(ranges_pa)) / span_n(test)
+
+
+@pytest.mark.parametrize("name", VALVES)
+def test_the_dead_band_is_that_of_the_exact_motion(name: str) -> None:
+    wave = triangle(20.0, 2, *signal_range(name))
+    test = recorded(name, waveform=wave)
+    found = measure_signature(test.recording, test.nameplate).figures["dead_band_percent"]
+    true = true_dead_band_percent(test, wave)
+    assert found.value == pytest.approx(true, rel=0.01)
+    assert found.ci95 is not None
+    assert found.ci95[0] <= true <= found.ci95[1]
+
+
+@pytest.mark.parametrize("name", ["vendor", "nominal", "rough"])
+def test_the_dead_band_tends_to_f_c_plus_f_s_on_slow_ramps(name: str) -> None:
+    excess = []
+    for period_s in (10.0, 40.0):
+        test = recorded(name, period_s=0.001, waveform=triangle(period_s, 2, *signal_range(name)))
+        found = measure_signature(test.recording, test.nameplate).figures["dead_band_percent"].value
+        assert found is not None
+        quasi_static = test.truth.coulomb_friction_n + test.truth.static_friction_n
+        viscous = test.truth.viscous_friction_n_s_per_m * 2.0 * span_n(test) / period_s
+        viscous /= test.truth.spring_rate_n_per_m
+        excess.append(found * span_n(test) / 100.0 - quasi_static)
+        assert 0.0 < excess[-1] < viscous
+    assert excess[1] < 0.5 * excess[0]
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 20.0e-6])
+@pytest.mark.parametrize("name", ["nominal", "rough"])
+def test_stick_band_and_slip_jump_follow_from_the_parameters(name: str, noise_m: float) -> None:
+    test = recorded(name, noise_m=noise_m)
+    found = measure_signature(test.recording, test.nameplate).figures
+    truth, whole_n = test.truth, span_n(test)
+    friction_n = (
+        truth.coulomb_friction_n + truth.viscous_friction_n_s_per_m * whole_n / 10.0 / truth.spring_rate_n_per_m
+    )
+    band, jump = truth.static_friction_n + friction_n, truth.static_friction_n - friction_n
+    assert found["stick_band_percent"].value == pytest.approx(100.0 * band / whole_n, rel=2.0e-3)
+    assert found["slip_jump_percent"].value == pytest.approx(100.0 * jump / whole_n, rel=0.02)
+
+
+def test_a_breakaway_that_cannot_be_timed_gives_no_dead_band() -> None:
+    test = recorded("vendor", period_s=0.05, noise_m=100.0e-6)
+    found = measure_signature(test.recording, test.nameplate).figures["dead_band_percent"]
+    assert found.value is None
+    assert "known to" in found.note
+
+
+@pytest.mark.parametrize(("noise_pa", "within_percent"), [(20.0, 0.035), (100.0, 0.1)])
+def test_the_turn_of_a_noisy_pressure_is_not_its_largest_sample(noise_pa: float, within_percent: float) -> None:
+    wave = triangle(20.0, 3, *signal_range("nominal"))
+    test = recorded("nominal", period_s=0.002, noise_m=5.0e-6, waveform=wave)
+    assert test.recording.pressure_pa is not None
+    noise = noise_pa * np.random.default_rng(4).standard_normal(test.recording.samples)
+    noisy = Recording(test.recording.time_s, test.recording.position_m, pressure_pa=test.recording.pressure_pa + noise)
+    found = measure_signature(noisy, test.nameplate).figures["dead_band_percent"]
+    assert found.value == pytest.approx(true_dead_band_percent(test, wave), abs=within_percent)
+
+
+def test_stick_slip_has_its_branches_at_the_ends_of_the_slips() -> None:
+    test = recorded("nominal", period_s=0.05, noise_m=20.0e-6, waveform=triangle(2000.0, 1, *signal_range("nominal")))
+    found = measure_signature(test.recording, test.nameplate)
+    truth, whole_n = test.truth, span_n(test)
+    assert found.about["stick_slip"]
+    assert found.about["slip_m"] == pytest.approx(5.43e-3, rel=2.0e-3)
+    assert found.figures["friction_mean_n"].value == pytest.approx(truth.coulomb_friction_n, rel=1.0e-3)
+    assert found.figures["spring_rate_n_per_m"].value == pytest.approx(truth.spring_rate_n_per_m, rel=1.0e-4)
+    assert found.figures["dead_band_percent"].value == pytest.approx(
+        200.0 * truth.static_friction_n / whole_n, rel=1.0e-3
+    )
+    assert "amid stick-slip" in found.figures["dead_band_percent"].note
+    jump = truth.static_friction_n - truth.coulomb_friction_n
+    assert found.figures["slip_jump_percent"].value == pytest.approx(100.0 * jump / whole_n, rel=5.0e-3)
