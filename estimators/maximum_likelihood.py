@@ -8,11 +8,12 @@ import numpy as np
 
 from estimators.base import Estimate, Outcome, failed
 from estimators.likelihood.conclusion import conclude
+from estimators.likelihood.force_recording import estimate_force_recording
 from estimators.likelihood.input_path import InputPath, input_path
 from estimators.likelihood.problem import pose
 from estimators.likelihood.search import search
 from estimators.recorded_motion import RecordedMotion, read_motion
-from valve.nameplate import Nameplate
+from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
 
 
@@ -23,12 +24,15 @@ class MaximumLikelihoodEstimator:
     Unknown are m, k, F_v, F_c, F_s >= F_c, DV (weak prior), F_0, the position at the start, and travel stops where
     the stem touched them. A constant error of the position or of the pressure is the same as another F_0
     (S_a (P + p) - k (x + e) - F_0 has F_0 + k e - S_a p in its place), so neither is fitted beside it.
+    A drive without a spring whose force was measured is fitted in its force: nothing holds a simulated position there.
     """
 
     method: str = "maximum_likelihood"
 
     def estimate(self, recording: Recording, nameplate: Nameplate) -> Estimate:
         """Return the estimate; odd recordings give a named outcome."""
+        if nameplate.actuator.action is Action.DOUBLE and recording.force_n is not None:
+            return estimate_force_recording(recording, nameplate)
         motion = read_motion(recording, nameplate)
         if isinstance(motion, Outcome):
             return failed(self.method, motion)
