@@ -69,7 +69,7 @@ def _judged(method: str, test: RandomTest, known: tuple[str, ...]) -> Verdict:
         signal.alarm(LONGEST_S)
         estimate = ESTIMATORS[method]().estimate(test.recording, test.nameplate)
     except Exception as error:  # noqa: BLE001 - what an estimator must not do is counted, and the others go on
-        said = f"{type(error).__name__}: {error}"
+        said = f"{type(error).__name__}: {error}".partition("\n")[0]
         took_s = time.perf_counter() - begun_s
         return Verdict(test.seed, test.kind, method, "raised", samples, took_s, (said,), known, known, said)
     finally:
