@@ -100,6 +100,11 @@ def _require_positive(name: str, subject: str, value: float) -> None:
         raise WaveformError(f"waveform {name}: {subject} is {value:g}, it must be above 0: correct it")
 
 
+def _require_not_negative(name: str, subject: str, value: float) -> None:
+    if not (math.isfinite(value) and value >= 0.0):
+        raise WaveformError(f"waveform {name}: {subject} is {value:g}, it must not be negative: correct it")
+
+
 def triangle(
     period_s: float,
     cycles: int,
@@ -124,31 +129,40 @@ def multi_rate_triangle(
     *,
     rest_pa: float | None = None,
     rest_s: float = 0.0,
+    turn_s: float = 0.0,
     name: str = "multi_rate_triangle",
 ) -> Waveform:
-    """One triangle a period, each as fast as its own period says; the ends as in ``triangle``."""
+    """One triangle a period, each as fast as its own period says; the ends as in ``triangle``.
+
+    At each turn, top and bottom, the pressure holds for ``turn_s``: a transducer that lags behind then still gives
+    all of it, and where the stem comes to rest is seen many times over. The holds come on top of the periods.
+    """
     if not periods_s:
         raise WaveformError(f"waveform {name}: it has no cycle, give at least 1")
     for period_s in periods_s:
         _require_positive(name, "the period in s", period_s)
     if not low_pa < high_pa:
         raise WaveformError(f"waveform {name}: it goes from {low_pa:g} to {high_pa:g} Pa, the second must be higher")
+    _require_not_negative(name, "the hold at a turn in s", turn_s)
+    turns = [turn_s] if turn_s > 0.0 else []
     legs = [(0.0, low_pa)]
     for period_s in periods_s:
-        legs += [(period_s / 2.0, high_pa), (period_s / 2.0, low_pa)]
+        for end_pa in (high_pa, low_pa):
+            legs += [(period_s / 2.0, end_pa), *((hold_s, end_pa) for hold_s in turns)]
     if rest_pa is not None and rest_pa != low_pa:
         first_slope = (high_pa - low_pa) / (periods_s[0] / 2.0)
         last_slope = (high_pa - low_pa) / (periods_s[-1] / 2.0)
         legs = [(0.0, rest_pa), (abs(low_pa - rest_pa) / first_slope, low_pa), *legs[1:]]
         legs.append((abs(low_pa - rest_pa) / last_slope, rest_pa))
-    if not (math.isfinite(rest_s) and rest_s >= 0.0):
-        raise WaveformError(f"waveform {name}: the rest is {rest_s:g} s, it must not be negative: correct it")
+    _require_not_negative(name, "the rest in s", rest_s)
     if rest_s > 0.0:
         legs.append((rest_s, legs[-1][1]))
     return _joined(name, legs)
 
 
-def multi_rate_periods(fastest_s: float, slowest_s: float = 20.0, duration_s: float = 60.0) -> tuple[float, ...]:
+def multi_rate_periods(
+    fastest_s: float, slowest_s: float = 20.0, duration_s: float = 60.0, turn_s: float = 0.0
+) -> tuple[float, ...]:
     """Periods for ``multi_rate_triangle`` within ``duration_s``: one slow, one between, then fast ones to the end.
 
     The slow one serves the signature and dead band, the fast ones mass, viscous friction and limit velocity. No two
@@ -167,11 +181,12 @@ def multi_rate_periods(fastest_s: float, slowest_s: float = 20.0, duration_s: fl
     periods_s = [slowest_s]
     if fastest_s * _LEAST_RATIO_BETWEEN <= slowest_s:
         periods_s.append(math.sqrt(slowest_s * fastest_s))
-    slow_ones, left_s = len(periods_s), duration_s - sum(periods_s)
+    _require_not_negative(name, "the hold at a turn in s", turn_s)
+    slow_ones, left_s = len(periods_s), duration_s - sum(periods_s) - 2.0 * turn_s * len(periods_s)
     number = 1
-    while (period_s := fastest_s * (1.0 + _PERIOD_SPREAD * (number * _GOLDEN % 1.0))) <= left_s:
+    while (period_s := fastest_s * (1.0 + _PERIOD_SPREAD * (number * _GOLDEN % 1.0))) + 2.0 * turn_s <= left_s:
         periods_s.append(period_s)
-        left_s -= period_s
+        left_s -= period_s + 2.0 * turn_s
         number += 1
     if len(periods_s) < slow_ones + 2:
         raise WaveformError(

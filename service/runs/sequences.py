@@ -20,9 +20,10 @@ from valve.waveform import Waveform, dwell, multi_rate_periods, multi_rate_trian
 # What a test runs that names no sequence, and what it runs where a valve's limits do not allow that.
 DEFAULT_SEQUENCE: Final = "multi_rate"
 FALLBACK_SEQUENCE: Final = "triangle"
-# Ramps of 1.5 s and more: of 1 to 4 s the worst case over valves, sampling and an I/P lag of 0 to 0.3 s is least for
-# these (tests/benchmarks/sequences.py); with faster ones a laggard no longer swings a valve of high friction.
-_FASTEST_PERIOD_S: Final = 3.0
+# The worst case over valves, sampling and an I/P lag of 0 to 0.3 s is least for these (tests/benchmarks/sequences.py):
+# ramps of 1 s and more, and holds at the turns in which the pressure comes after.
+_FASTEST_PERIOD_S: Final = 2.0
+_TURN_S: Final = 0.6
 _SINE_CORNERS: Final = 1000  # fits the corner table of the reference map (1024), whatever the number of cycles
 
 Period = Annotated[float, Field(gt=0.0, le=3600.0)]
@@ -64,25 +65,30 @@ class Triangle(Sequence):
 
 
 class MultiRate(Sequence):
-    """One slow triangle, then fast ones at many rates: the most that a minute can tell of a valve.
+    """One slow triangle, then fast ones at many rates, with short holds at the turns: the most that a minute can tell.
 
-    ``periods_s`` says them all. Otherwise the fastest is 3 s, or as slow as the limit of the pressure's rate asks;
-    name ``fastest_period_s`` where the I/P is slower than that. They fill ``duration_s``, within longest_test_s.
+    ``periods_s`` says all ramps. Otherwise the fastest take 2 s there and back, or as long as the limit of the
+    pressure's rate asks; name ``fastest_period_s`` where the I/P is slower. They fill ``duration_s``, within
+    longest_test_s. ``turn_s`` is the hold at each turn: 0.6 s, with ``periods_s`` none.
     """
 
     periods_s: Annotated[list[Period], Field(min_length=1, max_length=100)] | None = None
     fastest_period_s: Period | None = None
     duration_s: Annotated[float, Field(ge=10.0, le=3600.0)] = 60.0
+    turn_s: Annotated[float, Field(ge=0.0, le=60.0)] | None = None
 
     def waveform(self, room: Room) -> Waveform:
         """Return the triangles, one a period."""
-        return multi_rate_triangle(self.periods_s or self._periods_s(room), room.low_pa, room.high_pa)
+        if self.periods_s is not None:
+            return multi_rate_triangle(self.periods_s, room.low_pa, room.high_pa, turn_s=self.turn_s or 0.0)
+        turn_s = _TURN_S if self.turn_s is None else self.turn_s
+        return multi_rate_triangle(self._periods_s(room, turn_s), room.low_pa, room.high_pa, turn_s=turn_s)
 
-    def _periods_s(self, room: Room) -> tuple[float, ...]:
+    def _periods_s(self, room: Room, turn_s: float) -> tuple[float, ...]:
         # 1e-6 longer, so that rounding does not make it too fast
         allowed_s = 2.0 * (room.high_pa - room.low_pa) / room.rate_pa_per_s * (1.0 + 1.0e-6)
         fastest_s = max(_FASTEST_PERIOD_S, allowed_s) if self.fastest_period_s is None else self.fastest_period_s
-        return multi_rate_periods(fastest_s, duration_s=min(self.duration_s, room.longest_s))
+        return multi_rate_periods(fastest_s, duration_s=min(self.duration_s, room.longest_s), turn_s=turn_s)
 
 
 class Sine(Sequence):

@@ -141,6 +141,17 @@ def test_rates_that_cannot_be_had_are_refused(fastest_s: float, duration_s: floa
         multi_rate_periods(fastest_s, duration_s=duration_s)
 
 
+def test_holds_at_the_turns_come_on_top_and_are_counted() -> None:
+    periods_s = multi_rate_periods(2.0, turn_s=0.5)
+    wave = multi_rate_triangle(periods_s, 1.0, 3.0, turn_s=0.5)
+    assert wave.duration_s == pytest.approx(sum(periods_s) + len(periods_s))
+    assert 55.0 < wave.duration_s <= 60.0
+    assert wave.at(np.array([10.0, 10.25, 10.5])) == pytest.approx(3.0)
+    assert wave.at(np.array([20.5, 20.75, 21.0])) == pytest.approx(1.0)
+    with pytest.raises(WaveformError, match="hold at a turn"):
+        multi_rate_triangle([2.0], 1.0, 3.0, turn_s=-0.1)
+
+
 def test_a_sine_keeps_to_the_sine_between_its_corners() -> None:
     waveform = sine(8.0, 2.5, 0.0, 70050.0)
     time_s = np.linspace(0.0, 20.0, 100_001)
@@ -175,8 +186,8 @@ def test_dwells_rest_in_the_middle_of_each_ramp() -> None:
         (lambda: triangle(0.0, 1, 0.0, 1.0), "period in s is 0"),
         (lambda: triangle(math.nan, 1, 0.0, 1.0), "period in s is nan"),
         (lambda: triangle(1.0, 1, 2.0, 1.0), "the second must be higher"),
-        (lambda: triangle(1.0, 1, 0.0, 1.0, rest_s=-1.0), "the rest is -1 s"),
-        (lambda: triangle(1.0, 1, 0.0, 1.0, rest_s=math.nan), "the rest is nan s"),
+        (lambda: triangle(1.0, 1, 0.0, 1.0, rest_s=-1.0), "the rest in s is -1"),
+        (lambda: triangle(1.0, 1, 0.0, 1.0, rest_s=math.nan), "the rest in s is nan"),
         (lambda: triangle(1.0, 1, 0.0, 1.0, rest_pa=math.nan), "finite"),
         (lambda: triangle(1.0, 1, 0.0, math.inf), "finite"),
         (lambda: multi_rate_triangle([1.0, -1.0], 0.0, 1.0), "period in s is -1"),
