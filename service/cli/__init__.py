@@ -19,6 +19,7 @@ COMMANDS: Final = {
     "serve": "The service of the plant that a plant file describes.",
     "simulate": "The valves of a plant file as Modbus slaves.",
     "run": "One test of one valve through the REST interface of a running service.",
+    "plan": "What a test would tell of a valve, by sequence, before anything moves.",
     "analyze": "Estimates from recordings that exist already, with no service or device.",
     "paper": "Tables and figures of Romano and Garcia (2007), ours beside the printed values.",
 }

@@ -1,0 +1,150 @@
+"""What each sequence would tell of a valve, before it is run: expected intervals, ties, time and rates."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from drivers.waveform_check import check_waveform
+from estimators.base import NORMAL_95
+from estimators.identifiability import Knowledge
+from estimators.planned_test import PlannedTest, planned_knowledge
+from service.expected_valve import ExpectedValve
+from service.runs.sequences import build_waveform, default_of
+from service.settings import PlantValve
+from valve.errors import InternalError, WaveformError
+from valve.nameplate import Nameplate
+from valve.parameters import PARAMETER_SYMBOLS, TravelStops, ValveParameters
+from valve.waveform import Waveform
+
+SCHEMA: Final = "breakaway/plan/1"
+_STOP_MARGIN: Final = 0.01  # of the travel, beyond its ends: seats and stops give a little
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SequencePlan:
+    """One sequence on one valve: its waveform and what it tells, or (``problem``) why it cannot be run or planned."""
+
+    sequence: str
+    waveform: Waveform | None
+    knowledge: Knowledge | None
+    problem: str = ""
+
+    @property
+    def identifiable(self) -> tuple[str, ...]:
+        """The valve's parameters that the test would give within +-30 %."""
+        known = self.knowledge
+        return () if known is None else tuple(symbol for symbol in PARAMETER_SYMBOLS if known.identifiable(symbol))
+
+    @property
+    def score(self) -> tuple[int, float]:
+        """Number of parameters that it tells, then how narrowly for its time: the greater, the more.
+
+        An interval falls with the root of the time spent, so a longer test must do better than that.
+        """
+        if self.knowledge is None or self.waveform is None:
+            return -1, 0.0
+        root_s = math.sqrt(self.waveform.duration_s)
+        widths = [min(max(self.knowledge.relative(symbol), 1.0e-9), 1.0e3) for symbol in PARAMETER_SYMBOLS]
+        return len(self.identifiable), -sum(math.log(width * root_s) for width in widths)
+
+
+def plan_sequence(valve: PlantValve, expected: ExpectedValve, name: str, overrides: Mapping[str, Any]) -> SequencePlan:
+    """Return what this sequence tells. Raises RequestError for an unknown sequence or override."""
+    limits, actuator = valve.wiring.limits, valve.nameplate.actuator
+    waveform: Waveform | None = None
+    try:
+        waveform = build_waveform(name, overrides, valve.nameplate, limits)
+        check_waveform(valve.nameplate.tag, waveform, limits)
+        assert actuator.diaphragm_area_m2 is not None, "an expected valve has one"
+        margin_m = _STOP_MARGIN * actuator.travel_m
+        test = PlannedTest(
+            waveform,
+            actuator.diaphragm_area_m2,
+            expected.sample_period_s,
+            expected.noise_m,
+            expected.lag_s,
+            expected.pressure_measured,
+            TravelStops(-margin_m, actuator.travel_m + margin_m),
+        )
+        start_m = _rest_m(expected.parameters, valve.nameplate, float(waveform.pressure_pa[0]))
+        return SequencePlan(name, waveform, planned_knowledge(expected.parameters, test, start_m=start_m))
+    except WaveformError as error:
+        return SequencePlan(name, waveform, None, str(error))
+    except InternalError as error:  # a motion that cannot be followed, such as creep in micro-steps
+        return SequencePlan(name, waveform, None, f"{valve.nameplate.tag}: {name} cannot be planned: {error}")
+
+
+def _rest_m(parameters: ValveParameters, nameplate: Nameplate, pressure_pa: float) -> float:
+    """Where the stem rests when it has come down to this pressure, m."""
+    area_m2 = nameplate.actuator.diaphragm_area_m2 or 0.0
+    balance_n = area_m2 * pressure_pa - parameters.preload_n + parameters.coulomb_friction_n
+    return min(max(balance_n / parameters.spring_rate_n_per_m, 0.0), nameplate.actuator.travel_m)
+
+
+def plan_document(valve: PlantValve, expected: ExpectedValve, plans: list[SequencePlan]) -> dict[str, Any]:
+    """Return the plans as one JSON object."""
+    default, reason = default_of(valve.nameplate, valve.wiring.limits)
+    return {
+        "schema": SCHEMA,
+        "valve": valve.nameplate.tag,
+        "parameters": {
+            "values": expected.parameters.by_symbol(),
+            "assumed": list(expected.assumed),
+            "source": expected.parameters_from,
+        },
+        "sampling": {
+            "mode": valve.wiring.acquisition.mode.value,
+            "sample_period_s": expected.sample_period_s,
+            "sample_period_source": expected.sample_period_from,
+            "position_noise_m": expected.noise_m,
+            "position_noise_source": expected.noise_from,
+            "pressure_measured": expected.pressure_measured,
+            "transducer_lag_s": expected.lag_s,
+        },
+        "default_sequence": default,
+        "default_sequence_reason": reason,
+        "best_sequence": max(plans, key=lambda plan: plan.score).sequence if any(p.knowledge for p in plans) else None,
+        "sequences": [_sequence_document(valve, plan) for plan in plans],
+    }
+
+
+def _sequence_document(valve: PlantValve, plan: SequencePlan) -> dict[str, Any]:
+    waveform, known = plan.waveform, plan.knowledge
+    rate = None if waveform is None else waveform.fastest_rate_pa_per_s
+    return {
+        "sequence": plan.sequence,
+        "possible": known is not None,
+        "message": plan.problem,
+        "duration_s": None if waveform is None else waveform.duration_s,
+        # of steps there is none
+        "fastest_rate_pa_per_s": rate if rate is not None and math.isfinite(rate) else None,
+        "rate_limit_pa_per_s": valve.wiring.limits.pressure_rate_pa_per_s,
+        "parameters": None if known is None else {symbol: _parameter(known, symbol) for symbol in PARAMETER_SYMBOLS},
+    }
+
+
+def _parameter(known: Knowledge, symbol: str) -> dict[str, Any]:
+    tie, error = known.ties(symbol), known.std_error(symbol)
+    half_width = NORMAL_95 * error
+    return {
+        "value": known.value(symbol),
+        "unit": PARAMETER_SYMBOLS[symbol].unit,
+        "half_width_95": half_width if math.isfinite(half_width) else None,
+        "half_width_percent": 100.0 * known.relative(symbol) if math.isfinite(known.relative(symbol)) else None,
+        "identifiable": known.identifiable(symbol),
+        "note": known.note(symbol),
+        "tied_to": None if tie is None else list(tie.symbols[1:]),
+        "known_instead": None
+        if tie is None
+        else {
+            "combination": tie.combination,
+            "meaning": tie.meaning,
+            "value": tie.value,
+            "half_width_95": NORMAL_95 * tie.std_error,
+            "unit": tie.unit,
+            "separated_by": tie.separated_by,
+        },
+    }
