@@ -142,13 +142,26 @@ def _by_waves(influence: FloatArray) -> FloatArray:
     return np.asarray(2.0 / (_WAVES - len(COLUMNS)) * _WIDENING**2 * parts.T @ parts)
 
 
-def spring_that_shows(fit: ForceFit, channels: Spectra) -> tuple[float, float]:
-    """Spring rate that the residual would have, N/m, and its standard error: 0 within it where there is no spring."""
+@dataclass(frozen=True, slots=True)
+class SpringCheck:
+    """Spring rate that the residual would have, N/m, its standard error, and the share of the residual that it takes.
+
+    The position counts only as far as the other regressors do not follow it: on a sine it is the acceleration.
+    """
+
+    spring_n_per_m: float
+    std_error: float
+    share: float
+
+
+def spring_that_shows(fit: ForceFit, channels: Spectra) -> SpringCheck:
+    """Return what a spring would add to the fit."""
     position_m = channels.filtered(channels.position, fit.window.force) * fit.rows
     own = position_m - fit.regressors @ (fit.bread @ (fit.regressors.T @ position_m))
-    size = float(own @ own)
-    if not size > 0.0:
-        return 0.0, math.inf
+    size, misfit = float(own @ own), float(fit.residual_n @ fit.residual_n)
+    if not (size > 0.0 and misfit > 0.0):
+        return SpringCheck(0.0, math.inf, 0.0)
     spring = float(own @ fit.residual_n) / size
     influence = own * (fit.residual_n - spring * own) / size
-    return spring, math.sqrt(float(_by_waves(influence[:, None])[0, 0]))
+    error = math.sqrt(float(_by_waves(influence[:, None])[0, 0]))
+    return SpringCheck(spring, error, spring**2 * size / misfit)

@@ -41,7 +41,7 @@ _EVEN: Final = 1.0e-3  # of the period, as in Recording.is_evenly_sampled
 _FEWEST_RUN_ROWS: Final = 8
 _SURE: Final = 3.0  # standard errors by which a value must be unphysical
 _SPRING_SURE: Final = 4.0
-_SPRING_SHARE: Final = 0.5  # of F_c, over the travel seen: a spring that large belongs into the model
+_SPRING_SHARE: Final = 0.3  # of the residual's mean square: a spring that takes as much belongs into the model
 _NO_LIMIT_SPEED: Final = "what the stem does below DV is too short for the force to show it"
 _NO_SPRING: Final = "taken as 0: the nameplate says that no spring opposes the stem"
 
@@ -150,19 +150,24 @@ def _concluded(samples: Samples, moving: MovingRows, fitted: FittedForce, direct
     if any(known.value(symbol) < -_SURE * known.error(symbol) for symbol in positive):
         return failed(_METHOD, Outcome.UNPHYSICAL, diagnostics)
     parameters = _parameters(known, both=both)
-    parameters["F_s"] = static_friction(samples, moving, (known.value("F_c"), known.error("F_c")), known.value("F_0"))
+    parameters["F_s"] = static_friction(
+        samples,
+        moving,
+        known.value("m"),
+        (known.value("F_c"), known.error("F_c")),
+        (known.value("F_0"), known.error("F_0")),
+    )
     if not both:
         parameters["F_s"] = absent(parameters["F_c"].note)
     complete = in_order(parameters)
     missing = [symbol for symbol in COLUMNS if complete[symbol].value is None]
     outcomes = [] if both else [Outcome.ONE_DIRECTION_ONLY]
     said = [str(outcome) for outcome in outcomes]
-    spring, spring_error = spring_that_shows(fitted.fit, fitted.channels)
-    travel_m = float(np.ptp(samples.position_m))
-    if abs(spring) > _SPRING_SURE * spring_error and abs(spring) * travel_m > _SPRING_SHARE * abs(known.value("F_c")):
+    spring = spring_that_shows(fitted.fit, fitted.channels)
+    if spring.spring_n_per_m > _SPRING_SURE * spring.std_error and spring.share > _SPRING_SHARE:
         said.append(
-            f"The force goes with the position by {spring:.4g} N/m, as a spring's does, and none is in the model: "
-            "check the nameplate's action."
+            f"The force goes with the position by {spring.spring_n_per_m:.4g} N/m, as a spring's does, and none is in "
+            "the model: check the nameplate's action."
         )
     status = Status.POOR if missing or said else Status.OK
     if all(complete[symbol].value is None for symbol in COLUMNS):
@@ -171,7 +176,7 @@ def _concluded(samples: Samples, moving: MovingRows, fitted: FittedForce, direct
         said.append(f"Not given: {', '.join(missing)}.")
     diagnostics |= {
         "outcomes": [outcome.name for outcome in outcomes],
-        "spring_that_shows_n_per_m": [spring, spring_error],
+        "spring_that_shows_n_per_m": [spring.spring_n_per_m, spring.std_error],
     }
     return Estimate(_METHOD, status, " ".join(said), None, complete, diagnostics)
 

@@ -44,12 +44,11 @@ def senses_by_force(
     passage: beyond F_s the stem leaves with more than F_c / m.
     """
     velocity, half = moving.velocity, moving.half_window
-    slow = _SURE_SIGMAS * windowed_slope_noise(samples.position_noise_m, half, samples.period_s)
+    slow, passage_s = passage(samples, half, mass_kg, coulomb_n)
     still = np.abs(velocity) <= slow
     near_zero = widened(still | _turning(velocity), half)
     least_n = max(_NO_REST * coulomb_n, slow / _SURE_SIGMAS * mass_kg / (_INSTANT_ROWS * samples.period_s))
     unsure = near_zero & (np.abs(force_n) <= least_n)
-    passage_s = 2.0 * slow * mass_kg / coulomb_n + (2 * half + 2) * samples.period_s
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]])))
     for first, end in zip(edges[::2], edges[1::2], strict=True):
         if (end - first) * samples.period_s > passage_s:
@@ -57,6 +56,15 @@ def senses_by_force(
     # the friction's turn bends the motion: at that instant the windowed velocity is already ahead by this
     ahead = 2.0 * coulomb_n / mass_kg * samples.period_s * (2 * half + 1) / 12.0
     return Senses(_sense(velocity + ahead * np.sign(force_n) * near_zero), unsure)
+
+
+def passage(samples: Samples, half_window: int, mass_kg: float, coulomb_n: float) -> tuple[float, float]:
+    """Speed that is not told from rest, m/s, and the longest time that a passage through it takes, s.
+
+    Beyond F_s the net force exceeds F_c once the stem moves (F_s is at least F_c, and 2 F_c is asked for).
+    """
+    slow = _SURE_SIGMAS * windowed_slope_noise(samples.position_noise_m, half_window, samples.period_s)
+    return slow, 2.0 * slow * mass_kg / coulomb_n + (2 * half_window + 2) * samples.period_s
 
 
 def widened(rows: BoolArray, reach: int) -> BoolArray:
