@@ -7,9 +7,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from estimators.base import Estimate, Status
+from estimators.base import Estimate
 from estimators.registry import estimate_all
 from estimators.samples import position_noise
+from estimators.signature.measure import measure_signature
+from estimators.step_response import step_figures
 from valve.errors import MotionError, ParameterError, RecordingError
 from valve.motion import simulate_recording
 from valve.nameplate import Nameplate
@@ -53,7 +55,7 @@ def analyze_recordings(
             "separating_test": None,
             "gain": None,
         },
-        "signature": signature(estimates, nameplate),
+        "signature": signature(recording, estimates, nameplate),
         "health": {"ne107": None, "reasons": [_NO_HEALTH]},
     }
     if held_out:
@@ -126,27 +128,10 @@ def position_noise_m(recording: Recording) -> float | None:
     return position_noise(recording.time_s[rows], recording.position_m[rows], run_first)
 
 
-def signature(estimates: Sequence[Estimate], nameplate: Nameplate) -> dict[str, Any]:
-    """Return the technician's figures that follow from the first estimate that has a spring rate.
-
-    ``spring_rate_n_per_m`` is k; ``bench_set_pa`` is F_0 / S_a and (F_0 + k travel) / S_a; ``friction_mean_n`` is
-    F_c, the friction at low speed. None stands for what no estimate gives: friction over travel, dead band.
-    """
-    figures: dict[str, Any] = dict.fromkeys(
-        ("from", "friction_mean_n", "friction_max_n", "spring_rate_n_per_m", "bench_set_pa", "dead_band_percent")
-    )
-    for estimate in estimates:
-        stiffness = estimate.value("k")
-        if estimate.status is Status.FAILED or stiffness is None:
-            continue
-        figures |= {"from": f"the parameters by {estimate.method}", "spring_rate_n_per_m": stiffness}
-        figures["friction_mean_n"] = estimate.value("F_c")
-        preload_n, area_m2 = estimate.value("F_0"), nameplate.actuator.diaphragm_area_m2
-        if preload_n is not None and area_m2 is not None:
-            full_n = preload_n + stiffness * nameplate.actuator.travel_m
-            figures["bench_set_pa"] = [preload_n / area_m2, full_n / area_m2]
-        break
-    return figures
+def signature(recording: Recording, estimates: Sequence[Estimate], nameplate: Nameplate) -> dict[str, Any]:
+    """Return the technician's figures: measured on the loop where it shows them, else from the estimates; and steps."""
+    found = measure_signature(recording, nameplate, estimates).to_json()
+    return {**found, "steps": step_figures(recording, nameplate)}
 
 
 def _tried(name: str, recording: Recording, estimates: Sequence[Estimate], nameplate: Nameplate) -> dict[str, Any]:

@@ -94,7 +94,7 @@ def fit_branches(samples: Samples, at_rate: PassesAtRate, spring_n_per_m: float,
     cells = _cells(samples, covering, stroke_m, spring_n_per_m)
     if cells is None:
         return None
-    means, cell_m = cells
+    means, cell_m, covering = cells
     noise_n, freedom = noise_of_cells(means)
     away_m = cell_m - cell_m.mean()
     slopes = means @ away_m / float(away_m @ away_m) if free else np.zeros(len(covering))
@@ -136,32 +136,40 @@ def _covers(one: Pass, stroke_m: tuple[float, float]) -> bool:
 
 def _cells(
     samples: Samples, passes: list[Pass], stroke_m: tuple[float, float], spring_n_per_m: float
-) -> tuple[FloatArray, FloatArray] | None:
-    """Mean of F - k (x - middle of the stroke) by pass and cell, (n_passes, n_cells), and the cells' middles, m.
+) -> tuple[FloatArray, FloatArray, list[Pass]] | None:
+    """Mean of F - k (x - middle of the stroke) by pass and cell, (n_passes, n_cells), the cells' middles, m.
 
-    As many cells as leave no pass with an empty one. To sort by the noisy travel makes no bias: about as many
-    samples come in over an edge as go out.
+    With the passes that have no empty cell; at first as many cells as leave most passes whole, else any one each way.
+    To sort by the noisy travel makes no bias: about as many samples come in over an edge as go out.
     """
-    inside = []
-    for one in passes:
-        position_m = samples.position_m[one.rows]
-        inside.append(one.rows[(position_m >= stroke_m[0]) & (position_m < stroke_m[1])])
-    count = min(_MOST_CELLS, min(rows.size for rows in inside) // _ROWS_A_CELL)
-    middle_m = 0.5 * (stroke_m[0] + stroke_m[1])
+    count = _MOST_CELLS
     while count >= _FEWEST_CELLS:
-        width_m = (stroke_m[1] - stroke_m[0]) / count
-        means = np.empty((len(passes), count))
-        for number, rows in enumerate(inside):
-            position_m = samples.position_m[rows]
-            cell = np.minimum(((position_m - stroke_m[0]) / width_m).astype(np.int64), count - 1)
-            held = np.bincount(cell, minlength=count)
-            force_n = samples.force_n[rows] - spring_n_per_m * (position_m - middle_m)
-            with np.errstate(invalid="ignore"):
-                means[number] = np.bincount(cell, force_n, count) / held
-        if np.isfinite(means).all():
-            return means, np.asarray(stroke_m[0] + (np.arange(count, dtype=np.float64) + 0.5) * width_m)
+        means = np.array([_cell_means(samples, one, stroke_m, spring_n_per_m, count) for one in passes])
+        whole = np.isfinite(means).all(axis=1)
+        kept = [one for one, full in zip(passes, whole, strict=True) if full]
+        last = count * 3 // 4 < _FEWEST_CELLS
+        if {one.direction for one in kept} == {1, -1} and (last or 2 * len(kept) > len(passes)):
+            width_m = (stroke_m[1] - stroke_m[0]) / count
+            return means[whole], stroke_m[0] + width_m * (np.arange(count, dtype=np.float64) + 0.5), kept
         count = count * 3 // 4
     return None
+
+
+def _cell_means(
+    samples: Samples, one: Pass, stroke_m: tuple[float, float], spring_n_per_m: float, count: int
+) -> FloatArray:
+    """Mean of F - k (x - middle of the stroke) by cell, shape (count,); NaN where a cell has too few rows."""
+    position_m = samples.position_m[one.rows]
+    inside = (position_m >= stroke_m[0]) & (position_m < stroke_m[1])
+    position_m = position_m[inside]
+    cell = ((position_m - stroke_m[0]) / (stroke_m[1] - stroke_m[0]) * count).astype(np.int64)
+    cell = np.minimum(cell, count - 1)
+    force_n = samples.force_n[one.rows[inside]] - spring_n_per_m * (position_m - 0.5 * (stroke_m[0] + stroke_m[1]))
+    held = np.bincount(cell, minlength=count)
+    means = np.full(count, np.nan)
+    enough = held >= _ROWS_A_CELL - 1
+    means[enough] = np.bincount(cell, force_n, count)[enough] / held[enough]
+    return means
 
 
 def _extremes(friction_n: FloatArray, mean: Measured, noise_n: float) -> tuple[Measured, Measured]:

@@ -37,6 +37,10 @@ _ONE_WAY: Final = (
 )
 _STEPS: Final = "the input goes in steps, and this needs ramps up and down: see the step test"
 _FEWEST_STEPS: Final = 3
+_UNFOLLOWED: Final = (
+    "the stem moves from sample to sample by more than can be told from noise: sample faster, or test with slow ramps"
+)
+_SURELY_MOVED: Final = 0.05  # of rated travel
 _UNVARIED: Final = "no variation over the travel beyond the noise"
 _NO_REVERSAL: Final = "no reversal of a moving stem was seen on a ramp: repeat with ramps up and down"
 _LARGEST_SHARE_OF_STROKE: Final = 0.3  # of the longest one among the rates: a shorter one is no central stroke
@@ -78,7 +82,9 @@ def _measured(samples: Samples, motion: RecordedMotion | Outcome, nameplate: Nam
         if lines is not None:
             return _stick_slip(lines, nameplate)
     if isinstance(motion, Outcome):
-        return _nothing(str(motion), span=_span(nameplate, None))
+        swept_m = float(np.ptp(samples.position_m))
+        unfollowed = motion is Outcome.NEVER_MOVED and swept_m > _SURELY_MOVED * nameplate.actuator.travel_m
+        return _nothing(_UNFOLLOWED if unfollowed else str(motion), span=_span(nameplate, None))
     if motion.one_direction:
         return _nothing(str(Outcome.ONE_DIRECTION_ONLY), span=_span(nameplate, None))
     line = start_line(motion)

@@ -9,6 +9,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from service.cli.plain_numbers import plus_minus
+from service.cli.signature_tables import print_signature
 from valve.parameters import PARAMETER_SYMBOLS
 
 _NOT_GIVEN: Final = "not identifiable"
@@ -18,13 +20,12 @@ _WIDE: Final = 140  # columns of the terminal from which each parameter's meanin
 
 
 def print_analysis(console: Console, analysis: dict[str, Any]) -> None:
-    """Print the recording's quality, both methods beside each other, what is missing and why, and the rest."""
+    """Print the recording's quality, the methods beside each other, what is missing and why, and the rest."""
     _print_recording(console, analysis["recording"])
     console.print(_parameters(analysis["estimates"], wide=console.width >= _WIDE))
     for reason in reasons(analysis["estimates"]):
         _say(console, reason)
-    if analysis["signature"]["spring_rate_n_per_m"] is not None:
-        _print_signature(console, analysis["signature"])
+    print_signature(console, analysis["signature"])
     for tried in analysis.get("held_out", []):
         _print_held_out(console, tried)
     discrepancy = analysis["discrepancy"]
@@ -59,30 +60,26 @@ def _print_recording(console: Console, recording: dict[str, Any]) -> None:
 
 
 def _parameters(estimates: list[dict[str, Any]], *, wide: bool) -> Table:
-    table = Table(title="Parameters", title_justify="left")
+    table = Table(title="Parameters (± is half of the 95 % interval)", title_justify="left")
     table.add_column("parameter", no_wrap=True)
     for estimate in estimates:
         table.add_column(Text(f"{estimate['method'].replace('_', ' ')} ({estimate['status']})"), justify="right")
-        table.add_column("95 % interval" if wide else "± 95 %", justify="right", no_wrap=True)
     for symbol, entry in PARAMETER_SYMBOLS.items():
-        cells = [cell for estimate in estimates for cell in _cells(estimate["parameters"][symbol], wide=wide)]
+        cells = [_cell(estimate["parameters"][symbol]) for estimate in estimates]
         meaning = f"  {entry.meaning}" if wide else ""
         table.add_row(Text(f"{symbol} [{entry.unit}]{meaning}"), *cells)
-    residuals = [estimate["residual_rms_m"] for estimate in estimates]
-    cells = [cell for residual_m in residuals for cell in (_micrometres(residual_m), "")]
-    table.add_row("residual, rms" if wide else "residual", *cells)
+    residuals = [_micrometres(estimate["residual_rms_m"]) for estimate in estimates]
+    table.add_row("residual, rms" if wide else "residual", *residuals)
     return table
 
 
-def _cells(parameter: dict[str, Any], *, wide: bool) -> tuple[str, str]:
+def _cell(parameter: dict[str, Any]) -> str:
     if parameter["value"] is None:
-        return _NOT_GIVEN, ""
-    value, interval = f"{parameter['value']:.6g}", parameter["ci95"]
-    if interval is None:
-        return value, "none"
-    if wide:
-        return value, f"{interval[0]:.6g} to {interval[1]:.6g}"
-    return value, f"{max(interval[1] - parameter['value'], parameter['value'] - interval[0]):.2g}"
+        return _NOT_GIVEN
+    if parameter["ci95"] is None:
+        return f"{parameter['value']:.6g}"
+    low, high = parameter["ci95"]
+    return plus_minus(parameter["value"], max(high - parameter["value"], parameter["value"] - low), digits=6)
 
 
 def _micrometres(length_m: float | None) -> str:
@@ -113,16 +110,6 @@ def _owners(owners: dict[tuple[str, ...], list[str]]) -> str:
     return "; ".join(
         " and ".join(methods) + (f", {', '.join(symbols)}" if symbols else "") for symbols, methods in owners.items()
     )
-
-
-def _print_signature(console: Console, signature: dict[str, Any]) -> None:
-    figures = [f"spring rate {signature['spring_rate_n_per_m']:.5g} N/m"]
-    if signature["friction_mean_n"] is not None:
-        figures.append(f"friction {signature['friction_mean_n']:.5g} N")
-    if signature["bench_set_pa"] is not None:
-        low_pa, high_pa = signature["bench_set_pa"]
-        figures.append(f"bench set {low_pa:.5g} to {high_pa:.5g} Pa")
-    _say(console, f"Signature, from {signature['from']}: {', '.join(figures)}.")
 
 
 def _print_held_out(console: Console, tried: dict[str, Any]) -> None:

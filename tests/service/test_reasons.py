@@ -7,8 +7,12 @@ from typing import Any
 
 from rich.console import Console
 
+from estimators.signature.measure import measure_signature
+from estimators.step_response import step_figures
 from service.cli.analysis_tables import print_analysis, reasons
+from tests.service.recordings import NOMINAL, recorded, triangle_test
 from valve.parameters import PARAMETER_SYMBOLS
+from valve.waveform import steps
 
 TOO_SLOW = "The sampling rate is too low: capture in the device."
 
@@ -44,6 +48,7 @@ def test_a_reason_of_both_methods_stands_there_once_without_what_the_table_shows
 
 def test_a_terminal_of_80_columns_breaks_no_cell_of_the_table() -> None:
     console = Console(width=80, record=True, file=StringIO())
+    step_test = recorded(steps([0.0, 40_000.0, 43_000.0, 60_000.0, 10_000.0], 2.0), 0.01, 5.0e-6)
     analysis = {
         "recording": {
             "samples": 1201,
@@ -55,7 +60,10 @@ def test_a_terminal_of_80_columns_breaks_no_cell_of_the_table() -> None:
             "channels": ["command_pa", "position_m"],
         },
         "estimates": ESTIMATES,
-        "signature": {"spring_rate_n_per_m": None},
+        "signature": {
+            **measure_signature(triangle_test(0.002), NOMINAL.nameplate).to_json(),
+            "steps": step_figures(step_test, NOMINAL.nameplate),
+        },
         "discrepancy": {"verdict": "not_assessed"},
         "health": {"ne107": None, "reasons": ["not assessed"]},
     }

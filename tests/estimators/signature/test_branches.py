@@ -10,7 +10,7 @@ import pytest
 from estimators.signature.figures import FIELDS, Signature
 from estimators.signature.measure import measure_signature
 from tests.estimators.recordings import VALVES, Recorded, recorded
-from valve.nameplate import Nameplate
+from valve.nameplate import Action, Actuator, Nameplate
 from valve.parameter_sets import parameter_set
 from valve.parameters import TravelStops
 from valve.recording import FloatArray, Recording
@@ -216,3 +216,43 @@ def test_the_curve_is_small_and_lies_on_the_loop() -> None:
         inside = (travel_m > 0.035) & (travel_m < 0.06)
         mid_pa = travel_m[inside] * test.truth.spring_rate_n_per_m / 0.06452
         assert np.abs(pressure_pa[inside] - mid_pa - sense * friction_pa).max() < 30.0
+
+
+def test_a_stem_that_the_samples_cannot_follow_did_not_stand_still() -> None:
+    random, plate = np.random.default_rng(2), parameter_set("nominal").nameplate
+    time_s = np.arange(0.0, 600.0, 1.0)
+    position_m = 0.05 + 0.005 * random.standard_normal(time_s.size)
+    recording = Recording(time_s, position_m, pressure_pa=40_000.0 + 4_000.0 * np.sin(0.05 * time_s))
+    found = measure_signature(recording, plate)
+    assert all(found.figures[name].value is None for name in FIELDS)
+    assert "sample faster" in found.figures["friction_mean_n"].note
+
+
+def test_a_drive_without_spring_has_friction_over_travel_and_no_spring_figures() -> None:
+    plate = Nameplate("D", Actuator(travel_m=0.25, action=Action.DOUBLE))
+    time_s = np.arange(0.0, 24.0, 0.002)
+    # there and back at 0.05 m/s with rests, mass 20 kg, friction 30 N + 100 N s/m, offset 5 N
+    velocity = (
+        np.interp(time_s % 8.0, [0, 0.5, 0.8, 3.7, 4.0, 4.5, 4.8, 7.7, 8.0], [0, 0, 1, 1, 0, 0, -1, -1, 0]) * 0.05
+    )
+    position_m = np.cumsum(velocity) * 0.002
+    force_n = 5.0 + 30.0 * np.sign(velocity) + 100.0 * velocity + 20.0 * np.gradient(velocity, time_s)
+    random = np.random.default_rng(3)
+    force_n = force_n + 1.0 * random.standard_normal(time_s.size)
+    position_m = position_m + 1.0e-6 * random.standard_normal(time_s.size)
+    found = measure_signature(Recording(time_s, position_m, force_n=force_n), plate)
+    assert value(found, "friction_mean_n") == pytest.approx(35.0, rel=0.01)
+    for name in ("spring_rate_n_per_m", "dead_band_percent", "slip_jump_percent"):
+        assert found.figures[name].value is None
+        assert "spring" in found.figures[name].note
+    assert found.bench_set[0].value is None
+    assert found.figures["friction_mean_percent"].value is None
+
+
+def test_a_short_stroke_gives_the_dead_band_alone() -> None:
+    plate = parameter_set("nominal").nameplate
+    test = recorded("nominal", noise_m=20.0e-6, waveform=triangle(20.0, 2, 20_000.0, 69_000.0))
+    found = measure_signature(test.recording, plate)
+    assert found.figures["dead_band_percent"].value == pytest.approx(58.7, abs=0.2)
+    assert found.figures["friction_min_n"].value is None
+    assert found.figures["friction_min_n"].note

@@ -1,0 +1,39 @@
+"""Numbers as people read them: rounded to what is known of them, with half of their 95 % interval."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+_MOST_DIGITS: Final = 12  # after the point
+
+
+def plus_minus(value: float, half_width: float | None, *, digits: int = 4) -> str:
+    """Value and half of its interval with two digits of it; without an interval ``digits`` digits of the value."""
+    if half_width is None:
+        return _plain(value, digits)
+    if half_width <= 0.0 or half_width < 1.0e-9 * abs(value):
+        return f"{_plain(value, 8)} ± 0"
+    places = 1 - math.floor(math.log10(half_width))
+    if abs(value) >= 1.0e7 or places > _MOST_DIGITS:
+        return f"{value:.{digits}g} ± {half_width:.2g}"
+    if places <= 0:
+        return f"{round(value, places):.0f} ± {round(half_width, places):.0f}"
+    # + 0.0: no minus before a zero
+    return f"{round(value, places) + 0.0:.{places}f} ± {half_width:.{places}f}"
+
+
+def half_width(interval: dict[str, Any] | None, scale: float = 1.0) -> float | None:
+    """Half of the 95 % interval of an entry with ``ci95``, or None where there is none."""
+    if interval is None or interval.get("ci95") is None:
+        return None
+    low, high = interval["ci95"]
+    return 0.5 * scale * float(high - low)
+
+
+def _plain(value: float, digits: int) -> str:
+    """``digits`` significant digits, without an exponent where that is readable."""
+    if value == 0.0 or not 1.0e-4 <= abs(value) < 1.0e7:
+        return f"{value:.{digits}g}"
+    places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
+    return f"{value:.{places}f}"

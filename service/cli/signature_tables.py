@@ -1,0 +1,196 @@
+"""The signature and the step test of an analysis as tables, in units that a technician reads."""
+
+from __future__ import annotations
+
+from statistics import median
+from typing import Any, Final
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from service.cli.plain_numbers import half_width, plus_minus
+
+_MOST_STEPS: Final = 20  # rows of the table of steps
+_ALL_FIGURES: Final = 9  # that can have a note, in N and percent counted once
+_FRICTION: Final = (
+    ("friction, mean", "friction_mean", "half of the loop's width"),
+    ("friction, least", "friction_min", "where the stem goes easiest"),
+    ("friction, greatest", "friction_max", "where the stem goes hardest"),
+)
+_BANDS: Final = (
+    ("dead band", "dead_band_percent", "input turned back with no answer"),
+    ("hysteresis + dead band", "hysteresis_percent", "widest part of the loop"),
+    ("stick band S", "stick_band_percent", "breakaway plus friction in motion"),
+    ("slip jump J", "slip_jump_percent", "breakaway less friction in motion"),
+)
+
+
+def print_signature(console: Console, signature: dict[str, Any]) -> None:
+    """Print the signature's table, where it was measured, why a figure is missing, and the step test."""
+    rows = [*_friction_rows(signature), *_spring_rows(signature), *_band_rows(signature)]
+    if any(value for _, value, _, _ in rows):
+        table = Table(title="Signature (± is half of the 95 % interval)", title_justify="left")
+        for heading, right in (("figure", False), ("value", True), ("% of span", True), ("what it is", False)):
+            table.add_column(heading, justify="right" if right else "left", no_wrap=right)
+        for name, value, share, meaning in rows:
+            table.add_row(name, value or ("" if share else "not given"), share, meaning)
+        console.print(table)
+        console.print(Text(_where(signature)))
+    for reason in _reasons(signature):
+        console.print(Text(reason))
+    if signature.get("steps") is not None:
+        _print_steps(console, signature["steps"])
+
+
+def _entry(signature: dict[str, Any], name: str, scale: float = 1.0) -> str:
+    value = signature[name]
+    if value is None:
+        return ""
+    return plus_minus(scale * value, half_width(signature["intervals"].get(name), scale))
+
+
+def _percent(signature: dict[str, Any], name: str) -> str:
+    return "" if signature[name] is None else plus_minus(signature[name], None)
+
+
+def _friction_rows(signature: dict[str, Any]) -> list[tuple[str, str, str, str]]:
+    rows = []
+    for name, field, meaning in _FRICTION:
+        value = _entry(signature, f"{field}_n")
+        rows.append((name, f"{value} N" if value else "", _percent(signature, f"{field}_percent"), meaning))
+    return rows
+
+
+def _spring_rows(signature: dict[str, Any]) -> list[tuple[str, str, str, str]]:
+    spring, bench = _entry(signature, "spring_rate_n_per_m", 1.0e-3), signature["bench_set_pa"]
+    told = ""
+    if bench is not None:
+        intervals = signature["intervals"]["bench_set_pa"]["ci95"]
+        ends = [
+            plus_minus(1.0e-3 * end, None if ci95 is None else 0.5e-3 * (ci95[1] - ci95[0]))
+            for end, ci95 in zip(bench, intervals, strict=True)
+        ]
+        told = f"{ends[0]}\nto {ends[1]} kPa"
+    return [
+        ("spring rate", f"{spring} N/mm" if spring else "", "", "slope of the loop's mid-line"),
+        ("bench set", told, "", "mid-line at 0 and 100 % travel"),
+    ]
+
+
+def _band_rows(signature: dict[str, Any]) -> list[tuple[str, str, str, str]]:
+    span = signature["span"]
+    rows = []
+    for name, field, meaning in _BANDS:
+        share, value = _percent(signature, field), ""
+        if share and span is not None and span["pressure_pa"] is not None:
+            low_pa, high_pa = span["pressure_pa"]
+            value = f"{_entry(signature, field, 1.0e-5 * (high_pa - low_pa))} kPa"
+        elif share and span is not None:
+            value = f"{_entry(signature, field, 1.0e-2 * span['force_n'])} N"
+        rows.append((name, value, share, meaning))
+    return rows
+
+
+def _where(signature: dict[str, Any]) -> str:
+    """From what, over which stroke, at which speed, and what 100 % is."""
+    parts = [f"Signature {signature['from'] or 'not measured'}"]
+    stroke = signature.get("central_stroke_m")
+    if stroke is not None:
+        parts.append(f"over {1e3 * stroke[0]:.1f} to {1e3 * stroke[1]:.1f} mm of travel")
+    if signature.get("speed_m_per_s") is not None:
+        parts.append(f"at {1e3 * signature['speed_m_per_s']:.3g} mm/s")
+    if signature.get("cycles"):
+        parts.append(f"{signature['cycles']} cycle{'s' if signature['cycles'] > 1 else ''}")
+    if signature.get("stick_slip"):
+        parts.append(f"the stem slips in jumps of {1e3 * signature['slip_m']:.3g} mm")
+    span, sentence = signature["span"], ", ".join(parts)
+    if span is None:
+        return f"{sentence}."
+    if span["pressure_pa"] is None:
+        return f"{sentence}. 100 % is {span['force_n']:.4g} N ({span['from']})."
+    low_pa, high_pa = span["pressure_pa"]
+    return f"{sentence}. 100 % is {1e-3 * (high_pa - low_pa):.4g} kPa ({span['from']})."
+
+
+def _reasons(signature: dict[str, Any]) -> list[str]:
+    """Each note once, after the figures that it belongs to; a percentage has its own only where the force has none."""
+    whose: dict[str, list[str]] = {}
+    for field, note in signature["notes"].items():
+        name = field.removesuffix("_n").removesuffix("_percent").removesuffix("_pa").removesuffix("_n_per_m")
+        if field.endswith("_percent") and signature.get(f"{name}_n") is not None and signature[field] is None:
+            name = "percent of span"
+        named = whose.setdefault(note, [])
+        if name not in named:
+            named.append(name)
+    return [f"Signature{_named(names)}: {note}" for note, names in whose.items()]
+
+
+def _named(names: list[str]) -> str:
+    return "" if len(names) >= _ALL_FIGURES else f", {', '.join(names).replace('_', ' ')}"
+
+
+def _print_steps(console: Console, steps: dict[str, Any]) -> None:
+    table = Table(title=f"Step test (input: {steps['input'].partition('_')[0]})", title_justify="left")
+    for heading in ("at s", "step %", "travel %", "T_d ms", "T63 ms", "T86 ms", "over %", "error %"):
+        table.add_column(heading, justify="right")
+    table.add_column("")
+    for one in steps["each"][:_MOST_STEPS]:
+        times = [_milliseconds(one, key) for key in ("dead_time", "t63", "t86")]
+        remark = "no motion" if not one["moved"] else "" if one["settled"] else "not settled"
+        table.add_row(
+            f"{one['time_s']:.2f}",
+            _signed(one["step_percent"]),
+            _signed(one["change_percent"]),
+            *times,
+            "" if one["overshoot_percent"] is None else f"{one['overshoot_percent']:.1f}",
+            _signed(one["steady_error_percent"]),
+            remark,
+        )
+    console.print(table)
+    left = len(steps["each"]) - _MOST_STEPS
+    if left > 0:
+        console.print(Text(f"{left} more steps are in the JSON object."))
+    console.print(Text("T_d: dead time; over: overshoot of the change; error: travel less input, both in %."))
+    console.print(Text(_certainty(steps["each"])))
+    for sentence in _summary(steps["summary"]):
+        console.print(Text(sentence))
+
+
+def _milliseconds(one: dict[str, Any], key: str) -> str:
+    value_s = one[f"{key}_s"]
+    return "" if value_s is None else plus_minus(1e3 * value_s, None, digits=3)
+
+
+def _certainty(each: list[dict[str, Any]]) -> str:
+    """How well the times of a usual step are known, by sampling and noise."""
+    told = []
+    for name, key in (("T_d", "dead_time"), ("T63", "t63"), ("T86", "t86")):
+        errors_s = [one[f"{key}_std_error_s"] for one in each if one[f"{key}_std_error_s"] is not None]
+        if errors_s:
+            told.append(f"{name} ± {1.96e3 * median(errors_s):.2g} ms")
+    return f"Of a usual step, by sampling and noise (95 %): {', '.join(told)}." if told else "No step could be timed."
+
+
+def _signed(value: float | None) -> str:
+    return "" if value is None else f"{value:+.2f}"
+
+
+def _summary(summary: dict[str, Any]) -> list[str]:
+    medians = [
+        f"{name} {1e3 * summary[key]:.3g} ms"
+        for name, key in (("T_d", "dead_time_s"), ("T63", "t63_s"), ("T86", "t86_s"))
+        if summary[key] is not None
+    ]
+    told = [f"Step test, medians of {summary['moved']} of {summary['count']} steps that moved the stem: "]
+    told[0] += f"{', '.join(medians) or 'none could be timed'}."
+    for name, key in (("Resolution", "resolution_percent"), ("Dead band by steps", "dead_band_percent")):
+        found = summary[key]
+        if found["value"] is None:
+            told.append(f"{name}: not given, {found['note']}.")
+        else:
+            low, high = found["ci95"]
+            note = f" ({found['note']})" if found["note"] else ""
+            bounds = f"between {low:.3g} and {high:.3g}" if low > 0.0 else f"at most {high:.3g}"
+            told.append(f"{name}: {bounds} % of span{note}.")
+    return told

@@ -1,0 +1,70 @@
+"""The signature and the step test on a terminal: units that people read, and each reason once."""
+
+from __future__ import annotations
+
+from io import StringIO
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from estimators.signature.measure import measure_signature
+from estimators.step_response import step_figures
+from service.cli.plain_numbers import plus_minus
+from service.cli.signature_tables import print_signature
+from tests.service.recordings import NOMINAL, at_rest, recorded, triangle_test
+from valve.recording import Recording
+from valve.waveform import steps
+
+PLATE = NOMINAL.nameplate
+
+
+def printed(recording: Recording) -> str:
+    signature: dict[str, Any] = measure_signature(recording, PLATE).to_json()
+    signature["steps"] = step_figures(recording, PLATE)
+    console = Console(width=100, record=True, file=StringIO())
+    print_signature(console, signature)
+    return console.export_text()
+
+
+@pytest.mark.parametrize(
+    ("value", "half_width", "text"),
+    [
+        (1429.6228, 0.0143, "1429.623 ± 0.014"),
+        (52539.35, 153.0, "52540 ± 150"),
+        (0.0123456, 0.0009, "0.01235 ± 0.00090"),
+        (-0.03, 2.0, "0.0 ± 2.0"),
+        (58.746, None, "58.75"),
+        (0.0, None, "0"),
+        (3.0, 0.0, "3.0000000 ± 0"),
+    ],
+)
+def test_a_number_shows_as_many_digits_as_are_known(value: float, half_width: float | None, text: str) -> None:
+    assert plus_minus(value, half_width) == text
+
+
+def test_the_figures_stand_in_newtons_kilopascals_and_percent() -> None:
+    out = printed(triangle_test(0.002, noise_m=5.0e-6))
+    friction = next(line for line in out.splitlines() if "friction, mean" in line)
+    assert " N " in friction
+    assert "±" in friction
+    assert "26.90" in friction
+    for words in ("N/mm", "kPa", "mid-line at 0 and 100 % travel", "100 % is 82.74 kPa", "mm of travel", "2 cycles"):
+        assert words in " ".join(out.split())
+    assert "…" not in out
+
+
+def test_a_step_test_says_what_was_resolved() -> None:
+    levels_pa = [82737.0 * share / 100.0 for share in (0.0, 45.0, 50.0, 51.0, 54.0, 60.0, 30.0, 0.0)]
+    out = printed(recorded(steps(levels_pa, 2.0), 0.01, 5.0e-6))
+    assert "no motion" in out
+    assert "Resolution: between 5 and 6 % of span" in out
+    assert "T63" in out
+    assert "Signature (" not in out  # no table without a figure
+    assert "…" not in out
+
+
+def test_a_valve_that_never_moved_has_one_reason_and_no_table() -> None:
+    out = printed(at_rest())
+    assert "Signature (" not in out
+    assert out.count("Signature: The stem never moved") == 1
