@@ -16,8 +16,8 @@ FloatArray = npt.NDArray[np.float64]
 
 # Golden section: multiples of it, taken modulo 1, fill an interval evenly and never repeat.
 _GOLDEN: Final = (math.sqrt(5.0) - 1.0) / 2.0
-# tests/benchmarks/sequences.py: 0.3 to 1 do about equally; with 0 all samples of a polled test may fall alike.
-_PERIOD_SPREAD: Final = 0.6
+# tests/benchmarks/sequences.py: with 0 all samples of a polled test may fall alike, with more the ramps are slower.
+_PERIOD_SPREAD: Final = 0.3
 _LEAST_RATIO: Final = 1.5  # of the slowest period to the fastest
 _LEAST_RATIO_BETWEEN: Final = 4.0  # from where a rate between them is worth its time
 
@@ -166,7 +166,7 @@ def multi_rate_periods(
     """Periods for ``multi_rate_triangle`` within ``duration_s``: one slow, one between, then fast ones to the end.
 
     The slow one serves the signature and dead band, the fast ones mass, viscous friction and limit velocity. No two
-    fast ones are alike (1 to 1.6 times ``fastest_s``), so that no sample period falls alike on all of them; the one
+    fast ones are alike (1 to 1.3 times ``fastest_s``), so that no sample period falls alike on all of them; the one
     between is left out where it would be hardly another rate. Raises WaveformError where the rates would not differ
     by a half, or fewer than two fast ones fit.
     """

@@ -14,11 +14,21 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from tests.benchmarks import classic_methods, coverage, efficiency, method_table, motion, random_valves, simulator
+from tests.benchmarks import (
+    classic_methods,
+    coverage,
+    efficiency,
+    method_table,
+    motion,
+    random_valves,
+    sequences,
+    simulator,
+)
 
 BENCHMARKS: Final[dict[str, Callable[[], Table | list[Table]]]] = {
     "classic_methods": classic_methods.run,
     "motion": motion.run,
+    "sequences": sequences.run,
     "simulator": simulator.run,
 }
 

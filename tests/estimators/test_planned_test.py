@@ -78,7 +78,7 @@ def test_bound_scales_with_the_noise() -> None:
 
 def test_rates_of_the_force_are_those_of_the_ramps() -> None:
     assert planned(TRIANGLE).force_rates_n_per_s == pytest.approx((AREA_M2 * 8273.7,))
-    assert len(planned(MULTI_RATE).force_rates_n_per_s) == 10
+    assert len(planned(MULTI_RATE).force_rates_n_per_s) == len(multi_rate_periods(3.0))
     assert planned(steps([0.0, 4.0e4], 5.0)).force_rates_n_per_s == ()
 
 
