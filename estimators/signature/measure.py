@@ -210,9 +210,10 @@ def _bands(
 
 def _stiction(band: Measured, jump: Measured, span: Span | None) -> Parts:
     reason = "the breakaways scatter, or start too softly to be timed"
+    unseen = "" if jump.value > jump.half_width else "no jump beyond its error"
     return {
         "stick_band_percent": percent_figure(figure(band, reason=reason), span),
-        "slip_jump_percent": percent_figure(figure(jump, scale=abs(band.value), reason=reason), span),
+        "slip_jump_percent": percent_figure(figure(jump, scale=abs(band.value), note=unseen, reason=reason), span),
     }
 
 

@@ -22,6 +22,7 @@ _EARLY_SHARE: Final = 0.1  # of a stretch, at its start: left out of a first lin
 _OFF_LINE: Final = 0.01  # of the force's change: what a ramp may be off its line
 _WINDOW_UNEVEN: Final = 0.15  # of a stretch in which a transient is looked for where the friction varies
 _TRANSIENT_LEFT: Final = 1.0e-4  # of the friction: what may be left of a transient where the settled part begins
+_MOST_LEFT: Final = 2.0e-3  # of the friction: a way on which more than that is left never settled
 _SURE_OF_A_TRANSIENT: Final = 25.0  # fall of chi-square that a transient must bring
 _UNSTEADY: Final = 0.25  # by which the speed may miss that of the ramp: a stem after a step misses it by all of it
 _BINS: Final = 120
@@ -159,9 +160,10 @@ def _settled(
     for stretch in stretches:
         length_s = float(samples.time_s[stretch.last] - samples.time_s[stretch.first])
         if wait_s > _LONGEST_SETTLING * length_s and transient is not None:
-            left_n = max(left_n, transient.height_n * math.exp(-_LONGEST_SETTLING * length_s / transient.time_s))
-            if left_n > 0.01 * abs(line.friction_n):
+            own_n = transient.height_n * math.exp(-_LONGEST_SETTLING * length_s / transient.time_s)
+            if own_n > _MOST_LEFT * abs(line.friction_n):
                 continue
+            left_n = max(left_n, own_n)
         begin_s = float(samples.time_s[stretch.first]) + min(wait_s, _LONGEST_SETTLING * length_s)
         begin = int(np.searchsorted(samples.time_s, begin_s)) + (3 if wait_s > 0.0 else 0)
         rows = np.arange(begin, max(begin, stretch.last - half_window - 2), dtype=np.int64)

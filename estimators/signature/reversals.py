@@ -18,6 +18,7 @@ from valve.parameters import TravelStops
 _LINE_ROWS: Final = 60  # own choice: rows on each side of a corner for the line through them
 _STRAIGHT: Final = 3.0  # noises; what is off the line by more is a curve
 _FEWEST_ROWS: Final = 3
+_RATES_APART: Final = 1.2  # as for the passes
 _CLEAR_SIGMAS: Final = 9.0
 _SOFT_ROWS: Final = 2000
 _LARGEST_LEAP: Final = 0.05  # of the range: an input that leaps by more at the breakaway does not show where it was
@@ -29,12 +30,11 @@ class Reversal:
 
     range_n: float
     timing_n: float
-    direction: int  # of the new motion
-    time_s: float
+    rate_n_per_s: float  # of the force, before or after the turn, whichever was faster
 
 
 def reversals(samples: Samples, phases: Phases, stops: TravelStops | None) -> list[Reversal]:
-    """Return every reversal of the motion between two breakaways, but those that began on a travel stop.
+    """Return the reversals at the slowest rate, but those that began on a travel stop.
 
     Force at its turn less force at the breakaway in the new direction. Karnopp's stem moves at the turn with
     F - k x - F_0 = F_c + F_v v, coasts on by (at most) F_v v / k, and breaks away at -F_s: the range lies between
@@ -52,8 +52,10 @@ def reversals(samples: Samples, phases: Phases, stops: TravelStops | None) -> li
         usual_n = 3.0 * abs(rate_n_per_s) * samples.period_s + 6.0 * samples.force_noise_n
         if range_n > 0.0 and _leap(samples, breakaway.row) <= _LARGEST_LEAP * range_n + usual_n:
             timing_n = math.hypot(rate_n_per_s * breakaway.within_s, samples.force_noise_n / 2.0)
-            found.append(Reversal(range_n, timing_n, breakaway.direction, breakaway.time_s))
-    return found
+            before_n_per_s = float(np.median(np.abs(phases.force_rate[before.rows])))
+            found.append(Reversal(range_n, timing_n, max(before_n_per_s, abs(rate_n_per_s))))
+    slowest = min((one.rate_n_per_s for one in found), default=0.0)
+    return [one for one in found if one.rate_n_per_s <= _RATES_APART * slowest]
 
 
 def dead_band(found: list[Reversal], soft_n: float) -> Measured | None:

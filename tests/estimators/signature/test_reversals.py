@@ -11,7 +11,7 @@ from valve.motion import simulate_motion
 from valve.parameter_sets import parameter_set
 from valve.recording import Recording
 from valve.stem import Mode
-from valve.waveform import Waveform, triangle
+from valve.waveform import Waveform, multi_rate_triangle, triangle
 
 
 def signal_range(name: str) -> tuple[float, float]:
@@ -112,3 +112,11 @@ def test_stick_slip_has_its_branches_at_the_ends_of_the_slips() -> None:
     assert "amid stick-slip" in found.figures["dead_band_percent"].note
     jump = truth.static_friction_n - truth.coulomb_friction_n
     assert found.figures["slip_jump_percent"].value == pytest.approx(100.0 * jump / whole_n, rel=5.0e-3)
+
+
+def test_among_several_rates_the_dead_band_is_that_of_the_slowest() -> None:
+    low_pa, high_pa = signal_range("nominal")
+    wave = multi_rate_triangle([20.0, 20.0, 10.0, 4.0, 2.0, 1.0], low_pa, high_pa)
+    test = recorded("nominal", noise_m=5.0e-6, waveform=wave)
+    found = measure_signature(test.recording, test.nameplate).figures["dead_band_percent"]
+    assert found.value == pytest.approx(true_dead_band_percent(test, triangle(20.0, 2, low_pa, high_pa)), rel=1.0e-3)
