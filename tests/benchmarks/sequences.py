@@ -97,7 +97,7 @@ def _choice() -> Table:
     """Other fastest periods, holds and spreads, against the best of all in each case."""
     table = Table(
         title="The choice of multi_rate: error over that of the best row, geometric mean of m, F_v, F_c, F_s and DV",
-        caption=f"Bold: in use. {len(VALVES)} valves x {len(CHOICE_PERIODS_S)} sample periods x I/P lags of 0, 0.1, 0.3 s",
+        caption=f"Bold: in use. {len(VALVES)} valves x {len(CHOICE_PERIODS_S)} rates x {len(CHOICE_LAGS_S)} lags",
         title_justify="left",
     )
     for heading in (
