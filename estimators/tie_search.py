@@ -90,6 +90,8 @@ def lone_reason(symbol: str, known: Quantities) -> str:
     """Return why a symbol that is tied to no other is not identifiable, and what would help."""
     if _hides(symbol, known):
         return "the stem is damped so strongly that its mass does not show in its motion"
+    if symbol in {"F_v", "F_c", "F_s"} and "transducer_lag_s" in known.symbols:
+        return f"the unknown lag of the transducer hides it; {MEASURE}, or use ramps at several rates"
     reason = _REASONS.get(symbol, "the data do not determine it better")
     if symbol in {"k", "F_0", "F_c"}:
         return f"{reason}; use a larger amplitude"

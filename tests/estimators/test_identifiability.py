@@ -194,3 +194,9 @@ def test_preload_is_judged_against_friction_where_it_is_small() -> None:
 def test_information_that_does_not_fit_is_refused() -> None:
     with pytest.raises(ValueError, match="information of shape"):
         knowledge(["m"], [1.0], np.eye(2))
+
+
+def test_a_lag_that_hides_friction_without_being_tied_to_it_alone_is_named() -> None:
+    known = knowledge(["F_c", "transducer_lag_s"], [1.0, 0.1], np.diag([1.0, 1.0]))
+    assert known.ties("F_c") is None
+    assert "lag of the transducer hides it" in known.note("F_c")
