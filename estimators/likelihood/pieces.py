@@ -113,8 +113,8 @@ def fit_pieces(time_s: FloatArray, value: FloatArray, noise: float) -> Pieces:
 def _edges(time_s: FloatArray, value: FloatArray, noise: float, price: float) -> IntArray:
     block = int(np.clip(time_s.size // _BLOCKS, 2, _LARGEST_BLOCK))
     longest, weight = max(64, time_s.size // 50), 1.0 / noise**2
-    edges = merged(time_s, value, block, weight, price)
-    return refined(time_s, value, edges, 2 * block + 8, _FEWEST_ROWS, longest, weight, price)
+    edges = merged(time_s, value, block, weight, price, 0.0)
+    return refined(time_s, value, edges, 2 * block + 8, _FEWEST_ROWS, longest, weight, price, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,7 +166,7 @@ class _Apart:
 
 
 def _fitted_apart(time_s: FloatArray, value: FloatArray, noise: float, edges: IntArray, price: float) -> _Apart:
-    factors, degree = fitted(time_s, value, edges, 1.0 / noise**2, price)
+    factors, degree = fitted(time_s, value, edges, 1.0 / noise**2, price, 0.0)
     count = degree.size
     first_s, last_s = time_s[edges[:-1]], time_s[edges[1:] - 1]
     centre_s, half_s = 0.5 * (first_s + last_s), 0.5 * (last_s - first_s)

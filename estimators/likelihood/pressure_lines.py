@@ -6,12 +6,13 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 
 from estimators.base import Outcome
 from estimators.likelihood.exact_lines import exact_corners
+from estimators.likelihood.lagged_lines import lagged_lines
 from estimators.likelihood.nuisance import Nuisance
 from estimators.likelihood.pieces import Joint, Pieces, fit_pieces
 from estimators.samples import FloatArray, IntArray, position_noise
@@ -32,30 +33,84 @@ _MOST_VARIATIONS: Final = 100
 _NO_CHANGE: Final = 1.2  # times the noise: a channel that scatters so little about its mean stands still
 _DELAY_PERIODS: Final = 5.0
 _DELAY_S: Final = 0.02
+_ONE_INSTANT: Final = 0.005  # of a period
+
+
+class Stretch(Protocol):
+    """A part of the channel without a break."""
+
+    @property
+    def first_s(self) -> float:
+        """Time of its first row."""
+        ...
+
+    @property
+    def last_s(self) -> float:
+        """Time of its last row."""
+        ...
+
+    def sizes(self) -> FloatArray:
+        """Largest change of the value along each independent direction in which it is uncertain, shape (d,)."""
+        ...
+
+    def corners(self, direction: int | None = None) -> Corners:
+        """Corner times and values; changed by one sigma along a direction if it is given."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Stretch:
-    """A part of the channel without a break: known corners, or pieces with what is not known of them."""
+class KnownCorners:
+    """A stretch that is known to rounding."""
 
-    first_s: float
-    last_s: float
-    known: Corners | None
-    pieces: Pieces | None
+    time_s: FloatArray
+    value: FloatArray
+
+    @property
+    def first_s(self) -> float:
+        """Time of its first row."""
+        return float(self.time_s[0])
+
+    @property
+    def last_s(self) -> float:
+        """Time of its last row."""
+        return float(self.time_s[-1])
+
+    def sizes(self) -> FloatArray:
+        """None."""
+        return np.empty(0)
+
+    def corners(self, direction: int | None = None) -> Corners:  # noqa: ARG002 - as all stretches
+        """Corner times and values."""
+        return self.time_s, self.value
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawnPieces:
+    """Pieces and the places of the corners that they are drawn with: which piece, and 0 to 1 on it, shape (n,)."""
+
+    pieces: Pieces
     piece_of: IntArray
     share_of: FloatArray
 
     @property
-    def directions(self) -> int:
-        """Number of independent directions in which it is uncertain."""
-        return 0 if self.pieces is None else int(self.pieces.root.shape[0])
+    def first_s(self) -> float:
+        """Time of its first row."""
+        return self.pieces.first_s
 
-    def corners(self, coefficient: FloatArray | None = None) -> Corners:
-        """Return corner times and values, with other coefficients (k, 4) of the pieces if they are given."""
-        if self.known is not None:
-            return self.known
-        assert self.pieces is not None
-        chosen = self.pieces.coefficient if coefficient is None else coefficient
+    @property
+    def last_s(self) -> float:
+        """Time of its last row."""
+        return self.pieces.last_s
+
+    def sizes(self) -> FloatArray:
+        """Largest change of the value along each direction, shape (d,)."""
+        return np.asarray(np.abs(self.pieces.root).sum(axis=2).max(axis=1))
+
+    def corners(self, direction: int | None = None) -> Corners:
+        """Corner times and values; changed by one sigma along a direction if it is given."""
+        chosen = self.pieces.coefficient
+        if direction is not None:
+            chosen = chosen + self.pieces.root[direction]
         at_s = np.concatenate([[self.pieces.first_s], self.pieces.crossings(chosen), [self.pieces.last_s]])
         start_s, end_s = at_s[self.piece_of], at_s[self.piece_of + 1]
         time_s = np.where(self.share_of < 1.0, start_s + self.share_of * (end_s - start_s), end_s)
@@ -90,21 +145,18 @@ class MeasuredPath:
         """Corners changed by one sigma along each independent direction of the fitted lines' errors.
 
         A line has two such directions, its level and its slope, which are independent of all other lines; pieces
-        that pass smoothly into each other have the eigen-directions of their covariance. Of more than 100 those with
-        the largest change of force are kept.
+        that pass smoothly into each other, and lines behind a lag, have the eigen-directions of their covariance. Of
+        more than 100 those with the largest change of force are kept.
         """
         plain = [stretch.corners() for stretch in self.stretches]
         sized = [
-            (float(np.abs(stretch.pieces.root[i]).sum(axis=1).max()), number, i)
+            (float(size), number, direction)
             for number, stretch in enumerate(self.stretches)
-            if stretch.pieces is not None
-            for i in range(stretch.directions)
+            for direction, size in enumerate(stretch.sizes())
         ]
-        for _, number, i in sorted(sized, reverse=True)[:_MOST_VARIATIONS]:
-            stretch = self.stretches[number]
-            assert stretch.pieces is not None
+        for _, number, direction in sorted(sized, reverse=True)[:_MOST_VARIATIONS]:
             changed = list(plain)
-            changed[number] = stretch.corners(stretch.pieces.coefficient + stretch.pieces.root[i])
+            changed[number] = self.stretches[number].corners(direction)
             yield self._joined(changed, float(values[0]))
 
     def _joined(self, parts: list[Corners], delay_s: float) -> Corners:
@@ -130,7 +182,8 @@ def measured_path(recording: Recording, force_n: FloatArray) -> MeasuredPath | O
     """Return the polyline of the measured force, shape (n,), N, NaN where it is missing; or why there is none.
 
     A computed channel (noise below 1e-9 of its span) gives its corners to rounding. A noisy one is cut into as few
-    lines as its noise allows, curves into cubics that are drawn with chords; lines cross at corners. Where values
+    lines as its noise allows; lines cross at corners. Curves are lines behind a first-order lag where that leaves no
+    more than the noise, as an I/P makes them, and else cubics; they are drawn with chords. Where values
     are missing the pieces on both sides are drawn on to their crossing; where they do not cross, where more than
     0.5 s (and 25 rows) are missing about a corner, or where time jumps by 5 periods without a row (as between two
     recordings that were put together) there is a break.
@@ -171,7 +224,9 @@ def find_stretches(
         stretch
         for (i, j), part in zip(pairwise(edges), known, strict=True)
         for stretch in (
-            _fitted_stretches(time_s[i:j], value[i:j], noise_n, span_n, period_s) if part is None else [_known(part)]
+            _fitted_stretches(time_s[i:j], value[i:j], noise_n, span_n, period_s)
+            if part is None
+            else [KnownCorners(*part)]
         )
     ]
     breaks_s = np.array([(one.last_s, two.first_s) for one, two in pairwise(stretches)]).reshape(-1, 2)
@@ -181,21 +236,19 @@ def find_stretches(
 def delay_prior_s(recording: Recording) -> float:
     """What is known beforehand of the delay between the channels, one standard deviation, s.
 
-    Half a period where the device or this process took both channels at once. Polled: half an exchange, within
-    which both were read; a period where nothing is said.
+    Captured: a device takes all channels of a sample at one instant (docs/reference-map.md, "Capture"); 0.5 % of a
+    period is left to its converter. That is a claim that matters: the delay is the twin of F_v / k where the stem
+    follows without slipping, and hides m. Polled: half an exchange, within which both were read. A period where
+    nothing is said.
     """
     period_s = recording.sample_period_s
     provenance = recording.provenance
     if provenance.acquisition in {Acquisition.CAPTURED, Acquisition.SIMULATED}:
-        return 0.5 * period_s
+        return _ONE_INSTANT * period_s
     if provenance.timing_uncertainty_s is not None:
-        return max(provenance.timing_uncertainty_s, 1.0e-3 * period_s)
+        return max(provenance.timing_uncertainty_s, _ONE_INSTANT * period_s)
     exchange_s = recording.sampling_quality().median_exchange_s
-    return period_s if exchange_s is None else max(0.5 * exchange_s, 1.0e-3 * period_s)
-
-
-def _known(corners: Corners) -> Stretch:
-    return Stretch(float(corners[0][0]), float(corners[0][-1]), corners, None, np.empty(0, np.int64), np.empty(0))
+    return period_s if exchange_s is None else max(0.5 * exchange_s, _ONE_INSTANT * period_s)
 
 
 def _fitted_stretches(
@@ -203,12 +256,14 @@ def _fitted_stretches(
 ) -> list[Stretch]:
     """Stretches of noisy rows, cut where a gap hides how two pieces meet."""
     if time_s.size < _FEWEST_ROWS:
-        return [_known((time_s, value))]
+        return [KnownCorners(time_s, value)]
     noise_n = max(noise_n, _SMOOTH_NOISE * span_n)
     pieces = fit_pieces(time_s, value, noise_n)
     cut = _longest_gap(time_s, pieces, period_s)
     if cut is None:
-        return [Stretch(pieces.first_s, pieces.last_s, None, pieces, *_drawn(pieces, noise_n, span_n))]
+        curved = bool((pieces.degree > 1).any()) or bool((pieces.joint == Joint.SMOOTH).any())
+        behind_lag = lagged_lines(time_s, value, noise_n) if curved else None
+        return [DrawnPieces(pieces, *_drawn(pieces, noise_n, span_n)) if behind_lag is None else behind_lag]
     return [
         *_fitted_stretches(time_s[:cut], value[:cut], noise_n, span_n, period_s),
         *_fitted_stretches(time_s[cut:], value[cut:], noise_n, span_n, period_s),
@@ -227,7 +282,13 @@ def _exact(time_s: FloatArray, value: FloatArray, span_n: float, rows_a_step: in
         return None
     tolerance = 4.0 * _ROUNDING * float(np.abs(value).max()) + 6.0 * off
     corner_s, corner_n, others = exact_corners(time_s, value, tolerance)
-    return None if others > max(_FEWEST_ROWS, time_s.size // rows_a_step) else (corner_s, corner_n)
+    if others <= max(_FEWEST_ROWS, time_s.size // rows_a_step):
+        return corner_s, corner_n
+    # lines and a few computed curves between them: as chords, where these are some rows long
+    corner_s, corner_n, _ = exact_corners(time_s, value, _CHORD_ERROR * span_n)
+    off_n = float(np.abs(np.interp(time_s, corner_s, corner_n) - value).max())
+    fits = corner_s.size < time_s.size // 2 and off_n < 5.0 * _CHORD_ERROR * span_n
+    return (corner_s, corner_n) if fits else None
 
 
 def _rounding_noise(time_s: FloatArray, value: FloatArray) -> float:

@@ -77,7 +77,7 @@ def smooth_span(
     """
     level = float(value.mean())
     centred = value - level
-    chunks = chunks_of(time_s, centred)
+    chunks = chunks_of(time_s, centred, 0.0)
     solved = _solved(time_s, centred, node_s, degree)
     for _ in range(_CUT_ROUNDS):
         cut = _misfitting(time_s, centred, chunks, node_s, solved.coefficient, noise=noise)
@@ -134,7 +134,7 @@ def _misfitting(
         c = coefficient[i]
         left = value[first:last] - (c[0] + u * (c[1] + u * (c[2] + u * c[3])))
         own = sum(
-            float(piece_factor(time_s, value, chunks, begin, end)[4, 4] ** 2)
+            float(piece_factor(time_s, value, chunks, begin, end, 0.0)[4, 4] ** 2)
             for begin, end in ((first, middle), (middle, last))
         )
         misfits[i] = float(left @ left) - own > _MISFIT * noise**2

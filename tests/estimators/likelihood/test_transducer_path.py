@@ -30,7 +30,7 @@ def path_of(time_s: FloatArray, command_pa: FloatArray, nameplate: Nameplate = N
 
 
 def commanded(wave: Waveform, period_s: float) -> tuple[FloatArray, FloatArray]:
-    time_s = np.arange(round(wave.duration_s / period_s) + 1) * period_s
+    time_s = np.arange(round(wave.duration_s / period_s) + 1, dtype=np.float64) * period_s
     return time_s, wave.at(time_s)
 
 
@@ -94,12 +94,12 @@ def test_without_a_lag_the_command_is_the_force() -> None:
 
 @pytest.mark.parametrize("step_s", [0.01, 0.05, 0.1])
 def test_a_ramp_played_in_steps_stays_a_staircase_that_the_lag_rounds(step_s: float) -> None:
-    time_s = np.arange(60_001) * 1.0e-3
+    time_s = np.arange(60_001, dtype=np.float64) * 1.0e-3
     tread = np.floor(time_s / step_s + 1.0e-9)
     command_pa = TRIANGLE.at(tread * step_s)
     path = path_of(time_s, command_pa)
-    stair_s = np.repeat(np.arange(round(60.0 / step_s) + 1) * step_s, 2)[1:]
-    stair_pa = np.repeat(TRIANGLE.at(np.arange(round(60.0 / step_s) + 1) * step_s), 2)[:-1]
+    stair_s = np.repeat(np.arange(round(60.0 / step_s) + 1, dtype=np.float64) * step_s, 2)[1:]
+    stair_pa = np.repeat(TRIANGLE.at(stair_s[::2]), 2)[:-1]
     wanted_s = np.linspace(0.0, 59.9, 5991)
     expected_pa = closed_form(wanted_s, stair_s, stair_pa, 0.05)
     # the steps are seen between two rows: half a period
@@ -110,7 +110,7 @@ def test_a_ramp_played_in_steps_stays_a_staircase_that_the_lag_rounds(step_s: fl
 @pytest.mark.parametrize("bits", [12, 16])
 def test_a_ramp_of_short_steps_becomes_a_line(step_s: float, period_s: float, bits: int) -> None:
     resolution_pa = SPAN_PA / (2**bits - 1)
-    time_s = np.arange(round(60.0 / period_s) + 1) * period_s
+    time_s = np.arange(round(60.0 / period_s) + 1, dtype=np.float64) * period_s
     played_s = np.floor(time_s / step_s + 1.0e-9) * step_s
     command_pa = LOW_PA + np.round((TRIANGLE.at(played_s) - LOW_PA) / resolution_pa) * resolution_pa
     path = path_of(time_s, command_pa)
@@ -153,6 +153,6 @@ def test_the_corners_move_smoothly_with_the_lag() -> None:
 
 
 def test_a_command_that_stands_still_is_named() -> None:
-    time_s = np.arange(1000) * 0.01
+    time_s = np.arange(1000, dtype=np.float64) * 0.01
     recording = Recording(time_s, time_s, command_pa=np.full(1000, 5.0e4))
     assert input_path(recording, NAMEPLATE) is Outcome.NO_FORCE_CHANGE

@@ -1,0 +1,78 @@
+"""A measured pressure whose corners an I/P has rounded is told by its lines and its lag."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from estimators.likelihood.lagged_lines import LaggedLines, lagged_lines
+from estimators.samples import FloatArray
+from simulator import transducer
+from valve.waveform import Waveform, multi_rate_triangle, sine, steps, triangle
+
+LOW_PA, HIGH_PA = 20.0e3, 100.0e3
+SPAN_PA = HIGH_PA - LOW_PA
+NOISE_PA = 1.0e-3 * SPAN_PA
+WAVES = {
+    "triangle": triangle(20.0, 3, LOW_PA, HIGH_PA),
+    "multi_rate": multi_rate_triangle([20.0, *[2.0] * 8], LOW_PA, HIGH_PA),
+    "steps": steps([LOW_PA, 50.0e3, HIGH_PA, 70.0e3, LOW_PA], 8.0),
+}
+EVENTS = {"triangle": 5, "multi_rate": 17, "steps": 4}
+
+
+def measured(wave: Waveform, lag_s: float, period_s: float, seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Times, true pressure and measured pressure."""
+    at_s, pressure_pa = transducer.lagged(wave.time_s, wave.pressure_pa, float(wave.pressure_pa[0]), lag_s)
+    time_s = np.arange(round(wave.duration_s / period_s) + 1, dtype=np.float64) * period_s
+    true_pa = np.interp(time_s, at_s, pressure_pa)
+    return time_s, true_pa, true_pa + NOISE_PA * np.random.default_rng(seed).standard_normal(time_s.size)
+
+
+def found(time_s: FloatArray, measured_pa: FloatArray) -> LaggedLines:
+    fit = lagged_lines(time_s, measured_pa, NOISE_PA)
+    assert fit is not None
+    return fit
+
+
+@pytest.mark.parametrize("name", WAVES)
+@pytest.mark.parametrize(("lag_s", "period_s"), [(0.1, 1.0e-3), (0.93, 1.0e-3), (0.1, 0.01), (0.3, 0.01)])
+def test_the_pressure_is_known_as_well_as_that_of_so_many_sharp_lines(name: str, lag_s: float, period_s: float) -> None:
+    time_s, true_pa, measured_pa = measured(WAVES[name], lag_s, period_s, seed=3)
+    fit = found(time_s, measured_pa)
+    assert fit.steps.size == EVENTS[name]
+    assert bool(fit.steps.all()) == (name == "steps")
+    off_pa = np.interp(time_s, *fit.corners()) - true_pa
+    assert float(np.sqrt(np.mean(off_pa**2))) < 1.6 * NOISE_PA * np.sqrt(fit.parameters.size / time_s.size)
+
+
+def test_lag_and_pressure_lie_within_their_errors() -> None:
+    lags, squares = [], []
+    for seed in range(30):
+        time_s, true_pa, measured_pa = measured(WAVES["triangle"], 0.3, 0.01, seed)
+        fit = found(time_s, measured_pa)
+        lags.append((fit.lag_s - 0.3) / float(np.linalg.norm(fit.root[:, 3])))
+        plain = np.interp(time_s[50::97], *fit.corners())
+        variance = sum((np.interp(time_s[50::97], *fit.corners(i)) - plain) ** 2 for i in range(fit.directions))
+        squares.append(np.mean((plain - true_pa[50::97]) ** 2 / variance))
+    assert float(np.std(lags)) == pytest.approx(1.0, abs=0.35)
+    assert abs(float(np.mean(lags))) < 0.55
+    assert float(np.mean(squares)) == pytest.approx(1.0, abs=0.3)
+
+
+def test_what_no_lag_has_made_is_left_to_free_curves() -> None:
+    wave = sine(8.0, 3, LOW_PA, HIGH_PA)
+    time_s = np.arange(2401, dtype=np.float64) * 0.01
+    measured_pa = wave.at(time_s) + NOISE_PA * np.random.default_rng(1).standard_normal(2401)
+    assert lagged_lines(time_s, measured_pa, NOISE_PA) is None
+
+
+def test_two_lags_in_a_row_are_not_taken_for_one() -> None:
+    wave = WAVES["triangle"]
+    at_s, once_pa = transducer.lagged(wave.time_s, wave.pressure_pa, LOW_PA, 0.6)
+    twice_s, twice_pa = transducer.lagged(at_s, once_pa, LOW_PA, 0.6)
+    time_s = np.arange(60_001, dtype=np.float64) * 1.0e-3
+    measured_pa = np.interp(time_s, twice_s, twice_pa) + NOISE_PA * np.random.default_rng(1).standard_normal(60_001)
+    fit = lagged_lines(time_s, measured_pa, NOISE_PA)
+    off_pa = 0.0 if fit is None else float(np.abs(np.interp(time_s, *fit.corners()) - measured_pa).max())
+    assert fit is None or off_pa < 6.0 * NOISE_PA
