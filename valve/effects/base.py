@@ -1,0 +1,135 @@
+"""What an effect is: a cause by its name, its parameters with unit and range, and the slot that it fills."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, fields
+from enum import StrEnum
+from typing import Any, ClassVar, Self
+
+from valve.errors import ParameterError
+from valve.extended_valve import ExtendedValve, require_finite
+from valve.parameters import ValveParameters
+
+ARMSTRONG: str = (
+    "B. Armstrong-Helouvry, P. Dupont, C. Canudas de Wit: A survey of models, analysis tools and compensation methods "
+    "for the control of machines with friction, Automatica 30 (1994) 1083-1138"
+)
+IEC_61298: str = "IEC 61298-2:2008, Process measurement and control devices: tests under reference conditions"
+HANDBOOK: str = "Emerson: Control Valve Handbook, 5th edition (2019)"
+
+
+class Per(StrEnum):
+    """What a range is given in shares of, so that it suits a small valve and a large one."""
+
+    ONE = "1"
+    FRICTION = "F_c"
+    FULL_FORCE = "force at full pressure"
+    TRAVEL = "travel"
+    FRICTION_OVER_TRAVEL = "F_c/travel"
+    RATE = "k"
+    RATE_OVER_TRAVEL = "k/travel"
+    ONE_OVER_TRAVEL = "1/travel"
+
+
+@dataclass(frozen=True, slots=True)
+class ValveScale:
+    """Sizes of one valve, SI: what is much and little in it."""
+
+    travel_m: float
+    full_force_n: float
+    friction_n: float
+    spring_rate_n_per_m: float
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            if not getattr(self, entry.name) > 0.0:
+                raise ParameterError(f"{entry.name} is {getattr(self, entry.name):g}, it must be above 0: correct it")
+
+    @classmethod
+    def of(cls, parameters: ValveParameters, travel_m: float, full_force_n: float) -> Self:
+        """Return the sizes of a valve; without friction or spring a percent of the full force stands for them."""
+        friction_n = max(parameters.coulomb_friction_n, 0.001 * full_force_n)
+        rate_n_per_m = parameters.spring_rate_n_per_m or full_force_n / travel_m
+        return cls(travel_m, full_force_n, friction_n, rate_n_per_m)
+
+    def unit(self, per: Per) -> float:
+        """Return the size, SI, that a range is given in shares of."""
+        return {
+            Per.ONE: 1.0,
+            Per.FRICTION: self.friction_n,
+            Per.FULL_FORCE: self.full_force_n,
+            Per.TRAVEL: self.travel_m,
+            Per.FRICTION_OVER_TRAVEL: self.friction_n / self.travel_m,
+            Per.RATE: self.spring_rate_n_per_m,
+            Per.RATE_OVER_TRAVEL: self.spring_rate_n_per_m / self.travel_m,
+            Per.ONE_OVER_TRAVEL: 1.0 / self.travel_m,
+        }[per]
+
+
+@dataclass(frozen=True, slots=True)
+class EffectParameter:
+    """One parameter of an effect. ``low``, ``typical`` and ``high`` are shares of ``per``.
+
+    A strength has its neutral value at 0, where the effect is not there; the rest is shape.
+    """
+
+    name: str
+    symbol: str
+    unit: str
+    meaning: str
+    low: float
+    typical: float
+    high: float
+    per: Per = Per.ONE
+    is_strength: bool = True
+
+    def range(self, scale: ValveScale) -> tuple[float, float]:
+        """Lowest and highest value that is physically plausible for this valve, in ``unit``."""
+        size = scale.unit(self.per)
+        return self.low * size, self.high * size
+
+
+@dataclass(frozen=True, slots=True)
+class Effect(ABC):
+    """A departure from the Karnopp valve. Raises ParameterError where a number is not finite or not physical."""
+
+    cause: ClassVar[str]
+    equation: ClassVar[str]
+    source: ClassVar[str]
+    parameters: ClassVar[tuple[EffectParameter, ...]]
+
+    def __post_init__(self) -> None:
+        for name, value in self.values().items():
+            require_finite(f"{self.cause}: {name}", value)
+
+    @abstractmethod
+    def apply(self, valve: ExtendedValve) -> ExtendedValve:
+        """Return the valve with this effect in it, beside what it has. Raises ParameterError where both cannot be."""
+
+    @classmethod
+    def of_strength(cls, strength: float, scale: ValveScale, **shape: float) -> Self:
+        """Return the effect at ``strength`` times its typical size, 0 for none, with typical or given shape.
+
+        Raises ParameterError for a name that the effect has not.
+        """
+        values = {
+            entry.name: entry.typical * scale.unit(entry.per) * (strength if entry.is_strength else 1.0)
+            for entry in cls.parameters
+        }
+        unknown = sorted(set(shape) - set(values))
+        if unknown:
+            raise ParameterError(f"{cls.cause}: {unknown[0]}: no such parameter; there are {', '.join(values)}")
+        return cls(**{**values, **shape})
+
+    def values(self) -> dict[str, float]:
+        """Return its parameters by name."""
+        return {entry.name: float(getattr(self, entry.name)) for entry in self.parameters}
+
+
+def require_free(cause: str, slots: Any, *names: str) -> None:
+    """Raise ParameterError where one of these fields of a group of slots is filled already."""
+    neutral = type(slots)()
+    for name in names:
+        if getattr(slots, name) != getattr(neutral, name):
+            raise ParameterError(f"{cause}: {name} is {getattr(slots, name):g} already, one valve has one: drop one")

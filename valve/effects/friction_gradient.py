@@ -1,0 +1,36 @@
+"""Friction that grows along the travel: a guide out of line, wear at one end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from valve.effects.base import HANDBOOK, Effect, EffectParameter, Per, require_free
+from valve.extended_valve import ExtendedValve
+
+
+@dataclass(frozen=True, slots=True)
+class FrictionGradient(Effect):
+    """Friction that grows along the travel: a guide out of line, wear at one end."""
+
+    cause: ClassVar[str] = "friction_gradient"
+    equation: ClassVar[str] = "F_c, F_s -> F + g (x - reference)"
+    source: ClassVar[str] = HANDBOOK
+    parameters: ClassVar[tuple[EffectParameter, ...]] = (
+        EffectParameter(
+            "gradient_n_per_m", "g", "N/m", "rise of the friction per way", -1.0, 0.1, 1.0, Per.FRICTION_OVER_TRAVEL
+        ),
+        EffectParameter(
+            "reference_m", "x_r", "m", "where F_c and F_s hold", 0.0, 0.5, 1.0, Per.TRAVEL, is_strength=False
+        ),
+    )
+
+    gradient_n_per_m: float
+    reference_m: float = 0.0
+
+    def apply(self, valve: ExtendedValve) -> ExtendedValve:
+        """Return the valve with this effect in it."""
+        slots = valve.friction
+        require_free(self.cause, slots, "gradient_n_per_m")
+        filled = replace(slots, gradient_n_per_m=self.gradient_n_per_m, gradient_reference_m=self.reference_m)
+        return replace(valve, friction=filled)

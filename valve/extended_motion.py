@@ -1,0 +1,317 @@
+"""Motion of the extended valve: what a stem does, and what its sensor shows, under a force and any slots.
+
+The linear part is solved in closed form between anchors, and what the slots add is straight in time between them:
+all slots neutral it is the exact motion of valve.motion; filled, it is accurate to second order of their strength
+over a sub-step (docs/effects.md has the figures).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from valve.errors import MotionError, ParameterError, WaveformError
+from valve.extended_kernel import (
+    AT_V,
+    AT_X,
+    BRISTLE,
+    ELAPSED,
+    EXTRA,
+    IN_MODE,
+    LAGGED,
+    NEVER_MOVED,
+    PLAYED,
+    REST_SINCE,
+    SHOWN,
+    STATES,
+    follow_extended,
+)
+from valve.extended_kernel_input import lagged_corners, transformed
+from valve.extended_valve import ExtendedValve, InputPath
+from valve.motion_inputs import MOST_EVENTS, checked_corners, checked_outputs, float_array, motion_error
+from valve.motion_kernel import FOLLOWED
+from valve.stem import FloatArray, Mode, ModeArray, ModeChanges, StemState
+
+LONGEST_SUB_STEP_S: Final = 1.0e-3
+# On the paper's 52.5 kN/m a nanometre or two, far below what any sensor shows.
+INPUT_CHORD_ERROR: Final = 2.0e-8  # of the largest force
+_NO_VALUES: Final[FloatArray] = np.empty(0)
+_NO_MODES: Final[ModeArray] = np.empty(0, np.int8)
+_EVENTS_AT_FIRST: Final = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class Rests:
+    """Places at which the simulated stem is put to rest: shape (n,), times rising.
+
+    ``since_s`` says when each rest began, for a breakaway that depends on it; by default at ``time_s``.
+    Raises WaveformError where the arrays do not fit.
+    """
+
+    time_s: FloatArray
+    position_m: FloatArray
+    since_s: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        since_s = self.time_s if self.since_s is None else self.since_s
+        arrays = [float_array(values) for values in (self.time_s, self.position_m, since_s)]
+        if any(array.ndim != 1 or array.shape != arrays[0].shape for array in arrays):
+            raise WaveformError("rests: give as many positions as times")
+        if not all(np.isfinite(array).all() for array in arrays) or (np.diff(arrays[0]) < 0.0).any():
+            raise WaveformError("rests: their times must rise and all numbers be finite: sort and correct them")
+        for name, array in zip(("time_s", "position_m", "since_s"), arrays, strict=True):
+            object.__setattr__(self, name, array)
+
+
+@dataclass(frozen=True, slots=True)
+class ExtendedState:
+    """All that the future of an extended valve depends on beside its input, SI.
+
+    ``elapsed_s`` is the slots' own time (drift, vibration). A sensor or bristles that have followed nothing yet
+    are None. Raises ParameterError where a number is not finite.
+    """
+
+    stem: StemState = field(default_factory=StemState)
+    elapsed_s: float = 0.0
+    rest_since_s: float = 0.0
+    never_moved: bool = True
+    bristle_n: float | None = None
+    extra_static_n: float = 0.0
+    sensor_m: tuple[float, float, float] | None = None  # what play, bow and gain, and lag have made of the position
+
+    def __post_init__(self) -> None:
+        values = (self.elapsed_s, self.rest_since_s, self.bristle_n or 0.0, self.extra_static_n, *(self.sensor_m or ()))
+        if not all(math.isfinite(value) for value in values):
+            raise ParameterError("state of an extended valve: all its numbers must be finite: correct them")
+
+    @property
+    def sensed_m(self) -> float:
+        """Position that the sensor shows, m."""
+        return self.stem.position_m if self.sensor_m is None else self.sensor_m[2]
+
+    def vector(self) -> FloatArray:
+        """Return the state as the kernel takes it."""
+        state = np.full(len(STATES), math.nan)
+        state[AT_X], state[AT_V] = self.stem.position_m, self.stem.velocity_m_per_s
+        state[IN_MODE], state[ELAPSED], state[REST_SINCE] = self.stem.mode, self.elapsed_s, self.rest_since_s
+        state[NEVER_MOVED], state[EXTRA] = float(self.never_moved), self.extra_static_n
+        if self.bristle_n is not None:
+            state[BRISTLE] = self.bristle_n
+        if self.sensor_m is not None:
+            state[PLAYED], state[SHOWN], state[LAGGED] = self.sensor_m
+        return state
+
+
+def state_from_vector(state: FloatArray) -> ExtendedState:
+    """Return the state that the kernel left."""
+    sensor_m = None if math.isnan(state[PLAYED]) else (float(state[PLAYED]), float(state[SHOWN]), float(state[LAGGED]))
+    return ExtendedState(
+        StemState(float(state[AT_X]), float(state[AT_V]), Mode(int(state[IN_MODE]))),
+        float(state[ELAPSED]),
+        float(state[REST_SINCE]),
+        bool(state[NEVER_MOVED]),
+        None if math.isnan(state[BRISTLE]) else float(state[BRISTLE]),
+        float(state[EXTRA]),
+        sensor_m,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExtendedMotion:
+    """A simulated motion, arrays of shape (n,) at ``time_s``; at an event the values after it count.
+
+    ``sensed_m`` is the position as the sensor path shows it, ``force_n`` the actuator force after the input path.
+    """
+
+    time_s: FloatArray
+    position_m: FloatArray
+    sensed_m: FloatArray
+    velocity_m_per_s: FloatArray
+    mode: ModeArray
+    force_n: FloatArray
+    events: ModeChanges
+    final_state: ExtendedState
+
+
+def input_corners(
+    path: InputPath, force_time_s: FloatArray, force_n: FloatArray, end_s: float, *, start_n: float | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Corners of the actuator force that acts when these are asked for; held before the first and after the last.
+
+    With a lag the force begins at ``start_n``, by default settled, and chords follow the exponentials to
+    INPUT_CHORD_ERROR of the largest force. The first time stays; the last is ``end_s`` or later.
+    """
+    if path.is_neutral:
+        return force_time_s, force_n
+    limit_n = float(path.limit_n)
+    time_s, target_n = transformed(
+        force_time_s, force_n, float(path.gain), float(path.leak), limit_n, float(path.dead_time_s)
+    )
+    if path.lag_s == 0.0:
+        return time_s, target_n
+    begin_n = float(target_n[0]) if start_n is None else float(start_n)
+    error_n = INPUT_CHORD_ERROR * max(float(np.abs(target_n).max()), abs(begin_n), 1.0e-6)
+    lagged: tuple[FloatArray, FloatArray] = lagged_corners(
+        time_s, target_n, max(float(end_s), float(time_s[-1])), float(path.lag_s), begin_n, error_n
+    )
+    return lagged
+
+
+@dataclass(frozen=True, slots=True)
+class ExtendedStem:
+    """An extended valve made ready: its slots as the kernel takes them, for many runs or piece by piece.
+
+    The input path is not its business: it takes the force that acts. Raises MotionError after ``most_events``
+    changes of mode in one run.
+    """
+
+    valve: ExtendedValve
+    most_events: int = MOST_EVENTS
+    longest_step_s: float = LONGEST_SUB_STEP_S
+    _slots: FloatArray = field(init=False, repr=False, compare=False)
+    _curves: FloatArray = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_slots", self.valve.vector())
+        object.__setattr__(self, "_curves", self.valve.curves())
+
+    def advance(self, state: ExtendedState, force_time_s: FloatArray, force_n: FloatArray) -> ExtendedState:
+        """Return the state at the last corner of a force that begins at ``state``; arrays as StemIntegrator's."""
+        vector = state.vector()
+        self._run(vector, (force_time_s, force_n), float(force_time_s[-1]), room=0)
+        return state_from_vector(vector)
+
+    def ramp(self, state: ExtendedState, duration_s: float, start_n: float, end_n: float) -> ExtendedState:
+        """Return the state after a force that goes straight from ``start_n`` to ``end_n`` in ``duration_s``."""
+        return self.advance(state, np.array((0.0, duration_s)), np.array((start_n, end_n), dtype=np.float64))
+
+    def motion(
+        self,
+        state: ExtendedState,
+        force_time_s: FloatArray,
+        force_n: FloatArray,
+        time_s: FloatArray,
+        *,
+        rests: Rests | None = None,
+    ) -> ExtendedMotion:
+        """Return the motion from ``state`` at ``time_s``, as ``simulate_extended`` with arrays checked already."""
+        vector, count = state.vector(), time_s.size
+        end_s = float(time_s[-1]) if count else float(force_time_s[-1])
+        at_rest = (_NO_VALUES,) * 3
+        if rests is not None:
+            assert rests.since_s is not None  # filled in when it was made
+            at_rest = (rests.time_s, rests.position_m, rests.since_s)
+        position_m, sensed_m, velocity_m_per_s, acting_n = np.empty((4, count))
+        mode = np.empty(count, np.int8)
+        outputs = (time_s, position_m, sensed_m, velocity_m_per_s, mode, acting_n)
+        events = self._run(vector, (force_time_s, force_n), end_s, rests=at_rest, outputs=outputs)
+        return ExtendedMotion(
+            time_s, position_m, sensed_m, velocity_m_per_s, mode, acting_n, events, state_from_vector(vector)
+        )
+
+    def _run(
+        self,
+        vector: FloatArray,
+        corners: tuple[FloatArray, FloatArray],
+        end_s: float,
+        *,
+        rests: tuple[FloatArray, FloatArray, FloatArray] = (_NO_VALUES,) * 3,
+        outputs: tuple[FloatArray, FloatArray, FloatArray, FloatArray, ModeArray, FloatArray] | None = None,
+        room: int = _EVENTS_AT_FIRST,
+    ) -> ModeChanges:
+        """Run the kernel, ``vector`` in place; with more events than ``room`` again with room for all."""
+        if outputs is None:
+            outputs = (_NO_VALUES, _NO_VALUES, _NO_VALUES, _NO_VALUES, _NO_MODES, _NO_VALUES)
+        room = min(room, self.most_events)
+        event_time_s, event_mode = np.empty(room), np.empty(room, np.int8)
+        before = vector.copy()
+        status, events = follow_extended(
+            self._slots,
+            self._curves,
+            vector,
+            *corners,
+            end_s,
+            outputs[0],
+            *rests,
+            *outputs[1:],
+            event_time_s,
+            event_mode,
+            self.most_events,
+            float(self.longest_step_s),
+        )
+        if status != FOLLOWED:
+            raise self._error(status, events)
+        if events > room > 0:
+            vector[:] = before
+            return self._run(vector, corners, end_s, rests=rests, outputs=outputs, room=events)
+        return ModeChanges(event_time_s[:events].copy(), event_mode[:events].copy())
+
+    def _error(self, status: int, events: int) -> MotionError:
+        return motion_error(tuple(self._slots[:9]), status, events, self.most_events, subject="the extended stem")
+
+
+def simulate_extended(
+    valve: ExtendedValve,
+    force_time_s: npt.ArrayLike,
+    force_n: npt.ArrayLike,
+    output_time_s: npt.ArrayLike,
+    *,
+    initial: ExtendedState | None = None,
+    rests: Rests | None = None,
+    command: bool = True,
+    most_events: int = MOST_EVENTS,
+) -> ExtendedMotion:
+    """Simulate an extended valve under an actuator force S_a P that is straight between its corners.
+
+    Corners and outputs as in ``simulate_motion``. ``command``: the force is the one asked for and takes the input
+    path; without, it is measured at the actuator and acts as it is. ``rests`` puts the stem to rest where it was
+    seen to rest, so that the steps of a stick-slip stay in phase with a measurement's.
+    Raises WaveformError for malformed arrays, ParameterError for a start beyond a rigid stop, MotionError after
+    ``most_events`` changes of mode.
+    """
+    state = ExtendedState() if initial is None else initial
+    _require_within_stops(valve, state.stem)
+    corners = checked_corners(force_time_s, force_n)
+    time_s = checked_outputs(output_time_s, float(corners[0][0]))
+    if command:
+        corners = input_corners(valve.input, *corners, float(time_s[-1] if time_s.size else corners[0][-1]))
+    return ExtendedStem(valve, most_events).motion(state, *corners, time_s, rests=rests)
+
+
+def simulate_extended_batch(
+    valves: Sequence[ExtendedValve],
+    force_time_s: npt.ArrayLike,
+    force_n: npt.ArrayLike,
+    output_time_s: npt.ArrayLike,
+    *,
+    initial: ExtendedState | None = None,
+    rests: Rests | None = None,
+    command: bool = True,
+) -> FloatArray:
+    """Positions as sensed of many valves under one force, m, shape (n_valves, n); NaN where one cannot be followed."""
+    corners = checked_corners(force_time_s, force_n)
+    time_s = checked_outputs(output_time_s, float(corners[0][0]))
+    sensed_m = np.full((len(valves), time_s.size), math.nan)
+    for row, valve in zip(sensed_m, valves, strict=True):
+        try:
+            motion = simulate_extended(valve, *corners, time_s, initial=initial, rests=rests, command=command)
+        except (MotionError, ParameterError):
+            continue
+        row[:] = motion.sensed_m
+    return sensed_m
+
+
+def _require_within_stops(valve: ExtendedValve, stem: StemState) -> None:
+    stops = valve.stops
+    low_m = stops.low_m if math.isinf(stops.low_rate_n_per_m) else -math.inf
+    high_m = stops.high_m if math.isinf(stops.high_rate_n_per_m) else math.inf
+    if not low_m <= stem.position_m <= high_m:
+        raise ParameterError(
+            f"stem state: position {stem.position_m:g} m lies outside the travel stops of {low_m:g} to {high_m:g} m: "
+            "start between them"
+        )
