@@ -34,6 +34,7 @@ class Window:
 
     half_width: int
     force: FloatArray
+    between: FloatArray  # the part of the kernel for force that says how the force goes between its samples
     sense: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
@@ -55,6 +56,7 @@ def window(half_width: int, period_s: float) -> Window:
     return Window(
         half_width=half_width,
         force=shape + second / 6.0,
+        between=second / 6.0,
         sense=shape + second / 24.0,
         velocity=(central - np.convolve(central, (1.0, -2.0, 1.0), mode="same") / 12.0) / period_s,
         acceleration=second / period_s**2,

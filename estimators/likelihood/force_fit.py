@@ -142,6 +142,15 @@ def _by_waves(influence: FloatArray) -> FloatArray:
     return np.asarray(2.0 / (_WAVES - len(COLUMNS)) * _WIDENING**2 * parts.T @ parts)
 
 
+def sampling_errors(fit: ForceFit, channels: Spectra) -> FloatArray:
+    """Standard errors, shape (4,), for what the force did between its samples: straight, or anything as smooth.
+
+    The change of the coefficients if the force were taken at its samples alone, as the half-width of an even spread.
+    """
+    change = channels.filtered(channels.force, fit.window.between) * fit.rows
+    return np.asarray(np.abs(fit.bread @ (fit.regressors.T @ change)) / math.sqrt(3.0))
+
+
 @dataclass(frozen=True, slots=True)
 class SpringCheck:
     """Spring rate that the residual would have, N/m, its standard error, and the share of the residual that it takes.

@@ -29,7 +29,7 @@ from estimators.base import (
 )
 from estimators.likelihood.force_breakaways import static_friction
 from estimators.likelihood.force_equation import COLUMNS
-from estimators.likelihood.force_fit import correlated_errors, slow_covariance, spring_that_shows
+from estimators.likelihood.force_fit import correlated_errors, sampling_errors, slow_covariance, spring_that_shows
 from estimators.likelihood.force_search import FittedForce, search
 from estimators.moving_rows import MovingRows, find_moving_rows
 from estimators.samples import FloatArray, Samples, prepare
@@ -130,10 +130,14 @@ def evenly_sampled(samples: Samples) -> Samples | None:
 
 
 def _known(fitted: FittedForce) -> _Known:
-    """The larger of two standard errors: by slow scores (any misfit), by the residual's spectrum (few events)."""
+    """The larger of two standard errors: by slow scores (any misfit), by the residual's spectrum (few events).
+
+    To it comes what slow sampling leaves open.
+    """
     covariance = slow_covariance(fitted.fit)
     slow = np.sqrt(np.diag(covariance))
     larger = np.maximum(slow, correlated_errors(fitted.fit, fitted.channels))
+    larger = np.hypot(larger, sampling_errors(fitted.fit, fitted.channels))
     # rounding alone is left where there is no noise
     larger = np.maximum(larger, 1.0e-9 * np.abs(fitted.fit.coefficients))
     stretch = larger / np.where(slow > 0.0, slow, 1.0)

@@ -138,6 +138,14 @@ def test_gaps_and_jitter_are_borne() -> None:
         assert estimate.value(symbol) == pytest.approx(axis.value(symbol), rel=0.02), symbol
 
 
+def test_slow_sampling_widens_the_intervals_enough() -> None:
+    axes = [random_axis(seed) for seed in range(12)]
+    sampled = [estimated(axis.recording.rows(slice(None, None, 20))) for axis in axes]
+    told = [deviations(axis, estimate) for axis, estimate in zip(axes, sampled, strict=True) if estimate.status == "ok"]
+    assert len(told) >= 4
+    assert (np.abs(told) < 1.96).mean() > 0.85
+
+
 def test_a_spring_that_the_nameplate_denies_makes_the_estimate_poor() -> None:
     estimate = estimated(ramped(2.0e-6, spring_n_per_m=40.0))
     assert estimate.status is Status.POOR
