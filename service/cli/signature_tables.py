@@ -173,7 +173,7 @@ def _certainty(each: list[dict[str, Any]]) -> str:
 
 
 def _signed(value: float | None) -> str:
-    return "" if value is None else f"{value:+.2f}"
+    return "" if value is None else f"{round(value, 2) + 0.0:+.2f}"
 
 
 def _summary(summary: dict[str, Any]) -> list[str]:

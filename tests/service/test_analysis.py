@@ -214,8 +214,13 @@ async def test_the_real_worker_analyses_a_stored_recording_as_this_process_does(
         with pytest.raises(RecordingError, match=r"bad\.csv: unknown column 'position_mm'"):
             await pool.analyze(tmp_path / "bad.csv", PLATE)
         analysis = await pool.analyze(tmp_path / "a.parquet", PLATE, lambda share, _phase: shares.append(share))
-    here = analyze_recordings([recording], PLATE)
-    assert analysis == json.loads(json.dumps(here))
+    here = json.loads(json.dumps(analyze_recordings([recording], PLATE)))
+    # the worker keeps one thread of linear algebra: an iterated fit differs in its last digits
+    for theirs, ours in zip(analysis.pop("estimates"), here.pop("estimates"), strict=True):
+        assert (theirs["method"], theirs["status"]) == (ours["method"], ours["status"])
+        for symbol, parameter in ours["parameters"].items():
+            assert theirs["parameters"][symbol]["value"] == pytest.approx(parameter["value"], rel=1.0e-6), symbol
+    assert analysis == here
     assert shares[-1] == 1.0
 
 
