@@ -10,7 +10,7 @@ import numpy as np
 from rich.table import Table
 
 from estimators.registry import ESTIMATORS
-from tests.benchmarks.bound import IDENTIFIABLE, bound
+from tests.benchmarks.bound import IDENTIFIABLE, ONE_INSTANT, bound, delay_slope
 from tests.benchmarks.parallel import each
 from tests.estimators.recordings import SYMBOLS, VALVES, Recorded, paper_triangle, recorded
 from valve.parameter_sets import parameter_set
@@ -71,15 +71,15 @@ def taken_at_once(period_s: float) -> Provenance:
     """Both channels in one instant: captured by the device at 1 ms, slower read in one short exchange."""
     if period_s <= 1.0e-3:
         return Provenance(Acquisition.CAPTURED, requested_period_s=period_s)
-    return Provenance(Acquisition.POLLED, requested_period_s=period_s, timing_uncertainty_s=1.0e-3 * period_s)
+    return Provenance(Acquisition.POLLED, requested_period_s=period_s, timing_uncertainty_s=ONE_INSTANT * period_s)
 
 
 def bounds_of(test: Recorded, noise_m: float) -> dict[str, float]:
     """Return the bound's standard error of every parameter of a test whose pressure is known, SI."""
-    pressure_pa = test.recording.pressure_pa
-    assert pressure_pa is not None
-    force_n = test.recording.actuator_force_n(test.nameplate)
-    return bound(test.truth, (test.recording.time_s, force_n), test.recording.time_s, noise_m)
+    time_s, truth = test.recording.time_s, test.truth
+    corners = time_s, test.recording.actuator_force_n(test.nameplate)
+    delay = delay_slope(truth, corners, time_s), ONE_INSTANT * test.recording.sample_period_s
+    return bound(truth, corners, time_s, noise_m, nuisances=[delay])
 
 
 def scale_of(symbol: str, test: Recorded) -> float:

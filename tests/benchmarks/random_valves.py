@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import time
 from collections import defaultdict
@@ -15,7 +16,7 @@ from rich.table import Table
 
 from estimators.base import NORMAL_95, Estimate, Status
 from estimators.registry import ESTIMATORS
-from tests.benchmarks.bound import bound, relative_half_width
+from tests.benchmarks.bound import ONE_INSTANT, bound, delay_slope, relative_half_width
 from tests.benchmarks.parallel import each
 from tests.estimators.random_valves import KINDS, UNINFORMATIVE, RandomTest, random_test
 from valve.motion import simulate_motion
@@ -122,14 +123,11 @@ def known_symbols(test: RandomTest) -> tuple[str, ...]:
     if test.kind == UNINFORMATIVE:
         return ()
     corners, time_s = acting_force(test), test.recording.time_s[np.isfinite(test.recording.position_m)]
-    nuisances = []
-    if test.recording.provenance.acquisition is not Acquisition.CAPTURED or test.kind == "command_only":
-        nuisances.append(_derivative(test, corners, time_s, delay_s=1.0e-6))
+    truth, stops, initial = test.truth, test.stops, test.initial
+    nuisances = [(delay_slope(truth, corners, time_s, stops=stops, initial=initial), delay_known_s(test))]
     if test.kind == "command_only":
-        nuisances.append(_derivative(test, corners, time_s, lag_s=1.0e-5 * test.lag_s))
-    errors = bound(
-        test.truth, corners, time_s, test.noise_m, stops=test.stops, initial=test.initial, nuisances=nuisances
-    )
+        nuisances.append((_lag_slope(test, corners, time_s), math.inf))
+    errors = bound(truth, corners, time_s, test.noise_m, stops=stops, initial=initial, nuisances=nuisances)
     return tuple(s for s in PARAMETER_SYMBOLS if relative_half_width(s, errors[s], test.truth) < SURELY_KNOWN)
 
 
@@ -141,26 +139,25 @@ def acting_force(test: RandomTest) -> tuple[FloatArray, FloatArray]:
     return np.concatenate([[first_s], test.force_time_s[later]]), np.concatenate([[begin_n], test.force_n[later]])
 
 
-def _derivative(
-    test: RandomTest,
-    corners: tuple[FloatArray, FloatArray],
-    time_s: FloatArray,
-    *,
-    delay_s: float = 0.0,
-    lag_s: float = 0.0,
-) -> FloatArray:
-    """Change of the position by a force that comes a little later, or through a little more lag, per s."""
+def delay_known_s(test: RandomTest) -> float:
+    """What the recording says of the delay between its channels, one standard deviation, s."""
+    provenance = test.recording.provenance
+    if test.kind == "command_only":
+        return math.inf
+    if provenance.acquisition is Acquisition.CAPTURED:
+        return ONE_INSTANT * test.period_s
+    return provenance.timing_uncertainty_s or test.period_s
+
+
+def _lag_slope(test: RandomTest, corners: tuple[FloatArray, FloatArray], time_s: FloatArray) -> FloatArray:
+    """Change of the position by a little more lag of the I/P, m/s, shape (n,); dF = -dT F', F' of each line."""
     force_s, force_n = corners
+    late_n = 1.0e-5 * np.concatenate([[0.0], np.diff(force_n) / np.maximum(np.diff(force_s), 1.0e-12)])
     sides = []
-    for sign in (1.0, -1.0):
-        changed_n = force_n
-        if lag_s > 0.0:  # to first order: dF = -dT F', F' of each line at its end
-            run_s = np.maximum(np.diff(force_s), 1.0e-12)
-            changed_n = force_n - sign * lag_s * np.concatenate([[0.0], np.diff(force_n) / run_s])
-        shifted_s = np.concatenate([force_s[:1], np.maximum(force_s[1:] + sign * delay_s, force_s[0])])
-        motion = simulate_motion(test.truth, shifted_s, changed_n, time_s, stops=test.stops, initial=test.initial)
+    for changed_n in (force_n - late_n, force_n + late_n):
+        motion = simulate_motion(test.truth, force_s, changed_n, time_s, stops=test.stops, initial=test.initial)
         sides.append(motion.position_m)
-    return np.asarray((sides[0] - sides[1]) / (2.0 * (delay_s + lag_s)))
+    return np.asarray((sides[0] - sides[1]) / 2.0e-5)
 
 
 def run(count: int | None = None) -> list[Table]:
