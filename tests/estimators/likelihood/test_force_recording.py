@@ -56,7 +56,7 @@ def test_without_noise_an_axis_is_recovered(reference: Reference) -> None:
 def test_ninety_five_percent_intervals_hold_the_truth_about_that_often() -> None:
     axes = [random_axis(seed, duration_s=6.0) for seed in range(500, 530)]
     scaled = np.array([deviations(axis, estimated(axis.recording)) for axis in axes])
-    # 120 values: 300 axes of 12 s gave 95 to 97 %
+    # 120 values: 250 axes of 12 s gave 94 to 98 %
     assert (np.abs(scaled) < 1.96).mean() > 0.88
     assert 0.6 < float(np.sqrt(np.mean(np.clip(scaled, -4.0, 4.0) ** 2))) < 1.3
 
