@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from estimators.likelihood.piece_kernel import fitted, merged, refined
-from estimators.likelihood.smooth_spans import smooth_span
+from estimators.likelihood.smooth_spans import SHAPE_ERROR, smooth_span
 from estimators.samples import FloatArray, IntArray
 
 # Own choices, tried on triangles, multi-rate triangles, sines, steps and lagged triangles at 1-50 ms, 0.01-0.5 % noise.
@@ -268,6 +268,8 @@ def _span(
         own = slice(first, first + 1)
         rows = np.diff(edges[first : first + 2])
         root = apart.roots[first][:, None, :]
+        if apart.degree[first] > 1:
+            root = SHAPE_ERROR * root
         return _Span(
             apart.centre_s[own], apart.half_s[own], apart.coefficient[own], apart.degree[own], rows, np.empty(0), root
         )
