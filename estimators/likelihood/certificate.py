@@ -13,6 +13,8 @@ from estimators.samples import FloatArray
 # Own choices, from fits at the right and at wrong optima of random valves.
 LARGEST_RATIO: Final = 1.2
 _LARGEST_PIECE: Final = 6.5  # standard deviations of the mean of a piece, beyond what the most of them reach
+_NEAR_RATIO: Final = 1.5
+_NEAR_PIECE: Final = 15.0
 _PIECES: Final = (3, 10, 30, 100, 300)
 
 
@@ -28,6 +30,11 @@ class Certificate:
     def is_good(self) -> bool:
         """Whether noise alone explains the residuals."""
         return self.ratio <= LARGEST_RATIO and self.piece <= _LARGEST_PIECE
+
+    @property
+    def is_near(self) -> bool:
+        """Whether what noise does not explain is so little that wider intervals may hold it."""
+        return self.ratio <= _NEAR_RATIO and self.piece <= _NEAR_PIECE
 
 
 def certify(residual: FloatArray, weight: FloatArray) -> Certificate:

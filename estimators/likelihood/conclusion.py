@@ -16,8 +16,7 @@ from estimators.recorded_motion import RecordedMotion
 from valve.parameters import PARAMETER_SYMBOLS
 
 _SAME: Final = 0.1  # speeds and rates that differ by less are one
-_HEAVIEST_KG: Final = 100.0
-_HIDDEN_PERIODS: Final = 1.0  # a fast time constant m/F_v below this share of the sampling period hides m
+_SLOW_SAMPLING_S: Final = 2.0e-3
 
 
 def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found) -> Estimate:
@@ -30,12 +29,14 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
     factor = inflation(residual, model.weight)
     knows = known(model, point, ramps_of(motion), noise_factor=factor)
     rms_m = float(np.sqrt(np.mean(((residual / model.weight)[model.weight > 0.0]) ** 2)))
+    explained = found.certificate.is_good or (problem.is_noise_free and rms_m < 1.0e-6 * model.range_m)
+    if not explained and not found.certificate.is_near and not problem.is_noise_free:
+        knows = None
     parameters = {symbol: _parameter(symbol, values, knows) for symbol in PARAMETER_SYMBOLS}
     complete = in_order(parameters)
     outcomes = _outcomes(motion, complete, values)
     missing = [symbol for symbol, entry in complete.items() if entry.value is None and symbol != "DV"]
     sentences = [str(outcome) for outcome in outcomes]
-    explained = found.certificate.is_good or (problem.is_noise_free and rms_m < 1.0e-6 * model.range_m)
     if not explained:
         sentences.append(_misfit(rms_m, problem, found))
     if missing:
@@ -85,7 +86,7 @@ def _distinct(values: list[float]) -> tuple[float, ...]:
 
 def _parameter(symbol: str, values: dict[str, float], knows: Knowledge | None) -> ParameterEstimate:
     if knows is None:
-        return absent("the motion cannot be followed about the fitted values")
+        return absent("the model does not explain the recording, so that no value of it can be trusted")
     value, error, reason = values[symbol], knows.std_error(symbol), knows.note(symbol)
     if symbol == "F_0":
         return offset_estimate(value, error, values["F_c"], reason=reason)
@@ -100,12 +101,12 @@ def _outcomes(
         found.append(Outcome.ONE_DIRECTION_ONLY)
     if motion.stops is not None:
         found.append(Outcome.STOP_INSIDE_SWEEP)
-    if complete["m"].value is None:
-        fast_s = values["m"] / values["F_v"]
+    if complete["m"].value is None and complete["k"].value is not None:
         is_overdamped = values["F_v"] ** 2 > 4.0 * values["k"] * values["m"]
-        seen = complete["F_v"].value is not None
-        hidden = seen and is_overdamped and fast_s < _HIDDEN_PERIODS * max(motion.samples.period_s, 1.0e-3)
-        found.append(Outcome.MASS_HIDDEN if hidden else Outcome.TRANSIENTS_NOT_RESOLVED)
+        if is_overdamped and complete["F_v"].value is not None:
+            found.append(Outcome.MASS_HIDDEN)
+        elif motion.samples.period_s > _SLOW_SAMPLING_S:
+            found.append(Outcome.TRANSIENTS_NOT_RESOLVED)
     if motion.command_only:
         found.append(Outcome.COMMAND_ONLY)
     return found

@@ -9,11 +9,13 @@ from typing import Final
 import numpy as np
 
 from estimators.identifiability import Knowledge, knowledge
-from estimators.likelihood.model import StemModel
+from estimators.likelihood.model import STEP, StemModel
 from estimators.samples import FloatArray
 
 _PIECES: Final = (1, 4, 16, 64, 256, 1024)
 _FEWEST_PIECES: Final = 20
+_FAINT: Final = 0.1  # of a standard deviation that a unit of a coordinate moves all samples together
+_LARGER_STEP: Final = 1.0e-3
 _SURE: Final = 3.0  # standard errors by which the variance of pieces must exceed that of white noise
 
 
@@ -58,6 +60,14 @@ def known(model: StemModel, point: FloatArray, ramps: Ramps, *, noise_factor: fl
     slopes = model.slopes(point)
     if slopes is None:
         return None
+    size = np.sqrt(np.einsum("ij,ij->i", slopes, slopes))
+    if bool((size < _FAINT).any()):
+        # what hardly moves the stem would drown in rounding at the usual step
+        steps = np.where(size < _FAINT, _LARGER_STEP, STEP)
+        faint = [int(number) for number in np.flatnonzero(size < _FAINT)]
+        larger = model.slopes(point, faint, steps)
+        if larger is not None:
+            slopes[faint] = larger[faint]
     normal = slopes @ slopes.T / noise_factor**2 + np.diag(model.coordinates.prior_weight)
     change = _change(model, point)
     values = natural_values(model, point)

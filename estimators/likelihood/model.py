@@ -8,7 +8,7 @@ from typing import Final, Protocol
 import numpy as np
 
 from estimators.likelihood.coordinates import Coordinates
-from estimators.likelihood.shooting_kernel import shoot
+from estimators.likelihood.shooting_kernel import shoot, shoot_led
 from estimators.samples import FloatArray, IntArray
 from valve.motion_kernel import FOLLOWED, even_period
 
@@ -34,6 +34,14 @@ class Restarts:
     position_m: FloatArray
 
 
+@dataclass(frozen=True, slots=True)
+class Lead:
+    """How the measurement leads the simulated stem in a first fit: after each so many rows, by ``gain``."""
+
+    rows: int
+    gain: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class StemModel:
     """Measured positions, shape (n,), with the weight of each (0: not measured), and the simulation beside them.
@@ -53,6 +61,7 @@ class StemModel:
     range_m: float
     deviations: tuple[tuple[FloatArray, FloatArray], ...] = ()
     restarts: Restarts | None = None
+    lead: Lead | None = None
     even_step: float = field(init=False)
     _corners: dict[tuple[float, ...], tuple[FloatArray, FloatArray]] = field(init=False, default_factory=dict)
 
@@ -101,11 +110,13 @@ class StemModel:
             rows = rows[order]
             start_m = np.concatenate([start_m, self.restarts.position_m])[order]
             start_v = np.concatenate([start_v, np.zeros(self.restarts.row.size)])[order]
-        start_s = self.time_s[rows]
         out_m = np.empty(self.time_s.size)
-        status = shoot(
-            valve, corner_s, force_n, self.time_s, self.even_step, rows, start_s, start_m, start_v, out_m, _MOST_EVENTS
-        )
+        if self.lead is not None:
+            led = (self.position_m, self.lead.rows, self.lead.gain)
+            status = shoot_led(valve, corner_s, force_n, self.time_s, rows, start_m, start_v, *led, out_m, _MOST_EVENTS)
+        else:
+            starts = (rows, self.time_s[rows], start_m, start_v)
+            status = shoot(valve, corner_s, force_n, self.time_s, self.even_step, *starts, out_m, _MOST_EVENTS)
         return out_m if status == FOLLOWED and bool(np.isfinite(out_m[-1])) else None
 
     def residuals(self, point: FloatArray) -> FloatArray | None:
@@ -125,10 +136,13 @@ class StemModel:
         off = point - self.coordinates.prior
         return float(self.coordinates.prior_weight @ (off * off))
 
-    def slopes(self, point: FloatArray, free: list[int] | None = None) -> FloatArray | None:
+    def slopes(
+        self, point: FloatArray, free: list[int] | None = None, steps: FloatArray | None = None
+    ) -> FloatArray | None:
         """Derivatives of the weighted positions to the coordinates, shape (p, n), by central differences.
 
-        One-sided at a bound, and where one side slips once more or less than the other.
+        One-sided at a bound, and where one side slips once more or less than the other. ``steps``, shape (p,), are
+        those of the differences.
         """
         here = self.simulate(point)
         if here is None:
@@ -138,19 +152,20 @@ class StemModel:
         largest = _LARGEST_SLOPE * self.range_m
         for number in range(point.size) if free is None else free:
             forward, backward = point.copy(), point.copy()
-            forward[number] += STEP
-            backward[number] -= STEP
+            step = STEP if steps is None else float(steps[number])
+            forward[number] += step
+            backward[number] -= step
             above = self.simulate(forward) if forward[number] <= upper[number] else None
             below = self.simulate(backward) if backward[number] >= lower[number] else None
             if above is not None and below is not None:
-                slope = (above - below) / (2.0 * STEP)
+                slope = (above - below) / (2.0 * step)
                 if float(np.abs(slope).max()) > largest:
-                    sides = (above - here) / STEP, (here - below) / STEP
+                    sides = (above - here) / step, (here - below) / step
                     slope = min(sides, key=lambda side: float(np.abs(side).max()))
             elif above is not None:
-                slope = (above - here) / STEP
+                slope = (above - here) / step
             elif below is not None:
-                slope = (here - below) / STEP
+                slope = (here - below) / step
             else:
                 continue
             if float(np.abs(slope).max()) <= largest:

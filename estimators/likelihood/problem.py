@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -13,19 +13,21 @@ from estimators.likelihood.input_path import InputPath
 from estimators.likelihood.model import Restarts, StemModel
 from estimators.likelihood.nuisance import Nuisance
 from estimators.likelihood.search import measured_rests
-from estimators.likelihood.start import first_guesses, trials
+from estimators.likelihood.start import Trial, first_guesses, resting_rows, trials
 from estimators.recorded_motion import RecordedMotion
-from estimators.samples import FloatArray, IntArray
+from estimators.samples import FloatArray, IntArray, position_noise
 
 # Own choices. Noise of a position that is computed and not measured, as a share of its range.
 _NO_NOISE: Final = 1.0e-9
+_ENOUGH_AT_REST: Final = 100  # rows
 _START_ROWS: Final = 50
+_OUT_OF_BALANCE: Final = 6.0  # standard deviations
 _STILL_ROWS: Final = 3  # fewer before the first motion: the recording begins in it
 # DV: lognormal about 1.5 % of the fastest ramp's sliding speed, and never above that speed.
 _LIMIT_MEDIAN: Final = 0.015
 _LIMIT_SD: Final = 1.5
 _FASTEST: Final = 0.9  # quantile of the speeds in motion
-_MASSES_KG: Final = (1.0e-3, 1.0e3)
+_MASSES_KG: Final = (1.0e-2, 1.0e3)
 _LARGEST_STICTION: Final = 100.0  # F_s/F_c - 1
 _HELD_SHARE: Final = 0.5  # of the samples equal to the one before: the sensor's steps are seen, and no noise on them
 
@@ -35,7 +37,7 @@ class Problem:
     """The model with its trial values, the rests of the measured stem, and the noise of the position, m."""
 
     model: StemModel
-    trials: list[dict[str, float]]
+    trials: list[Trial]
     rests: Restarts
     noise_m: float
     is_noise_free: bool
@@ -49,7 +51,7 @@ def pose(motion: RecordedMotion, path: InputPath) -> Problem | None:
     if not guesses:
         return None
     range_m, range_n = float(np.ptp(samples.position_m)), float(np.ptp(samples.force_n))
-    noise_m = max(samples.position_noise_m, _NO_NOISE * range_m)
+    noise_m = max(_noise(motion), _NO_NOISE * range_m)
     moving = np.zeros(samples.count, dtype=np.bool_)
     for stretch in phases.stretches:
         moving[stretch.rows] = True
@@ -66,9 +68,9 @@ def pose(motion: RecordedMotion, path: InputPath) -> Problem | None:
         )
     )
     wanted = [
-        {**trial, "DV": min(trial["DV"], 0.99 * fastest), **others}
-        for guess in guesses[:1]
-        for trial in trials(guess, motion.moving_mass_kg)
+        replace(trial, values=trial.values | others)
+        for guess in guesses
+        for trial in trials(guess, motion.moving_mass_kg, fastest)
     ]
     model = StemModel(
         time_s=samples.time_s,
@@ -117,7 +119,11 @@ def _section_values(motion: RecordedMotion, section_row: IntArray) -> dict[str, 
         if first < row + _STILL_ROWS:
             values |= {f"x_{number}": float(position_m[row]), f"v_{number}": float(velocity[row : row + 3].mean())}
         else:
-            values[f"x_{number}"] = float(np.mean(position_m[row : min(first, row + _START_ROWS)]))
+            level_m = float(np.mean(position_m[row : min(first, row + _START_ROWS)]))
+            off_m = abs(float(position_m[row]) - level_m)
+            # out of balance the stem leaves its first position before the second sample or so
+            is_off = off_m > _OUT_OF_BALANCE * motion.samples.position_noise_m + 1.0e-9 * abs(level_m)
+            values[f"x_{number}"] = float(position_m[row]) if is_off else level_m
     return values
 
 
@@ -126,6 +132,17 @@ def _stop_values(motion: RecordedMotion) -> dict[str, float]:
         return {}
     both = {"low": motion.stops.low_m, "high": motion.stops.high_m}
     return {name: value for name, value in both.items() if math.isfinite(value)}
+
+
+def _noise(motion: RecordedMotion) -> float:
+    """Noise of the position, m: no more than what is seen at rest, where slips and jittered times add nothing to it."""
+    samples = motion.samples
+    resting = np.flatnonzero(resting_rows(motion))
+    if samples.position_noise_m == 0.0 or resting.size < _ENOUGH_AT_REST:
+        return samples.position_noise_m
+    run_first = np.maximum.accumulate(np.where(np.diff(resting, prepend=-2) > 1, np.arange(resting.size), 0))
+    at_rest_m = position_noise(samples.time_s[resting], samples.position_m[resting], run_first)
+    return min(samples.position_noise_m, at_rest_m) if at_rest_m > 0.0 else samples.position_noise_m
 
 
 def _independent_share(position_m: FloatArray, noise_m: float) -> FloatArray:

@@ -60,3 +60,57 @@ def shoot(
         if status != FOLLOWED:
             return status
     return FOLLOWED
+
+
+@kernel
+def shoot_led(
+    q, corner_time, corner_force, out_time, first_row, start_x, start_v, measured_x, block, gain, out_x, most_events,
+):  # fmt: skip
+    """As ``shoot``, led by the measurement: after each ``block`` rows x moves by ``gain`` times their mean residual.
+
+    A stem that slips many times keeps step with the measured one, so that a wrong parameter does not throw all that
+    comes later out of phase.
+    """
+    none, no_mode = np.empty(0), np.empty(0, np.int8)
+    n, parts, corners = out_time.size, first_row.size, corner_time.size
+    times, forces = np.empty(corners + 2), np.empty(corners + 2)
+    for j in range(parts):
+        row = first_row[j]
+        section_end = first_row[j + 1] if j + 1 < parts else n
+        x, v = min(max(start_x[j], q[7]), q[8]), start_v[j]
+        mode = STUCK if v == 0.0 else SLIP
+        start = out_time[row] if row < n else 0.0
+        after = 0
+        while row < section_end:
+            end = min(row + block, section_end)
+            last = out_time[end - 1]
+            while after < corners and corner_time[after] <= start:
+                after += 1
+            if after == 0:
+                forces[0] = corner_force[0]
+            elif after == corners:
+                forces[0] = corner_force[corners - 1]
+            else:
+                share = (start - corner_time[after - 1]) / (corner_time[after] - corner_time[after - 1])
+                forces[0] = corner_force[after - 1] + share * (corner_force[after] - corner_force[after - 1])
+            times[0] = start
+            count, at = 1, after
+            while at < corners:
+                times[count], forces[count] = corner_time[at], corner_force[at]
+                count += 1
+                if corner_time[at] > last:
+                    break
+                at += 1
+            status, _events, x, v, mode = follow(
+                q[0], q[1], q[2], q[3], q[4], q[5], q[6], q[7], q[8], x, v, mode,
+                times[:count], forces[:count], last, out_time[row:end], 0.0, out_x[row:end], none, no_mode, none,
+                none, no_mode, most_events,
+            )  # fmt: skip
+            if status != FOLLOWED:
+                return status
+            off = 0.0
+            for i in range(row, end):
+                off += measured_x[i] - out_x[i]
+            x = min(max(x + gain * off / (end - row), q[7]), q[8])
+            start, row = last, end
+    return FOLLOWED

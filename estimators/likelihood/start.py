@@ -14,10 +14,13 @@ from estimators.recorded_motion import RecordedMotion
 from estimators.samples import BoolArray, FloatArray
 from estimators.static_friction import breakaway_forces
 
-# Own choices: the masses tried, kg, a factor of 3.2 apart, and the viscous shares of the friction in motion.
-_MASSES_KG: Final = (0.05, 0.16, 0.5, 1.6, 5.0, 16.0, 50.0)
-_VISCOUS_SHARES: Final = tuple(0.9 * 10.0 ** (-0.5 * step) for step in range(9))
-_LIMIT_SHARES: Final = (0.015, 0.3, 0.9)  # of the speed, that DV may be
+# Own choices: the masses tried, kg, and the viscous shares of the friction in motion; DV as a share of the speed, and
+# F_s as one of the friction in motion.
+_MASSES_KG: Final = (0.2, 0.8, 3.0, 12.0, 50.0)
+_VISCOUS_SHARES: Final = (0.9, 0.5, 0.2, 0.06, 0.02, 0.003)
+_LIMIT_SHARES: Final = (0.015, 0.4, 0.9, 1.4)
+_STATIC_SHARES: Final = (0.0, 1.08, 1.25, 1.5)
+_SAME: Final = 0.02
 _SETTLED_SHARE: Final = 0.3  # of a stretch, left out of a balance
 
 
@@ -35,7 +38,7 @@ class FirstGuess:
 def first_guesses(motion: RecordedMotion) -> list[FirstGuess]:
     """Return what the force balances give, the most trusted first: uniform motion, all motion, breakaways."""
     found = [_from_uniform_motion(motion), _from_all_motion(motion), _from_breakaways(motion)]
-    return [guess for guess in found if guess is not None]
+    return distinct([guess for guess in found if guess is not None])
 
 
 def _from_uniform_motion(motion: RecordedMotion) -> FirstGuess | None:
@@ -106,22 +109,50 @@ def _checked(
     return FirstGuess(spring, preload_n, friction_n, speed, static_n)
 
 
-def trials(guess: FirstGuess, nameplate_mass_kg: float | None) -> Iterator[dict[str, float]]:
-    """Return m, k, F_v, F_c, d, DV and F_0 by name for each mass, viscous share and DV to be tried with a guess."""
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """Values by name, and the classes that they belong to: DV as a share of the speed, F_s as one of the friction."""
+
+    values: dict[str, float]
+    limit_share: float
+    static_share: float
+
+
+def trials(guess: FirstGuess, nameplate_mass_kg: float | None, fastest_m_per_s: float) -> Iterator[Trial]:
+    """Return m, k, F_v, F_c, d, DV and F_0 by name for each mass, viscous share, DV and F_s to be tried with a guess.
+
+    The force at breakaway is tried first as F_s (share 0), for it may be seen late and F_s lie above or below it.
+    """
     masses_kg = _MASSES_KG if nameplate_mass_kg is None else (*_MASSES_KG, nameplate_mass_kg)
-    for share in _VISCOUS_SHARES:
-        viscous = share * guess.friction_n / guess.speed
-        coulomb_n = (1.0 - share) * guess.friction_n
-        for mass_kg, limit_share in product(masses_kg, _LIMIT_SHARES):
-            yield {
+    for viscous_share, limit_share, static_share in product(_VISCOUS_SHARES, _LIMIT_SHARES, _STATIC_SHARES):
+        coulomb_n = (1.0 - viscous_share) * guess.friction_n
+        static_n = static_share * guess.friction_n if static_share > 0.0 else guess.static_n
+        for mass_kg in masses_kg:
+            values = {
                 "m": mass_kg,
                 "k": guess.spring_n_per_m,
-                "F_v": viscous,
+                "F_v": viscous_share * guess.friction_n / guess.speed,
                 "F_c": coulomb_n,
-                "d": max(0.0, guess.static_n / coulomb_n - 1.0),
-                "DV": limit_share * guess.speed,
+                "d": max(0.0, static_n / coulomb_n - 1.0),
+                "DV": min(limit_share * guess.speed, 0.95 * fastest_m_per_s),
                 "F_0": guess.preload_n,
             }
+            yield Trial(values, limit_share, static_share)
+
+
+def distinct(guesses: list[FirstGuess]) -> list[FirstGuess]:
+    """Return the guesses without those that differ little from one before."""
+    kept: list[FirstGuess] = []
+    for guess in guesses:
+        if not any(_is_near(guess, other) for other in kept):
+            kept.append(guess)
+    return kept
+
+
+def _is_near(one: FirstGuess, other: FirstGuess) -> bool:
+    spring = abs(one.spring_n_per_m / other.spring_n_per_m - 1.0) < _SAME
+    friction = abs(one.friction_n / other.friction_n - 1.0) < 10.0 * _SAME
+    return spring and friction and abs(one.preload_n - other.preload_n) < 2.0 * _SAME * other.friction_n
 
 
 def resting_rows(motion: RecordedMotion) -> BoolArray:
