@@ -30,6 +30,7 @@ class Form(StrEnum):
 
     PUBLISHED = "published"  # Romano & Garcia (2007), step by step
     CORRECTED = "corrected"  # preload fitted, the bias of backward differences taken out, many points
+    ROBUST = "robust"  # the equation of motion integrated over the slips: no differences; corrected without noise
 
 
 class Outcome(StrEnum):

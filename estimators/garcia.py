@@ -15,8 +15,10 @@ from estimators.garcia_points import published_points
 from estimators.linear_fit import LinearFit
 from estimators.misfit import Fallback
 from estimators.recorded_motion import RecordedMotion, read_motion
+from estimators.robust_estimate import robust_estimate
 from estimators.settling import viscous_from_settling
 from estimators.slip_fit import fit_slips
+from estimators.slip_search import AFTER_THE_BALANCE
 from estimators.static_friction import BreakawayForces, breakaway_forces
 from estimators.transients import Setting, judge_transients
 from estimators.uniform_motion import UniformMotion
@@ -35,7 +37,7 @@ class GarciaEstimator:
     valve without stiction (no slip jump) m and F_v come from the ends of the ramps, as far as these show them.
     """
 
-    form: Form = Form.CORRECTED
+    form: Form = Form.ROBUST
     method: str = "garcia"
 
     def estimate(self, recording: Recording, nameplate: Nameplate) -> Estimate:
@@ -57,6 +59,10 @@ class GarciaEstimator:
 
     def _corrected(self, motion: RecordedMotion, uniform: UniformMotion) -> Estimate:
         balance = Balance.of(uniform, self.form, motion.action)
+        if self.form is Form.ROBUST:
+            robust = robust_estimate(self.method, motion, balance, AFTER_THE_BALANCE, uniform.covariance)
+            if robust is not None:
+                return robust
         preload = 0.0 if balance.preload is None else balance.preload[0]
         forces = breakaway_forces(motion.samples, motion.phases, balance.spring[0], preload)
         slip_free = forces is None or not has_stiction(balance, forces)

@@ -18,8 +18,11 @@ SenseArray = npt.NDArray[np.int8]
 # Own choices, tried on the four published valves at 0-100 um and 1-50 ms.
 _COARSE_WINDOWS: Final = 200  # parts of the recording whose mean positions give the path travelled
 _NOISE_OF_PATH_SPEED: Final = 0.08  # the windowed velocity's noise as a share of the mean speed
+_SLOWER: Final = 0.2  # quantile of the coarse windows' speeds
+_MUCH_SLOWER: Final = 0.4  # than the mean speed; a sine's quantile is 0.48 of it
 _MOVING_SIGMAS: Final = 5.0
 _MOVING_SHARE: Final = 0.1  # of the median moving speed
+_SLOW_RAMP_SHARE: Final = 0.5  # of the slowest ramp's speed, where ramps differ
 _SLOW_SHARE: Final = 0.2  # of the limit of motion: what drifts faster is not at rest
 
 
@@ -46,7 +49,7 @@ def find_moving_rows(samples: Samples) -> MovingRows | None:
     if lively.size < 3:
         return None
     usual_speed = float(np.median(lively))
-    limit = max(_MOVING_SIGMAS * noise, _MOVING_SHARE * usual_speed)
+    limit = max(_MOVING_SIGMAS * noise, min(_MOVING_SHARE * usual_speed, _SLOW_RAMP_SHARE * speed))
     sense = np.where(pace > limit, np.sign(velocity), 0.0).astype(np.int8)
     sense = _without_slow_motion(samples, sense, pace, limit, half_window)
     return MovingRows(sense, velocity, half_window, usual_speed)
@@ -70,7 +73,12 @@ def _path_speed(samples: Samples) -> float | None:
     steps = np.abs(np.diff(means))
     path_m = float(steps[steps > 4.0 * noise].sum())
     duration_s = float(samples.time_s[-1] - samples.time_s[0])
-    return path_m / duration_s if path_m > 0.0 else None
+    if not path_m > 0.0:
+        return None
+    # where ramps differ much the slower ones count too
+    mean = path_m / duration_s
+    slower = float(np.quantile(steps[steps > 4.0 * noise], _SLOWER)) / (duration_s / windows)
+    return slower if slower < _MUCH_SLOWER * mean else mean
 
 
 def _half_window(samples: Samples, speed: float) -> int:

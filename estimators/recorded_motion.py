@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
@@ -32,6 +32,7 @@ class RecordedMotion:
     action: Action
     moving_mass_kg: float | None
     command_only: bool
+    shared: dict[str, object] = field(default_factory=dict)  # what one method found and another may start from
 
     @property
     def first_moving_row(self) -> int:

@@ -18,8 +18,10 @@ from estimators.linear_fit import LinearFit
 from estimators.misfit import Fallback
 from estimators.recorded_motion import RecordedMotion, read_motion
 from estimators.regressors import Regressors, corrected_regressors, published_regressors
+from estimators.robust_estimate import robust_estimate
 from estimators.settling import viscous_from_settling
 from estimators.simulated_static_friction import refined_static_friction
+from estimators.slip_search import AFTER_THE_BALANCE, ALL_AT_ONCE
 from estimators.static_friction import BreakawayForces, breakaway_forces, published_breakaway_forces
 from estimators.threshold_sweep import ThresholdSweep
 from estimators.transients import Setting, is_resolved, judge_transients
@@ -67,7 +69,7 @@ class RegressionEstimator:
     ``preload`` adds a constant to Eq. (4): by default in the corrected form only.
     """
 
-    form: Form = Form.CORRECTED
+    form: Form = Form.ROBUST
     thresholds: int = 1200
     parts: int = 1500
     threshold: int | None = None
@@ -104,6 +106,15 @@ class RegressionEstimator:
     def _estimate(self, motion: RecordedMotion) -> Estimate:
         if motion.has_preload and not self._fits_preload:
             return failed(self.method, Outcome.PRELOAD_IGNORED)
+        if self.form is Form.ROBUST and self.threshold is None and self._fits_preload and motion.uniform is not None:
+            start = Balance.of(motion.uniform, self.form, motion.action)
+            robust = robust_estimate(self.method, motion, start, ALL_AT_ONCE, None)
+            if motion.uniform.viscous_n_s_per_m is not None and (robust is None or robust.value("F_v") is None):
+                # the slips seen are of one speed, and the uniform motion of several
+                other = robust_estimate(self.method, motion, start, AFTER_THE_BALANCE, motion.uniform.covariance)
+                robust = robust if other is None or other.value("F_v") is None else other
+            if robust is not None:
+                return robust
         first = self._first_step(motion)
         balance = self._balance(motion, first)
         if balance is None:

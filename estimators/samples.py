@@ -42,6 +42,7 @@ class Samples:
     period_s: float
     position_noise_m: float
     force_noise_n: float
+    position_step_m: float = 0.0  # of the sensor's grid; 0 where there is none that is coarser than rounding
 
     @property
     def count(self) -> int:
@@ -82,6 +83,7 @@ def prepare(recording: Recording, nameplate: Nameplate) -> Samples | Outcome:
         period_s=period_s,
         position_noise_m=position_noise(time_s, position_m, run_first),
         force_noise_n=channel_noise(time_s, force_n, run_first),
+        position_step_m=_resolution(position_m),
     )
 
 

@@ -19,6 +19,7 @@ _LARGEST_SPEED_CHANGE: Final = 0.15  # between the halves of a steady part
 _STEADY_SPEED_CHANGE: Final = 0.03
 _LEAST_WAY: Final = 0.01  # of the travel seen
 _FEWEST_ROWS: Final = 4
+_ROWS_OF_A_RAMP: Final = 40
 _SPEEDS_APART: Final = 0.2  # speeds that differ by less than this share of their median count as one
 _PLATEAU: Final = 0.97
 
@@ -91,7 +92,14 @@ def _settled(samples: Samples, phases: Phases, stretch: Stretch) -> slice | None
     begin_s = float(time_s[stretch.first]) + (1.0 - _STEADY_SHARE) * length_s
     begin = int(np.searchsorted(time_s, begin_s))
     end = stretch.last - phases.half_window - 3
+    if end + 1 - begin < _FEWEST_ROWS and _are_long(phases):
+        end = stretch.last - 1  # too short to be so careful: the corner that ended it is known to the row
     return slice(begin, end + 1) if end + 1 - begin >= _FEWEST_ROWS else None
+
+
+def _are_long(phases: Phases) -> bool:
+    """Whether ramps have rows enough that a short stretch is a slip at its end and not a rate that is too low."""
+    return phases.corners.size > 1 and float(np.median(np.diff(phases.corners))) >= _ROWS_OF_A_RAMP
 
 
 def _plateau(phases: Phases, stretch: Stretch) -> slice | None:

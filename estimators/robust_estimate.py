@@ -1,0 +1,82 @@
+"""A method's robust form as an estimate; None where the slips do not carry it, so that the corrected form answers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from estimators.balance import Balance
+from estimators.base import Estimate
+from estimators.conclusion import conclude
+from estimators.misfit import Fallback
+from estimators.recorded_motion import RecordedMotion
+from estimators.robust_form import is_believed, robust_covariance, robust_parameters
+from estimators.samples import FloatArray
+from estimators.settled_motion import settled_motion
+from estimators.slip_kernel import D_V, F_0, F_S, F_V, A, K, M
+from estimators.slip_search import SHARED, SlipsFound, solve_slips
+
+
+def robust_estimate(
+    method: str,
+    motion: RecordedMotion,
+    balance: Balance,
+    free: tuple[int, ...],
+    steady: FloatArray | None,
+) -> Estimate | None:
+    """Fit the slips with these unknowns free; ``steady`` (3, 3) is the covariance of a k, A and F_0 that stay."""
+    found = solve_slips(motion, balance, free)
+    if found is None or not is_believed(found):
+        return None
+    if steady is not None:
+        # what uniform motion gave may still hold the ends of the transients, which are known now
+        settled = settled_motion(motion, found)
+        if settled is not None:
+            balance, steady = Balance.of(settled, balance.form, balance.action), settled.covariance
+            found = solve_slips(motion, balance, free)
+            if found is None or not is_believed(found):
+                return None
+    covariance = robust_covariance(found, steady)
+    if found.windows.undithered and steady is not None:
+        covariance = _no_better_than_all_at_once(covariance, motion)
+    if not bool(np.isfinite(covariance).all()):
+        return None
+    parameters, transients = robust_parameters(motion, found, balance, covariance)
+    common = found.solution.common
+    diagnostics: dict[str, Any] = {
+        "form": "robust",
+        "raw": {
+            "m": float(common[M]),
+            "F_v": float(common[F_V]),
+            "k": float(common[K]),
+            "A": float(common[A]),
+            "F_0": float(common[F_0]),
+            "F_s": float(common[F_S]),
+            "DV": float(common[D_V]),
+        },
+        "slips": found.windows.count,
+        "slips_left_out": found.left_out,
+        "misfit_in_noises": found.solution.misfit,
+    }
+    return conclude(
+        method,
+        motion,
+        parameters=parameters,
+        outcomes=[],
+        transients=transients,
+        diagnostics=diagnostics,
+        fallback=Fallback.of(motion, transients, balance),
+    )
+
+
+def _no_better_than_all_at_once(covariance: FloatArray, motion: RecordedMotion) -> FloatArray:
+    """On a sensor's grid the balance's errors are not independent of the slips': no less than the joint fit's."""
+    joint = motion.shared.get(SHARED)
+    if not isinstance(joint, SlipsFound):
+        return covariance
+    own = np.sqrt(np.diag(covariance))
+    other = np.sqrt(np.diag(robust_covariance(joint, None)))
+    factor = np.where(own > 0.0, np.maximum(1.0, other / np.where(own > 0.0, own, 1.0)), 1.0)
+    factor[[K, F_0]] = 1.0
+    return np.asarray(covariance * np.outer(factor, factor))
