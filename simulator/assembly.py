@@ -62,7 +62,7 @@ class SimulatedPlant:
         clock: Clock | None = None,
         gauges: Mapping[GaugeListener, str] | None = None,
     ) -> None:
-        warm_up()
+        warm_up(effects=any(settings.effects for settings in valves))
         self.clock = RunningClock() if clock is None else clock
         self._valves: dict[str, SoftwareValve] = {}
         for settings in valves:

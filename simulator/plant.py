@@ -16,10 +16,13 @@ import numpy.typing as npt
 from simulator.faults import MOMENTARY, Fault, FaultKind, active_fault, next_edge_s
 from simulator.record import Event, Happening, ValveRecord
 from simulator.sensor import Sensor
+from simulator.stem import FollowedStem, PlainStem, StemWithEffects
 from simulator.trajectory import Trajectory
 from simulator.transducer import Transducer, lagged, limited, value_at
+from valve.effects import Effect, with_effects
 from valve.errors import ParameterError
-from valve.motion import StemIntegrator, StemState, simulate_motion
+from valve.extended_valve import ExtendedValve, StopSlots
+from valve.motion import StemState
 from valve.nameplate import Nameplate
 from valve.parameters import TravelStops, ValveParameters
 
@@ -29,13 +32,17 @@ _NO_TIMES: Final[FloatArray] = np.empty(0)
 # Captured samples and live ones draw their noise from numbers that never meet.
 LIVE_SAMPLES_FROM: Final = 1 << 48
 SAMPLES_A_CAPTURE: Final = 1 << 24
+# After a command has been held for so long the next one begins a record: what drifts has recovered.
+RECORD_PAUSE_S: Final = 30.0
 
 
 @dataclass(frozen=True, slots=True)
 class SimulatedValve:
     """One valve of a simulated plant: the truth, and what stands between it and the wire.
 
-    Position and pressure are None where there is no such sensor. Raises ParameterError without a diaphragm area.
+    ``effects`` are what the valve has beside its parameters, hidden from whoever tests it; those of the transducer
+    come on top of its own. Pressure is None where there is no such sensor. Raises ParameterError without a diaphragm
+    area and for effects that cannot be together.
     """
 
     tag: str
@@ -47,10 +54,17 @@ class SimulatedValve:
     stops: TravelStops = field(default_factory=TravelStops)
     start_pa: float | None = None  # pressure asked for at the start; the low end of the range by default
     faults: tuple[Fault, ...] = ()
+    effects: tuple[Effect, ...] = ()
+    extended: ExtendedValve = field(init=False, repr=False, compare=False)
+    acting: Transducer = field(init=False, repr=False, compare=False)  # the transducer with those effects that are its
 
     def __post_init__(self) -> None:
         if self.nameplate.actuator.diaphragm_area_m2 is None:
             raise ParameterError(f"{self.tag}: actuator.diaphragm_area_m2 is missing, a simulated valve needs it")
+        stops = StopSlots(self.stops.low_m, self.stops.high_m)
+        extended = with_effects(ExtendedValve(self.parameters, stops=stops), self.effects)
+        object.__setattr__(self, "extended", extended)
+        object.__setattr__(self, "acting", self.transducer.with_path(extended.input, self.area_m2))
 
     @property
     def area_m2(self) -> float:
@@ -64,12 +78,18 @@ class SimulatedValve:
         force_n = self.area_m2 * pressure_pa - self.parameters.preload_n
         rate_n_per_m = self.parameters.spring_rate_n_per_m
         free_m = force_n / rate_n_per_m if rate_n_per_m > 0.0 else 0.0
-        return min(max(free_m, self.stops.low_m), self.stops.high_m)
+        return min(max(free_m, self.extended.stops.low_m), self.extended.stops.high_m)
+
+    def stem_at(self, position_m: float) -> FollowedStem:
+        """Return its stem at rest there."""
+        if self.effects:
+            return StemWithEffects(self.extended, position_m)
+        return PlainStem(self.parameters, self.stops, position_m)
 
 
 @dataclass(frozen=True, slots=True)
 class Samples:
-    """True values at sample times, all of shape (n,); ``sensed_m`` is the position as a faulty sensor shows it."""
+    """True values at sample times, all of shape (n,); ``sensed_m`` is the position as the sensor shows it."""
 
     position_m: FloatArray
     sensed_m: FloatArray
@@ -77,11 +97,15 @@ class Samples:
     asked_pa: FloatArray
 
 
-def warm_up() -> None:
+def warm_up(*, effects: bool = False) -> None:
     """Compile what follows a stem, or load it: seconds at the first time, which no read should have to wait for."""
-    parameters = ValveParameters(1.0, 1.0e4, 100.0, 10.0, 12.0, 1.0e-4)
-    StemIntegrator(parameters).ramp(StemState(), 0.1, 0.0, 100.0)
-    simulate_motion(parameters, np.array([0.0, 0.1]), np.array([0.0, 100.0]), np.array([0.0, 0.1]))
+    parameters, stops = ValveParameters(1.0, 1.0e4, 100.0, 10.0, 12.0, 1.0e-4), TravelStops()
+    stems: list[FollowedStem] = [PlainStem(parameters, stops, 0.0)]
+    if effects:
+        stems.append(StemWithEffects(ExtendedValve(parameters), 0.0))
+    for stem in stems:
+        stem.advance(np.array([0.0, 0.1]), np.array([0.0, 100.0]))
+        stem.sample(np.array([0.0, 0.1]), np.array([100.0, 0.0]), np.array([0.1]))
 
 
 class SoftwareValve:
@@ -100,10 +124,10 @@ class SoftwareValve:
         start_pa = settings.transducer.level(start_pa)
         self.time_s = start_s
         self.asked = Trajectory(start_s, start_pa)
-        self.pressure_pa = min(start_pa, settings.transducer.supply_pa)
-        self.stem = StemState(settings.rest_position_m(self.pressure_pa), 0.0)
-        self._integrator = StemIntegrator(settings.parameters, settings.stops)
-        self._frozen_m = self.stem.position_m
+        self.pressure_pa = settings.acting.settled_pa(start_pa, settings.acting.supply_pa)
+        self._stem = settings.stem_at(settings.rest_position_m(self.pressure_pa))
+        self._frozen_m = self._stem.sensed_m
+        self._asked_s = -math.inf
         self._sample = LIVE_SAMPLES_FROM
 
     def look(self, at_s: float) -> None:
@@ -114,6 +138,11 @@ class SoftwareValve:
         self.record.look(self.time_s, self.stem.position_m, self.pressure_pa, self.asked_pa)
 
     @property
+    def stem(self) -> StemState:
+        """Where the stem truly is and how fast."""
+        return self._stem.state
+
+    @property
     def asked_pa(self) -> float:
         """Pressure that the device asks of the I/P now, Pa."""
         return self.asked.at(self.time_s)
@@ -122,14 +151,19 @@ class SoftwareValve:
     def supply_pa(self) -> float:
         """Air supply now, Pa."""
         lost = self.fault(FaultKind.AIR_LOST)
-        return self.settings.transducer.supply_pa if lost is None else lost.amount
+        return self.settings.acting.supply_pa if lost is None else lost.amount
 
     def ask(self, pressure_pa: float) -> None:
         """From now on ask the I/P for this pressure, rounded to a level of the output, Pa."""
+        if self.time_s - self._asked_s >= RECORD_PAUSE_S:
+            self._stem.begin_record()
+        self._asked_s = self.time_s
         self.asked.step_to(self.time_s, self.settings.transducer.level(pressure_pa))
 
     def play(self, after_s: FloatArray, pressure_pa: FloatArray) -> None:
         """From now on ask for this waveform; its corners are rounded to levels of the output, the lines are not."""
+        self._stem.begin_record()
+        self._asked_s = self.time_s + float(after_s[-1])
         self.asked.replace_from(self.time_s, after_s, self.settings.transducer.quantised(pressure_pa))
 
     def hold(self) -> None:
@@ -159,7 +193,7 @@ class SoftwareValve:
             if piece is not None:
                 pieces.append(piece)
             if not frozen:
-                self._frozen_m = self.stem.position_m
+                self._frozen_m = self._stem.sensed_m
             self._let_momentary_faults_happen(before_s)
             taken = until
             if edge_s >= to_s:
@@ -176,7 +210,7 @@ class SoftwareValve:
     def read_position_m(self) -> float:
         """Position as the sensor reads it now, m; NaN when it is bad. Each reading draws new noise."""
         self._sample += 1
-        sensed_m = self.stem.position_m
+        sensed_m = self._stem.sensed_m
         if self.faults:
             sensed_m = float(self._sensed(np.array([sensed_m]))[0])
         return self.settings.position.reading(sensed_m, self._sample)
@@ -193,7 +227,7 @@ class SoftwareValve:
 
     def _advance_evenly(self, to_s: float, sample_s: FloatArray) -> Samples | None:
         """Advance over a time in which no fault begins or ends."""
-        start_s, dead_s = self.time_s, self.settings.transducer.dead_time_s
+        start_s, dead_s = self.time_s, self.settings.acting.dead_time_s
         duration_s = max(to_s - start_s, 0.0)
         if sample_s.size == 0 and (duration_s == 0.0 or self._is_level(start_s - dead_s)):
             self._stay_level(duration_s)
@@ -202,12 +236,13 @@ class SoftwareValve:
             return None
         time_s, asked_pa = self.asked.between(start_s - dead_s, start_s + duration_s - dead_s)
         after_s, target_pa = limited(time_s - time_s[0], asked_pa, self.supply_pa)
+        target_pa = self.settings.acting.leaking(target_pa)
         # Local times: the clock may have run for days, and the difference of two such times is rounded.
         after_s[-1] = duration_s
-        after_s, pressure_pa = lagged(after_s, target_pa, self.pressure_pa, self.settings.transducer.lag_s)
+        after_s, pressure_pa = lagged(after_s, target_pa, self.pressure_pa, self.settings.acting.lag_s)
         wanted_s = np.clip(sample_s - start_s, 0.0, duration_s)
-        position_m = self._follow(after_s, pressure_pa, wanted_s)
-        sensed_m = self._sensed(position_m)
+        position_m, shown_m = self._follow(after_s, pressure_pa, wanted_s)
+        sensed_m = self._sensed(shown_m)
         asked_then_pa = self.asked.values(sample_s)
         self.pressure_pa, self.time_s = float(pressure_pa[-1]), max(to_s, start_s)
         self.asked.forget(self.time_s - dead_s)
@@ -217,21 +252,21 @@ class SoftwareValve:
 
     def _is_level(self, from_s: float) -> bool:
         """Whether the pressure asked for and that at the actuator stay as they are."""
-        target_pa = min(self.asked.at(from_s), self.supply_pa)
+        target_pa = self.settings.acting.settled_pa(self.asked.at(from_s), self.supply_pa)
         if not self.asked.is_held_from(from_s):
             return False
-        if self.settings.transducer.lag_s == 0.0:
+        if self.settings.acting.lag_s == 0.0:
             self.pressure_pa = target_pa
         return target_pa == self.pressure_pa
 
     def _stay_level(self, duration_s: float) -> None:
         """Advance with the pressure as it is."""
         if duration_s > 0.0:
+            if self.fault(FaultKind.STUCK_STEM) is not None:
+                self._stem.hold(duration_s, _NO_TIMES)
+                return
             force_n = self.settings.area_m2 * self.pressure_pa
-            if self.fault(FaultKind.STUCK_STEM) is None:
-                self.stem = self._integrator.ramp(self.stem, duration_s, force_n, force_n)
-            else:
-                self.stem = StemState(self.stem.position_m, 0.0)
+            self._stem.advance(np.array((0.0, duration_s)), np.array((force_n, force_n), dtype=np.float64))
 
     def _let_momentary_faults_happen(self, after_s: float) -> None:
         for fault in self.faults:
@@ -240,34 +275,25 @@ class SoftwareValve:
                 happening = Happening.RESTARTED if fault.kind is FaultKind.RESTART else Happening.OUTPUT_RESET
                 self.record.add(Event(self.time_s, self.settings.tag, happening, pressure_pa=self.asked_pa))
 
-    def _follow(self, after_s: FloatArray, pressure_pa: FloatArray, wanted_s: FloatArray) -> FloatArray:
-        """Positions at ``wanted_s`` after now while the pressure takes this course; the stem is left at its end."""
+    def _follow(
+        self, after_s: FloatArray, pressure_pa: FloatArray, wanted_s: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Go on while the pressure takes this course; true and sensed positions at ``wanted_s`` after now."""
         if self.fault(FaultKind.STUCK_STEM) is not None:
-            self.stem = StemState(self.stem.position_m, 0.0)
-            return np.full(wanted_s.shape, self.stem.position_m)
+            return self._stem.hold(float(after_s[-1]), wanted_s)
         force_n = self.settings.area_m2 * pressure_pa
         if wanted_s.size == 0:
-            self.stem = self._integrator.advance(self.stem, after_s, force_n)
-            return wanted_s
-        # A motion ends with its last output: the end of the course is one more.
-        motion = simulate_motion(
-            self.settings.parameters,
-            after_s,
-            force_n,
-            np.append(wanted_s, after_s[-1]),
-            stops=self.settings.stops,
-            initial=self.stem,
-        )
-        self.stem = motion.final_state
-        return motion.position_m[:-1]
+            self._stem.advance(after_s, force_n)
+            return wanted_s, wanted_s
+        return self._stem.sample(after_s, force_n, wanted_s)
 
-    def _sensed(self, position_m: FloatArray) -> FloatArray:
-        """True positions as a sensor with the faults of now shows them, before its noise and resolution."""
+    def _sensed(self, shown_m: FloatArray) -> FloatArray:
+        """Positions that the sensor shows as the faults of now leave them, before its noise and resolution."""
         if not self.faults:
-            return position_m
+            return shown_m
         if self.fault(FaultKind.SENSOR_LOST) is not None:
-            return np.full(position_m.shape, math.nan)
+            return np.full(shown_m.shape, math.nan)
         if self.fault(FaultKind.FROZEN_SENSOR) is not None:
-            return np.full(position_m.shape, self._frozen_m)
+            return np.full(shown_m.shape, self._frozen_m)
         jump = self.fault(FaultKind.SENSOR_JUMP)
-        return position_m if jump is None else position_m + jump.amount
+        return shown_m if jump is None else shown_m + jump.amount

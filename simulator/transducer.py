@@ -8,13 +8,14 @@ are so close together that a straight line between them leaves it by at most ``C
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from valve.errors import ParameterError
+from valve.extended_valve import InputPath
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -27,8 +28,8 @@ class Transducer:
     """An I/P transducer and the output that drives it.
 
     The pressure asked for is rounded to one of ``2^dac_bits`` levels of ``range_pa``; it comes to act ``dead_time_s``
-    later; the actuator follows it with the time constant ``lag_s``, never above ``supply_pa``. Raises ParameterError
-    where a value is not physical.
+    later; the actuator follows it with the time constant ``lag_s``, never above ``supply_pa``, and short of it by the
+    share ``leak``. Raises ParameterError where a value is not physical.
     """
 
     range_pa: tuple[float, float]
@@ -36,6 +37,7 @@ class Transducer:
     dead_time_s: float = 0.0
     supply_pa: float = 140.0e3
     dac_bits: int = 16
+    leak: float = 0.0
 
     def __post_init__(self) -> None:
         low_pa, high_pa = self.range_pa
@@ -48,6 +50,36 @@ class Transducer:
             raise ParameterError(f"supply_pa is {self.supply_pa:g} Pa, it must be above the range's {low_pa:g} Pa")
         if not 4 <= self.dac_bits <= 32:
             raise ParameterError(f"dac_bits is {self.dac_bits}, give 4 to 32")
+        if not 0.0 <= self.leak < 1.0:
+            raise ParameterError(f"the transducer's leak is {self.leak:g}, give 0 to below 1")
+
+    def with_path(self, path: InputPath, area_m2: float) -> Transducer:
+        """Return this transducer with an input path's lag, delay, limit (a force on ``area_m2``) and leak on top.
+
+        Raises ParameterError where it has a lag already: two in a row are no first-order lag.
+        """
+        if path.is_neutral:
+            return self
+        if self.lag_s > 0.0 and path.lag_s > 0.0:
+            raise ParameterError(
+                f"the transducer's lag_s is {self.lag_s:g} s already and transducer_lag gives {path.lag_s:g} s: "
+                "leave one out"
+            )
+        return replace(
+            self,
+            lag_s=self.lag_s + path.lag_s,
+            dead_time_s=self.dead_time_s + path.dead_time_s,
+            supply_pa=min(self.supply_pa, path.limit_n / area_m2),
+            leak=1.0 - (1.0 - self.leak) * (1.0 - path.leak),
+        )
+
+    def leaking(self, pressure_pa: FloatArray) -> FloatArray:
+        """Return what a leak leaves of these pressures, Pa."""
+        return pressure_pa if self.leak == 0.0 else np.asarray((1.0 - self.leak) * pressure_pa)
+
+    def settled_pa(self, asked_pa: float, supply_pa: float) -> float:
+        """Return the actuator's pressure once it has settled, Pa."""
+        return (1.0 - self.leak) * min(asked_pa, supply_pa)
 
     @property
     def resolution_pa(self) -> float:

@@ -14,6 +14,7 @@ from drivers.addresses import BusAddress, GaugeAddress, Point, RtuAddress, TcpAd
 from drivers.capabilities import Role
 from drivers.maps import reference, register_map
 from drivers.registers import Register
+from service.cli.hidden_effects import check_effect, hidden_effect
 from service.settings import Plant, PlantValve
 from service.settings_errors import Findings, read_toml
 from simulator.assembly import SimulatedChannel, SimulatedPlant, SimulatedUnit
@@ -24,6 +25,7 @@ from simulator.sensor import Sensor
 from simulator.slave import Listener, RtuListener, TcpListener
 from simulator.transducer import Transducer
 from simulator.unit import Quantity
+from valve.effects import Effect, ValveScale
 from valve.errors import ConfigurationError, ValveError
 from valve.nameplate import Nameplate
 from valve.parameter_sets import parameter_set
@@ -56,6 +58,7 @@ class SimulationSection(BaseModel):
     dac_bits: int = 16
     adc_bits: int = 16
     travel_stops_m: tuple[float, float] | None = None
+    effects: tuple[dict[str, str | float], ...] = ()
 
 
 def plant_from_settings(
@@ -89,7 +92,8 @@ def plant_from_settings(
         if served_on in listeners:
             raise ConfigurationError(f"bus {bus}: another bus has its address, name one bus for both")
         listeners[served_on] = [_unit(bus, device_id, of) for device_id, of in on_bus.items()]
-    warm_up()
+    # before the clock: what is compiled must not take simulated time
+    warm_up(effects=any(valve.effects for valve in valves))
     return SimulatedPlant(valves, listeners, RunningClock(speed), gauges)
 
 
@@ -106,6 +110,8 @@ def _simulation_sections(file: Path) -> dict[str, SimulationSection]:
         elif section is not None:
             if (section.parameter_set is None) == (section.parameters is None):
                 findings.add(key, simulation, "its parameters are given twice or not at all", "give one of the two")
+            for place, given in enumerate(section.effects):
+                check_effect(given, (*key, "effects", place), findings)
             sections[raw["tag"]] = section
     if findings:
         raise findings.error()
@@ -131,14 +137,21 @@ def _valve(valve: PlantValve, section: SimulationSection) -> SimulatedValve:
     seed = zlib.crc32(nameplate.tag.encode()) if section.seed is None else section.seed
     position_span_m = _wider((0.0, nameplate.actuator.travel_m))
     try:
+        parameters = _parameters(section)
+        full_force_n = (nameplate.actuator.diaphragm_area_m2 or 0.0) * range_pa[1]
+        effects: tuple[Effect, ...] = ()
+        if section.effects and full_force_n > 0.0:
+            scale = ValveScale.of(parameters, nameplate.actuator.travel_m, full_force_n)
+            effects = tuple(hidden_effect(given, scale) for given in section.effects)
         return SimulatedValve(
             nameplate.tag,
-            _parameters(section),
+            parameters,
             nameplate,
             Transducer(range_pa, section.lag_s, section.dead_time_s, section.supply_pa, section.dac_bits),
             Sensor(position_span_m, section.position_noise_m, section.adc_bits, 2 * seed),
             Sensor(_wider(range_pa), section.pressure_noise_pa, section.adc_bits, 2 * seed + 1),
             TravelStops() if stops is None else TravelStops(*stops),
+            effects=effects,
         )
     except ValveError as error:
         raise ConfigurationError(f"{nameplate.tag}: [valves.simulation]: {error}") from error

@@ -18,6 +18,7 @@ from tests.benchmarks import (
     classic_methods,
     coverage,
     efficiency,
+    extended_motion,
     method_table,
     motion,
     random_valves,
@@ -27,6 +28,7 @@ from tests.benchmarks import (
 
 BENCHMARKS: Final[dict[str, Callable[[], Table | list[Table]]]] = {
     "classic_methods": classic_methods.run,
+    "extended_motion": extended_motion.run,
     "motion": motion.run,
     "sequences": sequences.run,
     "simulator": simulator.run,

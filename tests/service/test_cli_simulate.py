@@ -48,6 +48,13 @@ acquisition = {{ mode = "polled", period_s = 0.01 }}
 command = {{ bus = "{bus}", device_id = {device}, map = "reference" }}
 {more}
 """
+
+
+def hiding(*effects: str, more: str = "adc_bits = 16") -> str:
+    listed = ", ".join(f"{{ {entry} }}" for entry in effects)
+    return f'simulation = {{ parameter_set = "nominal", {more}, effects = [{listed}] }}'
+
+
 NOMINAL = 'simulation = { parameter_set = "nominal", position_noise_m = 1.0e-6 }'
 
 
@@ -90,6 +97,16 @@ def test_a_plant_is_built_as_its_file_says(tmp_path: Path) -> None:
     assert isinstance(plant.gauges[0], Gauge)
 
 
+def test_a_valve_hides_the_effects_that_its_file_lists(tmp_path: Path) -> None:
+    spot = 'cause = "local_friction", rise_n = 150.0, centre_m = 0.06, width_m = 0.002'
+    more = hiding(spot, 'cause = "position_backlash", strength = 2.0', 'cause = "actuator_leak", strength = 1')
+    extended = plant_from_settings(load_plant(write(tmp_path, valve("A", more=more)))).valves["A"].settings.extended
+    assert extended.friction.spot_n == 150.0
+    assert extended.friction.spot_width_m == 0.002
+    assert extended.sensor.play_m == pytest.approx(2.0 * 0.005 * 0.1016)
+    assert extended.input.leak == pytest.approx(0.03)
+
+
 @pytest.mark.parametrize(
     ("more", "said"),
     [
@@ -100,6 +117,16 @@ def test_a_plant_is_built_as_its_file_says(tmp_path: Path) -> None:
         ('simulation = { parameter_set = "nominl" }', "nominl"),
         ('simulation = { parameter_set = "nominal", travel_stops_m = [1.0, 0.0] }', "stops"),
         ("simulation = { parameters = { m = 1.0, K = 2.0 } }", "K"),
+        (hiding('cause = "local_frction"'), r"effects\[0\]\.cause.*write local_friction"),
+        (hiding("strength = 1.0"), "cause is missing"),
+        (hiding('cause = "bent"'), "choose one of friction_asymmetry, stribeck_friction"),
+        (hiding('cause = "local_friction", rise_n = 9.0, width_m = 0.01'), "centre_m: missing"),
+        (hiding('cause = "local_friction", strength = 1.0, rise_n = 9.0'), "rise_n and strength are both given"),
+        (hiding('cause = "local_friction", strength = 1.0, width = 0.1'), "width: no such parameter"),
+        (hiding('cause = "position_lag", lag_s = "0.1"'), r"effects\[0\]\.lag_s.*without quotes"),
+        (hiding('cause = "position_lag", lag_s = -0.1'), r"effects\[0\].*lag_s is -0\.1"),
+        (hiding('cause = "position_lag", lag_s = 0.1', 'cause = "position_lag", lag_s = 0.2'), "0.1 already"),
+        (hiding('cause = "transducer_lag", lag_s = 0.1', more="lag_s = 0.9"), "leave one out"),
     ],
 )
 def test_a_simulation_that_cannot_be_is_refused_in_words(tmp_path: Path, more: str, said: str) -> None:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
-from valve.effects.base import HANDBOOK, Effect, EffectParameter, Per, ValveScale, require_free
+from valve.effects.base import HANDBOOK, Effect, EffectParameter, Per, ValveScale
 from valve.extended_valve import ExtendedValve
 
 
@@ -35,6 +35,8 @@ class TravelStopHigh(Effect):
 
     def apply(self, valve: ExtendedValve) -> ExtendedValve:
         """Return the valve with this effect in it."""
-        require_free(self.cause, valve.stops, "high_m")
+        if self.position_m >= valve.stops.high_m:
+            # the stop that is met first counts
+            return valve
         rate_n_per_m = self.rate_n_per_m if self.rate_n_per_m != 0.0 else math.inf
         return replace(valve, stops=replace(valve.stops, high_m=self.position_m, high_rate_n_per_m=rate_n_per_m))

@@ -1,0 +1,50 @@
+"""``[[valves.simulation.effects]]``: what a simulated valve hides, from the plant file."""
+
+from __future__ import annotations
+
+import difflib
+
+from service.settings_errors import Findings, Key
+from valve.effects import EFFECTS, Effect, ValveScale, effect_from_values
+from valve.errors import ParameterError, ValveError
+from valve.extended_valve import ExtendedValve
+from valve.parameters import ValveParameters
+
+# Sizes of no valve in particular: what depends on a valve's own is checked where it is built.
+_ANY_VALVE = ExtendedValve(ValveParameters(1.0, 1.0, 1.0, 1.0, 1.0, 1.0))
+_ANY_SCALE = ValveScale(1.0, 1.0, 1.0, 1.0)
+
+
+def check_effect(given: dict[str, str | float], key: Key, findings: Findings) -> None:
+    """Note what is wrong with one ``[[valves.simulation.effects]]``."""
+    cause = given.get("cause")
+    if not isinstance(cause, str) or cause not in EFFECTS:
+        known = ", ".join(EFFECTS)
+        if cause is None:
+            findings.add(key, given, "its cause is missing", f"choose one of {known}")
+            return
+        close = difflib.get_close_matches(str(cause), EFFECTS, n=1)
+        remedy = f"write {close[0]}" if close else f"choose one of {known}"
+        findings.add((*key, "cause"), cause, "this cause is unknown", remedy)
+        return
+    for name, value in given.items():
+        if name != "cause" and isinstance(value, str):
+            findings.add((*key, name), value, "it must be a number", "give a number without quotes and unit")
+            return
+    try:
+        hidden_effect(given, _ANY_SCALE).apply(_ANY_VALVE)
+    except ValveError as error:
+        findings.add_error(key, error)
+
+
+def hidden_effect(given: dict[str, str | float], scale: ValveScale) -> Effect:
+    """Return an effect from its parameters, or from ``strength`` and what of its shape is given."""
+    cause = str(given["cause"])
+    values = {name: float(value) for name, value in given.items() if name not in {"cause", "strength"}}
+    if "strength" not in given:
+        return effect_from_values(cause, values)
+    strengths = [entry.name for entry in EFFECTS[cause].parameters if entry.is_strength and entry.typical != 0.0]
+    both = sorted(set(strengths) & set(values))
+    if both:
+        raise ParameterError(f"{cause}: {both[0]} and strength are both given: leave one out")
+    return EFFECTS[cause].of_strength(float(given["strength"]), scale, **values)
