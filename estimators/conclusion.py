@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from estimators.base import Estimate, Outcome, ParameterEstimate, Status, in_order, sentences
+from estimators.base import Estimate, Outcome, ParameterEstimate, Status, absent, in_order, sentences
 from estimators.misfit import Fallback, with_misfit
 from estimators.recorded_motion import RecordedMotion
 from estimators.transients import Transients
@@ -33,6 +33,11 @@ def conclude(
     if motion.command_only:
         found.append(Outcome.COMMAND_ONLY)
         parameters = {symbol: _with_lag(symbol, parameter) for symbol, parameter in parameters.items()}
+        if motion.uniform is not None and motion.uniform.viscous_n_s_per_m is not None:
+            parameters["F_v"] = absent("the pressure was not measured: on several rates its lag reads as F_v")
+    viscous = parameters["F_v"].value
+    if viscous is not None and viscous < 0.0:
+        parameters["F_v"] = absent("it comes out below 0: the data do not determine it")
     complete = in_order(parameters)
     assumed = {"F_0"} if diagnostics.get("form") == "published" else set()
     missing = [s for s, p in complete.items() if p.value is None and s not in _NEVER_GIVEN | assumed]

@@ -78,7 +78,7 @@ class Phases:
 
 
 def find_phases(samples: Samples) -> Phases | Outcome:
-    """Return the phases, or the outcome where the stem never moved."""
+    """Return the phases, or the outcome where the stem never moved, or only jumped."""
     moving = find_moving_rows(samples)
     if moving is None:
         return Outcome.NEVER_MOVED
@@ -92,7 +92,7 @@ def find_phases(samples: Samples) -> Phases | Outcome:
             breakaways.append(span.left_rest)
         stretches += _split(span, corners, force_rate)
     if not stretches:
-        return Outcome.NEVER_MOVED
+        return Outcome.NO_UNIFORM_MOTION  # it moved, by jumps too short to follow
     return Phases(
         velocity=moving.velocity,
         half_window=moving.half_window,

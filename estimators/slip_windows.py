@@ -27,7 +27,7 @@ _FEWEST_REST_ROWS: Final = 2
 _FEWEST_ROWS: Final = 5
 _LINE_PARTS: Final = 6
 _LINE_SIGMAS: Final = 5.0
-_UNDITHERED: Final = 0.85  # noise in steps of the sensor's grid below which the grid's errors are not independent
+_UNDITHERED: Final = 0.5  # noise in steps of the sensor's grid below which the grid's errors are not independent
 
 
 @dataclass(frozen=True, slots=True, eq=False)

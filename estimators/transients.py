@@ -118,7 +118,11 @@ def judge_transients(
     elif found.viscous_used[1] > setting.viscous_bounds[1] and found.viscous.value is None:
         hidden = _hidden(setting)
         found = replace(found, viscous=hidden.viscous, viscous_used=setting.viscous_bounds)
-    if steady is not None and (found.viscous.std_error is None or steady[1] < found.viscous.std_error):
+    if (
+        steady is not None
+        and steady[0] > 0.0
+        and (found.viscous.std_error is None or steady[1] < found.viscous.std_error)
+    ):
         viscous = measured(*steady, note="from ramps of several speeds")
         if viscous.value is not None:
             outcome = None if found.mass.value is not None else found.outcome
