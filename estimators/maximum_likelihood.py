@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from estimators.base import Estimate, Outcome, failed
-from estimators.likelihood.conclusion import conclude
+from estimators.likelihood.conclusion import conclude, searched_model
 from estimators.likelihood.force_recording import estimate_force_recording
+from estimators.likelihood.input_errors import refit, with_input_errors
 from estimators.likelihood.input_path import InputPath, input_path
+from estimators.likelihood.model import StemModel
 from estimators.likelihood.problem import pose
-from estimators.likelihood.search import search
+from estimators.likelihood.search import Found, search
 from estimators.recorded_motion import RecordedMotion, read_motion
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
+
+_WORTH_REFINING: Final = 100.0  # times the noise: a fit further off is at a wrong place, whatever the input's errors
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +51,24 @@ class MaximumLikelihoodEstimator:
         problem = pose(motion, path)
         if problem is None:
             return failed(self.method, motion.uniform_outcome or Outcome.UNPHYSICAL)
-        found = search(problem.model, problem.trials, problem.rests)
+        model = searched_model(problem, motion.samples.period_s)
+
+        def refined(found: Found) -> tuple[StemModel, Found] | None:
+            if found.certificate.ratio > _WORTH_REFINING:
+                return None
+            values = model.coordinates.values(found.point)
+            changed = path.variations(np.array([values[name] for name in model.input_names]))
+            widened = with_input_errors(model, found.point, changed)
+            return (widened, refit(widened, found)) if widened.deviations else None
+
+        def explains(found: Found) -> bool:
+            better = refined(found)
+            return better is not None and better[1].certificate.is_good
+
+        found = search(model, problem.trials, problem.rests, explains)
         if found is None:
             return failed(self.method, Outcome.UNPHYSICAL)
-        return conclude(self.method, motion, problem, found)
+        better = refined(found)
+        if better is not None:
+            model, found = better
+        return conclude(self.method, motion, problem, model, found)

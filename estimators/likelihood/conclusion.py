@@ -9,25 +9,37 @@ import numpy as np
 
 from estimators.base import Estimate, Outcome, ParameterEstimate, Status, absent, in_order, measured, offset_estimate
 from estimators.identifiability import Knowledge
+from estimators.likelihood.delay import DELAY, Weighed, at_one_instant, delayed, says_nothing, weigh
 from estimators.likelihood.intervals import Ramps, inflation, known, natural_values
+from estimators.likelihood.model import StemModel
 from estimators.likelihood.problem import Problem
-from estimators.likelihood.search import Found
+from estimators.likelihood.search import EXACT, Found
 from estimators.recorded_motion import RecordedMotion
 from valve.parameters import PARAMETER_SYMBOLS
 
+_SURE_OF_DELAY: Final = 0.99
 _SAME: Final = 0.1  # speeds and rates that differ by less are one
 _SLOW_SAMPLING_S: Final = 2.0e-3
 
 
-def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found) -> Estimate:
+def conclude(method: str, motion: RecordedMotion, problem: Problem, searched: StemModel, found: Found) -> Estimate:
     """Return the estimate: ok where the fit explains the recording and all but DV and a hidden m is known."""
-    model, point = problem.model, found.point
-    residual = model.residuals(point)
-    values = natural_values(model, point)
+    period_s = motion.samples.period_s
+    residual = searched.residuals(found.point)
     if residual is None:
         raise RuntimeError("the fitted valve cannot be followed any more")  # it was, in the search
-    factor = inflation(residual, model.weight)
-    knows = known(model, point, ramps_of(motion), noise_factor=factor)
+    factor, ramps = inflation(residual, searched.weight), ramps_of(motion)
+    if says_nothing(problem.model, period_s) and found.certificate.ratio >= EXACT:
+        weighed = weigh(delayed(searched, problem.model), searched, found.point, ramps, factor)
+    else:
+        weighed = Weighed(searched, found.point, known(searched, found.point, ramps, noise_factor=factor), 0.0)
+    model, point, knows = weighed.model, weighed.point, weighed.knows
+    residual = model.residuals(point)
+    if residual is None:
+        raise RuntimeError("the fitted valve cannot be followed any more")
+    values = natural_values(model, point)
+    if knows is not None:
+        values = dict(zip(knows.symbols, knows.values, strict=True))
     rms_m = float(np.sqrt(np.mean(((residual / model.weight)[model.weight > 0.0]) ** 2)))
     explained = found.certificate.is_good or (problem.is_noise_free and rms_m < 1.0e-6 * model.range_m)
     if not explained and not found.certificate.is_near and not problem.is_noise_free:
@@ -41,6 +53,9 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         sentences.append(_misfit(rms_m, problem, found))
     if missing:
         sentences.append(f"Not given: {', '.join(missing)}.")
+    if weighed.weight > _SURE_OF_DELAY:
+        late = "later" if values[DELAY] > 0.0 else "earlier"
+        sentences.append(f"The force acts {1.0e3 * abs(values[DELAY]):.3g} ms {late} than its samples' times say.")
     hidden = {"m"} if Outcome.MASS_HIDDEN in outcomes else set()
     poor = {Outcome.ONE_DIRECTION_ONLY, Outcome.COMMAND_ONLY} & set(outcomes)
     status = Status.OK if explained and not set(missing) - hidden and not poor else Status.POOR
@@ -53,6 +68,8 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         "misfit_over_noise": found.certificate.ratio,
         "largest_piece": found.certificate.piece,
         "std_error_factor": factor,
+        "weight_of_delay": weighed.weight,
+        "corners": [column.tolist() for column in model.corners(model.coordinates.values(point))],
         "cost": found.cost,
         "starts": found.starts,
         "simulations": found.simulations,
@@ -60,6 +77,11 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         "stand_ins": {symbol: values[symbol] for symbol, entry in complete.items() if entry.value is None},
     }
     return Estimate(method, status, " ".join(sentences), rms_m, complete, diagnostics)
+
+
+def searched_model(problem: Problem, period_s: float) -> StemModel:
+    """Return the model that is searched: without a delay first, where the recording does not tell of one."""
+    return at_one_instant(problem.model, period_s) if says_nothing(problem.model, period_s) else problem.model
 
 
 def ramps_of(motion: RecordedMotion) -> Ramps:
@@ -120,6 +142,6 @@ def _misfit(rms_m: float, problem: Problem, found: Found) -> str:
         )
     return (
         f"The model does not explain the recording: its misfit is {found.certificate.ratio:.3g} times the position's "
-        f"noise of {1.0e6 * problem.noise_m:.3g} um, and {found.certificate.piece:.3g} standard deviations at its worst "
-        "place. The intervals are widened by that; the valve does something else besides, or a channel is wrong."
+        f"noise of {1.0e6 * problem.noise_m:.3g} um, and {found.certificate.piece:.3g} standard deviations at its "
+        "worst place. The intervals are widened by that; the valve does something else besides, or a channel is wrong."
     )

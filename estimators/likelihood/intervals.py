@@ -70,14 +70,22 @@ def known(model: StemModel, point: FloatArray, ramps: Ramps, *, noise_factor: fl
             slopes[faint] = larger[faint]
     normal = slopes @ slopes.T / noise_factor**2 + np.diag(model.coordinates.prior_weight)
     change = _change(model, point)
-    values = natural_values(model, point)
+    values = {name: value for name, value in natural_values(model, point).items() if not name.startswith("input_")}
     return knowledge(
         tuple(values),
         tuple(values.values()),
-        change.T @ normal @ change,
+        _without_last(change.T @ normal @ change, len(values)),
         sliding_speeds_m_per_s=ramps.speeds_m_per_s,
         ramp_rates_n_per_s=ramps.rates_n_per_s,
     )
+
+
+def _without_last(information: FloatArray, kept: int) -> FloatArray:
+    """Information of the first ``kept`` unknowns, the others unknown too: Schur's complement."""
+    if kept == information.shape[0]:
+        return information
+    first, between, last = information[:kept, :kept], information[:kept, kept:], information[kept:, kept:]
+    return np.asarray(first - between @ np.linalg.solve(last, between.T))
 
 
 def _change(model: StemModel, point: FloatArray) -> FloatArray:

@@ -18,6 +18,9 @@ STEP: Final = 1.0e-6  # of differences, in the coordinates
 _LARGEST_SLOPE: Final = 3.0e3
 
 
+Corners = tuple[FloatArray, FloatArray]
+
+
 class ForcePath(Protocol):
     """The actuator's force as straight lines between corners, for given values of what is not known of it."""
 
@@ -62,6 +65,7 @@ class StemModel:
     deviations: tuple[tuple[FloatArray, FloatArray], ...] = ()
     restarts: Restarts | None = None
     lead: Lead | None = None
+    most_events: int = _MOST_EVENTS
     even_step: float = field(init=False)
     _corners: dict[tuple[float, ...], tuple[FloatArray, FloatArray]] = field(init=False, default_factory=dict)
 
@@ -113,10 +117,12 @@ class StemModel:
         out_m = np.empty(self.time_s.size)
         if self.lead is not None:
             led = (self.position_m, self.lead.rows, self.lead.gain)
-            status = shoot_led(valve, corner_s, force_n, self.time_s, rows, start_m, start_v, *led, out_m, _MOST_EVENTS)
+            starts = (rows, start_m, start_v)
+            status = shoot_led(valve, corner_s, force_n, self.time_s, *starts, *led, out_m, self.most_events)
         else:
-            starts = (rows, self.time_s[rows], start_m, start_v)
-            status = shoot(valve, corner_s, force_n, self.time_s, self.even_step, *starts, out_m, _MOST_EVENTS)
+            timed = (rows, self.time_s[rows], start_m, start_v)
+            grid = (self.time_s, self.even_step)
+            status = shoot(valve, corner_s, force_n, *grid, *timed, out_m, self.most_events)
         return out_m if status == FOLLOWED and bool(np.isfinite(out_m[-1])) else None
 
     def residuals(self, point: FloatArray) -> FloatArray | None:

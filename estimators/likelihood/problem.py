@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -15,11 +16,13 @@ from estimators.likelihood.nuisance import Nuisance
 from estimators.likelihood.search import measured_rests
 from estimators.likelihood.start import Trial, first_guesses, resting_rows, trials
 from estimators.recorded_motion import RecordedMotion
-from estimators.samples import FloatArray, IntArray, position_noise
+from estimators.samples import FloatArray, IntArray
 
 # Own choices. Noise of a position that is computed and not measured, as a share of its range.
 _NO_NOISE: Final = 1.0e-9
-_ENOUGH_AT_REST: Final = 100  # rows
+_SURELY_LESS: Final = 0.8
+_ENOUGH_AT_REST: Final = 16  # rows of one rest
+_REST_ENDS: Final = 3
 _START_ROWS: Final = 50
 _OUT_OF_BALANCE: Final = 6.0  # standard deviations
 _STILL_ROWS: Final = 3  # fewer before the first motion: the recording begins in it
@@ -135,14 +138,40 @@ def _stop_values(motion: RecordedMotion) -> dict[str, float]:
 
 
 def _noise(motion: RecordedMotion) -> float:
-    """Noise of the position, m: no more than what is seen at rest, where slips and jittered times add nothing to it."""
+    """Noise of the position, m: what is seen at rest where that is clearly less, for slips add nothing to it there.
+
+    Median over the rests of the scatter about a line, each rest without its ends.
+    """
     samples = motion.samples
-    resting = np.flatnonzero(resting_rows(motion))
-    if samples.position_noise_m == 0.0 or resting.size < _ENOUGH_AT_REST:
+    resting = resting_rows(motion)
+    edges = np.flatnonzero((resting[1:] != resting[:-1]) | (samples.run_first[1:] != samples.run_first[:-1])) + 1
+    bounds = np.concatenate([[0], edges, [resting.size]])
+    found_m, rows = [], []
+    for first, last in pairwise(bounds.tolist()):
+        own_m = samples.position_m[first + _REST_ENDS : last - _REST_ENDS]
+        if not resting[first] or own_m.size < _ENOUGH_AT_REST:
+            continue
+        time_s = samples.time_s[first + _REST_ENDS : last - _REST_ENDS]
+        time_s = time_s - time_s.mean()
+        off_m = own_m - own_m.mean()
+        off_m = off_m - time_s * float(time_s @ off_m) / float(time_s @ time_s)
+        found_m.append(math.sqrt(float(off_m @ off_m) / (own_m.size - 2)))
+        rows.append(own_m.size)
+    if sum(rows) < 10 * _ENOUGH_AT_REST or len(rows) < 2:
         return samples.position_noise_m
-    run_first = np.maximum.accumulate(np.where(np.diff(resting, prepend=-2) > 1, np.arange(resting.size), 0))
-    at_rest_m = position_noise(samples.time_s[resting], samples.position_m[resting], run_first)
-    return min(samples.position_noise_m, at_rest_m) if at_rest_m > 0.0 else samples.position_noise_m
+    order = np.argsort(found_m)
+    middle = int(np.searchsorted(np.cumsum(np.array(rows)[order]), 0.5 * sum(rows)))
+    at_rest_m = found_m[int(order[middle])]
+    surely_less = 0.0 < at_rest_m < _SURELY_LESS * samples.position_noise_m
+    return max(at_rest_m, resolution_noise(samples.position_m)) if surely_less else samples.position_noise_m
+
+
+def resolution_noise(position_m: FloatArray) -> float:
+    """Noise of a sensor's steps, step / sqrt(12), m: the smallest change that is no rounding; an upper bound of it."""
+    change_m = np.abs(np.diff(position_m))
+    change_m = change_m[change_m > 1.0e-9 * float(np.ptp(position_m))]
+    is_stepped = change_m.size > 0 and np.unique(np.round(change_m / change_m.min(), 3)).size < 0.1 * change_m.size
+    return float(change_m.min()) / math.sqrt(12.0) if is_stepped else 0.0
 
 
 def _independent_share(position_m: FloatArray, noise_m: float) -> FloatArray:

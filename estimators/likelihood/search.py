@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
@@ -23,11 +24,12 @@ _LED_TRIED: Final = 32
 _LED_FOLLOWED: Final = 3
 # An overdamped stem's mass: tried again where the cost is nearly flat in it.
 _OTHER_MASSES_KG: Final = (1.0, 10.0)
+_FEW_EVENTS: Final = 600
 _HOPELESS: Final = 1.5
 _NEAR_MASS: Final = 1.0
 _FAR_ABOVE: Final = 1.0e3
 _LEADS: Final = (Lead(4, 0.4), Lead(4, 0.1), Lead(4, 0.02))
-_EXACT: Final = 0.1  # of the noise: only without noise, and then nothing can be better
+EXACT: Final = 0.1  # of the noise: only without noise, and then nothing can be better
 _RESTARTED_STEPS: Final = 12
 _STEPS: Final = 40
 _SCAN: Final = np.concatenate([np.linspace(-0.05, 0.05, 41), np.linspace(-0.4, 0.8, 25)])  # of F_s
@@ -47,6 +49,10 @@ class Found:
     starts: int
     simulations: int
     arrived: bool
+    is_explained: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "is_explained", self.is_explained or self.certificate.is_good)
 
 
 def measured_rests(motion: RecordedMotion) -> Restarts:
@@ -67,11 +73,13 @@ def measured_rests(motion: RecordedMotion) -> Restarts:
     return Restarts(np.array(row, dtype=np.int64), np.array(position_m, dtype=np.float64))
 
 
-def search(model: StemModel, trials: list[Trial], rests: Restarts) -> Found | None:
+def search(
+    model: StemModel, trials: list[Trial], rests: Restarts, explains: Callable[[Found], bool] | None = None
+) -> Found | None:
     """Return the lowest point reached from these trial values; None where nothing moves.
 
     The best trial of each class of DV is followed, for a large DV may look like a large F_v at a higher cost; more
-    trials only where none explains the recording.
+    trials only where none explains the recording, by its certificate or by ``explains``.
     """
     restarted = replace(model, restarts=rests)
     points = [model.coordinates.point(trial.values) for trial in trials]
@@ -80,15 +88,18 @@ def search(model: StemModel, trials: list[Trial], rests: Restarts) -> Found | No
     order = _order(trials, costs)
     simulations, starts, best = len(points), 0, None
     for number, is_sure in order[:_FOLLOWED]:
-        if best is not None and best.certificate.is_good and not is_sure:
+        if best is not None and best.is_explained and not is_sure:
             break
-        bar = best.cost if best is not None and best.certificate.is_good else math.inf
-        found = _follow(model, restarted, points[number], bar)
+        bar, most_events = math.inf, model.most_events
+        if best is not None and best.is_explained:
+            bar, most_events = best.cost, _FEW_EVENTS  # to beat what explains all already, a stem need not chatter
+        quick = replace(model, most_events=most_events)
+        found = _follow(quick, replace(quick, restarts=rests), points[number], bar)
         starts, simulations = starts + 1, simulations + found.simulations
-        best = _better(model, best, found)
-        if best is not None and best.certificate.ratio < _EXACT:
+        best = _better(model, best, found, explains)
+        if best is not None and best.certificate.ratio < EXACT:
             break
-    if best is None or not best.certificate.is_good:
+    if best is None or not best.is_explained:
         led = replace(model, lead=_LEADS[0])
         tried = [number for number, _ in order[:_LED_TRIED]]
         tried.sort(key=lambda number: led.cost(points[number]))
@@ -96,14 +107,14 @@ def search(model: StemModel, trials: list[Trial], rests: Restarts) -> Found | No
         for number in tried[:_LED_FOLLOWED]:
             found = _follow_led(model, points[number])
             starts, simulations = starts + 1, simulations + found.simulations
-            best = _better(model, best, found)
-            if best is not None and best.certificate.is_good:
+            best = _better(model, best, found, explains)
+            if best is not None and best.is_explained:
                 break
-    if best is not None and best.certificate.ratio >= _EXACT:
+    if best is not None and best.certificate.ratio >= EXACT:
         for mass_kg in _OTHER_MASSES_KG:
             found = _with_mass(model, best.point, mass_kg)
             simulations += found.simulations
-            best = _better(model, best, found) or best
+            best = _better(model, best, found, explains) or best
     return None if best is None else replace(best, starts=starts, simulations=simulations)
 
 
@@ -117,10 +128,15 @@ def _with_mass(model: StemModel, point: FloatArray, mass_kg: float) -> Descent:
     return descend(model, start, most_steps=_STEPS // 3)
 
 
-def _better(model: StemModel, best: Found | None, found: Descent) -> Found | None:
+def _better(
+    model: StemModel, best: Found | None, found: Descent, explains: Callable[[Found], bool] | None
+) -> Found | None:
     if not math.isfinite(found.cost) or (best is not None and found.cost >= best.cost):
         return best
-    return Found(found.point, found.cost, _certified(model, found.point), 0, 0, found.arrived)
+    better = Found(found.point, found.cost, _certified(model, found.point), 0, 0, found.arrived)
+    if not better.is_explained and explains is not None:
+        return replace(better, is_explained=explains(better))
+    return better
 
 
 def _order(trials: list[Trial], costs: FloatArray) -> list[tuple[int, bool]]:
@@ -170,9 +186,7 @@ def _follow_led(model: StemModel, point: FloatArray) -> Descent:
     held = tuple(name for name in model.coordinates.names if name not in _MOVING_AT_FIRST)
     simulations = 0
     for number, lead in enumerate(_LEADS):
-        found = descend(
-            replace(model, lead=lead), point, most_steps=_RESTARTED_STEPS, held=held if number == 0 else ()
-        )
+        found = descend(replace(model, lead=lead), point, most_steps=_RESTARTED_STEPS, held=held if number == 0 else ())
         point, simulations = found.point, simulations + found.simulations
     last = descend(model, point, most_steps=_STEPS)
     return replace(last, simulations=simulations + last.simulations)

@@ -37,7 +37,7 @@ class FirstGuess:
 
 def first_guesses(motion: RecordedMotion) -> list[FirstGuess]:
     """Return what the force balances give, the most trusted first: uniform motion, all motion, breakaways."""
-    found = [_from_uniform_motion(motion), _from_all_motion(motion), _from_breakaways(motion)]
+    found = [_from_uniform_motion(motion), _from_all_motion(motion), _from_breakaways(motion), _from_all_rows(motion)]
     return distinct([guess for guess in found if guess is not None])
 
 
@@ -87,6 +87,17 @@ def _from_breakaways(motion: RecordedMotion) -> FirstGuess | None:
         return None
     static_n = float(solved[1])
     return FirstGuess(float(solved[0]), float(solved[2]), 0.8 * static_n, motion.phases.moving_speed, static_n)
+
+
+def _from_all_rows(motion: RecordedMotion) -> FirstGuess | None:
+    """By the middle line of force over position: k and F_0; the friction is what is off it."""
+    samples = motion.samples
+    solved = _solved([samples.position_m, np.ones(samples.count)], samples.force_n)
+    if solved is None or not solved[0] > 0.0:
+        return None
+    off_n = np.abs(samples.force_n - solved[0] * samples.position_m - solved[1])
+    friction_n = float(np.quantile(off_n, 0.7))
+    return _checked(motion, float(solved[0]), float(solved[1]), friction_n, motion.phases.moving_speed)
 
 
 def _solved(columns: list[FloatArray], target: FloatArray) -> FloatArray | None:

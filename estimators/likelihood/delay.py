@@ -1,0 +1,93 @@
+"""Whether the channels of a file are delayed to each other: two hypotheses, weighed, and what is known under both."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from estimators.identifiability import Knowledge
+from estimators.likelihood.coordinates import Coordinates
+from estimators.likelihood.descent import descend
+from estimators.likelihood.intervals import Ramps, known, natural_values
+from estimators.likelihood.model import StemModel
+from estimators.samples import FloatArray
+
+DELAY: Final = "delay_s"
+# A file has one time a row, so that a delay is the exception: it has one chance in twenty beforehand.
+_FREE_BEFOREHAND: Final = 0.05
+_ONE_INSTANT: Final = 0.005  # of a period: what remains where both channels are read at one instant
+_DECIDED: Final = 0.01
+_STEPS: Final = 15
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Weighed:
+    """The model and point (p,) of the likelier hypothesis, what is known under both, and the weight of a delay."""
+
+    model: StemModel
+    point: FloatArray
+    knows: Knowledge | None
+    weight: float
+
+
+def at_one_instant(model: StemModel, period_s: float) -> StemModel:
+    """Return the model in which the channels are read at one instant."""
+    entries = tuple(
+        replace(entry, prior_sd=_ONE_INSTANT * period_s / entry.unit) if entry.name == DELAY else entry
+        for entry in model.coordinates.entries
+    )
+    return replace(model, coordinates=Coordinates(entries))
+
+
+def delayed(model: StemModel, free: StemModel) -> StemModel:
+    """Return the model with the delay as free as it is in ``free``."""
+    own = {entry.name: entry for entry in free.coordinates.entries}
+    entries = tuple(own[DELAY] if entry.name == DELAY else entry for entry in model.coordinates.entries)
+    return replace(model, coordinates=Coordinates(entries))
+
+
+def says_nothing(model: StemModel, period_s: float) -> bool:
+    """Whether the recording does not say how its channels were read: the delay's prior is a period wide or more."""
+    return any(
+        entry.name == DELAY and entry.prior_sd * entry.unit > 0.9 * period_s for entry in model.coordinates.entries
+    )
+
+
+def weigh(free: StemModel, narrow: StemModel, point: FloatArray, ramps: Ramps, noise_factor: float) -> Weighed:
+    """Weigh a delay against none, from the fit ``point`` (p,) without one, by Laplace's approximation.
+
+    log odds of a delay = log(0.05/0.95) + (cost without - cost with)/2 + log(posterior over prior width). Between 1 and
+    99 % what is known is the mixture of both: its mean and covariance.
+    """
+    alone = known(narrow, point, ramps, noise_factor=noise_factor)
+    found = descend(free, point, most_steps=_STEPS)
+    shifted = known(free, found.point, ramps, noise_factor=noise_factor)
+    if alone is None or shifted is None:
+        return Weighed(narrow, point, alone, 0.0)
+    width = next(entry.prior_sd * entry.unit for entry in free.coordinates.entries if entry.name == DELAY)
+    fall = (narrow.cost(point) - found.cost) / noise_factor**2
+    odds = math.log(_FREE_BEFOREHAND / (1.0 - _FREE_BEFOREHAND)) + 0.5 * fall
+    odds += math.log(max(shifted.std_error(DELAY), 1.0e-300) / width)
+    weight = 1.0 / (1.0 + math.exp(-min(max(odds, -700.0), 700.0)))
+    if weight < _DECIDED:
+        return Weighed(narrow, point, alone, 0.0)
+    if weight > 1.0 - _DECIDED:
+        return Weighed(free, found.point, shifted, 1.0)
+    one, other = (
+        np.array([natural_values(free, at)[symbol] for symbol in shifted.symbols]) for at in (point, found.point)
+    )
+    mean = (1.0 - weight) * one + weight * other
+    covariance = (1.0 - weight) * (alone.covariance + np.outer(one - mean, one - mean))
+    covariance += weight * (shifted.covariance + np.outer(other - mean, other - mean))
+    mixed = replace(
+        shifted,
+        values=tuple(float(value) for value in mean),
+        covariance=covariance,
+        undetermined=alone.undetermined | shifted.undetermined,
+        _ties={},
+    )
+    likelier = (free, found.point) if weight > 0.5 else (narrow, point)
+    return Weighed(*likelier, mixed, weight)
