@@ -85,6 +85,7 @@ STRIBECK_SHARE: Final = 0.15  # of v_s, by which the speed changes in one sub-st
 FEATURE_SHARE: Final = 0.1  # of the shortest length over which a slot's force bends, that one sub-step covers
 SPEED_DEFECT_M_PER_S: Final = 2.0e-4  # by which the slots may correct a sub-step's speed; else it is halved
 SHORTEST_CUT_S: Final = 2.0e-5
+LONGEST_FOLLOWED_S: Final = 1.0e-3  # sub-step of a sensor that lags or has play, and of bristles
 GLANCE_S: Final = 1.0e-6
 MOST_STEPS: Final = 100_000
 SHORTEST_STEP_S: Final = 1.0e-9
@@ -315,7 +316,7 @@ def loaded_slip(
         falling = -2.0 * s * v / (v_s * v_s) * (drag - coulomb)
         if s * v < 4.0 * v_s and abs(a) * h > STRIBECK_SHARE * v_s:
             h = STRIBECK_SHARE * v_s / abs(a)
-    c, w = (viscous + falling) / m, math.sqrt(w2)
+    c = (viscous + falling) / m
     if c < 0.0:
         h = min(h, -0.3 / c)
     over = 0.0
@@ -323,7 +324,8 @@ def loaded_slip(
     defect, bent, change = 0.0, 0.0, 0.0
     while True:
         d = h - memory[0]
-        if not (abs(d) * (abs(c) + w) < 1.0e-8 and abs(d) < 1.0e-9 * h and memory[5] == c and memory[6] == w2):
+        # periods that differ by rounding share a response, corrected to first order
+        if not (abs(d) < 1.0e-13 and abs(d) < 1.0e-9 * h and memory[5] == c and memory[6] == w2):
             memory[0], memory[5], memory[6] = h, c, w2
             memory[1], memory[2], memory[3], memory[4] = impulse_response(h, c, w2)
             d = 0.0
@@ -367,7 +369,9 @@ def loaded_slip(
     if h > SHORTEST_STEP_S:
         carried += (defect - bent) / h
     dwell, ended = h, False
-    if s * v_end < q[D_V] or (s * a < 0.0 and s * a_end > 0.0):
+    # between two speeds it dips by no more than the accelerations at its ends allow, four times over
+    dips = s * a < 0.0 and s * a_end > 0.0 and min(s * v, s * v_end) - 4.0 * max(abs(a), abs(a_end)) * h < q[D_V]
+    if s * v_end < q[D_V] or dips:
         root = fall_time(c, w2, v, a, r, s, q[D_V], v_end, a_end, h)
         if root <= h:
             # a touch at the very start must not stop the clock
@@ -453,7 +457,8 @@ def bristle_way(q, curves, x, loaded, side, t, force, asymptote, stiffness, weig
         step = missing / (viscous + weight * (rate + stiffness * max(1.0 - side * held / asymptote, 0.0)))
         step = max(step, -d)
         d += step
-        if abs(step) <= 1.0e-15 + 1.0e-12 * d:
+        # squared by the convergence, what is left is below rounding
+        if abs(step) <= 1.0e-15 + 1.0e-7 * d:
             break
     return d, excess
 
@@ -577,6 +582,7 @@ def follow_extended(
     n_events, out, put, pieces, carried, elastic_v = 0, 0, 0, 0, 0.0, 0.0
     net, more, area, s, beyond, static = 0.0, 0.0, 1.0, 1.0, 0.0, 0.0
     viscous, coulomb, highest, drag = 0.0, 0.0, 0.0, 0.0
+    rate_before, most_there = math.nan, math.inf
     rate, edge, held_force, fresh, loaded = q[K], math.inf, corner_force[0], True, False
     if mode == STUCK and v == 0.0 and (x >= high or x <= low):
         mode = STOPPED
@@ -691,7 +697,9 @@ def follow_extended(
                 away = s if mode == STOPPED else 0.0
                 dwell, ended = rest_length(q, curves, x, t, force, slope, t - rest_from, never_moved, away, left)
             elif yielding:
-                most = min(longest, 0.1 / q[VIBRATION_RATE]) if q[VIBRATION] != 0.0 else longest
+                most = min(longest, LONGEST_FOLLOWED_S)
+                if q[VIBRATION] != 0.0:
+                    most = min(most, 0.1 / q[VIBRATION_RATE])
                 if left > most:
                     left /= math.ceil(left / most - 1.0e-6)
                 dwell, ended, x_next, v_next, bristle = bristle_rest(
@@ -699,14 +707,17 @@ def follow_extended(
                 )
                 elastic_v = (x_next - x) / dwell if dwell > 0.0 else 0.0
             else:
-                most = longest if following or not linear else math.inf
-                if not linear:
+                if rate != rate_before:
+                    rate_before, most_there = rate, (math.inf if linear else longest)
+                    if following:
+                        most_there = min(most_there, LONGEST_FOLLOWED_S)
                     if q[VIBRATION] != 0.0:
-                        most = min(most, 0.2 / q[VIBRATION_RATE])
-                    if rate > 0.0:
-                        most = min(most, 1.2 * math.sqrt(m / rate))
-                    if abs(v) * most > FEATURE_SHARE * finest:
-                        most = FEATURE_SHARE * finest / abs(v)
+                        most_there = min(most_there, 0.2 / q[VIBRATION_RATE])
+                    if rate > 0.0 and not linear:
+                        most_there = min(most_there, 1.2 * math.sqrt(m / rate))
+                most = most_there
+                if abs(v) * most > FEATURE_SHARE * finest:
+                    most = FEATURE_SHARE * finest / abs(v)
                 if left > most:
                     # even parts: no sliver is left at the end
                     left /= math.ceil(left / most - 1.0e-6)

@@ -37,7 +37,7 @@ from valve.motion_inputs import MOST_EVENTS, checked_corners, checked_outputs, f
 from valve.motion_kernel import FOLLOWED
 from valve.stem import FloatArray, Mode, ModeArray, ModeChanges, StemState
 
-LONGEST_SUB_STEP_S: Final = 1.0e-3
+LONGEST_SUB_STEP_S: Final = 5.0e-3
 # On the paper's 52.5 kN/m a nanometre or two, far below what any sensor shows.
 INPUT_CHORD_ERROR: Final = 2.0e-8  # of the largest force
 _NO_VALUES: Final[FloatArray] = np.empty(0)

@@ -16,7 +16,7 @@ ARMSTRONG: str = (
     "for the control of machines with friction, Automatica 30 (1994) 1083-1138"
 )
 IEC_61298: str = "IEC 61298-2:2008, Process measurement and control devices: tests under reference conditions"
-HANDBOOK: str = "Emerson: Control Valve Handbook, 5th edition (2019)"
+HANDBOOK: str = "Emerson: Control Valve Handbook, 5th edition"
 
 
 class Per(StrEnum):

@@ -15,7 +15,7 @@ class DwellDependentBreakaway(Effect):
 
     cause: ClassVar[str] = "dwell_dependent_breakaway"
     equation: ClassVar[str] = "F_s -> F_s + rise T/(T + tau) after a rest of T"
-    source: ClassVar[str] = ARMSTRONG + "; its Eq. (12)"
+    source: ClassVar[str] = ARMSTRONG + ", the seven-parameter model"
     parameters: ClassVar[tuple[EffectParameter, ...]] = (
         EffectParameter("rise_n", "dF_s", "N", "rise after a long rest", 0.0, 0.3, 3.0, Per.FRICTION),
         EffectParameter(

@@ -15,7 +15,7 @@ class FlowForce(Effect):
 
     cause: ClassVar[str] = "flow_force"
     equation: ClassVar[str] = "F_a -> F_a + F_f exp(-x/decay); above 0 it opens"
-    source: ClassVar[str] = "H. E. Merritt: Hydraulic Control Systems (1967), section 5-6"
+    source: ClassVar[str] = "H. E. Merritt: Hydraulic Control Systems (1967)"
     parameters: ClassVar[tuple[EffectParameter, ...]] = (
         EffectParameter("force_n", "F_f", "N", "force on the plug at the seat", -0.3, 0.03, 0.3, Per.FULL_FORCE),
         EffectParameter(

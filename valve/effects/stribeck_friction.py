@@ -18,7 +18,7 @@ class StribeckFriction(Effect):
 
     cause: ClassVar[str] = "stribeck_friction"
     equation: ClassVar[str] = "F_c -> F_c + (F_s - F_c) exp(-(v/v_s)^2), F_s raised by an excess"
-    source: ClassVar[str] = ARMSTRONG + "; the Gaussian form of its Eq. (6)"
+    source: ClassVar[str] = ARMSTRONG
     parameters: ClassVar[tuple[EffectParameter, ...]] = (
         EffectParameter("speed_m_per_s", "v_s", "m/s", "speed at which the excess is down to 1/e", 0.0, 0.01, 0.2),
         EffectParameter("excess_n", "dF_s", "N", "rise of F_s", 0.0, 0.1, 2.0, Per.FRICTION),
