@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -16,6 +16,11 @@ from estimators.samples import FloatArray
 from estimators.settled_motion import settled_motion
 from estimators.slip_kernel import D_V, F_0, F_S, F_V, A, K, M
 from estimators.slip_search import SHARED, SlipsFound, solve_slips
+
+# Own choices: what an assumed DV may do to the position beside the noise.
+_LARGEST_RESIDUAL: Final = 1.4
+_DV_ASSUMED_M: Final = 5.0e-6
+_KNOWN: Final = 0.1  # of the position's noise: what the force's noise makes in it
 
 
 def robust_estimate(
@@ -59,7 +64,7 @@ def robust_estimate(
         "slips_left_out": found.left_out,
         "misfit_in_noises": found.solution.misfit,
     }
-    return conclude(
+    estimate = conclude(
         method,
         motion,
         parameters=parameters,
@@ -68,6 +73,19 @@ def robust_estimate(
         diagnostics=diagnostics,
         fallback=Fallback.of(motion, transients, balance),
     )
+    # where a slip was left out the recording holds what no valve's motion explains
+    return estimate if found.left_out or _follows_the_recording(estimate, motion) else None
+
+
+def _follows_the_recording(estimate: Estimate, motion: RecordedMotion) -> bool:
+    """Whether the whole motion agrees with the slips, where the force is known well enough to tell."""
+    residual_m = estimate.residual_rms_m
+    assumed = set(estimate.diagnostics.get("stand_ins", {})) - {"DV"}
+    assert motion.uniform is not None
+    unsure_m = motion.samples.force_noise_n / motion.uniform.spring_n_per_m
+    if residual_m is None or assumed or unsure_m > _KNOWN * motion.samples.position_noise_m or motion.command_only:
+        return True
+    return residual_m <= _LARGEST_RESIDUAL * motion.samples.position_noise_m + _DV_ASSUMED_M
 
 
 def _no_better_than_all_at_once(covariance: FloatArray, motion: RecordedMotion) -> FloatArray:

@@ -27,7 +27,9 @@ from estimators.slip_solution import BELIEF_OF_LIMIT
 from estimators.transients import Setting, Transients
 
 # Own choices. A fit that leaves this much more than noise is not believed.
-_LARGEST_MISFIT: Final = 1.5
+_LARGEST_MISFIT: Final = 1.15
+_LARGEST_MISFIT_ON_GRID: Final = 1.5
+_LEAST_MISFIT: Final = 0.6  # below it the noise was not what it was taken for
 _GRID_FACTOR: Final = 2.0  # by which errors exceed those of white noise where a sensor's grid makes them
 _BEYOND: Final = 4.0  # times the heaviest mass: no mass of a valve
 _QUANTILES: Final = 64
@@ -38,8 +40,11 @@ _TIED: Final = "on ramps of one speed DV cannot be told from F_s"
 
 
 def is_believed(found: SlipsFound) -> bool:
-    """Whether the fit leaves little more than noise."""
-    return found.solution.misfit <= _LARGEST_MISFIT
+    """Whether the fit leaves about as much as noise does."""
+    if found.windows.undithered:
+        return found.solution.misfit <= _LARGEST_MISFIT_ON_GRID
+    least = 0.0 if found.windows.rest_error_m > 0.0 else _LEAST_MISFIT  # a grid looks noisier than it is
+    return least <= found.solution.misfit <= _LARGEST_MISFIT
 
 
 def robust_covariance(found: SlipsFound, steady: FloatArray | None) -> FloatArray:

@@ -23,6 +23,7 @@ _BAD_SLIP: Final = 2.0  # misfit of one slip beside the usual one of all
 _MOST_LEFT_OUT: Final = 0.34
 _FIRST_ROUNDS: Final = 4
 _FEWEST_SLIPS: Final = 2
+_FEWEST_OF_BREAKAWAYS: Final = 0.5
 _SHOWN: Final = 9.0  # of the sum of squares in noise's variances: 3 standard deviations
 _FIRST_SCATTER: Final = 0.01
 _SCATTER_ROUNDS: Final = 3
@@ -31,11 +32,11 @@ _LARGE_LIMITS: Final = ((0.3, 1.0), (0.9, 1.0), (0.9, 2.5))  # DV by the slowest
 _SHOWN_ON_GRID: Final = 0.15  # of the sum of squares itself: on a sensor's grid its steps are not chance
 _HEAVILY: Final = 2.0  # damping ratio
 _SEVERAL_RATES: Final = 2.0
+_CLEAR_JUMP: Final = 0.02  # F_s - F_c as a share of the friction in motion
 _TOLD: Final = 0.5  # standard error of ln DV: several rates tell it from F_s
 SHARED: Final = "slips"
 ALL_AT_ONCE: Final = (M, F_V, K, A, F_0, F_S)  # method 1: one regression for all
 AFTER_THE_BALANCE: Final = (M, F_V, F_S)  # method 2: k, A and F_0 are known from uniform motion
-_NEARLY: Final = 1.5
 _USUAL_KG: Final = 3.0  # of the moving parts, where nothing is said
 _BETTER: Final = 0.9
 
@@ -75,6 +76,8 @@ def solve_slips(motion: RecordedMotion, balance: Balance, free: tuple[int, ...])
         windows = slip_windows(motion, balance.spring[0])
         if windows is None or windows.count < _FEWEST_SLIPS or balance.speed <= 0.0:
             return None
+        if windows.count < _FEWEST_OF_BREAKAWAYS * len(motion.phases.breakaways):
+            return None  # what breaks away mostly is no slip along a ramp
         start, further = _starts(motion, balance, windows)
         fit = SlipFit(windows, motion.samples.position_noise_m, balance.speed, free, start)
         fit, solution, left_out = _searched(fit, start, further)
@@ -112,9 +115,9 @@ def _searched(fit: SlipFit, start: FloatArray, further: list[tuple[float, float]
     What does not fit then is tried with DV free, without its bad slips, and with an F_s that scatters, in this order.
     """
     best = fit.solve(start)
-    if not best.converged or best.misfit > _NEARLY:
+    if not best.converged or not fit.fits(best):
         sliding_fit, sliding = _sliding(fit, best if best.converged else None, start)
-        if sliding.converged and sliding.misfit < min(_NEARLY, _BETTER * best.misfit):
+        if sliding.converged and sliding_fit.fits(sliding):
             return sliding_fit, sliding, 0
         best = _best_start(fit, best, start, further)
     left_out = 0
@@ -176,7 +179,13 @@ def _with_limit(fit: SlipFit, solution: SlipSolution) -> tuple[SlipFit, SlipSolu
         beyond = max(beyond, _SHOWN_ON_GRID * solution.cost)
     rates = np.abs(fit.windows.slips[:, 1])
     spread = math.sqrt(max(0.0, float(best.covariance[D_V, D_V]))) / float(best.common[D_V])
-    told = float(rates.max()) > _SEVERAL_RATES * float(rates.min()) and spread < _TOLD and not fit.windows.undithered
+    slipping = _excess(best) > _CLEAR_JUMP * float(best.common[A])
+    told = (
+        slipping
+        and float(rates.max()) > _SEVERAL_RATES * float(rates.min())
+        and spread < _TOLD
+        and not fit.windows.undithered
+    )
     if best.converged and (told or solution.cost - best.cost > beyond):
         return freed, best, True
     return fit, solution, False

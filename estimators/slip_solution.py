@@ -88,10 +88,10 @@ class SlipFit:
     slaved: bool = False  # F_s is F_c = A - F_v v_ref: a valve without stiction
 
     def fits(self, solution: SlipSolution) -> bool:
-        """Whether what is left over is no more than noise, to 4 standard deviations and 2 % of the noise."""
+        """Whether what is left over is no more than noise, to 2.5 standard deviations and 1 % of the noise."""
         if self.windows.undithered:
             return solution.misfit <= _MISFIT_ON_GRID
-        return solution.misfit <= math.sqrt(1.0 + 4.0 * math.sqrt(2.0 / max(1, solution.freedom))) + 0.02
+        return solution.misfit <= math.sqrt(1.0 + 2.5 * math.sqrt(2.0 / max(1, solution.freedom))) + 0.01
 
     def solve(self, start: FloatArray, rounds: int = _MOST_ROUNDS, rest_m: FloatArray | None = None) -> SlipSolution:
         """Return the nearest minimum, or how far it was come in so many rounds."""
@@ -124,6 +124,8 @@ class SlipFit:
         windows = self.windows
         normal, local = np.zeros((COMMON, COMMON + 1)), np.zeros((windows.count, 2, COMMON + 3))
         costs = np.zeros(windows.count)
+        if not (np.isfinite(common).all() and bool((common[[M, F_V, K, A, D_V]] > 0.0).all())):
+            return _Evaluated(common, own_n, rest_m, math.inf, costs, normal, local)  # no valve
         cost = float(
             normal_equations(
                 common, self.reference_speed, own_n, rest_m, windows.slips, windows.first, windows.time_s,
