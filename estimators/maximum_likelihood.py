@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 from typing import Final
 
 import numpy as np
@@ -10,15 +11,17 @@ import numpy as np
 from estimators.base import Estimate, Outcome, failed
 from estimators.likelihood.conclusion import conclude, searched_model
 from estimators.likelihood.force_recording import estimate_force_recording
-from estimators.likelihood.input_errors import refit, with_input_errors
+from estimators.likelihood.input_errors import refit, step_instants, with_input_errors
 from estimators.likelihood.input_path import InputPath, input_path
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.problem import pose
 from estimators.likelihood.search import Found, search
+from estimators.likelihood.staircase import read_staircase
 from estimators.recorded_motion import RecordedMotion, read_motion
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
 
+_MAY_BE_A_STAIRCASE: Final = (Outcome.NEVER_MOVED, Outcome.NO_UNIFORM_MOTION)
 _WORTH_REFINING: Final = 100.0  # times the noise: a fit further off is at a wrong place, whatever the input's errors
 
 
@@ -39,6 +42,8 @@ class MaximumLikelihoodEstimator:
         if nameplate.actuator.action is Action.DOUBLE and recording.force_n is not None:
             return estimate_force_recording(recording, nameplate)
         motion = read_motion(recording, nameplate)
+        if motion in _MAY_BE_A_STAIRCASE:
+            motion = read_staircase(recording, nameplate) or motion
         if isinstance(motion, Outcome):
             return failed(self.method, motion)
         path = input_path(recording, nameplate)
@@ -58,7 +63,8 @@ class MaximumLikelihoodEstimator:
                 return None
             values = model.coordinates.values(found.point)
             changed = path.variations(np.array([values[name] for name in model.input_names]))
-            widened = with_input_errors(model, found.point, changed)
+            stepped = step_instants(model.corners(values), motion.samples.period_s)
+            widened = with_input_errors(model, found.point, chain(changed, stepped))
             return (widened, refit(widened, found)) if widened.deviations else None
 
         def explains(found: Found) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 from estimators.base import Estimate, Outcome, ParameterEstimate, Status, absent, in_order, measured, offset_estimate
 from estimators.identifiability import Knowledge
 from estimators.likelihood.delay import DELAY, Weighed, at_one_instant, delayed, says_nothing, weigh
-from estimators.likelihood.intervals import Ramps, inflation, known, natural_values
+from estimators.likelihood.intervals import Ramps, flat_errors, inflation, known, natural_values
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.problem import Problem
 from estimators.likelihood.search import EXACT, Found
@@ -44,7 +44,8 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, searched: St
     explained = found.certificate.is_good or (problem.is_noise_free and rms_m < 1.0e-6 * model.range_m)
     if not explained and not found.certificate.is_near and not problem.is_noise_free:
         knows = None
-    parameters = {symbol: _parameter(symbol, values, knows) for symbol in PARAMETER_SYMBOLS}
+    flat = flat_errors(model, point, noise_factor=factor)
+    parameters = {symbol: _parameter(symbol, values, knows, flat.get(symbol, 0.0)) for symbol in PARAMETER_SYMBOLS}
     complete = in_order(parameters)
     outcomes = _outcomes(motion, complete, values)
     missing = [symbol for symbol, entry in complete.items() if entry.value is None and symbol != "DV"]
@@ -106,10 +107,10 @@ def _distinct(values: list[float]) -> tuple[float, ...]:
     return tuple(kept)
 
 
-def _parameter(symbol: str, values: dict[str, float], knows: Knowledge | None) -> ParameterEstimate:
+def _parameter(symbol: str, values: dict[str, float], knows: Knowledge | None, least_error: float) -> ParameterEstimate:
     if knows is None:
         return absent("the model does not explain the recording, so that no value of it can be trusted")
-    value, error, reason = values[symbol], knows.std_error(symbol), knows.note(symbol)
+    value, error, reason = values[symbol], max(knows.std_error(symbol), least_error), knows.note(symbol)
     if symbol == "F_0":
         return offset_estimate(value, error, values["F_c"], reason=reason)
     return measured(value, error, reason=reason)

@@ -73,6 +73,11 @@ class Coordinates:
         return np.array([entry.upper for entry in self.entries])
 
     @property
+    def longest_step(self) -> FloatArray:
+        """Longest step of a descent, shape (p,): a factor e of a logarithm, many units of what is linear."""
+        return np.array([1.0 if entry.logarithmic or entry.name == "d" else 100.0 for entry in self.entries])
+
+    @property
     def prior(self) -> FloatArray:
         """Means of the priors, shape (p,)."""
         return np.array([entry.prior for entry in self.entries])

@@ -21,6 +21,8 @@ _FREE_BEFOREHAND: Final = 0.05
 _ONE_INSTANT: Final = 0.005  # of a period: what remains where both channels are read at one instant
 _DECIDED: Final = 0.01
 _STEPS: Final = 15
+_WORTH_A_SEARCH: Final = 10.0
+_TRIED: Final = (-4.0, -3.0, -2.0, -1.0, 1.0, 2.0, 3.0, 4.0)  # prior widths
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,15 +64,21 @@ def weigh(free: StemModel, narrow: StemModel, point: FloatArray, ramps: Ramps, n
     log odds of a delay = log(0.05/0.95) + (cost without - cost with)/2 + log(posterior over prior width). Between 1 and
     99 % what is known is the mixture of both: its mean and covariance.
     """
+    width_s = next(entry.prior_sd * entry.unit for entry in free.coordinates.entries if entry.name == DELAY)
     alone = known(narrow, point, ramps, noise_factor=noise_factor)
     found = descend(free, point, most_steps=_STEPS)
+    if narrow.cost(point) - found.cost > _WORTH_A_SEARCH * noise_factor**2:
+        # a delay there is: friction took its place where it is not small, so that both have to move together
+        for start in _other_starts(free, point, width_s, ramps):
+            elsewhere = descend(free, start, most_steps=_STEPS)
+            found = elsewhere if elsewhere.cost < found.cost else found
+        found = descend(free, found.point, most_steps=4 * _STEPS)
     shifted = known(free, found.point, ramps, noise_factor=noise_factor)
     if alone is None or shifted is None:
         return Weighed(narrow, point, alone, 0.0)
-    width = next(entry.prior_sd * entry.unit for entry in free.coordinates.entries if entry.name == DELAY)
     fall = (narrow.cost(point) - found.cost) / noise_factor**2
     odds = math.log(_FREE_BEFOREHAND / (1.0 - _FREE_BEFOREHAND)) + 0.5 * fall
-    odds += math.log(max(shifted.std_error(DELAY), 1.0e-300) / width)
+    odds += math.log(max(shifted.std_error(DELAY), 1.0e-300) / width_s)
     weight = 1.0 / (1.0 + math.exp(-min(max(odds, -700.0), 700.0)))
     if weight < _DECIDED:
         return Weighed(narrow, point, alone, 0.0)
@@ -91,3 +99,18 @@ def weigh(free: StemModel, narrow: StemModel, point: FloatArray, ramps: Ramps, n
     )
     likelier = (free, found.point) if weight > 0.5 else (narrow, point)
     return Weighed(*likelier, mixed, weight)
+
+
+def _other_starts(model: StemModel, point: FloatArray, width_s: float, ramps: Ramps) -> list[FloatArray]:
+    """Points with other delays, the frictions changed by the force that the slowest ramp makes in each."""
+    values = model.coordinates.values(point)
+    rate = min(ramps.rates_n_per_s, default=0.0)
+    starts = []
+    for widths in _TRIED:
+        delay_s = widths * width_s
+        static_n = values["F_c"] * (1.0 + values["d"])
+        coulomb_n = values["F_c"] - rate * delay_s
+        if coulomb_n > 0.0:
+            ratio = max(0.0, (static_n - rate * delay_s) / coulomb_n - 1.0)
+            starts.append(model.coordinates.point(values | {DELAY: delay_s, "F_c": coulomb_n, "d": ratio}))
+    return starts

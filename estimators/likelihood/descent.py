@@ -10,8 +10,7 @@ import numpy as np
 from estimators.likelihood.model import StemModel
 from estimators.samples import FloatArray
 
-# Own choices: longest step of a coordinate (a factor e of a logarithmic one), and what counts as arrived.
-_LONGEST_STEP: Final = 1.0
+# Own choice: what counts as arrived.
 _ARRIVED: Final = 1.0e-3  # of a unit of the cost, whose minimum is uncertain by the number of unknowns
 _MOST_DAMPING: Final = 1.0e12
 
@@ -31,6 +30,7 @@ def descend(model: StemModel, start: FloatArray, *, most_steps: int, held: tuple
     names = model.coordinates.names
     moving = [number for number, name in enumerate(names) if name not in held]
     lower, upper = model.coordinates.lower, model.coordinates.upper
+    longest = model.coordinates.longest_step
     prior, weight = model.coordinates.prior, model.coordinates.prior_weight
     point = np.clip(start, lower, upper)
     residual = model.residuals(point)
@@ -48,7 +48,7 @@ def descend(model: StemModel, start: FloatArray, *, most_steps: int, held: tuple
         pull = slopes @ residual - weight * (point - prior)
         accepted = False
         while damping < _MOST_DAMPING:
-            step = _bounded_step(normal, pull, damping, (moving, point, lower, upper))
+            step = _bounded_step(normal, pull, damping, (moving, point, lower, upper, longest))
             trial = np.clip(point + step, lower, upper)
             step = trial - point
             gain = float(2.0 * pull @ step - step @ normal @ step)
@@ -81,13 +81,13 @@ def _bounded_step(
     normal: FloatArray,
     pull: FloatArray,
     damping: float,
-    where: tuple[list[int], FloatArray, FloatArray, FloatArray],
+    where: tuple[list[int], FloatArray, FloatArray, FloatArray, FloatArray],
 ) -> FloatArray:
     """The damped step; an unknown that would leave its bounds goes to the bound, the others' step is solved anew.
 
-    ``where`` are the numbers of the unknowns that may move, the point, and the bounds.
+    ``where`` are the numbers of the unknowns that may move, the point, the bounds, and the longest steps.
     """
-    moving, point, lower, upper = where
+    moving, point, lower, upper, longest = where
     step = np.zeros(point.size)
     fixed: set[int] = {i for i in range(point.size) if i not in moving or not normal[i, i] > 0.0}
     for _ in range(point.size):
@@ -103,9 +103,9 @@ def _bounded_step(
             step[free] = np.linalg.solve(damped, right) / scale
         except np.linalg.LinAlgError:
             step[free] = right / scale / (1.0 + damping)
-        longest = float(np.abs(step[free]).max())
-        if longest > _LONGEST_STEP:
-            step[free] *= _LONGEST_STEP / longest
+        excess = float((np.abs(step[free]) / longest[free]).max())
+        if excess > 1.0:
+            step[free] /= excess
         out = [i for i in free if not lower[i] <= point[i] + step[i] <= upper[i]]
         if not out:
             break

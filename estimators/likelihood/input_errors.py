@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Final
 
@@ -19,6 +19,7 @@ PREFIX: Final = "input_"
 # Own choices: directions whose one sigma moves all positions together by less do not matter; the most that are fitted.
 _LEAST_EFFECT: Final = 0.05
 _MOST: Final = 40
+_STEP_SHARE: Final = 0.05  # of the range, within one period: steeper than any ramp
 _STEPS: Final = 12
 
 
@@ -44,6 +45,17 @@ def with_input_errors(model: StemModel, point: FloatArray, changed: Iterable[Cor
     deviations = tuple(step for _, step in sized[:_MOST])
     more = [linear(f"{PREFIX}{number}", 1.0, sd=1.0) for number in range(1, len(deviations) + 1)]
     return replace(model, deviations=deviations, coordinates=Coordinates((*model.coordinates.entries, *more)))
+
+
+def step_instants(corners: Corners, period_s: float) -> Iterator[Corners]:
+    """Corners with each step of the force later by a period / sqrt(12): it lies anywhere between two samples."""
+    time_s, force_n = corners
+    least_n = _STEP_SHARE * float(np.ptp(force_n))
+    is_step = (np.diff(time_s) <= 1.01 * period_s) & (np.abs(np.diff(force_n)) > least_n)
+    for first in np.flatnonzero(is_step)[:_MOST]:
+        moved_s = time_s.copy()
+        moved_s[first : first + 2] += period_s / np.sqrt(12.0)
+        yield moved_s, force_n
 
 
 def refit(model: StemModel, found: Found) -> Found:

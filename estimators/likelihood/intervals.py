@@ -8,7 +8,9 @@ from typing import Final
 
 import numpy as np
 
+from estimators.base import NORMAL_95
 from estimators.identifiability import Knowledge, knowledge
+from estimators.likelihood.descent import descend
 from estimators.likelihood.model import STEP, StemModel
 from estimators.samples import FloatArray
 
@@ -16,6 +18,10 @@ _PIECES: Final = (1, 4, 16, 64, 256, 1024)
 _FEWEST_PIECES: Final = 20
 _FAINT: Final = 0.1  # of a standard deviation that a unit of a coordinate moves all samples together
 _LARGER_STEP: Final = 1.0e-3
+_NEAR_KINK: Final = 0.01
+_FOLLOWING_STEPS: Final = 8
+_WITHIN_95: Final = 3.84
+_FAR_STEPS: Final = {"m": (0.5, 1.5), "F_v": (0.5, 1.5), "d": (0.05, 0.2, 0.5), "DV": (-1.0, 1.0)}
 _SURE: Final = 3.0  # standard errors by which the variance of pieces must exceed that of white noise
 
 
@@ -78,6 +84,30 @@ def known(model: StemModel, point: FloatArray, ramps: Ramps, *, noise_factor: fl
         sliding_speeds_m_per_s=ramps.speeds_m_per_s,
         ramp_rates_n_per_s=ramps.rates_n_per_s,
     )
+
+
+def flat_errors(model: StemModel, point: FloatArray, *, noise_factor: float) -> dict[str, float]:
+    """Least standard errors of m, F_v, F_s and DV that the cost itself leaves, far from the point, by symbol.
+
+    Where a large step of one of them alone costs less than 3.84, the information at the point is of a kink, and the
+    interval reaches at least that far.
+    """
+    names, values, here = model.coordinates.names, natural_values(model, point), model.cost(point)
+    least: dict[str, float] = {}
+    for name, steps in _FAR_STEPS.items():
+        symbol = "F_s" if name == "d" else name
+        for step in steps:
+            other = point.copy()
+            other[names.index(name)] += step
+            if name == "d":
+                if point[names.index("d")] > _NEAR_KINK:
+                    break
+                # at F_s = F_c the cost has a kink: the others have to follow
+                other = descend(model, other, most_steps=_FOLLOWING_STEPS, held=("d",)).point
+            if (model.cost(other) - here) / noise_factor**2 < _WITHIN_95:
+                far = abs(natural_values(model, other)[symbol] - values[symbol]) / NORMAL_95
+                least[symbol] = max(least.get(symbol, 0.0), far)
+    return least
 
 
 def _without_last(information: FloatArray, kept: int) -> FloatArray:

@@ -86,7 +86,14 @@ def _from_breakaways(motion: RecordedMotion) -> FirstGuess | None:
     if solved is None or not (solved[0] > 0.0 and solved[1] > 0.0):
         return None
     static_n = float(solved[1])
-    return FirstGuess(float(solved[0]), float(solved[2]), 0.8 * static_n, motion.phases.moving_speed, static_n)
+    # a lightly damped jump is 2 (F_s - F_c)/k long
+    jump_m = [
+        abs(float(motion.samples.position_m[stretch.last] - breakaway.rest_m))
+        for stretch, breakaway in zip(motion.phases.stretches, motion.phases.breakaways, strict=False)
+    ]
+    by_jump_n = static_n - 0.5 * float(solved[0]) * float(np.median(jump_m))
+    friction_n = by_jump_n if motion.uniform is None and by_jump_n > 0.0 else 0.8 * static_n
+    return FirstGuess(float(solved[0]), float(solved[2]), friction_n, motion.phases.moving_speed, static_n)
 
 
 def _from_all_rows(motion: RecordedMotion) -> FirstGuess | None:
