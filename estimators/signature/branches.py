@@ -110,7 +110,7 @@ def fit_branches(samples: Samples, at_rate: PassesAtRate, spring_n_per_m: float,
     line_n = spring_n_per_m * away_m
     up_n, down_n = means[upward].mean(axis=0) + line_n, means[~upward].mean(axis=0) + line_n
     least, greatest = _extremes(
-        0.5 * (up_n - down_n), friction, 0.5 * noise_n * math.sqrt(1.0 / upward.sum() + 1.0 / (~upward).sum())
+        0.5 * (up_n - down_n), friction, 0.5 * noise_n * math.sqrt(1.0 / upward.sum() + 1.0 / (~upward).sum()), freedom
     )
     return Branches(
         friction=friction,
@@ -172,15 +172,20 @@ def _cell_means(
     return means
 
 
-def _extremes(friction_n: FloatArray, mean: Measured, noise_n: float) -> tuple[Measured, Measured]:
+def _extremes(
+    friction_n: FloatArray, mean: Measured, noise_n: float, noise_freedom: float
+) -> tuple[Measured, Measured]:
     """Least and greatest friction over the cells (n,), drawn to the mean by as much as noise explains.
 
     The extremes of noisy cells lie outside those of the friction; James and Stein's factor 1 - noise/variance
-    takes that back. Where noise explains all of it (chi-square test at 1 %), both are the mean.
+    takes that back. Where noise, known with ``noise_freedom``, explains all of it (F-test at 1 %), both are the mean.
     """
     off_n = friction_n - friction_n.mean()
     variance, freedom = float(off_n @ off_n), off_n.size - 1
-    if variance <= float(stats.chi2.ppf(1.0 - _VARIES, freedom)) * noise_n**2 + 1.0e-16 * mean.value**2:
+    if (
+        variance
+        <= freedom * float(stats.f.ppf(1.0 - _VARIES, freedom, noise_freedom)) * noise_n**2 + 1.0e-16 * mean.value**2
+    ):
         return mean, mean
     share = max(0.0, 1.0 - freedom * noise_n**2 / variance)
     cell = Measured(0.0, math.sqrt(share) * noise_n)

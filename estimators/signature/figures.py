@@ -8,6 +8,10 @@ from typing import Any, Final
 
 from estimators.base import LARGEST_RELATIVE_HALF_WIDTH, ParameterEstimate, absent
 from estimators.signature.scatter import Measured
+from estimators.signature.span import Span
+
+Parts = dict[str, ParameterEstimate]
+Bench = tuple[ParameterEstimate, ParameterEstimate]
 
 # In the order of the analysis object; each is a number there, or null with its reason under ``notes``.
 FIELDS: Final = (
@@ -23,22 +27,9 @@ FIELDS: Final = (
     "stick_band_percent",
     "slip_jump_percent",
 )
+MEASURED: Final = "measured on the recording"
+FORCES: Final = ("friction_mean_n", "friction_min_n", "friction_max_n")
 _NO_SPAN: Final = "the span is unknown: give signal.range_pa or actuator.bench_set_pa on the nameplate"
-
-
-@dataclass(frozen=True, slots=True)
-class Span:
-    """What 100 % of the input is: as force, N, and as pressure, Pa, with where it is from."""
-
-    force_n: float
-    low_pa: float | None
-    high_pa: float | None
-    source: str
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the span as in the analysis object."""
-        pressures = None if self.low_pa is None else [self.low_pa, self.high_pa]
-        return {"force_n": self.force_n, "pressure_pa": pressures, "from": self.source}
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,3 +106,19 @@ def percent_figure(one: ParameterEstimate, span: Span | None, note: str = "") ->
         True,
         note or one.note,
     )
+
+
+def signature_of(figures: Parts, bench: Bench, span: Span | None, about: dict[str, Any]) -> Signature:
+    """Return the signature of measured figures, with the frictions in percent of span."""
+    shares = {f"{name[:-2]}_percent": percent_figure(figures[name], span) for name in FORCES}
+    whole = {name: {**figures, **shares}[name] for name in FIELDS}
+    sources = {name: MEASURED for name, one in whole.items() if one.value is not None}
+    if bench[0].value is not None:
+        sources["bench_set_pa"] = MEASURED
+    return Signature(whole, bench, sources, span, about)
+
+
+def nothing(reason: str, *, about: dict[str, Any] | None = None, span: Span | None = None) -> Signature:
+    """Return a signature of which every figure is absent for this reason."""
+    bench = (absent(reason), absent(reason))
+    return Signature({name: absent(reason) for name in FIELDS}, bench, {}, span, {"curve": None, **(about or {})})

@@ -122,7 +122,7 @@ def passes_by_rate(motion: RecordedMotion, line: StartLine) -> list[PassesAtRate
     found = []
     for chosen in _clusters(rates):
         stretches = [driven[number] for number in chosen]
-        at_rate = _settled(motion, line, stretches, float(np.median(rates[chosen])))
+        at_rate = _settled(motion, line, stretches)
         if at_rate is not None:
             found.append(at_rate)
     return found
@@ -148,15 +148,13 @@ def _clusters(rates: FloatArray) -> list[list[int]]:
     return [sorted(cluster) for cluster in clusters]
 
 
-def _settled(
-    motion: RecordedMotion, line: StartLine, stretches: list[Stretch], rate_n_per_s: float
-) -> PassesAtRate | None:
+def _settled(motion: RecordedMotion, line: StartLine, stretches: list[Stretch]) -> PassesAtRate | None:
     samples, half_window = motion.samples, motion.phases.half_window
     transient = _transient(motion, line, [one for one in stretches if one.after is After.BREAKAWAY])
     left_n = _TRANSIENT_LEFT * abs(line.friction_n)
     wait_s = 0.0 if transient is None else transient.time_s * math.log(max(1.0, transient.height_n / left_n))
     off_stops = rows_off_stops(samples, motion.stops)
-    passes, lengths_s = [], []
+    passes, lengths_s, rates = [], [], []
     for stretch in stretches:
         length_s = float(samples.time_s[stretch.last] - samples.time_s[stretch.first])
         if wait_s > _LONGEST_SETTLING * length_s and transient is not None:
@@ -171,10 +169,12 @@ def _settled(
         if rows.size >= _FEWEST_ROWS:
             passes.append(_pass(motion, rows, stretch.direction))
             lengths_s.append(length_s)
+            rates.append(_rate(motion, stretch))
     if not passes:
         return None
     share = 0.0 if transient is None else min(1.0, transient.time_s / float(np.median(lengths_s)))
     speed = float(np.median([np.median(np.abs(motion.phases.velocity[one.rows])) for one in passes]))
+    rate_n_per_s = float(np.median(rates))
     steady = rate_n_per_s / line.spring_n_per_m
     if abs(speed - steady) > _UNSTEADY * steady:
         return None

@@ -1,0 +1,75 @@
+"""Dead band, stick band S and slip jump J from the breakaways and the reversals."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from estimators.base import Outcome, ParameterEstimate, absent
+from estimators.recorded_motion import RecordedMotion
+from estimators.signature.figures import Parts, figure, percent_figure
+from estimators.signature.reversals import dead_band, reversals, softness_n
+from estimators.signature.scatter import Measured, combined
+from estimators.signature.span import Span
+from estimators.signature.timed_slips import TimedSlips, timed_slips
+from estimators.static_friction import breakaway_forces
+
+_NO_REVERSAL: Final = "no reversal of a moving stem was seen on a ramp: repeat with ramps up and down"
+_SMALL_JUMP: Final = 1.0e-3  # own choice, of the span: a jump known so well is told even if it may be none
+_LIMIT: Final = 0.3  # of a value, as the half width that ``figure`` allows
+
+
+def bands(
+    motion: RecordedMotion, friction: Measured, speed_m_per_s: float, line: tuple[float, float], span: Span | None
+) -> Parts:
+    """Dead band from the reversals; S = F_b + F and J = F_b - F from the friction at breakaway F_b and in motion F.
+
+    Two-parameter model of Choudhury, Thornhill and Shah (2005) with S = f_s + f_d, J = f_s - f_d (He, Wang, Pottmann
+    and Qin 2007). For Karnopp's valve F_b is F_s, with what the force gains while the stem creeps up to DV, and F is
+    F_c + F_v v at this speed. ``line`` is spring rate and preload, N/m and N.
+    """
+    timed = timed_slips(motion)
+    figures: Parts = {"dead_band_percent": dead_band_figure(motion, timed, span)}
+    if timed is not None:
+        rate_n_per_s = line[0] * speed_m_per_s
+        (breakaway_n, by_breakaway), (friction_n, by_friction) = (
+            timed.breakaway(rate_n_per_s),
+            timed.friction(speed_m_per_s),
+        )
+        band = timed.measured(breakaway_n + friction_n, by_breakaway + by_friction)
+        jump = timed.measured(breakaway_n - friction_n, by_breakaway - by_friction)
+        return figures | stiction(band, jump, span)
+    forces = breakaway_forces(motion.samples, motion.phases, *line)
+    if forces is None:
+        none = absent(str(Outcome.NO_BREAKAWAY))
+        return figures | {"stick_band_percent": none, "slip_jump_percent": none}
+    breakaway = Measured(forces.value, max(forces.std_error, softness_n(motion.samples, motion.phases)))
+    band = combined(breakaway.value + friction.value, (breakaway, 1.0), (friction, 1.0))
+    jump = combined(breakaway.value - friction.value, (breakaway, 1.0), (friction, 1.0))
+    return figures | stiction(band, jump, span)
+
+
+def stiction(band: Measured, jump: Measured, span: Span | None) -> Parts:
+    """S and J in percent of span; a J that is not known to 30 % of itself or 0.1 % of span is absent."""
+    reason = "the breakaways scatter, or start too softly to be timed"
+    small_n = 0.0 if span is None else _SMALL_JUMP * span.force_n
+    unseen = "" if jump.value > jump.half_width else "no jump beyond its error"
+    most = (
+        "" if span is None else f"at most {100.0 * max(0.0, jump.value + jump.half_width) / span.force_n:.2g} % of span"
+    )
+    known = figure(jump, scale=small_n / _LIMIT, note=unseen)
+    if known.value is None:
+        known = absent("; ".join(filter(None, (most, unseen, reason))))
+    return {
+        "stick_band_percent": percent_figure(figure(band, reason=reason), span),
+        "slip_jump_percent": percent_figure(known, span),
+    }
+
+
+def dead_band_figure(motion: RecordedMotion, timed: TimedSlips | None, span: Span | None) -> ParameterEstimate:
+    """Dead band in percent of span."""
+    samples, phases = motion.samples, motion.phases
+    soft_n = softness_n(samples, phases) if timed is None else 0.0
+    found = dead_band(reversals(samples, phases, motion.stops, timed), soft_n, timed)
+    if found is None:
+        return absent(_NO_REVERSAL)
+    return percent_figure(figure(found, reason="the instants of breakaway are known too badly"), span)
