@@ -59,7 +59,8 @@ class MaximumLikelihoodEstimator:
         model = searched_model(problem, motion.samples.period_s)
 
         def refined(found: Found) -> tuple[StemModel, Found] | None:
-            if found.certificate.ratio > _WORTH_REFINING:
+            # a command is known; its corners are as many as its lag asks for, so they have no fixed directions
+            if found.certificate.ratio > _WORTH_REFINING or motion.command_only:
                 return None
             values = model.coordinates.values(found.point)
             changed = path.variations(np.array([values[name] for name in model.input_names]))
