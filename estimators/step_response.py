@@ -17,9 +17,11 @@ from valve.recording import Recording
 SHARES: Final = (0.632, 0.865)  # of the realised change: T63 and T86
 # Own choices.
 _MOVED_SIGMAS: Final = 5.0  # of the levels' difference
+_HIDDEN_SIGMAS: Final = 3.0  # by which a motion that was called none may have been larger
 _SEEN_SIGMAS: Final = 4.5  # of one sample's noise: the stem is on its way
 _LEVEL_SHARE: Final = 0.25  # of a hold, at its end: the level that was reached
 _SETTLED_SHARE: Final = 0.02  # of the change: what may still come in the last quarter
+_LARGE_SHARE: Final = 0.25  # of the largest change
 _LEAST_MOTION: Final = 1.0e-5  # of the travel: less is rounding
 _RESOLVED: Final = 3.0  # samples that a crossing must be apart from the step for a line between samples
 
@@ -189,12 +191,13 @@ def _overshoot(way_m: FloatArray, change_m: float, noise_m: float, error_m: floa
     return 100.0 * (excess_m - 0.5 * noise_m) / change_m, error
 
 
-def resolution(answers: list[StepAnswer], span: float) -> tuple[Bracket, Bracket]:
+def resolution(answers: list[StepAnswer], span: float, travel_m: float) -> tuple[Bracket, Bracket]:
     """Resolution and dead band from the steps, percent of span.
 
     Steps add up until the stem moves, so what counts is the input's change since it last moved: in the direction
     of that motion for the resolution, against it for the dead band. Karnopp's stem, if damped, comes to rest with
     F - k x - F_0 = A = F_c + F_v DV: the resolution is (F_s - A)/(S_a span), the dead band (F_s + A)/(S_a span).
+    A step that moved nothing beyond noise may have moved the stem by that: so much less is what surely did not.
     """
     onward: list[tuple[float, bool]] = []
     back: list[tuple[float, bool]] = []
@@ -202,7 +205,9 @@ def resolution(answers: list[StepAnswer], span: float) -> tuple[Bracket, Bracket
     for one in answers:
         since += one.step.size
         if heading != 0.0 and since != 0.0:
-            (onward if since * heading > 0.0 else back).append((100.0 * abs(since) / span, one.moved))
+            unseen = 0.0 if one.moved else 100.0 * (abs(one.change_m) + _HIDDEN_SIGMAS * one.level_error_m) / travel_m
+            tried = max(0.0, 100.0 * abs(since) / span - unseen)
+            (onward if since * heading > 0.0 else back).append((tried, one.moved))
         if one.moved:
             heading, since = math.copysign(1.0, one.change_m), 0.0
     return _bracket(onward), _bracket(back)
@@ -227,15 +232,18 @@ def _input_span(name: str, nameplate: Nameplate) -> tuple[float, float] | None:
 def _to_json(name: str, answers: list[StepAnswer], span: tuple[float, float] | None, travel_m: float) -> dict[str, Any]:
     each = [_step_json(one, span, travel_m) for one in answers]
     moved = [one for one in each if one["moved"]]
-    summary: dict[str, Any] = {"count": len(each), "moved": len(moved)}
-    for key in ("dead_time_s", "t63_s", "t86_s", "overshoot_percent", "steady_error_percent"):
-        values = [one[key] for one in (each if key == "steady_error_percent" else moved) if one[key] is not None]
+    largest = max((abs(one["change_percent"]) for one in moved), default=0.0)
+    # a fine step slips by a jump of its own: what a step test times are the large ones
+    large = [one for one in moved if abs(one["change_percent"]) >= _LARGE_SHARE * largest]
+    summary: dict[str, Any] = {"count": len(each), "moved": len(moved), "timed": len(large)}
+    for key in ("dead_time_s", "dead_time_below_s", "t63_s", "t86_s", "overshoot_percent", "steady_error_percent"):
+        values = [one[key] for one in (each if key == "steady_error_percent" else large) if one[key] is not None]
         summary[key] = float(np.median(values)) if values else None
     if span is None:
         missing = {"value": None, "ci95": None, "note": "the span is unknown: give signal.range_pa on the nameplate"}
         summary |= {"resolution_percent": missing, "dead_band_percent": missing}
     else:
-        fine, reverse = resolution(answers, span[1] - span[0])
+        fine, reverse = resolution(answers, span[1] - span[0], travel_m)
         summary["resolution_percent"] = fine.to_json("step in the direction of the motion")
         summary["dead_band_percent"] = reverse.to_json("step against the direction of the motion")
     if len(moved) < len(each):
@@ -261,6 +269,11 @@ def _step_json(one: StepAnswer, span: tuple[float, float] | None, travel_m: floa
         "overshoot_std_error_percent": one.overshoot_error_percent,
         "steady_error_percent": None if where is None else 100.0 * one.end_m / travel_m - where,
     }
+    dead = one.dead_time
+    found["dead_time_below_s"] = None
+    if dead is not None and dead.value_s <= NORMAL_95 * dead.std_error_s * (1.0 + 1.0e-9):
+        # none at all is as likely: a bound is all that is known
+        found["dead_time_below_s"], timed["dead_time"] = dead.value_s + NORMAL_95 * dead.std_error_s, None
     for key, value in timed.items():
         told = None if value is None else asdict(value)
         found[f"{key}_s"] = None if told is None else told["value_s"]

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.stats import norm
 
 from estimators.balance import Balance
-from estimators.base import NORMAL_95, Form
+from estimators.base import Form
 from estimators.recorded_motion import RecordedMotion
 from estimators.rests import Breakaway
 from estimators.robust_form import is_believed, robust_covariance
@@ -27,6 +27,8 @@ _RESOLVED: Final = float(
 )  # standard error of F_v, as a share: with more the path out of the rest is not followed
 _RESOLVED_WHERE_DAMPED: Final = 0.1  # the same of an overdamped stem: it has a second, wrong minimum
 _FOLLOWED: Final = 0.4  # time constant F_v / k, in sample periods
+_MODEL_SHARE: Final = 3.0e-6  # of F_s: what blocks of rows in place of rows falsify
+_BOUNDS: Final = 1.5  # standard errors from the middle to either bound
 _SAME_S: Final = 1.0e-9
 _SLIDES: Final = 0.5  # of F_s - F_c: from this share of F_v v on the stem may slide at DV
 _HEAVILY: Final = 2.0  # damping ratio
@@ -83,9 +85,10 @@ class TimedSlips:
 
     def measured(self, value: float, weights: FloatArray) -> Measured:
         """A value that holds F_b once, with the error that these derivatives to the common unknowns make."""
-        error = math.sqrt(max(0.0, float(weights @ self.covariance @ weights)))
+        share_n = _MODEL_SHARE * float(self.found.solution.common[F_S])
+        error = math.hypot(math.sqrt(max(0.0, float(weights @ self.covariance @ weights))), share_n)
         # bounds and not chances: where DV lies between them nothing tells
-        return Measured(value, error + 0.5 * abs(self.more_n) / NORMAL_95)
+        return Measured(value, error + 0.5 * abs(self.more_n) / _BOUNDS)
 
 
 def timed_slips(motion: RecordedMotion) -> TimedSlips | None:

@@ -12,6 +12,8 @@ from rich.text import Text
 from service.cli.plain_numbers import half_width, plus_minus
 
 _MOST_STEPS: Final = 20  # rows of the table of steps
+_LARGE_SHARE: Final = 0.25  # of the largest change: the steps that the summary times too
+_WIDE: Final = 100  # columns from which each figure's meaning has room
 _ALL_FIGURES: Final = 9  # that can have a note, in N and percent counted once
 _FRICTION: Final = (
     ("friction, mean", "friction_mean", "half of the loop's width"),
@@ -30,17 +32,25 @@ def print_signature(console: Console, signature: dict[str, Any]) -> None:
     """Print the signature's table, where it was measured, why a figure is missing, and the step test."""
     rows = [*_friction_rows(signature), *_spring_rows(signature), *_band_rows(signature)]
     if any(value for _, value, _, _ in rows):
+        wide = console.width >= _WIDE
         table = Table(title="Signature (± is half of the 95 % interval)", title_justify="left")
-        for heading, right in (("figure", False), ("value", True), ("% of span", True), ("what it is", False)):
+        headings = (("figure", False), ("value", True), ("% of span", True), ("what it is", False))
+        for heading, right in headings if wide else headings[:-1]:
             table.add_column(heading, justify="right" if right else "left", no_wrap=right)
         for name, value, share, meaning in rows:
-            table.add_row(name, value or ("" if share else "not given"), share, meaning)
+            table.add_row(name, value or ("" if share else "not given"), share, *([meaning] if wide else []))
         console.print(table)
         console.print(Text(_where(signature)))
     for reason in _reasons(signature):
         console.print(Text(reason))
     if signature.get("steps") is not None:
         _print_steps(console, signature["steps"])
+
+
+def _is_even(signature: dict[str, Any]) -> bool:
+    """Whether friction is the same all over the travel: least and greatest tell nothing more."""
+    mean = signature["friction_mean_n"]
+    return mean is not None and mean == signature["friction_min_n"] == signature["friction_max_n"]
 
 
 def _entry(signature: dict[str, Any], name: str, scale: float = 1.0) -> str:
@@ -56,7 +66,7 @@ def _percent(signature: dict[str, Any], name: str) -> str:
 
 def _friction_rows(signature: dict[str, Any]) -> list[tuple[str, str, str, str]]:
     rows = []
-    for name, field, meaning in _FRICTION:
+    for name, field, meaning in _FRICTION[:1] if _is_even(signature) else _FRICTION:
         value = _entry(signature, f"{field}_n")
         rows.append((name, f"{value} N" if value else "", _percent(signature, f"{field}_percent"), meaning))
     return rows
@@ -102,6 +112,8 @@ def _where(signature: dict[str, Any]) -> str:
         parts.append(f"at {1e3 * signature['speed_m_per_s']:.3g} mm/s")
     if signature.get("cycles"):
         parts.append(f"{signature['cycles']} cycle{'s' if signature['cycles'] > 1 else ''}")
+    if _is_even(signature):
+        parts.append("friction even over it")
     if signature.get("stick_slip"):
         parts.append(f"the stem slips in jumps of {1e3 * signature['slip_m']:.3g} mm")
     span, sentence = signature["span"], ", ".join(parts)
@@ -116,7 +128,10 @@ def _where(signature: dict[str, Any]) -> str:
 def _reasons(signature: dict[str, Any]) -> list[str]:
     """Each note once, after the figures that it belongs to; a percentage has its own only where the force has none."""
     whose: dict[str, list[str]] = {}
+    even = ("friction_min", "friction_max") if _is_even(signature) else ()
     for field, note in signature["notes"].items():
+        if even and field.startswith(even):
+            continue
         name = field.removesuffix("_n").removesuffix("_percent").removesuffix("_pa").removesuffix("_n_per_m")
         if field.endswith("_percent") and signature.get(f"{name}_n") is not None and signature[field] is None:
             name = "percent of span"
@@ -131,30 +146,41 @@ def _named(names: list[str]) -> str:
 
 
 def _print_steps(console: Console, steps: dict[str, Any]) -> None:
+    largest = max(abs(one["change_percent"]) for one in steps["each"])
+    large = [one for one in steps["each"] if one["moved"] and abs(one["change_percent"]) >= _LARGE_SHARE * largest]
+    shown = (large or steps["each"])[:_MOST_STEPS]
     table = Table(title=f"Step test (input: {steps['input'].partition('_')[0]})", title_justify="left")
+    unsettled = any(not one["settled"] for one in shown)
     for heading in ("at s", "step %", "travel %", "T_d ms", "T63 ms", "T86 ms", "over %", "error %"):
-        table.add_column(heading, justify="right")
-    table.add_column("")
-    for one in steps["each"][:_MOST_STEPS]:
-        times = [_milliseconds(one, key) for key in ("dead_time", "t63", "t86")]
-        remark = "no motion" if not one["moved"] else "" if one["settled"] else "not settled"
+        table.add_column(heading, justify="right", no_wrap=True)
+    if unsettled:
+        table.add_column("")
+    for one in shown:
         table.add_row(
             f"{one['time_s']:.2f}",
             _signed(one["step_percent"]),
             _signed(one["change_percent"]),
-            *times,
+            _dead_time(one),
+            _milliseconds(one, "t63"),
+            _milliseconds(one, "t86"),
             "" if one["overshoot_percent"] is None else f"{one['overshoot_percent']:.1f}",
             _signed(one["steady_error_percent"]),
-            remark,
+            *([] if not unsettled else ["" if one["settled"] else "not settled"]),
         )
     console.print(table)
-    left = len(steps["each"]) - _MOST_STEPS
-    if left > 0:
-        console.print(Text(f"{left} more steps are in the JSON object."))
     console.print(Text("T_d: dead time; over: overshoot of the change; error: travel less input, both in %."))
-    console.print(Text(_certainty(steps["each"])))
+    left = len(steps["each"]) - len(shown)
+    if left > 0:
+        still = steps["summary"]["count"] - steps["summary"]["moved"]
+        console.print(Text(f"Not shown: {left} steps, {still} of which moved nothing; the JSON object has them all."))
+    console.print(Text(_certainty(shown)))
     for sentence in _summary(steps["summary"]):
         console.print(Text(sentence))
+
+
+def _dead_time(one: dict[str, Any]) -> str:
+    below_s = one["dead_time_below_s"]
+    return _milliseconds(one, "dead_time") if below_s is None else f"< {plus_minus(1e3 * below_s, None, digits=2)}"
 
 
 def _milliseconds(one: dict[str, Any], key: str) -> str:
@@ -182,7 +208,9 @@ def _summary(summary: dict[str, Any]) -> list[str]:
         for name, key in (("T_d", "dead_time_s"), ("T63", "t63_s"), ("T86", "t86_s"))
         if summary[key] is not None
     ]
-    told = [f"Step test, medians of {summary['moved']} of {summary['count']} steps that moved the stem: "]
+    if summary["dead_time_s"] is None and summary["dead_time_below_s"] is not None:
+        medians.insert(0, f"T_d below {1e3 * summary['dead_time_below_s']:.2g} ms")
+    told = [f"Step test, medians of {summary['timed']} large steps of {summary['count']}: "]
     told[0] += f"{', '.join(medians) or 'none could be timed'}."
     for name, key in (("Resolution", "resolution_percent"), ("Dead band by steps", "dead_band_percent")):
         found = summary[key]

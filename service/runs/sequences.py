@@ -26,6 +26,14 @@ _FASTEST_PERIOD_S: Final = 2.0
 _TURN_S: Final = 0.6
 _SINE_CORNERS: Final = 1000  # fits the corner table of the reference map (1024), whatever the number of cycles
 
+# The steps, percent of span: where the fine ones begin, their totals, and the large ones. Own choice: published valves
+# have a resolution of 0 to 8 % and a dead band of 1.7 to 92 % of it.
+_PAST_DEAD_BAND: Final = 58.0
+_ONWARD: Final = (0.25, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.3)
+_BACK: Final = (0.5, 1.0, 1.5, 2.0, 3.0, 4.5, 7.0, 10.0, 15.0, 22.0, 30.0, 40.0, 52.0, 65.0, 80.0, 95.0)
+_LARGE: Final = (0.0, 50.0, 100.0, 50.0, 0.0)
+_HOLD_S: Final = 4.0  # 5 time constants F_v / k of an overdamped stem, and twice that of rest
+
 Period = Annotated[float, Field(gt=0.0, le=3600.0)]
 Pressure = Annotated[float, Field(ge=-1.0e7, le=1.0e7)]
 Span = tuple[float, float]
@@ -103,26 +111,38 @@ class Sine(Sequence):
         return sine(self.period_s, self.cycles, room.low_pa, room.high_pa, corners_per_period=corners)
 
 
-class Steps(Sequence):
-    """Levels held one after the other, in percent of the span; only where the valve's limits allow steps."""
+def _step_levels() -> tuple[float, ...]:
+    """Levels in percent: up by more than the dead band, fine steps onward, to the top, growing steps back, large ones.
 
-    levels_percent: Annotated[list[Annotated[float, Field(ge=0.0, le=100.0)]], Field(min_length=2, max_length=200)] = [
-        0.0,
-        25.0,
-        50.0,
-        75.0,
-        100.0,
-        75.0,
-        50.0,
-        25.0,
-        0.0,
-    ]
-    hold_s: Period = 5.0
+    Steps add up until the stem moves, so each list is of totals since it last did. A stem with F_s = 50 % of span
+    and a dead band of 92 % (the roughest published valve) still answers.
+    """
+    levels = [0.0, _PAST_DEAD_BAND]
+    levels += [_PAST_DEAD_BAND + total for total in _ONWARD]
+    levels += [100.0]
+    levels += [100.0 - total for total in _BACK]
+    return (*levels, *_LARGE)
+
+
+class Steps(Sequence):
+    """Levels held one after the other, in percent of the span; only where the valve's limits allow steps.
+
+    By default fine steps that bracket resolution and dead band, then large ones for T63, T86 and overshoot, both ways.
+    ``hold_s`` is 4 s, or as long as longest_test_s leaves for each level.
+    """
+
+    levels_percent: Annotated[list[Annotated[float, Field(ge=0.0, le=100.0)]], Field(min_length=2, max_length=200)] = (
+        Field(default_factory=lambda: list(_step_levels()))
+    )
+    hold_s: Period | None = None
 
     def waveform(self, room: Room) -> Waveform:
         """Return the staircase."""
         span_pa = room.high_pa - room.low_pa
-        return steps([room.low_pa + span_pa * level / 100.0 for level in self.levels_percent], self.hold_s)
+        hold_s = self.hold_s
+        if hold_s is None:
+            hold_s = min(_HOLD_S, room.longest_s / len(self.levels_percent))
+        return steps([room.low_pa + span_pa * level / 100.0 for level in self.levels_percent], hold_s)
 
 
 class Dwell(Sequence):
