@@ -23,6 +23,7 @@ from tests.benchmarks import (
     motion,
     random_valves,
     sequences,
+    signature,
     simulator,
 )
 
@@ -40,6 +41,7 @@ COUNTED: Final[dict[str, Callable[[int | None], Table | list[Table]]]] = {
     "efficiency": efficiency.run,
     "method_table": method_table.run,
     "random_valves": random_valves.run,
+    "signature": signature.run,
 }
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from estimators.signature.measure import measure_signature
+from tests.benchmarks.signature import truth
 from tests.estimators.recordings import VALVES, Recorded, recorded
 from valve.motion import simulate_motion
 from valve.parameter_sets import parameter_set
@@ -78,6 +81,37 @@ def test_stick_band_and_slip_jump_follow_from_the_parameters(name: str, noise_m:
     band, jump = truth.static_friction_n + friction_n, truth.static_friction_n - friction_n
     assert found["stick_band_percent"].value == pytest.approx(100.0 * band / whole_n, rel=2.0e-3)
     assert found["slip_jump_percent"].value == pytest.approx(100.0 * jump / whole_n, rel=0.02)
+
+
+@pytest.mark.parametrize(("name", "period_s", "noise_m"), [("nominal", 0.005, 20.0e-6), ("graphite", 0.01, 20.0e-6)])
+def test_dead_band_and_stiction_have_intervals_that_hold_and_no_bias(
+    name: str, period_s: float, noise_m: float
+) -> None:
+    exact, true = recorded(name, period_s=period_s), truth(name)
+    tests, errors = 30, dict.fromkeys(("dead_band_percent", "stick_band_percent", "slip_jump_percent"), 0.0)
+    held = dict.fromkeys(errors, 0)
+    for seed in range(tests):
+        noise = noise_m * np.random.default_rng(seed).standard_normal(exact.recording.samples)
+        recording = replace(exact.recording, position_m=exact.recording.position_m + noise)
+        found = measure_signature(recording, exact.nameplate).figures
+        for figure in errors:
+            one = found[figure]
+            assert one.value is not None
+            assert one.ci95 is not None
+            assert one.std_error is not None
+            held[figure] += one.ci95[0] <= true[figure] <= one.ci95[1]
+            errors[figure] += (one.value - true[figure]) / one.std_error / tests
+    # fewer than 25 of 30 at 95 % has a chance of 1 in 300, a mean error of 0.6 one of 1 in 1000
+    assert min(held.values()) >= 25, held
+    assert max(map(abs, errors.values())) < 0.6, errors
+
+
+def test_a_jump_that_may_be_anything_is_not_given() -> None:
+    test = recorded("vendor", period_s=0.01, noise_m=50.0e-6)
+    jump = measure_signature(test.recording, test.nameplate).figures["slip_jump_percent"]
+    assert jump.value is None
+    assert "at most" in jump.note
+    assert "no jump beyond its error" in jump.note
 
 
 def test_a_breakaway_that_cannot_be_timed_gives_no_dead_band() -> None:
