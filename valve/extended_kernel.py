@@ -88,6 +88,7 @@ SHORTEST_CUT_S: Final = 2.0e-5
 LONGEST_FOLLOWED_S: Final = 1.0e-3  # sub-step of a sensor that lags or has play, and of bristles
 GLANCE_S: Final = 1.0e-6
 MOST_STEPS: Final = 100_000
+MOST_ATTEMPTS: Final = 100  # to find a sub-step's length
 SHORTEST_STEP_S: Final = 1.0e-9
 
 
@@ -319,10 +320,10 @@ def loaded_slip(
     c = (viscous + falling) / m
     if c < 0.0:
         h = min(h, -0.3 / c)
-    over = 0.0
+    over, starting = 0.0, abs(v) <= q[D_V] * (1.0 + 1.0e-9) and s * a <= 0.0
     r, S_rate, S, S1, S2, x_end, v_end, a_end = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     defect, bent, change = 0.0, 0.0, 0.0
-    while True:
+    for attempt in range(MOST_ATTEMPTS):
         d = h - memory[0]
         # periods that differ by rounding share a response, corrected to first order
         if not (abs(d) < 1.0e-13 and abs(d) < 1.0e-9 * h and memory[5] == c and memory[6] == w2):
@@ -331,8 +332,9 @@ def loaded_slip(
             d = 0.0
         S_rate = memory[1] - d * (c * memory[1] + w2 * memory[2])
         S, S1, S2 = memory[2] + d * memory[1], memory[3] + d * memory[2], memory[4] + d * memory[3]
-        if q[VIBRATION] != 0.0:
-            # a chord lies inside a sine: its mean force is put right
+        over = 0.0
+        if q[VIBRATION] != 0.0 and not starting and c * h < 1.0:
+            # a chord lies inside a sine: its mean force is put right, unless damping makes the speed follow its ends
             turn = q[VIBRATION_RATE] * h
             ends = math.sin(q[VIBRATION_RATE] * t + q[VIBRATION_PHASE])
             ends += math.sin(q[VIBRATION_RATE] * (t + h) + q[VIBRATION_PHASE])
@@ -342,10 +344,12 @@ def loaded_slip(
         v_end = v + (a + over / m) * S + r * S1
         a_end = (a + over / m) * S_rate + r * S
         slow = min(s * v, s * v_end) < 3.0 * v_s
-        if v_s > 0.0 and slow and abs(v_end - v) > 2.0 * STRIBECK_SHARE * v_s and h > SHORTEST_STEP_S:
+        if attempt < MOST_ATTEMPTS // 2 and (
+            v_s > 0.0 and slow and abs(v_end - v) > 2.0 * STRIBECK_SHARE * v_s and h > SHORTEST_STEP_S
+        ):
             h *= 0.5
             continue
-        if s * (x_end - edge) > 1.0e-12 and h > SHORTEST_STEP_S:
+        if attempt < MOST_ATTEMPTS // 2 and s * (x_end - edge) > 1.0e-12 and h > SHORTEST_STEP_S:
             # what lies behind the edge must not count before it
             h = stop_time(c, w2, x, v, a + over / m, r, edge, s, 0.0, h)
             continue
@@ -357,8 +361,7 @@ def loaded_slip(
             bent = falling * (v_end - v) - s * (drag_at(q, coulomb, static, v_end) - drag)
         defect = net - s * drag_end - viscous * v_end + over - m * a_end
         change = (defect - bent / 3.0) / (h * m)
-        grazing = abs(v) <= q[D_V] * (1.0 + 1.0e-9) and s * (r + change) <= 0.0 and s * a <= 0.0
-        if grazing and h > GLANCE_S:
+        if starting and s * (r + change) <= 0.0 and h > GLANCE_S:
             h *= 0.5
         elif abs(change) * S1 <= SPEED_DEFECT_M_PER_S or h <= SHORTEST_CUT_S:
             break
@@ -378,7 +381,7 @@ def loaded_slip(
             dwell, ended = max(root, min(0.1 * GLANCE_S, h)), True
             S_rate, S, S1, S2 = impulse_response(dwell, c, w2)
             x_end, v_end = x + v * dwell + a * S1 + r * S2, s * q[D_V]
-    ahead = stop if s * (edge - stop) >= 0.0 else edge
+    ahead = stop if s * edge >= s * stop else edge
     if s * (x_end - ahead) >= 0.0:
         dwell, ended = stop_time(c, w2, x, v, a, r, ahead, s, 0.0, dwell), True
         _rate, S, S1, _unused = impulse_response(dwell, c, w2)
@@ -581,8 +584,8 @@ def follow_extended(
     n, n_out, n_rest = corner_time.size, out_time.size, rest_time.size
     n_events, out, put, pieces, carried, elastic_v = 0, 0, 0, 0, 0.0, 0.0
     net, more, area, s, beyond, static = 0.0, 0.0, 1.0, 1.0, 0.0, 0.0
-    viscous, coulomb, highest, drag = 0.0, 0.0, 0.0, 0.0
-    rate_before, most_there = math.nan, math.inf
+    viscous, coulomb, highest, drag, rounding = 0.0, 0.0, 0.0, 0.0, 0.0
+    rate_before, most_there, stalls = math.nan, math.inf, 0
     rate, edge, held_force, fresh, loaded = q[K], math.inf, corner_force[0], True, False
     if mode == STUCK and v == 0.0 and (x >= high or x <= low):
         mode = STOPPED
@@ -599,9 +602,9 @@ def follow_extended(
             slope = 0.0
         else:
             slope = 0.0 if last else (corner_force[i + 1] - corner_force[i]) / (corner_time[i + 1] - start)
-        now_s, going = start, True
+        # tau is kept beside the time: their difference would be rounded, and times a steep slope that is a force
+        now_s, tau, going = start, 0.0, True
         while going:
-            tau = now_s - start
             force, t = corner_force[i] + slope * tau, now_s + clock
             if put < n_rest and rest_time[put] <= now_s:
                 while put + 1 < n_rest and rest_time[put + 1] <= now_s:
@@ -749,16 +752,30 @@ def follow_extended(
                     )
                 else:
                     along = slope
-                    if not linear and left > 0.0:
+                    while not linear and left > 0.0:
                         net_end, more_end, _area = load(q, curves, x, t + left, force + slope * left)
                         along = (net_end - net - s * (static_level(q, s, more_end, beyond) - static)) / left
+                        if s * net - static > rounding or s * (along - rate * v) > 0.0 or left <= GLANCE_S:
+                            break
+                        # it has just begun to grow: a chord over less of it says so too
+                        left *= 0.5
                     a, w2 = (net - s * static) / m, rate / m
                     dwell, ended, x_next, v_next = band_step(
                         m, w2, static, DV, low, high, s, x, v, a, along / m - w2 * v, net, along, left
                     )
             pieces += ended
             fresh = ended
-            after_s = now_s + dwell if ended or left < until - now_s else until
+            # where two modes touch, each may hand over to the other for ever: time goes on all the same
+            stalls = stalls + 1 if (ended or left < until - now_s) and dwell < 1.0e-12 else 0
+            if stalls > 2:
+                pieces += 1
+                fresh, left = True, min(until - now_s, 0.1 * GLANCE_S)
+                dwell = left
+            if ended or left < until - now_s:
+                tau += dwell
+                after_s = start + tau
+            else:
+                tau, after_s = until - start, until
             if held:
                 while out < n_out and out_time[out] < after_s:
                     settled = state[SHOWN] if sensing else x
