@@ -247,3 +247,30 @@ def test_what_cannot_be_is_refused() -> None:
         simulate_extended(FILLED, COURSE_S, COURSE_N, EVERY_MS, initial=ExtendedState(StemState(0.07)))
     with pytest.raises(MotionError, match="the extended stem"):
         simulate_extended(FILLED, COURSE_S, COURSE_N, EVERY_MS, most_events=3)
+
+
+def test_steep_steps_late_in_a_sampled_record_do_not_stop_the_clock() -> None:
+    time_s = np.arange(20_001, dtype=np.float64) * 1.0e-3
+    force_n = FULL_FORCE_N * steps([0.0, 1.0, 0.5, 0.0], 5.0).at(time_s)
+    rng = np.random.default_rng(3)
+    vendor = parameter_set("vendor").parameters
+    for _ in range(10):
+        scaled = replace(vendor, mass_kg=rng.uniform(0.9, 1.8), spring_rate_n_per_m=rng.uniform(37e3, 68e3))
+        exact = simulate_motion(scaled, time_s, force_n, time_s)
+        assert (
+            np.abs(
+                simulate_extended(ExtendedValve(scaled), time_s, force_n, time_s).position_m - exact.position_m
+            ).max()
+            < SAME_M
+        )
+
+
+def test_a_heavily_damped_stem_that_shakes_is_followed_to_the_end() -> None:
+    chosen, rng = parameter_set("graphite"), np.random.default_rng(5)
+    course_n = 0.0445 * np.array([42231.0, 206322.0, 124276.0, 124276.0, 42231.0])
+    for _ in range(30):
+        shaking = Vibration(rng.uniform(50.0, 900.0), rng.uniform(1.0, 60.0), 0.3)
+        motion = simulate_extended(
+            ExtendedValve(chosen.parameters, vibration=shaking), [0.0, 5.0, 7.5, 8.0, 10.0], course_n, [0.0, 10.0]
+        )
+        assert np.isfinite(motion.position_m).all()
