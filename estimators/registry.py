@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from estimators.base import Estimate, Estimator
+from estimators.base import Estimate, Estimator, Outcome
 from estimators.garcia import GarciaEstimator
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
-from estimators.recorded_motion import MotionEstimator, read_motion
+from estimators.recorded_motion import MotionEstimator, RecordedMotion, read_motion
 from estimators.regression import RegressionEstimator
 from valve.errors import NotFoundError
 from valve.nameplate import Nameplate
@@ -29,9 +29,11 @@ def estimator(name: str) -> Estimator:
     return ESTIMATORS[name]()
 
 
-def estimate_all(recording: Recording, nameplate: Nameplate) -> list[Estimate]:
-    """Return every estimator's answer to this recording, in the order of ESTIMATORS."""
-    motion = read_motion(recording, nameplate)
+def estimate_all(
+    recording: Recording, nameplate: Nameplate, motion: RecordedMotion | Outcome | None = None
+) -> list[Estimate]:
+    """Return every estimator's answer to this recording, in the order of ESTIMATORS; ``motion`` saves reading it."""
+    motion = read_motion(recording, nameplate) if motion is None else motion
     estimates = []
     for make in ESTIMATORS.values():
         one = make()

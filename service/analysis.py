@@ -7,7 +7,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from estimators.base import Estimate
+from estimators.base import Estimate, Outcome
+from estimators.recorded_motion import RecordedMotion, read_motion
 from estimators.registry import estimate_all
 from estimators.samples import position_noise
 from estimators.signature.measure import measure_signature
@@ -42,7 +43,8 @@ def analyze_recordings(
     tell(0.0, "looking at the recording")
     recording = joined(recordings)
     tell(0.1, "estimating")
-    estimates = estimate_all(recording, nameplate)
+    motion = read_motion(recording, nameplate)  # what the estimators and the signature begin with
+    estimates = estimate_all(recording, nameplate, motion)
     analysis = {
         "schema": SCHEMA,
         "recording": recording_summary(recording),
@@ -55,7 +57,7 @@ def analyze_recordings(
             "separating_test": None,
             "gain": None,
         },
-        "signature": signature(recording, estimates, nameplate),
+        "signature": signature(recording, estimates, nameplate, motion),
         "health": {"ne107": None, "reasons": [_NO_HEALTH]},
     }
     if held_out:
@@ -128,9 +130,14 @@ def position_noise_m(recording: Recording) -> float | None:
     return position_noise(recording.time_s[rows], recording.position_m[rows], run_first)
 
 
-def signature(recording: Recording, estimates: Sequence[Estimate], nameplate: Nameplate) -> dict[str, Any]:
+def signature(
+    recording: Recording,
+    estimates: Sequence[Estimate],
+    nameplate: Nameplate,
+    motion: RecordedMotion | Outcome | None = None,
+) -> dict[str, Any]:
     """Return the technician's figures: measured on the loop where it shows them, else from the estimates; and steps."""
-    found = measure_signature(recording, nameplate, estimates).to_json()
+    found = measure_signature(recording, nameplate, estimates, motion).to_json()
     return {**found, "steps": step_figures(recording, nameplate)}
 
 

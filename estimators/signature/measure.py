@@ -35,15 +35,21 @@ _SURELY_MOVED: Final = 0.05  # of rated travel
 _LAGGING: Final = {*FORCES, "dead_band_percent", "hysteresis_percent", "stick_band_percent"}
 
 
-def measure_signature(recording: Recording, nameplate: Nameplate, estimates: Sequence[Estimate] = ()) -> Signature:
+def measure_signature(
+    recording: Recording,
+    nameplate: Nameplate,
+    estimates: Sequence[Estimate] = (),
+    motion: RecordedMotion | Outcome | None = None,
+) -> Signature:
     """Return the signature of a recording; what it cannot give is absent with the reason.
 
     Spring rate, bench set and friction that cannot be measured directly come from the ``estimates`` where these
-    have them (maximum likelihood first); ``sources`` says which. Raises nothing for an odd recording.
+    have them (maximum likelihood first); ``sources`` says which. ``motion`` is what ``read_motion`` returned, if it is
+    there already. Raises nothing for an odd recording.
     """
     with np.errstate(all="ignore"):
-        samples = prepare(recording, nameplate)
-        motion = read_motion(recording, nameplate)
+        motion = read_motion(recording, nameplate) if motion is None else motion
+        samples = prepare(recording, nameplate) if isinstance(motion, Outcome) else motion.samples
         found = nothing(str(samples)) if isinstance(samples, Outcome) else _measured(samples, motion, nameplate)
     if recording.force_n is None and recording.pressure_pa is None:
         found = _with_lag(found)
