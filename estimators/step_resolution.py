@@ -23,7 +23,11 @@ class Bracket:
         if self.moved_percent is None:
             tried = f"{self.unmoved_percent:.3g} %" if self.unmoved_percent > 0.0 else "none"
             return {"value": None, "ci95": None, "note": f"no {name} moved the stem (largest tried: {tried})"}
-        note = "" if self.unmoved_percent > 0.0 else f"every {name} moved the stem: smaller ones were not tried, or noise hides them"
+        note = (
+            ""
+            if self.unmoved_percent > 0.0
+            else f"every {name} moved the stem: smaller ones were not tried, or noise hides them"
+        )
         return {"value": self.moved_percent, "ci95": [self.unmoved_percent, self.moved_percent], "note": note}
 
 
