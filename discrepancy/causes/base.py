@@ -1,0 +1,169 @@
+"""What a cause is to the finder: what of its effect is fitted, from where, and how a fitter hears of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from discrepancy.observed import Observed
+from discrepancy.unknowns import SEPARATOR, Unknown
+from estimators.samples import FloatArray
+from valve.effects import EFFECTS, ValveScale
+
+_BOUND_SHARE: Final = 1.0e-3  # of the range: nearer to a bound a value is the bound's and not the data's
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Setting:
+    """What a cause's starts may depend on: the baseline's values and residuals, and the sizes of the valve.
+
+    ``low_m`` to ``high_m`` is the travel that was swept; ``sliding_m_per_s`` the usual speed in motion.
+    """
+
+    observed: Observed
+    values: Mapping[str, float]
+    residual_m: FloatArray
+    scale: ValveScale
+    low_m: float
+    high_m: float
+    sliding_m_per_s: float
+
+    @property
+    def swept_m(self) -> float:
+        """Length of the travel that was swept, m."""
+        return self.high_m - self.low_m
+
+    def at(self, share: float) -> float:
+        """Position at a share of the travel that was swept, m."""
+        return self.low_m + share * self.swept_m
+
+    def percent(self, position_m: float) -> float:
+        """Position in percent of the rated travel."""
+        return 100.0 * position_m / self.observed.nameplate.actuator.travel_m
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """A fitted parameter: value, SI, with the ends of its 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+    unit: str
+
+    @property
+    def half_width(self) -> float:
+        """Half the interval."""
+        return 0.5 * (self.high - self.low)
+
+
+Values = dict[str, float]
+Sentence = Callable[[Mapping[str, Fitted], Setting], str]
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A fitted parameter of an effect: ``unit`` of its coordinate as a share of its range, 0 for the logarithm."""
+
+    name: str
+    is_log: bool = False
+    low: float | None = None  # narrower bounds than the effect's, SI
+    high: float | None = None
+    step: float = 1.0e-4
+
+
+@dataclass(frozen=True, slots=True)
+class Cause:
+    """One entry of the catalogue.
+
+    ``strength`` names the parameter that screening scales, from the value that ``starts`` gives it; ``held`` are those
+    that are not fitted. ``is_visible`` says whether a recording can show the cause at all.
+    """
+
+    name: str
+    strength: str
+    parts: tuple[Part, ...]
+    starts: Callable[[Setting], list[Values]]
+    sentence: Sentence
+    action: str
+    held: Callable[[Setting], Values] = lambda _setting: {}
+    is_visible: Callable[[Observed], bool] = lambda _observed: True
+    is_hard: bool = False  # its starts are a grid that must be followed some way before the best is seen
+    neutral: float | None = 0.0  # of the strength; None where the start does not grow out of the baseline
+
+    def unknowns(self, setting: Setting) -> tuple[Unknown, ...]:
+        """Return its unknowns with their physical bounds for this valve."""
+        entries = {entry.name: entry for entry in EFFECTS[self.name].parameters}
+        found = []
+        for part in self.parts:
+            low, high = entries[part.name].range(setting.scale)
+            low = low if part.low is None else part.low
+            high = high if part.high is None else part.high
+            unit = 0.0 if part.is_log else (high - low) / 10.0
+            if part.is_log:
+                low = max(low, 1.0e-6 * high)
+            found.append(Unknown(self.own(part.name), low, high, unit=unit, step=part.step))
+        return tuple(found)
+
+    def own(self, name: str) -> str:
+        """Name of a parameter among all unknowns."""
+        return f"{self.name}{SEPARATOR}{name}"
+
+    def full(self, values: Mapping[str, float]) -> Values:
+        """Return values under their names among all unknowns."""
+        return {self.own(name): value for name, value in values.items()}
+
+
+def is_at_bound(unknown: Unknown, value: float) -> bool:
+    """Whether a value is a bound's and not the data's; a strength of 0 is no bound."""
+    low, high = unknown.coordinate(unknown.lower), unknown.coordinate(unknown.upper)
+    at = unknown.coordinate(value)
+    margin = _BOUND_SHARE * (high - low)
+    return at > high - margin or (at < low + margin and unknown.lower != 0.0)
+
+
+def newtons(entry: Fitted) -> str:
+    """Return a force with its interval."""
+    return f"{_number(entry.value, entry)} N ({_number(entry.low, entry)} to {_number(entry.high, entry)})"
+
+
+def with_interval(entry: Fitted, factor: float, unit: str) -> str:
+    """Return a value times ``factor`` with its interval and unit; without sign."""
+    sign = -1.0 if entry.value < 0.0 else 1.0
+    low_end, high_end = sorted((sign * factor * entry.low, sign * factor * entry.high))
+    shown = Fitted(sign * factor * entry.value, low_end, high_end, unit)
+    low, high = _number(shown.low, shown), _number(shown.high, shown)
+    return f"{_number(shown.value, shown)} {unit} ({low} to {high})"
+
+
+def _number(value: float, entry: Fitted) -> str:
+    """Return a number with as many digits as its interval deserves."""
+    width = max(entry.half_width, 1.0e-4 * abs(entry.value), 1.0e-12)
+    digits = max(0, 1 - math.floor(math.log10(width)))
+    return f"{value:.{min(digits, 6)}f}" if abs(value) < 1.0e6 else f"{value:.3g}"
+
+
+def strongest_frequencies(time_s: FloatArray, residual: FloatArray, most: int) -> list[float]:
+    """Return the frequencies, Hz, at which residuals, shape (n,), hold most power, between 0.3 and 60 Hz."""
+    period_s = float(np.median(np.diff(time_s)))
+    even_s = np.arange(time_s[0], time_s[-1], max(period_s, 5.0e-3))
+    signal = np.interp(even_s, time_s, residual)
+    window = np.hanning(signal.size)
+    power = np.abs(np.fft.rfft((signal - signal.mean()) * window)) ** 2
+    frequency_hz = np.fft.rfftfreq(signal.size, float(even_s[1] - even_s[0]))
+    # what drifts fills the low frequencies: each line is judged against its neighbours
+    wide = max(5, signal.size // 200)
+    floor = np.convolve(power, np.ones(wide) / wide, mode="same")
+    contrast = np.where((frequency_hz > 0.3) & (frequency_hz < 60.0), power / (floor + 1.0e-300), 0.0)
+    found: list[float] = []
+    for place in np.argsort(contrast)[::-1]:
+        at_hz = float(frequency_hz[place])
+        if all(abs(at_hz - other) > 3.0 * frequency_hz[1] for other in found):
+            found.append(at_hz)
+        if len(found) == most or contrast[place] == 0.0:
+            break
+    return found

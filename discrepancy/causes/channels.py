@@ -1,0 +1,110 @@
+"""Causes between the command and the pressure, and between the stem and its reading."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from discrepancy.causes.base import Cause, Fitted, Part, Setting, with_interval
+from discrepancy.observed import Observed
+
+
+def _command_only(observed: Observed) -> bool:
+    return observed.command_only
+
+
+def _lag_sentence(values: Mapping[str, Fitted], _setting: Setting) -> str:
+    return f"The pressure lags the command by {with_interval(values['lag_s'], 1.0, 's')}."
+
+
+TRANSDUCER_LAG: Final = Cause(
+    "transducer_lag",
+    "lag_s",
+    (Part("lag_s", step=1.0e-3),),
+    lambda _setting: [{"lag_s": 0.05}, {"lag_s": 0.3}],
+    _lag_sentence,
+    "Look at the I/P's supply, its filter and the tubing; a booster shortens it.",
+    is_visible=_command_only,
+)
+
+
+def _dead_sentence(values: Mapping[str, Fitted], _setting: Setting) -> str:
+    return f"The pressure follows the command {with_interval(values['delay_s'], 1.0, 's')} late."
+
+
+DEAD_TIME: Final = Cause(
+    "transducer_dead_time",
+    "delay_s",
+    (Part("delay_s", step=1.0e-3),),
+    lambda _setting: [{"delay_s": 0.05}, {"delay_s": 0.3}],
+    _dead_sentence,
+    "Look for long tubing or a slow device between the command and the actuator.",
+    is_visible=_command_only,
+)
+
+
+def _saturation_sentence(values: Mapping[str, Fitted], setting: Setting) -> str:
+    area_m2 = setting.observed.nameplate.actuator.diaphragm_area_m2
+    if area_m2 is None:
+        return f"The actuator's force does not rise above {with_interval(values['limit_n'], 1.0, 'N')}."
+    return f"The pressure does not rise above {with_interval(values['limit_n'], 1.0e-3 / area_m2, 'kPa')}."
+
+
+SATURATION: Final = Cause(
+    "supply_saturation",
+    "limit_n",
+    (Part("limit_n"),),
+    lambda setting: [{"limit_n": share * setting.scale.full_force_n} for share in (0.98, 0.93, 0.8, 0.6)],
+    _saturation_sentence,
+    "Look at the air supply's pressure and its regulator.",
+    is_visible=_command_only,
+    neutral=None,
+)
+
+
+def _play_sentence(values: Mapping[str, Fitted], _setting: Setting) -> str:
+    return f"The position reading has {with_interval(values['play_m'], 1.0e6, 'um')} of lost motion."
+
+
+BACKLASH: Final = Cause(
+    "position_backlash",
+    "play_m",
+    (Part("play_m", step=1.0e-3),),
+    lambda setting: [{"play_m": share * setting.scale.travel_m} for share in (0.001, 0.005, 0.02)],
+    _play_sentence,
+    "Look at the linkage between stem and position sensor: a worn pin, a loose clamp.",
+)
+
+
+def _bow_sentence(values: Mapping[str, Fitted], setting: Setting) -> str:
+    entry = values["bow_m"]
+    sense = "too much" if entry.value > 0.0 else "too little"
+    share = with_interval(entry, 100.0 / setting.observed.nameplate.actuator.travel_m, "%")
+    return f"The position reads up to {share} of the travel {sense} in the middle of the span."
+
+
+BOW: Final = Cause(
+    "position_nonlinearity",
+    "bow_m",
+    (Part("bow_m"),),
+    lambda setting: [{"bow_m": 0.004 * setting.scale.travel_m}],
+    _bow_sentence,
+    "Put the sensor's lever square to the stem at mid travel, or linearise the sensor.",
+    held=lambda setting: {"span_m": setting.swept_m, "low_m": setting.low_m},
+)
+
+
+def _reading_lag_sentence(values: Mapping[str, Fitted], _setting: Setting) -> str:
+    return f"The position reading lags by {with_interval(values['lag_s'], 1.0e3, 'ms')}."
+
+
+READING_LAG: Final = Cause(
+    "position_lag",
+    "lag_s",
+    (Part("lag_s", step=1.0e-3),),
+    lambda _setting: [{"lag_s": 0.01}, {"lag_s": 0.1}],
+    _reading_lag_sentence,
+    "Take the filter out of the position transmitter, or tell its time constant.",
+)
+
+CHANNELS: Final = (TRANSDUCER_LAG, DEAD_TIME, SATURATION, BACKLASH, BOW, READING_LAG)

@@ -1,0 +1,159 @@
+"""Causes in the spring, the diaphragm, the stops and what else pushes the stem."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from discrepancy.causes.base import Cause, Fitted, Part, Setting, Values, strongest_frequencies, with_interval
+
+
+def _hardening_sentence(values: Mapping[str, Fitted], setting: Setting) -> str:
+    entry = values["hardening_n_per_m2"]
+    travel_m = setting.observed.nameplate.actuator.travel_m
+    share = with_interval(entry, 100.0 * travel_m / setting.values["k"], "%")
+    return f"The spring's rate {'rises' if entry.value > 0.0 else 'falls'} by {share} over the travel."
+
+
+HARDENING: Final = Cause(
+    "spring_hardening",
+    "hardening_n_per_m2",
+    (Part("hardening_n_per_m2"),),
+    lambda setting: [{"hardening_n_per_m2": 0.02 * setting.values["k"] / setting.scale.travel_m}],
+    _hardening_sentence,
+    "Look at the actuator's spring: coils that close, a wrong spring.",
+)
+
+
+def _knee_starts(setting: Setting) -> list[Values]:
+    return [
+        {"rate_change_n_per_m": 0.03 * setting.values["k"], "knee_m": setting.at(share)}
+        for share in (0.2, 0.35, 0.5, 0.65, 0.8)
+    ]
+
+
+def _knee_sentence(values: Mapping[str, Fitted], setting: Setting) -> str:
+    entry = values["rate_change_n_per_m"]
+    share = with_interval(entry, 100.0 / setting.values["k"], "%")
+    sense = "stiffer" if entry.value > 0.0 else "softer"
+    return f"The spring is {share} {sense} beyond {setting.percent(values['knee_m'].value):.1f} % travel."
+
+
+KNEE: Final = Cause(
+    "dual_rate_spring",
+    "rate_change_n_per_m",
+    (Part("rate_change_n_per_m"), Part("knee_m", step=1.0e-4)),
+    _knee_starts,
+    _knee_sentence,
+    "Look at the actuator's springs: a second spring that meets, a broken one, coils that close.",
+)
+
+
+def _area_sentence(values: Mapping[str, Fitted], setting: Setting) -> str:
+    entry = values["slope_per_m"]
+    share = with_interval(entry, 100.0 * setting.observed.nameplate.actuator.travel_m, "%")
+    return f"The diaphragm's effective area {'grows' if entry.value > 0.0 else 'shrinks'} by {share} over the travel."
+
+
+AREA: Final = Cause(
+    "diaphragm_area_change",
+    "slope_per_m",
+    (Part("slope_per_m"),),
+    lambda setting: [{"slope_per_m": -0.02 / setting.scale.travel_m}],
+    _area_sentence,
+    "Usual in rolling diaphragms within a few percent; beyond, look at the diaphragm and its plate.",
+    held=lambda setting: {"reference_m": setting.at(0.5)},
+)
+
+
+def _flow_starts(setting: Setting) -> list[Values]:
+    return [
+        {"force_n": 0.005 * setting.scale.full_force_n, "decay_m": share * setting.scale.travel_m}
+        for share in (0.06, 0.15, 0.35, 0.8)
+    ]
+
+
+def _flow_sentence(values: Mapping[str, Fitted], setting: Setting) -> str:
+    entry = values["force_n"]
+    sense = "opens" if entry.value > 0.0 else "closes"
+    where = 100.0 * values["decay_m"].value / setting.observed.nameplate.actuator.travel_m
+    return (
+        f"A force on the plug of {with_interval(entry, 1.0, 'N')} at the seat {sense} the valve; "
+        f"it falls to a third over {where:.0f} % travel."
+    )
+
+
+FLOW: Final = Cause(
+    "flow_force",
+    "force_n",
+    (Part("force_n"), Part("decay_m", is_log=True, step=1.0e-3)),
+    _flow_starts,
+    _flow_sentence,
+    "Compare with the line's pressure drop; test without flow if it should not be there.",
+)
+
+
+def _low_stop_starts(setting: Setting) -> list[Values]:
+    lowest = float(np.quantile(setting.observed.position_m, 0.01))
+    return [{"position_m": lowest + share * setting.swept_m} for share in (0.0, 0.002, 0.01)]
+
+
+def _high_stop_starts(setting: Setting) -> list[Values]:
+    highest = float(np.quantile(setting.observed.position_m, 0.99))
+    return [{"position_m": highest - share * setting.swept_m} for share in (0.0, 0.002, 0.01)]
+
+
+def _stop_sentence(values: Mapping[str, Fitted], setting: Setting) -> str:
+    at = with_interval(values["position_m"], 1.0e3, "mm")
+    return f"The stem runs into a stop at {at}, {setting.percent(values['position_m'].value):.1f} % travel."
+
+
+LOW_STOP: Final = Cause(
+    "travel_stop_low",
+    "position_m",
+    (Part("position_m"),),
+    _low_stop_starts,
+    _stop_sentence,
+    "Look at the seat and at what may lie on it, and at the stroke's adjustment.",
+    held=lambda _setting: {"rate_n_per_m": 0.0},
+    neutral=None,
+)
+HIGH_STOP: Final = Cause(
+    "travel_stop_high",
+    "position_m",
+    (Part("position_m"),),
+    _high_stop_starts,
+    _stop_sentence,
+    "Look at the limit screw or handwheel and at what may lie in the body.",
+    held=lambda _setting: {"rate_n_per_m": 0.0},
+    neutral=None,
+)
+
+
+def _vibration_starts(setting: Setting) -> list[Values]:
+    found = strongest_frequencies(setting.observed.time_s, setting.residual_m, 4)
+    force_n = 0.002 * setting.scale.full_force_n
+    return [
+        {"force_n": force_n, "frequency_hz": frequency_hz, "phase_rad": phase_rad}
+        for frequency_hz in found
+        for phase_rad in (-2.3, -0.8, 0.8, 2.3)
+    ]
+
+
+def _vibration_sentence(values: Mapping[str, Fitted], _setting: Setting) -> str:
+    force = with_interval(values["force_n"], 1.0, "N")
+    return f"A periodic force of {force} shakes the stem at {values['frequency_hz'].value:.2f} Hz."
+
+
+VIBRATION: Final = Cause(
+    "vibration",
+    "force_n",
+    (Part("force_n"), Part("frequency_hz", is_log=True, step=1.0e-6), Part("phase_rad", low=-7.0, high=7.0)),
+    _vibration_starts,
+    _vibration_sentence,
+    "Look for what shakes at this frequency: a pump, flow past the plug, a loose bracket.",
+)
+
+FORCES: Final = (HARDENING, KNEE, AREA, LOW_STOP, HIGH_STOP, FLOW, VIBRATION)

@@ -1,0 +1,153 @@
+"""What naming a cause gains: errors of prediction where nothing was fitted, before and after."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from discrepancy.least_squares import Fit, descend, start_fit
+from discrepancy.model import simulated
+from discrepancy.observed import Observed, Segment, observe
+from estimators.base import Outcome
+from estimators.samples import FloatArray
+from valve.errors import MotionError, ParameterError
+from valve.nameplate import Nameplate
+from valve.recording import Recording
+
+LEFT_OUT: Final = "the part of the recording that was left out of the fit"
+_KEPT_SHARE: Final = (0.5, 0.8)  # of the duration, within which the fitted part ends at a turn of the force
+_USUAL_SHARE: Final = 0.65
+_STEPS: Final = 8
+_WORSE: Final = 1.02  # times the error before: a cause that predicts worse than this is none
+_FEWEST_ROWS: Final = 50
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """Root mean square errors of the predicted position, m; ``noise_floor_m`` is what no model can go below."""
+
+    held_out: str
+    rmse_before_m: float
+    rmse_after_m: float
+    noise_floor_m: float
+
+    @property
+    def is_worse(self) -> bool:
+        """Whether the extended model predicts worse than the baseline."""
+        return self.rmse_after_m > _WORSE * self.rmse_before_m
+
+    @property
+    def share(self) -> float:
+        """Share of what could be gained, by mean squares; NaN where there was nothing to gain."""
+        possible = self.rmse_before_m**2 - self.noise_floor_m**2
+        if possible <= 0.0:
+            return math.nan
+        return (self.rmse_before_m**2 - self.rmse_after_m**2) / possible
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the gain as in the analysis object."""
+        return {
+            "held_out": self.held_out,
+            "rmse_before_m": self.rmse_before_m,
+            "rmse_after_m": self.rmse_after_m,
+            "noise_floor_m": self.noise_floor_m,
+        }
+
+
+def held_out_gain(name: str, recording: Recording, nameplate: Nameplate, before: Fit, after: Fit) -> Gain | None:
+    """Return the gain on a recording that had no part in the fits; None where it cannot be read or followed."""
+    observed = observe([recording], nameplate)
+    if isinstance(observed, Outcome):
+        return None
+    free = _without_rests(observed)
+    errors = [_rmse(free, fit, 0.0, own_start=False) for fit in (before, after)]
+    if errors[0] is None or errors[1] is None:
+        return None
+    return Gain(name, errors[0], errors[1], observed.noise_m)
+
+
+def left_out_gain(before: Fit, after: Fit) -> Gain | None:
+    """Return the gain on the last part of the recording, with both models fitted to what comes before it.
+
+    None where the recording is too short to leave a part out.
+    """
+    observed = before.model.observed
+    if len(observed.segments) != 1:
+        return None
+    split_s = _split(observed)
+    kept = observed.segments[0].time_s < split_s
+    if min(np.count_nonzero(kept), np.count_nonzero(~kept)) < _FEWEST_ROWS:
+        return None
+    part = replace(observed, segments=(_first_part(observed.segments[0], split_s),))
+    free = _without_rests(observed)
+    errors = []
+    for fit in (before, after):
+        fitted = descend(start_fit(replace(fit.model, observed=part), fit.point), most_steps=_STEPS)
+        errors.append(_rmse(free, fitted, split_s, own_start=True))
+    if errors[0] is None or errors[1] is None:
+        return None
+    return Gain(LEFT_OUT, errors[0], errors[1], observed.noise_m)
+
+
+def decisive(gains: Sequence[Gain]) -> Gain | None:
+    """Return the gain to tell of: one that is worse before all others, then the first."""
+    worse = [gain for gain in gains if gain.is_worse]
+    return worse[0] if worse else (gains[0] if gains else None)
+
+
+def _rmse(observed: Observed, fit: Fit, from_s: float, *, own_start: bool) -> float | None:
+    """Error of prediction per row: that of the block means, and the noise that averaging took away."""
+    values = fit.values
+    if not own_start:
+        nuisances = [name for name in values if name.startswith("x_")]
+        values = {name: value for name, value in values.items() if name not in nuisances}
+    try:
+        predicted_m = simulated(observed, fit.model.valve(fit.point), values)
+    except (MotionError, ParameterError):
+        return None
+    chosen = observed.time_s >= from_s
+    error_m = (observed.position_m - predicted_m)[chosen]
+    count = _rows_in_blocks(observed)[chosen]
+    mean_square = float(np.average(error_m**2, weights=count))
+    taken = observed.noise_m**2 * (1.0 - error_m.size / float(count.sum()))
+    return math.sqrt(mean_square + taken)
+
+
+def _rows_in_blocks(observed: Observed) -> FloatArray:
+    return np.concatenate([segment.rows for segment in observed.segments])
+
+
+def _split(observed: Observed) -> float:
+    motion = observed.motions[0]
+    time_s = motion.samples.time_s
+    first_s, length_s = float(time_s[0]), float(time_s[-1] - time_s[0])
+    turns_s = time_s[motion.phases.corners]
+    low_s, high_s = (first_s + share * length_s for share in _KEPT_SHARE)
+    inside = turns_s[(turns_s >= low_s) & (turns_s <= high_s)]
+    usual_s = first_s + _USUAL_SHARE * length_s
+    return float(inside[np.argmin(np.abs(inside - usual_s))]) if inside.size else usual_s
+
+
+def _first_part(segment: Segment, split_s: float) -> Segment:
+    kept, rests = segment.time_s < split_s, segment.rest_time_s < split_s
+    return replace(
+        segment,
+        time_s=segment.time_s[kept],
+        position_m=segment.position_m[kept],
+        weight=segment.weight[kept],
+        rows=segment.rows[kept],
+        rest_time_s=segment.rest_time_s[rests],
+        rest_m=segment.rest_m[rests],
+        rest_sense=segment.rest_sense[rests],
+    )
+
+
+def _without_rests(observed: Observed) -> Observed:
+    """Return what was observed without restarts: a prediction is not told where the stem came to rest."""
+    none = np.empty(0)
+    segments = tuple(replace(one, rest_time_s=none, rest_m=none, rest_sense=none) for one in observed.segments)
+    return replace(observed, segments=segments)

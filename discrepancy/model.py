@@ -1,0 +1,128 @@
+"""The extended stem beside the measured positions: residuals and their slopes as functions of named unknowns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+
+from discrepancy.observed import Observed, Segment
+from discrepancy.unknowns import Unknown, Unknowns, valve_of
+from estimators.samples import BoolArray, FloatArray
+from valve.errors import MotionError, ParameterError
+from valve.extended_motion import ExtendedState, ExtendedStem, Rests, input_corners
+from valve.extended_valve import ExtendedValve, SensorPath
+from valve.stem import StemState
+
+_MOST_EVENTS: Final = 20_000
+_LONGEST_SUB_STEP_S: Final = 5.0e-3
+_NO_EXTRA: Final[dict[str, float]] = {}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Model:
+    """What is fitted: the recordings, the unknowns, the causes in the valve and what of them is held.
+
+    ``held`` are values by name of what is not fitted.
+    """
+
+    observed: Observed
+    unknowns: Unknowns
+    causes: tuple[str, ...] = ()
+    held: Mapping[str, float] = field(default_factory=lambda: _NO_EXTRA)
+    longest_s: float = _LONGEST_SUB_STEP_S
+
+    def with_causes(self, causes: tuple[str, ...], more: tuple[Unknown, ...], held: Mapping[str, float]) -> Model:
+        """Return the model with these causes besides, and their unknowns."""
+        return replace(
+            self,
+            unknowns=self.unknowns.joined(more),
+            causes=(*self.causes, *causes),
+            held={**self.held, **held},
+        )
+
+    def values(self, point: FloatArray) -> dict[str, float]:
+        """All values by name at a point, those that are held too."""
+        return {**self.held, **self.unknowns.values(point)}
+
+    def valve(self, point: FloatArray) -> ExtendedValve:
+        """Return the valve at a point."""
+        return valve_of(self.values(point), self.causes)
+
+    def simulate(self, point: FloatArray) -> FloatArray | None:
+        """Positions as sensed in all blocks, m, shape (count,); None where the stem cannot be followed."""
+        values = self.values(point)
+        try:
+            return simulated(self.observed, valve_of(values, self.causes), values, self.longest_s)
+        except (ParameterError, MotionError):
+            return None
+
+    def residuals(self, point: FloatArray) -> FloatArray | None:
+        """Measured minus simulated position in standard deviations, shape (count,)."""
+        simulated_m = self.simulate(point)
+        if simulated_m is None or not np.isfinite(simulated_m).all():
+            return None
+        return (self.observed.position_m - simulated_m) * self.observed.weight
+
+    def slopes(self, point: FloatArray, here: FloatArray, free: BoolArray | None = None) -> FloatArray:
+        """Derivatives of the residuals to the coordinates, shape (p, count), by differences from ``here``.
+
+        0 for those that are not ``free``, shape (p,).
+        """
+        columns = np.zeros((point.size, here.size))
+        upper, steps = self.unknowns.upper, self.unknowns.steps
+        for number in range(point.size) if free is None else np.flatnonzero(free):
+            step = float(steps[number])
+            if point[number] + step > upper[number]:
+                step = -step
+            moved = point.copy()
+            moved[number] += step
+            there = self.residuals(moved)
+            if there is not None:
+                columns[number] = (there - here) / step
+        return columns
+
+
+def simulated(
+    observed: Observed, valve: ExtendedValve, values: Mapping[str, float], longest_s: float = _LONGEST_SUB_STEP_S
+) -> FloatArray:
+    """Positions as sensed of this valve in all blocks, m; ``values`` has the nuisances (``x_0`` ..., ``delay_s``)."""
+    stem = ExtendedStem(valve, _MOST_EVENTS, longest_s)
+    delay_s = values.get("delay_s", 0.0)
+    parts = []
+    for number, segment in enumerate(observed.segments):
+        corner_s, corner_n = segment.corner_s, segment.corner_n
+        if delay_s != 0.0:
+            corner_s = np.maximum(corner_s + delay_s, segment.time_s[0])
+            corner_s[0] = segment.time_s[0]
+        if observed.command_only and not valve.input.is_neutral:
+            corner_s, corner_n = input_corners(valve.input, corner_s, corner_n, float(segment.time_s[-1]))
+        stops = valve.stops
+        start_m = values.get(f"x_{number}", segment.start_m)
+        low_m = stops.low_m if math.isinf(stops.low_rate_n_per_m) else -math.inf
+        high_m = stops.high_m if math.isinf(stops.high_rate_n_per_m) else math.inf
+        start = StemState(min(max(start_m, low_m), high_m), segment.start_velocity)
+        state = ExtendedState(start, elapsed_s=segment.elapsed_s, rest_since_s=segment.elapsed_s)
+        rests = _rests(segment, valve.sensor)
+        parts.append(stem.motion(state, corner_s, corner_n, segment.time_s, rests=rests).sensed_m)
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def _rests(segment: Segment, sensor: SensorPath) -> Rests | None:
+    """Places of the stem at the measured rests: what the sensor makes of a position is taken back."""
+    if segment.rest_time_s.size == 0:
+        return None
+    shown = segment.rest_m
+    if sensor.gain != 1.0:
+        shown = sensor.gain_reference_m + (shown - sensor.gain_reference_m) / sensor.gain
+    if sensor.bow_m != 0.0:
+        place = shown
+        for _ in range(3):
+            u = (place - sensor.bow_low_m) / sensor.bow_span_m
+            place = shown - 4.0 * sensor.bow_m * u * (1.0 - u)
+        shown = place
+    # the play's lever follows behind the stem
+    return Rests(segment.rest_time_s, shown + 0.5 * sensor.play_m * segment.rest_sense)

@@ -1,0 +1,251 @@
+"""What a fit works on: measured positions in short blocks with their weights, beside the force that acted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from estimators.base import Outcome
+from estimators.likelihood.input_path import InputPath, Nuisance, input_path
+from estimators.likelihood.search import measured_rests
+from estimators.likelihood.staircase import read_staircase
+from estimators.likelihood.start import resting_rows
+from estimators.phases import Phases
+from estimators.recorded_motion import RecordedMotion, read_motion
+from estimators.samples import BoolArray, FloatArray, IntArray, Samples, position_noise
+from estimators.windowed_slope import windowed_slope_noise
+from valve.nameplate import Nameplate
+from valve.recording import Recording
+
+# Own choices, from valves without and with hidden effects (docs/diagnosis.md).
+_BLOCK_S: Final = 5.0e-3  # rows are averaged over so long where nothing fast happens
+_FAST_MARGIN_S: Final = 0.02
+_SURE: Final = 4.0  # standard deviations of a windowed velocity's change
+# Timing that nobody vouches for, as a share of the period: else the few samples of a slip outweigh all others.
+_TIMING_SHARE: Final = 0.2
+_START_ROWS: Final = 50
+_STEPS_A_TURN: Final = 3.0  # rests for each turn of the force, from which on the motion is a stick-slip
+_NO_NOISE: Final = 1.0e-7  # of the travel: a position without noise is still only as good as its model
+_MAY_BE_A_STAIRCASE: Final = (Outcome.NEVER_MOVED, Outcome.NO_UNIFORM_MOTION)
+_ENOUGH_AT_REST: Final = 100
+_SURELY_LESS: Final = 0.8
+_OUT_OF_BALANCE: Final = 6.0  # standard deviations
+_UNKNOWN_DELAY_PERIODS: Final = 0.05  # a delay between the channels known better than this is not fitted
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Segment:
+    """An unbroken part of a recording: block means of time and position, shape (n,), and their weights, 1/m.
+
+    ``rows``: how many samples each block is the mean of.
+
+    ``corner_s`` and ``corner_n`` draw the force, straight between corners; with a command it is the force asked for.
+    The rests are those of a stick-slip, at which a simulated stem begins anew; none elsewhere. ``rest_sense`` is the
+    direction in which the stem came to each.
+    """
+
+    time_s: FloatArray
+    position_m: FloatArray
+    weight: FloatArray
+    rows: FloatArray
+    corner_s: FloatArray
+    corner_n: FloatArray
+    rest_time_s: FloatArray
+    rest_m: FloatArray
+    rest_sense: FloatArray
+    start_m: float
+    start_error_m: float
+    start_velocity: float
+    elapsed_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observed:
+    """Recordings of one valve made ready for fits; ``motion`` has what each recording holds, in the same order."""
+
+    segments: tuple[Segment, ...]
+    motions: tuple[RecordedMotion, ...]
+    nameplate: Nameplate
+    noise_m: float
+    rows: int
+    command_only: bool
+    delay: Nuisance | None
+    full_force_n: float
+
+    @property
+    def count(self) -> int:
+        """Number of blocks."""
+        return sum(segment.time_s.size for segment in self.segments)
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Times of all blocks, shape (count,)."""
+        return np.concatenate([segment.time_s for segment in self.segments])
+
+    @property
+    def weight(self) -> FloatArray:
+        """Weights of all blocks, 1/m, shape (count,)."""
+        return np.concatenate([segment.weight for segment in self.segments])
+
+    @property
+    def position_m(self) -> FloatArray:
+        """Positions of all blocks, m, shape (count,)."""
+        return np.concatenate([segment.position_m for segment in self.segments])
+
+
+def observe(recordings: Sequence[Recording], nameplate: Nameplate) -> Observed | Outcome:
+    """Return what these recordings of one valve hold for a fit, or the outcome that says why one does not."""
+    segments: list[Segment] = []
+    motions: list[RecordedMotion] = []
+    noises, delay, rows, forces = [], None, 0, []
+    for recording in recordings:
+        motion = read_motion(recording, nameplate)
+        if motion in _MAY_BE_A_STAIRCASE:
+            motion = read_staircase(recording, nameplate, motion) or motion
+        if isinstance(motion, Outcome):
+            return motion
+        path = input_path(recording, nameplate)
+        if isinstance(path, Outcome):
+            return path
+        noise_m = resting_noise(motion)
+        own_delay = None if motion.command_only else path.nuisances[0]
+        period_s = motion.samples.period_s
+        if own_delay is not None and own_delay.prior_sd > _UNKNOWN_DELAY_PERIODS * period_s:
+            delay = own_delay
+        timing_s = recording.provenance.timing_uncertainty_s or 0.0
+        segments += _segments(motion, path, noise_m, max(timing_s, _TIMING_SHARE * period_s))
+        motions.append(motion)
+        noises.append(noise_m)
+        rows += motion.samples.count
+        forces.append(float(np.abs(motion.samples.force_n).max()))
+    if not segments:
+        return Outcome.TOO_FEW_SAMPLES
+    command_only = any(motion.command_only for motion in motions)
+    full_force_n = _full_force(nameplate) or max(forces)
+    return Observed(tuple(segments), tuple(motions), nameplate, max(noises), rows, command_only, delay, full_force_n)
+
+
+def resting_noise(motion: RecordedMotion) -> float:
+    """Noise of the position, one standard deviation, m: no more than what is seen at rest."""
+    samples = motion.samples
+    noise_m = samples.position_noise_m
+    resting = np.flatnonzero(resting_rows(motion))
+    if noise_m > 0.0 and resting.size >= _ENOUGH_AT_REST:
+        run_first = np.maximum.accumulate(np.where(np.diff(resting, prepend=-2) > 1, np.arange(resting.size), 0))
+        at_rest_m = position_noise(samples.time_s[resting], samples.position_m[resting], run_first)
+        if 0.0 < at_rest_m < _SURELY_LESS * noise_m:
+            noise_m = at_rest_m
+    return max(noise_m, _NO_NOISE * float(np.ptp(samples.position_m)))
+
+
+def _full_force(nameplate: Nameplate) -> float | None:
+    area_m2, signal = nameplate.actuator.diaphragm_area_m2, nameplate.signal
+    return None if area_m2 is None or signal is None else area_m2 * signal.range_pa[1]
+
+
+def _segments(motion: RecordedMotion, path: InputPath, noise_m: float, timing_s: float) -> list[Segment]:
+    samples, phases = motion.samples, motion.phases
+    neutral = np.zeros(len(path.nuisances))
+    corner_s, corner_n = path.corners(neutral)
+    starts = [0, *(int(row) for row in np.searchsorted(samples.time_s, path.breaks_s[:, 1])), samples.count]
+    block_rows = max(1, round(_BLOCK_S / samples.period_s))
+    fast = _fast_rows(samples, phases, noise_m)
+    rest_row, rest_m, rest_sense = _stick_slip_rests(motion)
+    found = []
+    for first, end in pairwise(starts):
+        if end - first < 2:
+            continue
+        own = slice(first, end)
+        edges = _edges(samples, fast, first, end, block_rows)
+        counts = np.diff(np.concatenate([edges, [end]]))
+        time_s = np.add.reduceat(samples.time_s[own], edges - first) / counts
+        position_m = np.add.reduceat(samples.position_m[own], edges - first) / counts
+        speed = np.add.reduceat(np.abs(phases.velocity[own]), edges - first) / counts
+        variance = (noise_m**2 + (speed * timing_s) ** 2) / counts
+        inside = (rest_row >= first) & (rest_row < end)
+        start_m, error_m, velocity = _start(motion, first, noise_m)
+        begin_s = float(time_s[0])
+        # the stem begins where the first block lies
+        after = corner_s > begin_s
+        found.append(
+            Segment(
+                time_s=time_s,
+                position_m=position_m,
+                weight=1.0 / np.sqrt(variance),
+                rows=counts.astype(np.float64),
+                corner_s=np.concatenate([[begin_s], corner_s[after]]),
+                corner_n=np.concatenate([[np.interp(begin_s, corner_s, corner_n)], corner_n[after]]),
+                rest_time_s=samples.time_s[rest_row[inside]],
+                rest_m=rest_m[inside],
+                rest_sense=rest_sense[inside],
+                start_m=start_m,
+                start_error_m=error_m,
+                start_velocity=velocity,
+                elapsed_s=begin_s - float(samples.time_s[0]),
+            )
+        )
+    return found
+
+
+def _start(motion: RecordedMotion, first: int, noise_m: float) -> tuple[float, float, float]:
+    """Position at a row, its error and the velocity there; at rest the mean of the rows before the first motion."""
+    position_m = motion.samples.position_m
+    coming = [stretch.first for stretch in motion.phases.stretches if stretch.last >= first]
+    still = (coming[0] if coming else position_m.size) - first
+    if still < 3:
+        return float(position_m[first]), noise_m, float(motion.phases.velocity[first : first + 3].mean())
+    own_m = position_m[first : first + min(still, _START_ROWS)]
+    if abs(float(position_m[first]) - float(own_m.mean())) > _OUT_OF_BALANCE * noise_m:
+        # out of balance the stem leaves its first position before the second sample or so
+        return float(position_m[first]), noise_m, 0.0
+    return float(own_m.mean()), noise_m / math.sqrt(own_m.size), 0.0
+
+
+def _fast_rows(samples: Samples, phases: Phases, noise_m: float) -> BoolArray:
+    """Rows, shape (n,), where a block's mean would not lie on the motion: about ends of motion and in slips."""
+    margin = max(1, round(_FAST_MARGIN_S / samples.period_s))
+    marks = np.zeros(samples.count + 1)
+    edges = [edge for stretch in phases.stretches for edge in (stretch.first, stretch.last)]
+    half = max(phases.half_window, 1)
+    change = np.zeros(samples.count)
+    change[half:-half] = np.abs(phases.velocity[2 * half :] - phases.velocity[: -2 * half])
+    error = math.sqrt(2.0) * windowed_slope_noise(noise_m, half, samples.period_s)
+    # a kink of the velocity by dv puts a block's mean off by up to dv T/8
+    steep = max(_SURE * error, 8.0 * noise_m / _BLOCK_S * math.sqrt(samples.period_s / _BLOCK_S))
+    for edge in [*edges, *np.flatnonzero(change > steep).tolist()]:
+        marks[max(0, edge - margin)] += 1.0
+        marks[min(samples.count, edge + margin)] -= 1.0
+    return np.asarray(np.cumsum(marks)[:-1] > 0.0)
+
+
+def _edges(samples: Samples, fast: BoolArray, first: int, end: int, block_rows: int) -> IntArray:
+    """First rows of the blocks from ``first`` to ``end``: single rows where it is fast, else up to ``block_rows``."""
+    rows = np.arange(first, end)
+    begins = fast[rows] | (np.concatenate([[True], fast[rows[:-1]]]))
+    begins |= samples.run_first[rows] == rows
+    begins[0] = True
+    since = rows - np.maximum.accumulate(np.where(begins, rows, first))
+    return np.asarray(rows[since % block_rows == 0], dtype=np.int64)
+
+
+def _stick_slip_rests(motion: RecordedMotion) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Rows, positions and directions of arrival of the measured rests of a stick-slip; none where it slides."""
+    posed = all_rests(motion)
+    turns = max(1, len(motion.phases.corners))
+    if posed[0].size <= _STEPS_A_TURN * turns:
+        return np.empty(0, dtype=np.int64), np.empty(0), np.empty(0)
+    return posed
+
+
+def all_rests(motion: RecordedMotion) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Middle rows, positions and directions of arrival of all measured rests."""
+    rests = measured_rests(motion)
+    lasts = np.array([stretch.last for stretch in motion.phases.stretches])
+    senses = np.array([float(stretch.direction) for stretch in motion.phases.stretches])
+    before = np.clip(np.searchsorted(lasts, rests.row) - 1, 0, None)
+    return rests.row, rests.position_m, senses[before] if rests.row.size else np.empty(0)

@@ -1,0 +1,72 @@
+"""The bench set: whether the fitted preload is the nameplate's, or a friction that differs by direction hides in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from discrepancy.baseline import held_fit
+from discrepancy.causes.base import Cause, Fitted, Setting, is_at_bound, with_interval
+from discrepancy.causes.friction import ASYMMETRY
+from discrepancy.intervals import standard_errors
+from discrepancy.least_squares import Fit
+from discrepancy.screening import Candidate, refit
+from discrepancy.setting import setting_of
+from discrepancy.significance import NEAR, noise_factor
+from estimators.base import NORMAL_95
+
+# Of the full force: no bench set is known, and no pressure channel set to zero, better than this.
+TOLERANCE: Final = 2.0e-3
+_SURE: Final = 4.0  # standard errors
+_LARGEST: Final = 0.3  # of the full force (valve.effects.spring_preload)
+
+
+def _sentence(values: Mapping[str, Fitted], setting: Setting) -> str:
+    entry = values["offset_n"]
+    sense = "higher" if entry.value > 0.0 else "lower"
+    area_m2 = setting.observed.nameplate.actuator.diaphragm_area_m2
+    pressure = "" if area_m2 is None else f", {abs(entry.value) / area_m2 / 1.0e3:.2f} kPa of bench set"
+    return f"The spring's preload is {with_interval(entry, 1.0, 'N')} {sense} than the nameplate's{pressure}."
+
+
+PRELOAD: Final = Cause(
+    "spring_preload",
+    "offset_n",
+    (),
+    lambda _setting: [],
+    _sentence,
+    "Set the bench set by the spring adjuster, or correct the nameplate; check the position's and the pressure's zero.",
+)
+
+
+def preload_offset(fit: Fit) -> Fitted | None:
+    """Return by how much the fitted preload differs from the nameplate's; None where that is within tolerance."""
+    observed = fit.model.observed
+    nominal_n = observed.nameplate.nominal_preload_n
+    names = fit.model.unknowns.names
+    if nominal_n is None or "F_0" not in names:
+        return None
+    place = names.index("F_0")
+    entry = fit.model.unknowns.entries[place]
+    error_n = float(standard_errors(fit)[place]) * entry.unit
+    offset_n = fit.values["F_0"] - nominal_n
+    tolerance_n = TOLERANCE * observed.full_force_n
+    if abs(offset_n) <= tolerance_n + _SURE * error_n or abs(offset_n) > _LARGEST * observed.full_force_n:
+        return None
+    half_n = NORMAL_95 * error_n + tolerance_n
+    return Fitted(offset_n, offset_n - half_n, offset_n + half_n, "N")
+
+
+def asymmetry_instead(fit: Fit) -> Fit | None:
+    """Return the fit with the nameplate's preload and an asymmetry of friction, where that does as well."""
+    nominal_n = fit.model.observed.nameplate.nominal_preload_n
+    if nominal_n is None or ASYMMETRY.name in fit.model.causes:
+        return None
+    held = held_fit(fit, F_0=nominal_n)
+    setting = setting_of(fit)
+    start = {"asymmetry": (fit.values["F_0"] - nominal_n) / max(fit.values["F_c"], 1.0e-9)}
+    found = refit(held, Candidate(ASYMMETRY, (start,), 1.0), setting)
+    if not found.is_followed or found.cost - fit.cost > NEAR * noise_factor(fit):
+        return None
+    at_bound = any(is_at_bound(one, found.values[one.name]) for one in ASYMMETRY.unknowns(setting))
+    return None if at_bound else found

@@ -1,0 +1,166 @@
+"""All causes at a glance: what each would win by one Gauss-Newton step from several starts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from discrepancy.baseline import DYNAMIC, STATIC_SCAN, refined, scanned
+from discrepancy.causes.base import Cause, Setting, Values
+from discrepancy.least_squares import Fit, blur, descend, start_fit
+from discrepancy.model import Model
+from estimators.samples import FloatArray
+
+# Blurred residuals have one basin where sharp ones have many (docs/diagnosis.md).
+BLURS_S: Final = (1.0, 0.1, 0.0)
+_STEPS: Final = (10, 8, 12)
+_GLANCE_STEPS: Final = 3
+_STARTS_FOLLOWED: Final = 3
+_SCALES: Final = (0.5, 0.2)
+_GRID_STEPS: Final = 3
+_GRID_FOLLOWED: Final = 27
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """A cause with the starts that promise most, and the share of the misfit that the best would win."""
+
+    cause: Cause
+    starts: tuple[Values, ...]
+    promise: float
+
+
+def screen(fit: Fit, causes: Iterable[Cause], setting: Setting) -> list[Candidate]:
+    """Return the causes by what they promise to win of the misfit of ``fit``, the most first."""
+    base = fit.slopes if fit.slopes is not None else fit.model.slopes(fit.point, fit.residual)
+    blurs = [blur(fit.model, span_s) for span_s in BLURS_S]
+    spaces = [_Projected(over(base), over(fit.residual)) for over in blurs]
+    found = []
+    for cause in causes:
+        tried: list[tuple[float, Values]] = []
+        for start in cause.starts(setting):
+            residual = _with(fit, cause, start, setting)
+            if residual is None:
+                continue
+            if cause.neutral is None:
+                promises = [space.direct(over(residual)) for space, over in zip(spaces, blurs, strict=True)]
+                tried.append((max(promises), start))
+                continue
+            change = residual - fit.residual
+            unknown = next(entry for entry in cause.unknowns(setting) if entry.name == cause.own(cause.strength))
+            low, high = unknown.lower / start[cause.strength], unknown.upper / start[cause.strength]
+            for space, over in zip(spaces, blurs, strict=True):
+                promise, factor = space.along(over(change), min(low, high), max(low, high))
+                tried.append((promise, {**start, cause.strength: factor * start[cause.strength]}))
+        if tried:
+            tried.sort(key=lambda entry: -entry[0])
+            most = _GRID_FOLLOWED if cause.is_hard else _STARTS_FOLLOWED
+            starts = tuple(distinct(start for _, start in tried)[:most])
+            found.append(Candidate(cause, starts, math.inf if cause.is_hard else tried[0][0]))
+    return sorted(found, key=lambda candidate: -candidate.promise)
+
+
+class _Projected:
+    """Residuals without what the baseline's unknowns can take up."""
+
+    def __init__(self, slopes: FloatArray, residual: FloatArray) -> None:
+        scale = np.sqrt(np.sum(slopes * slopes, axis=1))
+        used = slopes[scale > 0.0] / scale[scale > 0.0, None]
+        values, vectors = np.linalg.eigh(used @ used.T)
+        kept = values > 1.0e-10 * values.max()
+        self._basis = (vectors[:, kept] / np.sqrt(values[kept])).T @ used
+        self._residual = self._without(residual)
+        self._cost = max(float(self._residual @ self._residual), 1.0e-300)
+
+    def _without(self, row: FloatArray) -> FloatArray:
+        return np.asarray(row - self._basis.T @ (self._basis @ row))
+
+    def along(self, change: FloatArray, low: float, high: float) -> tuple[float, float]:
+        """Share of the cost that a multiple of this change within the bounds takes away, and the multiple."""
+        own = self._without(change)
+        square = float(own @ own)
+        if square <= 1.0e-12 * max(float(change @ change), 1.0e-300):
+            return 0.0, 1.0
+        product = float(own @ self._residual)
+        factor = min(max(-product / square, low), high)
+        won = -2.0 * factor * product - factor * factor * square
+        return won / self._cost, factor
+
+    def direct(self, residual: FloatArray) -> float:
+        """Share of the cost that these residuals lack."""
+        own = self._without(residual)
+        return 1.0 - float(own @ own) / self._cost
+
+
+def extended_model(model: Model, cause: Cause, setting: Setting) -> Model:
+    """Return the model with this cause in it."""
+    return model.with_causes((cause.name,), cause.unknowns(setting), cause.full(cause.held(setting)))
+
+
+def _point(fit: Fit, model: Model, cause: Cause, start: Values) -> FloatArray:
+    values = dict(fit.values)
+    for name, value in start.items():
+        values[name if name in values else cause.own(name)] = value
+    return model.unknowns.point(values)
+
+
+def _with(fit: Fit, cause: Cause, start: Values, setting: Setting) -> FloatArray | None:
+    model = extended_model(fit.model, cause, setting)
+    return model.residuals(_point(fit, model, cause, start))
+
+
+def glance(fit: Fit, candidate: Candidate, setting: Setting) -> Fit:
+    """Return a short fit with this cause from its best start, for a misfit that noise may well explain."""
+    model = extended_model(fit.model, candidate.cause, setting)
+    starts = [start_fit(model, _point(fit, model, candidate.cause, start)) for start in distinct(candidate.starts)]
+    return descend(min(starts, key=lambda one: one.cost), most_steps=_GLANCE_STEPS)
+
+
+def refit(fit: Fit, candidate: Candidate, setting: Setting) -> Fit:
+    """Return the fit with this cause, from the best of its starts: blurred first, then sharp."""
+    cause = candidate.cause
+    model = extended_model(fit.model, cause, setting)
+    best: Fit | None = None
+    for point in _promising(fit, model, candidate):
+        tried = start_fit(model, point)
+        strength = model.unknowns.names.index(cause.own(cause.strength))
+        for scale in _SCALES if cause.neutral is not None else ():
+            smaller = point.copy()
+            smaller[strength] *= scale
+            other = start_fit(model, smaller)
+            tried = other if other.cost < tried.cost else tried
+        for span_s, steps in zip(BLURS_S[:-1], _STEPS[:-1], strict=True):
+            tried = descend(tried, most_steps=steps, span_s=span_s, held=DYNAMIC)
+        tried = scanned(tried, "d", STATIC_SCAN)
+        if best is None or tried.cost < best.cost:
+            best = tried
+    if best is None:
+        return Fit(model, fit.point, fit.residual, None, math.inf)
+    return descend(best, most_steps=_STEPS[-1])
+
+
+def _promising(fit: Fit, model: Model, candidate: Candidate) -> list[FloatArray]:
+    """Return the points to fit from; of a grid those that lead furthest in a few steps on blurred residuals."""
+    points = [_point(fit, model, candidate.cause, start) for start in candidate.starts]
+    if not candidate.cause.is_hard:
+        return points
+    short = [descend(start_fit(model, point), most_steps=_GRID_STEPS, span_s=0.1, held=DYNAMIC) for point in points]
+    followed = [one for one in short if one.is_followed]
+    followed.sort(key=lambda one: one.cost)
+    return [one.point for one in followed[:_STARTS_FOLLOWED]]
+
+
+def distinct(starts: Iterable[Values]) -> list[Values]:
+    """Return starts without those that differ by less than a percent from one before."""
+    kept: list[Values] = []
+    for start in starts:
+        if not any(all(math.isclose(start[name], other[name], rel_tol=0.01) for name in start) for other in kept):
+            kept.append(start)
+    return kept
+
+
+__all__ = ["BLURS_S", "Candidate", "distinct", "extended_model", "refined", "refit", "screen"]

@@ -1,0 +1,116 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from discrepancy.diagnose import Diagnosis, Verdict, diagnose
+from tests.discrepancy.hidden import Hidden, hidden
+from valve.effects import (
+    EFFECTS,
+    Effect,
+    effect_from_values,
+)
+from valve.recording import Recording
+
+HIDDEN: dict[str, tuple[str, dict[str, float]]] = {
+    "local_friction": ("nominal", {"rise_n": 150.0, "centre_m": 0.055, "width_m": 0.0015}),
+    "friction_drift": ("nominal", {"change_n": -90.0, "time_constant_s": 15.0}),
+    "spring_hardening": ("vendor", {"hardening_n_per_m2": 15_000.0}),
+    "dual_rate_spring": ("vendor", {"rate_change_n_per_m": 4_000.0, "knee_m": 0.05}),
+    "position_lag": ("nominal", {"lag_s": 0.03}),
+}
+# Of the first parameter, which is the strength.
+TOLERANCE = 0.05
+
+
+def diagnosed(case: Hidden) -> Diagnosis:
+    return diagnose([case.recording], case.nameplate, held_out=[("sine", case.held_out)])
+
+
+def effect(cause: str) -> tuple[str, Effect]:
+    name, values = HIDDEN[cause]
+    return name, effect_from_values(cause, values)
+
+
+@pytest.mark.parametrize("cause", HIDDEN)
+def test_a_hidden_effect_is_named_alone_with_its_strength_and_its_gain(cause: str) -> None:
+    name, hides = effect(cause)
+    found = diagnosed(hidden(name, hides, seed=3))
+    assert found.verdict is Verdict.NAMED
+    assert [finding.cause for finding in found.causes] == [cause]
+    strength = EFFECTS[cause].parameters[0].name
+    entry = found.causes[0].parameters[strength]
+    assert entry.value == pytest.approx(hides.values()[strength], rel=TOLERANCE)
+    assert entry.low < entry.value < entry.high
+    sine, left_out = found.gains
+    assert sine.held_out == "sine"
+    assert min(sine.share, left_out.share) > 0.9
+
+
+@pytest.mark.parametrize(("name", "seed"), [("vendor", 1), ("nominal", 2), ("rough", 3)])
+def test_a_healthy_valve_is_called_healthy(name: str, seed: int) -> None:
+    found = diagnosed(hidden(name, seed=seed, factor=0.8))
+    assert found.verdict is Verdict.NONE
+    assert found.causes == ()
+    assert found.to_json()["gain"] is None
+
+
+def test_a_bench_set_that_is_off_is_told_from_the_nameplate_and_only_with_one() -> None:
+    case = hidden("nominal", effect_from_values("spring_preload", {"offset_n": 120.0}), seed=5)
+    found = diagnosed(case)
+    assert found.causes[0].cause == "spring_preload"
+    assert found.causes[0].parameters["offset_n"].value == pytest.approx(120.0, abs=1.0)
+    unknown = replace(case.nameplate, actuator=replace(case.nameplate.actuator, bench_set_pa=None))
+    assert diagnose([case.recording], unknown).verdict is Verdict.NONE
+
+
+def test_play_is_not_visible_where_the_stem_only_slides_to_and_fro_and_nothing_else_is_named_for_it() -> None:
+    found = diagnosed(hidden("vendor", effect_from_values("position_backlash", {"play_m": 2.0e-4}), seed=6))
+    assert {finding.cause for finding in found.causes} <= {"position_backlash"}
+
+
+def test_what_is_in_no_catalogue_is_called_unexplained() -> None:
+    case = hidden("nominal", seed=7)
+    recording = case.recording
+    # a bracket that slips three times
+    slips = sum(2.0e-3 * np.sin(at_s) * (recording.time_s > at_s) for at_s in (5.3, 11.9, 17.2))
+    odd = Recording(
+        time_s=recording.time_s,
+        position_m=recording.position_m + slips,
+        pressure_pa=recording.pressure_pa,
+        provenance=recording.provenance,
+    )
+    found = diagnose([odd], case.nameplate)
+    assert found.verdict is Verdict.UNEXPLAINED
+    assert found.causes == ()
+    assert found.message
+
+
+def test_a_recording_without_motion_is_not_assessed_and_says_why() -> None:
+    case = hidden("nominal", seed=8)
+    still = Recording(
+        time_s=case.recording.time_s,
+        position_m=np.full(case.recording.samples, 0.01),
+        pressure_pa=case.recording.pressure_pa,
+    )
+    found = diagnose([still], case.nameplate)
+    assert found.verdict is Verdict.NOT_ASSESSED
+    assert "never moved" in found.message
+    assert found.to_json()["message"] == found.message
+
+
+def test_a_pressure_in_the_wrong_unit_is_told() -> None:
+    case = hidden("nominal", seed=9)
+    pressure_pa = case.recording.pressure_pa
+    assert pressure_pa is not None
+    wrong = Recording(
+        time_s=case.recording.time_s,
+        position_m=case.recording.position_m,
+        pressure_pa=pressure_pa / 1.0e5,
+        provenance=case.recording.provenance,
+    )
+    found = diagnose([wrong], case.nameplate)
+    assert found.verdict is Verdict.NOT_ASSESSED
+    assert "bar" in found.message
