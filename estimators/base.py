@@ -68,6 +68,10 @@ class Outcome(StrEnum):
     NO_DIAPHRAGM_AREA = (
         "The recording has a pressure and the nameplate no diaphragm area: add actuator.diaphragm_area_m2."
     )
+    NOT_EXPLAINED = (
+        "The motion of a valve with these values misses what was recorded by more than the noise: "
+        "look for what else moves or holds the stem, or let maximum likelihood search further."
+    )
     UNPHYSICAL = (
         "What was fitted is no valve (spring rate or friction below 0): "
         "check the channels' signs and units, the diaphragm area and the action."

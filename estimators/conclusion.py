@@ -69,8 +69,8 @@ def conclude(
 
 
 def _with_lag(symbol: str, parameter: ParameterEstimate) -> ParameterEstimate:
-    """Say of the frictions that the transducer's lag is in them; no interval holds it."""
-    if symbol not in ("F_c", "F_s") or parameter.value is None:
+    """Say of the forces and the spring that the transducer's lag is in them; no interval holds it."""
+    if symbol not in ("k", "F_c", "F_s", "F_0") or parameter.value is None:
         return parameter
     note = f"{parameter.note}; " if parameter.note else ""
     return replace(

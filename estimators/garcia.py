@@ -14,6 +14,7 @@ from estimators.friction_parameters import friction_parameters, has_stiction
 from estimators.garcia_points import published_points
 from estimators.linear_fit import LinearFit
 from estimators.misfit import Fallback
+from estimators.proven import proven
 from estimators.recorded_motion import RecordedMotion, read_motion
 from estimators.robust_estimate import robust_estimate
 from estimators.settling import viscous_from_settling
@@ -55,7 +56,8 @@ class GarciaEstimator:
                 return failed(self.method, Outcome.PRELOAD_IGNORED)
             if self.form is Form.PUBLISHED:
                 return self._published(motion, motion.uniform)
-            return self._corrected(motion, motion.uniform)
+            found = self._corrected(motion, motion.uniform)
+            return proven(found, motion) if self.form is Form.ROBUST else found
 
     def _corrected(self, motion: RecordedMotion, uniform: UniformMotion) -> Estimate:
         balance = Balance.of(uniform, self.form, motion.action)

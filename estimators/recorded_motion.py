@@ -32,6 +32,8 @@ class RecordedMotion:
     action: Action
     moving_mass_kg: float | None
     command_only: bool
+    recording: Recording | None = None  # what it was read from
+    nameplate: Nameplate | None = None
     shared: dict[str, object] = field(default_factory=dict)  # what one method found and another may start from
 
     @property
@@ -89,6 +91,8 @@ def _read(recording: Recording, nameplate: Nameplate) -> RecordedMotion | Outcom
         action=action,
         moving_mass_kg=nameplate.actuator.moving_mass_kg,
         command_only=recording.force_n is None and recording.pressure_pa is None,
+        recording=recording,
+        nameplate=nameplate,
     )
 
 

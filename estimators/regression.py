@@ -16,6 +16,7 @@ from estimators.friction_parameters import friction_parameters
 from estimators.limit_velocity import limit_velocity
 from estimators.linear_fit import LinearFit
 from estimators.misfit import Fallback
+from estimators.proven import proven
 from estimators.recorded_motion import RecordedMotion, read_motion
 from estimators.regressors import Regressors, corrected_regressors, published_regressors
 from estimators.robust_estimate import robust_estimate
@@ -101,7 +102,8 @@ class RegressionEstimator:
         if isinstance(motion, Outcome):
             return failed(self.method, motion)
         with np.errstate(all="ignore"):
-            return self._estimate(motion)
+            found = self._estimate(motion)
+            return proven(found, motion) if self.form is Form.ROBUST and self.threshold is None else found
 
     def _estimate(self, motion: RecordedMotion) -> Estimate:
         if motion.has_preload and not self._fits_preload:

@@ -10,6 +10,8 @@ from estimators.balance import Balance
 from estimators.base import Estimate
 from estimators.conclusion import conclude
 from estimators.misfit import Fallback
+from estimators.proof import place_of
+from estimators.proven import checked_values, explains, motion_seen, values_of_slips
 from estimators.recorded_motion import RecordedMotion
 from estimators.robust_form import is_believed, robust_covariance, robust_parameters
 from estimators.samples import FloatArray
@@ -20,7 +22,6 @@ from estimators.slip_search import SHARED, SlipsFound, solve_slips
 # Own choices: what an assumed DV may do to the position beside the noise.
 _LARGEST_RESIDUAL: Final = 1.4
 _DV_ASSUMED_M: Final = 5.0e-6
-_KNOWN: Final = 0.1  # of the position's noise: what the force's noise makes in it
 
 
 def robust_estimate(
@@ -32,7 +33,7 @@ def robust_estimate(
 ) -> Estimate | None:
     """Fit the slips with these unknowns free; ``steady`` (3, 3) is the covariance of a k, A and F_0 that stay."""
     found = solve_slips(motion, balance, free)
-    if found is None or not is_believed(found):
+    if found is None or not _is_believed(found, motion):
         return None
     if steady is not None:
         # what uniform motion gave may still hold the ends of the transients, which are known now
@@ -40,7 +41,7 @@ def robust_estimate(
         if settled is not None:
             balance, steady = Balance.of(settled, balance.form, balance.action), settled.covariance
             found = solve_slips(motion, balance, free)
-            if found is None or not is_believed(found):
+            if found is None or not _is_believed(found, motion):
                 return None
     covariance = robust_covariance(found, steady)
     if found.windows.undithered and steady is not None:
@@ -77,17 +78,27 @@ def robust_estimate(
     return estimate if found.left_out or _follows_the_recording(estimate, motion) else None
 
 
+def _is_believed(found: SlipsFound, motion: RecordedMotion) -> bool:
+    """Whether the slips leave what noise does, or the whole motion with their values does: that holds much more."""
+    if is_believed(found):
+        return True
+    seen = motion_seen(motion)
+    if seen is None or found.left_out:
+        return False
+    place = place_of(seen, values_of_slips(found.solution.common, found.solution.reference_speed))
+    return place is not None and explains(place.certificate(), seen, motion)
+
+
 def _follows_the_recording(estimate: Estimate, motion: RecordedMotion) -> bool:
     """Whether the whole motion agrees with the slips, where the force is known well enough to tell."""
-    residual_m = estimate.residual_rms_m
-    assumed = set(estimate.diagnostics.get("stand_ins", {})) - {"DV"}
-    assert motion.uniform is not None
-    unsure_m = motion.samples.force_noise_n / motion.uniform.spring_n_per_m
-    if residual_m is None or assumed or unsure_m > _KNOWN * motion.samples.position_noise_m or motion.command_only:
+    seen = motion_seen(motion)
+    if seen is None or not seen.force_is_sure or set(estimate.diagnostics.get("stand_ins", {})) - {"DV"}:
         return True
-    # a corner of the force between two samples is cut off, and the stem rests too low by what it moves in half a period
-    cut_m = 0.5 * motion.phases.moving_speed * motion.samples.period_s
-    return residual_m <= _LARGEST_RESIDUAL * motion.samples.position_noise_m + _DV_ASSUMED_M + cut_m
+    values = checked_values(estimate, motion)
+    place = None if values is None else place_of(seen, values)
+    if place is None:
+        return False
+    return seen.ratio(place.cost) * seen.noise_m <= _LARGEST_RESIDUAL * seen.noise_m + _DV_ASSUMED_M
 
 
 def _no_better_than_all_at_once(covariance: FloatArray, motion: RecordedMotion) -> FloatArray:

@@ -43,13 +43,18 @@ _BETTER: Final = 0.9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SlipsFound:
-    """The fit and its solution, how many slips were left out, whether F_s was held at F_c, and whether DV shows."""
+    """The fit and its solution, when each slip left out began, whether F_s was held at F_c, and whether DV shows."""
 
     fit: SlipFit
     solution: SlipSolution
-    left_out: int
+    left_out_s: tuple[float, ...]
     without_stiction: bool
     limit_shown: bool
+
+    @property
+    def left_out(self) -> int:
+        """How many slips were left out."""
+        return len(self.left_out_s)
 
     @property
     def windows(self) -> SlipWindows:
@@ -71,7 +76,8 @@ def solve_slips(motion: RecordedMotion, balance: Balance, free: tuple[int, ...])
         solve_slips(motion, balance, ALL_AT_ONCE)  # so that no method depends on what was asked for before it
     before = motion.shared.get(SHARED)
     if isinstance(before, SlipsFound) and free != ALL_AT_ONCE:
-        fit, solution, left_out = _continued(before, balance, free)
+        fit, solution = _continued(before, balance, free)
+        all_s = {*before.left_out_s, *fit.windows.began_s.tolist()}
     else:
         windows = slip_windows(motion, balance.spring[0])
         if windows is None or windows.count < _FEWEST_SLIPS or balance.speed <= 0.0:
@@ -80,7 +86,8 @@ def solve_slips(motion: RecordedMotion, balance: Balance, free: tuple[int, ...])
             return None  # what breaks away mostly is no slip along a ramp
         start, further = _starts(motion, balance, windows)
         fit = SlipFit(windows, motion.samples.position_noise_m, balance.speed, free, start)
-        fit, solution, left_out = _searched(fit, start, further)
+        all_s = set(windows.began_s.tolist())
+        fit, solution = _searched(fit, start, further)
     shown = D_V in fit.free
     if not shown and not isinstance(before, SlipsFound):
         fit, solution, shown = _with_limit(fit, solution)
@@ -90,13 +97,13 @@ def solve_slips(motion: RecordedMotion, balance: Balance, free: tuple[int, ...])
         solution = fit.solve(solution.common)
     if not math.isfinite(solution.cost) or not bool((np.diag(solution.covariance) >= 0.0).all()):
         return None
-    found = SlipsFound(fit, solution, left_out, held, shown)
+    found = SlipsFound(fit, solution, tuple(sorted(all_s - set(fit.windows.began_s.tolist()))), held, shown)
     if free == ALL_AT_ONCE:
         motion.shared[SHARED] = found
     return found
 
 
-def _continued(before: SlipsFound, balance: Balance, free: tuple[int, ...]) -> tuple[SlipFit, SlipSolution, int]:
+def _continued(before: SlipsFound, balance: Balance, free: tuple[int, ...]) -> tuple[SlipFit, SlipSolution]:
     """The fit with other unknowns free, from where one of the same slips ended; what stays is the balance's."""
     assert balance.preload is not None
     shown = (D_V,) if before.limit_shown else ()
@@ -106,10 +113,10 @@ def _continued(before: SlipsFound, balance: Balance, free: tuple[int, ...]) -> t
     for place, value in ((K, balance.spring[0]), (A, balance.friction[0]), (F_0, balance.preload[0])):
         if place not in free:
             start[place] = value
-    return fit, fit.solve(start), before.left_out
+    return fit, fit.solve(start)
 
 
-def _searched(fit: SlipFit, start: FloatArray, further: list[tuple[float, float]]) -> tuple[SlipFit, SlipSolution, int]:
+def _searched(fit: SlipFit, start: FloatArray, further: list[tuple[float, float]]) -> tuple[SlipFit, SlipSolution]:
     """The best of several starts; the first one is enough where it fits as well as noise lets, or nearly.
 
     What does not fit then is tried with DV free, without its bad slips, and with an F_s that scatters, in this order.
@@ -118,20 +125,19 @@ def _searched(fit: SlipFit, start: FloatArray, further: list[tuple[float, float]
     if not best.converged or not fit.fits(best):
         sliding_fit, sliding = _sliding(fit, best if best.converged else None, start)
         if sliding.converged and sliding_fit.fits(sliding):
-            return sliding_fit, sliding, 0
+            return sliding_fit, sliding
         best = _best_start(fit, best, start, further)
-    left_out = 0
     for cleaned in (False, True):
         if cleaned:
-            fit, best, left_out = _without_bad_slips(fit, best)
+            fit, best = _without_bad_slips(fit, best)
         if fit.fits(best):
-            return fit, best, left_out
+            return fit, best
         freed = replace(fit, free=(*fit.free, D_V))
         limited = freed.solve(best.common)
         if limited.converged and freed.fits(limited):
-            return freed, limited, left_out
+            return freed, limited
     fit, best = _with_scatter(fit, best)
-    return fit, best, left_out
+    return fit, best
 
 
 def _best_start(
@@ -240,7 +246,7 @@ def _starts(
     return start, [*further, (0.1 * mass(viscous), viscous), (4.0 * mass(viscous), viscous)]
 
 
-def _without_bad_slips(fit: SlipFit, solution: SlipSolution) -> tuple[SlipFit, SlipSolution, int]:
+def _without_bad_slips(fit: SlipFit, solution: SlipSolution) -> tuple[SlipFit, SlipSolution]:
     """Leave out slips that fit much worse than the usual one, and fit the others again."""
     all_slips = fit.windows.count
     for _ in range(4):
@@ -254,7 +260,7 @@ def _without_bad_slips(fit: SlipFit, solution: SlipSolution) -> tuple[SlipFit, S
             break
         fit = replace(fit, windows=chosen_slips(fit.windows, kept))
         solution = fit.solve(solution.common)
-    return fit, solution, all_slips - fit.windows.count
+    return fit, solution
 
 
 def chosen_slips(windows: SlipWindows, kept: BoolArray) -> SlipWindows:
