@@ -13,6 +13,7 @@ from estimators.base import NORMAL_95, Estimate, Outcome, ParameterEstimate, Sta
 from estimators.likelihood.certificate import Certificate
 from estimators.proof import Place, Proof, place_of, prove
 from estimators.recorded_motion import RecordedMotion
+from estimators.rivals import rivals
 from estimators.samples import FloatArray
 from estimators.slip_kernel import D_V, F_0, F_S, F_V, A, K, M
 from estimators.slip_search import SHARED, SlipsFound
@@ -26,9 +27,9 @@ _AGREES: Final = 2.0  # standard errors between a value and where the whole moti
 _LARGEST_RATIO: Final = 1.3  # of what the estimate's own motion leaves to the noise
 _LARGEST_ON_GRID: Final = 1.5
 _NEARLY: Final = 16.0  # of the sum of squares in noise's variances: a place that fits so nearly as well may be the one
-_SLIDES: Final = 0.5  # of F_s - A: from this share of F_v v on the stem may slide at DV, where it is damped so heavily:
-_HEAVILY: Final = 2.0  # damping ratio
-_RIVALS: Final = ((0.5, 1.5), (0.9, 2.5))  # DV by the slowest ramp's speed, F_v by what was found
+_NO_JUMP: Final = 0.01  # F_s - A by A
+_CREEPING: Final = "the stem may have crept below DV, where F_s alone is felt: repeat with a faster ramp"
+_JAGGED: Final = 0.01  # of DV: about where a stem slides at it the sum of squares is jagged
 _SEEN: Final = "whole motion"
 _PROVED: Final = "proof"
 _TOUCHED: Final = ("m", "F_v", "F_c", "F_s", "DV")
@@ -54,7 +55,7 @@ def proven(estimate: Estimate, motion: RecordedMotion) -> Estimate:
     proofs = _proofs(seen, motion, own)
     if not proofs or not explains(proofs[0].certificate, seen, motion):
         return _unexplained(estimate, own, proofs, seen)
-    return _judged(estimate, own, proofs, seen)
+    return _judged(estimate, own, proofs, seen, motion)
 
 
 def motion_seen(motion: RecordedMotion) -> WholeMotion | None:
@@ -80,8 +81,7 @@ def _proofs(seen: WholeMotion, motion: RecordedMotion, own: Place) -> list[Proof
     found = _kept(motion, _PROVED, lambda: _shared_proofs(seen, motion))
     assert isinstance(found, list)
     if not found or found[0].place.cost > own.cost:
-        mine = prove(seen, own, _MOST_STEPS)
-        found = [*([] if mine is None else [mine]), *found]
+        found = [*_all_proofs(seen, motion, own, with_rivals=not found), *found]
     found = sorted(found, key=lambda one: one.place.cost)
     return [one for one in found if one.place.cost - found[0].place.cost < _NEARLY]
 
@@ -90,23 +90,21 @@ def _shared_proofs(seen: WholeMotion, motion: RecordedMotion) -> list[Proof]:
     slips = motion.shared.get(SHARED)
     if not isinstance(slips, SlipsFound):
         return []
-    common, speed = slips.solution.common, slips.solution.reference_speed
-    starts = [common]
-    damped = float(common[F_V]) ** 2 > _HEAVILY**2 * 4.0 * float(common[M] * common[K])
-    if damped and float(common[F_V]) * speed > _SLIDES * max(0.0, float(common[F_S] - common[A])):
-        slowest = float(np.abs(slips.windows.slips[:, 1]).min() / common[K])
-        for share, factor in _RIVALS:
-            rival = common.copy()
-            rival[D_V] = share * slowest
-            rival[F_V] = min(factor * float(common[F_V]), 0.95 * float(common[A]) / speed)
-            starts.append(rival)
-    places = [place_of(seen, values_of_slips(start, speed)) for start in starts]
-    proofs = [
-        prove(seen, place, _MOST_STEPS if number == 0 else _RIVAL_STEPS)
-        for number, place in enumerate(places)
-        if place is not None
-    ]
-    return [one for one in proofs if one is not None]
+    first = place_of(seen, values_of_slips(slips.solution.common, slips.solution.reference_speed))
+    return [] if first is None else _all_proofs(seen, motion, first, with_rivals=True)
+
+
+def _all_proofs(seen: WholeMotion, motion: RecordedMotion, first: Place, *, with_rivals: bool) -> list[Proof]:
+    """From this place, and, where it leads to what explains the recording, from others that may do so as well."""
+    proof = prove(seen, first, _MOST_STEPS)
+    if proof is None:
+        return []
+    found = [proof]
+    if with_rivals and explains(proof.certificate, seen, motion):
+        places = [place_of(seen, rival) for rival in rivals(proof, motion)]
+        proofs = [prove(seen, place, _RIVAL_STEPS) for place in places if place is not None]
+        found += [one for one in proofs if one is not None]
+    return found
 
 
 def values_of_slips(common: FloatArray, speed: float) -> FloatArray:
@@ -158,11 +156,12 @@ def explains(certificate: Certificate, seen: WholeMotion, motion: RecordedMotion
     return certificate.is_good
 
 
-def _judged(estimate: Estimate, own: Place, proofs: list[Proof], seen: WholeMotion) -> Estimate:
+def _judged(estimate: Estimate, own: Place, proofs: list[Proof], seen: WholeMotion, motion: RecordedMotion) -> Estimate:
     scale = {"F_0": float(own.values[SYMBOLS.index("F_s")])}
     parameters = dict(estimate.parameters)
+    least_of_limit = np.where(np.array(SYMBOLS) == "DV", _JAGGED * own.values, 0.0)
     shift = np.max([np.abs(proof.place.values - own.values) for proof in proofs], axis=0)
-    least = np.max([proof.std_error for proof in proofs], axis=0)
+    least = np.max([least_of_limit, *(proof.std_error for proof in proofs)], axis=0)
     by_delay = np.max([proof.by_delay for proof in proofs], axis=0)
     for place, symbol in enumerate(SYMBOLS):
         parameters[symbol] = _widened(
@@ -172,8 +171,25 @@ def _judged(estimate: Estimate, own: Place, proofs: list[Proof], seen: WholeMoti
             by_delay=float(by_delay[place]),
             scale=scale.get(symbol),
         )
+    if _may_creep(estimate, parameters, own, motion):
+        parameters["F_c"] = absent(_CREEPING)
     ratio = seen.ratio(own.cost)
     return _with_status(replace(estimate, parameters=parameters), estimate, ratio)
+
+
+def _may_creep(
+    estimate: Estimate, parameters: dict[str, ParameterEstimate], own: Place, motion: RecordedMotion
+) -> bool:
+    """Whether the friction in motion may be F_s: at one speed, without a slip jump, and with an F_v that does not show.
+
+    A stem slower than DV feels F_s alone, so that its motion says nothing of F_c.
+    """
+    if parameters["F_v"].value is not None or parameters["DV"].value is not None:
+        return False
+    if motion.uniform is None or motion.uniform.viscous_n_s_per_m is not None:
+        return False
+    friction = float(estimate.diagnostics.get("raw", {}).get("A", math.nan))
+    return float(own.values[SYMBOLS.index("F_s")]) < (1.0 + _NO_JUMP) * friction
 
 
 def _widened(

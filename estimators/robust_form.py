@@ -35,6 +35,7 @@ _BEYOND: Final = 4.0  # times the heaviest mass: no mass of a valve
 _QUANTILES: Final = 64
 _NEARLY_LINEAR: Final = 0.04  # of m or F_v: a smaller error is what the curvature says
 _UNKNOWN: Final = 0.5
+_AS_FAST: Final = 0.95  # of the slowest ramp's speed
 _PROFILED: Final = 1.5  # standard deviations
 _TIED: Final = "on ramps of one speed DV cannot be told from F_s"
 
@@ -183,6 +184,9 @@ def _limit(found: SlipsFound, covariance: FloatArray) -> ParameterEstimate:
     if not found.limit_shown:
         return absent(_TIED)
     common = found.solution.common
+    slowest = float(np.abs(found.windows.slips[:, 1]).min() / common[K])
+    if float(common[D_V]) > _AS_FAST * slowest:
+        return absent("it is about as fast as the ramp: all that is known is that the stem moved near it")
     return scaled(float(common[D_V]), math.sqrt(float(covariance[D_V, D_V])), reason=_TIED)
 
 

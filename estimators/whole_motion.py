@@ -208,6 +208,8 @@ def _section(
 ) -> Section | None:
     """The rows from their first rest on, in blocks; None where there is none, or hardly a row after it."""
     samples = motion.samples
+    if rows.stop - rows.start < _FEWEST_ROWS:
+        return None
     begin, start_m = _beginning(motion, rows)
     if rows.stop - begin < _FEWEST_ROWS:
         return None
