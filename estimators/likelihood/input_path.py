@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Protocol
 
 from estimators.base import Outcome
+from estimators.likelihood.commanded_path import CommandedPath, commanded_path
 from estimators.likelihood.nuisance import Nuisance
 from estimators.likelihood.pressure_lines import MeasuredPath, measured_path
 from estimators.likelihood.transducer_path import TransducerPath, transducer_path
@@ -40,7 +41,8 @@ class InputPath(Protocol):
 def input_path(recording: Recording, nameplate: Nameplate) -> InputPath | Outcome:
     """Return the actuator force of a recording, or the outcome that says why there is none.
 
-    A measured force or pressure, ``MeasuredPath``; without either the command through an I/P, ``TransducerPath``.
+    A measured force or pressure, ``MeasuredPath``, or ``CommandedPath`` where it is the answer to the commands of a
+    polled test; without either the command through an I/P, ``TransducerPath``.
     """
     try:
         force_n = recording.actuator_force_n(nameplate)
@@ -48,7 +50,8 @@ def input_path(recording: Recording, nameplate: Nameplate) -> InputPath | Outcom
         return Outcome.NO_DIAPHRAGM_AREA
     if recording.force_n is None and recording.pressure_pa is None:
         return transducer_path(recording, nameplate, force_n)
-    return measured_path(recording, force_n)
+    commanded = commanded_path(recording, nameplate, force_n)
+    return measured_path(recording, force_n) if commanded is None else commanded
 
 
-__all__ = ["InputPath", "MeasuredPath", "Nuisance", "TransducerPath", "input_path"]
+__all__ = ["CommandedPath", "InputPath", "MeasuredPath", "Nuisance", "TransducerPath", "input_path"]

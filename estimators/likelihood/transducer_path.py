@@ -9,19 +9,17 @@ from typing import Final
 import numpy as np
 
 from estimators.base import Outcome
+from estimators.likelihood.command_steps import stair_corners, within_signal, written_steps
 from estimators.likelihood.lag_kernel import lagged
 from estimators.likelihood.nuisance import Nuisance
-from estimators.likelihood.pressure_lines import Corners, Stretch, find_stretches, held_together
+from estimators.likelihood.pressure_lines import Corners, KnownCorners, Stretch, find_stretches, held_together
 from estimators.samples import FloatArray
-from valve.nameplate import Nameplate, Signal
+from valve.nameplate import Nameplate
 from valve.recording import Recording
 
 _TOLERANCE: Final = 1.0e-6  # of the span: what the straight lines leave an exponential by
 _LONGEST_S: Final = 5.0
 _ROWS_A_STEP: Final = 4  # a ramp that is played in steps: each is real, and the lag rounds it
-# NE 43: 3.8 to 20.5 mA is a signal that a 4 to 20 mA input still follows; beyond it does not.
-_BELOW_RANGE: Final = 0.2 / 16.0
-_ABOVE_RANGE: Final = 0.5 / 16.0
 # An I/P with a small volume behind it; the fit starts from here where nothing better is known.
 _LAG_START_S: Final = 0.1
 _DEAD_TIME_START_S: Final = 0.02
@@ -66,14 +64,19 @@ class TransducerPath:
 def transducer_path(recording: Recording, nameplate: Nameplate, asked_n: FloatArray) -> TransducerPath | Outcome:
     """Return the force that a recorded command gives; ``asked_n``, shape (n,), is the command times the area.
 
-    A ramp that is played in steps of at least 4 rows stays a staircase, which the lag rounds; one of shorter steps,
-    or of a converter's, becomes its line. The command is cut off where the nameplate's signal ends and an I/P
-    saturates: at 3.8 and 20.5 mA of a 4 to 20 mA signal.
+    A ramp that is played in steps of at least 4 rows stays a staircase, which the lag rounds, and so does one that was
+    polled, whose rows are its writes; another one of shorter steps, or of a converter's, becomes its line. The command
+    is cut off where the nameplate's signal ends and an I/P saturates: at 3.8 and 20.5 mA of a 4 to 20 mA signal.
     """
-    found = find_stretches(recording, _saturated(asked_n, nameplate), _ROWS_A_STEP)
+    followed_n = within_signal(asked_n, nameplate)
+    found = find_stretches(recording, followed_n, _ROWS_A_STEP)
     if isinstance(found, Outcome):
         return found
     stretches, breaks_s, _ = found
+    steps = written_steps(recording, followed_n)
+    if steps is not None:
+        stretches = (KnownCorners(*stair_corners(*steps, float(recording.time_s[-1]))),)
+        breaks_s = np.empty((0, 2))
     period_s = recording.sample_period_s
     nuisances = (
         Nuisance("transducer_lag_s", _LAG_START_S, _SCALE_S, 0.0, _LONGEST_S, float("inf")),
@@ -81,13 +84,3 @@ def transducer_path(recording: Recording, nameplate: Nameplate, asked_n: FloatAr
         Nuisance("transducer_dead_time_s", _DEAD_TIME_START_S, _SCALE_S, -period_s, _LONGEST_S, float("inf")),
     )
     return TransducerPath(stretches, nuisances, breaks_s, float(np.nanmax(asked_n) - np.nanmin(asked_n)))
-
-
-def _saturated(asked_n: FloatArray, nameplate: Nameplate) -> FloatArray:
-    signal: Signal | None = nameplate.signal
-    area_m2 = nameplate.actuator.diaphragm_area_m2
-    if signal is None or area_m2 is None:
-        return asked_n
-    low_pa, high_pa = signal.range_pa
-    span_pa = high_pa - low_pa
-    return np.clip(asked_n, area_m2 * (low_pa - _BELOW_RANGE * span_pa), area_m2 * (high_pa + _ABOVE_RANGE * span_pa))

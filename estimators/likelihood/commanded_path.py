@@ -1,0 +1,108 @@
+"""The actuator force of a polled test: the staircase of its commands behind the I/P that its pressure shows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from estimators.likelihood.command_steps import stair_corners, within_signal, write_lead_s, written_steps
+from estimators.likelihood.lag_kernel import lagged
+from estimators.likelihood.nuisance import Nuisance
+from estimators.likelihood.pressure_lines import Corners, delay_prior_s
+from estimators.likelihood.stair_kernel import stair_answer
+from estimators.likelihood.transducer_fit import TransducerFit, fit_transducer
+from estimators.samples import FloatArray
+from valve.nameplate import Nameplate
+from valve.recording import Recording
+
+_TOLERANCE: Final = 3.0e-6  # of the span: what a line may leave a lag's answer by that lasts for a whole tread
+_OF_A_TREAD: Final = 0.03  # as the most: one that is over long before the next step
+_LEAST_LAG_S: Final = 1.0e-7
+_DELAY_PERIODS: Final = 5.0
+_DELAY_S: Final = 0.02
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CommandedPath:
+    """The actuator force gain u(t - dead time) + offset behind a first-order lag; u is the commands' staircase.
+
+    ``delay`` is of the position against this force. It is known as well as the position is to the pressure and the
+    pressure to the command: without a lag the pressure tells of the dead time only that it is below a period.
+    ``noise_n``: what the fit leaves of the pressure. ``breaks_s`` is empty: a command holds until the next.
+    """
+
+    step_s: FloatArray
+    level_n: FloatArray
+    last_s: float
+    fit: TransducerFit
+    delay: Nuisance
+    noise_n: float
+    breaks_s: FloatArray
+
+    @property
+    def nuisances(self) -> tuple[Nuisance, ...]:
+        """The delay of the position against the force."""
+        return (self.delay,)
+
+    def corners(self, values: FloatArray) -> Corners:
+        """Corner times, s, and force, N, shape (n,), for this delay."""
+        time_s, force_n = self._drawn()
+        return self._led(time_s + self.fit.dead_time_s + float(values[0]), force_n)
+
+    def variations(self, values: FloatArray) -> Iterator[Corners]:
+        """Corners changed by one sigma along each direction of the errors of offset, gain, start and lag.
+
+        The total delay's error is the nuisance's; a longer lag means a shorter dead time.
+        """
+        time_s, _ = self._drawn()
+        for change in self.fit.root:
+            lag_s = max(self.fit.lag_s + float(change[3]), 0.0)
+            force_n = self._answer(time_s, self.fit.linear + change[:3], lag_s)
+            late_s = self.fit.dead_time_s + self.fit.lag_s - lag_s + float(values[0])
+            yield self._led(time_s + late_s, force_n)
+
+    def _drawn(self) -> Corners:
+        """Corners before the dead time."""
+        lag_s = max(self.fit.lag_s, _LEAST_LAG_S)
+        corner_s, level_n = stair_corners(self.step_s, self.level_n, self.last_s)
+        offset_n, gain, swing_n = (float(value) for value in self.fit.linear)
+        asked_n = offset_n + gain * level_n
+        tread_s, tread_n = float(np.median(np.diff(self.step_s))), float(np.median(np.abs(np.diff(asked_n[::2]))))
+        tolerance_n = _TOLERANCE * float(np.ptp(asked_n)) * max(1.0, tread_s / lag_s)
+        tolerance_n = min(tolerance_n, max(_OF_A_TREAD * tread_n, _TOLERANCE * float(np.ptp(asked_n))))
+        return lagged(corner_s, asked_n, float(asked_n[0]) + swing_n, lag_s, tolerance_n)
+
+    def _answer(self, time_s: FloatArray, linear: FloatArray, lag_s: float) -> FloatArray:
+        answered_n = stair_answer(self.step_s, self.level_n, time_s, lag_s)
+        left = np.exp(-(time_s - self.step_s[0]) / max(lag_s, _LEAST_LAG_S))
+        return np.asarray(linear[0] + linear[1] * answered_n + linear[2] * left)
+
+    def _led(self, time_s: FloatArray, force_n: FloatArray) -> Corners:
+        """With the first force held before: the stem's first row is earlier where the delay is long."""
+        lead_s = self.fit.dead_time_s + 2.0 * (self.delay.upper + _DELAY_S)
+        return np.concatenate([[time_s[0] - lead_s], time_s]), np.concatenate([force_n[:1], force_n])
+
+
+def commanded_path(recording: Recording, nameplate: Nameplate, force_n: FloatArray) -> CommandedPath | None:
+    """Return the path of a polled recording with command and pressure, or None where the model does not hold.
+
+    ``force_n``, shape (n,), is the measured pressure times the area, NaN where it is missing. The model holds where it
+    leaves white noise of the pressure's own size.
+    """
+    area_m2 = nameplate.actuator.diaphragm_area_m2
+    if recording.force_n is not None or recording.command_pa is None or area_m2 is None:
+        return None
+    steps = written_steps(recording, within_signal(recording.command_pa * area_m2, nameplate))
+    if steps is None:
+        return None
+    period_s = recording.sample_period_s
+    fit = fit_transducer(*steps, recording.time_s, force_n, (write_lead_s(recording), period_s))
+    if fit is None:
+        return None
+    most_s = max(_DELAY_PERIODS * period_s, _DELAY_S)
+    prior_s = float(np.hypot(delay_prior_s(recording), fit.delay_sd_s))
+    delay = Nuisance("delay_s", 0.0, 0.1 * period_s, -most_s, most_s, prior_s)
+    return CommandedPath(*steps, float(recording.time_s[-1]), fit, delay, fit.noise_n, np.empty((0, 2)))
