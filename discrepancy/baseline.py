@@ -27,6 +27,7 @@ _BLURS_S: Final = (1.0, 0.1, 0.0)
 _STEPS: Final = (8, 6, 12)
 STATIC_SCAN: Final = np.concatenate([np.linspace(-0.03, 0.03, 13), np.linspace(-0.3, 0.6, 16)])
 _REFINING_STEPS: Final = 15
+_RESTARTED_SHARES: Final = (0.004, 0.03, 0.15)
 _VISCOUS_FACTORS: Final = np.log([0.3, 0.7, 1.5, 3.0])
 _MASS_RANGE_KG: Final = (1.0e-2, 1.0e3)
 # DV as the likelihood has it: lognormal about 1.5 % of the sliding speed.
@@ -138,11 +139,36 @@ def fit_baseline(observed: Observed, estimate: Estimate | None = None) -> Fit | 
 
 
 def refined(fit: Fit) -> Fit:
-    """Return the fit descended with other static frictions and damping as well, as a jagged cost asks."""
+    """Return the fit descended further, with other static frictions and dampings tried, as a jagged cost asks."""
     best = descend(fit, most_steps=_REFINING_STEPS)
     for name, factors in (("d", STATIC_SCAN), ("F_v", _VISCOUS_FACTORS)):
         best = scanned(best, name, factors)
-    return descend(best, most_steps=_REFINING_STEPS)
+    best = descend(best, most_steps=_REFINING_STEPS)
+    for share in _RESTARTED_SHARES:
+        if best.cost < _EXPLAINED**2 * best.model.observed.count:
+            break
+        again = descend(_restarted(best, share), most_steps=5, span_s=_BLURS_S[1], held=DYNAMIC)
+        again = descend(scanned(again, "d", STATIC_SCAN), most_steps=_REFINING_STEPS)
+        best = again if again.cost < best.cost else best
+    return best
+
+
+def _restarted(fit: Fit, viscous_share: float) -> Fit:
+    """Return the fit with mass, damping and limit velocity as one would begin with, the friction in motion kept."""
+    unknowns, values = fit.model.unknowns, dict(fit.values)
+    priors = {entry.name: entry.value(entry.prior) for entry in unknowns.entries if entry.name in {"m", "DV"}}
+    speed = priors["DV"] / _LIMIT_MEDIAN
+    friction_n = values["F_c"] + values["F_v"] * speed
+    static_n = values["F_c"] * (1.0 + values["d"])
+    coulomb_n = (1.0 - viscous_share) * friction_n
+    values |= {
+        **priors,
+        "first_rise": 0.0,
+        "F_v": viscous_share * friction_n / speed,
+        "F_c": coulomb_n,
+        "d": max(static_n / coulomb_n - 1.0, 0.0),
+    }
+    return start_fit(fit.model, unknowns.point(values))
 
 
 def _followed(fit: Fit) -> Fit:

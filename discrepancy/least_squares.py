@@ -14,7 +14,7 @@ from estimators.samples import BoolArray, FloatArray, IntArray
 
 _DAMPINGS: Final = 10  # tried for one step
 _CONVERGED: Final = 1.0e-4  # of the cost, that a step must win to be worth another
-_BLURRED_CONVERGED: Final = 0.02
+_BLURRED_CONVERGED: Final = 0.005
 _LITTLE: Final = 0.05  # of the noise's own cost: no less than this is worth a step
 _LARGEST_MOVE: Final = 2.0  # of a coordinate in one step
 

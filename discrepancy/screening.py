@@ -19,9 +19,11 @@ from estimators.samples import FloatArray
 BLURS_S: Final = (1.0, 0.1, 0.0)
 _STEPS: Final = (10, 8, 12)
 _GLANCE_STEPS: Final = 3
+_HOPELESS: Final = 5.0
 _STARTS_FOLLOWED: Final = 3
 _SCALES: Final = (0.5, 0.2)
 _GRID_STEPS: Final = 3
+_GRID_ENDS: Final = 8
 _GRID_FOLLOWED: Final = 27
 
 
@@ -60,7 +62,7 @@ def screen(fit: Fit, causes: Iterable[Cause], setting: Setting) -> list[Candidat
             tried.sort(key=lambda entry: -entry[0])
             most = _GRID_FOLLOWED if cause.is_hard else _STARTS_FOLLOWED
             starts = tuple(distinct(start for _, start in tried)[:most])
-            found.append(Candidate(cause, starts, math.inf if cause.is_hard else tried[0][0]))
+            found.append(Candidate(cause, starts, tried[0][0]))
     return sorted(found, key=lambda candidate: -candidate.promise)
 
 
@@ -120,8 +122,11 @@ def glance(fit: Fit, candidate: Candidate, setting: Setting) -> Fit:
     return descend(min(starts, key=lambda one: one.cost), most_steps=_GLANCE_STEPS)
 
 
-def refit(fit: Fit, candidate: Candidate, setting: Setting) -> Fit:
-    """Return the fit with this cause, from the best of its starts: blurred first, then sharp."""
+def refit(fit: Fit, candidate: Candidate, setting: Setting, bar: float = math.inf) -> Fit:
+    """Return the fit with this cause, from the best of its starts: blurred first, then sharp.
+
+    Not sharp where the blurred fits leave a cost far above ``bar``.
+    """
     cause = candidate.cause
     model = extended_model(fit.model, cause, setting)
     best: Fit | None = None
@@ -136,11 +141,13 @@ def refit(fit: Fit, candidate: Candidate, setting: Setting) -> Fit:
         for span_s, steps in zip(BLURS_S[:-1], _STEPS[:-1], strict=True):
             tried = descend(tried, most_steps=steps, span_s=span_s, held=DYNAMIC)
         tried = scanned(tried, "d", STATIC_SCAN)
+        if cause.is_hard:
+            tried = descend(tried, most_steps=_STEPS[-1])
         if best is None or tried.cost < best.cost:
             best = tried
     if best is None:
         return Fit(model, fit.point, fit.residual, None, math.inf)
-    return descend(best, most_steps=_STEPS[-1])
+    return best if best.cost > _HOPELESS * bar else descend(best, most_steps=_STEPS[-1])
 
 
 def _promising(fit: Fit, model: Model, candidate: Candidate) -> list[FloatArray]:
@@ -151,7 +158,7 @@ def _promising(fit: Fit, model: Model, candidate: Candidate) -> list[FloatArray]
     short = [descend(start_fit(model, point), most_steps=_GRID_STEPS, span_s=0.1, held=DYNAMIC) for point in points]
     followed = [one for one in short if one.is_followed]
     followed.sort(key=lambda one: one.cost)
-    return [one.point for one in followed[:_STARTS_FOLLOWED]]
+    return [one.point for one in followed[:_GRID_ENDS]]
 
 
 def distinct(starts: Iterable[Values]) -> list[Values]:

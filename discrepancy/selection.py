@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from discrepancy.causes.base import Cause, Setting, is_at_bound
-from discrepancy.least_squares import Fit, descend
-from discrepancy.screening import Candidate, glance, refined, refit, screen
+from discrepancy.least_squares import Fit, descend, start_fit
+from discrepancy.screening import Candidate, extended_model, glance, refined, refit, screen
 from discrepancy.setting import setting_of
 from discrepancy.significance import NEAR, gain, is_significant, misfit, noise_factor
 
@@ -16,10 +17,14 @@ MOST_CAUSES: Final = 3
 _REFITTED: Final = (9, 6, 5)  # in the first, second and third round
 _POLISHED: Final = 3
 _POLISH: Final = 8
+_REFINED: Final = 2
 _LEAST_PROMISE: Final = 25.0  # of the cost: with less a cause is not worth a fit
 # A second cause must win this share of what the first left, for a wrong first one drags others along.
 _SECOND_SHARE: Final = 0.3
 _DONE_MISFIT: Final = 1.15
+_PRUNING_STEPS: Final = 15
+_LOOK_CLOSER: Final = 2.0  # times the misfit of all causes: one may be needless
+_RIVAL_SHARE: Final = 0.5
 _WORTH: Final = 12.0  # gain of a short fit, from which on a long one is made
 
 
@@ -45,22 +50,18 @@ def choose(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str], 
     for number in range(MOST_CAUSES):
         tell(number / MOST_CAUSES, "trying one cause after the other" if number == 0 else "trying further causes")
         setting = setting_of(best)
-        left = [cause for cause in known if cause not in chosen]
-        candidates = [one for one in screen(best, left, setting) if one.promise * best.cost > _LEAST_PROMISE]
+        left = [cause for cause in known if cause not in chosen and (number == 0 or not cause.is_hard)]
+        candidates = [one for one in screen(best, left, setting) if _is_promising(one, best)]
         if is_noise(best):
             candidates = [one for one in candidates if gain(best, glance(best, one, setting)) > _WORTH]
-        fits = [(one.cause, refit(best, one, setting)) for one in candidates[: _REFITTED[number]]]
-        fits = sorted((pair for pair in fits if pair[1].is_followed), key=lambda pair: pair[1].cost)
-        polished = [(cause, descend(fit, most_steps=_POLISH)) for cause, fit in fits[:_POLISHED]]
-        fits = sorted([*polished, *fits[_POLISHED:]], key=lambda pair: pair[1].cost)
+        fits = _refits(best, candidates, setting, _REFITTED[number])
+        fits = _closer(fits)
         if number == 0:
             tried = tuple((cause.name, gain(baseline, fit)) for cause, fit in fits)
         found = [(cause, fit) for cause, fit in fits if _is_possible(cause, fit, setting)]
         if not found or not is_significant(best, found[0][1]):
             break
         cause, fit = found[0]
-        if not is_noise(fit):
-            fit = refined(fit)
         if number > 0 and 1.0 - excess(fit) / max(excess(best), 1.0e-9) < _SECOND_SHARE and misfit(best) > _DONE_MISFIT:
             break
         if number == 0:
@@ -75,6 +76,45 @@ def choose(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str], 
     if len(chosen) > 1:
         best, chosen = _pruned(baseline, best, chosen)
     return Choice(baseline, best, tuple(chosen), rivals, rival_fits, tried)
+
+
+def _refits(best: Fit, candidates: list[Candidate], setting: Setting, most: int) -> list[tuple[Cause, Fit]]:
+    """Return the fits of the most promising causes and of the hard ones, the lowest first.
+
+    Once one leaves noise alone, only those are tried that promise about as much: its rivals.
+    """
+    ordinary = [one for one in candidates if not one.cause.is_hard][:most]
+    hard = [one for one in candidates if one.cause.is_hard]
+    fits: list[tuple[Cause, Fit]] = []
+    lowest, explained, promise = math.inf, False, 0.0
+    for one in [*ordinary, *hard]:
+        if explained and (one.cause.is_hard or one.promise < _RIVAL_SHARE * promise):
+            continue
+        fit = refit(best, one, setting, lowest)
+        if not fit.is_followed:
+            continue
+        fits.append((one.cause, fit))
+        if fit.cost < lowest:
+            lowest, explained, promise = fit.cost, is_noise(fit), one.promise
+    return sorted(fits, key=lambda pair: pair[1].cost)
+
+
+def _is_promising(candidate: Candidate, best: Fit) -> bool:
+    """Whether a cause is worth a fit; what one step of a hard cause promises says nothing."""
+    return candidate.cause.is_hard or candidate.promise * best.cost > _LEAST_PROMISE
+
+
+def _closer(fits: list[tuple[Cause, Fit]]) -> list[tuple[Cause, Fit]]:
+    """Return the fits with the lowest and the hard ones followed further, until one leaves noise alone."""
+    polished = [(cause, descend(fit, most_steps=_POLISH)) for cause, fit in fits[:_POLISHED]]
+    polished.sort(key=lambda pair: pair[1].cost)
+    others = fits[_POLISHED:]
+    closer: list[tuple[Cause, Fit]] = []
+    for number, (cause, fit) in enumerate([*polished, *others]):
+        is_worth = number < _REFINED or cause.is_hard
+        explained = any(is_noise(found) for _, found in closer)
+        closer.append((cause, refined(fit) if is_worth and not is_noise(fit) and not explained else fit))
+    return sorted(closer, key=lambda pair: pair[1].cost)
 
 
 def is_noise(fit: Fit) -> bool:
@@ -93,15 +133,26 @@ def _is_possible(cause: Cause, fit: Fit, setting: Setting) -> bool:
 
 
 def _pruned(baseline: Fit, best: Fit, chosen: list[Cause]) -> tuple[Fit, list[Cause]]:
-    """Drop a cause that a later one has made needless."""
-    for cause in list(chosen[:-1]):
-        setting = setting_of(best)
-        fit = baseline
-        for other in chosen:
-            if other is not cause:
-                start = {part.name: best.values[other.own(part.name)] for part in other.parts}
-                fit = refit(fit, Candidate(other, (start,), 1.0), setting)
-        fit = descend(fit, most_steps=8)
-        if fit.is_followed and not is_significant(fit, best):
-            best, chosen = fit, [other for other in chosen if other is not cause]
+    """Drop the causes without which the rest does as well, once it has found its place."""
+    for cause in list(chosen):
+        others = [other for other in chosen if other is not cause]
+        if not others:
+            break
+        model, setting = baseline.model, setting_of(best)
+        for other in others:
+            model = extended_model(model, other, setting)
+        fit = start_fit(replace(model, held={**model.held, **_held(best, others)}), model.unknowns.point(best.values))
+        fit = descend(fit, most_steps=_PRUNING_STEPS)
+        if fit.is_followed and not is_significant(fit, best) and misfit(fit) < _LOOK_CLOSER * misfit(best):
+            best, chosen = fit, others
+        elif fit.is_followed and misfit(fit) < _LOOK_CLOSER * misfit(best):
+            fit = refined(fit)
+            if not is_significant(fit, best):
+                best, chosen = fit, others
     return best, chosen
+
+
+def _held(fit: Fit, causes: list[Cause]) -> dict[str, float]:
+    """Parameters of these causes that a fit holds, as it holds them."""
+    own = tuple(cause.own("") for cause in causes)
+    return {name: value for name, value in fit.model.held.items() if name.startswith(own)}

@@ -57,7 +57,7 @@ def hidden(
 
 def _recorded(valve: ExtendedValve, wave: Waveform, noise_m: float, seed: int) -> Recording:
     _stem_m, sensed_m = integrate(valve, wave.time_s, AREA_M2 * wave.pressure_pa, wave.duration_s, PERIOD_S, STEP_S)
-    time_s = np.arange(sensed_m.size) * PERIOD_S
+    time_s = np.arange(sensed_m.size, dtype=np.float64) * PERIOD_S
     noise = noise_m * np.random.default_rng(seed).standard_normal(time_s.size)
     return Recording(
         time_s=time_s,
