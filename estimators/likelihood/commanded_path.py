@@ -20,7 +20,7 @@ from valve.recording import Recording
 
 _TOLERANCE: Final = 3.0e-6  # of the span: what a line may leave a lag's answer by that lasts for a whole tread
 _OF_A_TREAD: Final = 0.03  # as the most: one that is over long before the next step
-_LEAST_LAG_S: Final = 1.0e-7
+_STEP: Final = 0.02  # of a tread: what a shorter lag gives is a step, later by the lag
 _DELAY_PERIODS: Final = 5.0
 _DELAY_S: Final = 0.02
 
@@ -47,9 +47,13 @@ class CommandedPath:
         """The delay of the position against the force."""
         return (self.delay,)
 
+    @property
+    def _is_stepped(self) -> bool:
+        return self.fit.lag_s < _STEP * float(np.median(np.diff(self.step_s)))
+
     def corners(self, values: FloatArray) -> Corners:
         """Corner times, s, and force, N, shape (n,), for this delay."""
-        time_s, force_n = self._drawn()
+        time_s, force_n = self._drawn(self.fit.linear)
         return self._led(time_s + self.fit.dead_time_s + float(values[0]), force_n)
 
     def variations(self, values: FloatArray) -> Iterator[Corners]:
@@ -57,27 +61,31 @@ class CommandedPath:
 
         The total delay's error is the nuisance's; a longer lag means a shorter dead time.
         """
-        time_s, _ = self._drawn()
         for change in self.fit.root:
-            lag_s = max(self.fit.lag_s + float(change[3]), 0.0)
-            force_n = self._answer(time_s, self.fit.linear + change[:3], lag_s)
-            late_s = self.fit.dead_time_s + self.fit.lag_s - lag_s + float(values[0])
-            yield self._led(time_s + late_s, force_n)
+            linear = self.fit.linear + change[:3]
+            time_s, force_n = self._drawn(linear if self._is_stepped else self.fit.linear)
+            lag_s = self.fit.lag_s
+            if not self._is_stepped:
+                lag_s = max(lag_s + float(change[3]), 0.5 * lag_s)
+                force_n = self._answer(time_s, linear, lag_s)
+            yield self._led(time_s + self.fit.dead_time_s + self.fit.lag_s - lag_s + float(values[0]), force_n)
 
-    def _drawn(self) -> Corners:
+    def _drawn(self, linear: FloatArray) -> Corners:
         """Corners before the dead time."""
-        lag_s = max(self.fit.lag_s, _LEAST_LAG_S)
+        lag_s = self.fit.lag_s
         corner_s, level_n = stair_corners(self.step_s, self.level_n, self.last_s)
-        offset_n, gain, swing_n = (float(value) for value in self.fit.linear)
-        asked_n = offset_n + gain * level_n
+        asked_n = linear[0] + linear[1] * level_n
+        if self._is_stepped:
+            return corner_s + lag_s, asked_n
+        span_n = float(np.ptp(asked_n))
         tread_s, tread_n = float(np.median(np.diff(self.step_s))), float(np.median(np.abs(np.diff(asked_n[::2]))))
-        tolerance_n = _TOLERANCE * float(np.ptp(asked_n)) * max(1.0, tread_s / lag_s)
-        tolerance_n = min(tolerance_n, max(_OF_A_TREAD * tread_n, _TOLERANCE * float(np.ptp(asked_n))))
-        return lagged(corner_s, asked_n, float(asked_n[0]) + swing_n, lag_s, tolerance_n)
+        tolerance_n = _TOLERANCE * span_n * max(1.0, tread_s / lag_s)
+        tolerance_n = min(tolerance_n, max(_OF_A_TREAD * tread_n, _TOLERANCE * span_n))
+        return lagged(corner_s, asked_n, float(asked_n[0] + linear[2]), lag_s, tolerance_n)
 
     def _answer(self, time_s: FloatArray, linear: FloatArray, lag_s: float) -> FloatArray:
         answered_n = stair_answer(self.step_s, self.level_n, time_s, lag_s)
-        left = np.exp(-(time_s - self.step_s[0]) / max(lag_s, _LEAST_LAG_S))
+        left = np.exp(-(time_s - self.step_s[0]) / lag_s)
         return np.asarray(linear[0] + linear[1] * answered_n + linear[2] * left)
 
     def _led(self, time_s: FloatArray, force_n: FloatArray) -> Corners:
