@@ -11,7 +11,7 @@ from estimators.base import Estimate
 from estimators.conclusion import conclude
 from estimators.misfit import Fallback
 from estimators.proof import place_of
-from estimators.proven import checked_values, explains, motion_seen, values_of_slips
+from estimators.proof_search import checked_values, explains, motion_seen, values_of_slips
 from estimators.recorded_motion import RecordedMotion
 from estimators.robust_form import is_believed, robust_covariance, robust_parameters
 from estimators.samples import FloatArray
