@@ -32,7 +32,7 @@ class Grade(StrEnum):
 _RIGHT: Final[dict[Expected, frozenset[Grade]]] = {
     Expected.NAMED: frozenset((Grade.ALONE, Grade.IN_SET)),
     Expected.SET: frozenset((Grade.IN_SET, Grade.NONE)),
-    Expected.HIDDEN: frozenset((Grade.ALONE, Grade.IN_SET, Grade.NONE)),
+    Expected.HIDDEN: frozenset((Grade.ALONE, Grade.IN_SET, Grade.PARTLY, Grade.NONE)),
     Expected.NONE: frozenset((Grade.NONE,)),
     Expected.UNEXPLAINED: frozenset((Grade.UNEXPLAINED, Grade.NONE)),
 }

@@ -84,11 +84,13 @@ def expected(
 ) -> Expected:
     """What can be asked for where this cause alone is hidden; ``stiction``: F_s is above F_c."""
     hidden = STRENGTHS[cause]
-    if not bench_set_known and cause == "spring_preload":
+    if cause == "spring_preload" and not bench_set_known:
         return Expected.SET
-    if not bench_set_known and cause == "friction_asymmetry":
-        # F_c (1 +- a) is a preload of a F_c more; only F_s (1 +- a) then shifts by something else
-        return Expected.HIDDEN if stiction else Expected.SET
+    if cause == "friction_asymmetry" and acquired is not Acquired.FORCE and not stiction:
+        # F_c (1 +- a) is a preload of a F_c more, which only a bench set that is trusted tells from another preload
+        return Expected.HIDDEN if bench_set_known else Expected.SET
+    if cause == "friction_asymmetry" and not bench_set_known:
+        return Expected.HIDDEN  # F_s (1 +- a) shifts by more than F_c (1 +- a): a part of it can be seen
     if hidden.waveforms is not None and not hidden.waveforms & set(waveforms):
         return Expected.HIDDEN
     if hidden.acquired is not None and acquired not in hidden.acquired:
