@@ -30,7 +30,8 @@ Progress = Callable[[float, str], None]
 # Own choices, from valves with hidden effects and from oddities of no catalogue (docs/diagnosis.md): what a right
 # cause may leave, in the variance of the residuals and in that of the means of their pieces.
 _LARGEST_MISFIT: Final = 1.3
-_LARGEST_FACTOR: Final = 4.0
+# Several causes together can mimic one that is not among them: they must leave nothing but noise.
+_LARGEST_FACTORS: Final = (2.5, 4.0, 1.5, 1.5)  # with no cause, one, two and three
 _WRONG_UNITS: Final = ((6894.757, "psi"), (1.0e5, "bar"), (1.0e3, "kPa"))
 _NEAR_UNIT: Final = 0.35
 
@@ -178,7 +179,8 @@ def _concluded(choice: Choice, nameplate: Nameplate, held_out: Sequence[tuple[st
 
 def explains(fit: Fit) -> bool:
     """Whether what a fit leaves may be noise, or so little more that a name for the rest is not missed."""
-    return misfit(fit) < _LARGEST_MISFIT and noise_factor(fit) < _LARGEST_FACTOR
+    largest = _LARGEST_FACTORS[len(fit.model.causes)]
+    return misfit(fit) < _LARGEST_MISFIT and noise_factor(fit) < largest
 
 
 def finding_of(best: Fit, baseline: Fit, cause: Cause) -> Finding:

@@ -17,7 +17,7 @@ MOST_CAUSES: Final = 3
 _REFITTED: Final = (9, 6, 5)  # in the first, second and third round
 _POLISHED: Final = 3
 _POLISH: Final = 8
-_REFINED: Final = 2
+_REFINED: Final = 4
 _LEAST_PROMISE: Final = 25.0  # of the cost: with less a cause is not worth a fit
 # A second cause must win this share of what the first left, for a wrong first one drags others along.
 _SECOND_SHARE: Final = 0.3
