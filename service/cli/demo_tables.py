@@ -1,46 +1,116 @@
-"""What the demonstration prints of a test: truth beside both methods' estimates."""
+"""What the demonstration prints of a test: truth beside each method's estimates, in 80 columns."""
 
 from __future__ import annotations
 
-from typing import Any
+import math
+import re
+from typing import Any, Final
 
+from rich import box
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from service.cli.analysis_tables import reasons
 from service.cli.demo_plant import DemoValve
+from service.cli.plain_numbers import half_width
 from valve.parameters import PARAMETER_SYMBOLS
+
+_METHODS: Final = {
+    "regression": ("method 1", "regression"),
+    "garcia": ("method 2", "garcia"),
+    "maximum_likelihood": ("maximum", "likelihood"),
+}
+_UNKNOWN: Final = "unknown"
+_DIGITS: Final = 5  # of a value without an interval
+_WIDEST: Final = 10  # characters of a value
+_ERROR_PLACES: Final = ((10.0, 3), (100.0, 2))  # after the point, below so many percent: 6 characters
+_INDENT: Final = "  "
+_SENTENCE_END: Final = re.compile(r"(?<=\.) (?=[A-Z])")
+_CLAUSE_END: Final = re.compile(r"[:;,](?= )")
+
+
+def _rounded(parameter: dict[str, Any]) -> str:
+    """Value with two digits of half of its 95 % interval, so that no digit is shown that is not known."""
+    value, half = float(parameter["value"]), half_width(parameter)
+    if not half:
+        return f"{value:.{_DIGITS}g}"
+    places = 1 - math.floor(math.log10(half))
+    plain = f"{round(value, places) + 0.0:.{max(places, 0)}f}"
+    return plain if len(plain) <= _WIDEST else f"{value:.{_DIGITS}g}"
 
 
 def _cells(parameter: dict[str, Any] | None, truth: float) -> tuple[str, str]:
     """Value, and its error in percent of the truth, as text; a truth of zero has no percents."""
-    value = None if parameter is None else parameter.get("value")
-    if value is None:
-        return "not known", ""
-    error_percent = 100.0 * (value - truth) / truth if truth != 0.0 else None
-    return f"{value:.5g}", "" if error_percent is None else f"{error_percent:+.3f}"
+    if parameter is None or parameter.get("value") is None:
+        return _UNKNOWN, ""
+    if truth == 0.0:
+        return _rounded(parameter), ""
+    error_percent = 100.0 * (float(parameter["value"]) - truth) / truth
+    places = next((places for limit, places in _ERROR_PLACES if abs(error_percent) < limit), 0)
+    return _rounded(parameter), f"{error_percent:+.{places}f}"
 
 
 def _table(valve: DemoValve, made: dict[str, Any]) -> Table:
-    estimates = {estimate["method"]: estimate for estimate in made["test"]["analysis"]["estimates"]}
+    estimates = made["test"]["analysis"]["estimates"]
     recording = made["test"]["analysis"]["recording"]
     table = Table(
-        title=f"{valve.tag}: {valve.parameter_set} valve, Modbus {valve.transport.upper()}, {valve.mode}, "
+        title=f"{valve.tag}: {valve.parameter_set} valve, Modbus {valve.transport.upper()}, {valve.mode}:\n"
         f"{recording['samples']} samples, {1e3 * recording['sample_period_s']:.3g} ms apart, "
         f"position noise {1e6 * recording['position_noise_m']:.2g} um",
         title_justify="left",
+        box=box.SIMPLE_HEAD,
+        padding=(0, 0),
     )
     table.add_column("parameter", no_wrap=True)
     table.add_column("truth", justify="right", no_wrap=True)
-    for method, estimate in estimates.items():
-        table.add_column(f"{method.replace('_', ' ')} ({estimate['status']})", justify="right")
-        table.add_column("error %", justify="right", no_wrap=True)
+    for estimate in estimates:
+        name = _METHODS.get(estimate["method"], (estimate["method"].replace("_", " "),))
+        table.add_column("\n".join(name), justify="right", no_wrap=True)
+        table.add_column("error\n%", justify="right", no_wrap=True)
     for symbol, entry in PARAMETER_SYMBOLS.items():
         truth = made["truth"][symbol]
-        cells = [cell for estimate in estimates.values() for cell in _cells(estimate["parameters"].get(symbol), truth)]
+        cells = [cell for estimate in estimates for cell in _cells(estimate["parameters"].get(symbol), truth)]
         table.add_row(Text(f"{symbol} [{entry.unit}]"), f"{truth:.6g}", *cells)
+    table.add_row("fit", "", *(cell for estimate in estimates for cell in (estimate["status"], "")))
     return table
+
+
+def _notes(estimates: list[dict[str, Any]], width: int) -> list[str]:
+    """Why values are missing: each reason once, on one line after the parameters that no method can give for it.
+
+    Of several methods' reasons for one parameter the last one's is taken: it is the one that can do most. A method
+    whose fit is not good says why on a line of its own.
+    """
+    symbols: dict[str, list[str]] = {}
+    for symbol in PARAMETER_SYMBOLS:
+        missing = [
+            estimate["parameters"][symbol]["note"]
+            for estimate in estimates
+            if symbol in estimate["parameters"] and estimate["parameters"][symbol]["value"] is None
+        ]
+        if missing:
+            symbols.setdefault(_first_sentence(missing[-1]), []).append(symbol)
+    methods: dict[str, list[str]] = {}
+    for estimate in estimates:
+        said = _first_sentence(estimate["message"])
+        if estimate["status"] != "ok" and said and said not in symbols:
+            methods.setdefault(said, []).append(" ".join(_METHODS.get(estimate["method"], (estimate["method"],))))
+    lines = [f"{', '.join(owners)}: {reason}" for part in (symbols, methods) for reason, owners in part.items()]
+    return [_on_one_line(line, width) for line in lines]
+
+
+def _first_sentence(text: str) -> str:
+    return _SENTENCE_END.split(text)[0].strip()
+
+
+def _on_one_line(text: str, width: int) -> str:
+    """Cut a reason behind its last clause that ends within ``width`` and past its half, or else between words."""
+    if len(text) <= width:
+        return text
+    ends = [match.start() for match in _CLAUSE_END.finditer(text, width // 2, width)]
+    if ends:
+        return text[: ends[-1]]
+    return f"{text[: width - 1].rsplit(' ', 1)[0]}…"
 
 
 def print_test(console: Console, valve: DemoValve, made: dict[str, Any]) -> None:
@@ -51,8 +121,8 @@ def print_test(console: Console, valve: DemoValve, made: dict[str, Any]) -> None
         console.print(f"{valve.tag}: {test['state']}: {test.get('error') or 'no reason given'}", style="bold")
         return
     console.print(_table(valve, made))
-    for reason in reasons(test["analysis"]["estimates"]):
-        console.print(Text(f"  {reason}"))
+    for note in _notes(test["analysis"]["estimates"], console.width - len(_INDENT)):
+        console.print(Text(f"{_INDENT}{note}"))
     discrepancy = test["analysis"]["discrepancy"]
     verdict = discrepancy["verdict"].replace("_", " ")
-    console.print(Text(f"  diagnosis: {verdict}. {discrepancy.get('message', '')}"))
+    console.print(Text(f"{_INDENT}diagnosis: {verdict}. {discrepancy.get('message', '')}"))

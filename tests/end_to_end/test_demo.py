@@ -64,6 +64,11 @@ def test_the_polled_valve_does_not_pretend_to_know_its_mass(demonstration: dict[
     polled = demonstration["valves"][3]
     for estimate in polled["test"]["analysis"]["estimates"]:
         mass = estimate["parameters"]["m"]
+        if estimate["method"] == "maximum_likelihood" and mass["value"] is not None:
+            # slow samples of the whole motion may hold the mass: then within its interval
+            low, high = mass["ci95"]
+            assert low <= polled["truth"]["m"] <= high
+            continue
         assert mass["value"] is None
         assert not mass["identifiable"]
         assert mass["note"]
