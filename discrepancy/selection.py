@@ -18,6 +18,8 @@ _REFITTED: Final = (9, 6, 5)  # in the first, second and third round
 _POLISHED: Final = 3
 _POLISH: Final = 8
 _REFINED: Final = 4
+_REFINED_EARLY: Final = 2
+_NEARLY_ALL: Final = 0.2  # of the misfit is left
 _LEAST_PROMISE: Final = 25.0  # of the cost: with less a cause is not worth a fit
 # A second cause must win this share of what the first left, for a wrong first one drags others along.
 _SECOND_SHARE: Final = 0.3
@@ -86,13 +88,16 @@ def _refits(best: Fit, candidates: list[Candidate], setting: Setting, most: int)
     ordinary = [one for one in candidates if not one.cause.is_hard][:most]
     hard = [one for one in candidates if one.cause.is_hard]
     fits: list[tuple[Cause, Fit]] = []
-    lowest, explained, promise = math.inf, False, 0.0
+    lowest, explained, promise, early = math.inf, False, 0.0, _REFINED_EARLY
     for one in [*ordinary, *hard]:
         if explained and (one.cause.is_hard or one.promise < _RIVAL_SHARE * promise):
             continue
         fit = refit(best, one, setting, lowest)
         if not fit.is_followed:
             continue
+        if early > 0 and not is_noise(fit) and excess(fit) < _NEARLY_ALL * excess(best):
+            # it is likely the one: if it leaves noise alone, the others need no fit
+            fit, early = refined(fit), early - 1
         fits.append((one.cause, fit))
         if fit.cost < lowest:
             lowest, explained, promise = fit.cost, is_noise(fit), one.promise
