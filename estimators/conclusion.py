@@ -33,8 +33,8 @@ def conclude(
     if motion.command_only:
         found.append(Outcome.COMMAND_ONLY)
         parameters = {symbol: _with_lag(symbol, parameter) for symbol, parameter in parameters.items()}
-        if motion.uniform is not None and motion.uniform.viscous_n_s_per_m is not None:
-            parameters["F_v"] = absent("the pressure was not measured: on several rates its lag reads as F_v")
+        for symbol in ("m", "F_v"):
+            parameters[symbol] = absent("the pressure was not measured: a transducer's lag reads as F_v and hides m")
     viscous = parameters["F_v"].value
     if viscous is not None and viscous < 0.0:
         parameters["F_v"] = absent("it comes out below 0: the data do not determine it")

@@ -22,6 +22,7 @@ from estimators.whole_motion import SYMBOLS, WholeMotion
 # Own choices, from random valves.
 _MOST_STEPS: Final = 10
 _RIVAL_STEPS: Final = 5
+_HOPELESS: Final = 1.0e4  # of the sum of squares beside the blocks: no rival that starts so far off came near
 _NEARLY: Final = 16.0  # of the sum of squares in noise's variances: a place that fits so nearly as well may be the one
 _LARGEST_RATIO: Final = 1.2
 _LARGEST_PIECE: Final = 6.5  # of the mean of some blocks, in its standard deviations
@@ -75,7 +76,11 @@ def _all_proofs(seen: WholeMotion, motion: RecordedMotion, first: Place, *, with
     found = [proof]
     if with_rivals and explains(proof.certificate, seen, motion):
         places = [place_of(seen, rival) for rival in rivals(proof, motion)]
-        proofs = [prove(seen, place, _RIVAL_STEPS) for place in places if place is not None]
+        proofs = [
+            prove(seen, place, _RIVAL_STEPS)
+            for place in places
+            if place is not None and place.cost < _HOPELESS * seen.blocks
+        ]
         found += [one for one in proofs if one is not None]
     return found
 

@@ -18,9 +18,6 @@ _SLIDES: Final = 0.5  # of F_s - A: from this share of F_v v on the stem may sli
 _SLIDING: Final = ((0.5, 1.5), (0.9, 2.5))  # DV by the slowest ramp's speed, F_v by what was found
 _POORLY: Final = 0.1  # standard error of ln F_v
 _SHARES: Final = (0.05, 0.2, 0.5)  # of the friction in motion that may be F_v v
-_NO_JUMP: Final = 0.03  # F_s - A by A
-_CREEPS: Final = 1.2  # DV by the ramp's speed
-_LESS: Final = 0.8  # F_c by A for a stem that creeps below DV, where F_s alone is felt
 _SEVERAL: Final = 1.3
 
 _M, _K, _F_V, _F_C, _F_S, _DV = (SYMBOLS.index(symbol) for symbol in ("m", "k", "F_v", "F_c", "F_s", "DV"))
@@ -44,10 +41,6 @@ def rivals(proof: Proof, motion: RecordedMotion) -> list[FloatArray]:
     one_speed = float(speeds.max()) < _SEVERAL * slowest
     if one_speed and float(proof.std_error[_F_V]) > _POORLY * float(values[_F_V]):
         found += [_with(values, friction, usual, viscous=share * friction / usual) for share in _SHARES]
-    if one_speed and jump < _NO_JUMP * friction:
-        creeping = _with(values, friction, usual, viscous=0.1 * friction / usual, limit=_CREEPS * float(speeds.max()))
-        creeping[_F_C], creeping[_F_S] = _LESS * friction, friction
-        found.append(creeping)
     return found
 
 
