@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from estimators.likelihood.write_instants import lateness_s
 from estimators.samples import FloatArray
 from valve.nameplate import Nameplate, Signal
 from valve.recording import Acquisition, Recording
@@ -31,8 +32,8 @@ def written_steps(recording: Recording, asked_n: FloatArray) -> tuple[FloatArray
     """Times, s, at which the command stepped, and the levels, N, that it stepped to, both shape (k,), or None.
 
     A polled row is written first and read then (drivers/mover.py): the write was carried out before the row's request
-    was sent, by about half of ``write_lead_s``. A slot that failed leaves the command as it was. None where the rows
-    are not the writes: the recording was not polled, or has too few steps.
+    was sent, by about half of ``write_lead_s``, and by as much more as the request was late. A slot that failed leaves
+    the command as it was. None where the rows are not the writes: the recording was not polled, or has too few steps.
     """
     if recording.provenance.acquisition is not Acquisition.POLLED:
         return None
@@ -40,11 +41,12 @@ def written_steps(recording: Recording, asked_n: FloatArray) -> tuple[FloatArray
     rows = np.flatnonzero(np.isfinite(asked_n) & np.isfinite(sent_s))
     if rows.size == 0:
         return None
-    level_n = asked_n[rows]
+    level_n, half_s = asked_n[rows], 0.5 * write_lead_s(recording)
+    late_s = np.clip(lateness_s(sent_s[rows], level_n), -half_s, recording.sample_period_s)
     first = np.concatenate([[True], np.diff(level_n) != 0.0])
     if int(first.sum()) < _FEWEST_STEPS:
         return None
-    written_s = np.maximum.accumulate(sent_s[rows][first] - 0.5 * write_lead_s(recording))
+    written_s = np.maximum.accumulate((sent_s[rows] - late_s - half_s)[first])
     return np.asarray(written_s), level_n[first]
 
 

@@ -12,6 +12,7 @@ from estimators.likelihood.input_path import InputPath, MeasuredPath, Transducer
 from estimators.likelihood.lag_kernel import lagged
 from estimators.likelihood.pressure_lines import measured_path
 from estimators.likelihood.stair_kernel import stair_answer
+from estimators.likelihood.write_instants import lateness_s
 from estimators.samples import FloatArray
 from valve.motion import simulate_motion
 from valve.nameplate import Nameplate
@@ -47,8 +48,12 @@ def polled(
     missed: int = 0,
     dead_time_s: float = 0.0,
     noise_pa: float = NOISE_PA,
+    late: float = 0.0,
 ) -> PolledTest:
-    """A write at the start of each slot, which is late by up to 2 ms, and a look 2 ms after it."""
+    """A write at the start of each slot, which is late by up to 2 ms, and a look 2 ms after it.
+
+    A share ``late`` of the looks are up to 10 ms later: the machine had something else to do.
+    """
     random = np.random.default_rng(seed)
     begun_s = np.arange(round(WAVE.duration_s / period_s), dtype=np.float64) * period_s
     begun_s += random.uniform(0.0, 2.0e-3, begun_s.size)
@@ -56,6 +61,8 @@ def polled(
         begun_s = np.delete(begun_s, random.choice(np.arange(10, begun_s.size), missed, replace=False))
     command_pa = WAVE.at(begun_s)
     written_s, sent_s = begun_s + 0.3e-3, begun_s + 2.0e-3
+    is_late = random.random(begun_s.size) < late
+    sent_s = sent_s + np.where(is_late, random.uniform(0.0, 0.01, begun_s.size), 0.0) if late else sent_s
     time_s = sent_s + 0.2e-3
     acting_s = written_s + dead_time_s
     ends_s = np.append(acting_s[1:], time_s[-1] + 1.0)
@@ -160,6 +167,28 @@ def test_the_true_valve_explains_the_position_under_this_force_and_not_under_the
     measured = measured_path(recording, recording.actuator_force_n(NAMEPLATE))
     assert isinstance(measured, MeasuredPath)
     assert min(misfit(measured, float(delay)) for delay in np.linspace(-0.03, 0.03, 61)) > 1.4
+
+
+def test_a_look_that_is_late_does_not_make_its_write_late() -> None:
+    test = polled(0.0, 0.02, late=0.15)
+    recording, path = test.recording, commanded(test.recording)
+    assert recording.sent_s is not None
+    true_s = test.force_time_s[2::2][: path.step_s.size]
+    apart_s = path.step_s - true_s
+    assert float(np.std(apart_s[5:-5])) < 0.25e-3
+    # the requests themselves
+    assert float(np.std(recording.sent_s - true_s)) > 1.5e-3
+
+
+def test_the_lateness_is_that_of_the_ramps_own_time() -> None:
+    random = np.random.default_rng(2)
+    begun_s = np.arange(500, dtype=np.float64) * 0.02 + random.uniform(0.0, 1.0e-3, 500)
+    late_s = np.where(random.random(500) < 0.1, random.uniform(0.0, 0.015, 500), 0.0)
+    found_s = lateness_s(begun_s + late_s, 1.0e3 * np.abs(begun_s - 5.0))
+    apart_s = found_s - late_s
+    assert float(np.abs(np.delete(apart_s, np.arange(245, 256))).max()) < 0.2e-3
+    steps = np.repeat([1.0, 5.0, 2.0, 9.0, 4.0], 100)
+    assert (lateness_s(begun_s, steps) == 0.0).all()
 
 
 def test_without_a_lag_the_delay_is_known_to_within_the_write() -> None:
