@@ -11,11 +11,10 @@ import numpy as np
 from estimators.base import Estimate, Outcome, failed
 from estimators.likelihood.conclusion import conclude, searched_model
 from estimators.likelihood.force_recording import estimate_force_recording
-from estimators.likelihood.input_errors import refit, step_instants, with_input_errors
+from estimators.likelihood.input_errors import refit, step_instants, whitened, with_input_errors
 from estimators.likelihood.input_path import InputPath, input_path
-from estimators.likelihood.model import StemModel
 from estimators.likelihood.problem import pose
-from estimators.likelihood.search import Found, search
+from estimators.likelihood.search import Found, Hopping, search, searched_again
 from estimators.likelihood.staircase import read_staircase
 from estimators.recorded_motion import RecordedMotion, read_motion
 from valve.nameplate import Action, Nameplate
@@ -42,8 +41,8 @@ class MaximumLikelihoodEstimator:
         if nameplate.actuator.action is Action.DOUBLE and recording.force_n is not None:
             return estimate_force_recording(recording, nameplate)
         motion = read_motion(recording, nameplate)
-        if motion in _MAY_BE_A_STAIRCASE:
-            motion = read_staircase(recording, nameplate) or motion
+        if isinstance(motion, RecordedMotion) or motion in _MAY_BE_A_STAIRCASE:
+            motion = read_staircase(recording, nameplate, motion) or motion
         if isinstance(motion, Outcome):
             return failed(self.method, motion)
         path = input_path(recording, nameplate)
@@ -57,25 +56,26 @@ class MaximumLikelihoodEstimator:
         if problem is None:
             return failed(self.method, motion.uniform_outcome or Outcome.UNPHYSICAL)
         model = searched_model(problem, motion.samples.period_s)
-
-        def refined(found: Found) -> tuple[StemModel, Found] | None:
-            # a command is known; its corners are as many as its lag asks for, so they have no fixed directions
-            if found.certificate.ratio > _WORTH_REFINING or motion.command_only:
-                return None
-            values = model.coordinates.values(found.point)
-            changed = path.variations(np.array([values[name] for name in model.input_names]))
-            stepped = step_instants(model.corners(values), motion.samples.period_s)
-            widened = with_input_errors(model, found.point, chain(changed, stepped))
-            return (widened, refit(widened, found)) if widened.deviations else None
-
-        def explains(found: Found) -> bool:
-            better = refined(found)
-            return better is not None and better[1].certificate.is_good
-
-        found = search(model, problem.trials, problem.rests, explains)
+        hopping = Hopping(motion.phases.moving_speed, problem.jumps)
+        breakaways = len(motion.phases.breakaways)
+        found = search(model, problem.trials, problem.rests, breakaways=breakaways, hopping=hopping)
         if found is None:
             return failed(self.method, Outcome.UNPHYSICAL)
-        better = refined(found)
-        if better is not None:
-            model, found = better
-        return conclude(self.method, motion, problem, model, found)
+        found = self._with_input_errors(motion, path, found, hopping)
+        return conclude(self.method, motion, problem, found)
+
+    @staticmethod
+    def _with_input_errors(motion: RecordedMotion, path: InputPath, found: Found, hopping: Hopping) -> Found:
+        """Search again and refit with the errors of the measured input as unknowns, where they matter."""
+        # a command is known; its corners are as many as its lag asks for, so they have no fixed directions
+        if found.certificate.ratio > _WORTH_REFINING or motion.command_only:
+            return found
+        model = found.model
+        values = model.coordinates.values(found.point)
+        changed = path.variations(np.array([values[name] for name in model.input_names]))
+        stepped = step_instants(model.corners(values), motion.samples.period_s)
+        widened = with_input_errors(model, found.point, chain(changed, stepped))
+        if not widened.deviations:
+            return found
+        point = searched_again(whitened(model, widened, found.point), found, hopping)
+        return refit(widened, found, point)

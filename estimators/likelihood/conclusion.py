@@ -12,6 +12,7 @@ from estimators.identifiability import Knowledge
 from estimators.likelihood.delay import DELAY, Weighed, at_one_instant, delayed, says_nothing, weigh
 from estimators.likelihood.intervals import Ramps, flat_errors, inflation, known, natural_values
 from estimators.likelihood.model import StemModel
+from estimators.likelihood.optima import with_others
 from estimators.likelihood.problem import Problem
 from estimators.likelihood.search import EXACT, Found
 from estimators.recorded_motion import RecordedMotion
@@ -22,9 +23,11 @@ _SAME: Final = 0.1  # speeds and rates that differ by less are one
 _SLOW_SAMPLING_S: Final = 2.0e-3
 
 
-def conclude(method: str, motion: RecordedMotion, problem: Problem, searched: StemModel, found: Found) -> Estimate:
+def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found) -> Estimate:
     """Return the estimate: ok where the fit explains the recording and all but DV and a hidden m is known."""
     period_s = motion.samples.period_s
+    searched = found.model
+    noise_m = problem.noise_m * found.noise_factor
     residual = searched.residuals(found.point)
     if residual is None:
         raise RuntimeError("the fitted valve cannot be followed any more")  # it was, in the search
@@ -37,6 +40,8 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, searched: St
     residual = model.residuals(point)
     if residual is None:
         raise RuntimeError("the fitted valve cannot be followed any more")
+    if knows is not None:
+        knows = with_others(weighed.model, knows, found, ramps, factor)
     values = natural_values(model, point)
     if knows is not None:
         values = dict(zip(knows.symbols, knows.values, strict=True))
@@ -44,14 +49,14 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, searched: St
     explained = found.certificate.is_good or (problem.is_noise_free and rms_m < 1.0e-6 * model.range_m)
     if not explained and not found.certificate.is_near and not problem.is_noise_free:
         knows = None
-    flat = flat_errors(model, point, noise_factor=factor)
+    flat = flat_errors(model, point, ramps, noise_factor=factor)
     parameters = {symbol: _parameter(symbol, values, knows, flat.get(symbol, 0.0)) for symbol in PARAMETER_SYMBOLS}
     complete = in_order(parameters)
     outcomes = _outcomes(motion, complete, values)
     missing = [symbol for symbol, entry in complete.items() if entry.value is None and symbol != "DV"]
     sentences = [str(outcome) for outcome in outcomes]
     if not explained:
-        sentences.append(_misfit(rms_m, problem, found))
+        sentences.append(_misfit(rms_m, noise_m, problem.is_noise_free, found))
     if missing:
         sentences.append(f"Not given: {', '.join(missing)}.")
     if weighed.weight > _SURE_OF_DELAY:
@@ -65,9 +70,11 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, searched: St
     diagnostics: dict[str, Any] = {
         "outcomes": [outcome.name for outcome in outcomes],
         "fitted": values,
-        "noise_m": problem.noise_m,
+        "noise_m": noise_m,
         "misfit_over_noise": found.certificate.ratio,
         "largest_piece": found.certificate.piece,
+        "kinship_of_neighbours": found.certificate.kinship,
+        "unevenness": found.certificate.unevenness,
         "std_error_factor": factor,
         "weight_of_delay": weighed.weight,
         "corners": [column.tolist() for column in model.corners(model.coordinates.values(point))],
@@ -135,14 +142,14 @@ def _outcomes(
     return found
 
 
-def _misfit(rms_m: float, problem: Problem, found: Found) -> str:
-    if problem.is_noise_free:
+def _misfit(rms_m: float, noise_m: float, is_noise_free: bool, found: Found) -> str:
+    if is_noise_free:
         return (
             f"The model leaves {1.0e6 * rms_m:.3g} um of a position without noise unexplained: "
             "the valve does something else besides, or the force is not what moved it."
         )
     return (
         f"The model does not explain the recording: its misfit is {found.certificate.ratio:.3g} times the position's "
-        f"noise of {1.0e6 * problem.noise_m:.3g} um, and {found.certificate.piece:.3g} standard deviations at its "
+        f"noise of {1.0e6 * noise_m:.3g} um, and {found.certificate.piece:.3g} standard deviations at its "
         "worst place. The intervals are widened by that; the valve does something else besides, or a channel is wrong."
     )

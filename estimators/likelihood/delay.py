@@ -6,12 +6,12 @@ import math
 from dataclasses import dataclass, replace
 from typing import Final
 
-import numpy as np
-
 from estimators.identifiability import Knowledge
+from estimators.likelihood.compression import compressed
 from estimators.likelihood.coordinates import Coordinates
 from estimators.likelihood.descent import descend
-from estimators.likelihood.intervals import Ramps, known, natural_values
+from estimators.likelihood.intervals import Ramps, known
+from estimators.likelihood.mixture import mixed
 from estimators.likelihood.model import StemModel
 from estimators.samples import FloatArray
 
@@ -21,6 +21,7 @@ _FREE_BEFOREHAND: Final = 0.05
 _ONE_INSTANT: Final = 0.005  # of a period: what remains where both channels are read at one instant
 _DECIDED: Final = 0.01
 _STEPS: Final = 15
+_LAST_STEPS: Final = 4
 _WORTH_A_SEARCH: Final = 10.0
 _TRIED: Final = (-4.0, -3.0, -2.0, -1.0, 1.0, 2.0, 3.0, 4.0)  # prior widths
 
@@ -66,13 +67,18 @@ def weigh(free: StemModel, narrow: StemModel, point: FloatArray, ramps: Ramps, n
     """
     width_s = next(entry.prior_sd * entry.unit for entry in free.coordinates.entries if entry.name == DELAY)
     alone = known(narrow, point, ramps, noise_factor=noise_factor)
-    found = descend(free, point, most_steps=_STEPS)
-    if narrow.cost(point) - found.cost > _WORTH_A_SEARCH * noise_factor**2:
+    small = compressed(free)
+    held = tuple(name for name in free.coordinates.names if name.startswith("input_"))
+    found = descend(small, point, most_steps=_STEPS, held=held, one_sided=True)
+    if small.cost(point) - found.cost > _WORTH_A_SEARCH * noise_factor**2:
         # a delay there is: friction took its place where it is not small, so that both have to move together
         for start in _other_starts(free, point, width_s, ramps):
-            elsewhere = descend(free, start, most_steps=_STEPS)
+            elsewhere = descend(small, start, most_steps=_STEPS, held=held, one_sided=True)
             found = elsewhere if elsewhere.cost < found.cost else found
+        found = descend(small, found.point, most_steps=2 * _STEPS, held=held)
         found = descend(free, found.point, most_steps=4 * _STEPS)
+    else:
+        found = descend(free, found.point, most_steps=_LAST_STEPS)
     shifted = known(free, found.point, ramps, noise_factor=noise_factor)
     if alone is None or shifted is None:
         return Weighed(narrow, point, alone, 0.0)
@@ -84,27 +90,16 @@ def weigh(free: StemModel, narrow: StemModel, point: FloatArray, ramps: Ramps, n
         return Weighed(narrow, point, alone, 0.0)
     if weight > 1.0 - _DECIDED:
         return Weighed(free, found.point, shifted, 1.0)
-    one, other = (
-        np.array([natural_values(free, at)[symbol] for symbol in shifted.symbols]) for at in (point, found.point)
-    )
-    mean = (1.0 - weight) * one + weight * other
-    covariance = (1.0 - weight) * (alone.covariance + np.outer(one - mean, one - mean))
-    covariance += weight * (shifted.covariance + np.outer(other - mean, other - mean))
-    mixed = replace(
-        shifted,
-        values=tuple(float(value) for value in mean),
-        covariance=covariance,
-        undetermined=alone.undetermined | shifted.undetermined,
-        _ties={},
-    )
+    mixture = mixed([1.0 - weight, weight], [alone, shifted])
     likelier = (free, found.point) if weight > 0.5 else (narrow, point)
-    return Weighed(*likelier, mixed, weight)
+    return Weighed(*likelier, mixture, weight)
 
 
 def _other_starts(model: StemModel, point: FloatArray, width_s: float, ramps: Ramps) -> list[FloatArray]:
     """Points with other delays, the frictions changed by the force that the slowest ramp makes in each."""
     values = model.coordinates.values(point)
     rate = min(ramps.rates_n_per_s, default=0.0)
+    usual = next(entry.value(entry.prior) for entry in model.coordinates.entries if entry.name == "DV")
     starts = []
     for widths in _TRIED:
         delay_s = widths * width_s
@@ -112,5 +107,8 @@ def _other_starts(model: StemModel, point: FloatArray, width_s: float, ramps: Ra
         coulomb_n = values["F_c"] - rate * delay_s
         if coulomb_n > 0.0:
             ratio = max(0.0, (static_n - rate * delay_s) / coulomb_n - 1.0)
-            starts.append(model.coordinates.point(values | {DELAY: delay_s, "F_c": coulomb_n, "d": ratio}))
+            changed = values | {DELAY: delay_s, "F_c": coulomb_n, "d": ratio}
+            starts.append(model.coordinates.point(changed))
+            # without the delay DV may have taken its place too
+            starts.append(model.coordinates.point(changed | {"DV": usual}))
     return starts

@@ -25,8 +25,19 @@ class Descent:
     arrived: bool
 
 
-def descend(model: StemModel, start: FloatArray, *, most_steps: int, held: tuple[str, ...] = ()) -> Descent:
-    """Return the lowest point reached from ``start`` (p,) within ``most_steps`` evaluations of the derivatives."""
+def descend(
+    model: StemModel,
+    start: FloatArray,
+    *,
+    most_steps: int,
+    held: tuple[str, ...] = (),
+    arrived: float = _ARRIVED,
+    one_sided: bool = False,
+) -> Descent:
+    """Return the lowest point reached from ``start`` (p,) within ``most_steps`` evaluations of the derivatives.
+
+    It has arrived where a step gains less than ``arrived`` of the cost. One-sided differences cost half as much.
+    """
     names = model.coordinates.names
     moving = [number for number, name in enumerate(names) if name not in held]
     lower, upper = model.coordinates.lower, model.coordinates.upper
@@ -40,8 +51,8 @@ def descend(model: StemModel, start: FloatArray, *, most_steps: int, held: tuple
     cost = float(residual @ residual) + model.prior_cost(point)
     damping, growth = 1.0e-3, 2.0
     for _ in range(most_steps):
-        slopes = model.slopes(point, moving)
-        simulations += 2 * len(moving) + 1
+        slopes = model.slopes(point, moving, one_sided=one_sided)
+        simulations += (1 if one_sided else 2) * len(moving) + 1
         if slopes is None:
             break
         normal = slopes @ slopes.T + np.diag(weight)
@@ -52,7 +63,7 @@ def descend(model: StemModel, start: FloatArray, *, most_steps: int, held: tuple
             trial = np.clip(point + step, lower, upper)
             step = trial - point
             gain = float(2.0 * pull @ step - step @ normal @ step)
-            if gain <= _ARRIVED * 1.0e-3 or not np.abs(step).max() > 1.0e-13:
+            if gain <= arrived * 1.0e-3 or not np.abs(step).max() > 1.0e-13:
                 return Descent(point, cost, simulations, True)
             trial_residual = model.residuals(trial)
             simulations += 1
@@ -65,10 +76,10 @@ def descend(model: StemModel, start: FloatArray, *, most_steps: int, held: tuple
                 damping, growth = max(damping, 1.0e-12), 2.0
                 fall = cost - trial_cost
                 point, residual, cost, accepted = trial, trial_residual, trial_cost, True
-                if fall < _ARRIVED and gain < _ARRIVED:
+                if fall < arrived and gain < arrived:
                     return Descent(point, cost, simulations, True)
                 break
-            if gain < _ARRIVED:
+            if gain < arrived:
                 return Descent(point, cost, simulations, True)
             damping *= growth
             growth *= 2.0

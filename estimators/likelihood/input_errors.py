@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from estimators.likelihood.certificate import certify
+from estimators.likelihood.compression import compressed
 from estimators.likelihood.coordinates import Coordinates, linear
 from estimators.likelihood.descent import descend
 from estimators.likelihood.model import Corners, StemModel
-from estimators.likelihood.search import Found
+from estimators.likelihood.pool import Place
+from estimators.likelihood.search import Found, certified
 from estimators.samples import FloatArray
 
 PREFIX: Final = "input_"
@@ -21,6 +23,7 @@ _LEAST_EFFECT: Final = 0.05
 _MOST: Final = 40
 _STEP_SHARE: Final = 0.05  # of the range, within one period: steeper than any ramp
 _STEPS: Final = 12
+_LAST_STEPS: Final = 3
 
 
 def with_input_errors(model: StemModel, point: FloatArray, changed: Iterable[Corners]) -> StemModel:
@@ -29,7 +32,8 @@ def with_input_errors(model: StemModel, point: FloatArray, changed: Iterable[Cor
     ``changed`` are corners changed by one sigma along each independent direction, at the nuisances of ``point`` (p,).
     """
     time_s, force_n = model.corners(model.coordinates.values(point))
-    here = model.simulate(point)
+    small = compressed(model)
+    here = small.simulate(point)
     if here is None:
         return model
     sized: list[tuple[float, Corners]] = []
@@ -37,14 +41,34 @@ def with_input_errors(model: StemModel, point: FloatArray, changed: Iterable[Cor
         if other_s.shape != time_s.shape:
             continue
         step = (other_s - time_s, other_n - force_n)
-        moved = replace(model, path=_Moved((other_s, other_n))).simulate(point)
-        effect = float("inf") if moved is None else float(np.linalg.norm((moved - here) * model.weight))
+        moved = replace(small, path=_Moved((other_s, other_n))).simulate(point)
+        effect = float("inf") if moved is None else float(np.linalg.norm((moved - here) * small.weight))
         if effect > _LEAST_EFFECT:
             sized.append((effect, step))
     sized.sort(key=lambda pair: -pair[0])
     deviations = tuple(step for _, step in sized[:_MOST])
     more = [linear(f"{PREFIX}{number}", 1.0, sd=1.0) for number in range(1, len(deviations) + 1)]
     return replace(model, deviations=deviations, coordinates=Coordinates((*model.coordinates.entries, *more)))
+
+
+def whitened(model: StemModel, widened: StemModel, point: FloatArray) -> StemModel:
+    """Return the model on blocks with the input's errors, which ``widened`` has as unknowns, eliminated linearly.
+
+    Errors D e, e of unit variance, beside white noise have the covariance I + D D^T; with D = U S V^T its inverse root
+    is I - U (1 - 1/sqrt(1 + S^2)) U^T. D is taken at ``point`` (p,).
+    """
+    small = compressed(model)
+    here = small.simulate(point)
+    corner_s, force_n = model.corners(model.coordinates.values(point))
+    columns: list[FloatArray] = []
+    for late_s, more_n in widened.deviations:
+        moved = replace(small, path=_Moved((corner_s + late_s, force_n + more_n))).simulate(point)
+        if here is not None and moved is not None:
+            columns.append((moved - here) * small.weight)
+    if not columns:
+        return small
+    directions, sizes, _ = np.linalg.svd(np.stack(columns, axis=1), full_matrices=False)
+    return replace(small, spread=directions * np.sqrt(1.0 - 1.0 / np.sqrt(1.0 + sizes * sizes)))
 
 
 def step_instants(corners: Corners, period_s: float) -> Iterator[Corners]:
@@ -58,20 +82,32 @@ def step_instants(corners: Corners, period_s: float) -> Iterator[Corners]:
         yield moved_s, force_n
 
 
-def refit(model: StemModel, found: Found) -> Found:
-    """Descend again with the input's errors as unknowns, from a fit without them."""
-    start = np.concatenate([found.point, np.zeros(len(model.deviations))])
-    again = descend(model, start, most_steps=_STEPS)
-    residual = model.residuals(again.point)
-    if residual is None:
-        return replace(found, point=start)
+def refit(model: StemModel, found: Found, point: FloatArray) -> Found:
+    """Descend again with the input's errors as unknowns: from ``found`` and ``point`` (p,) on blocks, then on all rows.
+
+    ``point`` is where the errors, eliminated linearly, lead to.
+    """
+    none = np.zeros(len(model.deviations))
+    small = compressed(model)
+    nears = [
+        descend(small, np.concatenate([start, none]), most_steps=_STEPS, one_sided=True)
+        for start in ([found.point] if np.array_equal(point, found.point) else [found.point, point])
+    ]
+    near = min(nears, key=lambda one: one.cost)
+    again = descend(model, near.point, most_steps=_LAST_STEPS, one_sided=True)
+    if not math.isfinite(again.cost):
+        return found
     return replace(
         found,
+        model=model,
         point=again.point,
         cost=again.cost,
-        certificate=certify(residual, model.weight),
-        simulations=found.simulations + again.simulations,
-        arrived=again.arrived,
+        certificate=certified(model, again.point),
+        others=tuple(
+            Place(np.concatenate([place.point, again.point[found.point.size :]]), place.cost - found.cost + again.cost)
+            for place in found.others
+        ),
+        simulations=found.simulations + sum(one.simulations for one in nears) + again.simulations,
     )
 
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from estimators.base import NORMAL_95
 from estimators.identifiability import Knowledge, knowledge
+from estimators.likelihood.compression import compressed
 from estimators.likelihood.descent import descend
+from estimators.likelihood.hops import ratio_kept
 from estimators.likelihood.model import STEP, StemModel
 from estimators.samples import FloatArray
 
@@ -19,9 +21,18 @@ _FEWEST_PIECES: Final = 20
 _FAINT: Final = 0.1  # of a standard deviation that a unit of a coordinate moves all samples together
 _LARGER_STEP: Final = 1.0e-3
 _NEAR_KINK: Final = 0.01
-_FOLLOWING_STEPS: Final = 8
+_FOLLOWING_STEPS: Final = 10
+_WORTH_ALL_ROWS: Final = 25.0  # more than blocks leave out
+_LAST_STEPS: Final = 3
+_CHECKED: Final = ("m", "F_v", "F_c", "F_s", "DV")
 _WITHIN_95: Final = 3.84
-_FAR_STEPS: Final = {"m": (0.5, 1.5), "F_v": (0.5, 1.5), "d": (0.05, 0.2, 0.5), "DV": (-1.0, 1.0)}
+# steps of the coordinates, the longest last: factors 1.6 and 4.5, for DV 3 and 10, either way
+_FAR_STEPS: Final = {
+    "m": (0.5, -0.5, 1.5, -1.5),
+    "F_v": (0.5, -0.5),
+    "d": (0.05, 0.2, 0.5),
+    "DV": (-1.1, 1.1, -2.3, 2.3),
+}
 _SURE: Final = 3.0  # standard errors by which the variance of pieces must exceed that of white noise
 
 
@@ -86,27 +97,40 @@ def known(model: StemModel, point: FloatArray, ramps: Ramps, *, noise_factor: fl
     )
 
 
-def flat_errors(model: StemModel, point: FloatArray, *, noise_factor: float) -> dict[str, float]:
-    """Least standard errors of m, F_v, F_s and DV that the cost itself leaves, far from the point, by symbol.
+def flat_errors(model: StemModel, point: FloatArray, ramps: Ramps, *, noise_factor: float) -> dict[str, float]:
+    """Least standard errors of m, F_v, F_c, F_s and DV that the cost itself leaves, far from the point, by symbol.
 
-    Where a large step of one of them alone costs less than 3.84, the information at the point is of a kink, and the
-    interval reaches at least that far.
+    Where a large step of one of them, the others refitted (profile likelihood, on blocks of rows), costs less than
+    3.84, the information at the point is of a kink or of one place of several, and all intervals reach what was
+    refitted. That it lowers the cost is no exception: then the point is not the lowest.
     """
-    names, values, here = model.coordinates.names, natural_values(model, point), model.cost(point)
+    small = compressed(model)
+    held_inputs = tuple(name for name in model.coordinates.names if name.startswith("input_"))
+    names, values = model.coordinates.names, natural_values(model, point)
+    here = descend(small, point, most_steps=_FOLLOWING_STEPS, held=held_inputs, one_sided=True).cost
+    rate_n_per_s = min(ramps.rates_n_per_s, default=0.0)
     least: dict[str, float] = {}
     for name, steps in _FAR_STEPS.items():
-        symbol = "F_s" if name == "d" else name
+        if name == "d" and point[names.index("d")] > _NEAR_KINK:
+            continue
         for step in steps:
             other = point.copy()
             other[names.index(name)] += step
-            if name == "d":
-                if point[names.index("d")] > _NEAR_KINK:
-                    break
-                # at F_s = F_c the cost has a kink: the others have to follow
-                other = descend(model, other, most_steps=_FOLLOWING_STEPS, held=("d",)).point
-            if (model.cost(other) - here) / noise_factor**2 < _WITHIN_95:
-                far = abs(natural_values(model, other)[symbol] - values[symbol]) / NORMAL_95
-                least[symbol] = max(least.get(symbol, 0.0), far)
+            other = np.clip(other, model.coordinates.lower, model.coordinates.upper)
+            if name in ("m", "DV"):
+                # what the test shows of them is F_s + sqrt(2 m DV r): it stays
+                ratio = ratio_kept(model.coordinates.values(point), model.coordinates.values(other), rate_n_per_s)
+                other[names.index("d")] = ratio
+            held = (name, *held_inputs)
+            followed = descend(small, other, most_steps=_FOLLOWING_STEPS, held=held, arrived=0.1, one_sided=True)
+            if (followed.cost - here) / noise_factor**2 < _WORTH_ALL_ROWS:
+                followed = descend(model, followed.point, most_steps=_LAST_STEPS, held=held, one_sided=True)
+                followed = replace(followed, cost=followed.cost - model.cost(point) + here)
+            if (followed.cost - here) / noise_factor**2 < _WITHIN_95:
+                reached = natural_values(model, followed.point)
+                for symbol in _CHECKED:
+                    far = abs(reached[symbol] - values[symbol]) / NORMAL_95
+                    least[symbol] = max(least.get(symbol, 0.0), far)
     return least
 
 

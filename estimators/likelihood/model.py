@@ -8,7 +8,7 @@ from typing import Final, Protocol
 import numpy as np
 
 from estimators.likelihood.coordinates import Coordinates
-from estimators.likelihood.shooting_kernel import shoot, shoot_led
+from estimators.likelihood.shooting_kernel import shoot
 from estimators.samples import FloatArray, IntArray
 from valve.motion_kernel import FOLLOWED, even_period
 
@@ -37,21 +37,14 @@ class Restarts:
     position_m: FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class Lead:
-    """How the measurement leads the simulated stem in a first fit: after each so many rows, by ``gain``."""
-
-    rows: int
-    gain: float
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class StemModel:
     """Measured positions, shape (n,), with the weight of each (0: not measured), and the simulation beside them.
 
     ``section_row`` are the rows from which on the stem begins anew, 0 first: section j at the unknown position x_j
     and, where there is one, velocity v_j. ``input_names`` are the unknowns that the force path takes; unknown ``d`` is
-    F_s/F_c - 1. ``deviations`` are changes of the corners (s, N) that the unknowns input_1, ... scale.
+    F_s/F_c - 1. ``deviations`` are changes of the corners (s, N) that the unknowns input_1, ... scale. ``spread``,
+    shape (n, d), is B where errors other than white noise have the inverse root of covariance I - B B^T.
     """
 
     time_s: FloatArray
@@ -64,8 +57,9 @@ class StemModel:
     range_m: float
     deviations: tuple[tuple[FloatArray, FloatArray], ...] = ()
     restarts: Restarts | None = None
-    lead: Lead | None = None
     most_events: int = _MOST_EVENTS
+    spread: FloatArray | None = None
+    events: int = 0  # changes of mode that the measured motion has, about: what a simulation costs
     even_step: float = field(init=False)
     _corners: dict[tuple[float, ...], tuple[FloatArray, FloatArray]] = field(init=False, default_factory=dict)
 
@@ -115,20 +109,18 @@ class StemModel:
             start_m = np.concatenate([start_m, self.restarts.position_m])[order]
             start_v = np.concatenate([start_v, np.zeros(self.restarts.row.size)])[order]
         out_m = np.empty(self.time_s.size)
-        if self.lead is not None:
-            led = (self.position_m, self.lead.rows, self.lead.gain)
-            starts = (rows, start_m, start_v)
-            status = shoot_led(valve, corner_s, force_n, self.time_s, *starts, *led, out_m, self.most_events)
-        else:
-            timed = (rows, self.time_s[rows], start_m, start_v)
-            grid = (self.time_s, self.even_step)
-            status = shoot(valve, corner_s, force_n, *grid, *timed, out_m, self.most_events)
+        timed = (rows, self.time_s[rows], start_m, start_v)
+        grid = (self.time_s, self.even_step)
+        status = shoot(valve, corner_s, force_n, *grid, *timed, out_m, self.most_events)
         return out_m if status == FOLLOWED and bool(np.isfinite(out_m[-1])) else None
 
     def residuals(self, point: FloatArray) -> FloatArray | None:
         """Weighted measured minus simulated position, shape (n,), in standard deviations."""
         simulated_m = self.simulate(point)
-        return None if simulated_m is None else (self.position_m - simulated_m) * self.weight
+        return None if simulated_m is None else self._whitened((self.position_m - simulated_m) * self.weight)
+
+    def _whitened(self, weighted: FloatArray) -> FloatArray:
+        return weighted if self.spread is None else weighted - self.spread @ (self.spread.T @ weighted)
 
     def cost(self, point: FloatArray) -> float:
         """Sum of squared residuals and of squared departures from the priors; infinite where there is no motion."""
@@ -143,12 +135,17 @@ class StemModel:
         return float(self.coordinates.prior_weight @ (off * off))
 
     def slopes(
-        self, point: FloatArray, free: list[int] | None = None, steps: FloatArray | None = None
+        self,
+        point: FloatArray,
+        free: list[int] | None = None,
+        steps: FloatArray | None = None,
+        *,
+        one_sided: bool = False,
     ) -> FloatArray | None:
         """Derivatives of the weighted positions to the coordinates, shape (p, n), by central differences.
 
-        One-sided at a bound, and where one side slips once more or less than the other. ``steps``, shape (p,), are
-        those of the differences.
+        One-sided where that is asked for, at a bound, and where one side slips once more or less than the other.
+        ``steps``, shape (p,), are those of the differences.
         """
         here = self.simulate(point)
         if here is None:
@@ -162,7 +159,8 @@ class StemModel:
             forward[number] += step
             backward[number] -= step
             above = self.simulate(forward) if forward[number] <= upper[number] else None
-            below = self.simulate(backward) if backward[number] >= lower[number] else None
+            is_wanted = backward[number] >= lower[number] and not (one_sided and above is not None)
+            below = self.simulate(backward) if is_wanted else None
             if above is not None and below is not None:
                 slope = (above - below) / (2.0 * step)
                 if float(np.abs(slope).max()) > largest:
@@ -175,5 +173,5 @@ class StemModel:
             else:
                 continue
             if float(np.abs(slope).max()) <= largest:
-                columns[number] = slope * self.weight
+                columns[number] = self._whitened(slope * self.weight)
         return columns

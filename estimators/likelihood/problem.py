@@ -32,6 +32,7 @@ _LIMIT_SD: Final = 1.5
 _FASTEST: Final = 0.9  # quantile of the speeds in motion
 _MASSES_KG: Final = (1.0e-2, 1.0e3)
 _LARGEST_STICTION: Final = 100.0  # F_s/F_c - 1
+_STAIRCASE: Final = 6  # breakaways from which on jumps tell more than the balance of all motion
 _HELD_SHARE: Final = 0.5  # of the samples equal to the one before: the sensor's steps are seen, and no noise on them
 
 
@@ -45,6 +46,7 @@ class Problem:
     noise_m: float
     is_noise_free: bool
     fastest_m_per_s: float
+    jumps: bool  # from rest to rest: the trials are those of a stem that sticks and slips
 
 
 def pose(motion: RecordedMotion, path: InputPath) -> Problem | None:
@@ -53,6 +55,10 @@ def pose(motion: RecordedMotion, path: InputPath) -> Problem | None:
     guesses = first_guesses(motion)
     if not guesses:
         return None
+    jumping = [guess for guess in guesses if guess.jump_m is not None]
+    jumps = bool(jumping) and len(phases.breakaways) >= _STAIRCASE
+    if jumps:
+        guesses = jumping
     range_m, range_n = float(np.ptp(samples.position_m)), float(np.ptp(samples.force_n))
     noise_m = max(_noise(motion), _NO_NOISE * range_m)
     moving = np.zeros(samples.count, dtype=np.bool_)
@@ -86,7 +92,7 @@ def pose(motion: RecordedMotion, path: InputPath) -> Problem | None:
         range_m=range_m,
     )
     rests = measured_rests(motion)
-    return Problem(model, wanted, rests, noise_m, samples.position_noise_m == 0.0, fastest)
+    return Problem(model, wanted, rests, noise_m, samples.position_noise_m == 0.0, fastest, jumps)
 
 
 def _valve(range_n: float, fastest: float) -> list[Coordinate]:

@@ -1,58 +1,66 @@
-"""From the recording to the lowest point of the cost: grid, descent with restarts at rests, descent without."""
+"""From the recording to the lowest places of the cost: many short descents on few rows, few on all of them."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
+from estimators.likelihood.budget import Budget
 from estimators.likelihood.certificate import Certificate, certify
-from estimators.likelihood.descent import Descent, descend
-from estimators.likelihood.model import Lead, Restarts, StemModel
+from estimators.likelihood.compression import LEAST_NOISE, bent_rows, compressed, in_parts
+from estimators.likelihood.descent import descend
+from estimators.likelihood.hops import hops
+from estimators.likelihood.model import Restarts, StemModel
+from estimators.likelihood.pool import Place, chosen_trials, distinct, followed_from, halved, ranked
 from estimators.likelihood.start import Trial
 from estimators.recorded_motion import RecordedMotion
 from estimators.samples import FloatArray
 
-# Own choices: how many grid points are followed, and for how long.
-_FOLLOWED: Final = 4
-# Where none of these explains the recording: trials that are judged and followed with the measurement in the lead.
-_LED_TRIED: Final = 32
-_LED_FOLLOWED: Final = 3
-# An overdamped stem's mass: tried again where the cost is nearly flat in it.
-_OTHER_MASSES_KG: Final = (1.0, 10.0)
-_FEW_EVENTS: Final = 600
-_HOPELESS: Final = 1.5
-_NEAR_MASS: Final = 1.0
-_FAR_ABOVE: Final = 1.0e3
-_LEADS: Final = (Lead(4, 0.4), Lead(4, 0.1), Lead(4, 0.02))
+# Own choices.
 EXACT: Final = 0.1  # of the noise: only without noise, and then nothing can be better
-_RESTARTED_STEPS: Final = 12
-_STEPS: Final = 40
-_SCAN: Final = np.concatenate([np.linspace(-0.05, 0.05, 41), np.linspace(-0.4, 0.8, 25)])  # of F_s
-_RANKED_ROWS: Final = 3000  # that are simulated to rank the trials
-_MOVING_AT_FIRST: Final = ("m", "k", "F_v", "F_c", "d", "F_0")
+_HOP_STEPS: Final = ((30, 2), (8, 5), (3, 8))  # how many are followed, and for how many steps
+_SCAN_STEPS: Final = 7
+_LAST_SHARE: Final = 0.15  # of the budget
+_VALLEY_STEPS: Final = 30  # F_v, F_c and DV of jumps lie in a narrow valley
+_HOP_ROUNDS: Final = 3
+_BETTER: Final = 1.0  # of the cost: a hop that gains less is at the same place
+_NEAR: Final = 25.0  # of the cost: a place that may be the right one
+_MOST_PLACES: Final = 4
+_MORE_SEARCHES: Final = 2  # where the best does not explain the recording
+_EXACT_NOISE: Final = 1.0e-12  # of the range
+_FINE_STEPS: Final = 120  # without noise: the valley of DV and F_s is narrow and bent
+_LAST_STEPS: Final = 20
+_NEARLY: Final = 0.1  # of the cost: from where on differences have to be good
+_SURELY_LESS: Final = 0.8  # of the noise: it was overestimated
+_SCAN: Final = np.concatenate([np.linspace(-0.05, 0.05, 21), np.linspace(-0.4, 0.8, 13)])  # of F_s
+_USUAL: Final = 2  # models, where there are few rests
+_SPACING: Final = 4
+_EVENTS_A_BREAKAWAY: Final = 3
+_MORE_EVENTS: Final = 10  # times the measured stem's: a trial valve that chatters
 _STILL_SIGMAS: Final = 4.0
 _LEAST_REST_ROWS: Final = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """The best point (p,), its cost and certificate, and how many starts and simulations it took."""
+    """The best point (p,), its cost and certificate, the model with its noise, and other places nearly as low.
 
+    ``others`` are points (p,) and their costs on all rows, within 25 of the best.
+    """
+
+    model: StemModel
     point: FloatArray
     cost: float
     certificate: Certificate
+    others: tuple[Place, ...]
+    noise_factor: float  # on the noise that was believed at first
     starts: int
     simulations: int
-    arrived: bool
-    is_explained: bool = False
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "is_explained", self.is_explained or self.certificate.is_good)
+    budget_left: float
 
 
 def measured_rests(motion: RecordedMotion) -> Restarts:
@@ -73,141 +81,156 @@ def measured_rests(motion: RecordedMotion) -> Restarts:
     return Restarts(np.array(row, dtype=np.int64), np.array(position_m, dtype=np.float64))
 
 
+@dataclass(frozen=True, slots=True)
+class Hopping:
+    """What a hop has to know: the usual sliding speed, and whether the stem jumps from rest to rest."""
+
+    speed_m_per_s: float
+    jumps: bool
+
+
 def search(
-    model: StemModel, trials: list[Trial], rests: Restarts, explains: Callable[[Found], bool] | None = None
+    model: StemModel, trials: list[Trial], rests: Restarts, *, breakaways: int, hopping: Hopping
 ) -> Found | None:
-    """Return the lowest point reached from these trial values; None where nothing moves.
+    """Return the lowest place reached from these trial values and those nearly as low; None where nothing moves.
 
-    The best trial of each class of DV is followed, for a large DV may look like a large F_v at a higher cost; more
-    trials only where none explains the recording, by its certificate or by ``explains``.
+    On blocks of rows: the trials are ranked and followed with the stem started anew at each measured rest, the
+    better of them without; then from the best to where the cost may be as low. On all rows: the few that are left.
     """
-    restarted = replace(model, restarts=rests)
-    points = [model.coordinates.point(trial.values) for trial in trials]
-    stride = 1 + model.time_s.size // _RANKED_ROWS
-    costs = np.array([thinned(restarted, stride).cost(point) for point in points])
-    order = _order(trials, costs)
-    simulations, starts, best = len(points), 0, None
-    for number, is_sure in order[:_FOLLOWED]:
-        if best is not None and best.is_explained and not is_sure:
+    events = _EVENTS_A_BREAKAWAY * breakaways
+    model = replace(model, events=events)
+    budget = Budget.of(model)
+    limited = replace(model, most_events=min(model.most_events, _MORE_EVENTS * (events + 40)))
+    small = compressed(limited)
+    stages = _stages(limited, rests, jumps=hopping.jumps)
+    whole = budget.left
+    first = ranked(stages[0], chosen_trials(trials), budget)
+    if not first:
+        return None
+    # hops where a simulation is cheapest: many jumps need not be in step with the measured ones for that
+    begun, longer = (stages[:3], stages[3:]) if hopping.jumps and len(stages) > _USUAL else ([*stages, small], [])
+    places = halved(begun, first, budget)
+    if not longer:
+        places += [_with_scanned_friction(small, place, budget) for place in places[:2]]
+    places = _hopped(begun[-1], distinct(small, places), hopping, budget, whole)
+    if longer:
+        places = _hopped(small, halved([*longer, small], places, budget), hopping, budget, whole)
+    if not places:
+        return None
+    factor = 1.0
+    ended = _on_all_rows(model, places, budget)
+    if not ended:
+        return None
+    certificate = certified(model, ended[0].point)
+    if EXACT < certificate.ratio < _SURELY_LESS:
+        # the differences saw the motion as noise: what the best fit leaves is nearer to it
+        factor = certificate.ratio
+        model = replace(model, weight=model.weight / factor)
+        small = compressed(replace(model, most_events=limited.most_events))
+        budget.left = max(budget.left, 0.5 * whole)
+        again = [Place(place.point, small.cost(place.point)) for place in places]
+        ended = _on_all_rows(model, _hopped(small, distinct(small, again), hopping, budget, whole), budget)
+        certificate = certified(model, ended[0].point)
+    for _ in range(_MORE_SEARCHES):
+        if certificate.is_good or certificate.ratio < EXACT:
             break
-        bar, most_events = math.inf, model.most_events
-        if best is not None and best.is_explained:
-            bar, most_events = best.cost, _FEW_EVENTS  # to beat what explains all already, a stem need not chatter
-        quick = replace(model, most_events=most_events)
-        found = _follow(quick, replace(quick, restarts=rests), points[number], bar)
-        starts, simulations = starts + 1, simulations + found.simulations
-        best = _better(model, best, found, explains)
-        if best is not None and best.certificate.ratio < EXACT:
-            break
-    if best is None or not best.is_explained:
-        led = replace(model, lead=_LEADS[0])
-        tried = [number for number, _ in order[:_LED_TRIED]]
-        tried.sort(key=lambda number: led.cost(points[number]))
-        simulations += len(tried)
-        for number in tried[:_LED_FOLLOWED]:
-            found = _follow_led(model, points[number])
-            starts, simulations = starts + 1, simulations + found.simulations
-            best = _better(model, best, found, explains)
-            if best is not None and best.is_explained:
-                break
-    if best is not None and best.certificate.ratio >= EXACT:
-        for mass_kg in _OTHER_MASSES_KG:
-            found = _with_mass(model, best.point, mass_kg)
-            simulations += found.simulations
-            best = _better(model, best, found, explains) or best
-    return None if best is None else replace(best, starts=starts, simulations=simulations)
-
-
-def _with_mass(model: StemModel, point: FloatArray, mass_kg: float) -> Descent:
-    """Descend again from another mass: an overdamped stem hides it in the logarithm that it is fitted in."""
-    place = model.coordinates.names.index("m")
-    start = point.copy()
-    start[place] = model.coordinates.entries[place].coordinate(mass_kg)
-    if abs(start[place] - point[place]) < _NEAR_MASS or model.cost(start) > model.cost(point) + _FAR_ABOVE:
-        return Descent(point, float("inf"), 2, False)
-    return descend(model, start, most_steps=_STEPS // 3)
-
-
-def _better(
-    model: StemModel, best: Found | None, found: Descent, explains: Callable[[Found], bool] | None
-) -> Found | None:
-    if not math.isfinite(found.cost) or (best is not None and found.cost >= best.cost):
-        return best
-    better = Found(found.point, found.cost, _certified(model, found.point), 0, 0, found.arrived)
-    if not better.is_explained and explains is not None:
-        return replace(better, is_explained=explains(better))
-    return better
-
-
-def _order(trials: list[Trial], costs: FloatArray) -> list[tuple[int, bool]]:
-    """Numbers of the trials in the order in which they are followed, and whether each is followed in any case."""
-    ranked = [int(number) for number in np.argsort(costs) if np.isfinite(costs[number])]
-    firsts: dict[float, int] = {}
-    seconds: dict[tuple[float, ...], int] = {}
-    for number in ranked:
-        firsts.setdefault(trials[number].limit_share, number)
-        seconds.setdefault((trials[number].limit_share, trials[number].static_share), number)
-    sure = sorted(firsts.values(), key=lambda number: costs[number])
-    others = [number for number in seconds.values() if number not in sure]
-    rest = [number for number in ranked if number not in sure and number not in others]
-    return [(number, True) for number in sure] + [(number, False) for number in others + rest]
-
-
-def thinned(model: StemModel, stride: int) -> StemModel:
-    """Return the model of every so many rows, for a quick look."""
-    if stride < 2:
-        return model
-    restarts = model.restarts
-    if restarts is not None:
-        restarts = Restarts(-(-restarts.row // stride), restarts.position_m)
-    return replace(
+        budget.left = max(budget.left, 0.5 * whole)
+        known = [Place(place.point, small.cost(place.point)) for place in [*ended, *places]]
+        more = [_hopped(small, [place], hopping, budget, whole) for place in distinct(small, known)[:_MOST_PLACES]]
+        places = distinct(small, [place for some in more for place in some])
+        ended = _on_all_rows(model, places, budget) or ended
+        certificate = certified(model, ended[0].point)
+    others = tuple(place for place in ended[1:] if place.cost < ended[0].cost + _NEAR)
+    return Found(
         model,
-        time_s=np.ascontiguousarray(model.time_s[::stride]),
-        position_m=model.position_m[::stride],
-        weight=model.weight[::stride],
-        section_row=-(-model.section_row // stride),
-        restarts=restarts,
+        ended[0].point,
+        ended[0].cost,
+        certificate,
+        others,
+        factor,
+        budget.starts,
+        budget.simulations,
+        budget.left / whole,
     )
 
 
-def _follow(model: StemModel, restarted: StemModel, point: FloatArray, bar: float) -> Descent:
-    """Descend with restarts, then without; not the second where the first is left far above ``bar``."""
-    held = tuple(name for name in model.coordinates.names if name not in _MOVING_AT_FIRST)
-    first = descend(restarted, point, most_steps=_RESTARTED_STEPS, held=held)
-    if first.cost > _HOPELESS * bar + _FAR_ABOVE:
-        return replace(first, cost=math.inf)
-    scanned, tried = _scan(model, first.point)
-    second = descend(model, scanned, most_steps=_STEPS)
-    return replace(second, simulations=first.simulations + tried + second.simulations)
+def _stages(model: StemModel, rests: Restarts, *, jumps: bool) -> list[StemModel]:
+    """Models begun anew at each rest, twice, and, where there are many, at fewer and fewer of them.
+
+    Over many jumps the simulated stem falls out of step with the measured one unless it is nearly right already.
+    """
+    first = compressed(in_parts(model, rests, 1))
+    stages, spacing = [first, first], _SPACING
+    while jumps and spacing * _SPACING <= rests.row.size:
+        stages.append(compressed(in_parts(model, rests, spacing)))
+        spacing *= _SPACING
+    return stages
 
 
-def _follow_led(model: StemModel, point: FloatArray) -> Descent:
-    """Descend with the simulated stem led by the measured one, less and less."""
-    held = tuple(name for name in model.coordinates.names if name not in _MOVING_AT_FIRST)
-    simulations = 0
-    for number, lead in enumerate(_LEADS):
-        found = descend(replace(model, lead=lead), point, most_steps=_RESTARTED_STEPS, held=held if number == 0 else ())
-        point, simulations = found.point, simulations + found.simulations
-    last = descend(model, point, most_steps=_STEPS)
-    return replace(last, simulations=simulations + last.simulations)
+def searched_again(small: StemModel, found: Found, hopping: Hopping) -> FloatArray:
+    """Return the lowest point (p,) that hops from the best places lead to where other errors count in the cost."""
+    budget = Budget.of(found.model)
+    starts = [found.point, *(place.point for place in found.others)]
+    places = [followed_from(small, point, _SCAN_STEPS, budget) for point in starts]
+    ended = _hopped(small, distinct(small, places), hopping, budget, budget.left)
+    return ended[0].point if ended else found.point
 
 
-def _scan(model: StemModel, point: FloatArray) -> tuple[FloatArray, int]:
-    """Scan F_s about the point on the cost of the position: one minimum in it, while the velocity's has several."""
-    place = model.coordinates.names.index("d")
-    ratio = 1.0 + point[place]
-    best, least = point, model.cost(point)
+def _hopped(small: StemModel, places: list[Place], hopping: Hopping, budget: Budget, whole: float) -> list[Place]:
+    """Hop from the best place until none is lower, and return all that were found, cheapest first."""
+    for _ in range(_HOP_ROUNDS):
+        if not places or not budget.allows(_LAST_SHARE, whole):
+            break
+        best = places[0]
+        found = [Place(point, 0.0) for point in hops(small, best.point, hopping.speed_m_per_s, jumps=hopping.jumps)]
+        for kept, steps in _HOP_STEPS:
+            found = [followed_from(small, place.point, steps, budget, fine=kept < 5) for place in found[:kept]]
+            found = distinct(small, [place for place in found if math.isfinite(place.cost)])
+        places = distinct(small, [*places, *found])
+        lowest = [followed_from(small, place.point, _VALLEY_STEPS, budget, fine=True) for place in places[:2]]
+        places = distinct(small, [*lowest, *places])
+        if places[0].cost > best.cost - _BETTER:
+            break
+    return places
+
+
+def _on_all_rows(model: StemModel, places: list[Place], budget: Budget) -> list[Place]:
+    """Descend on all rows from the places that may be the lowest; cheapest first."""
+    ended: list[Place] = []
+    finest = compressed(model, least_noise=_EXACT_NOISE)
+    is_exact = float(model.weight.max()) * model.range_m > 1.0 / LEAST_NOISE
+    for number, place in enumerate(places[:_MOST_PLACES]):
+        is_far = number > 0 and place.cost > places[0].cost + 2.0 * _NEAR
+        if is_far or (ended and ended[0].cost < EXACT**2 * model.time_s.size):
+            break
+        point = descend(finest, place.point, most_steps=_FINE_STEPS).point if is_exact else place.point
+        near = descend(model, point, most_steps=_LAST_STEPS, one_sided=True, arrived=_NEARLY)
+        found = descend(model, near.point, most_steps=_LAST_STEPS)
+        budget.spend(model, near.simulations + found.simulations)
+        if math.isfinite(found.cost):
+            ended.append(Place(found.point, found.cost))
+    return distinct(model, ended)
+
+
+def _with_scanned_friction(model: StemModel, place: Place, budget: Budget) -> Place:
+    """Scan F_s on the cost of the position, which has one minimum in it, and descend from there."""
+    number = model.coordinates.names.index("d")
+    ratio = 1.0 + place.point[number]
+    best = place
     for share in _SCAN:
-        trial = point.copy()
-        trial[place] = max(0.0, ratio * (1.0 + share) - 1.0)
+        trial = place.point.copy()
+        trial[number] = max(0.0, ratio * (1.0 + share) - 1.0)
         cost = model.cost(trial)
-        if cost < least:
-            best, least = trial, cost
-    return best, _SCAN.size + 1
+        if cost < best.cost:
+            best = Place(trial, cost)
+    budget.spend(model, _SCAN.size)
+    return place if best is place else followed_from(model, best.point, _SCAN_STEPS, budget)
 
 
-def _certified(model: StemModel, point: FloatArray) -> Certificate:
-    residual = model.residuals(point)
-    if residual is None:
-        return Certificate(float("inf"), float("inf"), 0)
-    return certify(residual, model.weight)
+def certified(model: StemModel, point: FloatArray) -> Certificate:
+    """Return the certificate of the fit at this point (p,)."""
+    simulated_m = model.simulate(point)
+    if simulated_m is None:
+        return Certificate(math.inf, math.inf, 0)
+    residual = (model.position_m - simulated_m) * model.weight
+    return certify(residual, model.weight, bent_rows(simulated_m, model.weight))

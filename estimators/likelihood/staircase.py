@@ -1,46 +1,87 @@
-"""A stem that only sticks and slips: the phases of its staircase, whose steps are too short to be motions else."""
+"""A stem that sticks and slips: its rests and jumps, whose steps are too short to be motions for the usual phases."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
 from estimators.base import Outcome
-from estimators.moving_rows import find_moving_rows, pieces_of
+from estimators.likelihood.level_kernel import level_runs
 from estimators.phases import After, Phases, Stretch
 from estimators.recorded_motion import RecordedMotion
 from estimators.rests import Breakaway
-from estimators.samples import Samples, prepare
+from estimators.samples import FloatArray, IntArray, Samples, prepare
 from estimators.windowed_slope import windowed_slope
 from valve.nameplate import Nameplate
 from valve.recording import Recording
 
-_AWAY_SIGMAS: Final = 5.0
-_FEWEST_STEPS: Final = 2
-_MOST_LEVEL_ROWS: Final = 100
+# Own choices, tried on random valves that stick and slip at 1 to 20 ms.
+_LEVEL_SIGMAS: Final = 4.5
+_FEWEST_ROWS: Final = 3
+_FEWEST_STEPS: Final = 6  # where the usual phases hold some; 2 where they hold none
+_FEWEST_AT_ALL: Final = 2
+_MORE_STEPS: Final = 2  # times the breakaways that the usual phases have
+_AS_MANY: Final = 0.7  # of them are enough where the jumps are brief
+_BRIEF: Final = 0.3  # of the rests
+_CREEPS: Final = 0.3  # of the mean speed about it: a run with so much slope is no rest
+_CLEAR: Final = 25.0
+_MORE_NOISE: Final = 1.3
+_GRID_STEPS: Final = 3.0
+_APART_SIGMAS: Final = 5.0
+_QUANTILE: Final = 0.1
+_QUANTILE_SIGMAS: Final = 0.1257  # of the absolute value of a normal number
+_MAD_TO_SIGMA: Final = 1.4826  # of the normal distribution
+_LEAST: Final = 1.0e-9  # of the range
 
 
-def read_staircase(recording: Recording, nameplate: Nameplate) -> RecordedMotion | None:
-    """Return the motion of a stem that rests between jumps, or None where it does not."""
-    samples = prepare(recording, nameplate)
+@dataclass(frozen=True, slots=True, eq=False)
+class Rests:
+    """Runs of rows at rest: ``rows`` (k, 2), first and last; their ``level_m`` (k,); the noise about them, m."""
+
+    rows: IntArray
+    level_m: FloatArray
+    noise_m: float
+
+
+def read_staircase(
+    recording: Recording, nameplate: Nameplate, motion: RecordedMotion | Outcome
+) -> RecordedMotion | None:
+    """Return the motion as rests and jumps; None where it has few of them, or the usual phases hold as many."""
+    samples = prepare(recording, nameplate) if isinstance(motion, Outcome) else motion.samples
     if isinstance(samples, Outcome):
         return None
-    moving = find_moving_rows(samples)
-    if moving is None:
+    rests = find_rests(samples)
+    if rests is None:
         return None
-    stretches, breakaways = _steps(samples, pieces_of(samples, moving.sense))
-    if len(breakaways) < _FEWEST_STEPS:
+    stretches, breakaways = _steps(samples, rests)
+    fewest = float(_FEWEST_AT_ALL)
+    if not isinstance(motion, Outcome):
+        moving = np.median([stretch.last - stretch.first + 1 for stretch in stretches]) if stretches else np.inf
+        is_brief = moving < _BRIEF * float(np.median(np.diff(rests.rows, axis=1)))
+        fewest = max(_FEWEST_STEPS, (_AS_MANY if is_brief else _MORE_STEPS) * len(motion.phases.breakaways))
+    if len(breakaways) < fewest or not _jumps_beyond_grid(samples, breakaways):
         return None
+    apart = np.diff([breakaway.row for breakaway in breakaways])
+    half_window = int(np.clip(2.0 * float(np.median(apart)), 2.0, samples.count / 10.0))
+    velocity = windowed_slope(samples, samples.position_m, half_window)
+    moving = np.abs(velocity[[breakaway.row for breakaway in breakaways]])
     phases = Phases(
-        velocity=moving.velocity,
-        half_window=moving.half_window,
-        moving_speed=moving.usual_speed,
+        velocity=velocity,
+        half_window=half_window,
+        moving_speed=float(np.median(moving)),
         stretches=tuple(stretches),
         breakaways=tuple(breakaways),
         corners=np.empty(0, dtype=np.int64),
-        force_rate=windowed_slope(samples, samples.force_n, max(2, moving.half_window)),
+        force_rate=windowed_slope(samples, samples.force_n, half_window),
     )
+    if samples.position_noise_m > 0.0:
+        samples = replace(samples, position_noise_m=rests.noise_m)
+    if isinstance(motion, RecordedMotion):
+        return replace(motion, samples=samples, phases=phases, uniform=None, shared={})
     return RecordedMotion(
         samples=samples,
         phases=phases,
@@ -53,28 +94,76 @@ def read_staircase(recording: Recording, nameplate: Nameplate) -> RecordedMotion
     )
 
 
-def _steps(samples: Samples, pieces: list[tuple[int, int, int]]) -> tuple[list[Stretch], list[Breakaway]]:
-    """Jumps from one level to the next, to the row: the windows that found them are wider than they are."""
+def _jumps_beyond_grid(samples: Samples, breakaways: list[Breakaway]) -> bool:
+    """Whether the jumps are longer than steps of the sensor's grid, which look like rests and jumps too."""
+    jumps_m = np.abs(np.diff([breakaway.rest_m for breakaway in breakaways]))
+    return float(np.median(jumps_m)) > _GRID_STEPS * samples.position_step_m
+
+
+def find_rests(samples: Samples) -> Rests | None:
+    """Return the runs of rows at one level, where the stem rests between jumps and does not creep."""
+    position_m = samples.position_m
+    range_m = float(np.ptp(position_m))
+    least_m = max(_least_noise(position_m), samples.position_step_m, _LEAST * range_m)
+    noise_m = max(min(samples.position_noise_m, least_m), _LEAST * range_m)
+    rows = level_runs(position_m, samples.run_last, _LEVEL_SIGMAS * noise_m, _FEWEST_ROWS)
+    if rows.shape[0] <= _FEWEST_AT_ALL:
+        return None
+    level_m = np.array([float(position_m[first : last + 1].mean()) for first, last in rows])
+    slope, squares_s2 = _slopes(samples, rows)
+    speed = np.gradient(level_m, 0.5 * (samples.time_s[rows[:, 0]] + samples.time_s[rows[:, 1]]))
+    surely = np.abs(slope) * np.sqrt(squares_s2) > _LEVEL_SIGMAS * noise_m
+    kept = ~(surely & (np.abs(slope) > _CREEPS * np.abs(speed)))
+    # what each run tells of its slope, none more than a clear one; together they show what creeps in short pieces
+    weight = np.minimum(squares_s2 * speed * speed / noise_m**2, _CLEAR)
+    drift = np.divide(slope, speed, out=np.zeros_like(slope), where=speed != 0.0)
+    if np.count_nonzero(kept) <= _FEWEST_AT_ALL or float((weight * drift)[kept].sum()) > _CREEPS * float(
+        weight[kept].sum()
+    ):
+        return None
+    rows, level_m = rows[kept], level_m[kept]
+    off_m = [position_m[first : last + 1] - mean_m for (first, last), mean_m in zip(rows, level_m, strict=True)]
+    lost = math.sqrt(1.0 + rows.shape[0] / float(np.diff(rows, axis=1).sum()))
+    # the median, for a run may begin with the end of a jump
+    scatter_m = _MAD_TO_SIGMA * lost * float(np.median(np.abs(np.concatenate(off_m))))
+    if scatter_m > _MORE_NOISE * max(samples.position_noise_m, noise_m):
+        return None  # what creeps or rings is no rest
+    return Rests(rows, level_m, max(scatter_m, samples.position_step_m / math.sqrt(12.0), _LEAST * range_m))
+
+
+def _least_noise(position_m: FloatArray) -> float:
+    """Noise of the stillest rows, m, by the least second differences; about all rows' where none is stiller."""
+    second_m = np.abs(np.diff(position_m, 2))
+    return float(np.quantile(second_m, _QUANTILE)) / (_QUANTILE_SIGMAS * math.sqrt(6.0))
+
+
+def _slopes(samples: Samples, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Slope of the position over each run, m/s, and the sum of its squared times about their mean, s^2; (k,)."""
+    slope, squares = np.zeros(rows.shape[0]), np.zeros(rows.shape[0])
+    for number, (first, last) in enumerate(rows):
+        time_s = samples.time_s[first : last + 1]
+        time_s = time_s - time_s.mean()
+        squares[number] = float(time_s @ time_s)
+        slope[number] = float(time_s @ samples.position_m[first : last + 1]) / squares[number]
+    return slope, squares
+
+
+def _steps(samples: Samples, rests: Rests) -> tuple[list[Stretch], list[Breakaway]]:
+    """Jumps from one level to the next; a rest that goes on at the same level is one rest."""
     stretches: list[Stretch] = []
     breakaways: list[Breakaway] = []
-    away_m = _AWAY_SIGMAS * samples.position_noise_m + 1.0e-9 * float(np.ptp(samples.position_m))
-    for before, jump, after in zip(pieces, pieces[1:], pieces[2:], strict=False):
-        if before[2] != 0 or jump[2] == 0 or after[2] != 0:
+    rows, level_m = rests.rows, rests.level_m
+    for number, other in pairwise(range(level_m.size)):
+        rise_m = float(level_m[other] - level_m[number])
+        counts = rows[[number, other], 1] - rows[[number, other], 0] + 1
+        if abs(rise_m) <= _APART_SIGMAS * rests.noise_m * float(np.sqrt((1.0 / counts).sum())):
             continue
-        level_m = float(np.median(samples.position_m[max(before[0], before[1] - _MOST_LEVEL_ROWS) : before[1] + 1]))
-        next_m = float(np.median(samples.position_m[after[0] : min(after[1], after[0] + _MOST_LEVEL_ROWS) + 1]))
-        position_m = samples.position_m[jump[0] : jump[1] + 1]
-        gone = np.flatnonzero(jump[2] * (position_m - level_m) > away_m)
-        there = np.flatnonzero(np.abs(position_m - next_m) > away_m)
-        if gone.size == 0:
+        before, after = int(rows[number, 1]), int(rows[other, 0])
+        if samples.run_first[after] > before:
             continue
-        first = jump[0] + int(gone[0])
-        last = max(first, jump[0] + int(there[-1])) if there.size else first
-        if stretches and first <= stretches[-1].last:
-            continue
-        row = max(first - 1, before[0])
-        stretches.append(Stretch(first, last, jump[2], After.BREAKAWAY, driven=True))
-        half_step_s = 0.5 * float(samples.time_s[first] - samples.time_s[row])
-        at_s = float(samples.time_s[row]) + half_step_s
-        breakaways.append(Breakaway(row, jump[2], at_s, half_step_s, level_m))
+        direction = 1 if rise_m > 0.0 else -1
+        stretches.append(Stretch(before + 1, max(before + 1, after - 1), direction, After.BREAKAWAY, driven=True))
+        half_step_s = 0.5 * float(samples.time_s[before + 1] - samples.time_s[before])
+        at_s = float(samples.time_s[before]) + half_step_s
+        breakaways.append(Breakaway(before, direction, at_s, half_step_s, float(level_m[number])))
     return stretches, breakaways

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
@@ -20,24 +21,29 @@ _MASSES_KG: Final = (0.2, 0.8, 3.0, 12.0, 50.0)
 _VISCOUS_SHARES: Final = (0.9, 0.5, 0.2, 0.06, 0.02, 0.003)
 _LIMIT_SHARES: Final = (0.015, 0.4, 0.9, 1.4)
 _STATIC_SHARES: Final = (0.0, 1.08, 1.25, 1.5)
+_DAMPINGS: Final = (0.02, 0.1, 0.3, 0.6, 0.9, 1.5, 4.0)  # ratios, of a stem that jumps
 _SAME: Final = 0.02
 _SETTLED_SHARE: Final = 0.3  # of a stretch, left out of a balance
 
 
 @dataclass(frozen=True, slots=True)
 class FirstGuess:
-    """k (N/m), F_0 (N), the friction A (N) in motion at ``speed`` (m/s), and F_s (N)."""
+    """k (N/m), F_0 (N), the friction A (N) in motion at ``speed`` (m/s), F_s (N), and how long its jumps are, m."""
 
     spring_n_per_m: float
     preload_n: float
     friction_n: float
     speed: float
     static_n: float
+    jump_m: float | None = None
 
 
 def first_guesses(motion: RecordedMotion) -> list[FirstGuess]:
     """Return what the force balances give, the most trusted first: uniform motion, all motion, breakaways."""
     found = [_from_uniform_motion(motion), _from_all_motion(motion), _from_breakaways(motion), _from_all_rows(motion)]
+    if motion.uniform is None:
+        # the jumps of a staircase tell more than its mean motion
+        found.insert(0, found.pop(2))
     return distinct([guess for guess in found if guess is not None])
 
 
@@ -87,13 +93,13 @@ def _from_breakaways(motion: RecordedMotion) -> FirstGuess | None:
         return None
     static_n = float(solved[1])
     # a lightly damped jump is 2 (F_s - F_c)/k long
-    jump_m = [
-        abs(float(motion.samples.position_m[stretch.last] - breakaway.rest_m))
-        for stretch, breakaway in zip(motion.phases.stretches, motion.phases.breakaways, strict=False)
-    ]
-    by_jump_n = static_n - 0.5 * float(solved[0]) * float(np.median(jump_m))
-    friction_n = by_jump_n if motion.uniform is None and by_jump_n > 0.0 else 0.8 * static_n
-    return FirstGuess(float(solved[0]), float(solved[2]), friction_n, motion.phases.moving_speed, static_n)
+    jump_m = None
+    if motion.uniform is None:
+        # from one rest to the next, where the sense stays
+        steps_m = np.abs(np.diff(rest_m))[sense[1:] == sense[:-1]]
+        jump_m = float(np.median(steps_m)) if steps_m.size > 0 else None
+    spring, preload_n = float(solved[0]), float(solved[2])
+    return FirstGuess(spring, preload_n, 0.8 * static_n, motion.phases.moving_speed, static_n, jump_m)
 
 
 def _from_all_rows(motion: RecordedMotion) -> FirstGuess | None:
@@ -142,6 +148,9 @@ def trials(guess: FirstGuess, nameplate_mass_kg: float | None, fastest_m_per_s: 
     The force at breakaway is tried first as F_s (share 0), for it may be seen late and F_s lie above or below it.
     """
     masses_kg = _MASSES_KG if nameplate_mass_kg is None else (*_MASSES_KG, nameplate_mass_kg)
+    if guess.jump_m is not None:
+        yield from _jumping_trials(guess, guess.jump_m, masses_kg, fastest_m_per_s)
+        return
     for viscous_share, limit_share, static_share in product(_VISCOUS_SHARES, _LIMIT_SHARES, _STATIC_SHARES):
         coulomb_n = (1.0 - viscous_share) * guess.friction_n
         static_n = static_share * guess.friction_n if static_share > 0.0 else guess.static_n
@@ -156,6 +165,26 @@ def trials(guess: FirstGuess, nameplate_mass_kg: float | None, fastest_m_per_s: 
                 "F_0": guess.preload_n,
             }
             yield Trial(values, limit_share, static_share)
+
+
+def _jumping_trials(
+    guess: FirstGuess, jump_m: float, masses_kg: tuple[float, ...], fastest_m_per_s: float
+) -> Iterator[Trial]:
+    """Trials for a stem that jumps and sticks: (1 + exp(-pi z/sqrt(1 - z^2))) (F_s - F_c)/k long at damping ratio z."""
+    for damping, limit_share in product(_DAMPINGS, _LIMIT_SHARES[:2]):
+        beyond = math.exp(-math.pi * damping / math.sqrt(1.0 - damping**2)) if damping < 1.0 else 0.0
+        coulomb_n = max(guess.static_n - guess.spring_n_per_m * jump_m / (1.0 + beyond), 0.02 * guess.static_n)
+        for mass_kg in masses_kg:
+            values = {
+                "m": mass_kg,
+                "k": guess.spring_n_per_m,
+                "F_v": 2.0 * damping * math.sqrt(guess.spring_n_per_m * mass_kg),
+                "F_c": coulomb_n,
+                "d": guess.static_n / coulomb_n - 1.0,
+                "DV": min(limit_share * guess.speed, 0.95 * fastest_m_per_s),
+                "F_0": guess.preload_n,
+            }
+            yield Trial(values, limit_share, damping)
 
 
 def distinct(guesses: list[FirstGuess]) -> list[FirstGuess]:

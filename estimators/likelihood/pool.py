@@ -1,0 +1,104 @@
+"""Many descents at once, of which the better go on: from the trial values to the few lowest places of the cost."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from estimators.likelihood.budget import Budget
+from estimators.likelihood.descent import Descent, descend
+from estimators.likelihood.model import StemModel
+from estimators.likelihood.start import Trial
+from estimators.samples import FloatArray
+
+# Own choices, tried on random valves: trial values that are simulated, that are followed, and for how many steps.
+_RANKED: Final = 240
+_KEPT: Final = (20, 8, 4)
+_STEPS: Final = (3, 5, 8)
+_SAME: Final = 0.02  # of a coordinate that is a logarithm: two places are one
+_SAME_YET: Final = 0.15  # and while places still change
+_COARSE: Final = 0.3  # of the cost: a step that gains less can wait
+_COMPARED: Final = ("m", "F_v", "F_c", "d", "DV")
+_AT_LEAST: Final = 3  # are followed in any case
+_RESERVE: Final = 0.35  # of the budget, for what comes after
+_MOVING_AT_FIRST: Final = ("m", "k", "F_v", "F_c", "d", "F_0")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """A point (p,) of the unknowns and its cost."""
+
+    point: FloatArray
+    cost: float
+
+
+def chosen_trials(trials: list[Trial], most: int = _RANKED) -> list[Trial]:
+    """Return at most so many trials, spread evenly over all their classes (they come in order of these)."""
+    if len(trials) <= most:
+        return trials
+    # a stride that shares no factor with the classes' numbers takes all of them in turn
+    stride = max(1, len(trials) // most)
+    while any(math.gcd(stride, classes) > 1 for classes in (2, 3, 5)):
+        stride += 1
+    count = min(most, len(trials))
+    return [trials[(number * stride) % len(trials)] for number in range(count)]
+
+
+def ranked(model: StemModel, trials: list[Trial], budget: Budget) -> list[Place]:
+    """Return the trials' places, cheapest first, the best of each class of DV and of F_s before all others."""
+    places = [Place(point, model.cost(point)) for point in (model.coordinates.point(trial.values) for trial in trials)]
+    budget.spend(model, len(places))
+    order = [number for number in np.argsort([place.cost for place in places]) if math.isfinite(places[number].cost)]
+    firsts: dict[tuple[float, float], int] = {}
+    for number in order:
+        firsts.setdefault((trials[number].limit_share, trials[number].static_share), int(number))
+    leading = list(firsts.values())
+    return [places[number] for number in [*leading, *(number for number in order if number not in leading)]]
+
+
+def halved(models: list[StemModel], places: list[Place], budget: Budget) -> list[Place]:
+    """Follow many places for a few steps, the better of them for more; in each round on the next of the models."""
+    whole = budget.left
+    for number, model in enumerate(models):
+        kept, steps = _KEPT[min(number, len(_KEPT) - 1)], _STEPS[min(number, len(_STEPS) - 1)]
+        names = model.coordinates.names
+        held = tuple(name for name in names if name not in _MOVING_AT_FIRST) if number == 0 else ()
+        followed: list[Place] = []
+        for place in places[:kept]:
+            if len(followed) >= _AT_LEAST and not budget.allows(_RESERVE, whole):
+                break
+            found = followed_from(model, place.point, steps, budget, held=held)
+            if math.isfinite(found.cost):
+                followed.append(found)
+        places = distinct(model, followed, _SAME_YET if number < len(models) - 1 else _SAME)
+    return places
+
+
+def followed_from(
+    model: StemModel, point: FloatArray, steps: int, budget: Budget, *, held: tuple[str, ...] = (), fine: bool = False
+) -> Place:
+    """Return where a descent from this point (p,) ends."""
+    found: Descent = descend(
+        model, point, most_steps=steps, held=held, arrived=0.1 * _COARSE if fine else _COARSE, one_sided=True
+    )
+    budget.spend(model, found.simulations)
+    budget.starts += 1
+    return Place(found.point, found.cost)
+
+
+def distinct(model: StemModel, places: list[Place], apart: float = _SAME) -> list[Place]:
+    """Return the places, cheapest first, without those at which a cheaper one is already."""
+    kept: list[Place] = []
+    for place in sorted(places, key=lambda one: one.cost):
+        if not any(is_same(model, place.point, other.point, apart) for other in kept):
+            kept.append(place)
+    return kept
+
+
+def is_same(model: StemModel, one: FloatArray, other: FloatArray, apart: float = _SAME) -> bool:
+    """Whether two points (p,) differ by less than this share in each of the valve's parameters."""
+    compared = [model.coordinates.names.index(name) for name in _COMPARED]
+    return bool((np.abs(one[compared] - other[compared]) < apart).all())
