@@ -75,8 +75,10 @@ def choose(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str], 
         best, chosen = fit, [*chosen, cause]
         if is_noise(best):
             break
-    if len(chosen) > 1:
-        best, chosen = _pruned(baseline, best, chosen)
+    best, chosen = _pruned(baseline, best, chosen)
+    if not chosen:
+        # what looked like a cause only showed the baseline a better place
+        baseline, rivals, rival_fits = best, (), ()
     return Choice(baseline, best, tuple(chosen), rivals, rival_fits, tried)
 
 
@@ -85,12 +87,13 @@ def _refits(best: Fit, candidates: list[Candidate], setting: Setting, most: int)
 
     Once one leaves noise alone, only those are tried that promise about as much: its rivals.
     """
-    ordinary = [one for one in candidates if not one.cause.is_hard][:most]
+    ordinary = [one for one in candidates if not one.cause.is_hard and not one.cause.is_shy][:most]
+    ordinary += [one for one in candidates if one.cause.is_shy]
     hard = [one for one in candidates if one.cause.is_hard]
     fits: list[tuple[Cause, Fit]] = []
     lowest, explained, promise, early = math.inf, False, 0.0, _REFINED_EARLY
     for one in [*ordinary, *hard]:
-        if explained and (one.cause.is_hard or one.promise < _RIVAL_SHARE * promise):
+        if explained and (one.cause.is_hard or (one.promise < _RIVAL_SHARE * promise and not one.cause.is_shy)):
             continue
         fit = refit(best, one, setting, lowest)
         if not fit.is_followed:
@@ -106,7 +109,8 @@ def _refits(best: Fit, candidates: list[Candidate], setting: Setting, most: int)
 
 def _is_promising(candidate: Candidate, best: Fit) -> bool:
     """Whether a cause is worth a fit; what one step of a hard cause promises says nothing."""
-    return candidate.cause.is_hard or candidate.promise * best.cost > _LEAST_PROMISE
+    cause = candidate.cause
+    return cause.is_hard or cause.is_shy or candidate.promise * best.cost > _LEAST_PROMISE
 
 
 def _closer(fits: list[tuple[Cause, Fit]]) -> list[tuple[Cause, Fit]]:
@@ -141,8 +145,6 @@ def _pruned(baseline: Fit, best: Fit, chosen: list[Cause]) -> tuple[Fit, list[Ca
     """Drop the causes without which the rest does as well, once it has found its place."""
     for cause in list(chosen):
         others = [other for other in chosen if other is not cause]
-        if not others:
-            break
         model, setting = baseline.model, setting_of(best)
         for other in others:
             model = extended_model(model, other, setting)

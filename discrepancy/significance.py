@@ -11,7 +11,7 @@ from estimators.likelihood.intervals import inflation
 # Own choices, from healthy valves and from valves with one hidden effect (docs/diagnosis.md).
 # Some hundred starts are tried: 2 ln(100) = 9 is what the best wins by chance, the rest is for what is not white.
 SURE: Final = 45.0
-_LEAST_RMS: Final = 0.04  # of the noise of one row, that a cause must move all rows by
+_LEAST_RMS: Final = 0.1  # of the noise of one row, that a cause must move all rows by
 # A rival within this is not told apart: 4 standard deviations of the difference.
 NEAR: Final = 16.0
 

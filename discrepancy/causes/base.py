@@ -93,6 +93,7 @@ class Cause:
     held: Callable[[Setting], Values] = lambda _setting: {}
     is_visible: Callable[[Observed], bool] = lambda _observed: True
     is_hard: bool = False  # its starts are a grid that must be followed some way before the best is seen
+    is_shy: bool = False  # usual tests show little of it, and others mimic that: always tried beside them
     neutral: float | None = 0.0  # of the strength; None where the start does not grow out of the baseline
 
     def unknowns(self, setting: Setting) -> tuple[Unknown, ...]:

@@ -73,6 +73,7 @@ BACKLASH: Final = Cause(
     lambda setting: [{"play_m": share * setting.scale.travel_m} for share in (0.001, 0.005, 0.02)],
     _play_sentence,
     "Look at the linkage between stem and position sensor: a worn pin, a loose clamp.",
+    is_shy=True,
 )
 
 

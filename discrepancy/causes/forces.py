@@ -133,7 +133,10 @@ HIGH_STOP: Final = Cause(
 
 
 def _vibration_starts(setting: Setting) -> list[Values]:
-    found = strongest_frequencies(setting.observed.time_s, setting.residual_m, 4)
+    time_s = setting.observed.time_s
+    found = strongest_frequencies(time_s, setting.residual_m, 3)
+    # where each period of the force lets the stem slip, its steps show the frequency better than the misfit
+    found += strongest_frequencies(time_s, np.gradient(setting.observed.position_m, time_s), 2)
     force_n = 0.002 * setting.scale.full_force_n
     return [
         {"force_n": force_n, "frequency_hz": frequency_hz, "phase_rad": phase_rad}

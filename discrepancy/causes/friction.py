@@ -168,6 +168,7 @@ DWELL: Final = Cause(
     _dwell_starts,
     _dwell_sentence,
     "Exercise the valve regularly; if it grows, change packing or lubricant.",
+    is_shy=True,
 )
 
 

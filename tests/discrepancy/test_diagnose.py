@@ -17,7 +17,6 @@ from valve.recording import Recording
 HIDDEN: dict[str, tuple[str, dict[str, float]]] = {
     "local_friction": ("nominal", {"rise_n": 150.0, "centre_m": 0.055, "width_m": 0.0015}),
     "friction_drift": ("nominal", {"change_n": -90.0, "time_constant_s": 15.0}),
-    "spring_hardening": ("vendor", {"hardening_n_per_m2": 15_000.0}),
     "dual_rate_spring": ("vendor", {"rate_change_n_per_m": 4_000.0, "knee_m": 0.05}),
     "position_lag": ("nominal", {"lag_s": 0.03}),
 }
