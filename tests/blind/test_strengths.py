@@ -9,11 +9,14 @@ from typing import Final
 import numpy as np
 import pytest
 
-from tests.blind.plant import Course
-from tests.blind.short_courses import NOISE_M, QUICK, course_with, plant_of
+from tests.blind.plant import Course, followed
+from tests.blind.short_courses import NOISE_M, QUICK, course_with, plant_of, short_wave
 from tests.blind.strengths import LARGEST, STRENGTHS, Swept
 from valve.effects import EFFECTS
+from valve.extended_motion import ExtendedState, simulate_extended
+from valve.extended_valve import ExtendedValve
 from valve.recording import FloatArray
+from valve.stem import StemState
 
 
 def test_every_cause_of_the_catalogue_can_be_hidden() -> None:
@@ -117,3 +120,35 @@ def test_channels_err_by_what_the_strength_says() -> None:
     course, healthy, swept, _values = course_with("actuator_leak", "vendor", 4.0)
     at_s = healthy.time_s
     assert np.allclose(course.force_at(at_s), 0.98 * healthy.force_at(at_s), rtol=1.0e-6)
+
+
+# The fitted model beside the fixed steps: what counts time, and the command's way to the actuator.
+@pytest.mark.parametrize(
+    "cause",
+    [
+        "friction_drift",
+        "vibration",
+        "transducer_lag",
+        "transducer_dead_time",
+        "supply_saturation",
+        "actuator_leak",
+        "position_lag",
+        "local_friction",
+        "stribeck_friction",
+    ],
+)
+def test_with_the_truth_in_it_the_fitted_model_leaves_less_than_any_noise(cause: str) -> None:
+    plant = plant_of("nominal")
+    wave = short_wave(plant)
+    effect = STRENGTHS[cause].effect(4.0 * STRENGTHS[cause].smallest, plant.swept(wave), np.random.default_rng(3))
+    course = followed(effect.apply(ExtendedValve(plant.parameters)), wave, plant.area_m2, QUICK)
+    asked_n = plant.area_m2 * wave.pressure_pa
+    motion = simulate_extended(
+        effect.apply(ExtendedValve(plant.parameters)),
+        wave.time_s,
+        asked_n,
+        course.time_s,
+        initial=ExtendedState(StemState(float(course.sensed_m[0]))),
+    )
+    difference_m = course.sensed_m - motion.sensed_m
+    assert np.sqrt(np.mean(difference_m**2)) < 0.2 * NOISE_M
