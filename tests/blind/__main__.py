@@ -17,8 +17,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from tests.blind.cases import KINDS
 from tests.blind.diagnosers import DIAGNOSERS
+from tests.blind.kinds import KINDS
 from tests.blind.runs import Result, Run, kept_results, results_file, results_of
 from tests.blind.tables import tables
 

@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 from rich.table import Table
 
-from tests.blind.cases import KINDS
 from tests.blind.figures import binomial_interval, counted, gains, named_instead, of_cause, smallest_named
 from tests.blind.grading import LARGEST_SET, Grade, is_false_name, is_right
+from tests.blind.kinds import KINDS
 from tests.blind.oddities import ODDITIES
 from tests.blind.runs import Result
 from tests.blind.strengths import STRENGTHS, Expected

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.blind.cases import KINDS, blind_case
+from tests.blind.cases import blind_case
+from tests.blind.kinds import KINDS
 from tests.blind.oddities import ODDITIES, Steps, drawn_oddity
 from tests.blind.plant import (
     SETTLING_S,
@@ -30,7 +31,7 @@ from valve.recording import Acquisition
 from valve.waveform import FloatArray, Waveform
 
 FORBIDDEN = ("valve.extended_kernel", "valve.extended_motion", "valve.motion", "discrepancy", "estimators")
-MAKING_CASES = ("cases.py", "oddities.py", "plant.py", "sequences.py", "strengths.py")
+MAKING_CASES = ("cases.py", "kinds.py", "oddities.py", "plant.py", "sequences.py", "strengths.py")
 
 
 def test_the_cases_are_made_without_the_kernel_that_fits() -> None:

@@ -9,9 +9,10 @@ import pytest
 
 from tests.blind import runs
 from tests.blind.__main__ import main, planned
-from tests.blind.cases import HELD_OUT, KINDS
+from tests.blind.cases import HELD_OUT
 from tests.blind.figures import binomial_interval, counted, gains, named_instead, smallest_named
 from tests.blind.grading import LARGEST_SET, Answer, Grade, answer_from_json, grade, is_false_name, share_of_oracle
+from tests.blind.kinds import KINDS
 from tests.blind.runs import Result, Run, kept_results, result_from_line, results_of, run_one
 from tests.blind.strengths import Expected
 from tests.blind.tables import tables
