@@ -49,7 +49,7 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
     explained = found.certificate.is_good or (problem.is_noise_free and rms_m < 1.0e-6 * model.range_m)
     if not explained and not found.certificate.is_near and not problem.is_noise_free:
         knows = None
-    flat = flat_errors(model, point, ramps, noise_factor=factor)
+    flat = flat_errors(model, point, ramps, noise_factor=factor, jumps=problem.jumps)
     parameters = {symbol: _parameter(symbol, values, knows, flat.get(symbol, 0.0)) for symbol in PARAMETER_SYMBOLS}
     complete = in_order(parameters)
     outcomes = _outcomes(motion, complete, values)

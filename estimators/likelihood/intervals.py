@@ -12,7 +12,7 @@ from estimators.base import NORMAL_95
 from estimators.identifiability import Knowledge, knowledge
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.descent import descend
-from estimators.likelihood.hops import ratio_kept
+from estimators.likelihood.hops import friction_kept, ratio_kept
 from estimators.likelihood.model import STEP, StemModel
 from estimators.samples import FloatArray
 
@@ -29,7 +29,7 @@ _WITHIN_95: Final = 3.84
 # steps of the coordinates, the longest last: factors 1.6 and 4.5, for DV 3 and 10, either way
 _FAR_STEPS: Final = {
     "m": (0.5, -0.5, 1.5, -1.5),
-    "F_v": (0.5, -0.5),
+    "F_v": (0.5, -0.5, 1.5, -1.5),
     "d": (0.05, 0.2, 0.5),
     "DV": (-1.1, 1.1, -2.3, 2.3),
 }
@@ -97,7 +97,9 @@ def known(model: StemModel, point: FloatArray, ramps: Ramps, *, noise_factor: fl
     )
 
 
-def flat_errors(model: StemModel, point: FloatArray, ramps: Ramps, *, noise_factor: float) -> dict[str, float]:
+def flat_errors(
+    model: StemModel, point: FloatArray, ramps: Ramps, *, noise_factor: float, jumps: bool
+) -> dict[str, float]:
     """Least standard errors of m, F_v, F_c, F_s and DV that the cost itself leaves, far from the point, by symbol.
 
     Where a large step of one of them, the others refitted (profile likelihood, on blocks of rows), costs less than
@@ -109,6 +111,7 @@ def flat_errors(model: StemModel, point: FloatArray, ramps: Ramps, *, noise_fact
     names, values = model.coordinates.names, natural_values(model, point)
     here = descend(small, point, most_steps=_FOLLOWING_STEPS, held=held_inputs, one_sided=True).cost
     rate_n_per_s = min(ramps.rates_n_per_s, default=0.0)
+    speed_m_per_s = min(ramps.speeds_m_per_s, default=0.0)
     least: dict[str, float] = {}
     for name, steps in _FAR_STEPS.items():
         if name == "d" and point[names.index("d")] > _NEAR_KINK:
@@ -121,6 +124,10 @@ def flat_errors(model: StemModel, point: FloatArray, ramps: Ramps, *, noise_fact
                 # what the test shows of them is F_s + sqrt(2 m DV r): it stays
                 ratio = ratio_kept(model.coordinates.values(point), model.coordinates.values(other), rate_n_per_s)
                 other[names.index("d")] = ratio
+            if name == "F_v":
+                here_values = model.coordinates.values(point)
+                viscous = math.exp(float(other[names.index("F_v")]))
+                other = model.coordinates.point(friction_kept(here_values, viscous, speed_m_per_s, jumps=jumps))
             held = (name, *held_inputs)
             followed = descend(small, other, most_steps=_FOLLOWING_STEPS, held=held, arrived=0.1, one_sided=True)
             if (followed.cost - here) / noise_factor**2 < _WORTH_ALL_ROWS:
