@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -72,7 +73,7 @@ def robust_estimate(
         outcomes=[],
         transients=transients,
         diagnostics=diagnostics,
-        fallback=Fallback.of(motion, transients, balance),
+        fallback=replace(Fallback.of(motion, transients, balance), limit_m_per_s=float(common[D_V])),
     )
     # where a slip was left out the recording holds what no valve's motion explains
     return estimate if found.left_out or _follows_the_recording(estimate, motion) else None
