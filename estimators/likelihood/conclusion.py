@@ -9,6 +9,7 @@ import numpy as np
 
 from estimators.base import Estimate, Outcome, ParameterEstimate, Status, absent, in_order, measured, offset_estimate
 from estimators.identifiability import Knowledge
+from estimators.likelihood.arrival import arrived
 from estimators.likelihood.delay import DELAY, Weighed, at_one_instant, delayed, says_nothing, weigh
 from estimators.likelihood.intervals import Ramps, flat_errors, inflation, known, natural_values
 from estimators.likelihood.model import StemModel
@@ -21,11 +22,17 @@ from valve.parameters import PARAMETER_SYMBOLS
 _SURE_OF_DELAY: Final = 0.99
 _SAME: Final = 0.1  # speeds and rates that differ by less are one
 _SLOW_SAMPLING_S: Final = 2.0e-3
+_IN_THE_VALLEY: Final = ("m", "F_v", "F_c", "F_s", "DV")
+_NOT_ARRIVED: Final = (
+    "the fit did not come to the bottom of its cost, a narrow valley of m, F_v, F_c, F_s and DV: "
+    "repeat with ramps at several rates"
+)
 
 
 def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found) -> Estimate:
     """Return the estimate: ok where the fit explains the recording and all but DV and a hidden m is known."""
     period_s = motion.samples.period_s
+    found, is_bottom = arrived(found)
     searched = found.model
     noise_m = problem.noise_m * found.noise_factor
     residual = searched.residuals(found.point)
@@ -51,12 +58,16 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         knows = None
     flat = flat_errors(model, point, ramps, noise_factor=factor, jumps=problem.jumps)
     parameters = {symbol: _parameter(symbol, values, knows, flat.get(symbol, 0.0)) for symbol in PARAMETER_SYMBOLS}
+    if not is_bottom:
+        parameters |= {symbol: absent(_NOT_ARRIVED) for symbol in _IN_THE_VALLEY if parameters[symbol].identifiable}
     complete = in_order(parameters)
     outcomes = _outcomes(motion, complete, values)
     missing = [symbol for symbol, entry in complete.items() if entry.value is None and symbol != "DV"]
     sentences = [str(outcome) for outcome in outcomes]
     if not explained:
         sentences.append(_misfit(rms_m, noise_m, problem.is_noise_free, found))
+    if not is_bottom:
+        sentences.append(f"{_NOT_ARRIVED[0].upper()}{_NOT_ARRIVED[1:]}.")
     if missing:
         sentences.append(f"Not given: {', '.join(missing)}.")
     if weighed.weight > _SURE_OF_DELAY:
@@ -64,7 +75,7 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         sentences.append(f"The force acts {1.0e3 * abs(values[DELAY]):.3g} ms {late} than its samples' times say.")
     hidden = {"m"} if Outcome.MASS_HIDDEN in outcomes else set()
     poor = {Outcome.ONE_DIRECTION_ONLY, Outcome.COMMAND_ONLY} & set(outcomes)
-    status = Status.OK if explained and not set(missing) - hidden and not poor else Status.POOR
+    status = Status.OK if explained and is_bottom and not set(missing) - hidden and not poor else Status.POOR
     if complete["k"].value is None and complete["F_c"].value is None:
         status = Status.FAILED
     diagnostics: dict[str, Any] = {

@@ -1,0 +1,49 @@
+"""Whether a fit ended at the bottom: what Gauss and Newton's step from there would still take off the cost."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from estimators.likelihood.descent import descend
+from estimators.likelihood.search import EXACT, Found
+from estimators.samples import FloatArray
+
+# A bottom is left by less than a standard error in all; a narrow, bent valley of m, F_v, F_c and DV by far more.
+_LARGEST_GAIN: Final = 1.0
+_FURTHER_STEPS: Final = 30
+_SMALLEST_SHARE: Final = 1.0e-12  # of the largest eigenvalue: below it a direction is not seen at all
+
+
+def left_to_gain(found: Found) -> float:
+    """Fall of the cost that the full step promises, all unknowns but those at a bound free.
+
+    The intervals are those of the parabola about the point; where the step promises much, the point is not its bottom
+    and they say nothing.
+    """
+    model, point = found.model, found.point
+    residual, slopes = model.residuals(point), model.slopes(point)
+    if residual is None or slopes is None:
+        return float("inf")
+    weight = model.coordinates.prior_weight
+    normal = slopes @ slopes.T + np.diag(weight)
+    pull = slopes @ residual - weight * (point - model.coordinates.prior)
+    inside = (model.coordinates.lower < point) & (point < model.coordinates.upper) & (np.diag(normal) > 0.0)
+    scale = np.sqrt(np.diag(normal)[inside])
+    matrix: FloatArray = normal[np.ix_(inside, inside)] / np.outer(scale, scale)
+    own: FloatArray = pull[inside] / scale
+    solution = np.linalg.lstsq(matrix, own, rcond=_SMALLEST_SHARE)[0]
+    return float(solution @ own)
+
+
+def arrived(found: Found) -> tuple[Found, bool]:
+    """Return the fit, led further where it had not arrived, and whether it is at the bottom now."""
+    if found.certificate.ratio < EXACT or left_to_gain(found) < _LARGEST_GAIN:
+        return found, True
+    further = descend(found.model, found.point, most_steps=_FURTHER_STEPS)
+    if further.cost < found.cost:
+        simulations = found.simulations + further.simulations
+        found = replace(found, point=further.point, cost=further.cost, simulations=simulations)
+    return found, left_to_gain(found) < _LARGEST_GAIN
