@@ -7,6 +7,7 @@ COPY requirements.lock ./
 RUN /opt/breakaway/bin/python -m pip install --require-hashes --requirement requirements.lock
 COPY pyproject.toml README.md LICENSE ./
 COPY valve valve
+COPY discrepancy discrepancy
 COPY estimators estimators
 COPY drivers drivers
 COPY simulator simulator

@@ -40,15 +40,15 @@ class MaximumLikelihoodEstimator:
         """Return the estimate; odd recordings give a named outcome."""
         if nameplate.actuator.action is Action.DOUBLE and recording.force_n is not None:
             return estimate_force_recording(recording, nameplate)
-        motion = read_motion(recording, nameplate)
-        if isinstance(motion, RecordedMotion) or motion in _MAY_BE_A_STAIRCASE:
-            motion = read_staircase(recording, nameplate, motion) or motion
-        if isinstance(motion, Outcome):
-            return failed(self.method, motion)
-        path = input_path(recording, nameplate)
-        if isinstance(path, Outcome):
-            return failed(self.method, path)
         with np.errstate(all="ignore"):
+            motion = read_motion(recording, nameplate)
+            if isinstance(motion, RecordedMotion) or motion in _MAY_BE_A_STAIRCASE:
+                motion = read_staircase(recording, nameplate, motion) or motion
+            if isinstance(motion, Outcome):
+                return failed(self.method, motion)
+            path = input_path(recording, nameplate)
+            if isinstance(path, Outcome):
+                return failed(self.method, path)
             return self._fitted(motion, path)
 
     def _fitted(self, motion: RecordedMotion, path: InputPath) -> Estimate:

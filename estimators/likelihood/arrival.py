@@ -11,8 +11,8 @@ from estimators.likelihood.descent import descend
 from estimators.likelihood.search import EXACT, Found
 from estimators.samples import FloatArray
 
-# A bottom is left by less than a standard error in all; a narrow, bent valley of m, F_v, F_c and DV by far more.
-_LARGEST_GAIN: Final = 1.0
+# A bottom is left by less than two standard errors in all; a narrow, bent valley of m, F_v, F_c and DV by far more.
+_LARGEST_GAIN: Final = 4.0
 _FURTHER_STEPS: Final = 30
 _SMALLEST_SHARE: Final = 1.0e-12  # of the largest eigenvalue: below it a direction is not seen at all
 

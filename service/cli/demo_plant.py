@@ -24,12 +24,12 @@ class DemoValve:
     position_noise_m: float
 
 
-# Three with a good position sensor, as both methods rest on differences. The RTU valve is polled at a rate that its
-# line can carry: it shows what such data cannot give.
+# Three captured at 1 ms with a usual position sensor. The RTU valve is polled at a rate that its line can carry: it
+# shows what such data cannot give.
 DEMO_VALVES: Final = (
-    DemoValve("FV-101", "vendor", "tcp", "captured", 0.001, seed=101, position_noise_m=3.0e-7),
-    DemoValve("FV-102", "nominal", "tcp", "captured", 0.001, seed=102, position_noise_m=3.0e-7),
-    DemoValve("FV-103", "rough", "tcp", "captured", 0.001, seed=103, position_noise_m=3.0e-7),
+    DemoValve("FV-101", "vendor", "tcp", "captured", 0.001, seed=101, position_noise_m=5.0e-6),
+    DemoValve("FV-102", "nominal", "tcp", "captured", 0.001, seed=102, position_noise_m=5.0e-6),
+    DemoValve("FV-103", "rough", "tcp", "captured", 0.001, seed=103, position_noise_m=5.0e-6),
     DemoValve("FV-104", "nominal", "rtu", "polled", 0.02, seed=104, position_noise_m=2.0e-6),
 )
 
