@@ -1,0 +1,57 @@
+"""A fit that stopped on a slope is told from one at the bottom, and led on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from estimators.base import Outcome
+from estimators.likelihood.arrival import arrived, left_to_gain
+from estimators.likelihood.conclusion import searched_model
+from estimators.likelihood.input_path import input_path
+from estimators.likelihood.problem import pose
+from estimators.likelihood.search import Found, Hopping, search
+from estimators.recorded_motion import RecordedMotion, read_motion
+from tests.estimators.recordings import recorded
+
+
+@pytest.fixture(scope="module")
+def bottom() -> Found:
+    test = recorded("nominal", period_s=5.0e-3, noise_m=20.0e-6, seed=7)
+    motion = read_motion(test.recording, test.nameplate)
+    assert isinstance(motion, RecordedMotion)
+    path = input_path(test.recording, test.nameplate)
+    assert not isinstance(path, Outcome)
+    problem = pose(motion, path)
+    assert problem is not None
+    model = searched_model(problem, motion.samples.period_s)
+    hopping = Hopping(motion.phases.moving_speed, problem.jumps)
+    breakaways = len(motion.phases.breakaways)
+    found = search(model, problem.trials, problem.rests, breakaways=breakaways, hopping=hopping)
+    assert found is not None
+    return found
+
+
+def off_the_bottom(found: Found) -> Found:
+    point = found.point.copy()
+    point[found.model.coordinates.names.index("F_v")] += 0.05
+    return replace(found, point=point, cost=found.model.cost(point))
+
+
+def test_a_fit_at_the_bottom_promises_no_further_fall(bottom: Found) -> None:
+    assert left_to_gain(bottom) < 1.0
+    assert arrived(bottom) == (bottom, True)
+
+
+def test_a_fit_on_the_slope_promises_a_fall_and_is_led_on(bottom: Found) -> None:
+    off = off_the_bottom(bottom)
+    assert left_to_gain(off) > 100.0
+    led, is_bottom = arrived(off)
+    assert is_bottom
+    assert led.cost < bottom.cost + 1.0
+
+
+def test_a_fit_that_cannot_be_led_on_is_not_called_arrived(bottom: Found, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("estimators.likelihood.arrival._FURTHER_STEPS", 0)
+    assert not arrived(off_the_bottom(bottom))[1]
