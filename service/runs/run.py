@@ -32,6 +32,13 @@ class RunState(StrEnum):
         return self not in (RunState.QUEUED, RunState.RUNNING, RunState.ANALYZING)
 
 
+class Label(StrEnum):
+    """What a test stands for beside a repair: how the valve was found, how it was left."""
+
+    AS_FOUND = "as_found"
+    AS_LEFT = "as_left"
+
+
 @dataclass(frozen=True, slots=True)
 class Run:
     """One test. ``number`` is the store's own count and the run number that fences the device; 0 before it is stored.
@@ -58,6 +65,14 @@ class Run:
     quality: Mapping[str, Any] | None = None
     analysis: Mapping[str, Any] | None = None
     software: str = ""
+    requested_by: str = ""
+    schedule: str | None = None
+    gateway: str = ""
+    label: Label | None = None
+    permissives: Mapping[str, Any] | None = None
+    acknowledged_at: datetime | None = None
+    acknowledged_by: str | None = None
+    acknowledgement: str | None = None
 
 
 def new_run_id(now: datetime | None = None) -> str:

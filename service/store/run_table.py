@@ -8,7 +8,7 @@ from typing import Any
 
 from sqlalchemy import Engine, Row, func, insert, select, update
 
-from service.runs.run import Run, RunState
+from service.runs.run import Label, Run, RunState
 from service.store.schema import TESTS
 from valve.errors import NotFoundError
 
@@ -16,12 +16,14 @@ from valve.errors import NotFoundError
 def _run(row: Row[Any]) -> Run:
     values = dict(row._mapping)
     values["state"] = RunState(values["state"])
+    values["label"] = None if values["label"] is None else Label(values["label"])
     return Run(**values)
 
 
 def _row(run: Run) -> dict[str, Any]:
     values = asdict(run)
     values["state"] = run.state.value
+    values["label"] = None if run.label is None else run.label.value
     values.pop("number")
     return values
 

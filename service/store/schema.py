@@ -58,5 +58,13 @@ TESTS: Final = Table(
     Column("quality", JSON(none_as_null=True)),
     Column("analysis", JSON(none_as_null=True)),
     Column("software", String(64), nullable=False),
+    Column("requested_by", String(64), nullable=False, server_default=""),
+    Column("schedule", String(64)),
+    Column("gateway", String(64), nullable=False, server_default=""),
+    Column("label", String(16)),
+    Column("permissives", JSON(none_as_null=True)),
+    Column("acknowledged_at", UtcDateTime),
+    Column("acknowledged_by", String(64)),
+    Column("acknowledgement", Text),
     sqlite_autoincrement=True,  # a number that fenced a device is never given again, even after a deletion
 )
