@@ -20,6 +20,7 @@ from valve.errors import (
     InternalError,
     MeasurementError,
     NotFoundError,
+    PermissiveError,
     RequestError,
     ValveError,
 )
@@ -32,6 +33,7 @@ STATUS: Final[dict[type[ValveError], HTTPStatus]] = {
     RequestError: HTTPStatus.UNPROCESSABLE_ENTITY,
     NotFoundError: HTTPStatus.NOT_FOUND,
     BusyError: HTTPStatus.CONFLICT,
+    PermissiveError: HTTPStatus.LOCKED,
     ConfigurationError: HTTPStatus.UNPROCESSABLE_ENTITY,
     EquipmentError: HTTPStatus.BAD_GATEWAY,
     DeviceError: HTTPStatus.BAD_GATEWAY,

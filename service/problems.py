@@ -32,5 +32,6 @@ PROBLEMS: Final[dict[int | str, dict[str, Any]]] = {
         (413, "The request is too large"),
         (415, "The body is of another type than the route takes"),
         (422, "The request is understood and wrong"),
+        (423, "A permissive is missing: nothing moved"),
     )
 }

@@ -9,7 +9,8 @@
     │   ├── WaveformError        a test sequence that the valve cannot or must not follow
     │   ├── RecordingError       a recording that cannot be read
     │   ├── NotFoundError        an unknown tag, test or sequence
-    │   └── BusyError            the valve or its bus is taken: wait, then repeat
+    │   ├── BusyError            the valve or its bus is taken: wait, then repeat
+    │   └── PermissiveError      a permissive is missing: do what it says, then repeat
     ├── EquipmentError       look at the valve, its device or the wire
     │   ├── WireError            no answer, or one that does not fit the request
     │   └── DeviceError          the device answers, and says or shows that it cannot
@@ -55,6 +56,10 @@ class NotFoundError(RequestError):
 
 class BusyError(RequestError):
     """The valve or its bus is taken: wait, then repeat the request."""
+
+
+class PermissiveError(RequestError):
+    """A permissive is missing, or a bad end was not acknowledged: nothing moved. Do what it says, then repeat."""
 
 
 class EquipmentError(ValveError):

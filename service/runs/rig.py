@@ -14,12 +14,16 @@ from valve.waveform import Waveform
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """One motion that is asked for: which valve, which waveform, and the number that fences it."""
+    """One motion that is asked for: which valve, which waveform, and the number that fences it.
+
+    ``permit`` is the work permit that the request named, where the valve demands one.
+    """
 
     valve: PlantValve
     waveform: Waveform
     sequence: str
     run_number: int
+    permit: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

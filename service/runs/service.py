@@ -22,8 +22,9 @@ from service.runs.recovery import (
     mark_interrupted,
     needs_safe,
 )
+from service.runs.requester import LOCAL, Requester
 from service.runs.rig import Order, Rig
-from service.runs.run import Run, checked_run_id, new_run_id
+from service.runs.run import Label, Run, checked_run_id, new_run_id
 from service.runs.sequences import choose_waveform
 from service.settings import Plant, PlantValve
 from service.store.store import Store
@@ -62,13 +63,24 @@ class Runs:
         return self._owners.holder(tag)
 
     async def start(
-        self, tag: str, sequence: str | None, overrides: Mapping[str, Any], idempotency_key: str | None = None
+        self,
+        tag: str,
+        sequence: str | None,
+        overrides: Mapping[str, Any],
+        idempotency_key: str | None = None,
+        *,
+        requester: Requester = LOCAL,
+        schedule: str | None = None,
+        label: Label | None = None,
+        permit: str | None = None,
     ) -> Run:
         """Start a test; its intent is on disk when this returns. A known key returns the run that it asked for first.
 
-        Without a sequence the usual one is run, or the one that the valve's limits allow.
+        Without a sequence the usual one is run, or the one that the valve's limits allow. ``schedule`` names the one
+        that asks, ``permit`` the work permit where the valve demands one.
 
-        Raises NotFoundError, BusyError, WaveformError and RequestError; then nothing was stored and nothing moves.
+        Raises NotFoundError, BusyError, PermissiveError, WaveformError and RequestError; then nothing was stored and
+        nothing moves.
         """
         valve = self.valve(tag)
         choice = choose_waveform(sequence, overrides, valve.nameplate, valve.wiring.limits)
@@ -80,6 +92,9 @@ class Runs:
             overrides=dict(overrides),
             idempotency_key=idempotency_key,
             software=self._software,
+            requested_by=requester.name,
+            schedule=schedule,
+            label=label,
         )
         async with self._admission:
             known = await self._asked_before(wanted)
@@ -94,7 +109,7 @@ class Runs:
                 self._owners.release(claim)
                 raise
             live = self._remember(stored)
-            order = Order(valve, choice.waveform, choice.name, stored.number)
+            order = Order(valve, choice.waveform, choice.name, stored.number, permit)
             self._spawn(Life(live, order, claim, self._store, self._owners).run(self._rig, self._analyst))
         because = {"because": choice.reason} if choice.reason else {}
         _LOG.info("test accepted", test=stored.id, valve=tag, sequence=choice.name, run_number=stored.number, **because)
