@@ -1,0 +1,84 @@
+"""The parameters of the methods beside each other: each with its 95 % interval, relative to the best known one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from matplotlib.axes import Axes
+
+from service.figures.canvas import BLUE, INK, RED, SOFT, Picture, settings, sheet, svg_text, tidy
+from service.shown_units import UnitSystem, measured
+from valve.parameters import PARAMETER_SYMBOLS
+
+#: What people call the methods, in the order of the analysis object.
+METHOD_WORDS: Final = {
+    "regression": "method 1, regression",
+    "garcia": "method 2, Garcia",
+    "maximum_likelihood": "maximum likelihood",
+}
+_STYLE: Final = {
+    "regression": ("o", SOFT),
+    "garcia": ("s", BLUE),
+    "maximum_likelihood": ("D", RED),
+}
+_MOST_SHOWN: Final = 0.5  # of the reference: beyond that a bar leaves the picture
+
+
+def methods_picture(estimates: Sequence[Mapping[str, Any]], system: UnitSystem) -> Picture | None:
+    """Return one row a parameter, the methods' values within it in percent of the narrowest; None without a value."""
+    rows = [(symbol, found) for symbol in PARAMETER_SYMBOLS if (found := _found(estimates, symbol))]
+    if not rows:
+        return None
+    with settings():
+        figure = sheet(7.2, 0.9 + 0.55 * len(rows))
+        axes = figure.subplots()
+        for place, (_, found) in enumerate(rows):
+            _row(axes, len(rows) - 1 - place, found)
+        axes.axvline(0.0, color=SOFT, linewidth=0.8)
+        tidy(axes, x="difference from the value with the narrowest interval, %")
+        axes.set_yticks([len(rows) - 1 - place for place in range(len(rows))], [symbol for symbol, _ in rows])
+        axes.set_ylim(-0.6, len(rows) - 0.4)
+        handles, labels = axes.get_legend_handles_labels()
+        once = dict(zip(labels, handles, strict=True))
+        figure.legend(once.values(), once.keys(), loc="outside upper left", frameon=False, ncols=3, labelcolor=INK)
+    said = "; ".join(
+        f"{symbol} {METHOD_WORDS.get(method, method)} "
+        f"{measured(entry['value'], entry.get('ci95'), entry['unit'], system)}"
+        for symbol, found in rows
+        for method, entry in found.items()
+    )
+    return Picture(figure, "The methods beside each other", f"{said}.")
+
+
+def methods_svg(estimates: Sequence[Mapping[str, Any]], system: UnitSystem) -> str | None:
+    """Return the methods' picture as SVG text."""
+    picture = methods_picture(estimates, system)
+    return None if picture is None else svg_text(picture)
+
+
+def _found(estimates: Sequence[Mapping[str, Any]], symbol: str) -> dict[str, Mapping[str, Any]]:
+    found = {}
+    for estimate in estimates:
+        entry = (estimate.get("parameters") or {}).get(symbol)
+        if entry is not None and entry.get("value"):
+            found[str(estimate["method"])] = entry
+    return found
+
+
+def _row(axes: Axes, place: int, found: Mapping[str, Mapping[str, Any]]) -> None:
+    reference = min(found.values(), key=_width)["value"]
+    for number, (method, entry) in enumerate(found.items()):
+        marker, colour = _STYLE.get(method, ("x", INK))
+        height = place + 0.2 - 0.2 * number
+        percent = [100.0 * (one - reference) / abs(reference) for one in (entry.get("ci95") or ())]
+        at = 100.0 * (entry["value"] - reference) / abs(reference)
+        if percent:
+            most = 100.0 * _MOST_SHOWN
+            axes.plot([max(percent[0], -most), min(percent[1], most)], [height, height], color=colour, linewidth=2.2)
+        axes.plot([at], [height], marker, color=colour, markersize=5.5, label=METHOD_WORDS.get(method, method))
+
+
+def _width(entry: Mapping[str, Any]) -> float:
+    ci95 = entry.get("ci95")
+    return float("inf") if ci95 is None else float(ci95[1] - ci95[0])
