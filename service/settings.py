@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -23,8 +23,18 @@ from drivers.addresses import (
     WatchdogChoice,
 )
 from service.nameplates import nameplate_from_mapping
-from service.settings_checks import check_wiring
+from service.settings_checks import check_schedules, check_wiring
+from service.settings_database import DatabaseAddress, database_address
 from service.settings_errors import Findings, read_toml
+from service.settings_nightly import (
+    Retention,
+    RetentionSection,
+    Schedule,
+    gateway_of_bus,
+    gateways,
+    groups_by_name,
+    schedules,
+)
 from valve.errors import ConfigurationError, ValveError
 from valve.nameplate import Actuator, Nameplate, Signal
 
@@ -46,6 +56,10 @@ class ServiceSection(BaseModel):
     bind: str = "127.0.0.1"
     port: int = Field(default=8321, ge=0, le=65535)
     trusted_network: bool = False
+    database: str | None = None
+    database_password_file: str | None = None
+    gateway: str | None = None
+    retention: RetentionSection | None = None
 
 
 class ValveSection(BaseModel):
@@ -72,15 +86,24 @@ class PlantSection(BaseModel):
     service: dict[str, Any]
     buses: Annotated[list[dict[str, Any]], Field(min_length=1)]
     valves: Annotated[list[dict[str, Any]], Field(min_length=1)]
+    groups: list[dict[str, Any]] = []
+    schedules: list[dict[str, Any]] = []
+    gateways: list[dict[str, Any]] = []
 
 
 @dataclass(frozen=True, slots=True)
 class ServiceSettings:
-    """The service's own settings. ``bind`` is an address; port 0 means any free one."""
+    """The service's own settings. ``bind`` is an address; port 0 means any free one.
+
+    ``gateway`` is this service's name among several, "" where it is the only one.
+    """
 
     store: Path
     bind: str
     port: int
+    database: DatabaseAddress | None = None
+    gateway: str = ""
+    retention: Retention | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +128,18 @@ class Plant:
     service: ServiceSettings
     buses: Mapping[str, BusAddress]
     valves: Mapping[str, PlantValve]
+    groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    schedules: tuple[Schedule, ...] = ()
+    gateways: Mapping[str, str] = field(default_factory=dict)
+    bus_gateways: Mapping[str, str] = field(default_factory=dict)
+
+    def gateway_of(self, tag: str) -> str:
+        """Return the name of the gateway that drives a valve; "" in a plant of one gateway."""
+        return self.bus_gateways.get(self.valves[tag].wiring.command.bus, "")
+
+    def is_ours(self, tag: str) -> bool:
+        """Whether this service drives the valve."""
+        return self.gateway_of(tag) == self.service.gateway
 
 
 def load_plant(path: Path) -> Plant:
@@ -114,10 +149,15 @@ def load_plant(path: Path) -> Plant:
     if top is None:
         raise findings.error()
     service = _service(findings, top.service, path.parent)
-    buses = _buses(findings, top.buses)
+    own = top.service.get("gateway")
+    urls = gateways(findings, top.gateways, own if isinstance(own, str) else None)
+    buses, bus_gateways = _buses(findings, top.buses, urls)
     valves = _valves(findings, top.valves)
+    tags = {nameplate.tag for nameplate, _ in valves}
+    groups, checks = _nightly(findings, top, tags)
     if not findings:  # cross-checks on half a plant would only repeat what is said already
-        check_wiring(findings, buses, valves)
+        check_wiring(findings, buses, valves, bus_gateways)
+        check_schedules(findings, checks, valves)
     if findings or service is None:
         raise findings.error()
     return Plant(
@@ -125,7 +165,20 @@ def load_plant(path: Path) -> Plant:
         service,
         {address.name: address for address in buses},
         {nameplate.tag: PlantValve(nameplate, wiring) for nameplate, wiring in valves},
+        groups,
+        checks,
+        urls,
+        bus_gateways,
     )
+
+
+def _nightly(
+    findings: Findings, top: PlantSection, tags: set[str]
+) -> tuple[dict[str, tuple[str, ...]], tuple[Schedule, ...]]:
+    if len(findings):  # a valve with a fault of its own would be missed here too
+        return {}, ()
+    groups = groups_by_name(findings, top.groups, tags)
+    return groups, schedules(findings, top.schedules, groups, tags)
 
 
 def _service(findings: Findings, raw: dict[str, Any], folder: Path) -> ServiceSettings | None:
@@ -144,21 +197,34 @@ def _service(findings: Findings, raw: dict[str, Any], folder: Path) -> ServiceSe
             "whoever reaches this address may move valves: there is no sign-in",
             "bind to 127.0.0.1, or set service.trusted_network = true where only trusted people are on that network",
         )
-    return ServiceSettings((folder / section.store).resolve(), section.bind, section.port)
+    return ServiceSettings(
+        (folder / section.store).resolve(),
+        section.bind,
+        section.port,
+        database_address(findings, section.database, section.database_password_file, folder),
+        section.gateway or "",
+        None if section.retention is None else Retention(**section.retention.model_dump()),
+    )
 
 
-def _buses(findings: Findings, sections: list[dict[str, Any]]) -> list[BusAddress]:
+def _buses(
+    findings: Findings, sections: list[dict[str, Any]], known: Mapping[str, str]
+) -> tuple[list[BusAddress], dict[str, str]]:
+    """Return the buses, and by the name of each whose it is."""
     buses: list[BusAddress] = []
+    owners: dict[str, str] = {}
     for index, raw in enumerate(sections):
         key = ("buses", index)
         kind = raw.get("kind")
         if not isinstance(kind, str) or kind not in _BUS_KINDS:
             findings.add((*key, "kind"), kind, "it is no kind of bus", f"choose one of {', '.join(_BUS_KINDS)}")
             continue
-        address = findings.part(_BUS_KINDS[kind], raw, key)
+        gateway = gateway_of_bus(findings, key, raw.get("gateway"), known)
+        address = findings.part(_BUS_KINDS[kind], {name: raw[name] for name in raw if name != "gateway"}, key)
         if address is not None:
             buses.append(address)
-    return buses
+            owners.setdefault(address.name, gateway)
+    return buses, owners
 
 
 def _valves(findings: Findings, sections: list[dict[str, Any]]) -> list[tuple[Nameplate, ValveWiring]]:

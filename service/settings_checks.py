@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
+import ipaddress
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from drivers.addresses import BusAddress, GaugeAddress, Point, RtuAddress, ValveWiring
 from drivers.capabilities import Role
 from drivers.maps import register_map
+from drivers.waveform_check import check_waveform
 from drivers.wiring import Bus, wire
 from service.bus import make_bus
-from valve.errors import ConfigurationError
+from service.runs.sequences import build_waveform
+from valve.errors import ConfigurationError, ValveError
 from valve.nameplate import Nameplate
 
 if TYPE_CHECKING:
     from service.settings_errors import Findings, Key
+    from service.settings_nightly import Schedule
 
 
 def check_wiring(
-    findings: Findings, buses: Sequence[BusAddress], valves: Sequence[tuple[Nameplate, ValveWiring]]
+    findings: Findings,
+    buses: Sequence[BusAddress],
+    valves: Sequence[tuple[Nameplate, ValveWiring]],
+    gateways: Mapping[str, str],
 ) -> None:
     """Note every contradiction between the parts of a plant."""
     by_name: dict[str, BusAddress] = {}
@@ -32,7 +39,7 @@ def check_wiring(
             unopened[address.name] = make_bus(address)
         except ConfigurationError as error:
             findings.add_error(("buses", index), error)
-    _check_places(findings, buses)
+    _check_places(findings, buses, gateways)
     tags: set[str] = set()
     commanded: dict[tuple[object, ...], str] = {}
     for index, (nameplate, wiring) in enumerate(valves):
@@ -43,6 +50,7 @@ def check_wiring(
         for role, point in (("command", wiring.command), ("position", wiring.position), ("pressure", wiring.pressure)):
             if point is not None:
                 _check_point(findings, (*key, role), role, point, by_name)
+        _check_gateways(findings, (*key, "command", "bus"), wiring, gateways)
         others = {commanded.setdefault(word, wiring.tag) for word in _commanded_words(wiring.command)} - {wiring.tag}
         for other in sorted(others):
             findings.add(
@@ -56,17 +64,60 @@ def check_wiring(
                 findings.add_error(key, error)
 
 
-def _check_places(findings: Findings, buses: Sequence[BusAddress]) -> None:
-    """Refuse two names for one line: each would be driven as if it were alone."""
-    places: dict[str, str] = {}
+def _check_places(findings: Findings, buses: Sequence[BusAddress], gateways: Mapping[str, str]) -> None:
+    """Refuse two names for one line: each would be driven as if it were alone.
+
+    A serial port and the loopback interface are each gateway's own.
+    """
+    places: dict[tuple[str, str], str] = {}
     for index, address in enumerate(buses):
         if isinstance(address, (RtuAddress, GaugeAddress)):
-            key, place = "serial_port", os.path.realpath(address.serial_port)
+            key, place, local = "serial_port", os.path.realpath(address.serial_port), True
         else:
-            key, place = "port", f"{address.host}:{address.port}"
-        other = places.setdefault(place, address.name)
+            key, place, local = "port", f"{address.host}:{address.port}", _is_loopback(address.host)
+        other = places.setdefault((gateways.get(address.name, "") if local else "", place), address.name)
         if other != address.name:
             findings.add(("buses", index, key), place, f"bus {other} is there too", f"use {other} for both")
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def _check_gateways(findings: Findings, key: Key, wiring: ValveWiring, gateways: Mapping[str, str]) -> None:
+    """Refuse a valve whose test would need buses of two gateways."""
+    points = (wiring.command, wiring.position, wiring.pressure)
+    needed = sorted({gateways.get(point.bus, "") for point in points if point is not None})
+    if len(needed) > 1:
+        findings.add(
+            key,
+            wiring.tag,
+            f"its buses belong to gateways {' and '.join(needed)}",
+            "wire all that its test needs to one gateway",
+        )
+
+
+def check_schedules(
+    findings: Findings, schedules: Sequence[Schedule], valves: Sequence[tuple[Nameplate, ValveWiring]]
+) -> None:
+    """Note every valve that cannot or must not follow what a schedule asks of it."""
+    by_tag = {nameplate.tag: (nameplate, wiring.limits) for nameplate, wiring in valves}
+    for index, schedule in enumerate(schedules):
+        for tag in schedule.valves:
+            nameplate, limits = by_tag[tag]
+            try:
+                check_waveform(tag, build_waveform(schedule.sequence, schedule.overrides, nameplate, limits), limits)
+            except ValveError as error:
+                text = str(error)
+                findings.add(
+                    ("schedules", index, "sequence"),
+                    schedule.sequence,
+                    text if text.startswith(tag) else f"{tag}: {text}",
+                    "choose another sequence or overrides for this valve",
+                )
 
 
 def _commanded_words(command: Point) -> list[tuple[object, ...]]:
