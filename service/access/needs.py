@@ -1,0 +1,88 @@
+"""``needs(Right.RUN)``: the dependency that every route carries; the application refuses to start without it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, Any, Final
+
+from fastapi import Depends, FastAPI, Request
+from fastapi.dependencies.models import Dependant
+from fastapi.routing import APIRoute
+
+from service.access.principal import RIGHTS, Principal, Right
+from valve.errors import InternalError, RequestError
+
+
+class NotSignedInError(RequestError):
+    """Nobody known asks: sign in, or send a token."""
+
+
+class ForbiddenError(RequestError):
+    """Whoever asks is known, and may not do this."""
+
+
+@dataclass(frozen=True, slots=True)
+class Needs:
+    """Lets a request through whose principal holds ``right``; None lets everybody through."""
+
+    right: Right | None
+
+    def __call__(self, request: Request) -> Principal | None:
+        """Return who asks. Raises NotSignedInError, ForbiddenError."""
+        principal: Principal | None = getattr(request.state, "principal", None)
+        if self.right is None:
+            return principal
+        if principal is None:
+            raise NotSignedInError(
+                f"{request.url.path} needs the right to {self.right.value} and nobody is signed in: "
+                "POST /session, or send Authorization: Bearer TOKEN"
+            )
+        if not principal.may(self.right):
+            allowed = ", ".join(role.value for role, rights in RIGHTS.items() if self.right in rights)
+            raise ForbiddenError(
+                f"{principal.name} is {principal.role.value}, {request.method} {request.url.path} needs the right to "
+                f"{self.right.value}: ask somebody who is one of {allowed}"
+            )
+        return principal
+
+
+def needs(right: Right) -> Any:
+    """Return the dependency for a route: ``@router.get("", dependencies=[needs(Right.VIEW)])``."""
+    return Depends(Needs(right))
+
+
+#: For the few routes that answer anybody: liveness and sign-in.
+OPEN_TO_ALL: Final = Depends(Needs(None))
+
+
+def principal_of(request: Request) -> Principal:
+    """Return who asks, on a route that needs a right."""
+    principal = request.state.principal
+    assert isinstance(principal, Principal)
+    return principal
+
+
+Asks = Annotated[Principal, Depends(principal_of)]
+
+
+def _needed(dependant: Dependant) -> Iterator[Needs]:
+    for inner in dependant.dependencies:
+        if isinstance(inner.call, Needs):
+            yield inner.call
+        yield from _needed(inner)
+
+
+def right_of(route: APIRoute) -> Needs:
+    """Return what a route needs. Raises InternalError where it says nothing, or two things."""
+    found = set(_needed(route.dependant))
+    if len(found) != 1:
+        raise InternalError(f"{route.path}: it needs {len(found)} rights, a route needs one: add needs(Right...)")
+    return found.pop()
+
+
+def require_rights(app: FastAPI) -> None:
+    """Raise InternalError where a documented route of the application carries no right."""
+    for route in app.routes:
+        if isinstance(route, APIRoute) and route.include_in_schema:
+            right_of(route)
