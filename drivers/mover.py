@@ -11,6 +11,7 @@ from typing import Final
 from drivers.abort_rules import AbortRules
 from drivers.device import ValveDevice
 from drivers.outcome import Sample
+from drivers.transport import Exchange
 from valve.errors import EquipmentError
 
 _RAMP_PERIOD_S: Final = 0.05
@@ -29,6 +30,7 @@ class Mover:
     ) -> None:
         self.device = device
         self.rules = rules
+        self.written: Exchange | None = None  # the last step's write; None where it wrote none that was confirmed
         self._stop = stop
         self._rate_pa_per_s = pressure_rate_pa_per_s
 
@@ -55,11 +57,12 @@ class Mover:
         """Command, look, judge. None where the wire failed this time; raises where the test must end."""
         device = self.device
         sample: Sample | None = None
+        self.written = None
         try:
             if math.isnan(device.in_force_pa):
                 device.adopt(await device.read())
             self.rules.commanded(pressure_pa)
-            await device.drive(pressure_pa)
+            self.written = await device.drive(pressure_pa)
             await device.feed_watchdog()
             sample = await device.read()
         except EquipmentError as error:

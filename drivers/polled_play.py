@@ -10,7 +10,7 @@ from typing import Final
 from drivers.course import Course
 from drivers.mover import Mover
 from drivers.outcome import SampleBlock
-from drivers.rows import PolledRows
+from drivers.rows import PolledRows, gap
 from valve.recording import Provenance, Recording
 
 _TELL_PERIOD_S: Final = 0.1  # how often samples are handed on
@@ -48,10 +48,7 @@ class PolledPlay:
                 self._tell(rows, slot)
                 raise
             now_s = time.monotonic()
-            if sample is None:
-                rows.add_gap(begun_s, now_s)
-            else:
-                rows.add(sample, mover.device.in_force_pa)
+            rows.add(sample or gap(begun_s, now_s), mover.device.in_force_pa, mover.written)
             slot = max(slot + 1, math.floor((now_s - start_s) / self._course.period_s + 0.5))
             if now_s - told_s >= _TELL_PERIOD_S or slot >= self._course.samples:
                 told_s = now_s

@@ -10,45 +10,45 @@ import numpy as np
 
 from drivers.capture_buffer import Window
 from drivers.outcome import Sample, SampleBlock
+from drivers.transport import Exchange
 from valve.recording import Acquisition, Provenance, Recording
 
 _LATE_PERCENTILE: Final = 95.0  # the timing uncertainty is half of an exchange that only one in twenty exceeds
 
 
+def gap(begun_s: float, given_up_s: float) -> Sample:
+    """Return a slot in which no sample could be had."""
+    return Sample(begun_s, given_up_s, math.nan, math.nan, math.nan)
+
+
 class PolledRows:
-    """Rows of a polled test: each with the interval in which it was taken; a look that failed is a row of gaps."""
+    """Rows of a polled test: each with the intervals in which it was commanded and taken; a failed look is a gap."""
 
     def __init__(self, start_s: float) -> None:
         self._start_s = start_s
-        self._rows: list[tuple[float, float, float, float, float, float]] = []
+        self._rows: list[tuple[float, ...]] = []
         self._given = 0
 
-    def add(self, sample: Sample, command_pa: float) -> None:
-        """Add a sample and the command that was in force."""
-        self._append(sample.sent_s, sample.received_s, sample.position_m, sample.pressure_pa, command_pa)
-
-    def add_gap(self, begun_s: float, given_up_s: float) -> None:
-        """Add a slot in which no sample could be had."""
-        self._append(begun_s, given_up_s, math.nan, math.nan, math.nan)
-
-    def _append(self, sent_s: float, received_s: float, *values: float) -> None:
-        sent_s, received_s = sent_s - self._start_s, received_s - self._start_s
-        position_m, pressure_pa, command_pa = values
-        self._rows.append((0.5 * (sent_s + received_s), position_m, pressure_pa, command_pa, sent_s, received_s))
+    def add(self, sample: Sample, command_pa: float, write: Exchange | None) -> None:
+        """Add a sample, the command in force (NaN while nobody knows) and the write that put it there, if any."""
+        lasted_s = (math.nan, math.nan) if write is None else (write.sent_s, write.received_s)
+        times_s = [at_s - self._start_s for at_s in (sample.time_s, *lasted_s, sample.sent_s, sample.received_s)]
+        self._rows.append((times_s[0], sample.position_m, sample.pressure_pa, command_pa, *times_s[1:]))
 
     def fresh(self) -> SampleBlock | None:
         """Rows since the last call; None where there is none."""
         rows, self._given = self._rows[self._given :], len(self._rows)
         if not rows:
             return None
-        time_s, position_m, pressure_pa, command_pa, sent_s, received_s = np.array(rows, dtype=np.float64).T
+        time_s, position_m, pressure_pa, command_pa, _, _, sent_s, received_s = np.array(rows, dtype=np.float64).T
         return SampleBlock(time_s, position_m, pressure_pa, command_pa, sent_s, received_s, recorded=True)
 
     def recording(self, provenance: Provenance) -> Recording | None:
         """Return the recording; None where there is no row."""
         if not self._rows:
             return None
-        time_s, position_m, pressure_pa, command_pa, sent_s, received_s = np.array(self._rows, dtype=np.float64).T
+        columns = np.array(self._rows, dtype=np.float64).T
+        time_s, position_m, pressure_pa, command_pa, write_sent_s, written_s, sent_s, received_s = columns
         taken = np.isfinite(position_m)
         exchanges_s = (received_s - sent_s)[taken if taken.any() else slice(None)]
         uncertainty_s = 0.5 * float(np.percentile(exchanges_s, _LATE_PERCENTILE))
@@ -59,6 +59,8 @@ class PolledRows:
             command_pa=command_pa,
             sent_s=sent_s,
             received_s=received_s,
+            write_sent_s=write_sent_s,
+            written_s=written_s,
             provenance=replace(provenance, acquisition=Acquisition.POLLED, timing_uncertainty_s=uncertainty_s),
         )
 

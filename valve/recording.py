@@ -16,8 +16,9 @@ FloatArray = npt.NDArray[np.float64]
 
 # The channels of a recording beside time, as they are called in files.
 CHANNELS: Final = ("command_pa", "pressure_pa", "force_n", "position_m")
-# When each sample's request went out and when its answer was there, on the recording's clock; polled data only.
-INTERVAL_CHANNELS: Final = ("sent_s", "received_s")
+# Polled data only, on the recording's clock: when the write of a row's command went out and was confirmed (NaN where
+# the row wrote none), and when the sample's request went out and its answer was there.
+INTERVAL_CHANNELS: Final = ("write_sent_s", "written_s", "sent_s", "received_s")
 
 
 class Acquisition(StrEnum):
@@ -71,6 +72,8 @@ class Recording:
     force_n: FloatArray | None = None
     sent_s: FloatArray | None = None
     received_s: FloatArray | None = None
+    write_sent_s: FloatArray | None = None
+    written_s: FloatArray | None = None
     provenance: Provenance = field(default_factory=Provenance)
 
     def __post_init__(self) -> None:
@@ -194,4 +197,6 @@ class Recording:
             force_n=chosen(self.force_n),
             sent_s=chosen(self.sent_s),
             received_s=chosen(self.received_s),
+            write_sent_s=chosen(self.write_sent_s),
+            written_s=chosen(self.written_s),
         )

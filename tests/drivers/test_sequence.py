@@ -37,6 +37,14 @@ async def test_a_polled_test_records_the_stem_and_ends_safe(device: ReferenceDev
     assert recording.sent_s is not None
     assert recording.received_s is not None
     assert np.allclose(recording.time_s, 0.5 * (recording.sent_s + recording.received_s))
+    assert recording.write_sent_s is not None
+    assert recording.written_s is not None
+    wrote = np.isfinite(recording.written_s)
+    # a row writes where its command is another than before, and looks only after the write was confirmed
+    assert (wrote[1:] == (np.diff(recording.command_pa) != 0.0)).all()
+    assert wrote.sum() >= 8
+    assert (recording.write_sent_s[wrote] < recording.written_s[wrote]).all()
+    assert (recording.written_s[wrote] <= recording.sent_s[wrote]).all()
     assert device.output_pa == SAFE_PA
     assert device.value("run_owner") == 0
     assert device.value("watchdog_state") == WatchdogState.OFF

@@ -144,13 +144,24 @@ def test_provenance_and_exchange_times_come_back(tmp_path: Path) -> None:
         Acquisition.POLLED, "FV-1", "triangle", "2026-11-21T02:00:00+01:00", "breakaway 0.1.0", "x", 0.01, 0.002, "ä"
     )
     time_s = ticks(5, 0.01)
+    written_s = np.where(np.arange(5) == 2, np.nan, time_s - 0.002)
     written = Recording(
-        time_s, time_s, force_n=time_s, sent_s=time_s - 0.001, received_s=time_s + 0.001, provenance=provenance
+        time_s,
+        time_s,
+        force_n=time_s,
+        sent_s=time_s - 0.001,
+        received_s=time_s + 0.001,
+        write_sent_s=written_s - 0.0005,
+        written_s=written_s,
+        provenance=provenance,
     )
     write_parquet(written, tmp_path / "a.parquet")
     read = read_recording(tmp_path / "a.parquet")
     assert read.provenance == provenance
     assert_same(read, written)
+    assert read.gaps == 0
+    write_csv(written, tmp_path / "a.csv")
+    assert_same(read_recording(tmp_path / "a.csv"), written)
 
 
 def test_write_parquet_returns_the_sha256_of_the_file(tmp_path: Path) -> None:
