@@ -68,3 +68,6 @@ TESTS: Final = Table(
     Column("acknowledgement", Text),
     sqlite_autoincrement=True,  # a number that fenced a device is never given again, even after a deletion
 )
+
+# The tables of other topics, so that METADATA describes the whole database.
+from service.store import schema_access as _access  # noqa: E402, F401

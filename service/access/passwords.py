@@ -1,0 +1,44 @@
+"""Passwords: what may be one, and Argon2id (RFC 9106) over it."""
+
+from __future__ import annotations
+
+import secrets
+from typing import Final
+
+from argon2 import PasswordHasher
+from argon2.exceptions import Argon2Error, InvalidHashError
+
+from valve.errors import RequestError
+
+SHORTEST: Final = 12  # characters; without a second factor a shorter one is guessed
+LONGEST: Final = 256
+# One lane, so that a sign-in takes one core from a running test and not all: about 0.1 s, 46 MiB.
+_HASHER: Final = PasswordHasher(time_cost=2, memory_cost=47_104, parallelism=1)
+#: Compared with where a name is unknown: the answer takes as long as for one that is known.
+_NOBODY: Final = _HASHER.hash(secrets.token_urlsafe(32))
+
+
+def hashed(name: str, password: str) -> str:
+    """Return what is stored of a password. Raises RequestError where it is too short, too long or the name."""
+    if not SHORTEST <= len(password) <= LONGEST:
+        raise RequestError(
+            f"user {name}: the password has {len(password)} characters, it needs {SHORTEST} to {LONGEST}: "
+            "choose another, a sentence for instance"
+        )
+    if len(set(password)) < 5 or name.casefold() in password.casefold():
+        raise RequestError(f"user {name}: the password is easily guessed: choose one without the name, of more letters")
+    return _HASHER.hash(password.encode("utf-8", "surrogatepass"))
+
+
+def fits(stored: str | None, password: str) -> bool:
+    """Return whether a password is the one that is stored; as slow where none is."""
+    try:
+        _HASHER.verify(_NOBODY if stored is None else stored, password.encode("utf-8", "surrogatepass"))
+    except (Argon2Error, InvalidHashError):
+        return False
+    return stored is not None
+
+
+def random_password() -> str:
+    """Return a password of 120 bits."""
+    return secrets.token_urlsafe(15)
