@@ -27,7 +27,7 @@ from service.runs.rig import Rig
 from service.runs.routes import router as test_routes
 from service.runs.service import Runs
 from service.settings import Plant
-from service.store.store import Store
+from service.store.store import Store, open_store
 from service.valves.routes import router as valve_routes
 from service.wired_rig import WiredRig
 
@@ -59,7 +59,7 @@ def create_app(
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        opened = store if store is not None else await asyncio.to_thread(Store, plant.service.store)
+        opened = store if store is not None else await asyncio.to_thread(open_store, plant.service)
         pool = AnalysisPool() if analyst is None else None
         converter = Converter()
         chosen = pool if pool is not None else analyst

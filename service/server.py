@@ -15,7 +15,7 @@ from fastapi import FastAPI
 from service.app import create_app
 from service.parts import Parts
 from service.settings import Plant, ServiceSettings
-from service.store.store import Store
+from service.store.store import open_store
 from valve.errors import ConfigurationError
 
 _LOG = structlog.get_logger(__name__)
@@ -65,7 +65,7 @@ def _listen(settings: ServiceSettings) -> socket.socket:
 def serve_plant(plant: Plant) -> None:
     """Serve until a signal ends it. Raises BusyError where another service has the store, ConfigurationError."""
     with _listen(plant.service) as listener:
-        app = create_app(plant, store=Store(plant.service.store))
+        app = create_app(plant, store=open_store(plant.service))
         config = uvicorn.Config(
             app,
             loop="uvloop",

@@ -1,19 +1,27 @@
-"""The database: opened, checked and brought to the present schema."""
+"""The database: opened, checked and brought to the present schema. SQLite in the store's folder, or PostgreSQL."""
 
 from __future__ import annotations
 
 import json
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from alembic import command
 from alembic.config import Config
+from alembic.runtime.migration import MigrationContext
+from alembic.script import ScriptDirectory
 from alembic.util import CommandError
-from sqlalchemy import Engine, create_engine, event, make_url, text
+from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url, text
 from sqlalchemy.exc import SQLAlchemyError
 
 from valve.errors import ConfigurationError
+
+_CONNECT_TIMEOUT_S: Final = 10
+_POOL: Final = 10
+_LONGEST_STATEMENT_MS: Final = 60_000
+# Own choice of a number that nobody else in the database locks: "breakaw" in ASCII.
+_MIGRATION_LOCK: Final = 0x627265616B6177
 
 
 def _keep_sqlite_durable(connection: Any, _record: object) -> None:
@@ -25,43 +33,82 @@ def _keep_sqlite_durable(connection: Any, _record: object) -> None:
     cursor.close()
 
 
-def migrate(engine: Engine) -> None:
-    """Bring the database to the newest revision; nothing happens where it is there already."""
+def _config(connection: Connection | None = None) -> Config:
     config = Config()
     config.set_main_option("script_location", str(Path(__file__).parent / "migrations").replace("%", "%%"))
-    with engine.begin() as connection:
+    if connection is not None:
         config.attributes["connection"] = connection
+    return config
+
+
+def migrate(engine: Engine) -> None:
+    """Bring the database to the newest revision; nothing happens where it is there already.
+
+    Raises ConfigurationError where a newer version of this software made it.
+    """
+    with engine.begin() as connection:
+        if engine.dialect.name == "postgresql":  # two gateways may start at once
+            connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _MIGRATION_LOCK})
+        config = _config(connection)
+        script = ScriptDirectory.from_config(config)
+        known = {revision.revision for revision in script.walk_revisions()}
+        for head in MigrationContext.configure(connection).get_current_heads():
+            if head not in known:
+                raise ConfigurationError(
+                    f"{_subject(engine.url)}: a newer version of breakaway made this database (its schema is {head}, "
+                    f"this version knows up to {script.get_current_head()}): install that version, or name another "
+                    "store"
+                )
         command.upgrade(config, "head")
 
 
-def open_database(url: str) -> Engine:
+def _subject(url: URL) -> str:
+    return str(url.database) if url.get_backend_name() == "sqlite" else url.render_as_string(hide_password=True)
+
+
+def _engine(url: URL) -> Engine:
+    serializer = partial(json.dumps, allow_nan=False)  # what is no number is null, and said so by its writer
+    if url.get_backend_name() == "sqlite":
+        engine = create_engine(url, connect_args={"timeout": 10.0}, json_serializer=serializer)
+        event.listen(engine, "connect", _keep_sqlite_durable)
+        return engine
+    options = f"-c statement_timeout={_LONGEST_STATEMENT_MS} -c synchronous_commit=on -c timezone=UTC"
+    return create_engine(
+        url,
+        connect_args={"connect_timeout": _CONNECT_TIMEOUT_S, "options": options, "application_name": "breakaway"},
+        pool_size=_POOL,
+        pool_pre_ping=True,  # a server that was restarted in the meantime is no fault of the request
+        json_serializer=serializer,
+    )
+
+
+def open_database(url: str | URL) -> Engine:
     """Open the database at a SQLAlchemy ``url``, check it and migrate it.
 
-    Raises ConfigurationError where it cannot be opened, is damaged or is newer than this version.
+    Raises ConfigurationError where it cannot be opened, is damaged or is newer than this version; no message holds a
+    password.
     """
     parsed = make_url(url)
-    subject = parsed.database or parsed.render_as_string(hide_password=True)
     is_sqlite = parsed.get_backend_name() == "sqlite"
-    engine = create_engine(
-        parsed,
-        connect_args={"timeout": 10.0} if is_sqlite else {},
-        json_serializer=partial(json.dumps, allow_nan=False),  # what is no number is null, and said so by its writer
-    )
+    engine = _engine(parsed)
     try:
         if is_sqlite:
-            event.listen(engine, "connect", _keep_sqlite_durable)
             with engine.connect() as connection:
                 verdict = connection.execute(text("PRAGMA quick_check")).scalar_one()
             if verdict != "ok":
-                raise ConfigurationError(f"{subject}: the database is damaged ({verdict}): restore it from a backup")
+                raise ConfigurationError(
+                    f"{_subject(parsed)}: the database is damaged ({verdict}): restore it from a backup"
+                )
         migrate(engine)
     except (SQLAlchemyError, CommandError) as error:
         engine.dispose()
-        reason = str(getattr(error, "orig", None) or error).split("\n", maxsplit=1)[0]
-        raise ConfigurationError(
-            f"{subject}: the database cannot be used ({reason}): restore it from a backup, "
-            "or name another folder as service.store"
-        ) from error
+        reason = " ".join(str(getattr(error, "orig", None) or error).split("\n", maxsplit=1)[0].split())
+        remedy = (
+            "restore it from a backup, or name another folder as service.store"
+            if is_sqlite
+            else "start the server, create the database or correct service.database and its password"
+        )
+        raise ConfigurationError(f"{_subject(parsed)}: the database cannot be used ({reason}): {remedy}") from error
     except ConfigurationError:
         engine.dispose()
         raise

@@ -2,19 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from types import MappingProxyType
+from typing import Any, Final
 
-from sqlalchemy import Engine, Row, func, insert, select, update
+from sqlalchemy import Connection, Engine, Row, insert, select, update
+from sqlalchemy.dialects import postgresql, sqlite
 
 from service.runs.run import Label, Run, RunState
 from service.store.schema import TESTS
+from service.store.schema_nightly import VALVE_STATES
 from valve.errors import NotFoundError
+
+#: Stands for the analysis and the quality of a run that came from a list: they are many times the rest.
+NOT_LOADED: Final[Mapping[str, Any]] = MappingProxyType({"not_loaded": True})
+_HEAVY: Final = ("analysis", "quality")
+_HEAD: Final = tuple(column for column in TESTS.c if column.name not in _HEAVY)
+
+
+@dataclass(frozen=True, slots=True)
+class ValveHead:
+    """The last test of a valve, without its analysis, and the health that its last completed test found."""
+
+    last: Run
+    completed_number: int | None
+    health: Mapping[str, Any] | None
+
+
+def _head(row: Any) -> Run:
+    values = {column.name: row._mapping[column] for column in _HEAD}
+    return _as_run(values | dict.fromkeys(_HEAVY, NOT_LOADED))
 
 
 def _run(row: Row[Any]) -> Run:
-    values = dict(row._mapping)
+    return _as_run(dict(row._mapping))
+
+
+def _as_run(values: dict[str, Any]) -> Run:
     values["state"] = RunState(values["state"])
     values["label"] = None if values["label"] is None else Label(values["label"])
     return Run(**values)
@@ -28,6 +54,26 @@ def _row(run: Run) -> dict[str, Any]:
     return values
 
 
+def _note_state(connection: Connection, run: Run) -> None:
+    """Keep the row of the run's valve; an older test that is written again changes nothing of a newer one."""
+    completed = run.state is RunState.COMPLETED
+    health = run.analysis.get("health") if completed and run.analysis is not None else None
+    number = run.number if completed else None
+    values = {"valve": run.valve, "last_number": run.number, "completed_number": number, "health": health}
+    upsert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
+    connection.execute(
+        upsert(VALVE_STATES).values(values).on_conflict_do_nothing(index_elements=[VALVE_STATES.c.valve])
+    )
+    mine = VALVE_STATES.c.valve == run.valve
+    connection.execute(
+        update(VALVE_STATES).where(mine, VALVE_STATES.c.last_number < run.number).values(last_number=run.number)
+    )
+    if completed:
+        former = VALVE_STATES.c.completed_number
+        newer = former.is_(None) | (former <= run.number)
+        connection.execute(update(VALVE_STATES).where(mine, newer).values(completed_number=number, health=health))
+
+
 class RunTable:
     """Runs by id; every method is one transaction and may block, so callers on the event loop use a thread."""
 
@@ -38,16 +84,24 @@ class RunTable:
         """Store a new run and return it with its number; it is on disk when this returns."""
         with self._engine.begin() as connection:
             number = connection.execute(insert(TESTS).values(_row(run))).inserted_primary_key
-        if number is None:
-            raise NotFoundError(f"test {run.id}: the database gave it no number")
-        return self.get(run.id)
+            if number is None:
+                raise NotFoundError(f"test {run.id}: the database gave it no number")
+            stored = connection.execute(select(TESTS).where(TESTS.c.number == number[0])).one()
+            _note_state(connection, _run(stored))
+        return _run(stored)
 
     def save(self, run: Run) -> None:
-        """Write the whole run over its former state. Raises NotFoundError where it was never stored."""
+        """Write the whole run over its former state. Raises NotFoundError where it was never stored.
+
+        Raises ValueError for a run that came from a list: its analysis would be lost.
+        """
+        if run.analysis is NOT_LOADED or run.quality is NOT_LOADED:
+            raise ValueError(f"test {run.id} came from a list, without its analysis: get it whole before it is saved")
         with self._engine.begin() as connection:
             changed = connection.execute(update(TESTS).where(TESTS.c.id == run.id).values(_row(run))).rowcount
-        if changed != 1:
-            raise NotFoundError(f"test {run.id} is unknown: it was never stored")
+            if changed != 1:
+                raise NotFoundError(f"test {run.id} is unknown: it was never stored")
+            _note_state(connection, run)
 
     def get(self, run_id: str) -> Run:
         """Return one run. Raises NotFoundError."""
@@ -64,26 +118,49 @@ class RunTable:
         return None if row is None else _run(row)
 
     def newest(self, limit: int, *, before: int | None = None, valve: str | None = None) -> list[Run]:
-        """Runs with a number below ``before``, newest first, at most ``limit``."""
-        query = select(TESTS).order_by(TESTS.c.number.desc()).limit(limit)
+        """Runs with a number below ``before``, newest first, at most ``limit``; analysis and quality NOT_LOADED."""
+        query = select(*_HEAD).order_by(TESTS.c.number.desc()).limit(limit)
         if before is not None:
             query = query.where(TESTS.c.number < before)
         if valve is not None:
             query = query.where(TESTS.c.valve == valve)
         with self._engine.connect() as connection:
-            return [_run(row) for row in connection.execute(query)]
+            return [_head(row) for row in connection.execute(query)]
 
-    def in_states(self, states: Sequence[RunState]) -> list[Run]:
-        """Runs in one of these states, oldest first."""
+    def in_states(self, states: Sequence[RunState], *, gateway: str | None = None) -> list[Run]:
+        """Runs in one of these states, oldest first; of one gateway where it is named."""
         query = select(TESTS).where(TESTS.c.state.in_([state.value for state in states])).order_by(TESTS.c.number)
+        if gateway is not None:
+            query = query.where(TESTS.c.gateway == gateway)
         with self._engine.connect() as connection:
             return [_run(row) for row in connection.execute(query)]
 
-    def latest_by_valve(self, states: Sequence[RunState] = ()) -> dict[str, Run]:
-        """Return the newest run of each valve, of those in ``states`` where any are given."""
-        newest = select(func.max(TESTS.c.number)).group_by(TESTS.c.valve)
-        if states:
-            newest = newest.where(TESTS.c.state.in_([state.value for state in states]))
+    def ended_since(self, since: datetime | None = None, *, valve: str | None = None) -> list[str]:
+        """Ids of the runs asked for since an instant that have a recording, oldest first."""
+        query = select(TESTS.c.id).where(TESTS.c.recording_sha256.is_not(None)).order_by(TESTS.c.number)
+        if since is not None:
+            query = query.where(TESTS.c.created_at >= since)
+        if valve is not None:
+            query = query.where(TESTS.c.valve == valve)
         with self._engine.connect() as connection:
-            rows = connection.execute(select(TESTS).where(TESTS.c.number.in_(newest)))
-            return {row.valve: _run(row) for row in rows}
+            return list(connection.scalars(query))
+
+    def valve_heads(self, valve: str | None = None) -> dict[str, ValveHead]:
+        """Return the last test of each valve, or of one, with the health of its last completed one."""
+        states = VALVE_STATES.c
+        query = select(*_HEAD, states.completed_number, states.health).join_from(
+            VALVE_STATES, TESTS, TESTS.c.number == states.last_number
+        )
+        if valve is not None:
+            query = query.where(states.valve == valve)
+        with self._engine.connect() as connection:
+            rows = connection.execute(query).all()
+        return {row.valve: ValveHead(_head(row), row.completed_number, row.health) for row in rows}
+
+    def last_completed(self, valve: str) -> Run | None:
+        """Return the newest completed run of a valve, whole."""
+        states = VALVE_STATES.c
+        query = select(TESTS).join_from(VALVE_STATES, TESTS, TESTS.c.number == states.completed_number)
+        with self._engine.connect() as connection:
+            row = connection.execute(query.where(states.valve == valve)).one_or_none()
+        return None if row is None else _run(row)

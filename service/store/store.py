@@ -3,7 +3,7 @@
 ::
 
     plant-data/
-    ├── breakaway.db        metadata (SQLite)
+    ├── breakaway.db        metadata (SQLite), unless service.database names a PostgreSQL database
     ├── recordings/         ID.parquet: each test's raw recording
     ├── journals/           ID.journal: samples of the test that runs now
     ├── uploads/            recordings that are analysed on request, then removed
@@ -14,12 +14,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sqlalchemy import Engine
+from sqlalchemy import URL, Engine
 
 from service.runs.run import checked_run_id
+from service.settings import ServiceSettings
 from service.store.database import open_database
+from service.store.gateway_lock import GatewayLock
 from service.store.lock import StoreLock
 from service.store.run_table import RunTable
+from service.store.schedule_run_table import ScheduleRunTable
 from valve.errors import ConfigurationError, InternalError
 from valve.recording import Recording
 from valve.recording_files import file_sha256, write_parquet
@@ -31,19 +34,22 @@ class Store:
     Raises BusyError where another process has it, ConfigurationError where it cannot be used.
     """
 
-    def __init__(self, folder: Path, database_url: str | None = None) -> None:
+    def __init__(self, folder: Path, database_url: str | URL | None = None, *, gateway: str = "") -> None:
         self.folder = folder
+        self.gateway = gateway
         try:
             for part in ("recordings", "journals", "uploads"):
                 (folder / part).mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise _unwritable(folder, error) from error
         self._lock = StoreLock(folder / "lock")
+        self._gateway_lock: GatewayLock | None = None
         try:
             self._lock.acquire()
             for leftover in (folder / "uploads").iterdir():
                 leftover.unlink()
             self._engine: Engine = open_database(database_url or f"sqlite:///{folder / 'breakaway.db'}")
+            self._lock_gateway()
         except OSError as error:
             self._lock.release()
             raise _unwritable(folder, error) from error
@@ -51,9 +57,27 @@ class Store:
             self._lock.release()
             raise
         self.runs = RunTable(self._engine)
+        self.schedule_runs = ScheduleRunTable(self._engine)
+
+    def _lock_gateway(self) -> None:
+        if self._engine.dialect.name == "postgresql":
+            lock = GatewayLock(self._engine, self.gateway)
+            try:
+                lock.acquire()
+            except BaseException:
+                self._engine.dispose()
+                raise
+            self._gateway_lock = lock
+
+    @property
+    def engine(self) -> Engine:
+        """The database."""
+        return self._engine
 
     def close(self) -> None:
         """Close the database and give the folder back."""
+        if self._gateway_lock is not None:
+            self._gateway_lock.release()
         self._engine.dispose()
         self._lock.release()
 
@@ -83,6 +107,12 @@ class Store:
                 f"test {run_id}: its recording reads back as {on_disk}, it was {sha256}: check the disk"
             )
         return path.name, sha256
+
+
+def open_store(settings: ServiceSettings) -> Store:
+    """Open the store that plant.toml names. Raises as Store, and ConfigurationError where its password is missing."""
+    url = None if settings.database is None else settings.database.with_password()
+    return Store(settings.store, url, gateway=settings.gateway)
 
 
 def _unwritable(folder: Path, error: OSError) -> ConfigurationError:

@@ -12,9 +12,9 @@ from pydantic import BaseModel, Field
 
 from service.parts import Parts, parts_of
 from service.problems import PROBLEMS
-from service.runs.run import Run, RunState
 from service.runs.sequences import SEQUENCES, default_of
 from service.runs.views import RunSummary, RunView, summary, view
+from service.store.run_table import ValveHead
 
 router = APIRouter(prefix="/valves", tags=["valves"], responses=PROBLEMS)
 PartsOf = Annotated[Parts, Depends(parts_of)]
@@ -50,35 +50,25 @@ class ValveList(BaseModel):
     valves: list[ValveSummary]
 
 
-def _summary(parts: Parts, tag: str, last: Run | None, completed: Run | None) -> dict[str, Any]:
+def _summary(parts: Parts, tag: str, head: ValveHead | None) -> dict[str, Any]:
     valve = parts.plant.valves[tag]
-    analysis = None if completed is None else completed.analysis
     return {
         "tag": tag,
         "href": f"/valves/{quote(tag)}",
         "buses": sorted(valve.buses),
         "acquisition": valve.wiring.acquisition.mode.value,
         "busy_with": parts.runs.user_of(tag),
-        "last_test": None if last is None else summary(parts.runs.as_it_stands(last)),
-        "health": None if analysis is None else analysis.get("health"),
+        "last_test": None if head is None else summary(parts.runs.as_it_stands(head.last)),
+        "health": None if head is None else head.health,
     }
-
-
-async def _latest(parts: Parts) -> tuple[dict[str, Run], dict[str, Run]]:
-    last = await asyncio.to_thread(parts.store.runs.latest_by_valve)
-    completed = await asyncio.to_thread(parts.store.runs.latest_by_valve, [RunState.COMPLETED])
-    return last, completed
 
 
 @router.get("")
 async def list_valves(parts: PartsOf) -> ValveList:
     """List the plant's valves with their last test."""
-    last, completed = await _latest(parts)
+    heads = await asyncio.to_thread(parts.store.runs.valve_heads)
     return ValveList(
-        valves=[
-            ValveSummary(**_summary(parts, tag, last.get(tag), completed.get(tag)))
-            for tag in sorted(parts.plant.valves)
-        ]
+        valves=[ValveSummary(**_summary(parts, tag, heads.get(tag))) for tag in sorted(parts.plant.valves)]
     )
 
 
@@ -86,11 +76,11 @@ async def list_valves(parts: PartsOf) -> ValveList:
 async def get_valve(tag: str, parts: PartsOf) -> ValveView:
     """Return one valve with its last completed test."""
     valve = parts.runs.valve(tag)
-    last, completed = await _latest(parts)
-    result = completed.get(tag)
+    heads = await asyncio.to_thread(parts.store.runs.valve_heads, tag)
+    result = await asyncio.to_thread(parts.store.runs.last_completed, tag)
     default, reason = default_of(valve.nameplate, valve.wiring.limits)
     return ValveView(
-        **_summary(parts, tag, last.get(tag), result),
+        **_summary(parts, tag, heads.get(tag)),
         nameplate=asdict(valve.nameplate),
         limits=asdict(valve.wiring.limits),
         safe_value_pa=valve.wiring.safe_value_pa,

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.service.databases import postgresql_database
+
 PLANT = """\
 [service]
 store = "plant-data"
@@ -94,3 +96,13 @@ def plant_file(quick_path: Path) -> Path:
     path = quick_path / "plant.toml"
     path.write_text(PLANT, encoding="utf-8")
     return path
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def database_url(request: pytest.FixtureRequest, quick_path: Path) -> Iterator[str]:
+    """Return the address of an empty database, of each kind in turn; PostgreSQL is skipped where no server answers."""
+    if request.param == "sqlite":
+        yield f"sqlite:///{quick_path / 'breakaway.db'}"
+        return
+    with postgresql_database() as url:
+        yield url

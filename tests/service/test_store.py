@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import hashlib
 import multiprocessing
-import sqlite3
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
+from sqlalchemy import text
 
 from drivers.outcome import SampleBlock
 from service.runs.run import Run, RunState, checked_run_id, new_run_id
@@ -39,21 +39,21 @@ def _block(start: int, stop: int, *, recorded: bool = True, polled: bool = True)
     )
 
 
-def test_a_run_comes_back_as_it_was_stored(quick_path: Path) -> None:
-    store = Store(quick_path / "store")
+def test_a_run_comes_back_as_it_was_stored(quick_path: Path, database_url: str) -> None:
+    store = Store(quick_path / "store", database_url)
     run = store.runs.insert(_run(key="k1"))
     assert run.number == 1
     ended = replace(run, state=RunState.COMPLETED, safe_confirmed=True, analysis={"schema": "x", "m": None})
     store.runs.save(ended)
     store.close()
-    again = Store(quick_path / "store")
+    again = Store(quick_path / "store", database_url)
     assert again.runs.get(run.id) == ended
     assert again.runs.by_idempotency_key("k1") == ended
     again.close()
 
 
-def test_runs_are_listed_newest_first_by_page_and_valve(quick_path: Path) -> None:
-    store = Store(quick_path / "store")
+def test_runs_are_listed_newest_first_by_page_and_valve(quick_path: Path, database_url: str) -> None:
+    store = Store(quick_path / "store", database_url)
     runs = [store.runs.insert(_run(tag)) for tag in ("A", "B", "A", "A")]
     assert [run.number for run in store.runs.newest(2)] == [4, 3]
     assert [run.number for run in store.runs.newest(2, before=3)] == [2, 1]
@@ -63,10 +63,16 @@ def test_runs_are_listed_newest_first_by_page_and_valve(quick_path: Path) -> Non
     store.close()
 
 
-def test_the_migrations_make_exactly_the_described_tables(quick_path: Path) -> None:
-    engine = open_database(f"sqlite:///{quick_path / 'x.db'}")
+def test_the_migrations_make_exactly_the_described_tables(database_url: str) -> None:
+    engine = open_database(database_url)
     with engine.connect() as connection:
         assert compare_metadata(MigrationContext.configure(connection), METADATA) == []
+    engine.dispose()
+
+
+def test_what_sqlite_commits_has_reached_the_disk(quick_path: Path) -> None:
+    engine = open_database(f"sqlite:///{quick_path / 'x.db'}")
+    with engine.connect() as connection:
         assert connection.exec_driver_sql("PRAGMA journal_mode").scalar_one() == "wal"
         assert connection.exec_driver_sql("PRAGMA synchronous").scalar_one() == 2
         assert connection.exec_driver_sql("PRAGMA foreign_keys").scalar_one() == 1
@@ -79,13 +85,13 @@ def test_a_damaged_database_is_refused_with_a_clear_sentence(quick_path: Path) -
         Store(quick_path)
 
 
-def test_a_database_of_a_newer_version_is_refused(quick_path: Path) -> None:
-    Store(quick_path).close()
-    with sqlite3.connect(quick_path / "breakaway.db") as connection:
-        connection.execute("UPDATE alembic_version SET version_num = '9999'")
-    connection.close()
-    with pytest.raises(ConfigurationError, match="9999"):
-        Store(quick_path)
+def test_a_database_of_a_newer_version_is_refused(quick_path: Path, database_url: str) -> None:
+    store = Store(quick_path, database_url)
+    with store.engine.begin() as connection:
+        connection.execute(text("UPDATE alembic_version SET version_num = '9999'"))
+    store.close()
+    with pytest.raises(ConfigurationError, match=r"newer version .* 9999, .* up to \d{4}\): install"):
+        Store(quick_path, database_url)
 
 
 def _try_to_open(folder: Path, answers: multiprocessing.Queue[str]) -> None:
@@ -124,9 +130,9 @@ def test_a_recording_is_written_whole_and_hashed(quick_path: Path) -> None:
 
 
 def test_an_id_never_becomes_a_path(quick_path: Path) -> None:
-    for text in ("../../etc/passwd", "", "a" * 1000, "20261121T031502Z-9f3c01ab/..", "20261121T031502Z-9F3C01AB"):
+    for name in ("../../etc/passwd", "", "a" * 1000, "20261121T031502Z-9f3c01ab/..", "20261121T031502Z-9F3C01AB"):
         with pytest.raises(NotFoundError):
-            checked_run_id(text)
+            checked_run_id(name)
     assert checked_run_id(new_run_id())
 
 

@@ -1,0 +1,57 @@
+"""One check: one valve of one schedule on one night, as the store keeps it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime, timedelta
+from enum import StrEnum
+from typing import Any
+
+
+class CheckState(StrEnum):
+    """Where a check stands. What is planned is in no table yet."""
+
+    PLANNED = "planned"
+    QUEUED = "queued"
+    RUNNING = "running"
+    COMPLETED = "completed"
+    SKIPPED = "skipped"
+    FAILED = "failed"
+    INTERRUPTED = "interrupted"
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more will happen to the check."""
+        return self not in (CheckState.PLANNED, CheckState.QUEUED, CheckState.RUNNING)
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """``occurrence`` is the plant's own clock at which it was due (ISO 8601 without a zone); ``due_at`` the instant.
+
+    ``attempt`` names the process that took it up: one that is found with another process's name was cut off.
+    """
+
+    schedule: str
+    occurrence: str
+    valve: str
+    due_at: datetime
+    window_s: float
+    sequence: str
+    bus: str
+    gateway: str = ""
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+    requested_by: str = ""
+    state: CheckState = CheckState.QUEUED
+    reason: str = ""
+    test_id: str | None = None
+    attempt: str | None = None
+    attempted_at: datetime | None = None
+    ended_at: datetime | None = None
+    id: int = 0
+
+    @property
+    def ends_at(self) -> datetime:
+        """The last instant at which its test may start."""
+        return self.due_at + timedelta(seconds=self.window_s)

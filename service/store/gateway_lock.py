@@ -1,0 +1,39 @@
+"""One process a gateway on one PostgreSQL: a lock of the server's that ends with the connection of its holder."""
+
+from __future__ import annotations
+
+import hashlib
+
+from sqlalchemy import Connection, Engine, text
+
+from valve.errors import BusyError
+
+
+class GatewayLock:
+    """Holds a gateway's name from ``acquire`` to ``release``, in whichever folder the other process may live."""
+
+    def __init__(self, engine: Engine, gateway: str) -> None:
+        self._engine = engine
+        self._gateway = gateway
+        digest = hashlib.sha256(f"breakaway gateway {gateway}".encode()).digest()
+        self._key = int.from_bytes(digest[:8], "big", signed=True)
+        self._connection: Connection | None = None
+
+    def acquire(self) -> None:
+        """Take the lock. Raises BusyError where another process holds it."""
+        connection = self._engine.connect().execution_options(isolation_level="AUTOCOMMIT")
+        if not connection.execute(text("SELECT pg_try_advisory_lock(:key)"), {"key": self._key}).scalar_one():
+            connection.close()
+            name = f"gateway {self._gateway!r}" if self._gateway else "a service without a gateway's name"
+            raise BusyError(
+                f"{self._engine.url.render_as_string(hide_password=True)}: {name} runs on this database already: "
+                "stop that one first, or give this one another service.gateway"
+            )
+        self._connection = connection
+
+    def release(self) -> None:
+        """Give the lock back; nothing happens where it is not held."""
+        if self._connection is not None:
+            self._connection.invalidate()  # the server drops the lock with the connection, whatever state it is in
+            self._connection.close()
+            self._connection = None

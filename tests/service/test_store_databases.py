@@ -1,0 +1,153 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from alembic import command
+from sqlalchemy import make_url, text
+
+from service.runs.run import Run, RunState, new_run_id
+from service.schedules.check import Check, CheckState
+from service.settings_database import PASSWORD_VARIABLE, DatabaseAddress
+from service.store.database import _config, _engine, open_database
+from service.store.run_table import NOT_LOADED
+from service.store.store import Store
+from tests.service.databases import postgresql_database
+from valve.errors import BusyError, ConfigurationError
+
+NOW = datetime(2026, 3, 28, 22, 30, tzinfo=UTC)
+
+
+def _run(tag: str = "FV-101") -> Run:
+    return Run(id=new_run_id(), valve=tag, sequence="triangle")
+
+
+def _completed(run: Run, state: str) -> Run:
+    return replace(run, state=RunState.COMPLETED, analysis={"health": {"ne107": state, "reasons": []}})
+
+
+def _check(valve: str = "FV-101", occurrence: str = "2026-03-28T23:30") -> Check:
+    return Check("nightly", occurrence, valve, NOW, 3600.0, "triangle", "plc-1")
+
+
+def test_the_last_test_of_each_valve_and_its_health_are_kept(quick_path: Path, database_url: str) -> None:
+    store = Store(quick_path, database_url)
+    first, second = (store.runs.insert(_run()) for _ in range(2))
+    store.runs.save(_completed(second, "M"))
+    store.runs.save(_completed(first, "N"))  # an older one that is analysed again
+    third = store.runs.insert(_run())
+    other = store.runs.insert(_run("FV-102"))
+    heads = store.runs.valve_heads()
+    assert (heads["FV-101"].last.id, heads["FV-102"].last.id) == (third.id, other.id)
+    assert heads["FV-101"].health == {"ne107": "M", "reasons": []}
+    assert heads["FV-102"].health is None
+    assert heads["FV-101"].completed_number == second.number
+    completed = store.runs.last_completed("FV-101")
+    assert completed is not None
+    assert completed.id == second.id
+    assert store.runs.last_completed("FV-102") is None
+    assert list(store.runs.valve_heads("FV-102")) == ["FV-102"]
+    store.close()
+
+
+def test_a_run_of_a_list_cannot_be_saved_without_its_analysis(quick_path: Path) -> None:
+    store = Store(quick_path)
+    store.runs.save(_completed(store.runs.insert(_run()), "N"))
+    listed = store.runs.newest(1)[0]
+    assert listed.analysis is NOT_LOADED
+    with pytest.raises(ValueError, match="get it whole"):
+        store.runs.save(replace(listed, error="x"))
+    store.close()
+
+
+def test_an_older_database_gets_the_last_test_of_each_valve(database_url: str) -> None:
+    engine = _engine(make_url(database_url))
+    with engine.begin() as connection:
+        command.upgrade(_config(connection), "0003")
+        for number, (valve, state) in enumerate([("A", "completed"), ("A", "failed"), ("B", "queued")], start=1):
+            connection.execute(
+                text(
+                    "INSERT INTO tests (id, valve, sequence, overrides, state, progress, created_at, error, software, "
+                    "analysis) VALUES (:id, :valve, 'triangle', '{}', :state, 1.0, :now, '', 'x', :analysis)"
+                ),
+                {
+                    "id": f"run-{number}",
+                    "valve": valve,
+                    "state": state,
+                    "now": NOW,
+                    "analysis": '{"health": {"ne107": "S"}}' if state == "completed" else None,
+                },
+            )
+    engine.dispose()
+    migrated = open_database(database_url)
+    with migrated.connect() as connection:
+        rows = connection.execute(
+            text("SELECT valve, last_number, completed_number, health FROM valve_states ORDER BY valve")
+        )
+        shown = [(*row[:3], str(row[3])) for row in rows]
+    assert [row[:3] for row in shown] == [("A", 2, 1), ("B", 3, None)]
+    assert "S" in shown[0][3]
+    migrated.dispose()
+
+
+def test_a_check_is_stored_once_and_taken_up_once(quick_path: Path, database_url: str) -> None:
+    store = Store(quick_path, database_url)
+    checks = store.schedule_runs
+    stored = checks.insert(_check())
+    assert stored is not None
+    assert checks.insert(_check()) is None
+    assert checks.get(stored.id) == stored
+    assert checks.take_up(stored.id, "one", NOW)
+    assert not checks.take_up(stored.id, "two", NOW)
+    assert checks.put_back(stored.id, "one")
+    assert checks.take_up(stored.id, "two", NOW)
+    checks.note_test(stored.id, "test-1")
+    assert not checks.put_back(stored.id, "two")
+    assert checks.end(stored.id, CheckState.COMPLETED, "", NOW)
+    assert not checks.end(stored.id, CheckState.FAILED, "late", NOW)
+    ended = checks.get(stored.id)
+    assert (ended.state, ended.test_id, ended.ended_at) == (CheckState.COMPLETED, "test-1", NOW)
+    assert checks.between(NOW, NOW + timedelta(seconds=1)) == [ended]
+    assert checks.between(NOW - timedelta(hours=1), NOW) == []
+    assert checks.newest_due("nightly", "") == NOW
+    assert checks.latest("nightly") == [ended]
+    store.close()
+
+
+def test_one_gateway_has_one_process_on_a_database(quick_path: Path) -> None:
+    with postgresql_database() as url:
+        first = Store(quick_path / "a", url, gateway="g1")
+        other = Store(quick_path / "b", url, gateway="g2")
+        with pytest.raises(BusyError, match="'g1' runs on this database already"):
+            Store(quick_path / "c", url, gateway="g1")
+        first.close()
+        Store(quick_path / "c", url, gateway="g1").close()
+        other.close()
+
+
+def test_a_server_that_does_not_answer_is_said_without_the_password(quick_path: Path) -> None:
+    url = make_url("postgresql+psycopg://somebody:hush@127.0.0.1:1/plant")
+    with pytest.raises(ConfigurationError, match=r"cannot be used .* start the server") as caught:
+        Store(quick_path, url)
+    assert "hush" not in str(caught.value)
+    assert "somebody" in str(caught.value)
+
+
+def test_the_password_comes_from_a_file_of_its_owner_alone(quick_path: Path) -> None:
+    file = quick_path / "password"
+    file.write_text("hush\n", encoding="utf-8")
+    file.chmod(0o640)
+    address = DatabaseAddress("postgresql+psycopg://somebody@127.0.0.1/plant", file)
+    with pytest.raises(ConfigurationError, match=r"mode 0640.*chmod 600"):
+        address.with_password()
+    file.chmod(0o600)
+    assert address.with_password().password == "hush"
+    from_environment = DatabaseAddress(address.url).with_password({PASSWORD_VARIABLE: "whisper"})
+    assert from_environment.password == "whisper"
+    assert DatabaseAddress(address.url).with_password({}).password is None
+    assert "hush" not in str(address.with_password())
+    file.write_text("", encoding="utf-8")
+    with pytest.raises(ConfigurationError, match="empty"):
+        address.with_password()
