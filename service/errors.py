@@ -16,6 +16,7 @@ from valve.errors import (
     BusyError,
     ConfigurationError,
     DeviceError,
+    ElsewhereError,
     EquipmentError,
     InternalError,
     MeasurementError,
@@ -33,6 +34,7 @@ STATUS: Final[dict[type[ValveError], HTTPStatus]] = {
     RequestError: HTTPStatus.UNPROCESSABLE_ENTITY,
     NotFoundError: HTTPStatus.NOT_FOUND,
     BusyError: HTTPStatus.CONFLICT,
+    ElsewhereError: HTTPStatus.MISDIRECTED_REQUEST,
     PermissiveError: HTTPStatus.LOCKED,
     ConfigurationError: HTTPStatus.UNPROCESSABLE_ENTITY,
     EquipmentError: HTTPStatus.BAD_GATEWAY,
@@ -81,7 +83,8 @@ def _valve_error(request: Request, error: Exception) -> ProblemResponse:
     if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
         _LOG.error("request failed", path=request.url.path, error=str(error))
     kind = f"urn:breakaway:error:{type(error).__name__}"
-    return problem(status, _printable(str(error)), instance=request.url.path, kind=kind)
+    more: dict[str, Any] = {"gateway": error.gateway, "url": error.url} if isinstance(error, ElsewhereError) else {}
+    return problem(status, _printable(str(error)), instance=request.url.path, kind=kind, **more)
 
 
 def _http_error(request: Request, error: Exception) -> ProblemResponse:

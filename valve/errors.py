@@ -9,6 +9,7 @@
     │   ├── WaveformError        a test sequence that the valve cannot or must not follow
     │   ├── RecordingError       a recording that cannot be read
     │   ├── NotFoundError        an unknown tag, test or sequence
+    │   ├── ElsewhereError       another gateway drives the valve: ask that one
     │   ├── BusyError            the valve or its bus is taken: wait, then repeat
     │   └── PermissiveError      a permissive is missing: do what it says, then repeat
     ├── EquipmentError       look at the valve, its device or the wire
@@ -52,6 +53,15 @@ class RecordingError(RequestError):
 
 class NotFoundError(RequestError):
     """An unknown tag, test or sequence."""
+
+
+class ElsewhereError(RequestError):
+    """Another gateway of the plant drives the valve: ask that one."""
+
+    def __init__(self, tag: str, gateway: str, url: str) -> None:
+        super().__init__(f"{tag}: gateway {gateway} drives this valve: repeat the request at {url}")
+        self.gateway = gateway
+        self.url = url
 
 
 class BusyError(RequestError):

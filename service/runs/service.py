@@ -28,7 +28,7 @@ from service.runs.run import Label, Run, checked_run_id, new_run_id
 from service.runs.sequences import choose_waveform
 from service.settings import Plant, PlantValve
 from service.store.store import Store
-from valve.errors import BusyError, NotFoundError, RequestError
+from valve.errors import BusyError, ElsewhereError, NotFoundError, RequestError
 
 Result = TypeVar("Result")
 
@@ -62,6 +62,15 @@ class Runs:
         """Return the id of the run that uses this valve now, if any."""
         return self._owners.holder(tag)
 
+    def why_not_scheduled(self, tag: str) -> str:
+        """Return why a scheduled test of a valve has to wait now; "" where it may start."""
+        return self._owners.why_not_scheduled(tag, self.valve(tag).buses)
+
+    def _check_gateway(self, tag: str) -> None:
+        if not self._plant.is_ours(tag):
+            gateway = self._plant.gateway_of(tag)
+            raise ElsewhereError(tag, gateway, self._plant.gateways[gateway])
+
     async def start(
         self,
         tag: str,
@@ -79,10 +88,11 @@ class Runs:
         Without a sequence the usual one is run, or the one that the valve's limits allow. ``schedule`` names the one
         that asks, ``permit`` the work permit where the valve demands one.
 
-        Raises NotFoundError, BusyError, PermissiveError, WaveformError and RequestError; then nothing was stored and
-        nothing moves.
+        Raises NotFoundError, ElsewhereError, BusyError, PermissiveError, WaveformError and RequestError; then nothing
+        was stored and nothing moves.
         """
         valve = self.valve(tag)
+        self._check_gateway(tag)
         choice = choose_waveform(sequence, overrides, valve.nameplate, valve.wiring.limits)
         self._rig.check(valve, choice.waveform)
         wanted = Run(
@@ -94,6 +104,7 @@ class Runs:
             software=self._software,
             requested_by=requester.name,
             schedule=schedule,
+            gateway=self._plant.service.gateway,
             label=label,
         )
         async with self._admission:
@@ -102,7 +113,7 @@ class Runs:
                 return known
             if self._closing:
                 raise BusyError(f"{tag}: the service is shutting down: repeat the request when it is back")
-            claim = self._owners.claim(wanted.id, tag, valve.buses)
+            claim = self._owners.claim(wanted.id, tag, valve.buses, scheduled=schedule is not None)
             try:
                 stored = await asyncio.to_thread(self._store.runs.insert, wanted)
             except BaseException:
@@ -189,7 +200,9 @@ class Runs:
 
         The valves come first: neither a long journal nor a full disk holds them up.
         """
-        unfinished = await asyncio.to_thread(self._store.runs.in_states, UNFINISHED)
+        unfinished = await asyncio.to_thread(
+            self._store.runs.in_states, UNFINISHED, gateway=self._plant.service.gateway
+        )
         sent: dict[str, asyncio.Task[bool]] = {}
         for run in unfinished:
             if run.valve in self._plant.valves and needs_safe(run):
