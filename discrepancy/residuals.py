@@ -17,7 +17,7 @@ from estimators.samples import BoolArray, FloatArray
 _BINS: Final = 40
 _LEAST_IN_BIN: Final = 3
 _MOST_POINTS: Final = 200
-_UNITS: Final = {"time": "s", "travel": "m", "speed": "m/s", "time at rest": "s", "force": "N"}
+COORDINATE_UNITS: Final = {"time": "s", "travel": "m", "speed": "m/s", "time at rest": "s", "force": "N"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +38,7 @@ class Along:
     @property
     def unit(self) -> str:
         """Unit of the coordinate."""
-        return _UNITS[self.coordinate]
+        return COORDINATE_UNITS[self.coordinate]
 
     def to_json(self) -> dict[str, Any]:
         """Return the curve for a picture."""
@@ -86,7 +86,7 @@ def show(fit: Fit) -> Misfit:
     measured_m = observed.position_m
     simulated_m = simulated(observed, fit.model.valve(fit.point), fit.values)
     residual_m = measured_m - simulated_m
-    coordinates = _coordinates(fit)
+    coordinates = coordinates_of(fit)
     position = _along_all(coordinates, residual_m)
     force_n, known = force_residual(fit, coordinates)
     force = _along_all({name: values[known] for name, values in coordinates.items()}, force_n[known])
@@ -119,7 +119,8 @@ def force_residual(fit: Fit, coordinates: dict[str, FloatArray]) -> tuple[FloatA
     return left_n, np.asarray(moving)
 
 
-def _coordinates(fit: Fit) -> dict[str, FloatArray]:
+def coordinates_of(fit: Fit) -> dict[str, FloatArray]:
+    """Return what a misfit may depend on, each in all blocks, shape (count,), with velocity and acceleration."""
     observed = fit.model.observed
     parts = [_of_segment(segment, motion) for segment, motion in _paired(fit)]
     joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -166,18 +167,19 @@ def _along_all(coordinates: dict[str, FloatArray], residual: FloatArray) -> tupl
         return ()
     sense = np.sign(coordinates["velocity"])
     found = []
-    for name in _UNITS:
+    for name in COORDINATE_UNITS:
         directions = (1, -1) if name == "travel" else (0,)
         for direction in directions:
             chosen = np.isfinite(coordinates[name])
             if direction:
                 chosen &= sense == direction
             if np.count_nonzero(chosen) >= 2 * _LEAST_IN_BIN:
-                found.append(_along(name, direction, coordinates[name][chosen], residual[chosen]))
+                found.append(along(name, direction, coordinates[name][chosen], residual[chosen]))
     return tuple(found)
 
 
-def _along(name: str, direction: int, at: FloatArray, residual: FloatArray) -> Along:
+def along(name: str, direction: int, at: FloatArray, residual: FloatArray) -> Along:
+    """Return the means of residuals, shape (n,), in bins of a coordinate ``at``, (n,), and what it explains."""
     length = correlation_length(residual)
     independent = residual.size / length
     bins = int(np.clip(independent / 3.0, 2, _BINS))

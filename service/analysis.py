@@ -13,6 +13,7 @@ from estimators.registry import estimate_all
 from estimators.samples import position_noise
 from estimators.signature.measure import measure_signature
 from estimators.step_response import step_figures
+from service.diagnosis import NOT_YET, assess, not_assessed
 from valve.errors import MotionError, ParameterError, RecordingError
 from valve.motion import simulate_recording
 from valve.nameplate import Nameplate
@@ -21,10 +22,13 @@ from valve.recording import CHANNELS, FloatArray, Recording
 Progress = Callable[[float, str], None]
 
 SCHEMA: Final = "breakaway/analysis/1"
-_NOT_ASSESSED: Final = "This version estimates parameters and does not look for causes of a misfit."
 _NO_HEALTH: Final = "not assessed: this version has no limits to judge the parameters by"
 # Between two recordings that are analysed together, in periods of the second: the estimators see a gap there.
 _PERIODS_BETWEEN: Final = 10.0
+# Shares of the progress at which the estimates, and the diagnosis, are done.
+_ESTIMATED: Final = 0.3
+_DIAGNOSED: Final = 0.95
+_LOOP_POINTS: Final = 200
 
 
 def analyze_recordings(
@@ -33,11 +37,14 @@ def analyze_recordings(
     *,
     held_out: Sequence[tuple[str, Recording]] = (),
     progress: Progress | None = None,
+    keep: Callable[[dict[str, Any]], None] | None = None,
 ) -> dict[str, Any]:
-    """Analysis object (``breakaway/analysis/1``) of one recording, or of several as one with gaps between them.
+    """Analysis object (``breakaway/analysis/1``) of one recording, or of several of one valve.
 
-    ``held_out`` are named recordings that the estimates are tried on. ``progress`` is told the share done, 0 to 1,
-    and what is going on. Raises RecordingError where there is no recording, or where they have different channels.
+    The estimators read several as one with gaps between them, the diagnosis reads them side by side. ``held_out``
+    are named recordings that the estimates and the diagnosis are tried on. ``progress`` is told the share done, 0 to
+    1, and what is going on; ``keep`` is given the object before it is diagnosed, for the case that this never ends.
+    Raises RecordingError where there is no recording, or where they have different channels.
     """
     tell = progress or (lambda _share, _phase: None)
     tell(0.0, "looking at the recording")
@@ -49,20 +56,23 @@ def analyze_recordings(
         "schema": SCHEMA,
         "recording": recording_summary(recording),
         "estimates": [estimate.to_json() for estimate in estimates],
-        "discrepancy": {
-            "verdict": "not_assessed",
-            "message": _NOT_ASSESSED,
-            "causes": [],
-            "not_told_apart_from": [],
-            "separating_test": None,
-            "gain": None,
-        },
+        "discrepancy": not_assessed(NOT_YET),
         "signature": signature(recording, estimates, nameplate, motion),
         "health": {"ne107": None, "reasons": [_NO_HEALTH]},
     }
     if held_out:
-        tell(0.8, "trying the estimates on held-out recordings")
+        tell(_ESTIMATED, "trying the estimates on held-out recordings")
         analysis["held_out"] = [_tried(name, recording, estimates, nameplate) for name, recording in held_out]
+    if keep is not None:
+        keep(analysis)
+    tell(_ESTIMATED, "looking for what the simulation gets wrong")
+    analysis["discrepancy"] = assess(
+        recordings,
+        nameplate,
+        estimates,
+        held_out=held_out,
+        progress=lambda share, phase: tell(_ESTIMATED + (_DIAGNOSED - _ESTIMATED) * share, phase),
+    )
     tell(1.0, "done")
     return analysis
 
@@ -138,7 +148,35 @@ def signature(
 ) -> dict[str, Any]:
     """Return the technician's figures: measured on the loop where it shows them, else from the estimates; and steps."""
     found = measure_signature(recording, nameplate, estimates, motion).to_json()
-    return {**found, "steps": step_figures(recording, nameplate)}
+    return {**found, "loop": loop(found.get("curve")), "steps": step_figures(recording, nameplate)}
+
+
+def loop(curve: dict[str, Any] | None) -> dict[str, Any] | None:
+    """Return both branches of the loop at the same positions, for drawing; None where there are not two.
+
+    ``position_m`` with ``pressure_opening_pa`` and ``pressure_closing_pa``, or with forces in N without an area.
+    """
+    if curve is None:
+        return None
+    up, down = curve["up"], curve["down"]
+    if len(up["travel_m"]) < 2 or len(down["travel_m"]) < 2:
+        return None
+    low_m = max(min(up["travel_m"]), min(down["travel_m"]))
+    high_m = min(max(up["travel_m"]), max(down["travel_m"]))
+    if not high_m > low_m:
+        return None
+    position_m = np.linspace(low_m, high_m, _LOOP_POINTS)
+    drawn: dict[str, Any] = {"position_m": _rounded(position_m)}
+    key, unit = ("pressure_pa", "pa") if "pressure_pa" in up else ("force_n", "n")
+    for way, branch in (("opening", up), ("closing", down)):
+        order = np.argsort(branch["travel_m"], kind="stable")
+        values = np.interp(position_m, np.array(branch["travel_m"])[order], np.array(branch[key])[order])
+        drawn[f"{key.partition('_')[0]}_{way}_{unit}"] = _rounded(values)
+    return drawn
+
+
+def _rounded(values: FloatArray) -> list[float]:
+    return [float(f"{value:.6g}") for value in values]
 
 
 def _tried(name: str, recording: Recording, estimates: Sequence[Estimate], nameplate: Nameplate) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import json
 import os
 import sys
 from asyncio.subprocess import PIPE, Process
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -30,6 +30,7 @@ _LOOK_ONLY: Final = os.WEXITED | os.WNOHANG | os.WNOWAIT
 # A second thread of the linear algebra gains nothing on small matrices and takes a core from the polling.
 _ONE_THREAD: Final = {"OPENBLAS_NUM_THREADS": "1"}
 _LONGEST_ANSWER_BYTES: Final = 2**24
+_DIAGNOSIS_LIMIT_S: Final = 150.0  # a diagnosis is counted to take a tenth of it: this ends one that hangs
 
 
 class _WorkerEndedError(InternalError):
@@ -44,12 +45,20 @@ class AnalysisPool:
     """One worker process that analyses one recording after the other.
 
     ``start`` begins to load and compile at once; ``analyze`` waits for it. A worker that crashes or takes longer
-    than ``time_limit_s`` fails its job with InternalError and is replaced at the next one. ``command`` starts a
-    process that speaks as ``service.analysis_worker`` does.
+    than ``time_limit_s`` fails its job with InternalError and is replaced at the next one. Where that happens after
+    the estimates, or the diagnosis takes longer than ``diagnosis_limit_s``, the answer is the estimates alone.
+    ``command`` starts a process that speaks as ``service.analysis_worker`` does.
     """
 
-    def __init__(self, *, time_limit_s: float = 300.0, command: Sequence[str] = WORKER) -> None:
+    def __init__(
+        self,
+        *,
+        time_limit_s: float = 300.0,
+        diagnosis_limit_s: float = _DIAGNOSIS_LIMIT_S,
+        command: Sequence[str] = WORKER,
+    ) -> None:
         self._time_limit_s = time_limit_s
+        self._diagnosis_limit_s = diagnosis_limit_s
         self._command = tuple(command)
         self._turn = asyncio.Lock()
         self._worker: Process | None = None
@@ -88,17 +97,23 @@ class AnalysisPool:
         nameplate: Nameplate,
         progress: Progress | None = None,
         *,
-        held_out: Sequence[Path | str] = (),
+        together: Sequence[Path | str] = (),
+        held_out: Sequence[tuple[str, Path | str]] = (),
+        accepted: Mapping[str, Any] | None = None,
     ) -> dict[str, Any]:
-        """Return the analysis object of a recording file.
+        """Return the analysis object of a recording file; ``together``: others of the same valve, analysed with it.
+
+        ``held_out`` are the names and files of recordings that are not fitted, ``accepted`` is
+        the valve's extended model where one was accepted.
 
         Raises what reading and analysing it raise, and InternalError where the worker crashed or took too long.
         Cancelling ends the worker.
         """
         job = {
-            "recordings": [str(recording_path)],
-            "held_out": [str(path) for path in held_out],
+            "recordings": [str(path) for path in (recording_path, *together)],
+            "held_out": [[name, str(path)] for name, path in held_out],
             "nameplate": asdict(nameplate),
+            "accepted": None if accepted is None else dict(accepted),
         }
         async with self._turn:
             try:
@@ -148,20 +163,38 @@ class AnalysisPool:
         with suppress(ConnectionError):  # a worker that died shows when its answer is read
             worker.stdin.write(json.dumps(job).encode() + b"\n")
             await worker.stdin.drain()
-        deadline_s = asyncio.get_running_loop().time() + self._time_limit_s
+        now_s = asyncio.get_running_loop().time
+        deadline_s = now_s() + self._time_limit_s
+        estimated: dict[str, Any] | None = None
         while True:
-            left_s = deadline_s - asyncio.get_running_loop().time()
             try:
-                answer = await self._next(worker, max(left_s, 0.0), "analyse")
+                answer = await self._next(worker, max(deadline_s - now_s(), 0.0), "analyse")
             except _WorkerEndedError as error:
                 if waited:
                     raise _DiedWaitingError(str(error)) from error
-                raise
+                if estimated is None or self._closed:
+                    raise
+                return await self._undiagnosed(estimated, "its process ended")
+            except InternalError:
+                if estimated is None:
+                    raise
+                return await self._undiagnosed(estimated, "it took too long")
             waited = False
+            if "estimated" in answer:
+                estimated = dict(answer["estimated"])
+                deadline_s = min(deadline_s, now_s() + self._diagnosis_limit_s)
+                continue
             if "progress" not in answer:
                 return answer
             if progress is not None:
                 progress(float(answer["progress"]), str(answer["phase"]))
+
+    async def _undiagnosed(self, estimated: dict[str, Any], reason: str) -> dict[str, Any]:
+        """Return the estimates alone, and end the worker."""
+        _LOG.error("diagnosis ended early", reason=reason)
+        await self._discard()
+        message = f"The diagnosis failed ({reason}): the estimates stand; report it with the recording."
+        return {"analysis": {**estimated, "discrepancy": {**estimated["discrepancy"], "message": message}}}
 
     async def _next(self, worker: Process, limit_s: float, what: str) -> dict[str, Any]:
         assert worker.stdout is not None

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from service.cli.diagnosis_tables import print_diagnosis
 from service.cli.plain_numbers import plus_minus
 from service.cli.signature_tables import print_signature
 from valve.parameters import PARAMETER_SYMBOLS
@@ -28,8 +29,7 @@ def print_analysis(console: Console, analysis: dict[str, Any]) -> None:
     print_signature(console, analysis["signature"])
     for tried in analysis.get("held_out", []):
         _print_held_out(console, tried)
-    discrepancy = analysis["discrepancy"]
-    _say(console, f"Diagnosis: {discrepancy['verdict'].replace('_', ' ')}. {discrepancy.get('message', '')}")
+    print_diagnosis(console, analysis["discrepancy"])
     health = analysis["health"]
     _say(console, f"Health: {'; '.join([*filter(None, [health['ne107']]), *health['reasons']])}.")
 

@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from service.cli.demo_plant import DemoValve
+from service.cli.diagnosis_tables import diagnosis_lines
 from service.cli.plain_numbers import half_width
 from valve.parameters import PARAMETER_SYMBOLS
 
@@ -123,6 +124,5 @@ def print_test(console: Console, valve: DemoValve, made: dict[str, Any]) -> None
     console.print(_table(valve, made))
     for note in _notes(test["analysis"]["estimates"], console.width - len(_INDENT)):
         console.print(Text(f"{_INDENT}{note}"))
-    discrepancy = test["analysis"]["discrepancy"]
-    verdict = discrepancy["verdict"].replace("_", " ")
-    console.print(Text(f"{_INDENT}diagnosis: {verdict}. {discrepancy.get('message', '')}"))
+    for line in diagnosis_lines(test["analysis"]["discrepancy"]):
+        console.print(Text(f"{_INDENT}{line}"))

@@ -6,16 +6,18 @@ import asyncio
 import json
 import secrets
 import shutil
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from http import HTTPStatus
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Depends, Request
 from starlette.datastructures import FormData, UploadFile
 from starlette.exceptions import HTTPException
 
+from service.access.needs import needs
+from service.access.principal import Right
 from service.nameplates import nameplate_from_mapping, nameplate_from_toml
 from service.parts import Parts, parts_of
 from service.problems import PROBLEMS
@@ -24,6 +26,7 @@ from valve.nameplate import Nameplate
 
 router = APIRouter(prefix="/recordings", tags=["recordings"], responses=PROBLEMS)
 
+_FILES = {"type": "array", "items": {"type": "string", "format": "binary"}}
 _BODY = {
     "required": True,
     "content": {
@@ -32,47 +35,66 @@ _BODY = {
                 "type": "object",
                 "required": ["recording", "nameplate"],
                 "properties": {
-                    "recording": {"type": "string", "format": "binary", "description": "CSV or Parquet"},
+                    "recording": {**_FILES, "minItems": 1, "description": "CSV or Parquet; several of one valve"},
+                    "held_out": {**_FILES, "description": "recordings to measure the gain on; they are not fitted"},
                     "nameplate": {"type": "string", "description": "TOML or JSON, as a field or a file"},
                 },
             }
         }
     },
 }
+_MOST_FILES: Final = 16
+_LONGEST_NAME: Final = 80
+_PARTS: Final = "one or more recording, any held_out and one nameplate"
 
 
-@router.post("/analyze", openapi_extra={"requestBody": _BODY})
+@router.post("/analyze", dependencies=[needs(Right.VIEW)], openapi_extra={"requestBody": _BODY})
 async def analyze_recording(request: Request, parts: Annotated[Parts, Depends(parts_of)]) -> dict[str, Any]:
-    """Analyse an uploaded recording: the analysis object. Nothing is kept."""
+    """Analyse uploaded recordings of one valve: the analysis object. Nothing is kept."""
     if not request.headers.get("content-type", "").lower().startswith("multipart/form-data"):
         raise HTTPException(
             HTTPStatus.UNSUPPORTED_MEDIA_TYPE,
             "the body is no multipart/form-data: send the parts recording and nameplate",
         )
     async with _form(request) as form:
-        unknown = sorted(set(form) - {"recording", "nameplate"})
-        if unknown or len(form.multi_items()) != len(form):
-            raise RequestError(
-                f"the parts {unknown or sorted(form)} are not one recording and one nameplate: send these"
-            )
+        unknown = sorted(set(form) - {"recording", "held_out", "nameplate"})
+        if unknown or len(form.getlist("nameplate")) > 1:
+            raise RequestError(f"the parts {unknown or sorted(form)} are not {_PARTS}: send these")
         nameplate = await _nameplate(form)
-        upload = form.get("recording")
-        if not isinstance(upload, UploadFile):
+        recordings, held_out = (_uploads(form, name) for name in ("recording", "held_out"))
+        if not recordings:
             raise RequestError("part recording is missing or no file: attach the CSV or Parquet file")
-        path = parts.store.uploads / f"{secrets.token_hex(16)}.upload"
+        token = secrets.token_hex(16)
+        kept = {parts.store.uploads / f"{token}.{number}": one for number, one in enumerate([*recordings, *held_out])}
+        names = {path: _name(upload) for path, upload in kept.items()}
+        paths = list(kept)
+        own, tried = paths[: len(recordings)], [(names[path], path) for path in paths[len(recordings) :]]
+        if len(own) == 1:
+            names[own[0]] = "recording"
         try:
-            await asyncio.to_thread(_keep, upload, path)
-            return await parts.analyst.analyze(path, nameplate)
+            await asyncio.to_thread(_keep, kept)
+            return await parts.analyst.analyze(own[0], nameplate, together=own[1:], held_out=tried)
         except RecordingError as error:
-            raise RecordingError(str(error).replace(str(path), "recording")) from error
+            said = str(error)
+            for path, name in names.items():
+                said = said.replace(str(path), name)
+            raise RecordingError(said) from error
         finally:
-            path.unlink(missing_ok=True)
+            for path in kept:
+                path.unlink(missing_ok=True)
+
+
+def _uploads(form: FormData, name: str) -> list[UploadFile]:
+    found = form.getlist(name)
+    if not all(isinstance(part, UploadFile) for part in found):
+        raise RequestError(f"part {name} is missing or no file: attach the CSV or Parquet file")
+    return [part for part in found if isinstance(part, UploadFile)]
 
 
 @asynccontextmanager
 async def _form(request: Request) -> AsyncIterator[FormData]:
     try:
-        form = await request.form(max_files=4, max_fields=4)
+        form = await request.form(max_files=_MOST_FILES, max_fields=4)
     except HTTPException as error:
         if error.status_code != HTTPStatus.BAD_REQUEST:
             raise
@@ -86,9 +108,16 @@ async def _form(request: Request) -> AsyncIterator[FormData]:
         await form.close()
 
 
-def _keep(upload: UploadFile, path: Path) -> None:
-    with path.open("xb") as file:
-        shutil.copyfileobj(upload.file, file)
+def _name(upload: UploadFile) -> str:
+    """Name of a file as its sender has it, short and without what is not printed."""
+    name = Path(upload.filename or "").name
+    return "".join(letter for letter in name if letter.isprintable())[:_LONGEST_NAME] or "unnamed"
+
+
+def _keep(uploads: Mapping[Path, UploadFile]) -> None:
+    for path, upload in uploads.items():
+        with path.open("xb") as file:
+            shutil.copyfileobj(upload.file, file)
 
 
 async def _nameplate(form: FormData) -> Nameplate:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -35,9 +35,20 @@ class Analyst(Protocol):
     """Analyses a stored recording somewhere else than on the event loop."""
 
     async def analyze(
-        self, recording_path: Path, nameplate: Nameplate, progress: Callable[[float, str], None] | None = None
+        self,
+        recording_path: Path,
+        nameplate: Nameplate,
+        progress: Callable[[float, str], None] | None = None,
+        *,
+        together: Sequence[Path] = (),
+        held_out: Sequence[tuple[str, Path]] = (),
+        accepted: Mapping[str, Any] | None = None,
     ) -> dict[str, Any]:
-        """Return the analysis object; ``progress`` is told the share done, 0 to 1. Raises ValveError."""
+        """Return the analysis object; ``progress`` is told the share done, 0 to 1. Raises ValveError.
+
+        ``together`` are other recordings of the same valve, ``held_out`` named ones that are not fitted, ``accepted``
+        is the extended model that somebody accepted for this valve.
+        """
 
 
 class Life:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -86,8 +87,19 @@ class FakeAnalyst:
     def __init__(self) -> None:
         self.let_go = asyncio.Event()
         self.let_go.set()
+        self.asked: list[tuple[Any, ...]] = []
 
-    async def analyze(self, recording_path: Path, nameplate: Nameplate, progress: Any = None) -> dict[str, Any]:
+    async def analyze(
+        self,
+        recording_path: Path,
+        nameplate: Nameplate,
+        progress: Any = None,
+        *,
+        together: Sequence[Path] = (),
+        held_out: Sequence[tuple[str, Path]] = (),
+        accepted: Mapping[str, Any] | None = None,
+    ) -> dict[str, Any]:
+        self.asked.append((tuple(together), tuple(held_out), accepted))
         await self.let_go.wait()
         recording = read_recording(recording_path, nameplate)
         if progress is not None:

@@ -11,7 +11,9 @@ import pytest
 
 from service.analysis import analyze_recordings, joined, recording_summary
 from service.analysis_pool import AnalysisPool
+from tests.discrepancy.hidden import hidden
 from tests.service.recordings import NOMINAL, at_rest, recorded, sine_test, triangle_test, with_gaps
+from valve.effects import effect_from_values
 from valve.errors import RecordingError
 from valve.nameplate import Nameplate
 from valve.parameters import PARAMETER_SYMBOLS
@@ -27,6 +29,17 @@ CONTRACT_FIGURES = ("friction_mean_n", "friction_max_n", "spring_rate_n_per_m", 
 @pytest.fixture(scope="module")
 def noisy() -> dict[str, Any]:
     return analyze_recordings([triangle_test(noise_m=5.0e-6)], PLATE, held_out=[("sine.csv", sine_test())])
+
+
+SPOT_M = 0.055
+
+
+@pytest.fixture(scope="module")
+def hidden_spot() -> dict[str, Any]:
+    """Return the analysis of a valve with a tight spot, made by an integration that the finder does not share."""
+    spot = effect_from_values("local_friction", {"rise_n": 150.0, "centre_m": SPOT_M, "width_m": 0.0015})
+    made = hidden("nominal", spot, seed=3)
+    return analyze_recordings([made.recording], made.nameplate, held_out=[("sine.csv", made.held_out)])
 
 
 def values(analysis: dict[str, Any], method: str) -> dict[str, float | None]:
@@ -46,8 +59,9 @@ def test_the_object_has_what_the_contract_promises(noisy: dict[str, Any]) -> Non
             assert parameter["unit"] == PARAMETER_SYMBOLS[symbol].unit
             assert (parameter["value"] is not None) == parameter["identifiable"]
             assert parameter["value"] is not None or parameter["note"]
-    assert noisy["discrepancy"]["verdict"] == "not_assessed"
-    assert noisy["discrepancy"]["message"]
+    assert noisy["discrepancy"]["verdict"] == "none"
+    assert noisy["discrepancy"]["causes"] == []
+    assert noisy["discrepancy"]["gain"] is None
     assert noisy["health"]["reasons"]
 
 
@@ -75,6 +89,60 @@ def test_gaps_are_counted_and_do_not_reach_into_the_noise() -> None:
     assert recording["gaps"] == 2
     assert recording["sampling"]["missed_slots"] == 21
     assert recording["position_noise_m"] == pytest.approx(5.0e-6, rel=0.05)
+
+
+def test_the_diagnosis_has_its_pictures_and_they_are_small(hidden_spot: dict[str, Any]) -> None:
+    found = hidden_spot["discrepancy"]
+    assert found["verdict"] == "named"
+    assert [one["cause"] for one in found["causes"]] == ["local_friction"]
+    assert found["gain"]["held_out"] == "sine.csv"
+    assert found["gain"]["rmse_after_m"] < 0.2 * found["gain"]["rmse_before_m"]
+    drawn = found["pictures"]
+    assert len(json.dumps(drawn)) < 60_000
+    over_time = {name: np.array(values) for name, values in drawn["time"].items()}
+    before_m = over_time["measured_m"] - over_time["before_m"]
+    after_m = over_time["measured_m"] - over_time["after_m"]
+    assert np.sqrt(np.mean(after_m**2)) < 0.3 * np.sqrt(np.mean(before_m**2))
+    # both ways friction is higher about the spot, and the cause's part lies there
+    for way, sense in (("opening", 1.0), ("closing", -1.0)):
+        (curve,) = (one for one in drawn["coordinates"] if (one["coordinate"], one["direction"]) == ("travel", way))
+        place = np.array(curve["x"])
+        part_n = sense * np.array(curve["part_n"])
+        near = np.abs(place - SPOT_M) < 0.004
+        assert part_n[near].max() > np.median(part_n[~near]) + 80.0
+        assert np.median(np.abs(np.array(curve["misfit_n"]) - np.array(curve["part_n"]))) < 5.0
+    assert found["misfit"]["rms_after_m"] < 0.3 * found["misfit"]["rms_before_m"]
+
+
+def test_the_loop_is_drawn_at_the_same_positions_for_both_ways(noisy: dict[str, Any]) -> None:
+    drawn = noisy["signature"]["loop"]
+    opening, closing = np.array(drawn["pressure_opening_pa"]), np.array(drawn["pressure_closing_pa"])
+    assert len(drawn["position_m"]) == opening.size == closing.size == 200
+    width_n = AREA_M2 * np.median(opening - closing) / 2.0
+    assert width_n == pytest.approx(noisy["signature"]["friction_mean_n"], rel=0.01)
+
+
+def test_a_fault_of_the_diagnosis_leaves_the_estimates(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_arguments: Any, **_named: Any) -> None:
+        raise ZeroDivisionError("a fault")
+
+    monkeypatch.setattr("service.diagnosis.diagnose", broken)
+    analysis = analyze_recordings([triangle_test(0.002, noise_m=5.0e-6)], PLATE)
+    assert values(analysis, "regression")["k"] is not None
+    assert analysis["discrepancy"]["verdict"] == "not_assessed"
+    assert "ZeroDivisionError: a fault" in analysis["discrepancy"]["message"]
+
+
+def test_several_recordings_are_diagnosed_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+
+    def assess(recordings: list[Recording], *_arguments: Any, **_named: Any) -> dict[str, Any]:
+        asked.append(len(recordings))
+        return {}
+
+    monkeypatch.setattr("service.analysis.assess", assess)
+    analyze_recordings([triangle_test(0.01), sine_test()], PLATE)
+    assert asked == [2]
 
 
 def test_a_recording_at_20_hz_claims_no_mass_that_is_not_there() -> None:

@@ -27,11 +27,14 @@ for line in sys.stdin:
     what = job["recordings"][0]
     say(progress=0.5, phase="half")
     if what == "crash": os._exit(3)
+    if what.startswith("late"): say(estimated={"of": what, "discrepancy": {"verdict": "not_assessed", "message": ""}})
+    if what == "late crash": os._exit(3)
+    if what == "late hang": time.sleep(600)
     if what == "hang": time.sleep(600)
     if what == "torn": sys.stdout.write('{"anal'); sys.stdout.flush(); os._exit(0)
     if what == "bad": say(error="RecordingError", message="bad.csv: wrong")
     elif what == "fault": say(error="MotionError", message="lost")
-    else: say(analysis={"of": what, "tag": job["nameplate"]["tag"], "pid": os.getpid()})
+    else: say(analysis={"of": what, "tag": job["nameplate"]["tag"], "pid": os.getpid(), "all": job["recordings"]})
 """
 WORKER = (sys.executable, "-c", SCRIPT)
 
@@ -59,6 +62,7 @@ async def test_one_worker_answers_one_job_after_the_other() -> None:
         )
     assert (first["of"], second["of"], first["tag"]) == ("a.csv", "b.csv", "FV-101")
     assert first["pid"] == second["pid"]
+    assert first["all"] == ["a.csv"]
     assert told == [(0.0, "getting the analysis ready"), (0.5, "half")]
 
 
@@ -98,6 +102,19 @@ async def test_a_job_that_takes_too_long_is_ended_and_its_worker_replaced() -> N
             await pool.analyze("hang", PLATE)
         assert not alive(first)
         assert (await pool.analyze("good", PLATE))["pid"] != first
+
+
+@pytest.mark.parametrize(("what", "reason"), [("late crash", "process ended"), ("late hang", "took too long")])
+async def test_a_diagnosis_that_never_ends_leaves_the_estimates(what: str, reason: str) -> None:
+    async with AnalysisPool(command=WORKER, diagnosis_limit_s=0.3) as pool:
+        first = pool.worker_pid
+        assert first is not None
+        answer = await pool.analyze(what, PLATE)
+        assert answer["of"] == what
+        assert answer["discrepancy"]["verdict"] == "not_assessed"
+        assert reason in answer["discrepancy"]["message"]
+        assert not alive(first)
+        assert (await pool.analyze("late good", PLATE))["pid"] != first
 
 
 async def test_a_cancelled_job_ends_its_worker_so_that_no_late_answer_is_mistaken() -> None:

@@ -84,7 +84,7 @@ def test_both_methods_stand_beside_each_other_with_intervals_and_quality(run: Ru
         "half of the loop's width",
         "Signature measured on the recording",
         "Held-out sine.parquet",
-        "Diagnosis: not assessed.",
+        "Diagnosis: nothing beyond the noise",
         "Health: not assessed",
     ):
         assert words in outcome.out

@@ -1,0 +1,81 @@
+"""A diagnosis as words and a small table for a terminal: what is wrong, what to do, what it gains, what else it is."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+_VERDICTS: Final = {
+    "none": "nothing beyond the noise: the simulation explains this recording",
+    "named": "named",
+    "ambiguous": "several causes would explain it",
+    "unexplained": "something is there that no cause of the catalogue explains",
+    "not_assessed": "not assessed",
+}
+
+
+def print_diagnosis(console: Console, discrepancy: dict[str, Any], indent: str = "") -> None:
+    """Print the verdict, each cause with what to do, what it gains, what else it could be and how to tell."""
+    for line in diagnosis_lines(discrepancy):
+        console.print(Text(f"{indent}{line}"))
+    if discrepancy.get("causes"):
+        console.print(_parameters(discrepancy["causes"]))
+
+
+def diagnosis_lines(discrepancy: dict[str, Any]) -> list[str]:
+    """Return the diagnosis as sentences, the verdict first."""
+    verdict = discrepancy["verdict"]
+    lines = [f"Diagnosis: {_VERDICTS.get(verdict, verdict)}. {discrepancy.get('message') or ''}".rstrip()]
+    misfit = discrepancy.get("misfit")
+    if misfit is not None and misfit["where"] and verdict not in ("none", "not_assessed"):
+        lines.append(f"Misfit: {misfit['where']}")
+    lines += [
+        f"{_plain(found['cause'])}: {found['sentence']} What to do: {found['action']}"
+        for found in discrepancy.get("causes", [])
+    ]
+    rivals = discrepancy.get("not_told_apart_from")
+    if rivals:
+        lines.append(f"It could as well be: {', '.join(_plain(name) for name in rivals)}.")
+    gains = discrepancy.get("gains") or [discrepancy.get("gain")]
+    lines += [_gain(gain) for gain in gains if gain is not None]
+    separating = discrepancy.get("separating_test")
+    if separating is not None:
+        lines.append(f"To tell them apart: {separating['sentence']}")
+    return lines
+
+
+def _gain(gain: dict[str, Any]) -> str:
+    before_m, after_m, floor_m = gain["rmse_before_m"], gain["rmse_after_m"], gain["noise_floor_m"]
+    possible = before_m**2 - floor_m**2
+    share = ""
+    if possible > 0.0:
+        share = f", {min(100.0 * (before_m**2 - after_m**2) / possible, 100.0):.0f} % of what could be gained"
+    return (
+        f"Gain on {gain['held_out']}: the simulation misses by {_length(after_m)} rms with it in the model, "
+        f"by {_length(before_m)} without{share}; the noise is {_length(floor_m)}."
+    )
+
+
+def _parameters(causes: list[dict[str, Any]]) -> Table:
+    table = Table(title="What was found", title_justify="left")
+    for heading in ("cause", "parameter"):
+        table.add_column(heading)
+    for heading in ("value", "95 % interval"):
+        table.add_column(heading, justify="right")
+    for found in causes:
+        for name, entry in found["parameters"].items():
+            low, high = entry["ci95"]
+            unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
+            table.add_row(_plain(found["cause"]), name, f"{entry['value']:.5g}{unit}", f"{low:.5g} to {high:.5g}")
+    return table
+
+
+def _plain(cause: str) -> str:
+    return cause.replace("_", " ")
+
+
+def _length(length_m: float) -> str:
+    return f"{1e6 * length_m:.3g} um" if length_m < 1.0e-3 else f"{1e3 * length_m:.3g} mm"
