@@ -1,0 +1,33 @@
+"""What makes an application serve the tablet."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from fastapi import FastAPI
+from fastapi.staticfiles import StaticFiles
+from starlette.responses import Response
+from starlette.types import Scope
+
+from service.tablet.figure_routes import router as figure_routes
+from service.tablet.rendering import STATIC
+from service.tablet.routes import SignInNeededError, router, to_sign_in
+
+_KEEP: Final = "public, max-age=31536000, immutable"  # an address carries the hash of what is behind it
+
+
+class _Static(StaticFiles):
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        """Return a file that a browser may keep."""
+        response = await super().get_response(path, scope)
+        response.headers["Cache-Control"] = _KEEP if b"v=" in scope["query_string"] else "no-cache"
+        response.headers["X-Content-Type-Options"] = "nosniff"
+        return response
+
+
+def install_tablet(app: FastAPI) -> None:
+    """Add the pages, their pictures, script and style to an application."""
+    app.add_exception_handler(SignInNeededError, to_sign_in)
+    app.include_router(figure_routes)
+    app.include_router(router)
+    app.mount("/ui/static", _Static(directory=STATIC), name="static")

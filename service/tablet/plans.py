@@ -1,0 +1,75 @@
+"""What a test would do to a valve, sequence by sequence, before anything moves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from drivers.waveform_check import check_waveform
+from service.runs.sequences import SEQUENCES, build_waveform, default_of
+from service.settings import PlantValve
+from service.tablet.words import SEQUENCES as IN_WORDS
+from valve.errors import ValveError
+from valve.waveform import Waveform
+
+_POINTS: Final = 240
+#: Approach, return and a device's own upload come on top of the motion asked for, s. Own estimate.
+AROUND_S: Final = 15.0
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """One sequence on one valve, or (``problem``) why it cannot be run."""
+
+    name: str
+    words: str
+    is_default: bool
+    duration_s: float = 0.0
+    low_pa: float = 0.0
+    high_pa: float = 0.0
+    line: str = ""
+    problem: str = ""
+
+
+def plans_of(valve: PlantValve) -> list[Plan]:
+    """Return every sequence, the usual one first and what is impossible last."""
+    default, _ = default_of(valve.nameplate, valve.wiring.limits)
+    plans = [_plan(valve, name, is_default=name == default) for name in SEQUENCES]
+    return sorted(plans, key=lambda plan: (bool(plan.problem), not plan.is_default))
+
+
+def _plan(valve: PlantValve, name: str, *, is_default: bool) -> Plan:
+    words = IN_WORDS.get(name, "")
+    try:
+        waveform = build_waveform(name, {}, valve.nameplate, valve.wiring.limits)
+        check_waveform(valve.nameplate.tag, waveform, valve.wiring.limits)
+    except ValveError as error:
+        return Plan(name, words, is_default, problem=str(error))
+    low_pa, high_pa = waveform.range_pa
+    return Plan(name, words, is_default, waveform.duration_s, low_pa, high_pa, _line(waveform))
+
+
+def _line(waveform: Waveform) -> str:
+    """Return the waveform as the points of an SVG polyline, 240 wide and 40 high."""
+    corners_s, corners_pa = waveform.time_s, waveform.pressure_pa
+    if corners_s.size > _POINTS:
+        corners_s = np.linspace(0.0, waveform.duration_s, _POINTS)
+        corners_pa = waveform.at(corners_s)
+    low_pa, high_pa = waveform.range_pa
+    x = 240.0 * corners_s / waveform.duration_s
+    y = 38.0 - 36.0 * (corners_pa - low_pa) / max(high_pa - low_pa, 1.0)
+    return " ".join(f"{one:.1f},{other:.1f}" for one, other in zip(x.tolist(), y.tolist(), strict=True))
+
+
+def planned_line(waveform: Waveform) -> dict[str, list[float]]:
+    """Return the planned pressure over time for the live trace: at most 240 corners, s and Pa."""
+    time_s, pressure_pa = waveform.time_s, waveform.pressure_pa
+    if time_s.size > _POINTS:
+        time_s = np.linspace(0.0, waveform.duration_s, _POINTS)
+        pressure_pa = waveform.at(time_s)
+    return {
+        "time_s": [round(value, 3) for value in time_s.tolist()],
+        "pressure_pa": [round(value, 1) for value in pressure_pa.tolist()],
+    }

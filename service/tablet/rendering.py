@@ -1,0 +1,105 @@
+"""Templates into pages: the Jinja2 environment, the headers of every page, and the units that the browser keeps."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from functools import cache
+from http import HTTPStatus
+from pathlib import Path
+from typing import Any, Final
+
+from fastapi import Request
+from fastapi.responses import HTMLResponse
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from service.shown_units import UnitSystem, measured, quantity, shown_unit
+from service.tablet.visitor import Visitor
+
+_HERE: Final = Path(__file__).parent
+STATIC: Final = _HERE / "static"
+UNITS_COOKIE: Final = "breakaway-units"
+# No script, style or picture from anywhere else, none inside the page, and nobody frames it.
+CONTENT_SECURITY: Final = (
+    "default-src 'self'; object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
+)
+_HEADERS: Final = {
+    "Content-Security-Policy": CONTENT_SECURITY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=FileSystemLoader(_HERE / "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["moment"] = moment
+    environment.filters["duration"] = duration
+    environment.filters["attribute_json"] = lambda value: json.dumps(value, allow_nan=False, separators=(",", ":"))
+    environment.globals["static"] = static_address
+    return environment
+
+
+@cache
+def static_address(name: str) -> str:
+    """Return the address of a static file, which changes with its content: a browser may keep it for ever."""
+    digest = hashlib.sha256((STATIC / name).read_bytes()).hexdigest()[:12]
+    return f"/ui/static/{name}?v={digest}"
+
+
+def units_of(request: Request) -> UnitSystem:
+    """Return the units that this browser keeps."""
+    return UnitSystem.of(request.query_params.get("units") or request.cookies.get(UNITS_COOKIE))
+
+
+def moment(at: datetime | None) -> str:
+    """Return an instant as the gateway's local time, such as ``2026-11-21 03:15``; a dash for none."""
+    return "–" if at is None else f"{at.astimezone():%Y-%m-%d %H:%M}"
+
+
+def duration(seconds: float | None) -> str:
+    """Return a time span in words, such as ``1 min 5 s``."""
+    if seconds is None:
+        return "–"
+    whole = round(seconds)
+    hours, rest = divmod(whole, 3600)
+    minutes, rest = divmod(rest, 60)
+    if hours:
+        return f"{hours} h {minutes} min"
+    return f"{minutes} min {rest} s" if minutes else f"{rest} s"
+
+
+def page(
+    request: Request,
+    template: str,
+    visitor: Visitor | None,
+    values: Mapping[str, Any],
+    status: int = HTTPStatus.OK,
+) -> HTMLResponse:
+    """Return a page. The units stand in a cookie, so that the switch is kept in the browser."""
+    system = units_of(request)
+    shown = {
+        "visitor": visitor,
+        "units": system,
+        "unit_systems": list(UnitSystem),
+        "q": lambda value, unit, digits=4: quantity(value, unit, system, digits),
+        "m": lambda value, ci95, unit: measured(value, ci95, unit, system),
+        "u": lambda unit: shown_unit(unit, system),
+        "now": datetime.now(UTC),
+        "path": request.url.path,
+        **values,
+    }
+    response = HTMLResponse(_environment().get_template(template).render(shown), status, dict(_HEADERS))
+    chosen = request.query_params.get("units")
+    if chosen in list(UnitSystem):
+        response.set_cookie(UNITS_COOKIE, chosen, max_age=365 * 86400, samesite="strict", path="/")
+    return response

@@ -1,0 +1,172 @@
+"""A finished test as its page tells it: the methods beside each other, what is missing and why, the diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from service.figures.methods import METHOD_WORDS
+from service.runs.run import Run
+from service.tablet.words import FIGURES, VERDICTS
+from valve.parameters import PARAMETER_SYMBOLS
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """One method's value of one parameter, SI; None where the data cannot give it."""
+
+    value: float | None
+    ci95: tuple[float, float] | None
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterRow:
+    """One parameter with the methods' values."""
+
+    symbol: str
+    meaning: str
+    unit: str
+    cells: tuple[Cell, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FigureRow:
+    """One figure of the signature beside the baseline's."""
+
+    words: str
+    unit: str
+    value: float | None
+    ci95: tuple[float, float] | None
+    was: float | None
+    note: str
+    tells: str
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """The diagnosis in sentences; ``verdict`` is the analysis object's word."""
+
+    verdict: str
+    headline: str
+    message: str
+    causes: tuple[Mapping[str, Any], ...]
+    others: tuple[str, ...]
+    separating_test: Any
+    gain: Mapping[str, Any] | None
+
+
+def method_names(analysis: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return what each method is called, and how its fit is (ok, poor, failed)."""
+    return [(METHOD_WORDS.get(one["method"], one["method"]), one["status"]) for one in analysis.get("estimates") or ()]
+
+
+def parameter_rows(analysis: Mapping[str, Any]) -> list[ParameterRow]:
+    """Return a row a parameter, a cell a method."""
+    estimates = analysis.get("estimates") or ()
+    return [
+        ParameterRow(
+            symbol,
+            entry.meaning,
+            entry.unit,
+            tuple(_cell((estimate.get("parameters") or {}).get(symbol)) for estimate in estimates),
+        )
+        for symbol, entry in PARAMETER_SYMBOLS.items()
+    ]
+
+
+def _cell(entry: Mapping[str, Any] | None) -> Cell:
+    if entry is None or entry.get("value") is None:
+        return Cell(None, None)
+    return Cell(entry["value"], _pair(entry.get("ci95")))
+
+
+def _pair(values: Any) -> tuple[float, float] | None:
+    return None if values is None else (values[0], values[1])
+
+
+def missing_reasons(analysis: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return why values are missing: parameters and reason, each reason once, the last method's of each parameter."""
+    said: dict[str, list[str]] = {}
+    for symbol in PARAMETER_SYMBOLS:
+        notes = [
+            entry["note"]
+            for estimate in analysis.get("estimates") or ()
+            if (entry := (estimate.get("parameters") or {}).get(symbol)) and entry.get("value") is None
+        ]
+        if notes:
+            said.setdefault(notes[-1], []).append(symbol)
+    return [(", ".join(symbols), reason) for reason, symbols in said.items()]
+
+
+def method_messages(analysis: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return what the methods whose fit is not good say of it."""
+    return [
+        (METHOD_WORDS.get(one["method"], one["method"]), one["message"])
+        for one in analysis.get("estimates") or ()
+        if one["status"] != "ok" and one.get("message")
+    ]
+
+
+def figure_rows(analysis: Mapping[str, Any], baseline: Mapping[str, Any] | None) -> list[FigureRow]:
+    """Return the figures of the signature; what has neither a value nor a reason is left out."""
+    signature = analysis.get("signature") or {}
+    old = (baseline or {}).get("signature") or {}
+    notes, intervals = signature.get("notes") or {}, signature.get("intervals") or {}
+    rows = [
+        FigureRow(
+            words,
+            unit,
+            signature.get(key),
+            _pair((intervals.get(key) or {}).get("ci95")),
+            old.get(key),
+            notes.get(key, ""),
+            tells,
+        )
+        for key, words, unit, tells in FIGURES
+    ]
+    rows += _bench_rows(signature, old)
+    return [row for row in rows if row.value is not None or row.note]
+
+
+def _bench_rows(signature: Mapping[str, Any], old: Mapping[str, Any]) -> list[FigureRow]:
+    bench, was = signature.get("bench_set_pa") or (None, None), old.get("bench_set_pa") or (None, None)
+    ends = ("Bench set, closed end", "the spring's adjustment"), ("Bench set, open end", "")
+    return [
+        FigureRow(words, "Pa", bench[place], None, was[place], "", tells) for place, (words, tells) in enumerate(ends)
+    ]
+
+
+def diagnosis_of(analysis: Mapping[str, Any]) -> Diagnosis:
+    """Return the diagnosis as the page tells it."""
+    found = analysis.get("discrepancy") or {"verdict": "not_assessed"}
+    verdict = str(found["verdict"])
+    return Diagnosis(
+        verdict,
+        VERDICTS.get(verdict, verdict),
+        str(found.get("message") or ""),
+        tuple(found.get("causes") or ()),
+        tuple(str(other).replace("_", " ") for other in found.get("not_told_apart_from") or ()),
+        found.get("separating_test"),
+        found.get("gain"),
+    )
+
+
+def recording_facts(run: Run) -> list[tuple[str, str]]:
+    """Return how the recording was taken and what it hashes to, for the foot of the page."""
+    summary: Mapping[str, Any] = (run.analysis or {}).get("recording") or {}
+    sampling: Mapping[str, Any] = summary.get("sampling") or {}
+    noise_m = summary.get("position_noise_m")
+    facts = [
+        ("Samples", None if not summary else f"{summary['samples']}, {summary['gaps']} missing"),
+        ("Taken", None if not summary else f"{summary['acquisition']}, {summary['duration_s']:.4g} s"),
+        ("Rate", None if not sampling else f"{sampling['rate_hz']:.4g} Hz, {sampling['missed_slots']} slots missed"),
+        ("Position noise", None if noise_m is None else f"{1e6 * noise_m:.3g} µm rms"),
+        ("Safe value read back", {True: "yes", False: "NO", None: "nothing moved"}[run.safe_confirmed]),
+        ("Asked for by", run.requested_by or None),
+        ("Schedule", run.schedule),
+        ("SHA-256", run.recording_sha256),
+        ("Software", run.software),
+        ("Test", run.id),
+    ]
+    return [(name, value) for name, value in facts if value]

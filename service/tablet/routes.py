@@ -1,0 +1,275 @@
+"""The tablet's pages."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from collections.abc import Mapping
+from http import HTTPStatus
+from typing import Annotated, Any, Final
+from urllib.parse import quote
+
+from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi.responses import RedirectResponse
+
+from service.parts import Parts, parts_of
+from service.runs.run import Run
+from service.runs.sequences import build_waveform
+from service.shown_units import UnitSystem, quantity, shown_unit
+from service.tablet.history import ValvePast, past_of
+from service.tablet.night import due_checks, night_of
+from service.tablet.plans import planned_line, plans_of
+from service.tablet.rendering import page, units_of
+from service.tablet.results import (
+    diagnosis_of,
+    figure_rows,
+    method_messages,
+    method_names,
+    missing_reasons,
+    parameter_rows,
+    recording_facts,
+)
+from service.tablet.valve_rows import valve_rows, with_friction
+from service.tablet.visitor import Visitor, sign_in_address, visitor_of
+from service.tablet.words import NE107, STATES, condition_of, needs_acknowledgement
+from valve.errors import NotFoundError, ValveError
+
+router = APIRouter(include_in_schema=False)
+PartsOf = Annotated[Parts, Depends(parts_of)]
+
+_ROWS: Final = 50  # of the list on one page
+_HISTORY: Final = 20
+
+
+class SignInNeededError(Exception):
+    """Nobody is signed in: the page of signing in is shown instead."""
+
+
+def _visitor(request: Request) -> Visitor:
+    visitor = visitor_of(request)
+    if visitor is None:
+        raise SignInNeededError
+    return visitor
+
+
+VisitorOf = Annotated[Visitor, Depends(_visitor)]
+
+
+async def to_sign_in(request: Request, _error: Exception) -> Response:
+    """Send whoever is not signed in to the page where they can."""
+    return RedirectResponse(sign_in_address(request), HTTPStatus.SEE_OTHER)
+
+
+@router.get("/")
+async def valves_page(
+    request: Request,
+    parts: PartsOf,
+    visitor: VisitorOf,
+    find: Annotated[str, Query(max_length=64)] = "",
+    number: Annotated[int, Query(alias="page", ge=1, le=10_000)] = 1,
+) -> Response:
+    """Show the valves, worst first."""
+    rows = await asyncio.to_thread(valve_rows, parts, await due_checks(parts))
+    counts = Counter(row.condition.words for row in rows)
+    wanted = [row for row in rows if find.strip().lower() in row.tag.lower()]
+    pages = max(1, -(-len(wanted) // _ROWS))
+    number = min(number, pages)
+    shown = wanted[(number - 1) * _ROWS : number * _ROWS]
+    values = {
+        "rows": await asyncio.to_thread(with_friction, parts, shown),
+        "counts": ", ".join(f"{count} {words.lower()}" for words, count in counts.items()),
+        "find": find,
+        "number": number,
+        "pages": pages,
+    }
+    return page(request, "valves.html", visitor, values)
+
+
+@router.get("/ui/night")
+async def night_page(request: Request, parts: PartsOf, visitor: VisitorOf) -> Response:
+    """Show the coming night valve by valve, and the schedules."""
+    checks, schedules = await night_of(parts)
+    return page(request, "night.html", visitor, {"checks": checks, "schedules": schedules})
+
+
+@router.get("/ui/sign-in")
+async def sign_in_page(
+    request: Request, next_path: Annotated[str, Query(alias="next", max_length=300)] = "/"
+) -> Response:
+    """Show the page where a person signs in."""
+    inside = next_path.startswith("/") and not next_path.startswith(("//", "/\\"))
+    return page(request, "sign_in.html", None, {"next": next_path if inside else "/"})
+
+
+@router.get("/ui/valves/{tag:path}/start")
+async def start_page(request: Request, tag: str, parts: PartsOf, visitor: VisitorOf) -> Response:
+    """Show what a test would do, and the two steps that start it."""
+    try:
+        valve = parts.runs.valve(tag)
+    except NotFoundError as error:
+        return _missing(request, visitor, error)
+    system = units_of(request)
+    values = {
+        "tag": tag,
+        "busy_with": parts.runs.user_of(tag),
+        "travel_m": valve.nameplate.actuator.travel_m,
+        "plans": plans_of(valve),
+        "safe_words": _safe_words(valve.wiring.safe_value_pa, system),
+    }
+    return page(request, "start.html", visitor, values)
+
+
+@router.get("/ui/valves/{tag:path}")
+async def valve_page(request: Request, tag: str, parts: PartsOf, visitor: VisitorOf) -> Response:
+    """Show one valve."""
+    try:
+        valve = parts.runs.valve(tag)
+    except NotFoundError as error:
+        return _missing(request, visitor, error)
+    system, due = units_of(request), await due_checks(parts)
+    past = await asyncio.to_thread(past_of, parts.store, tag)
+    last = parts.runs.as_it_stands(past.newest[0]) if past.newest else None
+    latest = past.completed[0] if past.completed else None
+    health, whole = _health(latest), {run.id: run.analysis for run in past.completed}
+    values = {
+        "tag": tag,
+        "busy_with": parts.runs.user_of(tag),
+        "condition_now": condition_of(last, health.get("ne107"), is_busy=parts.runs.user_of(tag) is not None),
+        "unacknowledged": last if last is not None and needs_acknowledgement(last) else None,
+        "reasons": health.get("reasons") or () if health.get("ne107") else (),
+        "latest": latest,
+        "baseline": past.baseline,
+        "baseline_is_other": latest is not None and past.baseline is not None and past.baseline.id != latest.id,
+        "loop_address": None if latest is None else f"/ui/figures/tests/{latest.id}/loop.svg?{_query(past, system)}",
+        "trend_address": None
+        if latest is None
+        else f"/ui/figures/valves/{quote(tag)}/trend.svg?{_query(past, system)}&to={latest.id}",
+        "trend_words": "Friction, spring rate, bench set and dead band over the tests; figures stand below.",
+        "next_check": due.get(tag),
+        "travel_m": valve.nameplate.actuator.travel_m,
+        "limits": valve.wiring.limits,
+        "safe_words": _safe_words(valve.wiring.safe_value_pa, system),
+        "acquisition": f"{valve.wiring.acquisition.mode.value}, every {1e3 * valve.wiring.acquisition.period_s:g} ms",
+        "buses": ", ".join(sorted(valve.buses)),
+        "history": [_history_row(parts.runs.as_it_stands(run), whole.get(run.id)) for run in past.newest[:_HISTORY]],
+    }
+    return page(request, "valve.html", visitor, values)
+
+
+@router.get("/ui/tests/{test_id}")
+async def test_page(request: Request, test_id: str, parts: PartsOf, visitor: VisitorOf) -> Response:
+    """Show a test: live while it runs, then its result."""
+    try:
+        run = await parts.runs.get(test_id)
+    except NotFoundError as error:
+        return _missing(request, visitor, error)
+    shared = {"tag": run.valve, "run": run, "state_words": STATES[run.state]}
+    if not run.state.finished:
+        return page(request, "running.html", visitor, {**shared, "live": _live(parts, run, units_of(request))})
+    past = await asyncio.to_thread(past_of, parts.store, run.valve)
+    return page(request, "result.html", visitor, {**shared, **_result(request, run, past)})
+
+
+def _missing(request: Request, visitor: Visitor, error: NotFoundError) -> Response:
+    return page(request, "missing.html", visitor, {"reason": str(error)}, HTTPStatus.NOT_FOUND)
+
+
+def _health(run: Run | None) -> dict[str, Any]:
+    return {} if run is None or run.analysis is None else dict(run.analysis.get("health") or {})
+
+
+def _query(past: ValvePast, system: UnitSystem) -> str:
+    """Return what else a picture depends on, so that its address changes with it."""
+    return f"units={system.value}" + ("" if past.baseline is None else f"&baseline={past.baseline.id}")
+
+
+def _safe_words(safe_value_pa: float | str, system: UnitSystem) -> str:
+    if isinstance(safe_value_pa, str):
+        return {"entry": "where it was before the test"}.get(safe_value_pa, safe_value_pa)
+    return quantity(safe_value_pa, "Pa", system)
+
+
+def _history_row(run: Run, analysis: Mapping[str, Any] | None) -> dict[str, Any]:
+    analysis = analysis or {}
+    signature = analysis.get("signature") or {}
+    return {
+        "id": run.id,
+        "at": run.created_at,
+        "label": "" if run.label is None else run.label.value.replace("_", " "),
+        "sequence": run.sequence.replace("_", " "),
+        "state": STATES[run.state],
+        "is_bad": needs_acknowledgement(run),
+        "friction_n": signature.get("friction_mean_n"),
+        "friction_ci95": ((signature.get("intervals") or {}).get("friction_mean_n") or {}).get("ci95"),
+        "diagnosis": _diagnosis_words(analysis),
+    }
+
+
+def _diagnosis_words(analysis: Mapping[str, Any]) -> str:
+    found = analysis.get("discrepancy") or {}
+    causes = found.get("causes") or ()
+    if causes:
+        return str(causes[0]["cause"]).replace("_", " ")
+    return {"none": "nothing beyond the noise", "unexplained": "unexplained"}.get(found.get("verdict", ""), "–")
+
+
+def _live(parts: Parts, run: Run, system: UnitSystem) -> dict[str, Any]:
+    """Return what the live trace needs besides the events: its scales, and the pressure as it is planned."""
+    units = {
+        name: {"name": unit.name, "in_si": unit.in_si}
+        for name, unit in (("length", shown_unit("m", system)), ("pressure", shown_unit("Pa", system)))
+    }
+    valve = parts.plant.valves.get(run.valve)
+    if valve is None:
+        return {"units": units, "plan": None, "travel_m": 0.1, "pressure_pa": [0.0, 1.0e5], "duration_s": 60.0}
+    try:
+        waveform = build_waveform(run.sequence, run.overrides, valve.nameplate, valve.wiring.limits)
+        plan, duration_s = planned_line(waveform), waveform.duration_s
+    except ValveError:  # of a sequence that is not made from overrides alone: the trace does without
+        plan, duration_s = None, valve.wiring.limits.longest_test_s
+    return {
+        "units": units,
+        "plan": plan,
+        "duration_s": duration_s,
+        "travel_m": valve.nameplate.actuator.travel_m,
+        "pressure_pa": list(valve.wiring.limits.pressure_pa),
+    }
+
+
+def _result(request: Request, run: Run, past: ValvePast) -> dict[str, Any]:
+    system, analysis, health = units_of(request), run.analysis, _health(run)
+    baseline = None if past.baseline is None or past.baseline.id == run.id else past.baseline.analysis
+    shown: dict[str, Any] = {
+        "analysis": analysis,
+        "ne107": NE107.get(health.get("ne107") or ""),
+        "reasons": health.get("reasons") or (),
+        "unacknowledged": run if needs_acknowledgement(run) else None,
+        "recording_facts": recording_facts(run),
+        "has_report": any(getattr(route, "path", "") == "/tests/{test_id}/report" for route in request.app.routes),
+        "figures": f"/ui/figures/tests/{run.id}",
+        "figure_query": _query(past, system),
+    }
+    if analysis is None:
+        return shown
+    pictures = (analysis.get("discrepancy") or {}).get("pictures") or {}
+    diagnosis = diagnosis_of(analysis)
+    return shown | {
+        "diagnosis": diagnosis,
+        "separating_words": _separating_words(diagnosis.separating_test),
+        "has_pictures": bool(pictures.get("time")),
+        "has_coordinates": bool(pictures.get("coordinates")),
+        "has_loop": bool((analysis.get("signature") or {}).get("curve")),
+        "figure_rows": figure_rows(analysis, baseline),
+        "parameter_rows": parameter_rows(analysis),
+        "methods": method_names(analysis),
+        "missing": missing_reasons(analysis),
+        "messages": method_messages(analysis),
+    }
+
+
+def _separating_words(test: Any) -> str:
+    if not test:
+        return ""
+    if isinstance(test, str):
+        return test
+    return str(test.get("sentence") or f"run the sequence {test.get('sequence', '')}")

@@ -1,0 +1,97 @@
+"""The list of valves, worst first."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from typing import Any, Final
+
+from service.parts import Parts
+from service.runs.run import Run
+from service.store.run_table import ValveHead
+from service.tablet.words import STATES, Condition, condition_of
+
+_ARROWS: Final = {"up": ("▲", "rising"), "down": ("▼", "falling"), "steady": ("▬", "steady"), "": ("", "")}
+
+
+@dataclass(frozen=True, slots=True)
+class ValveRow:
+    """One valve in the list."""
+
+    tag: str
+    condition: Condition
+    reason: str
+    last_at: datetime | None
+    last_words: str
+    busy_with: str | None
+    friction_n: float | None
+    arrow: str
+    trend: str
+    next_check: datetime | None
+
+
+def valve_rows(parts: Parts, due: Mapping[str, datetime]) -> list[ValveRow]:
+    """Return a row a valve, worst first, then by tag; reads the database, so callers use a thread."""
+    heads = parts.store.runs.valve_heads()
+    rows = [_row(parts, tag, heads.get(tag), due.get(tag)) for tag in parts.plant.valves]
+    return sorted(rows, key=lambda row: (row.condition.rank, row.tag))
+
+
+def with_friction(parts: Parts, rows: Sequence[ValveRow]) -> list[ValveRow]:
+    """Return rows with the friction of the last completed test, where no comparison of the health gave it."""
+    return [
+        row if row.friction_n is not None else replace(row, friction_n=_measured_friction(parts, row.tag))
+        for row in rows
+    ]
+
+
+def _measured_friction(parts: Parts, tag: str) -> float | None:
+    run = parts.store.runs.last_completed(tag)
+    signature = None if run is None or run.analysis is None else run.analysis.get("signature")
+    return None if not signature else signature.get("friction_mean_n")
+
+
+def _row(parts: Parts, tag: str, head: ValveHead | None, due: datetime | None) -> ValveRow:
+    last = None if head is None else parts.runs.as_it_stands(head.last)
+    health: Mapping[str, Any] = (None if head is None else head.health) or {}
+    busy_with = parts.runs.user_of(tag)
+    condition = condition_of(last, health.get("ne107"), is_busy=busy_with is not None)
+    friction = _friction_change(health)
+    arrow, trend = _ARROWS[friction_trend(friction)]
+    return ValveRow(
+        tag,
+        condition,
+        _reason(condition, last, health),
+        None if last is None else last.created_at,
+        "" if last is None else STATES[last.state],
+        busy_with,
+        None if friction is None else friction.get("now"),
+        arrow,
+        trend,
+        due,
+    )
+
+
+def _reason(condition: Condition, last: Run | None, health: Mapping[str, Any]) -> str:
+    """Return one sentence on why the valve stands as it does; empty where there is nothing to say."""
+    if condition.code in ("alarm", "bad") and last is not None:
+        return last.error
+    if condition.code in ("F", "S", "M"):
+        return str(next(iter(health.get("reasons") or ()), ""))
+    return ""
+
+
+def _friction_change(health: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    changes = health.get("changes") or ()
+    return next((one for one in changes if str(one.get("name", "")).startswith("friction")), None)
+
+
+def friction_trend(change: Mapping[str, Any] | None) -> str:
+    """Return ``up``, ``down`` or ``steady`` by a comparison with the baseline; empty without one."""
+    if change is None or change.get("change") is None:
+        return ""
+    ci95 = change.get("ci95")
+    if change["change"] == 0.0 or (ci95 is not None and ci95[0] <= 0.0 <= ci95[1]):
+        return "steady"
+    return "up" if change["change"] > 0.0 else "down"
