@@ -10,6 +10,8 @@ from typing import Final
 from drivers.addresses import MotionLimits
 from drivers.device import ValveDevice
 from drivers.outcome import Sample
+from drivers.permissive_watch import PermissiveWatch
+from drivers.stem_rules import StemRules
 from valve.errors import DeviceError, EquipmentError, MeasurementError, WireError
 
 _FAILURES: Final = 5  # looks in a row; fewer would end a test for one disturbance on the line
@@ -31,16 +33,35 @@ class AbortRules:
         self._last_error: EquipmentError | None = None
         self._silence_s = max(_SILENCE_S, 2.0 * period_s)
         self._commands: deque[tuple[float, float]] = deque()
+        self._stem = StemRules(device.wiring)
+        self._watch: PermissiveWatch | None = None
         self.begin()
 
-    def begin(self) -> None:
-        """Count from now: the first motion is about to begin."""
+    def begin(
+        self, entry: Sample | None = None, unrest_m: float = math.nan, watch: PermissiveWatch | None = None
+    ) -> None:
+        """Count from now: the first motion is about to begin.
+
+        ``entry`` is how the valve stood before, ``unrest_m`` how much its position varied then.
+        """
+        self._watch = watch
+        self._stem.begin(entry, unrest_m)
+        if entry is not None:
+            self.commanded(entry.output_pa)
         self._started_s = self._seen_s = self._followed_s = self._answered_s = time.monotonic()
         self._failures = self._beyond = 0
 
     def commanded(self, pressure_pa: float) -> None:
         """Note what was asked for, Pa."""
         self._commands.append((time.monotonic(), pressure_pa))
+
+    def stand_down(self) -> None:
+        """Judge no longer whether the stem moves: the pressure goes back because it did not."""
+        self._stem.stand_down()
+
+    async def look_around(self, sample: Sample) -> DeviceError | None:
+        """Look at what a sample does not show; return why the test must end. Raises WireError or DeviceError."""
+        return None if self._watch is None else await self._watch.look(sample)
 
     def missed(self, error: EquipmentError) -> None:
         """Note a transaction that failed."""
@@ -64,7 +85,9 @@ class AbortRules:
             self._seen_s = now_s
         elif now_s - self._seen_s > max(_BLIND_S, self._silence_s):
             return DeviceError(f"{tag}: no valid position for {now_s - self._seen_s:.2g} s: check the position sensor")
-        return self._beyond_limits(sample) or (self._not_following(sample, now_s) if follows else None)
+        gone = None if self._watch is None else self._watch.judge(sample)
+        following = self._not_following(sample, now_s) if follows else None
+        return gone or self._beyond_limits(sample) or self._stem.fault(sample) or following
 
     def _beyond_limits(self, sample: Sample) -> EquipmentError | None:
         low_pa, high_pa = self._limits.pressure_pa
@@ -81,20 +104,26 @@ class AbortRules:
             return None
         return DeviceError(f"{self._device.tag}: {broken}: check the valve and its limits")
 
+    def follows(self, sample: Sample) -> bool:
+        """Whether a sample shows an output that was asked for lately: any other was asked for by nobody here."""
+        if not self._commands:
+            return True
+        lately = [pressure_pa for _, pressure_pa in self._commands]
+        slack_pa = self._device.tolerance_pa
+        return min(lately) - slack_pa <= sample.output_pa <= max(lately) + slack_pa
+
     def _not_following(self, sample: Sample, now_s: float) -> EquipmentError | None:
         """Compare with everything that was commanded lately: an output may lag and may not differ."""
         while len(self._commands) > 1 and self._commands[1][0] < sample.sent_s - _FOLLOWING_S:
             self._commands.popleft()
         if not self._commands:
             return None
-        lately = [pressure_pa for _, pressure_pa in self._commands]
-        slack_pa = self._device.tolerance_pa
-        if min(lately) - slack_pa <= sample.output_pa <= max(lately) + slack_pa:
+        if self.follows(sample):
             self._followed_s = now_s
             return None
         if now_s - self._followed_s <= _FOLLOWING_S:
             return None
         return DeviceError(
-            f"{self._device.tag}: {lately[-1]:g} Pa are commanded and the device shows {sample.output_pa:g} Pa: "
-            "check that it is in automatic and nobody else commands it"
+            f"{self._device.tag}: {self._commands[-1][1]:g} Pa are commanded and the device shows "
+            f"{sample.output_pa:g} Pa: check that it is in automatic and nobody else commands it"
         )

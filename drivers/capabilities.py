@@ -12,6 +12,7 @@ class Role(StrEnum):
     COMMAND = "command"
     POSITION = "position"
     PRESSURE = "pressure"
+    SUPPLY = "supply"
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +50,9 @@ class Watchdog:
 class LiveBlock:
     """Values that are read in one transaction and belong to one instant.
 
-    ``check`` is the CRC of every word before it. ``at_safe_mask`` and ``sensor_fault_mask`` are bits of ``status``.
+    ``check`` is the CRC of every word before it. The masks are bits of ``status``: the device drives its safe value,
+    its sensor is bad, the loop is in manual, an interlock is active, the air supply is low; 0 where it has no such bit.
+    ``supply`` is the air supply's register, if any.
     """
 
     registers: tuple[str, ...]
@@ -59,6 +62,10 @@ class LiveBlock:
     status: str
     at_safe_mask: int
     sensor_fault_mask: int
+    manual_mask: int = 0
+    interlock_mask: int = 0
+    supply_low_mask: int = 0
+    supply: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -57,13 +57,15 @@ class CapturedPlay:
             await mover.pause_until(time.monotonic() + _WATCH_PERIOD_S)
             sample: Sample | None = None
             progress: Progress | None = None
+            gone: DeviceError | None = None
             try:
                 await device.feed_watchdog()
                 progress = await buffer.progress()
                 sample = await device.read()
+                gone = await rules.look_around(sample)
             except EquipmentError as error:
                 rules.missed(error)
-            fault = rules.fault(sample, follows=False)
+            fault = rules.fault(sample, follows=False) or gone
             if fault is not None:
                 raise fault
             if sample is None or progress is None:

@@ -14,6 +14,7 @@ from drivers.capabilities import Fence, Watchdog
 from drivers.capture_buffer import CaptureBuffer
 from drivers.eye import Eye
 from drivers.outcome import Sample
+from drivers.registers import Block
 from drivers.transport import Exchange
 from drivers.wiring import Bus, Unit, Wired, wire
 from valve.errors import BusyError, ConfigurationError, DeviceError, EquipmentError
@@ -193,6 +194,45 @@ class ValveDevice:
     async def read(self, *, priority: bool = False) -> Sample:
         """Take one sample. Raises WireError or DeviceError where there is none: that is a gap."""
         return await self._eye.look(priority=priority)
+
+    async def supply_pa(self, sample: Sample) -> float:
+        """Air supply, Pa: read at its own place where there is one, otherwise as the sample has it; NaN unknown."""
+        signal = self._wired.supply
+        if signal is None:
+            return sample.supply_pa
+        block = Block((signal.register,), signal.register.address, signal.register.words, signal.register.table)
+        words = (await signal.unit.bus.read(signal.unit.device_id, block)).words
+        return signal.register.decode(words)
+
+    async def loop_in_manual(self, sample: Sample) -> bool | None:
+        """Whether the loop is in manual, by its contact or the device's status; None where nothing says so."""
+        if self._wired.manual is not None:
+            return await self._wired.manual.says()
+        live = self.unit.map.live
+        return bool(sample.status & live.manual_mask) if live is not None and live.manual_mask else None
+
+    async def interlocked(self, sample: Sample) -> bool | None:
+        """Whether an interlock is active, by its contact or the device's status; None where nothing says so."""
+        if self._wired.interlock is not None:
+            return await self._wired.interlock.says()
+        live = self.unit.map.live
+        return bool(sample.status & live.interlock_mask) if live is not None and live.interlock_mask else None
+
+    @property
+    def conditions_elsewhere(self) -> frozenset[str]:
+        """Which of manual, interlock and supply are read at a place of their own, which a sample does not show."""
+        wired = {"manual": self._wired.manual, "interlock": self._wired.interlock, "supply": self._wired.supply}
+        return frozenset(name for name, place in wired.items() if place is not None)
+
+    async def owner(self) -> int | None:
+        """Return the run that owns the device; None where the map has no fence."""
+        fence = self.unit.map.fence
+        return None if fence is None else round(await self.unit.value(fence.owner))
+
+    async def number(self) -> int | None:
+        """Return the number that the installer gave the device; None where it shows none."""
+        name = self.unit.map.number
+        return None if name is None else round(await self.unit.value(name))
 
     def drives_safe_itself(self, sample: Sample) -> bool:
         """Whether the device says that it has left us and drives its safe value."""

@@ -53,6 +53,8 @@ class Eye:
             registers = [s.register for s in signals if _device_key(s.unit) == _device_key(unit)]
             self._plan.append((unit, read_blocks(unit, registers)))
         self._last_live: dict[str, tuple[int, ...]] = {}
+        unit, live = wired.command.unit, wired.command.unit.map.live
+        self._supply_key = None if live is None or live.supply is None else f"{_device_key(unit)}/{live.supply}"
 
     @property
     def at_safe_mask(self) -> int:
@@ -78,6 +80,7 @@ class Eye:
             pressure_pa=math.nan if wired.pressure is None else values[_key(wired.pressure)],
             output_pa=values[_key(wired.readback)],
             status=readings[0].status,  # the device that is commanded comes first
+            supply_pa=math.nan if self._supply_key is None else values.get(self._supply_key, math.nan),
         )
 
     async def _ask_everybody(self, priority: bool) -> list[_Reading]:

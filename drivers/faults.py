@@ -67,6 +67,18 @@ class StaleSampleError(DeviceError):
     """The device showed the same sample twice: its clock and counter stand still."""
 
 
+class StandstillError(DeviceError):
+    """The stem is not seen to move. The pressure goes back by a ramp: a stem that breaks free late must not slam."""
+
+
+class NoBreakawayError(StandstillError):
+    """The pressure changed by more than a healthy stem needs, and the stem stood."""
+
+
+class FrozenSensorError(StandstillError):
+    """The position shows the very same value although the pressure changes and its noise was seen before."""
+
+
 _EXCEPTIONS: Final[dict[int, tuple[type[ValveError], str]]] = {
     1: (IllegalFunctionError, "it does not know this function: check the register map"),
     2: (IllegalAddressError, "it has no such register: check the register map"),

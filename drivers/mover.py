@@ -12,7 +12,7 @@ from drivers.abort_rules import AbortRules
 from drivers.device import ValveDevice
 from drivers.outcome import Sample
 from drivers.transport import Exchange
-from valve.errors import EquipmentError
+from valve.errors import DeviceError, EquipmentError
 
 _RAMP_PERIOD_S: Final = 0.05
 _LONGEST_STEP_S: Final = 0.2  # of ramp in one command; a slow serial line needs as long for command and look
@@ -54,9 +54,10 @@ class Mover:
         return self._stop.is_set()
 
     async def step(self, pressure_pa: float) -> Sample | None:
-        """Command, look, judge. None where the wire failed this time; raises where the test must end."""
+        """Command, look, judge. None where there is no sample to be believed; raises where the test must end."""
         device = self.device
         sample: Sample | None = None
+        gone: DeviceError | None = None
         self.written = None
         try:
             if math.isnan(device.in_force_pa):
@@ -65,12 +66,14 @@ class Mover:
             self.written = await device.drive(pressure_pa)
             await device.feed_watchdog()
             sample = await device.read()
+            gone = await self.rules.look_around(sample)
         except EquipmentError as error:
             self.rules.missed(error)
-        fault = self.rules.fault(sample)
+        fault = self.rules.fault(sample) or gone
         if fault is not None:
             raise fault
-        return sample
+        # An output that nobody here asked for: whatever moves the stem then, it is not what would be recorded.
+        return sample if sample is None or self.rules.follows(sample) else None
 
     async def ramp_to(self, target_pa: float) -> None:
         """Go from where the output is to ``target_pa`` at no more than the allowed rate, and see it there."""

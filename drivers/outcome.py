@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 
@@ -27,6 +28,7 @@ class Sample:
     pressure_pa: float
     output_pa: float
     status: int = 0
+    supply_pa: float = math.nan
 
     @property
     def time_s(self) -> float:

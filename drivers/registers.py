@@ -238,6 +238,7 @@ class RegisterMap:
     capture: Capture | None = None
     has_read_write: bool = False  # function 23
     is_positioner: bool = False  # its command is a position of the stem
+    number: str | None = None  # where it shows the number that its installer gave it
 
     def __post_init__(self) -> None:
         taken: dict[tuple[Table, int], str] = {}
@@ -254,6 +255,7 @@ class RegisterMap:
                         f"address {address}, move one"
                     )
         mentioned = [check.register for check in (self.canary, self.version) if check is not None]
+        mentioned += [] if self.number is None else [self.number]
         for name in (*mentioned, *self.roles.values(), *self.readbacks, *self.readbacks.values()):
             self.register(name)
 

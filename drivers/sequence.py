@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import math
 from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import replace
 
@@ -14,8 +13,11 @@ from drivers.capture_buffer import CaptureBuffer
 from drivers.captured_play import CapturedPlay
 from drivers.course import Course
 from drivers.device import ValveDevice
+from drivers.faults import StandstillError
 from drivers.mover import Mover, StopAskedError
 from drivers.outcome import Ended, PlayOutcome, SampleBlock
+from drivers.permissive_watch import PermissiveWatch
+from drivers.permissives import Permissive, Readiness, judge_entry
 from drivers.polled_play import PolledPlay
 from drivers.waveform_check import check_waveform
 from valve.errors import ConfigurationError, DeviceError, EquipmentError, ValveError, WireError
@@ -25,6 +27,7 @@ from valve.waveform import Waveform
 OnSamples = Callable[[SampleBlock], None]
 OnProgress = Callable[[float, str], None]
 OnReady = Callable[[float, str], Awaitable[None]]
+OnPermissives = Callable[[tuple[Permissive, ...]], None]
 
 _RELEASE_ATTEMPTS = 3  # it moves nothing, so it may be repeated
 _PLAY_FROM, _PLAY_TO, _POLLED_TO = 0.05, 0.8, 0.95  # shares of the progress
@@ -43,14 +46,17 @@ async def play_sequence(
     limits: MotionLimits,
     provenance: Provenance,
     on_ready: OnReady | None = None,
+    permit: str | None = None,
+    on_permissives: OnPermissives = lambda _: None,
 ) -> PlayOutcome:
     """Play ``waveform`` on a valve and record it.
 
     Everything that can be refused is refused before anything moves, as a ValveError: the waveform against the limits,
-    the device's identity, its owner, its watchdog. ``on_ready`` is awaited with the output at entry (Pa) and the
-    device's name before the first write. From the first move on every end is an outcome: the valve is sent to its
-    safe value, this is read back, and nothing but the release is written afterwards; where it is not confirmed the
-    watchdog stays armed. A cancelled caller gets the same, then the cancellation.
+    the device's identity, its permissives (``on_permissives`` hears them, met or not), its owner, its watchdog.
+    ``on_ready`` is awaited with the output at entry (Pa) and the device's name before the first write. From the first
+    move on every end is an outcome: the valve is sent to its safe value, this is read back, and nothing but the
+    release is written afterwards; where it is not confirmed the watchdog stays armed. A cancelled caller gets the
+    same, then the cancellation.
     """
     check_waveform(device.tag, waveform, limits)
     buffer = None
@@ -73,11 +79,11 @@ async def play_sequence(
     )
     on_progress(0.0, "checking")
     identity = await device.identify()
-    entry = await device.read()
-    if not math.isfinite(entry.output_pa):
-        raise DeviceError(f"{device.tag}: {device.unit.subject} does not show its output: nothing is moved from there")
-    if not math.isfinite(entry.position_m):
-        raise DeviceError(f"{device.tag}: there is no valid position before the test: check the position sensor")
+    readiness = await judge_entry(device, permit)
+    entry = readiness.entry
+    assert entry is not None  # judge_entry raises where there is none
+    on_permissives(readiness.permissives)
+    readiness.require(device.tag)
     if device.wiring.safe_value_pa == "entry":
         device.safe_value_pa = entry.output_pa
     if buffer is not None:
@@ -92,7 +98,7 @@ async def play_sequence(
         device=identity,
         requested_period_s=period_s,
     )
-    return await play.run(about)
+    return await play.run(about, readiness, permitted=device.wiring.permissives.permit and bool(permit))
 
 
 async def _take(device: ValveDevice, run_number: int) -> None:
@@ -150,13 +156,16 @@ class _Play:
             self._captured = CapturedPlay(buffer, course, on_samples, self._tell)
         self._polled = PolledPlay(course, on_samples, self._tell)
         self._notes: list[str] = []
+        self._readiness = Readiness(())
+        self._watch: PermissiveWatch | None = None
 
     def _tell(self, share: float) -> None:
         low, high, phase = self._phase
         self._on_progress(low + (high - low) * share, phase)
 
-    async def run(self, provenance: Provenance) -> PlayOutcome:
+    async def run(self, provenance: Provenance, readiness: Readiness, *, permitted: bool) -> PlayOutcome:
         """Move, make safe, fetch, let go."""
+        self._readiness, self._watch = readiness, PermissiveWatch(self._device, permitted=permitted)
         try:
             ended, error = await self._move()
             safe = ended is Ended.COMPLETED and await self._device.shows(self._device.safe_value_pa)
@@ -200,16 +209,26 @@ class _Play:
                 self._on_progress(0.005, "handing over")
                 await self._captured.hand_over(self._mover)
             self._on_progress(0.01, "ramping")
-            self._rules.begin()
+            self._rules.begin(self._readiness.entry, self._readiness.unrest_m, self._watch)
             await self._mover.ramp_to(float(self._waveform.pressure_pa[0]))
             await (self._polled if self._captured is None else self._captured).play(self._mover)
             self._on_progress(self._phase[1], "returning")
             await self._mover.ramp_to(self._device.safe_value_pa)
         except StopAskedError:
             return Ended.STOPPED, None
+        except StandstillError as error:
+            await self._ramp_back()
+            return Ended.FAILED, error
         except ValveError as error:
             return Ended.FAILED, error
         return Ended.COMPLETED, None
+
+    async def _ramp_back(self) -> None:
+        """Take the pressure back at the allowed rate; a stop, or another fault, sends the valve to safe at once."""
+        self._on_progress(self._phase[1], "ramping back")
+        self._rules.stand_down()
+        with contextlib.suppress(StopAskedError, ValveError):
+            await self._mover.ramp_to(self._device.safe_value_pa)
 
     async def _fetch(
         self, captured: CapturedPlay, ended: Ended, error: ValveError | None

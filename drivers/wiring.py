@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from drivers.addresses import Point, ValveWiring
+from drivers.addresses import ValveWiring
 from drivers.capabilities import Role
 from drivers.maps import register_map
+from drivers.permissive_rules import Contact, PermissiveRules
+from drivers.points import Point
 from drivers.registers import MAX_READ_WORDS, Block, Register, RegisterMap, Table
 from drivers.serial_gauge import SerialGauge
 from drivers.transport import Exchange, Transport
@@ -53,13 +55,31 @@ class Signal:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class WiredContact:
+    """A register that says yes or no, on its device."""
+
+    unit: Unit
+    contact: Contact
+
+    async def says(self) -> bool | None:
+        """Read it fresh; None where it is no valid value. Raises WireError or DeviceError."""
+        return self.contact.says(await self.unit.value(self.contact.register))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Wired:
-    """The signals of one valve. ``position`` is a signal or a gauge; ``pressure`` may be absent."""
+    """The signals of one valve. ``position`` is a signal or a gauge; ``pressure`` may be absent.
+
+    ``manual``, ``interlock`` and ``supply`` are there where the permissives name a place of their own for them.
+    """
 
     command: Signal
     readback: Signal
     position: Signal | SerialGauge
     pressure: Signal | None
+    manual: WiredContact | None = None
+    interlock: WiredContact | None = None
+    supply: Signal | None = None
 
     @property
     def units(self) -> tuple[Unit, ...]:
@@ -145,7 +165,30 @@ def wire(wiring: ValveWiring, buses: Mapping[str, Bus]) -> Wired:
         pressure = _measured(tag, Role.PRESSURE, other, wiring.pressure, "Pa")
     elif unit.map.live is not None and Role.PRESSURE in unit.map.roles:
         pressure = Signal(unit, unit.map.register(unit.map.roles[Role.PRESSURE]))
-    return Wired(command, readback, position, pressure)
+    return Wired(command, readback, position, pressure, *_conditions(tag, wiring.permissives, buses))
+
+
+def _conditions(
+    tag: str, rules: PermissiveRules, buses: Mapping[str, Bus]
+) -> tuple[WiredContact | None, WiredContact | None, Signal | None]:
+    """Find where manual mode, interlock and air supply are shown, as far as the rules name a place."""
+    supply: Signal | None = None
+    if rules.supply is not None:
+        unit = _unit(tag, rules.supply, buses)
+        if isinstance(unit, SerialGauge):
+            raise ConfigurationError(f"{tag}: bus {unit.name} is a gauge, it measures no pressure")
+        supply = _measured(tag, Role.SUPPLY, unit, rules.supply, "Pa")
+    return _contact(tag, rules.manual, buses), _contact(tag, rules.interlock, buses), supply
+
+
+def _contact(tag: str, contact: Contact | None, buses: Mapping[str, Bus]) -> WiredContact | None:
+    if contact is None:
+        return None
+    unit = _unit(tag, Point(contact.bus, contact.device_id, contact.map), buses)
+    if isinstance(unit, SerialGauge):
+        raise ConfigurationError(f"{tag}: bus {unit.name} is a gauge, it has no contact")
+    unit.map.register(contact.register)
+    return WiredContact(unit, contact)
 
 
 def read_blocks(unit: Unit, registers: Iterable[Register]) -> tuple[Block, ...]:

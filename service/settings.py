@@ -22,7 +22,9 @@ from drivers.addresses import (
     ValveWiring,
     WatchdogChoice,
 )
+from drivers.permissive_rules import PermissiveRules
 from service.nameplates import nameplate_from_mapping
+from service.settings_access import AccessSection, AccessSettings, access_settings
 from service.settings_checks import check_schedules, check_wiring
 from service.settings_database import DatabaseAddress, database_address
 from service.settings_errors import Findings, read_toml
@@ -35,6 +37,7 @@ from service.settings_nightly import (
     groups_by_name,
     schedules,
 )
+from service.settings_permissives import stem_rules_of
 from valve.errors import ConfigurationError, ValveError
 from valve.nameplate import Actuator, Nameplate, Signal
 
@@ -48,14 +51,13 @@ _BUS_KINDS: Final[dict[str, type[BusAddress]]] = {
 }
 
 
-class ServiceSection(BaseModel):
+class ServiceSection(AccessSection):
     """``[service]``."""
 
     model_config = STRICT
     store: str = Field(min_length=1)
     bind: str = "127.0.0.1"
     port: int = Field(default=8321, ge=0, le=65535)
-    trusted_network: bool = False
     database: str | None = None
     database_password_file: str | None = None
     gateway: str | None = None
@@ -76,6 +78,7 @@ class ValveSection(BaseModel):
     position: dict[str, Any] | None = None
     pressure: dict[str, Any] | None = None
     watchdog: dict[str, Any] | None = None
+    permissives: dict[str, Any] | None = None
     simulation: dict[str, Any] | None = None  # for `breakaway simulate` alone: a service has no use for it
 
 
@@ -104,6 +107,7 @@ class ServiceSettings:
     database: DatabaseAddress | None = None
     gateway: str = ""
     retention: Retention | None = None
+    access: AccessSettings = field(default_factory=AccessSettings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +120,7 @@ class PlantValve:
     @property
     def buses(self) -> frozenset[str]:
         """Names of the buses that a test of this valve needs."""
-        points = (self.wiring.command, self.wiring.position, self.wiring.pressure)
+        points = (self.wiring.command, self.wiring.position, self.wiring.pressure, *self.wiring.permissives.points)
         return frozenset(point.bus for point in points if point is not None)
 
 
@@ -190,13 +194,9 @@ def _service(findings: Findings, raw: dict[str, Any], folder: Path) -> ServiceSe
     except ValueError:
         findings.add(("service", "bind"), section.bind, "it is no IP address", "give one such as 127.0.0.1")
         return None
-    if not loopback and not section.trusted_network:
-        findings.add(
-            ("service", "bind"),
-            section.bind,
-            "whoever reaches this address may move valves: there is no sign-in",
-            "bind to 127.0.0.1, or set service.trusted_network = true where only trusted people are on that network",
-        )
+    access = access_settings(findings, section, bind=section.bind, loopback=loopback, folder=folder)
+    if access is None:
+        return None
     return ServiceSettings(
         (folder / section.store).resolve(),
         section.bind,
@@ -204,6 +204,7 @@ def _service(findings: Findings, raw: dict[str, Any], folder: Path) -> ServiceSe
         database_address(findings, section.database, section.database_password_file, folder),
         section.gateway or "",
         None if section.retention is None else Retention(**section.retention.model_dump()),
+        access,
     )
 
 
@@ -249,12 +250,13 @@ def _valve(
     pressure = findings.optional(Point, section.pressure, (*key, "pressure"))
     sampling = findings.part(Sampling, section.acquisition, (*key, "acquisition"))
     watchdog = findings.optional(WatchdogChoice, section.watchdog, (*key, "watchdog"))
+    permissives = findings.part(PermissiveRules, section.permissives or {}, (*key, "permissives"))
     safe_value_pa = section.safe_value_pa
     if isinstance(safe_value_pa, str) and safe_value_pa != "entry":
         findings.add(
             (*key, "safe_value_pa"), safe_value_pa, "it is neither a pressure nor an order", 'give Pa, or "entry"'
         )
-    if len(findings) > before or limits is None or command is None or sampling is None:
+    if len(findings) > before or limits is None or command is None or sampling is None or permissives is None:
         return None
     plate = {"tag": section.tag, "actuator": section.actuator}
     try:
@@ -269,7 +271,8 @@ def _valve(
             sampling,
             position,
             pressure,
-            *(() if watchdog is None else (watchdog,)),
+            WatchdogChoice(timeout_s=2.0) if watchdog is None else watchdog,
+            stem_rules_of(permissives, nameplate),
         )
     except ValveError as error:
         findings.add_error(key, error)

@@ -14,6 +14,7 @@ from drivers.waveform_check import check_waveform
 from drivers.wiring import Bus, wire
 from service.bus import make_bus
 from service.runs.sequences import build_waveform
+from service.settings_permissives import check_permissives
 from valve.errors import ConfigurationError, ValveError
 from valve.nameplate import Nameplate
 
@@ -57,6 +58,7 @@ def check_wiring(
                 (*key, "command"), wiring.tag, f"valve {other} is commanded by the same register", "correct one"
             )
         _check_limits(findings, (*key, "limits", "pressure_pa"), nameplate, wiring)
+        check_permissives(findings, key, wiring)
         if not findings:  # what is left is for the drivers to find
             try:
                 wire(wiring, unopened)

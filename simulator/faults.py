@@ -21,6 +21,10 @@ class FaultKind(StrEnum):
     OUTPUT_RESET = "output_reset"  # at the start the output falls to the low end of its range, unasked
     RESTART = "restart"  # at the start the device restarts: outputs low, owner, watchdog and capture lost
     IGNORED_WRITES = "ignored_writes"  # writes are acknowledged and not executed
+    PRESSURE_STUCK = "pressure_stuck"  # the I/P holds the actuator's pressure, whatever is asked
+    SENSOR_SPIKES = "sensor_spikes"  # every third reading of the position is ``amount`` m too much
+    LOOP_IN_AUTOMATIC = "loop_in_automatic"  # the device's status no longer says that the loop is in manual
+    INTERLOCK = "interlock"  # the device's status says that an interlock is active
     REFUSAL = "refusal"  # every request is answered with exception ``amount``
     SILENCE = "silence"  # no request is answered; writes are executed all the same
 

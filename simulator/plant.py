@@ -149,9 +149,14 @@ class SoftwareValve:
 
     @property
     def supply_pa(self) -> float:
-        """Air supply now, Pa."""
+        """Air supply at its header now, Pa: what a sensor there shows."""
         lost = self.fault(FaultKind.AIR_LOST)
-        return self.settings.acting.supply_pa if lost is None else lost.amount
+        return self.settings.transducer.supply_pa if lost is None else lost.amount
+
+    @property
+    def _reaching_pa(self) -> float:
+        """Highest pressure that can reach the actuator now, Pa; an effect on the way may take its share."""
+        return min(self.supply_pa, self.settings.acting.supply_pa)
 
     def ask(self, pressure_pa: float) -> None:
         """From now on ask the I/P for this pressure, rounded to a level of the output, Pa."""
@@ -210,10 +215,14 @@ class SoftwareValve:
     def read_position_m(self) -> float:
         """Position as the sensor reads it now, m; NaN when it is bad. Each reading draws new noise."""
         self._sample += 1
-        sensed_m = self._stem.sensed_m
+        sensed_m, sample = self._stem.sensed_m, self._sample
         if self.faults:
             sensed_m = float(self._sensed(np.array([sensed_m]))[0])
-        return self.settings.position.reading(sensed_m, self._sample)
+            spikes = self.fault(FaultKind.SENSOR_SPIKES)
+            sensed_m += spikes.amount if spikes is not None and sample % 3 == 0 else 0.0
+            if self.fault(FaultKind.FROZEN_SENSOR) is not None:
+                sample = LIVE_SAMPLES_FROM  # a converter that stands still shows the same noise again and again
+        return self.settings.position.reading(sensed_m, sample)
 
     def read_pressure_pa(self) -> float:
         """Actuator pressure as its sensor reads it now, Pa; NaN where there is none."""
@@ -235,11 +244,13 @@ class SoftwareValve:
             self.asked.forget(self.time_s - dead_s)
             return None
         time_s, asked_pa = self.asked.between(start_s - dead_s, start_s + duration_s - dead_s)
-        after_s, target_pa = limited(time_s - time_s[0], asked_pa, self.supply_pa)
+        after_s, target_pa = limited(time_s - time_s[0], asked_pa, self._reaching_pa)
         target_pa = self.settings.acting.leaking(target_pa)
         # Local times: the clock may have run for days, and the difference of two such times is rounded.
         after_s[-1] = duration_s
         after_s, pressure_pa = lagged(after_s, target_pa, self.pressure_pa, self.settings.acting.lag_s)
+        if self.fault(FaultKind.PRESSURE_STUCK) is not None:
+            pressure_pa = np.full(pressure_pa.shape, self.pressure_pa)
         wanted_s = np.clip(sample_s - start_s, 0.0, duration_s)
         position_m, shown_m = self._follow(after_s, pressure_pa, wanted_s)
         sensed_m = self._sensed(shown_m)
@@ -252,7 +263,9 @@ class SoftwareValve:
 
     def _is_level(self, from_s: float) -> bool:
         """Whether the pressure asked for and that at the actuator stay as they are."""
-        target_pa = self.settings.acting.settled_pa(self.asked.at(from_s), self.supply_pa)
+        if self.fault(FaultKind.PRESSURE_STUCK) is not None:
+            return True
+        target_pa = self.settings.acting.settled_pa(self.asked.at(from_s), self._reaching_pa)
         if not self.asked.is_held_from(from_s):
             return False
         if self.settings.acting.lag_s == 0.0:

@@ -192,10 +192,14 @@ class ReferenceUnit:
         return words
 
     def _status(self, position_m: float) -> int:
-        low_air = self._device.valve.supply_pa < self._device.valve.settings.transducer.range_pa[1]
+        valve = self._device.valve
+        low_air = valve.supply_pa < valve.settings.transducer.range_pa[1]
+        in_manual = valve.fault(FaultKind.LOOP_IN_AUTOMATIC) is None
         return (
             self._device.at_safe << StatusBit.AT_SAFE_VALUE
             | (self._position is not None and math.isnan(position_m)) << StatusBit.SENSOR_FAULT
+            | in_manual << StatusBit.LOOP_IN_MANUAL
+            | (valve.fault(FaultKind.INTERLOCK) is not None) << StatusBit.INTERLOCK
             | self._device.capturing << StatusBit.CAPTURE_RUNNING
             | low_air << StatusBit.SUPPLY_LOW
         )

@@ -16,6 +16,7 @@ from drivers.maps.reference import (
     CaptureControl,
     CaptureState,
     Claim,
+    StatusBit,
     WatchdogState,
 )
 from drivers.registers import words_crc16
@@ -37,6 +38,7 @@ class ReferenceDevice:
         self.stuck = False
         self.break_check = 0  # live blocks whose CRC is spoiled
         self.break_windows = 0
+        self.status = 1 << StatusBit.LOOP_IN_MANUAL
         self.frozen = False
         self.position_m: Callable[[float], float] = lambda pressure_pa: pressure_pa * METRE_PER_PA
         self._fed_s = math.inf
@@ -115,7 +117,7 @@ class ReferenceDevice:
             self.show(device_time=time.monotonic() % 4000.0, sample_counter=self._counter)
         tripped = self.value("watchdog_state") == WatchdogState.TRIPPED
         position_m = self.position_m(self.output_pa)
-        self.show(output=self.output_pa, supply_pressure=140_000.0, status=1 if tripped else 0)
+        self.show(output=self.output_pa, supply_pressure=140_000.0, status=self.status | int(tripped))
         for name, value in (("position", position_m), ("pressure", self.output_pa)):
             raw = struct.unpack(">HH", struct.pack(">f", value))
             self.slave.set_words(1, MAP.register(name).address, raw)

@@ -26,6 +26,7 @@ from drivers.addresses import (
 from drivers.device import connect_valve
 from drivers.maps import register_map
 from drivers.outcome import Ended
+from drivers.permissive_rules import PermissiveRules
 from drivers.sequence import play_sequence
 from drivers.serial_gauge import SerialGauge
 from drivers.transport import Transport
@@ -58,8 +59,9 @@ def channel(quantity: Quantity, device: str, register: str, quantity_span: tuple
 
 
 def wiring(command: Point, position: Point | None, pressure: Point | None, watchdog: WatchdogChoice) -> ValveWiring:
+    sampling, rules = Sampling(Mode.POLLED, 0.02), PermissiveRules(manual_waived="the bench has no loop")
     return ValveWiring(
-        TAG, command, SAFE_PA, LIMITS, Sampling(Mode.POLLED, 0.02), position, pressure, watchdog=watchdog
+        TAG, command, SAFE_PA, LIMITS, sampling, position, pressure, watchdog=watchdog, permissives=rules
     )
 
 

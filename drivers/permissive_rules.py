@@ -1,0 +1,81 @@
+"""What must hold before a valve may move, as plant.toml says it. Data only; drivers.permissives reads and judges."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from drivers.points import Point
+from valve.errors import ConfigurationError
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """A register of a device on a bus that says yes or no: by one ``bit``, or by being above or below a value.
+
+    ``above`` and ``below`` are in the register's own unit (A for a 4-20 mA input, for example).
+    """
+
+    bus: str
+    device_id: int
+    map: str
+    register: str
+    bit: int | None = None
+    above: float | None = None
+    below: float | None = None
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.device_id <= 247:
+            raise ConfigurationError(f"bus {self.bus}: device_id {self.device_id} is outside 1 to 247, correct it")
+        if sum(one is not None for one in (self.bit, self.above, self.below)) != 1:
+            raise ConfigurationError(
+                f"contact {self.register} on bus {self.bus}: give exactly one of bit, above and below"
+            )
+        if self.bit is not None and not 0 <= self.bit <= 31:
+            raise ConfigurationError(f"contact {self.register} on bus {self.bus}: bit {self.bit} is outside 0 to 31")
+
+    def says(self, value: float) -> bool | None:
+        """Whether a value of the register means yes; None where it is no valid value."""
+        if not math.isfinite(value):
+            return None
+        if self.bit is not None:
+            return bool(round(value) >> self.bit & 1)
+        if self.above is not None:
+            return value > self.above
+        return self.below is not None and value < self.below
+
+
+@dataclass(frozen=True, slots=True)
+class PermissiveRules:
+    """``[valves.permissives]``: what must hold before the first move and as long as the test lasts.
+
+    ``manual`` shows that the loop is in manual, ``interlock`` that an interlock is active; a map with such bits of its
+    own needs neither. ``permit`` demands a permit number of whoever starts a test, which then stands for the manual
+    mode too. ``position_m`` is where a stem can be at all, ``still_m`` how much it may move while it should rest.
+    """
+
+    manual: Contact | None = None
+    manual_waived: str = ""
+    interlock: Contact | None = None
+    permit: bool = False
+    device_number: int | None = None
+    supply: Point | None = None
+    supply_pa: tuple[float, float] | None = None
+    position_m: tuple[float, float] | None = None
+    still_m: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, span in (("supply_pa", self.supply_pa), ("position_m", self.position_m)):
+            if span is not None and not span[0] < span[1]:
+                raise ConfigurationError(f"permissives.{name} must rise: give the lower value first")
+        if self.still_m is not None and not (math.isfinite(self.still_m) and self.still_m > 0.0):
+            raise ConfigurationError(f"permissives.still_m is {self.still_m:g} m, it must be above 0: correct it")
+        if self.manual is not None and self.manual_waived:
+            raise ConfigurationError("permissives: manual and manual_waived exclude each other, remove one")
+        if self.supply is not None and self.supply_pa is None:
+            raise ConfigurationError("permissives.supply is measured and supply_pa says no limits: give both")
+
+    @property
+    def points(self) -> tuple[Point | Contact, ...]:
+        """Every place that must be read for them beside the valve's own signals."""
+        return tuple(one for one in (self.manual, self.interlock, self.supply) if one is not None)

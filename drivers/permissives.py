@@ -1,0 +1,237 @@
+"""What must hold before the first move: read fresh from the device, each with its value, its limit and what to do.
+
+Here no route or schedule can go around them: ``drivers.sequence`` asks before it writes anything.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from drivers.capabilities import Role
+from drivers.device import ValveDevice
+from drivers.outcome import Sample
+from valve.errors import ConfigurationError, DeviceError, EquipmentError, PermissiveError
+
+_LOOKS: Final = 4  # a sample may be lost and the stem must still be seen at rest
+_LOOK_PERIOD_S: Final = 0.05
+_STILL_M: Final = 1.0e-3  # where the plant file and the nameplate say nothing
+
+
+@dataclass(frozen=True, slots=True)
+class Permissive:
+    """One condition. ``met`` is None where the plant has no way to show it and does not ask for it."""
+
+    name: str
+    met: bool | None
+    value: str
+    limit: str
+    remedy: str = ""
+
+    def to_json(self) -> dict[str, bool | str | None]:
+        """Return it as the interface shows it."""
+        remedy = self.remedy if self.met is False else ""
+        return {"name": self.name, "met": self.met, "value": self.value, "limit": self.limit, "remedy": remedy}
+
+
+@dataclass(frozen=True, slots=True)
+class Readiness:
+    """All permissives of one valve, the sample that they were judged by and how restless the position was, m."""
+
+    permissives: tuple[Permissive, ...]
+    entry: Sample | None = None
+    unrest_m: float = math.nan
+
+    def require(self, tag: str) -> None:
+        """Raise PermissiveError where one is missing."""
+        require_met(tag, self.permissives)
+
+
+def require_met(tag: str, permissives: Iterable[Permissive]) -> None:
+    """Raise PermissiveError that names every missing one with its remedy."""
+    missing = [one for one in permissives if one.met is False]
+    if missing:
+        reasons = "; ".join(f"{one.name}: {one.value}, {one.limit} is needed: {one.remedy}" for one in missing)
+        raise PermissiveError(f"{tag}: nothing was moved: {reasons}")
+
+
+async def read_permissives(device: ValveDevice, permit: str | None = None) -> Readiness:
+    """Read everything that decides whether this valve may move; nothing is written.
+
+    What cannot be read is a missing permissive with the reason.
+    """
+    try:
+        identity = await device.identify()
+        samples = await _looks(device)
+        judged = (
+            Permissive("device", True, identity, "the device that plant.toml names"),
+            *await _free(device),
+            *await _judged(device, samples, permit),
+        )
+    except (EquipmentError, ConfigurationError) as error:
+        remedy = "look at the device and its wire" if isinstance(error, EquipmentError) else "correct plant.toml"
+        return Readiness((Permissive("device", False, str(error), "the device that plant.toml names", remedy),))
+    return Readiness(judged, samples[-1], _unrest_m(samples))
+
+
+async def judge_entry(device: ValveDevice, permit: str | None) -> Readiness:
+    """Return the same for a device that was identified just now. Raises WireError and DeviceError as they come."""
+    samples = await _looks(device)
+    if not math.isfinite(samples[-1].output_pa):
+        raise DeviceError(f"{device.tag}: {device.unit.subject} does not show its output: nothing is moved from there")
+    if not math.isfinite(samples[-1].position_m):
+        raise DeviceError(f"{device.tag}: there is no valid position before the test: check the position sensor")
+    return Readiness(await _judged(device, samples, permit), samples[-1], _unrest_m(samples))
+
+
+async def _judged(device: ValveDevice, samples: Sequence[Sample], permit: str | None) -> tuple[Permissive, ...]:
+    return (
+        *await _own_number(device),
+        await _manual(device, samples[-1], permit),
+        *_permit(device, permit),
+        await _interlock(device, samples[-1]),
+        *_position(device, samples),
+        _output(device, samples[-1]),
+        *await _supply(device, samples[-1]),
+        _watchdog(device),
+    )
+
+
+async def _looks(device: ValveDevice) -> list[Sample]:
+    """Look a few times; a look that fails is left out. Raises the last error where fewer than two came."""
+    samples: list[Sample] = []
+    problem: EquipmentError | None = None
+    for _ in range(_LOOKS):
+        try:
+            samples.append(await device.read())
+        except EquipmentError as error:
+            problem = error
+        await asyncio.sleep(_LOOK_PERIOD_S)
+    if len(samples) < 2 and problem is not None:
+        raise problem
+    return samples
+
+
+def _unrest_m(samples: Sequence[Sample]) -> float:
+    seen = [sample.position_m for sample in samples if math.isfinite(sample.position_m)]
+    return max(seen) - min(seen) if len(seen) > 1 else math.nan
+
+
+async def _own_number(device: ValveDevice) -> list[Permissive]:
+    wanted = device.wiring.permissives.device_number
+    if wanted is None:
+        return []
+    number = await device.number()
+    value = "it shows no number" if number is None else f"{number}"
+    return [
+        Permissive(
+            "device_number",
+            number == wanted,
+            value,
+            f"{wanted}",
+            "another device answers: correct the bus, device_id or permissives.device_number",
+        )
+    ]
+
+
+async def _free(device: ValveDevice) -> list[Permissive]:
+    owner = await device.owner()
+    if owner is None:
+        return []
+    value = "nobody" if owner == 0 else f"run {owner}"
+    remedy = "wait for the end of that run or for the device's watchdog, or restart the device where that run is dead"
+    return [Permissive("owner", owner == 0, value, "nobody", remedy)]
+
+
+async def _manual(device: ValveDevice, sample: Sample, permit: str | None) -> Permissive:
+    rules = device.wiring.permissives
+    shown = await device.loop_in_manual(sample)
+    wanted = "the loop in manual"
+    if shown:
+        return Permissive("loop_in_manual", True, "in manual", wanted)
+    if rules.permit and permit:
+        return Permissive("loop_in_manual", True, f"permit {permit}", wanted + " or a permit")
+    if rules.manual_waived:
+        return Permissive("loop_in_manual", True, f"waived: {rules.manual_waived}", wanted)
+    if shown is None and rules.manual is None:
+        return Permissive(
+            "loop_in_manual",
+            False,
+            "nothing shows it",
+            wanted,
+            "name permissives.manual, demand a permit (permissives.permit = true) or say permissives.manual_waived",
+        )
+    value = "its contact is not valid" if shown is None else "not in manual"
+    return Permissive("loop_in_manual", False, value, wanted, "put the valve's loop in manual, then start again")
+
+
+def _permit(device: ValveDevice, permit: str | None) -> list[Permissive]:
+    if not device.wiring.permissives.permit:
+        return []
+    return [
+        Permissive(
+            "permit", bool(permit), permit or "none", "a permit number", "start the test with the work permit's number"
+        )
+    ]
+
+
+async def _interlock(device: ValveDevice, sample: Sample) -> Permissive:
+    active = await device.interlocked(sample)
+    if active is None and device.wiring.permissives.interlock is None:
+        return Permissive("no_interlock", None, "nothing shows it", "no interlock")
+    value = "its contact is not valid" if active is None else "active" if active else "none"
+    return Permissive("no_interlock", active is False, value, "no interlock", "clear the interlock in the control room")
+
+
+def _position(device: ValveDevice, samples: Sequence[Sample]) -> list[Permissive]:
+    rules, limits = device.wiring.permissives, device.wiring.limits
+    span = rules.position_m or limits.position_m
+    position_m, unrest_m = samples[-1].position_m, _unrest_m(samples)
+    still_m = _STILL_M if rules.still_m is None else rules.still_m
+    limit = "a valid position" if span is None else f"{span[0]:g} to {span[1]:g} m"
+    plausible = math.isfinite(position_m) and (span is None or span[0] <= position_m <= span[1])
+    return [
+        Permissive("position", plausible, f"{position_m:g} m", limit, "check the position sensor and its scaling"),
+        Permissive(
+            "stem_at_rest",
+            unrest_m <= still_m,
+            f"{unrest_m:.2g} m between looks",
+            f"at most {still_m:g} m",
+            "wait until the stem rests, and check who moves it",
+        ),
+    ]
+
+
+def _output(device: ValveDevice, sample: Sample) -> Permissive:
+    low_pa, high_pa = device.wiring.limits.pressure_pa
+    slack_pa = 0.05 * (high_pa - low_pa)
+    fits = low_pa - slack_pa <= sample.output_pa <= high_pa + slack_pa
+    limit = f"{low_pa:g} to {high_pa:g} Pa"
+    remedy = "bring the output inside limits.pressure_pa, or correct the limits"
+    return Permissive("output", fits, f"{sample.output_pa:g} Pa", limit, remedy)
+
+
+async def _supply(device: ValveDevice, sample: Sample) -> list[Permissive]:
+    rules, live = device.wiring.permissives, device.unit.map.live
+    supply_pa = await device.supply_pa(sample)
+    low = live is not None and bool(sample.status & live.supply_low_mask)
+    remedy = "check the air supply and its regulator"
+    if rules.supply_pa is None:
+        if live is None or not live.supply_low_mask:
+            return []
+        value = "low" if low else "not low"
+        return [Permissive(Role.SUPPLY.value, not low, value, "the device does not call it low", remedy)]
+    low_pa, high_pa = rules.supply_pa
+    fits = low_pa <= supply_pa <= high_pa and not low
+    return [Permissive(Role.SUPPLY.value, fits, f"{supply_pa:g} Pa", f"{low_pa:g} to {high_pa:g} Pa", remedy)]
+
+
+def _watchdog(device: ValveDevice) -> Permissive:
+    choice = device.wiring.watchdog
+    if choice.timeout_s is None:
+        return Permissive("watchdog", True, f"waived: {choice.waived}", "a watchdog in the device, or a waiver")
+    value = f"{choice.timeout_s:g} s, armed and read back before the first move"
+    return Permissive("watchdog", True, value, "a watchdog in the device, or a waiver")

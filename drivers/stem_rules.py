@@ -1,0 +1,147 @@
+"""When what the sensors show is no stem in good order: it stands, it jumps to and fro, it is where none can be."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from typing import Final
+
+from drivers.addresses import ValveWiring
+from drivers.faults import FrozenSensorError, NoBreakawayError
+from drivers.outcome import Sample
+from valve.errors import DeviceError
+
+_BREAKAWAY_SHARE: Final = 0.95  # of the limits' span; a stem with 90 % of dead band still moves in a whole stroke
+_FOLLOWING_SHARE: Final = 0.75  # the output's change without any of the pressure; a low supply caps 60 % at most
+_MOVED_SHARE: Final = 1.0e-3  # of the travel
+_MOVED_M: Final = 1.0e-5  # where the travel is not known
+_UNRESTS: Final = 3.0  # a position that is this many times the unrest at entry away has moved
+_PRESSURE_MOVED: Final = 0.01  # of the limits' span
+_SAME_BITS: Final = 20  # looks in a row with the very same value: a sensor whose noise was seen shows others
+_SPIKE_SHARE: Final = 0.05  # of the travel, there and back between three looks
+_SPIKE_CALM: Final = 0.02  # of the limits' span: a pressure that changes more may well move a stem so far
+_SPIKES: Final = 3
+_SPIKES_WITHIN_S: Final = 2.0
+_OUTSIDE: Final = 3  # looks in a row
+
+
+class StemRules:
+    """Watches the position and the pressure of one test."""
+
+    def __init__(self, wiring: ValveWiring) -> None:
+        limits = wiring.limits
+        self._tag = wiring.tag
+        self._span_pa = limits.pressure_pa[1] - limits.pressure_pa[0]
+        self._breakaway_pa = limits.breakaway_pa or _BREAKAWAY_SHARE * self._span_pa
+        self._band_m = limits.band_m
+        self._range_m = wiring.permissives.position_m
+        self._moved_m = _MOVED_M if self._range_m is None else _MOVED_SHARE * (self._range_m[1] - self._range_m[0])
+        self._noisy = False
+        self._entry_m = math.nan
+        self._standstill = True
+        self._begin()
+
+    def _begin(self) -> None:
+        self._rest_m = self._last_m = math.nan
+        self._rest_pa = math.nan
+        self._pressures: tuple[float, float] = (math.inf, -math.inf)  # since the stem moved last
+        self._outputs: tuple[float, float] = (math.inf, -math.inf)  # since the pressure moved last
+        self._same = self._outside = self._off_band = 0
+        self._recent: deque[tuple[float, float]] = deque(maxlen=3)
+        self._spikes_s: deque[float] = deque(maxlen=_SPIKES)
+
+    def begin(self, entry: Sample | None, unrest_m: float) -> None:
+        """Count from now. ``entry`` is how the valve stood before, ``unrest_m`` how much the position varied then."""
+        self._begin()
+        if entry is not None:
+            self._entry_m = entry.position_m
+        if unrest_m > 0.0:
+            self._noisy = True
+            self._moved_m = max(self._moved_m, _UNRESTS * unrest_m)
+
+    def stand_down(self) -> None:
+        """Judge no longer whether the stem moves: the pressure goes back because it did not."""
+        self._standstill = False
+
+    def fault(self, sample: Sample) -> DeviceError | None:
+        """Return why the test must end by this sample, or None."""
+        following = self._ip_stuck(sample)
+        if not math.isfinite(sample.position_m):
+            return following
+        return self._impossible(sample) or following or self._standing(sample)
+
+    def _impossible(self, sample: Sample) -> DeviceError | None:
+        position_m = sample.position_m
+        if self._range_m is not None:
+            outside = not self._range_m[0] <= position_m <= self._range_m[1]
+            self._outside = self._outside + 1 if outside else 0
+            if self._outside >= _OUTSIDE:
+                return DeviceError(
+                    f"{self._tag}: position {position_m:g} m is outside {self._range_m[0]:g} to {self._range_m[1]:g} m,"
+                    " where no stem can be: check the position sensor and its scaling"
+                )
+        if self._band_m is not None and math.isfinite(self._entry_m):
+            away_m = abs(position_m - self._entry_m)
+            self._off_band = self._off_band + 1 if away_m > self._band_m else 0
+            if self._off_band > 1:
+                return DeviceError(
+                    f"{self._tag}: the stem is {away_m:g} m from where it stood before the test, limits.band_m allows "
+                    f"{self._band_m:g} m: choose a smaller range"
+                )
+        return self._spiking(sample)
+
+    def _spiking(self, sample: Sample) -> DeviceError | None:
+        acting_pa = sample.pressure_pa if math.isfinite(sample.pressure_pa) else sample.output_pa
+        self._recent.append((sample.position_m, acting_pa))
+        if self._range_m is None or len(self._recent) < 3:
+            return None
+        (first_m, first_pa), (middle_m, _), (last_m, last_pa) = self._recent
+        spike_m = _SPIKE_SHARE * (self._range_m[1] - self._range_m[0])
+        there_and_back = min(abs(middle_m - first_m), abs(middle_m - last_m)) > spike_m > 2.0 * abs(last_m - first_m)
+        if there_and_back and abs(last_pa - first_pa) < _SPIKE_CALM * self._span_pa:
+            self._spikes_s.append(time.monotonic())
+        if len(self._spikes_s) < _SPIKES or self._spikes_s[-1] - self._spikes_s[0] > _SPIKES_WITHIN_S:
+            return None
+        return DeviceError(
+            f"{self._tag}: the position jumped to and fro {_SPIKES} times within {_SPIKES_WITHIN_S:g} s, as no stem "
+            "can: check the position sensor and its cable"
+        )
+
+    def _ip_stuck(self, sample: Sample) -> DeviceError | None:
+        if not math.isfinite(sample.pressure_pa):
+            return None
+        if not abs(sample.pressure_pa - self._rest_pa) <= _PRESSURE_MOVED * self._span_pa:
+            self._rest_pa, self._outputs = sample.pressure_pa, (sample.output_pa, sample.output_pa)
+            return None
+        self._outputs = min(self._outputs[0], sample.output_pa), max(self._outputs[1], sample.output_pa)
+        change_pa = self._outputs[1] - self._outputs[0]
+        if not self._standstill or change_pa <= _FOLLOWING_SHARE * self._span_pa:
+            return None
+        return DeviceError(
+            f"{self._tag}: the output changed by {change_pa:.4g} Pa and the actuator's pressure stayed at "
+            f"{sample.pressure_pa:.4g} Pa: check the I/P, its air supply and the pressure sensor"
+        )
+
+    def _standing(self, sample: Sample) -> DeviceError | None:
+        position_m = sample.position_m
+        acting_pa = sample.pressure_pa if math.isfinite(sample.pressure_pa) else sample.output_pa
+        self._same = self._same + 1 if position_m == self._last_m else 0
+        self._last_m = position_m
+        if not abs(position_m - self._rest_m) <= self._moved_m:
+            self._rest_m, self._pressures = position_m, (acting_pa, acting_pa)
+            return None
+        self._pressures = min(self._pressures[0], acting_pa), max(self._pressures[1], acting_pa)
+        change_pa = self._pressures[1] - self._pressures[0]
+        if not self._standstill or change_pa <= self._breakaway_pa:
+            return None
+        swept = f"the pressure changed by {change_pa:.4g} Pa"
+        if self._noisy and self._same >= _SAME_BITS:
+            return FrozenSensorError(
+                f"{self._tag}: {swept} and the position shows the very same {position_m:g} m for {self._same} looks, "
+                "without the noise that it had before: the position sensor is frozen, check it"
+            )
+        return NoBreakawayError(
+            f"{self._tag}: {swept} and the stem did not break away from {position_m:g} m, a healthy one moves within "
+            f"{self._breakaway_pa:.4g} Pa: the stem is stuck, look at packing, seat and actuator"
+        )
