@@ -24,8 +24,6 @@ GRID: Final = "#e3e6e9"
 BLUE: Final = "#0072b2"
 RED: Final = "#b8410a"
 
-# The longest line in a picture: more is beyond what a tablet's pixels show.
-MOST_POINTS: Final = 240
 _SETTINGS: Final[Any] = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans", "Liberation Sans", "Arial", "sans-serif"],
@@ -39,8 +37,8 @@ _SETTINGS: Final[Any] = {
     "path.simplify": True,
     "path.simplify_threshold": 0.3,
 }
-_NUMBER: Final = re.compile(r"-?\d+\.\d{3,}(?:e-?\d+)?")
-_TAG: Final = re.compile(r"<[^>]*>")  # never a number that is read
+_NUMBER: Final = re.compile(r"-?\d+\.\d{2,}")
+_COURSE: Final = re.compile(r'(?<= d=")[^"]*')  # never a number that is read, nor the scale of a letter
 _SVG_OPEN: Final = re.compile(r"<svg [^>]*>")
 _PROLOGUE: Final = re.compile(r"^.*?(?=<svg )", re.DOTALL)
 _METADATA: Final = re.compile(r"\s*<metadata>.*?</metadata>", re.DOTALL)
@@ -86,7 +84,7 @@ def svg_text(picture: Picture, *, text_as_paths: bool = False) -> str:
     with mpl.rc_context({**_SETTINGS, **fonts}):
         picture.figure.savefig(written, format="svg", metadata={"Date": None, "Creator": None})
     text = _METADATA.sub("", _PROLOGUE.sub("", written.getvalue(), count=1), count=1)
-    text = _TAG.sub(lambda tag: _NUMBER.sub(lambda found: f"{float(found.group()):.2f}", tag.group()), text)
+    text = _COURSE.sub(lambda d: _NUMBER.sub(lambda found: f"{float(found.group()):.1f}", d.group()), text)
     words = f'<title id="t">{html.escape(picture.title)}</title><desc id="d">{html.escape(picture.description)}</desc>'
     opening = _SVG_OPEN.search(text)
     assert opening is not None, "matplotlib writes an svg element"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -11,8 +11,6 @@ from service.figures.canvas import BLUE, INK, RED, SOFT, Picture, settings, shee
 from service.shown_units import UnitSystem, shown_unit
 
 _LINES: Final = {"opening": ("-", "o"), "closing": ("--", "s"), "both": ("-", "o")}
-_WORDS: Final = {1: "opening", -1: "closing", 0: "both"}
-_COORDINATES: Final = {"travel": "m", "speed": "m/s", "time": "s", "time at rest": "s", "force": "N", "pressure": "Pa"}
 
 
 def time_picture(pictures: Mapping[str, Any] | None, system: UnitSystem) -> Picture | None:
@@ -45,21 +43,20 @@ def time_picture(pictures: Mapping[str, Any] | None, system: UnitSystem) -> Pict
 
 
 def coordinate_picture(pictures: Mapping[str, Any] | None, system: UnitSystem) -> Picture | None:
-    """Return the misfit in newtons along its first coordinate, with the cause's own part drawn through it."""
+    """Return the misfit in newtons along the coordinate that explains most, the cause's own part drawn through it."""
     curves = [] if pictures is None else pictures.get("coordinates") or []
-    if not curves:
+    if pictures is None or not curves:
         return None
-    name = str(curves[0]["coordinate"])
+    name = _telling([str(curve["coordinate"]) for curve in curves], pictures.get("explained") or {})
     same = [curve for curve in curves if curve["coordinate"] == name and curve.get("x")]
     if not same:
         return None
-    si_unit = _COORDINATES.get(name, str(same[0].get("unit", "")))
-    x_unit, force = shown_unit(si_unit, system), shown_unit("N", system)
+    x_unit, force = shown_unit(str(same[0]["unit"]), system), shown_unit("N", system)
     with settings():
         figure = sheet(7.2, 3.6)
         axes = figure.subplots()
         for curve in same:
-            way = _WORDS.get(curve["direction"], curve["direction"])
+            way = str(curve["direction"])
             line, marker = _LINES.get(way, ("-", "o"))
             x = _numbers(curve["x"]) / x_unit.in_si
             label = "misfit" if way == "both" else f"misfit, {way}"
@@ -79,7 +76,11 @@ def coordinate_picture(pictures: Mapping[str, Any] | None, system: UnitSystem) -
     )
 
 
-def _fill(way: str) -> Any:
+def _telling(names: list[str], explained: Mapping[str, float]) -> str:
+    return max(names, key=lambda name: explained.get(name, 0.0))
+
+
+def _fill(way: str) -> Literal["none", "full"]:
     return "none" if way == "closing" else "full"
 
 

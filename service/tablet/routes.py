@@ -18,11 +18,12 @@ from service.runs.sequences import build_waveform
 from service.shown_units import UnitSystem, quantity, shown_unit
 from service.tablet.history import ValvePast, past_of
 from service.tablet.night import due_checks, night_of
-from service.tablet.plans import planned_line, plans_of
+from service.tablet.plans import AROUND_S, planned_line, plans_of
 from service.tablet.rendering import page, units_of
 from service.tablet.results import (
     diagnosis_of,
     figure_rows,
+    has_values,
     method_messages,
     method_names,
     missing_reasons,
@@ -114,6 +115,7 @@ async def start_page(request: Request, tag: str, parts: PartsOf, visitor: Visito
         "busy_with": parts.runs.user_of(tag),
         "travel_m": valve.nameplate.actuator.travel_m,
         "plans": plans_of(valve),
+        "around_s": AROUND_S,
         "safe_words": _safe_words(valve.wiring.safe_value_pa, system),
     }
     return page(request, "start.html", visitor, values)
@@ -258,6 +260,7 @@ def _result(request: Request, run: Run, past: ValvePast) -> dict[str, Any]:
         "separating_words": _separating_words(diagnosis.separating_test),
         "has_pictures": bool(pictures.get("time")),
         "has_coordinates": bool(pictures.get("coordinates")),
+        "has_values": has_values(analysis),
         "has_loop": bool((analysis.get("signature") or {}).get("curve")),
         "figure_rows": figure_rows(analysis, baseline),
         "parameter_rows": parameter_rows(analysis),

@@ -172,7 +172,7 @@ async function lookAtPermissives() {
   }
   if (!answer.ok) {
     mayStart = null;
-    place.replaceChildren(element("p", refusal(answer)));
+    place.replaceChildren(element("p", refusal(answer), "sum missing"));
   } else {
     mayStart = answer.found.may_start;
     const list = element("ul", "", "permissives");
@@ -200,7 +200,12 @@ if ($("start")) {
     arm.disabled = !online || mayStart !== true || isStarting;
     go.disabled = !online || mayStart !== true || isStarting || Date.now() > armedUntil;
   });
-  form.addEventListener("input", () => disarm("Something was changed. Step 2 is locked."));
+  const summarize = () => {
+    const chosen = form.querySelector("[name=sequence]:checked");
+    $("summary").textContent = chosen ? `${form.dataset.valve} moves over its travel: ${chosen.dataset.words}.` : "No sequence is possible.";
+  };
+  summarize();
+  form.addEventListener("input", () => { summarize(); disarm("Something was changed. Step 2 is locked."); });
   arm.addEventListener("click", async () => {
     words.textContent = "Asking the device once more…";
     await lookAtPermissives();
