@@ -11,9 +11,16 @@ from typing import Final
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 from fastapi.responses import HTMLResponse
+from fastapi.routing import APIRoute
 from pydantic import BaseModel
 
+from service.access.access import access_of
+from service.access.gate import Gate
+from service.access.needs import OPEN_TO_ALL, require_rights, right_of
+from service.access.routes import router as access_routes
+from service.access.routes import session_router as session_routes
 from service.analysis_pool import AnalysisPool
+from service.audit.log import AuditLog
 from service.body_limits import BodyLimits
 from service.docs_page import docs_page
 from service.errors import install_error_handlers
@@ -28,6 +35,7 @@ from service.runs.routes import router as test_routes
 from service.runs.service import Runs
 from service.settings import Plant
 from service.store.store import Store, open_store
+from service.tablet.install import install_tablet
 from service.valves.routes import router as valve_routes
 from service.wired_rig import WiredRig
 
@@ -37,6 +45,9 @@ Vendor-neutral control-valve diagnostics: drives a valve through a test over Mod
 
 This service is not a safety function and never writes to a safety-instrumented device.
 Errors are problem documents (RFC 9457, application/problem+json)."""
+
+
+RIGHT_KEY: Final = "x-breakaway-right"
 
 
 class Health(BaseModel):
@@ -65,7 +76,9 @@ def create_app(
         chosen = pool if pool is not None else analyst
         assert chosen is not None
         runs = Runs(plant, opened, rig or WiredRig(plant.buses, software), chosen, software=software)
-        app.state.parts = Parts(plant, opened, runs, chosen, converter, VERSION)
+        audit = await asyncio.to_thread(AuditLog, opened.folder / "audit", plant.service.gateway or "gateway")
+        access = access_of(opened.engine, plant.service.access, audit)
+        app.state.parts = Parts(plant, opened, runs, chosen, converter, VERSION, access, audit)
         try:
             if pool is not None:
                 await pool.start()
@@ -74,6 +87,7 @@ def create_app(
         finally:
             await runs.shut_down()
             await converter.close()
+            await app.state.parts.drawer.close()
             if pool is not None:
                 await pool.close()
             opened.close()
@@ -87,13 +101,16 @@ def create_app(
         docs_url=None,  # FastAPI's own pages load their scripts from elsewhere
         redoc_url=None,
     )
+    app.add_middleware(Gate)
     app.add_middleware(BodyLimits)
     app.add_middleware(HeadRequests)
     install_error_handlers(app)
-    for router in (test_routes, recording_routes, valve_routes):
+    for router in (test_routes, recording_routes, valve_routes, session_routes, access_routes):
         app.include_router(router)
 
-    @app.get("/healthz", tags=["service"])
+    install_tablet(app)
+
+    @app.get("/healthz", tags=["service"], dependencies=[OPEN_TO_ALL])
     async def healthz() -> Health:
         """Say that the service lives."""
         return Health(status="ok", version=VERSION)
@@ -102,6 +119,7 @@ def create_app(
     async def docs() -> HTMLResponse:
         return HTMLResponse(docs_page(app.openapi()))
 
+    require_rights(app)
     app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]  # the way that FastAPI documents
     return app
 
@@ -111,5 +129,10 @@ def _openapi(app: FastAPI) -> dict[str, object]:
     if app.openapi_schema is None:
         document = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
         document["components"]["schemas"]["Problem"] = Problem.model_json_schema()
+        for route in app.routes:
+            if isinstance(route, APIRoute) and route.include_in_schema:
+                right = right_of(route).right
+                for method in route.methods or ():
+                    document["paths"][route.path_format][method.lower()][RIGHT_KEY] = right or "nobody needs one"
         app.openapi_schema = document
     return app.openapi_schema

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from http import HTTPStatus
 from typing import Any, Final
@@ -12,6 +13,8 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
+from service.access.needs import ForbiddenError, NotSignedInError
+from service.access.throttle import ThrottledError
 from valve.errors import (
     BusyError,
     ConfigurationError,
@@ -32,6 +35,9 @@ _LOG = structlog.get_logger(__name__)
 # The nearest ancestor that stands here counts.
 STATUS: Final[dict[type[ValveError], HTTPStatus]] = {
     RequestError: HTTPStatus.UNPROCESSABLE_ENTITY,
+    NotSignedInError: HTTPStatus.UNAUTHORIZED,
+    ForbiddenError: HTTPStatus.FORBIDDEN,
+    ThrottledError: HTTPStatus.TOO_MANY_REQUESTS,
     NotFoundError: HTTPStatus.NOT_FOUND,
     BusyError: HTTPStatus.CONFLICT,
     ElsewhereError: HTTPStatus.MISDIRECTED_REQUEST,
@@ -84,7 +90,11 @@ def _valve_error(request: Request, error: Exception) -> ProblemResponse:
         _LOG.error("request failed", path=request.url.path, error=str(error))
     kind = f"urn:breakaway:error:{type(error).__name__}"
     more: dict[str, Any] = {"gateway": error.gateway, "url": error.url} if isinstance(error, ElsewhereError) else {}
-    return problem(status, _printable(str(error)), instance=request.url.path, kind=kind, **more)
+    headers = {"WWW-Authenticate": "Bearer"} if status is HTTPStatus.UNAUTHORIZED else {}
+    if isinstance(error, ThrottledError):
+        headers["Retry-After"] = str(math.ceil(error.retry_after_s))
+    detail = _printable(str(error))
+    return problem(status, detail, instance=request.url.path, kind=kind, headers=headers, **more)
 
 
 def _http_error(request: Request, error: Exception) -> ProblemResponse:

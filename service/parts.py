@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from fastapi import Request
 
+from service.access.access import Access
+from service.audit.log import AuditLog
+from service.figures.drawer import Drawer
 from service.recordings.conversion import Converter
 from service.runs.life import Analyst
 from service.runs.service import Runs
@@ -23,6 +26,9 @@ class Parts:
     analyst: Analyst
     converter: Converter
     version: str
+    access: Access
+    audit: AuditLog
+    drawer: Drawer = field(default_factory=Drawer)
 
 
 def parts_of(request: Request) -> Parts:

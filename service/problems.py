@@ -25,6 +25,8 @@ PROBLEMS: Final[dict[int | str, dict[str, Any]]] = {
     }
     for status, description in (
         (400, "The request cannot be read"),
+        (401, "Nobody is signed in, or the token is over"),
+        (403, "Whoever asks may not do this"),
         (404, "Unknown tag or test"),
         (406, "No format that the client accepts"),
         (408, "The request came too slowly"),
@@ -33,5 +35,6 @@ PROBLEMS: Final[dict[int | str, dict[str, Any]]] = {
         (415, "The body is of another type than the route takes"),
         (422, "The request is understood and wrong"),
         (423, "A permissive is missing: nothing moved"),
+        (429, "Too many sign-ins failed"),
     )
 }

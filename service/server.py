@@ -36,7 +36,8 @@ class _Server(uvicorn.Server):
         await super().startup(sockets=sockets)
         for listener in sockets or []:
             host, port = listener.getsockname()[:2]
-            _LOG.info("listening", url=f"http://{f'[{host}]' if ':' in host else host}:{port}")
+            scheme = "https" if self.config.is_ssl else "http"
+            _LOG.info("listening", url=f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}")
 
     def handle_exit(self, sig: int, _frame: FrameType | None) -> None:
         """Stop the tests at once; the second signal no longer waits for anybody."""
@@ -66,6 +67,9 @@ def serve_plant(plant: Plant) -> None:
     """Serve until a signal ends it. Raises BusyError where another service has the store, ConfigurationError."""
     with _listen(plant.service) as listener:
         app = create_app(plant, store=open_store(plant.service))
+        access = plant.service.access
+        if not access.sign_in and not access.loopback:
+            _LOG.warning("no sign-in: whoever reaches this address may move valves", bind=plant.service.bind)
         config = uvicorn.Config(
             app,
             loop="uvloop",
@@ -75,6 +79,10 @@ def serve_plant(plant: Plant) -> None:
             access_log=False,
             server_header=False,
             timeout_graceful_shutdown=_END_S,
+            ssl_certfile=access.tls_certificate,
+            ssl_keyfile=access.tls_key,
+            proxy_headers=access.behind_proxy,  # otherwise anybody could name another address as their own
+            forwarded_allow_ips=list(access.proxy_addresses),
         )
         _Server(config, app).run(sockets=[listener])
     _LOG.info("ended")

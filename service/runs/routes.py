@@ -13,6 +13,9 @@ from urllib.parse import urlencode
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 
+from service.access.motion import require_may_run
+from service.access.needs import Asks, needs
+from service.access.principal import Right
 from service.events import Event
 from service.json_body import JsonRoute
 from service.parts import Parts, parts_of
@@ -38,19 +41,30 @@ def _wait_s(request: Request) -> int | None:
     "/run",
     status_code=HTTPStatus.ACCEPTED,
     response_model=RunView,
+    dependencies=[needs(Right.RUN)],
     responses={200: {"model": RunView, "description": "Done within the time that Prefer: wait=SECONDS gave"}},
 )
 async def run_test(
     request: Request,
     wanted: RunRequest,
     parts: PartsOf,
+    asks: Asks,
     idempotency_key: Annotated[
         str | None,
         Header(min_length=1, max_length=255, description="the same key with the same body gives the same test"),
     ] = None,
 ) -> Response:
     """Start a test of one valve: 202 at once, or with `Prefer: wait=SECONDS` 200 if it is done by then."""
-    run = await parts.runs.start(wanted.valve, wanted.sequence, wanted.overrides, idempotency_key)
+    require_may_run(asks, parts.plant, wanted.valve, wanted.sequence, wanted.overrides)
+    run = await parts.runs.start(
+        wanted.valve,
+        wanted.sequence,
+        wanted.overrides,
+        idempotency_key,
+        requester=asks.requester,
+        label=wanted.label,
+        permit=wanted.permit,
+    )
     headers = {"Location": f"/tests/{run.id}"}
     status = HTTPStatus.ACCEPTED
     wait_s = _wait_s(request)
@@ -61,7 +75,7 @@ async def run_test(
     return JSONResponse(view(run).model_dump(mode="json"), status_code=status, headers=headers)
 
 
-@router.get("")
+@router.get("", dependencies=[needs(Right.VIEW)])
 async def list_tests(
     parts: PartsOf,
     limit: Annotated[int, Query(ge=1, le=200)] = 50,
@@ -79,20 +93,23 @@ async def list_tests(
     return RunPage(tests=[summary(run) for run in runs[:limit]], next=following)
 
 
-@router.get("/{test_id}")
+@router.get("/{test_id}", dependencies=[needs(Right.VIEW)])
 async def get_test(test_id: str, parts: PartsOf) -> RunView:
     """Return one test."""
     return view(await parts.runs.get(test_id))
 
 
-@router.post("/{test_id}/stop")
+@router.post("/{test_id}/stop", dependencies=[needs(Right.STOP)])
 async def stop_test(test_id: str, parts: PartsOf) -> RunView:
     """Send the valve to its safe value at once; a test that has ended stays as it is."""
     return view(await parts.runs.stop(test_id))
 
 
 @router.get(
-    "/{test_id}/events", response_class=StreamingResponse, responses={200: {"content": {"text/event-stream": {}}}}
+    "/{test_id}/events",
+    response_class=StreamingResponse,
+    dependencies=[needs(Right.VIEW)],
+    responses={200: {"content": {"text/event-stream": {}}}},
 )
 async def watch_test(
     test_id: str, parts: PartsOf, last_event_id: Annotated[str | None, Header(max_length=40)] = None
@@ -118,6 +135,7 @@ async def _as_text(events: AsyncIterator[Event | None]) -> AsyncIterator[str]:
 @router.get(
     "/{test_id}/recording",
     response_class=FileResponse,
+    dependencies=[needs(Right.VIEW)],
     responses={200: {"content": {CSV: {}, PARQUET: {}}, "description": "The raw recording, as Accept asks"}},
 )
 async def get_recording(request: Request, test_id: str, parts: PartsOf) -> Response:

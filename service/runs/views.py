@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
-from service.runs.run import Run, RunState
+from service.runs.run import Label, Run, RunState
 
 
 class RunRequest(BaseModel):
@@ -22,6 +22,12 @@ class RunRequest(BaseModel):
         description="how the valve moves; by default multi_rate, or triangle where the valve's limits do not allow it",
     )
     overrides: dict[str, JsonValue] = Field(default_factory=dict, examples=[{"cycles": 2, "period_s": 20}])
+    label: Annotated[Label, Field(strict=False)] | None = Field(
+        default=None, description="what the test stands for beside a repair: as_found or as_left"
+    )
+    permit: str | None = Field(
+        default=None, min_length=1, max_length=64, description="the work permit, where the valve demands one"
+    )
 
 
 class RecordingLink(BaseModel):

@@ -10,6 +10,8 @@ from urllib.parse import quote
 from fastapi import APIRouter, Depends
 from pydantic import BaseModel, Field
 
+from service.access.needs import needs
+from service.access.principal import Right
 from service.parts import Parts, parts_of
 from service.problems import PROBLEMS
 from service.runs.sequences import SEQUENCES, default_of
@@ -63,7 +65,7 @@ def _summary(parts: Parts, tag: str, head: ValveHead | None) -> dict[str, Any]:
     }
 
 
-@router.get("")
+@router.get("", dependencies=[needs(Right.VIEW)])
 async def list_valves(parts: PartsOf) -> ValveList:
     """List the plant's valves with their last test."""
     heads = await asyncio.to_thread(parts.store.runs.valve_heads)
@@ -72,7 +74,7 @@ async def list_valves(parts: PartsOf) -> ValveList:
     )
 
 
-@router.get("/{tag:path}")
+@router.get("/{tag:path}", dependencies=[needs(Right.VIEW)])
 async def get_valve(tag: str, parts: PartsOf) -> ValveView:
     """Return one valve with its last completed test."""
     valve = parts.runs.valve(tag)

@@ -1,0 +1,39 @@
+"""Who may run which test: valves by the token, sequences and overrides by the role."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from service.access.needs import ForbiddenError
+from service.access.principal import Principal, Right
+from service.runs.sequences import choose_waveform
+from service.settings import Plant
+
+
+def require_may_run(
+    principal: Principal, plant: Plant, tag: str, sequence: str | None, overrides: Mapping[str, Any]
+) -> None:
+    """Raise ForbiddenError where the caller may not run this test; an unknown tag is left to whoever looks it up.
+
+    Operators and schedules run approved sequences as they are; engineers any, and with overrides.
+    """
+    if not principal.may_move(tag):
+        raise ForbiddenError(f"{tag[:64]}: {principal.name} may not move this valve: ask for a token that names it")
+    if principal.may(Right.CONFIGURE):
+        return
+    if overrides:
+        raise ForbiddenError(
+            f"{tag[:64]}: {principal.name} is {principal.role.value}, overrides are an engineer's: "
+            "run the sequence as it is, or ask an engineer"
+        )
+    approved = plant.service.access.approved_sequences
+    valve = plant.valves.get(tag)
+    if approved is None or valve is None:
+        return
+    name = sequence or choose_waveform(None, {}, valve.nameplate, valve.wiring.limits).name
+    if name not in approved:
+        raise ForbiddenError(
+            f"{tag}: sequence {name[:64]} is not approved for {principal.role.value}: "
+            f"choose one of {', '.join(sorted(approved))}, or ask an engineer"
+        )
