@@ -15,7 +15,18 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from drivers.addresses import MotionLimits
 from valve.errors import RequestError, WaveformError
 from valve.nameplate import Nameplate
-from valve.waveform import Waveform, dwell, multi_rate_periods, multi_rate_triangle, sine, steps, triangle
+from valve.waveform import (
+    Waveform,
+    diagnostic,
+    dwell,
+    multi_rate_periods,
+    multi_rate_triangle,
+    one_after_the_other,
+    sine,
+    small_loops,
+    steps,
+    triangle,
+)
 
 # What a test runs that names no sequence, and what it runs where a valve's limits do not allow that.
 DEFAULT_SEQUENCE: Final = "multi_rate"
@@ -156,12 +167,63 @@ class Dwell(Sequence):
         return dwell(self.period_s, room.low_pa, room.high_pa, self.dwells_s)
 
 
+class Diagnostic(Sequence):
+    """Slow and fast triangles, rests at the middle of the ramps, small loops: all that names a cause, in 139 s.
+
+    ``fast_s`` are the periods of the fast triangles, ``dwells_s`` the rests, ``swings`` the loops to either side of
+    the middle, in shares of the range. Fast ramps are slower where the limit of the pressure's rate asks for it, and
+    all is shortened to longest_test_s.
+    """
+
+    slow_s: Period = 20.0
+    fast_s: Annotated[list[Period], Field(min_length=1, max_length=20)] = [8.0, 5.0, 3.1, 2.3, 2.7]
+    dwells_s: Annotated[list[Period], Field(min_length=1, max_length=20)] = [0.5, 8.0]
+    swings: Annotated[list[Annotated[float, Field(gt=0.0, le=0.5)]], Field(min_length=1, max_length=20)] = [
+        0.35,
+        0.23,
+        0.16,
+    ]
+
+    def waveform(self, room: Room) -> Waveform:
+        """Return the parts one after the other."""
+        return diagnostic(
+            room.low_pa,
+            room.high_pa,
+            rate_pa_per_s=room.rate_pa_per_s,
+            longest_s=room.longest_s,
+            slow_s=self.slow_s,
+            fast_s=self.fast_s,
+            dwells_s=self.dwells_s,
+            swings=self.swings,
+        )
+
+
+class SmallLoops(Sequence):
+    """One triangle, then loops about the middle of the range, each smaller than the last: they tell lost motion."""
+
+    period_s: Period = 16.0
+    loop_s: Period = 12.0
+    swings: Annotated[list[Annotated[float, Field(gt=0.0, le=0.5)]], Field(min_length=1, max_length=50)] = [
+        0.35,
+        0.23,
+        0.16,
+    ]
+
+    def waveform(self, room: Room) -> Waveform:
+        """Return the triangle and the loops, with the way there and back."""
+        whole = triangle(self.period_s, 1, room.low_pa, room.high_pa)
+        loops = small_loops(room.low_pa, room.high_pa, self.swings, self.loop_s, lead_s=self.loop_s / 2.0)
+        return one_after_the_other("small_loops", [whole, loops])
+
+
 SEQUENCES: Final[dict[str, type[Sequence]]] = {
     "triangle": Triangle,
     "multi_rate": MultiRate,
     "sine": Sine,
     "steps": Steps,
     "dwell": Dwell,
+    "small_loops": SmallLoops,
+    "diagnostic": Diagnostic,
 }
 
 

@@ -54,6 +54,7 @@ SEQUENCES: Final = {
     "sine": "Smooth strokes up and down. Checks a model that was found before.",
     "steps": "Small and large steps. Dead band, resolution and speed of response.",
     "dwell": "Strokes with rests. Friction that grows while the valve stands.",
+    "small_loops": "A stroke, then small ones about the middle. Lost motion in the linkage.",
     "diagnostic": "Slow and fast strokes, rests and small loops. Tells most causes apart.",
     "separating": "Chosen to tell the causes apart that the last test could not.",
 }

@@ -5,6 +5,7 @@ import hashlib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from drivers.addresses import MotionLimits
@@ -33,6 +34,27 @@ def test_every_sequence_stays_between_signal_and_limits_by_default(name: str) ->
     assert waveform.range_pa == pytest.approx((10_000.0, 80_000.0))
     assert waveform.time_s.size <= 1024
     assert build_waveform(name, {"low_pa": 2e4, "high_pa": 3e4}, PLATE, LIMITS).range_pa == pytest.approx((2e4, 3e4))
+
+
+@pytest.mark.parametrize(("rate_pa_per_s", "longest_s"), [(1.0e6, 600.0), (30_000.0, 600.0), (1.0e6, 100.0)])
+def test_the_diagnostic_sequence_has_rates_rests_and_loops_within_its_time(
+    rate_pa_per_s: float, longest_s: float
+) -> None:
+    limits = MotionLimits((0.0, 80_000.0), rate_pa_per_s, longest_s)
+    waveform = build_waveform("diagnostic", {}, PLATE, limits)
+    assert waveform.duration_s <= min(150.0, longest_s)
+    assert waveform.fastest_rate_pa_per_s <= rate_pa_per_s
+    run_s, rise_pa = np.diff(waveform.time_s), np.diff(waveform.pressure_pa)
+    rates = np.abs(rise_pa / run_s)
+    assert rates.max() > 3.0 * rates[rates > 0.0].min()
+    rests_s = run_s[rise_pa == 0.0]
+    assert rests_s.max() > 10.0 * rests_s.min() > 0.0
+    # loops turn back within the range, below and above its middle, and each is smaller than the last
+    turns_pa = waveform.pressure_pa[1:-1][np.sign(rise_pa[1:]) * np.sign(rise_pa[:-1]) < 0.0]
+    inner_pa = turns_pa[(turns_pa > 11_000.0) & (turns_pa < 79_000.0)]
+    assert (np.diff(np.abs(inner_pa - 45_000.0)[:6:2]) < 0.0).all()
+    assert (inner_pa[:6:2] > 45_000.0).all()
+    assert (inner_pa[1:6:2] < 45_000.0).all()
 
 
 def test_the_triangle_is_the_papers() -> None:
