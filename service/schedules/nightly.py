@@ -1,0 +1,301 @@
+"""The night: at its time each schedule's checks are queued, each waits for its turn on its bus, and is written down.
+
+The rows of ``schedule_runs`` say what is to be done and what was; the queue (``service.jobs``) carries them. Nothing
+that was begun is resumed after a crash: it is written down as interrupted, and its valve was sent to safe by the
+recovery of its test. What was still queued goes on while its window lasts.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import secrets
+from collections.abc import Callable, Coroutine, Sequence
+from datetime import UTC, datetime, timedelta
+from functools import partial
+from typing import Any, Final, Protocol
+
+import structlog
+
+from service.runs.requester import Requester, RequesterKind
+from service.runs.run import Run, RunState
+from service.runs.service import Runs
+from service.schedules.calendar import Occurrence, next_occurrence, occurrences_between
+from service.schedules.check import Check, CheckState
+from service.settings import Plant
+from service.settings_nightly import Schedule
+from service.store.store import Store
+from valve.errors import BusyError, NotFoundError, PermissiveError, ValveError
+
+_LOG = structlog.get_logger(__name__)
+_LOOK_S: Final = 30.0  # the wall clock may be set: it is looked at this often, whatever is due
+_TURN_S: Final = 0.1
+_LOOK_BACK: Final = timedelta(days=7)  # of checks that were missed while no service ran
+_FEWEST_FOLLOWED: Final = 8  # recordings that may wait for their analysis before the next test waits for them
+
+_BY_TEST: Final = {
+    RunState.COMPLETED: CheckState.COMPLETED,
+    RunState.INTERRUPTED: CheckState.INTERRUPTED,
+}
+
+
+class Queue(Protocol):
+    """What carries checks from their time to their turn."""
+
+    def enqueue(self, job_id: str, bus: str, check_id: int) -> None:
+        """Put a check into the queue of its bus. May block."""
+
+
+def wall_clock() -> datetime:
+    """Return the present instant."""
+    return datetime.now(UTC)
+
+
+class Nightly:
+    """The schedules of one gateway. All methods belong to the event loop but ``carry_out_in_thread``."""
+
+    def __init__(self, plant: Plant, store: Store, runs: Runs, clock: Callable[[], datetime] = wall_clock) -> None:
+        self._plant = plant
+        self._table = store.schedule_runs
+        self._known = store.runs
+        self._runs = runs
+        self._clock = clock
+        self._gateway = plant.service.gateway
+        self._process = secrets.token_hex(8)
+        self._queue: Queue | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._tasks: set[asyncio.Task[Any]] = set()
+        self._closing = asyncio.Event()
+        self._wake = asyncio.Event()
+        self._handled: dict[str, datetime] = {}
+
+    async def prepare(self) -> None:
+        """Write down what a dead process left. To be called after the recovery of tests and before ``start``."""
+        self._loop = asyncio.get_running_loop()
+        now = self._clock()
+        for check in await asyncio.to_thread(self._table.in_states, self._gateway, [CheckState.RUNNING]):
+            await self._note_cut_off(check)
+        for schedule in self._plant.schedules:
+            newest = await asyncio.to_thread(self._table.newest_due, schedule.name, self._gateway)
+            self._handled[schedule.name] = now if newest is None else min(now, max(newest, now - _LOOK_BACK))
+
+    async def start(self, queue: Queue) -> None:
+        """Queue again what was queued, and watch the clock from now on."""
+        self._queue = queue
+        for check in await asyncio.to_thread(self._table.in_states, self._gateway, [CheckState.QUEUED]):
+            await self._enqueue(check)
+        self._spawn(self._watch_clock())
+
+    def stop_waiting(self) -> None:
+        """Let no further check begin; those whose test runs end with it. What waits stays queued."""
+        self._closing.set()
+        self._wake.set()
+
+    async def close(self) -> None:
+        """End the watch, and wait for what is being written down. The runs must be ending."""
+        self.stop_waiting()
+        if self._tasks:
+            await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    def look_now(self) -> None:
+        """Look at the clock at once: for tests that set it."""
+        self._wake.set()
+
+    async def run_now(self, name: str, requested_by: str) -> list[Check]:
+        """Queue a schedule's checks at once. Raises NotFoundError."""
+        schedule = self.schedule(name)
+        now = self._clock()
+        hand = Occurrence(f"{now.astimezone(schedule.zone):%Y-%m-%dT%H:%M:%S} by hand"[:32], now)
+        return await self._dispatch(schedule, hand, requested_by)
+
+    def schedule(self, name: str) -> Schedule:
+        """Return the schedule of this name. Raises NotFoundError."""
+        for schedule in self._plant.schedules:
+            if schedule.name == name:
+                return schedule
+        raise NotFoundError(f"schedule {name[:64]!r} is unknown: GET /schedules lists all")
+
+    def _spawn(self, work: Coroutine[Any, Any, Any]) -> None:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _watch_clock(self) -> None:
+        while not self._closing.is_set():
+            self._wake.clear()
+            try:
+                await self.look()
+            except Exception as error:  # noqa: BLE001  - a database that is away for a minute must not end the nights
+                _LOG.error("schedules not looked at", exc_info=error)
+            with contextlib.suppress(TimeoutError):
+                if not self._closing.is_set():
+                    await asyncio.wait_for(self._wake.wait(), self._pause_s())
+
+    def _pause_s(self) -> float:
+        now = self._clock()
+        coming = [next_occurrence(schedule, now) for schedule in self._plant.schedules]
+        waits = [(one.due_at - now).total_seconds() for one in coming if one is not None]
+        return max(0.0, min([_LOOK_S, *waits]))
+
+    async def look(self) -> None:
+        """Queue what has become due since the last look, and write down what was missed."""
+        now = self._clock()
+        for schedule in self._plant.schedules:
+            after = self._handled[schedule.name]
+            for occurrence in occurrences_between(schedule, after, now):
+                if now > occurrence.due_at + timedelta(seconds=schedule.window_s):
+                    await self._dispatch(schedule, occurrence, missed=True)
+                else:
+                    await self._dispatch(schedule, occurrence)
+                self._handled[schedule.name] = occurrence.due_at
+
+    async def _dispatch(
+        self, schedule: Schedule, occurrence: Occurrence, requested_by: str = "", *, missed: bool = False
+    ) -> list[Check]:
+        checks = []
+        for tag in schedule.valves:
+            if not self._plant.is_ours(tag):
+                continue
+            check = Check(
+                schedule.name,
+                occurrence.name,
+                tag,
+                occurrence.due_at,
+                schedule.window_s,
+                schedule.sequence,
+                self._plant.valves[tag].wiring.command.bus,
+                self._gateway,
+                dict(schedule.overrides),
+                requested_by,
+            )
+            stored = await asyncio.to_thread(self._table.insert, check)
+            if stored is None:
+                continue  # it was queued before: a doubled firing, or a look that was cut off
+            checks.append(stored)
+            reason = _missed(check, self._clock()) if missed else await self._overlap(stored)
+            if reason:
+                await self._end(stored, CheckState.SKIPPED, reason)
+            else:
+                await self._enqueue(stored)
+        _LOG.info("schedule due", schedule=schedule.name, occurrence=occurrence.name, checks=len(checks), missed=missed)
+        return [await asyncio.to_thread(self._table.get, check.id) for check in checks]
+
+    async def _overlap(self, check: Check) -> str:
+        """Why a check is not queued while an earlier one of the same valve and schedule has not ended."""
+        states = [CheckState.QUEUED, CheckState.RUNNING]
+        for other in await asyncio.to_thread(self._table.in_states, self._gateway, states):
+            if (other.schedule, other.valve) == (check.schedule, check.valve) and other.id != check.id:
+                return f"its check of {other.occurrence} is still {other.state.value}: one at a time"
+        return ""
+
+    async def _enqueue(self, check: Check) -> None:
+        assert self._queue is not None, "start comes first"
+        job_id = f"{check.id}:{self._process}"  # another process's job of this check finds it taken up, or is the same
+        await asyncio.to_thread(self._queue.enqueue, job_id, check.bus, check.id)
+
+    def carry_out_in_thread(self, check_id: int) -> str:
+        """Carry a check out from a thread of the queue; return how it stands then."""
+        if self._loop is None or self._closing.is_set():
+            return CheckState.QUEUED.value
+        return asyncio.run_coroutine_threadsafe(self.carry_out(check_id), self._loop).result()
+
+    async def carry_out(self, check_id: int) -> str:
+        """Wait for a check's turn and carry it out until its valve rests; return how it stands then."""
+        check = await asyncio.to_thread(self._table.get, check_id)
+        if check.state is CheckState.RUNNING and check.attempt != self._process:
+            await self._note_cut_off(check)
+        if check.state is not CheckState.QUEUED:
+            return check.state.value
+        reason = self._withdrawn(check)
+        if reason:
+            return await self._end(check, CheckState.SKIPPED, reason)
+        while not self._closing.is_set():
+            busy = self._runs.why_not_scheduled(check.valve)
+            if self._clock() > check.ends_at:
+                return await self._end(check, CheckState.SKIPPED, _too_late(check, busy or reason))
+            if not busy:
+                waits = await self._attempt(check)
+                if waits is None:
+                    break
+                reason = waits
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._closing.wait(), _TURN_S)
+        return (await asyncio.to_thread(self._table.get, check_id)).state.value
+
+    def _withdrawn(self, check: Check) -> str:
+        """Why a check that was queued may not be carried out any more; only what plant.toml approves is."""
+        for schedule in self._plant.schedules:
+            if schedule.name == check.schedule and check.valve in schedule.valves:
+                if (schedule.sequence, dict(schedule.overrides)) == (check.sequence, dict(check.overrides)):
+                    return ""
+                return f"plant.toml asks for another test since: {schedule.sequence}"
+        return f"plant.toml no longer has {check.valve} in schedule {check.schedule}"
+
+    async def _attempt(self, check: Check) -> str | None:
+        """Start a check's test; None once it is done with, or why it has to wait."""
+        if not await asyncio.to_thread(self._table.take_up, check.id, self._process, self._clock()):
+            return None
+        requester = Requester(f"schedule {check.schedule}"[:64], RequesterKind.SCHEDULE)
+        try:
+            run = await self._runs.start(
+                check.valve, check.sequence, check.overrides, _key(check), requester=requester, schedule=check.schedule
+            )
+        except BusyError as error:
+            await asyncio.to_thread(self._table.put_back, check.id, self._process)
+            return str(error)
+        except PermissiveError as error:
+            await self._end(check, CheckState.SKIPPED, str(error))
+            return None
+        except ValveError as error:
+            await self._end(check, CheckState.FAILED, f"{error} (nothing was moved)")
+            return None
+        await asyncio.to_thread(self._table.note_test, check.id, run.id)
+        followed = self._follow(check, run)
+        if len(self._tasks) > max(_FEWEST_FOLLOWED, 2 * len(self._plant.buses)):
+            await followed
+        else:
+            self._spawn(followed)
+            await self._runs.rest(run.id)
+        return None
+
+    async def _follow(self, check: Check, run: Run) -> None:
+        """Wait for a test's end and write down how the check ended."""
+        while not run.state.finished:
+            run = await self._runs.wait(run.id, _LOOK_S)
+        await self._end(check, _BY_TEST.get(run.state, CheckState.FAILED), run.error)
+
+    async def _note_cut_off(self, check: Check) -> None:
+        """Write down the end of a check whose process died: with its test's, where that came to one."""
+        state, reason = CheckState.INTERRUPTED, "the service ended while this check was under way: nothing is resumed"
+        run = await asyncio.to_thread(self._known.by_idempotency_key, _key(check))
+        if run is not None:
+            await asyncio.to_thread(self._table.note_test, check.id, run.id)
+            if run.state.finished:
+                state, reason = _BY_TEST.get(run.state, CheckState.FAILED), run.error
+        await self._end(check, state, reason)
+
+    async def _end(self, check: Check, state: CheckState, reason: str) -> str:
+        await asyncio.to_thread(partial(self._table.end, check.id, state, reason, self._clock()))
+        _LOG.info("check ended", valve=check.valve, schedule=check.schedule, state=state.value, reason=reason)
+        return state.value
+
+
+def _key(check: Check) -> str:
+    return f"nightly {check.id} of {check.schedule} {check.occurrence}"
+
+
+def _missed(check: Check, now: datetime) -> str:
+    return (
+        f"no service looked at the clock within {check.window_s:g} s of {check.due_at:%Y-%m-%d %H:%M} UTC "
+        f"(it is {now:%Y-%m-%d %H:%M} UTC): nothing was moved"
+    )
+
+
+def _too_late(check: Check, reason: str) -> str:
+    because = f": {reason}" if reason else ": its turn did not come"
+    return f"its window of {check.window_s:g} s ended at {check.ends_at:%H:%M} UTC{because}"
+
+
+def summary(checks: Sequence[Check]) -> dict[str, int]:
+    """Return how many checks stand in each state."""
+    return {state.value: count for state in CheckState if (count := sum(one.state is state for one in checks))}

@@ -1,0 +1,122 @@
+"""A plant at night: valves on two buses, a clock that tests set, and a queue without a disk."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import defaultdict
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+
+from service.runs.service import Runs
+from service.schedules.check import Check
+from service.schedules.nightly import Nightly
+from service.settings import Plant, load_plant
+from service.store.store import Store
+from tests.service.fake_rig import FakeRig
+from tests.service.stored_runs import runs_of
+
+_VALVE = """
+[[valves]]
+tag = "{tag}"
+safe_value_pa = 0.0
+[valves.actuator]
+diaphragm_area_m2 = 0.06452
+travel_m = 0.1016
+[valves.limits]
+pressure_pa = [0.0, 82737.0]
+pressure_rate_pa_per_s = 30000.0
+longest_test_s = 300.0
+[valves.command]
+bus = "{bus}"
+device_id = {device_id}
+map = "reference"
+[valves.acquisition]
+mode = "captured"
+period_s = 0.001
+"""
+NIGHTLY = """
+[[schedules]]
+name = "nightly"
+cron = "30 2 * * *"
+zone = "Europe/Berlin"
+groups = ["all"]
+sequence = "triangle"
+window_s = 3600.0
+[[groups]]
+name = "all"
+valves = ["A1", "A2", "B1"]
+"""
+
+
+def plant_text(more: str = NIGHTLY, service: str = "", gateways: tuple[str, str] = ("", "")) -> str:
+    """Return plant.toml of valves A1 and A2 on bus a, B1 on bus b."""
+    text = f'[service]\nstore = "plant-data"\nport = 0\n{service}\n'
+    for number, (bus, gateway) in enumerate(zip("ab", gateways, strict=True)):
+        text += f'[[buses]]\nname = "{bus}"\nkind = "modbus_tcp"\nhost = "127.0.0.1"\nport = {5020 + number}\n'
+        text += f'gateway = "{gateway}"\n' if gateway else ""
+    for tag, bus, device_id in (("A1", "a", 1), ("A2", "a", 2), ("B1", "b", 1)):
+        text += _VALVE.format(tag=tag, bus=bus, device_id=device_id)
+    return text + more
+
+
+def night_plant(folder: Path, more: str = NIGHTLY, service: str = "") -> Plant:
+    path = folder / "plant.toml"
+    path.write_text(plant_text(more, service), encoding="utf-8")
+    return load_plant(path)
+
+
+class Clock:
+    """Tells what it was set to."""
+
+    def __init__(self, now: datetime) -> None:
+        self.now = now
+
+    def __call__(self) -> datetime:
+        return self.now
+
+
+class MemoryQueue:
+    """One check a bus at a time, in order, as the durable queue does it."""
+
+    def __init__(self, nightly: Nightly) -> None:
+        self._nightly = nightly
+        self._loop = asyncio.get_running_loop()
+        self._buses: dict[str, asyncio.Lock] = defaultdict(asyncio.Lock)
+        self.jobs: list[str] = []
+
+    def enqueue(self, job_id: str, bus: str, check_id: int) -> None:
+        self.jobs.append(job_id)
+        asyncio.run_coroutine_threadsafe(self._in_turn(bus, check_id), self._loop)
+
+    async def _in_turn(self, bus: str, check_id: int) -> None:
+        async with self._buses[bus]:
+            await self._nightly.carry_out(check_id)
+
+
+@asynccontextmanager
+async def night(plant: Plant, store: Store, rig: FakeRig, clock: Clock) -> AsyncIterator[tuple[Nightly, Runs]]:
+    """Hand out the schedules and the runs of a service that has just started."""
+    runs = runs_of(plant, store, rig)
+    nightly = Nightly(plant, store, runs, clock)
+    try:
+        await runs.recover()
+        await nightly.prepare()
+        await nightly.start(MemoryQueue(nightly))
+        yield nightly, runs
+    finally:
+        nightly.stop_waiting()
+        await runs.shut_down()
+        await nightly.close()
+
+
+async def until(store: Store, done: Callable[[list[Check]], bool], deadline_s: float = 10.0) -> list[Check]:
+    """Return all checks of the store once they satisfy ``done``."""
+    ends = asyncio.get_running_loop().time() + deadline_s
+    while True:
+        checks = store.schedule_runs.between(datetime(1970, 1, 1, tzinfo=UTC), datetime(2100, 1, 1, tzinfo=UTC))
+        if done(checks):
+            return checks
+        assert asyncio.get_running_loop().time() < ends, [(one.valve, one.state, one.reason) for one in checks]
+        await asyncio.sleep(0.01)
