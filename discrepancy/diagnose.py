@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from enum import StrEnum
 from typing import Any, Final
 
 import numpy as np
 
 from discrepancy.baseline import fit_baseline
-from discrepancy.causes.base import Cause, Fitted
-from discrepancy.gain import Gain, decisive, held_out_gain, left_out_gain
+from discrepancy.causes.base import Cause
+from discrepancy.diagnosis import Diagnosis, Finding, Verdict
+from discrepancy.force_diagnosis import diagnose_forces
+from discrepancy.gain import Gain, held_out_gain, left_out_gain
 from discrepancy.intervals import fitted_values
 from discrepancy.least_squares import Fit
 from discrepancy.observed import observe
 from discrepancy.preload import PRELOAD, asymmetry_instead, preload_offset
 from discrepancy.registry import CAUSES
-from discrepancy.residuals import Misfit, show
+from discrepancy.residuals import show
 from discrepancy.selection import Choice, choose, excess
 from discrepancy.setting import setting_of
 from discrepancy.significance import misfit, noise_factor
@@ -34,68 +34,9 @@ _LARGEST_MISFIT: Final = 1.3
 _LARGEST_FACTORS: Final = (2.5, 4.0, 1.5, 1.5)  # with no cause, one, two and three
 _WRONG_UNITS: Final = ((6894.757, "psi"), (1.0e5, "bar"), (1.0e3, "kPa"))
 _NEAR_UNIT: Final = 0.35
-
-
-class Verdict(StrEnum):
-    """What can be said of a misfit."""
-
-    NONE = "none"
-    NAMED = "named"
-    AMBIGUOUS = "ambiguous"
-    UNEXPLAINED = "unexplained"
-    NOT_ASSESSED = "not_assessed"
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One cause that was named, with its parameters and what it explains."""
-
-    cause: str
-    sentence: str
-    action: str
-    parameters: dict[str, Fitted]
-    share_of_misfit: float
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the cause as in the analysis object."""
-        return {
-            "cause": self.cause,
-            "sentence": self.sentence,
-            "action": self.action,
-            "parameters": {
-                name: {"value": entry.value, "ci95": [entry.low, entry.high], "unit": entry.unit}
-                for name, entry in self.parameters.items()
-            },
-            "share_of_misfit": self.share_of_misfit,
-        }
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Diagnosis:
-    """The answer; ``gains`` are all that were measured, ``before`` and ``after`` the data of the pictures."""
-
-    verdict: Verdict
-    message: str = ""
-    causes: tuple[Finding, ...] = ()
-    not_told_apart_from: tuple[str, ...] = ()
-    gains: tuple[Gain, ...] = ()
-    before: Misfit | None = None
-    after: Misfit | None = None
-    baseline: Fit | None = None
-    extended: Fit | None = None
-    details: dict[str, Any] = field(default_factory=dict)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the diagnosis as the analysis object's ``discrepancy``."""
-        told = decisive(self.gains)
-        return {
-            "verdict": str(self.verdict),
-            "message": self.message,
-            "causes": [finding.to_json() for finding in self.causes],
-            "not_told_apart_from": list(self.not_told_apart_from),
-            "separating_test": None,
-            "gain": None if told is None else told.to_json(),
-        }
+_NO_FORCE: Final = (
+    "A drive without a spring is assessed by its balance of forces, and a recording has no force_n: record the force."
+)
 
 
 def diagnose(
@@ -115,7 +56,10 @@ def diagnose(
     if not recordings:
         return Diagnosis(Verdict.NOT_ASSESSED, "There is no recording: give one.")
     if nameplate.actuator.action is Action.DOUBLE:
-        return Diagnosis(Verdict.NOT_ASSESSED, "Drives without a spring are not assessed by their position.")
+        if any(recording.force_n is None for recording in recordings):
+            return Diagnosis(Verdict.NOT_ASSESSED, _NO_FORCE)
+        with np.errstate(all="ignore"):
+            return diagnose_forces(recordings, nameplate, held_out, tell)
     tell(0.0, "fitting the valve")
     with np.errstate(all="ignore"):
         observed = observe(recordings, nameplate)
@@ -173,6 +117,7 @@ def _concluded(choice: Choice, nameplate: Nameplate, held_out: Sequence[tuple[st
         tuple(gains),
         after=show(best),
         extended=best,
+        rival_fits=choice.rival_fits,
         **pictures,
     )
 
@@ -221,3 +166,6 @@ def _unit_message(fit: Fit) -> str:
                     f"{sense}, it seems. Correct the pressure's unit."
                 )
     return ""
+
+
+__all__ = ["Diagnosis", "Finding", "Progress", "Verdict", "diagnose", "explains", "finding_of"]

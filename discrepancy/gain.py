@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, Protocol, TypeVar
 
 import numpy as np
 
@@ -93,7 +93,19 @@ def left_out_gain(before: Fit, after: Fit) -> Gain | None:
     return Gain(LEFT_OUT, errors[0], errors[1], observed.noise_m)
 
 
-def decisive(gains: Sequence[Gain]) -> Gain | None:
+class Measured(Protocol):
+    """What any gain says."""
+
+    @property
+    def is_worse(self) -> bool:
+        """Whether the extended model predicts worse than the baseline."""
+        ...
+
+
+GainT = TypeVar("GainT", bound=Measured)
+
+
+def decisive(gains: Sequence[GainT]) -> GainT | None:
     """Return the gain to tell of: one that is worse before all others, then the first."""
     worse = [gain for gain in gains if gain.is_worse]
     return worse[0] if worse else (gains[0] if gains else None)

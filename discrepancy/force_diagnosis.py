@@ -1,0 +1,174 @@
+"""The diagnosis of a force recording: what a drive's balance of forces misses, along direction, travel and speed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from discrepancy.diagnosis import Diagnosis, Finding, Verdict
+from discrepancy.force_causes import FORCE_CAUSES, ForceStart, fitted_value
+from discrepancy.force_fit import ForceModelFit, fit_forces, promises
+from discrepancy.force_gain import ForceGain, force_gain, left_out_force_gain
+from discrepancy.force_pictures import force_pictures, share_along
+from discrepancy.force_record import ForceRecord, read_force_record
+from discrepancy.preload import PRELOAD
+from discrepancy.registry import CAUSES
+from discrepancy.significance import NEAR, SURE
+from estimators.base import Outcome
+from valve.nameplate import Nameplate
+from valve.recording import Recording
+
+_MOST_CAUSES: Final = 3
+_LEAST_SHARE: Final = 0.08  # of what was left, that a cause must take
+_EXPLAINED: Final = 0.3  # of the misfit, from which on what was named is worth a name
+_CURVED: Final = 0.25  # of what is left goes with a coordinate: something is there
+_SURE_FORCE: Final = 4.0  # standard errors of a constant force
+_LEAST_FORCE: Final = 0.02  # of F_c
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tried:
+    start: ForceStart
+    fit: ForceModelFit
+    gain: float
+    share: float
+    is_possible: bool
+
+
+def diagnose_forces(
+    recordings: Sequence[Recording],
+    nameplate: Nameplate,
+    held_out: Sequence[tuple[str, Recording]],
+    tell: Callable[[float, str], None],
+) -> Diagnosis:
+    """Return what the balance F = m a + F_v v + F_c sgn v + F_0 of a drive without a spring misses, and why."""
+    records = []
+    for recording in recordings:
+        record = read_force_record(recording, nameplate)
+        if isinstance(record, Outcome):
+            return Diagnosis(Verdict.NOT_ASSESSED, str(record))
+        records.append(record)
+    baseline = best = fit_forces(records)
+    chosen: list[_Tried] = []
+    rivals: tuple[str, ...] = ()
+    details: dict[str, Any] = {"force_error_before_percent": 100.0 * baseline.rms_n / baseline.force_rms_n}
+    for number in range(_MOST_CAUSES):
+        tell(0.1 + 0.6 * number / _MOST_CAUSES, "trying one cause after the other")
+        tried = _tried(records, best)
+        if number == 0:
+            details["tried"] = [{"cause": one.start.cause, "gain": one.gain} for one in tried]
+        first = tried[0] if tried else None
+        # what no physical value explains better than any that is leaves no name to trust
+        if first is None or not first.is_possible or first.gain < SURE or first.share < _LEAST_SHARE:
+            break
+        if number == 0:
+            rivals = tuple(one.start.cause for one in tried[1:] if one.is_possible and first.gain - one.gain < NEAR)
+        best = first.fit
+        chosen.append(first)
+    details["force_error_after_percent"] = 100.0 * best.rms_n / best.force_rms_n
+    tell(0.8, "measuring the gain")
+    pictures = force_pictures(records, baseline, best if chosen else None)
+    return _concluded(_Choice(baseline, best, chosen, rivals), held_out, nameplate, details, pictures)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Choice:
+    baseline: ForceModelFit
+    best: ForceModelFit
+    chosen: list[_Tried]
+    rivals: tuple[str, ...]
+
+    @property
+    def share(self) -> float:
+        """Share of the misfit that all causes take."""
+        return 1.0 - self.best.cost / max(self.baseline.cost, 1.0e-300)
+
+
+def _concluded(
+    choice: _Choice,
+    held_out: Sequence[tuple[str, Recording]],
+    nameplate: Nameplate,
+    details: dict[str, Any],
+    pictures: dict[str, Any],
+) -> Diagnosis:
+    best, records = choice.best, choice.best.records
+    where, share = share_along(records, best)
+    structure = share > _CURVED
+    left = 100.0 * best.rms_n / best.force_rms_n
+    if not choice.chosen or choice.share < _EXPLAINED:
+        offset = _constant_force(best) if not structure and not choice.chosen else None
+        if offset is not None:
+            return Diagnosis(Verdict.AMBIGUOUS, "", (offset,), (PRELOAD.name,), details=details, drawn=pictures)
+        if not structure and not choice.chosen:
+            return Diagnosis(Verdict.NONE, details=details, drawn=pictures)
+        message = (
+            f"The balance of forces misses {left:.1f} % of the force, {100.0 * share:.0f} % of that along {where}, and "
+            "no cause of the catalogue explains it."
+        )
+        return Diagnosis(Verdict.UNEXPLAINED, message, details=details, drawn=pictures)
+    gains: list[ForceGain] = []
+    for name, recording in held_out:
+        record = read_force_record(recording, nameplate)
+        if not isinstance(record, Outcome):
+            gains.append(force_gain(name, record, choice.baseline, best))
+    gains.append(left_out_force_gain(records, best))
+    names = " and ".join(one.start.cause for one in choice.chosen)
+    if any(gain.is_worse for gain in gains):
+        message = f"{names} would explain the misfit and predicts other data worse than the plain drive: none is named."
+        return Diagnosis(Verdict.UNEXPLAINED, message, gains=tuple(gains), details=details, drawn=pictures)
+    rest = f"What is left, {left:.1f} % of the force, goes with {where} in part."
+    return Diagnosis(
+        Verdict.AMBIGUOUS if choice.rivals else Verdict.NAMED,
+        rest if structure else "",
+        tuple(_finding(one, best, choice) for one in choice.chosen),
+        choice.rivals,
+        tuple(gains),
+        details=details,
+        drawn=pictures,
+    )
+
+
+def _tried(records: Sequence[ForceRecord], best: ForceModelFit) -> list[_Tried]:
+    """The best start of each cause that is not in the fit yet, the most gain first."""
+    taken = {start.cause for start in best.starts}
+    whole = records[0]
+    left = np.where(whole.rows, whole.force_n - best.predicted(whole), 0.0)
+    found = []
+    for cause in FORCE_CAUSES.values():
+        if cause.name in taken:
+            continue
+        starts = list(cause.starts(whole, left))
+        if not starts:
+            continue
+        promised = promises(best, starts)
+        start = starts[int(np.argmax(promised))]
+        fit = fit_forces(records, [*best.starts, start])
+        won = best.cost - fit.cost
+        gain = won / max(fit.rms_n**2 * fit.inflation, 1.0e-300)
+        read = cause.read(fit.values, fit.of_causes[-1], start.shape)
+        found.append(_Tried(start, fit, gain, won / max(best.cost, 1.0e-300), read is not None))
+    return sorted(found, key=lambda one: -one.share)
+
+
+def _finding(one: _Tried, best: ForceModelFit, choice: _Choice) -> Finding:
+    cause = FORCE_CAUSES[one.start.cause]
+    place = best.starts.index(one.start)
+    parameters = cause.read(best.values, best.of_causes[place], one.start.shape) or {}
+    return Finding(cause.name, cause.sentence(parameters, best.values), cause.action, parameters, choice.share)
+
+
+def _constant_force(best: ForceModelFit) -> Finding | None:
+    """A constant force, which is a friction that differs by direction or a load: nothing tells them apart."""
+    (force_n, error_n), coulomb_n = best.values["F_0"], best.values["F_c"][0]
+    if abs(force_n) < max(_SURE_FORCE * error_n, _LEAST_FORCE * coulomb_n):
+        return None
+    cause = CAUSES["friction_asymmetry"]
+    share = fitted_value(force_n / coulomb_n, error_n / coulomb_n, "1")
+    sentence = (
+        f"The drive needs {abs(force_n):.2f} N more {'towards larger positions' if force_n > 0.0 else 'back'} than the "
+        "other way, at any speed: friction that differs by direction, or a constant load."
+    )
+    return Finding(cause.name, sentence, cause.action, {"asymmetry": share}, 0.0)

@@ -1,0 +1,81 @@
+"""What a force recording's diagnosis shows: the force over time, and its misfit along speed, travel and time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from discrepancy.force_fit import ForceModelFit
+from discrepancy.force_record import ForceRecord
+from discrepancy.residuals import Along, along
+from estimators.samples import FloatArray
+
+_MOST_POINTS: Final = 500
+_FEWEST: Final = 100
+_WAYS: Final = {1: "opening", -1: "closing", 0: "both"}
+
+
+def share_along(records: Sequence[ForceRecord], fit: ForceModelFit) -> tuple[str, float]:
+    """Return the coordinate that explains most of what a fit leaves, in words, and that share of it."""
+    curves = [curve for curve, _ in _curves(records, fit)]
+    if not curves:
+        return "", 0.0
+    most = max(curves, key=lambda curve: curve.share)
+    return f"{most.coordinate}{'' if most.direction == 0 else ' ' + _WAYS[most.direction]}", most.share
+
+
+def force_pictures(
+    records: Sequence[ForceRecord], before: ForceModelFit, after: ForceModelFit | None
+) -> dict[str, Any]:
+    """Return small arrays for drawing: ``force`` over time in N, and ``coordinates`` with the misfit along each."""
+    record = records[0]
+    kept = np.unique(np.linspace(0, record.samples.count - 1, _MOST_POINTS).astype(np.int64))
+    told = {f"{curve.coordinate} {curve.direction}": curve for curve, _ in _curves(records, after)} if after else {}
+    coordinates = []
+    for curve, rows in _curves(records, before):
+        key = f"{curve.coordinate} {curve.direction}"
+        entry = {
+            "coordinate": curve.coordinate,
+            "unit": curve.unit,
+            "direction": _WAYS[curve.direction],
+            "x": _short(curve.at),
+            "misfit_n": _short(curve.mean),
+            "part_n": None,
+        }
+        if key in told:
+            # what the causes make of the misfit is what they leave less
+            left = told[key]
+            entry["part_n"] = _short(curve.mean - np.interp(curve.at, left.at, left.mean))
+        if rows:
+            coordinates.append(entry)
+    return {
+        "force": {
+            "time_s": _short(record.time_s[kept]),
+            "measured_n": _short(record.force_n[kept]),
+            "before_n": _short(before.predicted(record)[kept]),
+            "after_n": None if after is None else _short(after.predicted(record)[kept]),
+        },
+        "coordinates": coordinates,
+    }
+
+
+def _curves(records: Sequence[ForceRecord], fit: ForceModelFit) -> Iterator[tuple[Along, int]]:
+    left = np.concatenate([fit.left(record) for record in records])
+    velocity = np.concatenate([record.velocity[record.rows] for record in records])
+    at = {
+        "speed": np.abs(velocity),
+        "travel": np.concatenate([record.samples.position_m[record.rows] for record in records]),
+        "time": np.concatenate([record.time_s[record.rows] for record in records]),
+    }
+    for coordinate, directions in (("speed", (1, -1)), ("travel", (1, -1)), ("time", (0,))):
+        for direction in directions:
+            chosen = np.sign(velocity) == direction if direction else np.ones(velocity.size, dtype=bool)
+            rows = int(np.count_nonzero(chosen))
+            if rows > _FEWEST:
+                yield along(coordinate, direction, at[coordinate][chosen], left[chosen]), rows
+
+
+def _short(values: FloatArray) -> list[float]:
+    return [float(f"{value:.5g}") for value in values.tolist()]
