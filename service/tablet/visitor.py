@@ -7,7 +7,7 @@ from urllib.parse import quote
 
 from fastapi import Request
 
-from service.access.principal import LOCAL_PRINCIPAL, Principal, Right, Role
+from service.access.principal import Principal, Right, Role
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class Visitor:
 
 def visitor_of(request: Request) -> Visitor | None:
     """Return who asks; None where they must sign in before they see anything."""
-    principal: Principal | None = getattr(request.state, "principal", LOCAL_PRINCIPAL)
+    principal: Principal | None = getattr(request.state, "principal", None)
     if principal is None or not principal.may(Right.VIEW):
         return None
     return Visitor(

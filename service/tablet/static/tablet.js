@@ -35,15 +35,24 @@ async function ask(method, address, { body, headers = {}, limitMs = 10000 } = {}
   return { ok: answer.ok, status: answer.status, address: answer.url, text, found };
 }
 
-function trouble(words) {
-  $("trouble-words").textContent = words;
+const signIn = () => `/ui/sign-in?next=${encodeURIComponent(location.pathname)}`;
+
+function trouble(words, isSignedOut = false) {
+  const said = $("trouble-words");
+  if (said.firstChild?.data === words) return;
+  said.textContent = words;
+  if (isSignedOut) {
+    const link = element("a", "Sign in");
+    link.href = signIn();
+    said.append(" ", link);
+  }
   $("trouble").hidden = !words;
 }
 
 function say(words) { $("said").textContent = words; }
 
 function refusal(answer) {
-  if (answer.status === 401) return "You are signed out. Sign in again; a running test goes on.";
+  if (answer.status === 401) { trouble("You are signed out. A running test goes on.", true); return "You are signed out."; }
   return answer.found?.detail ?? `The gateway answered ${answer.status}: try again.`;
 }
 
@@ -101,7 +110,7 @@ async function refresh() {
   if (document.hidden || !online || !document.querySelector("[data-live]")) return;
   let answer;
   try { answer = await ask("GET", location.href, { headers: { "X-Background": "1" } }); } catch { return; }
-  if (new URL(answer.address).pathname === "/ui/sign-in") { trouble("You are signed out. Sign in again to see what is new."); return; }
+  if (new URL(answer.address).pathname === "/ui/sign-in") { trouble("You are signed out. What you see is no longer renewed.", true); return; }
   if (!answer.ok) return;
   const fresh = new DOMParser().parseFromString(answer.text, "text/html");
   if (Boolean(fresh.getElementById("stop")) !== Boolean($("stop"))) { location.reload(); return; }
@@ -129,7 +138,7 @@ $("sign-in")?.addEventListener("submit", async (event) => {
   try {
     const answer = await ask("POST", "/session", { body: { name: form.elements.name.value, password: form.elements.password.value } });
     if (answer.ok) { location.replace(form.dataset.next); return; }
-    $("sign-in-words").textContent = answer.status === 401 ? "Name or password is wrong." : refusal(answer);
+    $("sign-in-words").textContent = answer.found?.detail ?? `The gateway answered ${answer.status}: try again.`;
   } catch { $("sign-in-words").textContent = "No connection to the gateway: try again."; }
 });
 
@@ -147,7 +156,7 @@ let mayStart = null;
 
 function permissive(one) {
   const [sign, words] = one.met === true ? ["✓", "met"] : one.met === false ? ["✗", "MISSING"] : ["?", "not known"];
-  const item = element("li", "", one.met === true ? "met" : "missing");
+  const item = element("li", "", one.met === true ? "met" : one.met === false ? "missing" : "unknown");
   item.append(element("span", sign, "sign"));
   item.lastChild.setAttribute("aria-hidden", "true");
   const said = element("div");
@@ -178,7 +187,8 @@ async function lookAtPermissives() {
     const list = element("ul", "", "permissives");
     for (const one of answer.found.permissives) list.append(permissive(one));
     const sum = element("p", mayStart ? "Yes, all is there." : "No, see what is missing:", mayStart ? "sum" : "sum missing");
-    const age = answer.found.read_at ? `Last known, read ${clock(Date.parse(answer.found.read_at))}` : `Read from the device at ${clock(Date.now())}`;
+    const readAt = Date.parse(answer.found.read_at) || Date.now(), isOld = Date.now() - readAt > 15000;
+    const age = `${isOld ? "Last known, read" : "Read"} from the device at ${clock(readAt)}`;
     place.replaceChildren(sum, list, element("p", age, "aside"));
   }
   guard();
@@ -280,7 +290,7 @@ if ($("live")) {
   };
   const INK = "#1b1f23", SOFT = "#5d666f", PALE = "#aeb6bd", GRID = "#dde1e4", BLUE = "#005a94";
   const length = view.units.length, pressure = view.units.pressure;
-  const decimals = (unit) => (unit.name === "mm" || unit.name === "kPa" ? 1 : 3);
+  const decimals = (unit) => (unit.name === "mm" || unit.name === "kPa" ? 1 : 2);
   const shown = (value, unit) => (value === null || value === undefined ? "no value" : `${(value / unit.in_si).toFixed(decimals(unit))} ${unit.name}`);
   const points = [];
   let drawn = 0, isDirty = true, box = null, lastId = 0, phase = "", lastTextMs = 0, hasEnded = false;
@@ -309,9 +319,9 @@ if ($("live")) {
       pen.strokeStyle = GRID;
       pen.beginPath(); pen.moveTo(box.left, up(share)); pen.lineTo(box.right, up(share)); pen.stroke();
       pen.fillStyle = BLUE; pen.textAlign = "right";
-      pen.fillText((share * view.travel_m / length.in_si).toPrecision(3), box.left - 8, up(share) + 5);
+      pen.fillText((share * view.travel_m / length.in_si).toFixed(decimals(length)), box.left - 8, up(share) + 5);
       pen.fillStyle = SOFT; pen.textAlign = "left";
-      pen.fillText(((lowPa + share * (highPa - lowPa)) / pressure.in_si).toPrecision(3), box.right + 8, up(share) + 5);
+      pen.fillText(((lowPa + share * (highPa - lowPa)) / pressure.in_si).toFixed(decimals(pressure)), box.right + 8, up(share) + 5);
     }
     pen.fillStyle = BLUE; pen.textAlign = "left"; pen.fillText(`position, ${length.name}`, 4, 15);
     pen.fillStyle = SOFT; pen.textAlign = "right"; pen.fillText(`pressure, ${pressure.name}`, canvas.clientWidth - 4, 15);
@@ -402,8 +412,8 @@ if ($("live")) {
     }
     if (!fields.event || Number(fields.id) <= lastId) return;
     lastId = Number(fields.id);
-    place.dataset.lastId = lastId;
     HANDLERS[fields.event]?.(JSON.parse(fields.data));
+    place.dataset.points = points.length;
   }
 
   // A stream by fetch: unlike EventSource it shows the status, the silence, and takes up where it was cut.
@@ -416,7 +426,7 @@ if ($("live")) {
         const answer = await fetch(`/tests/${place.dataset.test}/events`, {
           headers: { Accept: "text/event-stream", "Last-Event-ID": String(lastId) }, signal: cut.signal, cache: "no-store",
         });
-        if (answer.status === 401) trouble("You are signed out. The test goes on; sign in again to see it and to stop it.");
+        if (answer.status === 401) trouble("You are signed out. The test goes on; sign in to see it and to stop it.", true);
         if (answer.ok) {
           trouble("");
           const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();

@@ -1,0 +1,73 @@
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+
+from service.runs.run import Run, RunState, new_run_id
+from tests.browser.analyses import FRICTION_N, made_analysis
+from tests.browser.gateway import Gateway, gateway
+from tests.browser.tablets import Tablet, tablet
+from tests.service.wired_plant import TAG
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Tablet]:
+    with tablet() as one:
+        yield one
+
+
+@pytest.fixture(scope="session")
+def second_browser() -> Iterator[Tablet]:
+    with tablet() as one:
+        yield one
+
+
+def _folder() -> tempfile.TemporaryDirectory[str]:
+    memory = Path("/dev/shm")
+    return tempfile.TemporaryDirectory(dir=memory if os.access(memory, os.W_OK) else None)
+
+
+@pytest.fixture(scope="session")
+def service() -> Iterator[Gateway]:
+    """Return a service without sign-in and with three tests of a month in its store."""
+    with _folder() as folder, gateway(Path(folder)) as running:
+        for days, friction_n in ((30, FRICTION_N), (15, FRICTION_N + 60.0), (1, FRICTION_N + 140.0)):
+            store_test(running, days, friction_n)
+        yield running
+
+
+@pytest.fixture
+def guarded_service(tmp_path: Path) -> Iterator[Gateway]:
+    """Return a service that nobody uses without signing in."""
+    with _folder() as folder, gateway(Path(folder), access="sign-in") as running:
+        yield running
+
+
+def store_test(running: Gateway, days: float, friction_n: float, *, state: RunState = RunState.COMPLETED) -> Run:
+    """Put a test of some days ago into the store."""
+    at = datetime.now(UTC) - timedelta(days=days)
+    done = state is RunState.COMPLETED
+    run = Run(
+        id=new_run_id(at),
+        valve=TAG,
+        sequence="triangle",
+        state=state,
+        progress=1.0,
+        created_at=at,
+        started_at=at,
+        motion_ended_at=at,
+        finished_at=at,
+        safe_confirmed=done,
+        error="" if done else "the device stopped answering at 12.4 s: look at its wire",
+        analysis=made_analysis(friction_n, ne107="M" if friction_n > 1.2 * FRICTION_N else "N") if done else None,
+        software="breakaway 0",
+        requested_by="nightly",
+    )
+    stored = running.parts.store.runs.insert(run)
+    running.parts.store.runs.save(stored)
+    return stored

@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import re
+from urllib.parse import urlsplit
+
+import httpx
+import pytest
+
+from tests.browser.gateway import Gateway
+from tests.service.wired_plant import TAG
+
+PAGES = ("/", "/ui/night", f"/ui/valves/{TAG}", f"/ui/valves/{TAG}/start", "/ui/sign-in", "TEST")
+FIRST_LOAD_BYTES = 100_000
+PICTURE_BYTES = 40_000
+
+
+def _address(service: Gateway, page: str) -> str:
+    if page != "TEST":
+        return page
+    return f"/ui/tests/{service.client.get('/tests', params={'valve': TAG}).json()['tests'][-1]['id']}"
+
+
+def _linked(text: str) -> set[str]:
+    return {address.replace("&amp;", "&") for address in re.findall(r'(?:src|href)="([^"#]+)"', text)}
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_page_loads_nothing_from_elsewhere_and_says_so_to_the_browser(service: Gateway, page: str) -> None:
+    answer = service.client.get(_address(service, page))
+    assert answer.status_code == 200
+    assert answer.headers["content-security-policy"].startswith("default-src 'self'; object-src 'none'")
+    assert not {address for address in _linked(answer.text) if urlsplit(address).netloc}
+    assert "<script>" not in answer.text
+    assert " style=" not in answer.text
+    assert not re.search(r"\son[a-z]+=", answer.text)
+
+
+def test_the_first_load_weighs_at_most_100_kilobytes(service: Gateway) -> None:
+    page = service.client.get("/")
+    parts = [service.client.get(address) for address in _linked(page.text) if address.startswith("/ui/static/")]
+    assert len(parts) == 3
+    assert all(part.headers["cache-control"].endswith("immutable") for part in parts)
+    assert len(page.content) + sum(len(part.content) for part in parts) <= FIRST_LOAD_BYTES
+
+
+def test_each_picture_is_small_names_what_it_shows_and_loads_nothing(service: Gateway) -> None:
+    seen = 0
+    for page in (_address(service, "TEST"), f"/ui/valves/{TAG}"):
+        for address in _linked(service.client.get(page).text):
+            if not address.startswith("/ui/figures/"):
+                continue
+            picture = service.client.get(address)
+            assert picture.headers["content-type"] == "image/svg+xml", address
+            assert len(picture.content) <= PICTURE_BYTES, address
+            assert "<title" in picture.text
+            assert "<desc" in picture.text
+            assert not re.findall(r'href="(?!#)', picture.text)
+            seen += 1
+    assert seen == 6
+
+
+@pytest.mark.parametrize(("units", "friction"), [("si", "752.0 ± 2.0 N"), ("psi", "169.06 ± 0.45 lbf")])
+def test_figures_are_shown_in_the_units_that_the_browser_keeps(service: Gateway, units: str, friction: str) -> None:
+    with httpx.Client(base_url=service.url, cookies={"breakaway-units": units}) as client:
+        assert friction in client.get(f"/ui/valves/{TAG}").text
+
+
+@pytest.mark.parametrize("page", ["/ui/valves/XV-9", "/ui/valves/XV-9/start", "/ui/tests/20200101T000000Z-00000000"])
+def test_what_is_not_there_is_a_page_that_says_so(service: Gateway, page: str) -> None:
+    answer = service.client.get(page)
+    assert answer.status_code == 404
+    assert "is unknown" in answer.text
+
+
+def test_sign_in_leads_to_pages_of_this_service_alone(service: Gateway) -> None:
+    for wanted in ("//elsewhere.example/", "https://elsewhere.example/", "/\\elsewhere.example"):
+        assert 'data-next="/"' in service.client.get("/ui/sign-in", params={"next": wanted}).text
+
+
+def test_a_tag_or_a_reason_never_becomes_markup(service: Gateway) -> None:
+    answer = service.client.get("/", params={"find": "<script>alert(1)</script>"})
+    assert "<script>alert" not in answer.text
+    assert "&lt;script&gt;alert" in answer.text
