@@ -168,23 +168,28 @@ async def who_am_i(asks: Asks) -> SessionView:
     return _session(asks)
 
 
-@session_router.delete("", status_code=HTTPStatus.NO_CONTENT, dependencies=[needs(Right.VIEW)])
-async def sign_out(request: Request, response: Response, asks: Asks, access: AccessOf) -> None:
+@session_router.delete("", status_code=HTTPStatus.NO_CONTENT, response_class=Response, dependencies=[needs(Right.VIEW)])
+async def sign_out(request: Request, asks: Asks, access: AccessOf) -> Response:
     """End the session of the cookie at once; without one nothing happens."""
     secret = session_secret(request.headers, access.settings.encrypted)
     if asks.kind is RequesterKind.PERSON:
         await asyncio.to_thread(access.sign_out, secret, asks.name)
     encrypted = access.settings.encrypted
+    response = Response(status_code=HTTPStatus.NO_CONTENT)
     response.delete_cookie(cookie_name(encrypted), path="/", httponly=True, samesite="strict", secure=encrypted)
+    return response
 
 
-@session_router.post("/password", status_code=HTTPStatus.NO_CONTENT, dependencies=[needs(Right.VIEW)])
-async def change_own_password(wanted: NewPassword, asks: Asks, access: AccessOf, request: Request) -> None:
+@session_router.post(
+    "/password", status_code=HTTPStatus.NO_CONTENT, response_class=Response, dependencies=[needs(Right.VIEW)]
+)
+async def change_own_password(wanted: NewPassword, asks: Asks, access: AccessOf, request: Request) -> Response:
     """Change one's own password; all of one's sessions end, this one too."""
     if asks.kind is not RequesterKind.PERSON:
         raise NotFoundError(f"{asks.name} is no user, it has no password: sign in as one")
     user = await access.known(asks.name, wanted.old, _address(request))
     await asyncio.to_thread(access.change_user, user.name, by=user.name, password=wanted.new)
+    return Response(status_code=HTTPStatus.NO_CONTENT)
 
 
 def _user(user: User) -> UserView:
