@@ -32,7 +32,11 @@ from service.recordings.routes import router as recording_routes
 from service.runs.life import Analyst
 from service.runs.rig import Rig
 from service.runs.routes import router as test_routes
+from service.runs.safety_routes import router as safety_routes
 from service.runs.service import Runs
+from service.schedules.house import nights
+from service.schedules.nightly import Nightly
+from service.schedules.routes import router as schedule_routes
 from service.settings import Plant
 from service.store.store import Store, open_store
 from service.tablet.install import install_tablet
@@ -75,15 +79,18 @@ def create_app(
         converter = Converter()
         chosen = pool if pool is not None else analyst
         assert chosen is not None
-        runs = Runs(plant, opened, rig or WiredRig(plant.buses, software), chosen, software=software)
         audit = await asyncio.to_thread(AuditLog, opened.folder / "audit", plant.service.gateway or "gateway")
+        chosen_rig = rig or WiredRig(plant.buses, software)
+        runs = Runs(plant, opened, chosen_rig, chosen, software=software, audit=audit)
         access = access_of(opened.engine, plant.service.access, audit)
-        app.state.parts = Parts(plant, opened, runs, chosen, converter, VERSION, access, audit)
+        nightly = Nightly(plant, opened, runs)
+        app.state.parts = Parts(plant, opened, runs, chosen, converter, VERSION, access, audit, nightly)
         try:
             if pool is not None:
                 await pool.start()
             await runs.recover()
-            yield
+            async with nights(nightly, plant, opened, runs):
+                yield
         finally:
             await runs.shut_down()
             await converter.close()
@@ -105,7 +112,15 @@ def create_app(
     app.add_middleware(BodyLimits)
     app.add_middleware(HeadRequests)
     install_error_handlers(app)
-    for router in (test_routes, recording_routes, valve_routes, session_routes, access_routes):
+    for router in (
+        safety_routes,
+        test_routes,
+        recording_routes,
+        valve_routes,
+        schedule_routes,
+        session_routes,
+        access_routes,
+    ):
         app.include_router(router)
 
     install_tablet(app)

@@ -129,8 +129,8 @@ class JobQueue:
 
     def close(self) -> None:
         """Take up nothing more. Jobs under way must have been told to end before."""
-        _HOOK.carry_out = None
-        self._end()
+        if _HOOK.carry_out is self._carry_out:
+            self._end()
 
     def _end(self) -> None:
         _HOOK.carry_out = None

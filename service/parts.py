@@ -12,6 +12,7 @@ from service.figures.drawer import Drawer
 from service.recordings.conversion import Converter
 from service.runs.life import Analyst
 from service.runs.service import Runs
+from service.schedules.nightly import Nightly
 from service.settings import Plant
 from service.store.store import Store
 
@@ -28,6 +29,7 @@ class Parts:
     version: str
     access: Access
     audit: AuditLog
+    nightly: Nightly
     drawer: Drawer = field(default_factory=Drawer)
 
 

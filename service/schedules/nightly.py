@@ -10,7 +10,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import secrets
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Coroutine
+from concurrent.futures import CancelledError, Future
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from typing import Any, Final, Protocol
@@ -30,6 +31,7 @@ from valve.errors import BusyError, NotFoundError, PermissiveError, ValveError
 _LOG = structlog.get_logger(__name__)
 _LOOK_S: Final = 30.0  # the wall clock may be set: it is looked at this often, whatever is due
 _TURN_S: Final = 0.1
+_END_S: Final = 5.0
 _LOOK_BACK: Final = timedelta(days=7)  # of checks that were missed while no service ran
 _FEWEST_FOLLOWED: Final = 8  # recordings that may wait for their analysis before the next test waits for them
 
@@ -65,6 +67,7 @@ class Nightly:
         self._queue: Queue | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._tasks: set[asyncio.Task[Any]] = set()
+        self._carried: set[Future[str]] = set()
         self._closing = asyncio.Event()
         self._wake = asyncio.Event()
         self._handled: dict[str, datetime] = {}
@@ -92,10 +95,16 @@ class Nightly:
         self._wake.set()
 
     async def close(self) -> None:
-        """End the watch, and wait for what is being written down. The runs must be ending."""
+        """End the watch, and wait for what is being written down. The runs must have ended.
+
+        What cannot be written down now is by the next start, as after a crash.
+        """
         self.stop_waiting()
-        if self._tasks:
-            await asyncio.gather(*self._tasks, return_exceptions=True)
+        waited = {*self._tasks, *(asyncio.wrap_future(one) for one in tuple(self._carried))}
+        if waited:
+            _, late = await asyncio.wait(waited, timeout=_END_S)
+            for task in late:
+                task.cancel()
 
     def look_now(self) -> None:
         """Look at the clock at once: for tests that set it."""
@@ -197,7 +206,14 @@ class Nightly:
         """Carry a check out from a thread of the queue; return how it stands then."""
         if self._loop is None or self._closing.is_set():
             return CheckState.QUEUED.value
-        return asyncio.run_coroutine_threadsafe(self.carry_out(check_id), self._loop).result()
+        carried = asyncio.run_coroutine_threadsafe(self.carry_out(check_id), self._loop)
+        self._carried.add(carried)
+        try:
+            return carried.result()
+        except CancelledError:
+            return CheckState.RUNNING.value
+        finally:
+            self._carried.discard(carried)
 
     async def carry_out(self, check_id: int) -> str:
         """Wait for a check's turn and carry it out until its valve rests; return how it stands then."""
@@ -294,8 +310,3 @@ def _missed(check: Check, now: datetime) -> str:
 def _too_late(check: Check, reason: str) -> str:
     because = f": {reason}" if reason else ": its turn did not come"
     return f"its window of {check.window_s:g} s ended at {check.ends_at:%H:%M} UTC{because}"
-
-
-def summary(checks: Sequence[Check]) -> dict[str, int]:
-    """Return how many checks stand in each state."""
-    return {state.value: count for state in CheckState if (count := sum(one.state is state for one in checks))}

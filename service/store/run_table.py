@@ -16,10 +16,9 @@ from service.store.schema import TESTS
 from service.store.schema_nightly import VALVE_STATES
 from valve.errors import NotFoundError
 
-#: Stands for the analysis and the quality of a run that came from a list: they are many times the rest.
+#: Stands for the analysis of a run that came from a list: it is many times the rest.
 NOT_LOADED: Final[Mapping[str, Any]] = MappingProxyType({"not_loaded": True})
-_HEAVY: Final = ("analysis", "quality")
-_HEAD: Final = tuple(column for column in TESTS.c if column.name not in _HEAVY)
+_HEAD: Final = tuple(column for column in TESTS.c if column is not TESTS.c.analysis)
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +32,7 @@ class ValveHead:
 
 def _head(row: Any) -> Run:
     values = {column.name: row._mapping[column] for column in _HEAD}
-    return _as_run(values | dict.fromkeys(_HEAVY, NOT_LOADED))
+    return _as_run(values | {"analysis": NOT_LOADED})
 
 
 def _run(row: Row[Any]) -> Run:
@@ -95,7 +94,7 @@ class RunTable:
 
         Raises ValueError for a run that came from a list: its analysis would be lost.
         """
-        if run.analysis is NOT_LOADED or run.quality is NOT_LOADED:
+        if run.analysis is NOT_LOADED:
             raise ValueError(f"test {run.id} came from a list, without its analysis: get it whole before it is saved")
         with self._engine.begin() as connection:
             changed = connection.execute(update(TESTS).where(TESTS.c.id == run.id).values(_row(run))).rowcount
@@ -118,7 +117,7 @@ class RunTable:
         return None if row is None else _run(row)
 
     def newest(self, limit: int, *, before: int | None = None, valve: str | None = None) -> list[Run]:
-        """Runs with a number below ``before``, newest first, at most ``limit``; analysis and quality NOT_LOADED."""
+        """Runs with a number below ``before``, newest first, at most ``limit``; their analysis is NOT_LOADED."""
         query = select(*_HEAD).order_by(TESTS.c.number.desc()).limit(limit)
         if before is not None:
             query = query.where(TESTS.c.number < before)
