@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
 from service.parts import Parts
+from service.schedules.calendar import next_occurrence
+from service.schedules.nightly import wall_clock
+from service.schedules.views import night
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,9 +35,17 @@ class NightSchedule:
     valves: tuple[str, ...]
 
 
-async def night_of(_parts: Parts) -> tuple[Sequence[NightCheck], Sequence[NightSchedule]]:
-    """Return the coming or last night valve by valve, and the schedules; both empty where none is planned."""
-    return (), ()
+async def night_of(parts: Parts) -> tuple[Sequence[NightCheck], Sequence[NightSchedule]]:
+    """Return the last and the coming night valve by valve, and the schedules; both empty where none is planned."""
+    now = wall_clock()
+    entries = await asyncio.to_thread(night, parts.plant, parts.store.schedule_runs, now)
+    checks = [NightCheck(one.valve, one.due_at, one.state.value, one.reason, one.test_id) for one in entries]
+    schedules = []
+    for one in parts.plant.schedules:
+        coming = next_occurrence(one, now)
+        due_at = None if coming is None else coming.due_at
+        schedules.append(NightSchedule(one.name, due_at, one.zone.key, one.sequence, one.valves))
+    return checks, schedules
 
 
 async def due_checks(parts: Parts) -> dict[str, datetime]:
