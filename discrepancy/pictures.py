@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from discrepancy.diagnose import Diagnosis
+from discrepancy.diagnosis import Diagnosis
 from discrepancy.least_squares import Fit
 from discrepancy.model import simulated
 from discrepancy.observed import Observed
@@ -29,6 +29,8 @@ def pictures(diagnosis: Diagnosis) -> dict[str, Any] | None:
     N, and of what the extended valve makes of it (``part_n``). ``explained``: share of the misfit of position that
     each coordinate explains beyond noise. ``where`` says where it is largest.
     """
+    if diagnosis.drawn is not None:
+        return dict(diagnosis.drawn)
     baseline, extended = diagnosis.baseline, diagnosis.extended
     if baseline is None or diagnosis.before is None:
         return None

@@ -7,7 +7,8 @@ from typing import Any, Final
 
 import structlog
 
-from discrepancy.diagnose import Diagnosis, diagnose
+from discrepancy.diagnose import diagnose
+from discrepancy.diagnosis import Diagnosis
 from discrepancy.pictures import pictures
 from estimators.base import Estimate
 from valve.nameplate import Nameplate

@@ -292,6 +292,9 @@ async def test_the_real_worker_analyses_a_stored_recording_as_this_process_does(
             found = theirs["parameters"][symbol]["value"]
             assert (found is None) == (parameter["value"] is None), symbol
             assert found is None or found == pytest.approx(parameter["value"], rel=1.0e-6, abs=1.0e-6), symbol
+    theirs, ours = analysis.pop("discrepancy"), here.pop("discrepancy")
+    assert theirs["verdict"] == ours["verdict"] == "none"
+    assert theirs["misfit"]["rms_before_m"] == pytest.approx(ours["misfit"]["rms_before_m"], rel=1.0e-3)
     assert analysis == here
     assert shares[-1] == 1.0
 
