@@ -7,8 +7,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from discrepancy.accepted import Standing, stand
 from discrepancy.baseline import fit_baseline
 from discrepancy.causes.base import Cause
+from discrepancy.causes.friction import ASYMMETRY
 from discrepancy.diagnosis import Diagnosis, Finding, Verdict
 from discrepancy.force_diagnosis import diagnose_forces
 from discrepancy.gain import Gain, held_out_gain, left_out_gain
@@ -16,8 +18,10 @@ from discrepancy.intervals import fitted_values
 from discrepancy.least_squares import Fit
 from discrepancy.observed import observe
 from discrepancy.preload import PRELOAD, asymmetry_instead, preload_offset
+from discrepancy.pressure_findings import with_pressure_findings
 from discrepancy.registry import CAUSES
 from discrepancy.residuals import show
+from discrepancy.saved_model import SavedModel
 from discrepancy.selection import Choice, choose, excess
 from discrepancy.setting import setting_of
 from discrepancy.significance import misfit, noise_factor
@@ -34,6 +38,7 @@ _LARGEST_MISFIT: Final = 1.3
 _LARGEST_FACTORS: Final = (2.5, 4.0, 1.5, 1.5)  # with no cause, one, two and three
 _WRONG_UNITS: Final = ((6894.757, "psi"), (1.0e5, "bar"), (1.0e3, "kPa"))
 _NEAR_UNIT: Final = 0.35
+_NOTHING_NEW: Final = "Nothing beyond the model that was accepted for this valve."
 _NO_FORCE: Final = (
     "A drive without a spring is assessed by its balance of forces, and a recording has no force_n: record the force."
 )
@@ -45,12 +50,15 @@ def diagnose(
     *,
     held_out: Sequence[tuple[str, Recording]] = (),
     estimate: Estimate | None = None,
+    accepted: SavedModel | None = None,
     progress: Progress | None = None,
 ) -> Diagnosis:
     """Return what the simulation of this valve gets wrong in its recordings, why, and what mending it gains.
 
     The recordings are fitted together. ``held_out`` are named ones on which the gain is measured; ``estimate`` is the
-    maximum-likelihood one of the first, from which the fit starts. Odd recordings give ``not_assessed``.
+    maximum-likelihood one of the first, from which the fit starts. ``accepted`` is the extended model that somebody
+    accepted for this valve: its causes belong to the baseline, and only what changed since or is new is named. Odd
+    recordings give ``not_assessed``.
     """
     tell = progress or (lambda _share, _phase: None)
     if not recordings:
@@ -62,6 +70,7 @@ def diagnose(
             return diagnose_forces(recordings, nameplate, held_out, tell)
     tell(0.0, "fitting the valve")
     with np.errstate(all="ignore"):
+        nameplate = nameplate if accepted is None else accepted.nameplate(nameplate)
         observed = observe(recordings, nameplate)
         if isinstance(observed, Outcome):
             return Diagnosis(Verdict.NOT_ASSESSED, str(observed))
@@ -71,14 +80,26 @@ def diagnose(
         unit = _unit_message(baseline)
         if unit:
             return Diagnosis(Verdict.NOT_ASSESSED, unit, before=show(baseline), baseline=baseline)
-        known = [cause for cause in CAUSES.values() if cause.is_visible(observed)]
+        standing = None if accepted is None else stand(baseline, accepted)
+        if standing is not None:
+            baseline = standing.free
+        known = [one for one in CAUSES.values() if one.is_visible(observed) and one.name not in baseline.model.causes]
         choice = choose(baseline, known, lambda share, phase: tell(0.15 + 0.65 * share, phase))
         tell(0.8, "measuring the gain")
-        return _concluded(choice, nameplate, held_out)
+        found = _concluded(choice, nameplate, held_out, standing)
+        return with_pressure_findings(found, choice.best, recordings, nameplate, held_out)
 
 
-def _concluded(choice: Choice, nameplate: Nameplate, held_out: Sequence[tuple[str, Recording]]) -> Diagnosis:
+def _concluded(
+    choice: Choice,
+    nameplate: Nameplate,
+    held_out: Sequence[tuple[str, Recording]],
+    standing: Standing | None = None,
+) -> Diagnosis:
     baseline, best = choice.baseline, choice.best
+    changed = () if standing is None else standing.changed
+    if standing is not None and changed:
+        baseline = standing.held
     details: dict[str, Any] = {
         "misfit_before": misfit(baseline),
         "misfit_after": misfit(best),
@@ -88,24 +109,28 @@ def _concluded(choice: Choice, nameplate: Nameplate, held_out: Sequence[tuple[st
     pictures: dict[str, Any] = {"before": show(baseline), "baseline": baseline, "details": details}
     if not explains(best):
         return Diagnosis(Verdict.UNEXPLAINED, _unexplained_message(choice), **pictures)
-    findings = [finding_of(best, baseline, cause) for cause in choice.causes]
-    rivals = list(choice.rivals)
+    findings = [] if standing is None else standing.findings(best)
+    findings += [finding_of(best, baseline, cause) for cause in choice.causes]
+    rivals, rival_fits = list(choice.rivals), list(choice.rival_fits)
     offset = preload_offset(best)
     if offset is not None:
         sentence = PRELOAD.sentence({"offset_n": offset}, setting_of(best))
         findings.append(Finding(PRELOAD.name, sentence, PRELOAD.action, {"offset_n": offset}, 0.0))
-        if asymmetry_instead(best) is not None:
-            rivals.append("friction_asymmetry")
+        instead = asymmetry_instead(best)
+        if instead is not None:
+            rivals.append(ASYMMETRY.name)
+            rival_fits.append(instead)
     if not findings:
-        return Diagnosis(Verdict.NONE, **pictures)
+        return Diagnosis(Verdict.NONE, "" if standing is None else _NOTHING_NEW, **pictures)
     gains: list[Gain] = []
-    if choice.causes:
+    if choice.causes or changed:
         measured = [held_out_gain(name, one, nameplate, baseline, best) for name, one in held_out]
         left = left_out_gain(baseline, best)
         gains = [gain for gain in (*measured, left) if gain is not None]
         if any(gain.is_worse for gain in gains):
+            named = _listed((*changed, *choice.causes))
             message = (
-                f"{_listed(choice.causes)} would explain the misfit, and predicts data that it was not fitted to "
+                f"{named} would explain the misfit, and predicts data that it was not fitted to "
                 "worse than the plain valve does: no cause is named."
             )
             return Diagnosis(Verdict.UNEXPLAINED, message, gains=tuple(gains), **pictures)
@@ -117,14 +142,14 @@ def _concluded(choice: Choice, nameplate: Nameplate, held_out: Sequence[tuple[st
         tuple(gains),
         after=show(best),
         extended=best,
-        rival_fits=choice.rival_fits,
+        rival_fits=tuple(rival_fits),
         **pictures,
     )
 
 
 def explains(fit: Fit) -> bool:
     """Whether what a fit leaves may be noise, or so little more that a name for the rest is not missed."""
-    largest = _LARGEST_FACTORS[len(fit.model.causes)]
+    largest = _LARGEST_FACTORS[min(len(fit.model.causes), len(_LARGEST_FACTORS) - 1)]
     return misfit(fit) < _LARGEST_MISFIT and noise_factor(fit) < largest
 
 

@@ -70,6 +70,15 @@ def held_out_gain(name: str, recording: Recording, nameplate: Nameplate, before:
     return Gain(name, errors[0], errors[1], observed.noise_m)
 
 
+def prediction_error(recording: Recording, nameplate: Nameplate, fit: Fit) -> tuple[float, float] | None:
+    """Return the error of the predicted position and the noise, m, for the pressure in this recording."""
+    observed = observe([recording], nameplate)
+    if isinstance(observed, Outcome):
+        return None
+    error_m = _rmse(_without_rests(observed), fit, 0.0, own_start=False)
+    return None if error_m is None else (error_m, observed.noise_m)
+
+
 def left_out_gain(before: Fit, after: Fit) -> Gain | None:
     """Return the gain on the last part of the recording, with both models fitted to what comes before it.
 

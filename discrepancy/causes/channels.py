@@ -62,6 +62,22 @@ SATURATION: Final = Cause(
 )
 
 
+def _leak_sentence(values: Mapping[str, Fitted], _setting: Setting) -> str:
+    return f"The pressure stays {with_interval(values['leak'], 100.0, '%')} below what the command asks for."
+
+
+LEAK: Final = Cause(
+    "actuator_leak",
+    "leak",
+    (Part("leak"),),
+    lambda _setting: [],
+    _leak_sentence,
+    "Look for a leak in the actuator, its diaphragm and the tubing, and calibrate the I/P.",
+    # of a command alone it is a share of k, F_0 and the frictions: only a measured pressure shows it
+    is_visible=lambda _observed: False,
+)
+
+
 def _play_sentence(values: Mapping[str, Fitted], _setting: Setting) -> str:
     return f"The position reading has {with_interval(values['play_m'], 1.0e6, 'um')} of lost motion."
 
@@ -108,4 +124,4 @@ READING_LAG: Final = Cause(
     "Take the filter out of the position transmitter, or tell its time constant.",
 )
 
-CHANNELS: Final = (TRANSDUCER_LAG, DEAD_TIME, SATURATION, BACKLASH, BOW, READING_LAG)
+CHANNELS: Final = (TRANSDUCER_LAG, DEAD_TIME, SATURATION, LEAK, BACKLASH, BOW, READING_LAG)

@@ -1,0 +1,77 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from discrepancy.diagnose import Verdict, diagnose
+from discrepancy.pressure_path import read_pressure_path
+from tests.blind.plant import acting_force
+from tests.discrepancy.hidden import FULL_PA, hidden
+from valve.extended_valve import InputPath
+from valve.recording import FloatArray, Recording
+from valve.waveform import triangle
+
+WAVE = triangle(12.0, 2, 3_000.0, FULL_PA)
+
+
+def recorded(path: InputPath, seed: int = 1, period_s: float = 2.0e-3, noise_pa: float = 15.0) -> Recording:
+    """A command and the pressure that follows it through this path; the stem does not matter here."""
+    time_s: FloatArray = np.arange(int(WAVE.duration_s / period_s), dtype=np.float64) * period_s
+    acting_s, acting_pa = acting_force(path, WAVE, 1.0)
+    pressure_pa = np.interp(time_s + 2.0, acting_s, acting_pa)
+    noise = noise_pa * np.random.default_rng(seed).standard_normal(time_s.size)
+    return Recording(
+        time_s=time_s, position_m=0.0 * time_s, command_pa=WAVE.at(time_s), pressure_pa=pressure_pa + noise
+    )
+
+
+PATHS = {
+    "transducer_lag": (InputPath(lag_s=0.12), 0.12),
+    "transducer_dead_time": (InputPath(dead_time_s=0.08), 0.08),
+    "supply_saturation": (InputPath(limit_n=0.96 * FULL_PA), 0.96 * FULL_PA),
+    "actuator_leak": (InputPath(leak=0.012), 0.012),
+}
+
+
+@pytest.mark.parametrize("cause", PATHS)
+@pytest.mark.parametrize("period_s", [2.0e-3, 2.0e-2])
+def test_what_delays_limits_or_loses_the_pressure_is_read_from_it(cause: str, period_s: float) -> None:
+    path, value = PATHS[cause]
+    found = read_pressure_path([recorded(path, period_s=period_s)])
+    assert found is not None
+    assert [name for name, _ in found.causes] == [cause]
+    assert found.causes[0][1].value == pytest.approx(value, rel=0.03)
+    assert found.share > 0.9
+
+
+def test_two_causes_of_the_path_are_told_apart() -> None:
+    found = read_pressure_path([recorded(InputPath(lag_s=0.1, leak=0.02))])
+    assert found is not None
+    assert {name for name, _ in found.causes} == {"transducer_lag", "actuator_leak"}
+
+
+def test_a_prompt_transducer_and_a_gauge_with_a_zero_have_no_cause() -> None:
+    plain = recorded(InputPath(lag_s=0.01))
+    assert plain.pressure_pa is not None
+    for recording in (plain, replace(plain, pressure_pa=plain.pressure_pa + 300.0)):
+        found = read_pressure_path([recording])
+        assert found is not None
+        assert found.causes == ()
+
+
+def test_a_recording_without_a_command_says_nothing_of_the_path() -> None:
+    assert read_pressure_path([replace(recorded(InputPath()), command_pa=None)]) is None
+
+
+def test_a_valve_behind_a_slow_transducer_is_named_for_it_alone_and_predicted_from_the_command() -> None:
+    case = hidden("nominal", seed=2)
+    pressure_pa = case.recording.pressure_pa
+    assert pressure_pa is not None
+    # the pressure acted as measured: the command came 0.2 s earlier
+    early_pa = np.interp(case.recording.time_s + 0.2, case.recording.time_s, pressure_pa)
+    found = diagnose([replace(case.recording, command_pa=early_pa)], case.nameplate)
+    assert found.verdict is Verdict.NAMED
+    assert [finding.cause for finding in found.causes] == ["transducer_dead_time"]
+    assert found.gains[0].to_json()["rmse_after_m"] < 0.3 * found.gains[0].to_json()["rmse_before_m"]
