@@ -60,6 +60,11 @@ class ValveDevice:
         return self._wired.command.unit
 
     @property
+    def writes(self) -> int:
+        """Write requests that went to the device's bus since it was opened."""
+        return self.unit.bus.writes
+
+    @property
     def captures(self) -> bool:
         """Whether the device can play a waveform and sample by its own clock."""
         return self.buffer is not None

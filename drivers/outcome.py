@@ -65,7 +65,8 @@ class Ended(StrEnum):
 class PlayOutcome:
     """What is left of a test: the recording (None where no sample was taken) and the state of the valve.
 
-    ``safe_confirmed`` is True only where the safe value was read back from the device.
+    ``safe_confirmed`` is True only where the safe value was read back from the device; ``writes`` counts the write
+    requests that were sent.
     """
 
     recording: Recording | None
@@ -73,3 +74,4 @@ class PlayOutcome:
     safe_confirmed: bool
     error: ValveError | None = None
     notes: tuple[str, ...] = field(default_factory=tuple)
+    writes: int = 0

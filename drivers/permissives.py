@@ -16,6 +16,8 @@ from drivers.device import ValveDevice
 from drivers.outcome import Sample
 from valve.errors import ConfigurationError, DeviceError, EquipmentError, PermissiveError
 
+#: What to do where a device cannot be read at all.
+UNREACHABLE: Final = "look at the device and its wire"
 _LOOKS: Final = 4  # a sample may be lost and the stem must still be seen at rest
 _LOOK_PERIOD_S: Final = 0.05
 _STILL_M: Final = 1.0e-3  # where the plant file and the nameplate say nothing
@@ -72,7 +74,7 @@ async def read_permissives(device: ValveDevice, permit: str | None = None) -> Re
             *await _judged(device, samples, permit),
         )
     except (EquipmentError, ConfigurationError) as error:
-        remedy = "look at the device and its wire" if isinstance(error, EquipmentError) else "correct plant.toml"
+        remedy = UNREACHABLE if isinstance(error, EquipmentError) else "correct plant.toml"
         return Readiness((Permissive("device", False, str(error), "the device that plant.toml names", remedy),))
     return Readiness(judged, samples[-1], _unrest_m(samples))
 

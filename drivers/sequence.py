@@ -179,7 +179,7 @@ class _Play:
             raise
         safe = await self._let_go(safe)
         self._on_progress(1.0, "ended")
-        return PlayOutcome(recording, ended, safe, error, tuple(self._notes))
+        return PlayOutcome(recording, ended, safe, error, tuple(self._notes), self._device.writes)
 
     async def _abandon(self) -> None:
         await self._let_go(await self._device.go_safe())

@@ -71,6 +71,7 @@ class Transport:
     def __init__(self, address: TcpAddress | TlsAddress | RtuAddress) -> None:
         self.address = address
         self.recoveries = 0
+        self.writes = 0  # requests that were sent
         self._gate = Gate()
         self._connection = Connection(address)
         self._wanted = False
@@ -127,6 +128,7 @@ class Transport:
             await self._line_silence()
             if self._doubt is not None or self._connection.unasked or not self._connection.is_open:
                 await self._recover(request)
+            self.writes += bool(request.words)
             return await self._exchange(request)
 
     async def _exchange(self, request: Request) -> Exchange:

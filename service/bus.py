@@ -12,6 +12,7 @@ from drivers.addresses import BusAddress, GaugeAddress
 from drivers.serial_gauge import SerialGauge
 from drivers.transport import Transport
 from drivers.wiring import Bus
+from service.bus_lock import BusLocks
 from valve.errors import BusyError
 
 #: How long nightly checks leave a bus to somebody whom one of them kept waiting: time to press the button again.
@@ -34,18 +35,19 @@ class Claim:
 
 
 class BusOwners:
-    """Claims of this process; that no other process uses the plant is the store lock's concern.
+    """Claims of this process, and by ``locks`` of this process among others.
 
     People go first: who was refused because a scheduled test used a bus finds it free afterwards, for a minute.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic, locks: BusLocks | None = None) -> None:
         self._clock = clock
+        self._locks = locks
         self._claims: dict[str, Claim] = {}
         self._kept_free: dict[str, float] = {}  # by bus: until when no scheduled test takes it
 
     def claim(self, run_id: str, tag: str, buses: Iterable[str], *, scheduled: bool = False) -> Claim:
-        """Take a valve and its buses. Raises BusyError where one of them is taken."""
+        """Take a valve and its buses. Raises BusyError where one of them is taken, here or by another process."""
         wanted = Claim(run_id, tag, frozenset(buses), scheduled)
         user, reason = self._in_the_way(wanted)
         if reason:
@@ -56,12 +58,18 @@ class BusOwners:
         if not scheduled:
             for bus in wanted.buses:
                 self._kept_free.pop(bus, None)
+        if self._locks is not None:
+            self._locks.take(wanted.buses)
         self._claims[run_id] = wanted
         return wanted
 
     def why_not_scheduled(self, tag: str, buses: Iterable[str]) -> str:
         """Return why a scheduled test of a valve has to wait now; "" where it may start."""
         return self._in_the_way(Claim("", tag, frozenset(buses), scheduled=True))[1]
+
+    def in_use(self, tag: str, buses: Iterable[str]) -> str:
+        """Return which test uses a valve or one of its buses; "" where none does."""
+        return self._in_the_way(Claim("", tag, frozenset(buses)))[1]
 
     def _in_the_way(self, wanted: Claim) -> tuple[Claim | None, str]:
         for claim in self._claims.values():
@@ -81,6 +89,8 @@ class BusOwners:
         """Give valve and buses back; nothing happens where it was done already."""
         if self._claims.pop(claim.run_id, None) is None:
             return
+        if self._locks is not None:
+            self._locks.give_back(claim.buses)
         for bus in claim.buses & self._kept_free.keys():
             self._kept_free[bus] = self._clock() + COURTESY_S
 

@@ -15,6 +15,7 @@ import structlog
 from drivers.addresses import BusAddress
 from drivers.device import ValveDevice, connect_valve
 from drivers.outcome import PlayOutcome
+from drivers.permissives import UNREACHABLE, Permissive, read_permissives
 from drivers.sequence import play_sequence
 from drivers.waveform_check import check_waveform
 from drivers.wiring import Bus
@@ -51,6 +52,14 @@ class WiredRig:
                 await buses[name].open()
             yield connect_valve(valve.wiring, buses)
 
+    async def permissives(self, valve: PlantValve, permit: str | None) -> tuple[Permissive, ...]:
+        """Read fresh what must hold before this valve may move; nothing is written."""
+        try:
+            async with self._connected(valve) as device:
+                return (await read_permissives(device, permit)).permissives
+        except EquipmentError as error:
+            return (Permissive("device", False, str(error), "a device that answers", UNREACHABLE),)
+
     async def play(self, order: Order, watcher: Watcher, stop: asyncio.Event) -> PlayOutcome:
         """Play a waveform; however it ends, the valve is sent to its safe value. Raises ValveError before motion."""
         async with self._connected(order.valve) as device:
@@ -73,6 +82,8 @@ class WiredRig:
                 limits=order.valve.wiring.limits,
                 provenance=provenance,
                 on_ready=watcher.on_ready,
+                permit=order.permit,
+                on_permissives=watcher.on_permissives,
             )
 
     async def go_safe(self, valve: PlantValve, run_number: int, entry_pa: float | None) -> bool:

@@ -19,8 +19,12 @@ COMMANDS: Final = {
     "serve": "The service of the plant that a plant file describes.",
     "simulate": "The valves of a plant file as Modbus slaves.",
     "run": "One test of one valve through the REST interface of a running service.",
+    "stop": "Stop a test, or whatever test uses a valve: it goes to its safe value at once.",
     "plan": "What a test would tell of a valve, by sequence, before anything moves.",
     "analyze": "Estimates from recordings that exist already, with no service or device.",
+    "user": "People who may sign in: add, list, change.",
+    "token": "Machines that may call the service: create, list, revoke.",
+    "audit": "The audit log: show it, and verify that nobody changed it.",
     "paper": "Tables and figures of Romano and Garcia (2007), ours beside the printed values.",
 }
 TRACEBACK_VARIABLE: Final = "BREAKAWAY_TRACEBACK"
@@ -38,6 +42,8 @@ class _LazyGroup(CommandGroup):
 def _loaded(name: str) -> Any:
     single = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
     module = import_module(f"service.cli.{name}")
+    if hasattr(module, "GROUP"):  # a command with commands of its own
+        return typer.main.get_command(module.GROUP)
     single.command(name, cls=getattr(module, "COMMAND_CLASS", Command))(getattr(module, name))
     return typer.main.get_command(single)
 

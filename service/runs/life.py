@@ -7,14 +7,19 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, Protocol
 
 import structlog
 
 from drivers.outcome import Ended, PlayOutcome, SampleBlock
+from drivers.permissives import Permissive
+from service.audit.log import AuditError, AuditLog
 from service.bus import BusOwners, Claim
+from service.runs.acknowledgement import ENDED_KEY
 from service.runs.live import MOTION_SHARE, LiveRun
+from service.runs.permission import Permission
 from service.runs.rig import Order, Rig, Watcher
 from service.runs.run import RunState
 from service.store.journal import JournalWriter
@@ -25,6 +30,7 @@ from valve.recording import Recording
 
 _LOG = structlog.get_logger(__name__)
 _SYNC_PERIOD_S: Final = 1.0
+_OF_SERVICE: Final = ("disk", "last_test")
 # The phase in which a device's own samples are fetched: only then, and only where the valve was read back at safe.
 UPLOADING: Final = "uploading"
 ENDED: Final = "ended"  # however it did: no sign of how much was done
@@ -54,7 +60,16 @@ class Analyst(Protocol):
 class Life:
     """Carries one order out. The claim is given back as soon as the valve rests and its recording is on disk."""
 
-    def __init__(self, live: LiveRun, order: Order, claim: Claim, store: Store, owners: BusOwners) -> None:
+    def __init__(
+        self,
+        live: LiveRun,
+        order: Order,
+        claim: Claim,
+        store: Store,
+        owners: BusOwners,
+        *,
+        audit: AuditLog | None = None,
+    ) -> None:
         self._live = live
         self._order = order
         self._claim = claim
@@ -63,6 +78,8 @@ class Life:
         self._journal: JournalWriter | None = None
         self._disk_error = ""
         self._entry_pa: float | None = None
+        self._audit = audit
+        self._permissives: tuple[Permissive, ...] = ()
 
     async def run(self, rig: Rig, analyst: Analyst) -> None:
         """Move, record, analyse; every way it can end is stored in the run."""
@@ -120,7 +137,7 @@ class Life:
             return False
         await self._change(state=RunState.RUNNING, started_at=datetime.now(UTC))
         syncing = asyncio.create_task(self._sync_journal())
-        watcher = Watcher(self._on_ready, self._on_samples, self._on_progress)
+        watcher = Watcher(self._on_ready, self._on_samples, self._on_progress, self._on_permissives)
         try:
             outcome = await rig.play(self._order, watcher, live.stop)
         except ValveError as error:  # before anything moved: a motion ends in an outcome
@@ -139,19 +156,21 @@ class Life:
             name, sha256 = await asyncio.to_thread(self._store.write_recording, self._live.run.id, outcome.recording)
             changes |= {"recording_file": name, "recording_sha256": sha256}
             changes["quality"] = recording_quality(outcome.recording, outcome.notes)
-        elif outcome.notes:
+        else:
             changes["quality"] = {"samples": 0, "notes": list(outcome.notes)}
+        changes["quality"] |= {ENDED_KEY: outcome.ended.value, "writes": outcome.writes}
         if self._journal is not None:
             self._journal.close()
             if outcome.recording is not None:
                 self._store.journal_path(self._live.run.id).unlink(missing_ok=True)
+        unwritten = await self._end_in_audit(outcome)
         stopped = self._live.stop_reason if outcome.ended is Ended.STOPPED else ""
-        faults = [text for text in (self._disk_error, str(outcome.error or ""), stopped) if text]
+        faults = [text for text in (self._disk_error, unwritten, str(outcome.error or ""), stopped) if text]
         if not outcome.safe_confirmed:
             faults.insert(0, NOT_CONFIRMED)
         if outcome.ended is Ended.COMPLETED and not faults and outcome.recording is not None:
             await self._change(state=RunState.ANALYZING, progress=MOTION_SHARE, **changes)
-        elif outcome.ended is Ended.STOPPED and not self._disk_error:
+        elif outcome.ended is Ended.STOPPED and not (self._disk_error or unwritten):
             await self._end(RunState.STOPPED, "; ".join(faults), **changes)
         else:
             await self._end(RunState.FAILED, "; ".join(faults) or "no sample was taken", **changes)
@@ -195,15 +214,42 @@ class Life:
             raise MeasurementError(
                 f"{run.valve}: the journal cannot be written ({error}): nothing was moved"
             ) from error
+        shown = Permission(self._permissives, datetime.now(UTC)).to_json()
+        details = {"sequence": run.sequence, "run_number": run.number, "device": device, "permissives": shown}
+        await self._in_audit("motion.armed", {**details, "entry_pa": self._entry_pa, "permit": self._order.permit})
+        of_service = [one for one in (run.permissives or {}).get("permissives", []) if one["name"] in _OF_SERVICE]
+        shown["permissives"] += of_service  # disk and last end were read a moment ago; a device cannot know them
+        await self._change(permissives=shown)
+
+    async def _in_audit(self, event: str, details: Mapping[str, Any]) -> None:
+        """Write an event of this motion; it is on disk when this returns. Raises AuditError: then nothing may move."""
+        run = self._live.run
+        if self._audit is not None:
+            append = partial(self._audit.append, event, valve=run.valve, test=run.id, details=details)
+            await asyncio.to_thread(append, who=run.requested_by or "local")
+
+    async def _end_in_audit(self, outcome: PlayOutcome) -> str:
+        """Write how the motion ended; return why that could not be written."""
+        details = {"ended": outcome.ended.value, "safe_confirmed": outcome.safe_confirmed, "writes": outcome.writes}
+        reason = {} if outcome.error is None else {"error": str(outcome.error)}
+        try:
+            await self._in_audit("motion.ended", {**details, **reason})
+        except AuditError as error:
+            return f"the end of the motion is not in the audit log: {error}"
+        return ""
+
+    def _on_permissives(self, permissives: tuple[Permissive, ...]) -> None:
+        self._permissives = permissives
 
     def _on_samples(self, block: SampleBlock) -> None:
-        self._live.samples(block)
-        if self._journal is None or self._disk_error:
-            return
-        try:
-            self._journal.append(block)
-        except OSError as error:
-            self._abort_for_disk(error)
+        # Nobody sees a sample that a crash could undo: first to the journal, then to the watchers.
+        if self._journal is not None and not self._disk_error:
+            try:
+                self._journal.append(block)
+            except OSError as error:
+                self._abort_for_disk(error)
+        if not self._disk_error:
+            self._live.samples(block)
 
     def _on_progress(self, share: float, phase: str) -> None:
         if phase == UPLOADING and not self._live.motion_ended.is_set():

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from drivers.outcome import PlayOutcome, SampleBlock
+from drivers.permissives import Permissive
 from service.settings import PlantValve
 from valve.waveform import Waveform
 
@@ -30,12 +31,14 @@ class Order:
 class Watcher:
     """Who is told what happens. ``on_ready`` is awaited after the device is identified and before anything moves.
 
-    It gets what the device commanded at entry (Pa) and what the device says it is.
+    It gets what the device commanded at entry (Pa) and what the device says it is; ``on_permissives`` was told before
+    what must hold, each met or not.
     """
 
     on_ready: Callable[[float, str], Awaitable[None]]
     on_samples: Callable[[SampleBlock], None]
     on_progress: Callable[[float, str], None]
+    on_permissives: Callable[[tuple[Permissive, ...]], None] = lambda _: None
 
 
 class Rig(Protocol):
@@ -43,6 +46,9 @@ class Rig(Protocol):
 
     def check(self, valve: PlantValve, waveform: Waveform) -> None:
         """Refuse what this valve must not do. Raises WaveformError."""
+
+    async def permissives(self, valve: PlantValve, permit: str | None) -> tuple[Permissive, ...]:
+        """Read fresh what must hold before this valve may move; nothing is moved."""
 
     async def play(self, order: Order, watcher: Watcher, stop: asyncio.Event) -> PlayOutcome:
         """Play a waveform; however it ends, the valve is sent to its safe value."""

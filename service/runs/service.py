@@ -7,14 +7,21 @@ import contextlib
 from collections import OrderedDict
 from collections.abc import AsyncIterator, Coroutine, Mapping
 from dataclasses import replace
+from datetime import UTC, datetime
+from functools import partial
 from typing import Any, Final, TypeVar
 
 import structlog
 
+from drivers.permissives import require_met
+from service.audit.log import AuditLog
 from service.bus import BusOwners, Claim
+from service.bus_lock import BusLocks
 from service.events import Event
+from service.runs.acknowledgement import acknowledged, ended_badly, last_end
 from service.runs.life import NOT_CONFIRMED, Analyst, Life
 from service.runs.live import LiveRun
+from service.runs.permission import Permission, free_disk
 from service.runs.recovery import (
     UNFINISHED,
     entry_pressure_pa,
@@ -28,7 +35,7 @@ from service.runs.run import Label, Run, checked_run_id, new_run_id
 from service.runs.sequences import choose_waveform
 from service.settings import Plant, PlantValve
 from service.store.store import Store
-from valve.errors import BusyError, ElsewhereError, NotFoundError, RequestError
+from valve.errors import BusyError, ElsewhereError, InternalError, NotFoundError, RequestError
 
 Result = TypeVar("Result")
 
@@ -40,13 +47,19 @@ _REMEMBERED_RUNS: Final = 32  # finished runs whose events can still be followed
 class Runs:
     """Every run of this process. All methods belong to the event loop."""
 
-    def __init__(self, plant: Plant, store: Store, rig: Rig, analyst: Analyst, *, software: str) -> None:
+    def __init__(
+        self, plant: Plant, store: Store, rig: Rig, analyst: Analyst, *, software: str, audit: AuditLog | None = None
+    ) -> None:
         self._plant = plant
         self._store = store
         self._rig = rig
         self._analyst = analyst
         self._software = software
-        self._owners = BusOwners()
+        self._audit = audit
+        self._locks = BusLocks(plant.buses)
+        self._owners = BusOwners(locks=self._locks)
+        self._bus_turns = {name: asyncio.Lock() for name in plant.buses}
+        self._permissions: dict[str, Permission] = {}  # as they were read last, by tag
         self._live: OrderedDict[str, LiveRun] = OrderedDict()
         self._tasks: set[asyncio.Task[Any]] = set()
         self._admission = asyncio.Lock()
@@ -107,7 +120,7 @@ class Runs:
             gateway=self._plant.service.gateway,
             label=label,
         )
-        async with self._admission:
+        async with self._turn(valve):
             known = await self._asked_before(wanted)
             if known is not None:
                 return known
@@ -115,16 +128,86 @@ class Runs:
                 raise BusyError(f"{tag}: the service is shutting down: repeat the request when it is back")
             claim = self._owners.claim(wanted.id, tag, valve.buses, scheduled=schedule is not None)
             try:
-                stored = await asyncio.to_thread(self._store.runs.insert, wanted)
+                permission = await self._read_permission(valve, permit)
+                require_met(tag, permission.permissives)
+                async with self._admission:
+                    known = await self._asked_before(wanted)  # of another valve, meanwhile: then it is refused
+                    assert known is None
+                    wanted = replace(wanted, permissives=permission.to_json())
+                    stored = await asyncio.to_thread(self._store.runs.insert, wanted)
             except BaseException:
                 self._owners.release(claim)
                 raise
             live = self._remember(stored)
             order = Order(valve, choice.waveform, choice.name, stored.number, permit)
-            self._spawn(Life(live, order, claim, self._store, self._owners).run(self._rig, self._analyst))
+            life = Life(live, order, claim, self._store, self._owners, audit=self._audit)
+            self._spawn(life.run(self._rig, self._analyst))
         because = {"because": choice.reason} if choice.reason else {}
         _LOG.info("test accepted", test=stored.id, valve=tag, sequence=choice.name, run_number=stored.number, **because)
         return live.run
+
+    @contextlib.asynccontextmanager
+    async def _turn(self, valve: PlantValve) -> AsyncIterator[None]:
+        """Wait for the buses of a valve as long as somebody only reads there; a test that runs is not waited for."""
+        async with contextlib.AsyncExitStack() as stack:
+            for bus in sorted(valve.buses):
+                await stack.enter_async_context(self._bus_turns[bus])
+            yield
+
+    async def _read_permission(self, valve: PlantValve, permit: str | None) -> Permission:
+        found = await self._rig.permissives(valve, permit)
+        last = await asyncio.to_thread(self._store.runs.newest, 1, valve=valve.nameplate.tag)
+        disk = await asyncio.to_thread(free_disk, self._store.folder)
+        permission = Permission((*found, disk, last_end(last[0] if last else None)), datetime.now(UTC))
+        self._permissions[valve.nameplate.tag] = permission
+        return permission
+
+    async def permission(self, tag: str) -> tuple[Permission | None, str]:
+        """Return what must hold before this valve may move, read fresh without moving it, and why it is not fresh.
+
+        While a bus of it is used the last ones are returned (None where there are none) with the reason.
+        Raises NotFoundError, ElsewhereError.
+        """
+        valve = self.valve(tag)
+        self._check_gateway(tag)
+        async with self._turn(valve):
+            in_use = self._owners.in_use(tag, valve.buses)
+            if in_use:
+                return self._permissions.get(tag), in_use
+            try:
+                with self._locks.hold(valve.buses):
+                    return await self._read_permission(valve, None), ""
+            except BusyError as error:
+                return self._permissions.get(tag), str(error)
+
+    async def acknowledge(self, run_id: str, requester: Requester, note: str) -> Run:
+        """Note that somebody looked at the valve after a test that ended badly; the first note stays.
+
+        Raises NotFoundError, and RequestError where there is nothing to acknowledge or the test still runs.
+        """
+        run = await self.get(run_id)
+        if run.acknowledged_at is not None:
+            return run
+        if not ended_badly(run):
+            raise RequestError(f"test {run.id} is {run.state.value} and needs no acknowledgement: nothing to do")
+        live = self._live.get(run.id)
+        changed = acknowledged(run, requester.name, note)
+        if self._audit is not None:
+            append = partial(self._audit.append, "test.acknowledged", valve=run.valve, test=run.id)
+            await asyncio.to_thread(append, who=requester.name, details={"note": note})
+        await asyncio.to_thread(self._store.runs.save, changed)
+        if live is not None:
+            live.run = changed
+        _LOG.warning("test acknowledged", test=run.id, valve=run.valve, by=requester.name, note=note)
+        return changed
+
+    async def running_test_of(self, tag: str) -> str:
+        """Return the id of the test that uses a valve now. Raises NotFoundError where none does."""
+        self.valve(tag)
+        run_id = self.user_of(tag)
+        if run_id is None:
+            raise NotFoundError(f"{tag}: no test uses this valve now: there is nothing to stop")
+        return run_id
 
     async def _asked_before(self, wanted: Run) -> Run | None:
         if wanted.idempotency_key is None:
@@ -177,6 +260,12 @@ class Runs:
                 await asyncio.wait_for(live.finished.wait(), timeout_s)
         return await self.get(run_id)
 
+    async def rest(self, run_id: str) -> None:
+        """Return when the valve of a run moves no more."""
+        live = self._live.get(run_id)
+        if live is not None:
+            await live.motion_ended.wait()
+
     async def stop(self, run_id: str, *, reason: str = "stopped on request", timeout_s: float = 8.0) -> Run:
         """Send the valve of a run to safe at once and return when it is there; what has ended stays as it is."""
         live = self._live.get(checked_run_id(run_id))
@@ -220,6 +309,7 @@ class Runs:
     async def _send_safe(self, run: Run, entry_pa: float | None) -> bool:
         valve = self._plant.valves[run.valve]
         claim = await self._claim_when_free(run, valve)
+        await self._note_in_audit("motion.recovery", run, {"run_number": run.number, "entry_pa": entry_pa})
         try:
             return await self._rig.go_safe(valve, run.number, entry_pa)
         except Exception as error:  # noqa: BLE001  - whatever it is, the result must say that the valve was not seen safe
@@ -228,8 +318,20 @@ class Runs:
         finally:
             self._owners.release(claim)
 
+    async def _note_in_audit(self, event: str, run: Run, details: Mapping[str, Any]) -> None:
+        """Write what is done for safety's sake; where that cannot be written it is done all the same."""
+        if self._audit is None:
+            return
+        try:
+            await asyncio.to_thread(
+                partial(self._audit.append, event, who="service", valve=run.valve, test=run.id, details=details)
+            )
+        except InternalError as error:
+            _LOG.error("not in the audit log", test=run.id, audit_event=event, error=str(error))
+
     async def _note_safe(self, run_id: str, sent: asyncio.Task[bool]) -> None:
         confirmed = await sent
+        await self._note_in_audit("motion.ended", await self.get(run_id), {"safe_confirmed": confirmed})
         run = await asyncio.to_thread(self._store.runs.get, run_id)
         error = run.error + ("; the valve was sent to its safe value" if confirmed else f"; {NOT_CONFIRMED}")
         await asyncio.to_thread(self._store.runs.save, replace(run, safe_confirmed=confirmed, error=error))
@@ -238,7 +340,8 @@ class Runs:
     async def _claim_when_free(self, run: Run, valve: PlantValve) -> Claim:
         while True:
             try:
-                return self._owners.claim(run.id, run.valve, valve.buses)
+                async with self._turn(valve):
+                    return self._owners.claim(run.id, run.valve, valve.buses)
             except BusyError:
                 await asyncio.sleep(0.05)
 

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
+from service.runs.acknowledgement import needs_acknowledgement
 from service.runs.run import Label, Run, RunState
 
 
@@ -61,6 +62,11 @@ class RunView(RunSummary):
     """One test with all that is known of it."""
 
     run_number: int
+    permissives: dict[str, Any] | None = Field(description="what had to hold before the motion, as it was read then")
+    needs_acknowledgement: bool = Field(description="whether it bars the next test of the valve until acknowledged")
+    acknowledged_at: datetime | None
+    acknowledged_by: str | None
+    acknowledgement: str | None
     quality: dict[str, Any] | None = Field(description="achieved rate, jitter and missed slots of the recording")
     analysis: dict[str, Any] | None = Field(description="the analysis object, breakaway/analysis/1, once completed")
 
@@ -88,4 +94,14 @@ def summary(run: Run) -> RunSummary:
 
 def view(run: Run) -> RunView:
     """Return a test with all that is known of it."""
-    return RunView(**_shared(run), run_number=run.number, quality=run.quality, analysis=run.analysis)  # type: ignore[arg-type]  # a read-only mapping is copied
+    return RunView(
+        **_shared(run),
+        run_number=run.number,
+        permissives=run.permissives,  # type: ignore[arg-type]  # a read-only mapping is copied
+        needs_acknowledgement=needs_acknowledgement(run),
+        acknowledged_at=run.acknowledged_at,
+        acknowledged_by=run.acknowledged_by,
+        acknowledgement=run.acknowledgement,
+        quality=run.quality,  # type: ignore[arg-type]
+        analysis=run.analysis,  # type: ignore[arg-type]
+    )

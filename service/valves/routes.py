@@ -14,6 +14,7 @@ from service.access.needs import needs
 from service.access.principal import Right
 from service.parts import Parts, parts_of
 from service.problems import PROBLEMS
+from service.runs.acknowledgement import alarm_of
 from service.runs.sequences import SEQUENCES, default_of
 from service.runs.views import RunSummary, RunView, summary, view
 from service.store.run_table import ValveHead
@@ -31,6 +32,7 @@ class ValveSummary(BaseModel):
     acquisition: str
     busy_with: str | None = Field(description="id of the test that uses the valve now")
     last_test: RunSummary | None
+    alarms: list[str] = Field(description="what stands until somebody acknowledges it, in words")
     health: dict[str, Any] | None = Field(description="NAMUR NE 107 state of the last completed test, with reasons")
 
 
@@ -54,13 +56,16 @@ class ValveList(BaseModel):
 
 def _summary(parts: Parts, tag: str, head: ValveHead | None) -> dict[str, Any]:
     valve = parts.plant.valves[tag]
+    last = None if head is None else parts.runs.as_it_stands(head.last)
+    alarm = alarm_of(last)
     return {
         "tag": tag,
         "href": f"/valves/{quote(tag)}",
         "buses": sorted(valve.buses),
         "acquisition": valve.wiring.acquisition.mode.value,
         "busy_with": parts.runs.user_of(tag),
-        "last_test": None if head is None else summary(parts.runs.as_it_stands(head.last)),
+        "last_test": None if last is None else summary(last),
+        "alarms": [alarm] if alarm else [],
         "health": None if head is None else head.health,
     }
 

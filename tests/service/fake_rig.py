@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from drivers.outcome import Ended, PlayOutcome, SampleBlock
+from drivers.permissives import Permissive
 from service.runs.rig import Order, Watcher
 from service.settings import PlantValve
 from valve.errors import DeviceError, WaveformError
@@ -32,15 +33,22 @@ class FakeRig:
         self.break_at: float | None = None
         self.failure: Exception = DeviceError("FV-101: the stem is stuck: look at it")
         self.moving = asyncio.Event()
+        self.permits: list[str | None] = []
+        self.shown = (Permissive("loop_in_manual", True, "in manual", "the loop in manual"),)
 
     def check(self, valve: PlantValve, waveform: Waveform) -> None:
         if waveform.fastest_rate_pa_per_s > valve.wiring.limits.pressure_rate_pa_per_s:
             raise WaveformError(f"{valve.nameplate.tag}: too steep: make it slower")
 
+    async def permissives(self, valve: PlantValve, permit: str | None) -> tuple[Permissive, ...]:
+        self.permits.append(permit)
+        return self.shown
+
     async def play(self, order: Order, watcher: Watcher, stop: asyncio.Event) -> PlayOutcome:
         self.orders.append(order)
         if self.refusal is not None:
             raise self.refusal
+        watcher.on_permissives(self.shown)
         await watcher.on_ready(1234.0, "fake device")
         self.moving.set()
         blocks = 20

@@ -226,6 +226,6 @@ async def test_progress_stays_where_a_test_was_stopped_and_its_notes_are_kept(
     await runs.stop(run.id)
     ended = await runs.wait(run.id, 10.0)
     assert ended.progress == pytest.approx(0.19)
-    assert ended.quality == {"samples": 0, "notes": ["nothing was taken"]}
+    assert ended.quality == {"samples": 0, "notes": ["nothing was taken"], "ended": "stopped", "writes": 0}
     await runs.shut_down()
     store.close()

@@ -79,14 +79,15 @@ async def test_stop_on_real_wires_reaches_the_valve_within_a_second(quick_path: 
         assert body["safe_confirmed"] is True
 
 
-async def test_a_device_that_is_not_there_fails_the_test_and_frees_the_bus(quick_path: Path) -> None:
+async def test_a_device_that_is_not_there_permits_no_test_and_frees_the_bus(quick_path: Path) -> None:
     async with wired_plant(quick_path) as (path, _):
         plant = load_plant(path)
     async with running_service(plant, None, FakeAnalyst()) as client:
         for _ in range(2):
-            body = (await client.post("/tests/run", json=SHORT, headers={"Prefer": "wait=30"})).json()
-            assert body["state"] == "failed"
-            assert "nothing was moved" in body["error"]
+            answer = await client.post("/tests/run", json=SHORT, headers={"Prefer": "wait=30"})
+            assert answer.status_code == 423
+            assert "nothing was moved" in answer.json()["detail"]
+        assert (await client.get("/tests")).json()["tests"] == []
 
 
 @asynccontextmanager
@@ -170,8 +171,13 @@ async def test_after_kill_9_the_test_is_interrupted_its_samples_are_kept_and_the
             assert "sent to its safe value" in body["error"]
             assert asked_pa(plant) == pytest.approx(SAFE_PA, abs=10.0)
             assert len((await client.get(body["recording"]["href"])).text.splitlines()) > 20
-            again = (await client.post("/tests/run", json=SHORT)).status_code
-            assert again == 202
+            refused = await client.post("/tests/run", json=SHORT)
+            assert refused.status_code == 423
+            assert "acknowledge first" in refused.json()["detail"]
+            assert (await client.get("/valves")).json()["valves"][0]["alarms"] != []
+            await client.post(f"{location}/acknowledge", json={"note": "looked at it: all is well"})
+            assert (await client.get("/valves")).json()["valves"][0]["alarms"] == []
+            assert (await client.post("/tests/run", json=SHORT)).status_code == 202
 
 
 async def test_a_second_service_on_the_store_is_refused_in_one_sentence(quick_path: Path) -> None:

@@ -1,0 +1,46 @@
+"""``breakaway stop``: the valve of a test goes to its safe value at once."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final
+from urllib.parse import quote
+
+import httpx
+import typer
+
+from service.runs.run import RUN_ID
+from valve.errors import MeasurementError, RequestError, WireError
+
+_TIMEOUT_S: Final = 15.0  # the service waits 8 s for the safe value
+
+
+def stop(
+    what: Annotated[str, typer.Argument(metavar="TEST|TAG", help="A test's id, or the tag of the valve that moves.")],
+    url: Annotated[
+        str, typer.Option(metavar="URL", envvar="BREAKAWAY_URL", help="Address of the service.")
+    ] = "http://127.0.0.1:8321",
+    token: Annotated[
+        str, typer.Option(metavar="TOKEN", envvar="BREAKAWAY_TOKEN", help="A machine token, where the service asks.")
+    ] = "",
+) -> None:
+    """Stop a test; exit code 0 only where the valve was read back at its safe value."""
+    folder = "tests" if RUN_ID.fullmatch(what) else "valves"
+    headers = {"Authorization": f"Bearer {token}"} if token else {}
+    try:
+        answer = httpx.post(f"{url}/{folder}/{quote(what, safe='')}/stop", headers=headers, timeout=_TIMEOUT_S)
+        test: dict[str, Any] = answer.json()
+    except (httpx.HTTPError, httpx.InvalidURL) as error:
+        raise WireError(
+            f"{url}: no answer ({error}): name the service by --url; a valve whose service is gone goes to its safe "
+            "value by the watchdog of its device"
+        ) from None
+    except ValueError:
+        raise WireError(f"{url}: its answer is no JSON: is it breakaway?") from None
+    if answer.is_error:
+        raise RequestError(str(test.get("detail", f"status {answer.status_code}")))
+    if test["safe_confirmed"] is False:
+        raise MeasurementError(f"{test['valve']}: {test['error']}")
+    safe = "at its safe value, read back" if test["safe_confirmed"] else f"not moved by test {test['id']}"
+    print(f"{test['valve']}: test {test['id']} is {test['state']}, the valve is {safe}")
+    if test["state"] not in ("completed", "stopped", "failed", "interrupted", "analyzing"):
+        raise MeasurementError(f"{test['valve']}: test {test['id']} is still {test['state']}: look at the valve")

@@ -1,0 +1,43 @@
+"""Whether a valve may be tested now: what its device shows, the disk, and how its last test ended."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any, Final
+
+from drivers.permissives import Permissive
+
+#: A test's journal and recording take 40 MB at most (300 s at 1 kHz), its analysis a few more.
+LEAST_FREE_BYTES: Final = 200_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Permission:
+    """The permissives of one valve as they were read at an instant."""
+
+    permissives: tuple[Permissive, ...]
+    read_at: datetime
+
+    @property
+    def may_start(self) -> bool:
+        """Whether none is missing."""
+        return all(one.met is not False for one in self.permissives)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as the store and the interface have it."""
+        shown = [one.to_json() for one in self.permissives]
+        return {"read_at": self.read_at.isoformat(), "may_start": self.may_start, "permissives": shown}
+
+
+def free_disk(folder: Path) -> Permissive:
+    """Return the permissive that the store's disk is. Blocks."""
+    try:
+        free = shutil.disk_usage(folder).free
+    except OSError as error:
+        return Permissive("disk", False, f"it cannot be read ({error.strerror})", "a disk", "look at the store's disk")
+    limit = f"at least {LEAST_FREE_BYTES / 1e6:.0f} MB free"
+    remedy = "free some space on the store's disk, or name another service.store"
+    return Permissive("disk", free >= LEAST_FREE_BYTES, f"{free / 1e6:.0f} MB free", limit, remedy)

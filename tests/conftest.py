@@ -1,0 +1,10 @@
+"""For every test: lock files of buses in a folder of this process, so that tests side by side share no machine."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+
+from service.bus_lock import FOLDER_VARIABLE
+
+os.environ[FOLDER_VARIABLE] = tempfile.mkdtemp(prefix="breakaway-locks-")
