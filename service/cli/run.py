@@ -16,11 +16,11 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.text import Text
 
 from service.cli.analysis_tables import print_analysis
+from service.cli.client import service_client
 from service.cli.signals import ended_by_signals
 from valve.errors import MeasurementError, RequestError, WireError
 
 _RECONNECTIONS: Final = 5
-_TIMEOUT: Final = httpx.Timeout(10.0, read=30.0)  # the stream says that it lives every 15 s
 
 
 def run(
@@ -41,13 +41,7 @@ def run(
     ] = False,
 ) -> None:
     """Run one test of one valve and print both methods' estimates. Ctrl-C stops the test."""
-    try:
-        if httpx.URL(url).scheme not in ("http", "https") or not httpx.URL(url).host:
-            raise ValueError("it begins with http:// and a host")
-        client = httpx.Client(base_url=url, timeout=_TIMEOUT)
-    except (httpx.InvalidURL, ValueError) as error:
-        raise RequestError(f"--url {url!r} is no address ({error}): give one such as http://127.0.0.1:8321") from None
-    with client, ended_by_signals():
+    with service_client(url) as client, ended_by_signals():
         location = _start(client, tag, sequence)
         try:
             _watch(client, location, tag)
