@@ -1,0 +1,136 @@
+"""``breakaway schedule``: the coming night as a table, or a schedule run at once."""
+
+from __future__ import annotations
+
+import json
+import sys
+from datetime import UTC, datetime, timedelta
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+from urllib.parse import quote
+
+import typer
+
+from valve.errors import RequestError, WireError
+
+if TYPE_CHECKING:
+    from service.schedules.plan import PlannedCheck
+    from service.settings import Plant
+
+
+class Action(StrEnum):
+    """What to do."""
+
+    SHOW = "show"
+    RUN = "run"
+
+
+def schedule(  # noqa: PLR0917 - typer takes options by position
+    action: Annotated[Action, typer.Argument(metavar="show|run", help="Show the coming night, or run a schedule now.")],
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="The schedule: needed by run.", show_default=False)
+    ] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option("--config", metavar="FILE", help="The plant file: needed by show.", show_default=False),
+    ] = None,
+    hours: Annotated[float, typer.Option(metavar="H", min=0.1, max=744.0, help="How far ahead to show.")] = 24.0,
+    url: Annotated[
+        str, typer.Option(metavar="URL", envvar="BREAKAWAY_URL", help="Address of the service that run asks.")
+    ] = "http://127.0.0.1:8321",
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of a table.")] = False,
+) -> None:
+    """Show what the schedules of a plant file will check and when, with no service; or run one now through REST."""
+    if action is Action.RUN:
+        if name is None:
+            raise RequestError("schedule run needs the name of a schedule: schedule show lists them")
+        _run(name, url, as_json)
+        return
+    if config is None:
+        raise RequestError("schedule show needs the plant file: give --config plant.toml")
+    from service.schedules.plan import plan_night
+    from service.settings import load_plant
+
+    plant = load_plant(config)
+    if name is not None and name not in {one.name for one in plant.schedules}:
+        known = ", ".join(one.name for one in plant.schedules) or "none"
+        raise RequestError(f"schedule {name[:64]!r} is unknown: {config.name} has {known}")
+    now = datetime.now(UTC)
+    checks = plan_night(plant, now, now + timedelta(hours=hours))
+    chosen = [check for check in checks if name in (None, check.schedule)]
+    if as_json:
+        sys.stdout.write(json.dumps({"checks": [_as_json(check) for check in chosen]}, indent=2) + "\n")
+    else:
+        _print(plant, chosen, hours)
+
+
+def _as_json(check: PlannedCheck) -> dict[str, Any]:
+    return {
+        "valve": check.valve,
+        "schedule": check.schedule,
+        "gateway": check.gateway,
+        "bus": check.bus,
+        "sequence": check.sequence,
+        "due_at": check.due_at.isoformat(),
+        "starts_at": check.starts_at.isoformat(),
+        "ends_at": check.ends_at.isoformat(),
+        "window_ends_at": check.window_ends_at.isoformat(),
+        "fits": check.fits,
+    }
+
+
+def _print(plant: Plant, checks: list[PlannedCheck], hours: float) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    console = Console()
+    if not plant.schedules:
+        console.print(f"{plant.file.name} has no [[schedules]].")
+        return
+    if not checks:
+        console.print(f"Nothing is due within {hours:g} h.")
+        return
+    zones = {schedule.name: schedule.zone for schedule in plant.schedules}
+    table = Table("Starts about", "Valve", "Bus", "Sequence", "Ends about", "Window ends", "Schedule")
+    for check in checks:
+        zone = zones[check.schedule]
+        start = Text(f"{check.starts_at.astimezone(zone):%a %Y-%m-%d %H:%M}")
+        if not check.fits:
+            start.append(" too late", style="bold")
+        bus = f"{check.gateway}/{check.bus}" if check.gateway else check.bus
+        ends, window = (f"{one.astimezone(zone):%H:%M}" for one in (check.ends_at, check.window_ends_at))
+        table.add_row(start, check.valve, bus, check.sequence, ends, window, f"{check.schedule} ({zone.key})")
+    console.print(table)
+    late = [check.valve for check in checks if not check.fits]
+    if late:
+        console.print(
+            f"{len(late)} of {len(checks)} checks will come after their window and be skipped ({', '.join(late[:5])}): "
+            "shorten the tests, widen window_s, or move valves to another schedule."
+        )
+
+
+def _run(name: str, url: str, as_json: bool) -> None:
+    import httpx
+
+    from service.cli.client import service_client
+
+    with service_client(url) as client:
+        try:
+            answer = client.post(f"/schedules/{quote(name, safe='')}/run")
+        except httpx.HTTPError as error:
+            raise WireError(f"{url}: no answer ({error}): start it by breakaway serve, or name it by --url") from None
+    try:
+        last = answer.json()
+    except ValueError:
+        raise WireError(f"{url}: its answer is no JSON ({answer.status_code}): is it breakaway?") from None
+    if answer.is_error:
+        raise RequestError(str(last.get("detail", f"status {answer.status_code}")))
+    if as_json:
+        sys.stdout.write(json.dumps(last, indent=2) + "\n")
+    elif last is None:
+        sys.stdout.write(f"{name}: no valve of this gateway is in it\n")
+    else:
+        states = ", ".join(f"{count} {state}" for state, count in last["states"].items())
+        sys.stdout.write(f"{name}: {states}; GET {url}/schedules/night says how each goes\n")
