@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -36,14 +36,18 @@ def analyze_recordings(
     nameplate: Nameplate,
     *,
     held_out: Sequence[tuple[str, Recording]] = (),
+    accepted: Mapping[str, Any] | None = None,
+    room: Mapping[str, float] | None = None,
     progress: Progress | None = None,
     keep: Callable[[dict[str, Any]], None] | None = None,
 ) -> dict[str, Any]:
     """Analysis object (``breakaway/analysis/1``) of one recording, or of several of one valve.
 
     The estimators read several as one with gaps between them, the diagnosis reads them side by side. ``held_out``
-    are named recordings that the estimates and the diagnosis are tried on. ``progress`` is told the share done, 0 to
-    1, and what is going on; ``keep`` is given the object before it is diagnosed, for the case that this never ends.
+    are named recordings that the estimates and the diagnosis are tried on; ``accepted`` is the extended model that was
+    accepted for the valve, ``room`` what a further test of it may use (``service.runs.sequences.Room``). ``progress``
+    is told the share done, 0 to 1, and what is going on; ``keep`` is given the object before it is diagnosed, for the
+    case that this never ends.
     Raises RecordingError where there is no recording, or where they have different channels.
     """
     tell = progress or (lambda _share, _phase: None)
@@ -71,6 +75,8 @@ def analyze_recordings(
         nameplate,
         estimates,
         held_out=held_out,
+        accepted=accepted,
+        room=room,
         progress=lambda share, phase: tell(_ESTIMATED + (_DIAGNOSED - _ESTIMATED) * share, phase),
     )
     tell(1.0, "done")

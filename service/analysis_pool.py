@@ -100,11 +100,12 @@ class AnalysisPool:
         together: Sequence[Path | str] = (),
         held_out: Sequence[tuple[str, Path | str]] = (),
         accepted: Mapping[str, Any] | None = None,
+        room: Mapping[str, float] | None = None,
     ) -> dict[str, Any]:
         """Return the analysis object of a recording file; ``together``: others of the same valve, analysed with it.
 
         ``held_out`` are the names and files of recordings that are not fitted, ``accepted`` is
-        the valve's extended model where one was accepted.
+        the valve's extended model where one was accepted, ``room`` what a further test may use.
 
         Raises what reading and analysing it raise, and InternalError where the worker crashed or took too long.
         Cancelling ends the worker.
@@ -114,6 +115,7 @@ class AnalysisPool:
             "held_out": [[name, str(path)] for name, path in held_out],
             "nameplate": asdict(nameplate),
             "accepted": None if accepted is None else dict(accepted),
+            "room": None if room is None else dict(room),
         }
         async with self._turn:
             try:

@@ -1,6 +1,7 @@
 """The analysis process: takes one job a line on standard input, answers in lines on standard output, until it closes.
 
-A job is ``{"recordings": [...], "held_out": [[name, file], ...], "nameplate": {...}, "accepted": {...} | null}``.
+A job is ``{"recordings": [...], "held_out": [[name, file], ...], "nameplate": {...}, "accepted": {...} | null,
+"room": {...} | null}``.
 Answers are ``{"ready": true}`` once everything is compiled, ``{"progress": 0.4, "phase": "..."}``,
 ``{"estimated": {...}}`` (the analysis before it is diagnosed), and at last ``{"analysis": {...}}`` or
 ``{"error": "RecordingError", "message": "..."}``. Any other failure ends the process with its traceback on standard
@@ -51,7 +52,15 @@ def _work(job: dict[str, Any], answers: TextIO) -> None:
         nameplate = nameplate_from_mapping(job["nameplate"], "nameplate")
         recordings = [read_recording(Path(path), nameplate) for path in job["recordings"]]
         held_out = [(name, read_recording(Path(path), nameplate)) for name, path in job["held_out"]]
-        analysis = analyze_recordings(recordings, nameplate, held_out=held_out, progress=progress, keep=keep)
+        analysis = analyze_recordings(
+            recordings,
+            nameplate,
+            held_out=held_out,
+            accepted=job["accepted"],
+            room=job["room"],
+            progress=progress,
+            keep=keep,
+        )
         _answer(answers, {"analysis": analysis})
     except ValveError as error:
         _answer(answers, {"error": type(error).__name__, "message": str(error)})

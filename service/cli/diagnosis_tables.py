@@ -48,6 +48,12 @@ def diagnosis_lines(discrepancy: dict[str, Any]) -> list[str]:
 
 
 def _gain(gain: dict[str, Any]) -> str:
+    if gain["rmse_before_m"] is None:
+        return (
+            f"Gain on {gain['held_out']}: the force is missed by {gain['rmse_after_n']:.3g} N rms "
+            f"({gain['error_after_percent']:.2g} %) with it in the model, by {gain['rmse_before_n']:.3g} N "
+            f"({gain['error_before_percent']:.2g} %) without."
+        )
     before_m, after_m, floor_m = gain["rmse_before_m"], gain["rmse_after_m"], gain["noise_floor_m"]
     possible = before_m**2 - floor_m**2
     share = ""

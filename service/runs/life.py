@@ -49,11 +49,12 @@ class Analyst(Protocol):
         together: Sequence[Path] = (),
         held_out: Sequence[tuple[str, Path]] = (),
         accepted: Mapping[str, Any] | None = None,
+        room: Mapping[str, float] | None = None,
     ) -> dict[str, Any]:
         """Return the analysis object; ``progress`` is told the share done, 0 to 1. Raises ValveError.
 
         ``together`` are other recordings of the same valve, ``held_out`` named ones that are not fitted, ``accepted``
-        is the extended model that somebody accepted for this valve.
+        is the extended model that somebody accepted for this valve, ``room`` what a further test of it may use.
         """
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Final
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -284,13 +284,18 @@ def build_waveform(name: str, overrides: Mapping[str, Any], nameplate: Nameplate
             for one in error.errors(include_url=False, include_input=False)[:10]
         )
         raise RequestError(f"overrides of sequence {name}: {reasons}: correct them; it knows {known}") from None
+    room = room_of(nameplate, limits)
+    room = replace(
+        room,
+        low_pa=room.low_pa if sequence.low_pa is None else sequence.low_pa,
+        high_pa=room.high_pa if sequence.high_pa is None else sequence.high_pa,
+    )
+    return sequence.waveform(room)
+
+
+def room_of(nameplate: Nameplate, limits: MotionLimits) -> Room:
+    """Return what a sequence may use of this valve: as far as limits and signal go."""
     low_pa, high_pa = limits.pressure_pa
     if nameplate.signal is not None:
         low_pa, high_pa = max(low_pa, nameplate.signal.range_pa[0]), min(high_pa, nameplate.signal.range_pa[1])
-    room = Room(
-        low_pa if sequence.low_pa is None else sequence.low_pa,
-        high_pa if sequence.high_pa is None else sequence.high_pa,
-        limits.pressure_rate_pa_per_s,
-        limits.longest_test_s,
-    )
-    return sequence.waveform(room)
+    return Room(low_pa, high_pa, limits.pressure_rate_pa_per_s, limits.longest_test_s)

@@ -106,8 +106,9 @@ class FakeAnalyst:
         together: Sequence[Path] = (),
         held_out: Sequence[tuple[str, Path]] = (),
         accepted: Mapping[str, Any] | None = None,
+        room: Mapping[str, float] | None = None,
     ) -> dict[str, Any]:
-        self.asked.append((tuple(together), tuple(held_out), accepted))
+        self.asked.append((tuple(together), tuple(held_out), accepted, room))
         await self.let_go.wait()
         recording = read_recording(recording_path, nameplate)
         if progress is not None:

@@ -1,0 +1,70 @@
+"""The separating test of a diagnosis: the sequences that a valve's limits allow, and which tells the causes apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any, Final
+
+import numpy as np
+
+from discrepancy.diagnosis import Diagnosis, Verdict
+from discrepancy.least_squares import Fit
+from discrepancy.preload import PRELOAD
+from discrepancy.separating import Planned, SeparatingTest, separating_test
+from drivers.addresses import MotionLimits
+from service.runs.sequences import SEQUENCES, Room, room_of
+from valve.errors import WaveformError
+from valve.nameplate import Nameplate
+from valve.recording import Recording
+
+# What a separating test is chosen from; steps are left out, as no step is followed to better than a sample.
+_CHOSEN_FROM: Final = ("diagnostic", "multi_rate", "small_loops", "dwell")
+_RANGE: Final = ("low_pa", "high_pa")
+# Without a plant's limits: the whole range in a second, for two and a half minutes.
+_USUAL_RAMP_S: Final = 1.0
+_USUAL_LONGEST_S: Final = 150.0
+NOTHING_SEPARATES: Final = "No sequence that the valve's limits allow would tell these causes apart."
+
+
+def room_to_json(nameplate: Nameplate, limits: MotionLimits, overrides: Mapping[str, Any]) -> dict[str, float]:
+    """Return what a test of this valve may use, within the pressures that its last test went between."""
+    room = room_of(nameplate, limits)
+    own = {name: float(overrides[name]) for name in _RANGE if isinstance(overrides.get(name), int | float)}
+    return {**asdict(room), **own}
+
+
+def room_of_recordings(recordings: Sequence[Recording]) -> dict[str, float] | None:
+    """Return what tests like these may use: their range of pressure; None where no pressure was recorded."""
+    levels = [one.pressure_pa if one.command_pa is None else one.command_pa for one in recordings]
+    known = [values for values in levels if values is not None and np.isfinite(values).any()]
+    if not known:
+        return None
+    low_pa = min(float(np.nanmin(values)) for values in known)
+    high_pa = max(float(np.nanmax(values)) for values in known)
+    if not high_pa > low_pa:
+        return None
+    return asdict(Room(low_pa, high_pa, (high_pa - low_pa) / _USUAL_RAMP_S, _USUAL_LONGEST_S))
+
+
+def find_separating_test(found: Diagnosis, room: Mapping[str, float] | None) -> SeparatingTest | None:
+    """Return the test that tells the causes of an ambiguous diagnosis apart, None where none does."""
+    if found.verdict is not Verdict.AMBIGUOUS or found.extended is None or room is None or not found.rival_fits:
+        return None
+    rivals: list[tuple[str, Fit]] = list(zip(found.not_told_apart_from, found.rival_fits, strict=False))
+    first = found.causes[-1] if found.causes[-1].cause == PRELOAD.name else found.causes[0]
+    return separating_test((first.cause, found.extended), rivals, planned(Room(**room)))
+
+
+def planned(room: Room) -> list[Planned]:
+    """Return the sequences that this room allows, between its pressures."""
+    overrides = {"low_pa": room.low_pa, "high_pa": room.high_pa}
+    allowed = []
+    for name in _CHOSEN_FROM:
+        try:
+            waveform = SEQUENCES[name].model_validate(overrides).waveform(room)
+        except WaveformError:
+            continue
+        if waveform.fastest_rate_pa_per_s <= room.rate_pa_per_s and waveform.duration_s <= room.longest_s:
+            allowed.append(Planned(name, overrides, waveform))
+    return allowed
