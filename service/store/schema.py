@@ -71,4 +71,5 @@ TESTS: Final = Table(
 
 # The tables of other topics, so that METADATA describes the whole database.
 from service.store import schema_access as _access  # noqa: E402, F401
+from service.store import schema_models as _models  # noqa: E402, F401
 from service.store import schema_nightly as _nightly  # noqa: E402, F401

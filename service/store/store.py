@@ -21,6 +21,7 @@ from service.settings import ServiceSettings
 from service.store.database import open_database
 from service.store.gateway_lock import GatewayLock
 from service.store.lock import StoreLock
+from service.store.model_table import ModelTable
 from service.store.run_table import RunTable
 from service.store.schedule_run_table import ScheduleRunTable
 from valve.errors import ConfigurationError, InternalError
@@ -58,6 +59,7 @@ class Store:
             raise
         self.runs = RunTable(self._engine)
         self.schedule_runs = ScheduleRunTable(self._engine)
+        self.models = ModelTable(self._engine)
 
     def _lock_gateway(self) -> None:
         if self._engine.dialect.name == "postgresql":
