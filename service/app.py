@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from importlib.metadata import version
 from typing import Final
@@ -11,12 +11,12 @@ from typing import Final
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 from fastapi.responses import HTMLResponse
-from fastapi.routing import APIRoute
 from pydantic import BaseModel
 
 from service.access.access import access_of
 from service.access.gate import Gate
-from service.access.needs import OPEN_TO_ALL, require_rights, right_of
+from service.access.needs import OPEN_TO_ALL, rights
+from service.access.principal import Right
 from service.access.routes import router as access_routes
 from service.access.routes import session_router as session_routes
 from service.analysis_pool import AnalysisPool
@@ -25,6 +25,7 @@ from service.body_limits import BodyLimits
 from service.docs_page import docs_page
 from service.errors import install_error_handlers
 from service.head_requests import HeadRequests
+from service.models.routes import router as model_routes
 from service.parts import Parts
 from service.problems import Problem
 from service.recordings.conversion import Converter
@@ -116,6 +117,7 @@ def create_app(
         safety_routes,
         test_routes,
         recording_routes,
+        model_routes,
         valve_routes,
         schedule_routes,
         session_routes,
@@ -134,20 +136,17 @@ def create_app(
     async def docs() -> HTMLResponse:
         return HTMLResponse(docs_page(app.openapi()))
 
-    require_rights(app)
-    app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]  # the way that FastAPI documents
+    needed = list(rights(app))
+    app.openapi = lambda: _openapi(app, needed)  # type: ignore[method-assign]  # the way that FastAPI documents
     return app
 
 
-def _openapi(app: FastAPI) -> dict[str, object]:
+def _openapi(app: FastAPI, needed: Sequence[tuple[str, str, Right | None]]) -> dict[str, object]:
     """Return the OpenAPI document, with the problem document among its schemas."""
     if app.openapi_schema is None:
         document = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
         document["components"]["schemas"]["Problem"] = Problem.model_json_schema()
-        for route in app.routes:
-            if isinstance(route, APIRoute) and route.include_in_schema:
-                right = right_of(route).right
-                for method in route.methods or ():
-                    document["paths"][route.path_format][method.lower()][RIGHT_KEY] = right or "nobody needs one"
+        for path, method, right in needed:
+            document["paths"][path][method][RIGHT_KEY] = right
         app.openapi_schema = document
     return app.openapi_schema

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final
 
 from fastapi import Depends, FastAPI, Request
 from fastapi.dependencies.models import Dependant
-from fastapi.routing import APIRoute
+from fastapi.routing import APIRoute, iter_route_contexts
 
 from service.access.principal import RIGHTS, Principal, Right
 from valve.errors import InternalError, RequestError
@@ -73,16 +73,19 @@ def _needed(dependant: Dependant) -> Iterator[Needs]:
         yield from _needed(inner)
 
 
-def right_of(route: APIRoute) -> Needs:
-    """Return what a route needs. Raises InternalError where it says nothing, or two things."""
-    found = set(_needed(route.dependant))
-    if len(found) != 1:
-        raise InternalError(f"{route.path}: it needs {len(found)} rights, a route needs one: add needs(Right...)")
-    return found.pop()
+def rights(app: FastAPI) -> Iterator[tuple[str, str, Right | None]]:
+    """Return path, method and right of every documented route; None where it answers anybody.
 
-
-def require_rights(app: FastAPI) -> None:
-    """Raise InternalError where a documented route of the application carries no right."""
-    for route in app.routes:
-        if isinstance(route, APIRoute) and route.include_in_schema:
-            right_of(route)
+    Raises InternalError where a route says nothing, or two things: then nothing is served.
+    """
+    for route in iter_route_contexts(app.routes):
+        if not isinstance(route.original_route, APIRoute) or not route.include_in_schema:
+            continue
+        found = set(_needed(route.dependant))
+        if len(found) != 1:
+            raise InternalError(
+                f"{route.path_format}: it needs {len(found)} rights, a route needs one: add needs(Right...)"
+            )
+        right = found.pop().right
+        for method in route.methods or ():
+            yield route.path_format or "", method.lower(), right

@@ -45,6 +45,7 @@ RIGHTS: Final[Mapping[Role, frozenset[Right]]] = {
     Role.SCHEDULER: _WATCH | {Right.RUN},
     Role.LOCAL: _ENGINEER,
 }
+_PLANT_WIDE: Final = frozenset({Right.SCHEDULE, Right.ADMINISTER})
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +59,8 @@ class Principal:
     valves: frozenset[str] | None = None
 
     def may(self, right: Right) -> bool:
-        """Return whether the role holds this right."""
-        return right in RIGHTS[self.role]
+        """Return whether the role holds this right; a limit to some valves leaves none over the whole plant."""
+        return right in RIGHTS[self.role] and (self.valves is None or right not in _PLANT_WIDE)
 
     def may_move(self, tag: str) -> bool:
         """Return whether it may run tests of this valve."""

@@ -1,13 +1,17 @@
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import httpx
 import pytest
 from sqlalchemy import Engine
 
+from service.settings import load_plant
 from service.store.database import open_database
+from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.service.running_service import running_service
 
 
 class Clock:
@@ -33,3 +37,10 @@ def engine(quick_path: Path) -> Iterator[Engine]:
     engine = open_database(f"sqlite:///{quick_path / 'breakaway.db'}")
     yield engine
     engine.dispose()
+
+
+@pytest.fixture
+async def open_client(plant_file: Path) -> AsyncIterator[httpx.AsyncClient]:
+    """Return a client of a service without sign-in."""
+    async with running_service(load_plant(plant_file), FakeRig(), FakeAnalyst()) as client:
+        yield client
