@@ -80,7 +80,7 @@ class Tablet:
 
     def requests(self) -> list[dict[str, Any]]:
         """Return what the network did since the last call: Chromium's own events."""
-        entries = self.driver.get_log("performance")
+        entries = self.driver.get_log("performance")  # type: ignore[no-untyped-call]
         messages = [json.loads(entry["message"])["message"] for entry in entries]
         return [message for message in messages if message["method"].startswith("Network.")]
 

@@ -159,11 +159,14 @@ function permissive(one) {
   const item = element("li", "", one.met === true ? "met" : one.met === false ? "missing" : "unknown");
   item.append(element("span", sign, "sign"));
   item.lastChild.setAttribute("aria-hidden", "true");
-  const said = element("div");
-  said.append(element("strong", one.name.replaceAll("_", " ")), element("span", `: ${words}`));
-  const detail = [one.value, one.limit && `(${one.limit})`].filter(Boolean).join(" ");
-  if (detail) said.append(element("div", detail, "aside"));
-  if (one.met !== true && one.remedy) said.append(element("div", one.remedy, "remedy"));
+  const said = element("div"), name = one.name.replaceAll("_", " ");
+  if (one.met === true) {
+    said.append(element("strong", name), element("span", " met: ", "unseen"), element("span", ` ${one.value}`, "aside"));
+  } else {
+    said.append(element("strong", name), element("span", `: ${words}`));
+    said.append(element("div", [one.value, one.limit && `needed: ${one.limit}`].filter(Boolean).join("; "), "aside"));
+    if (one.remedy) said.append(element("div", one.remedy, "remedy"));
+  }
   item.append(said);
   return item;
 }
@@ -185,7 +188,8 @@ async function lookAtPermissives() {
   } else {
     mayStart = answer.found.may_start;
     const list = element("ul", "", "permissives");
-    for (const one of answer.found.permissives) list.append(permissive(one));
+    const rank = (one) => (one.met === false ? 0 : one.met === null ? 1 : 2);
+    for (const one of [...answer.found.permissives].sort((a, b) => rank(a) - rank(b))) list.append(permissive(one));
     const sum = element("p", mayStart ? "Yes, all is there." : "No, see what is missing:", mayStart ? "sum" : "sum missing");
     const readAt = Date.parse(answer.found.read_at) || Date.now(), isOld = Date.now() - readAt > 15000;
     const age = `${isOld ? "Last known, read" : "Read"} from the device at ${clock(readAt)}`;
