@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from types import MappingProxyType
 from typing import Any, Final
 
-from sqlalchemy import Connection, Engine, Row, insert, select, update
+from sqlalchemy import Connection, Engine, Select, Table, delete, insert, select, update
 from sqlalchemy.dialects import postgresql, sqlite
 
 from service.runs.run import Label, Run, RunState
-from service.store.schema import TESTS
+from service.store.schema import ANALYSES, TESTS
 from service.store.schema_nightly import VALVE_STATES
 from valve.errors import NotFoundError
 
 #: Stands for the analysis of a run that came from a list: it is many times the rest.
 NOT_LOADED: Final[Mapping[str, Any]] = MappingProxyType({"not_loaded": True})
-_HEAD: Final = tuple(column for column in TESTS.c if column is not TESTS.c.analysis)
+_DOCUMENT: Final = "document"
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,13 +30,17 @@ class ValveHead:
     health: Mapping[str, Any] | None
 
 
+def _whole() -> Select[Any]:
+    return select(TESTS, ANALYSES.c.document).join_from(TESTS, ANALYSES, isouter=True)
+
+
 def _head(row: Any) -> Run:
-    values = {column.name: row._mapping[column] for column in _HEAD}
-    return _as_run(values | {"analysis": NOT_LOADED})
+    return _as_run({column.name: row._mapping[column] for column in TESTS.c} | {"analysis": NOT_LOADED})
 
 
-def _run(row: Row[Any]) -> Run:
-    return _as_run(dict(row._mapping))
+def _run(row: Any) -> Run:
+    values = dict(row._mapping)
+    return _as_run(values | {"analysis": values.pop(_DOCUMENT)})
 
 
 def _as_run(values: dict[str, Any]) -> Run:
@@ -46,11 +50,26 @@ def _as_run(values: dict[str, Any]) -> Run:
 
 
 def _row(run: Run) -> dict[str, Any]:
-    values = asdict(run)
+    values = {column.name: getattr(run, column.name) for column in TESTS.c if column is not TESTS.c.number}
     values["state"] = run.state.value
     values["label"] = None if run.label is None else run.label.value
-    values.pop("number")
+    for name in ("overrides", "quality", "permissives"):
+        values[name] = None if values[name] is None else dict(values[name])
     return values
+
+
+def _upsert(connection: Connection, table: Table) -> Any:
+    return (postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert)(table)
+
+
+def _write_analysis(connection: Connection, run: Run) -> None:
+    mine = ANALYSES.c.number == run.number
+    if run.analysis is None:
+        connection.execute(delete(ANALYSES).where(mine))
+        return
+    document = {_DOCUMENT: dict(run.analysis)}
+    query = _upsert(connection, ANALYSES).values(number=run.number, **document)
+    connection.execute(query.on_conflict_do_update(index_elements=[ANALYSES.c.number], set_=document))
 
 
 def _note_state(connection: Connection, run: Run) -> None:
@@ -59,10 +78,8 @@ def _note_state(connection: Connection, run: Run) -> None:
     health = run.analysis.get("health") if completed and run.analysis is not None else None
     number = run.number if completed else None
     values = {"valve": run.valve, "last_number": run.number, "completed_number": number, "health": health}
-    upsert = postgresql.insert if connection.dialect.name == "postgresql" else sqlite.insert
-    connection.execute(
-        upsert(VALVE_STATES).values(values).on_conflict_do_nothing(index_elements=[VALVE_STATES.c.valve])
-    )
+    query = _upsert(connection, VALVE_STATES).values(values)
+    connection.execute(query.on_conflict_do_nothing(index_elements=[VALVE_STATES.c.valve]))
     mine = VALVE_STATES.c.valve == run.valve
     connection.execute(
         update(VALVE_STATES).where(mine, VALVE_STATES.c.last_number < run.number).values(last_number=run.number)
@@ -85,9 +102,10 @@ class RunTable:
             number = connection.execute(insert(TESTS).values(_row(run))).inserted_primary_key
             if number is None:
                 raise NotFoundError(f"test {run.id}: the database gave it no number")
-            stored = connection.execute(select(TESTS).where(TESTS.c.number == number[0])).one()
-            _note_state(connection, _run(stored))
-        return _run(stored)
+            stored = replace(run, number=number[0])
+            _write_analysis(connection, stored)
+            _note_state(connection, stored)
+        return self.get(run.id)
 
     def save(self, run: Run) -> None:
         """Write the whole run over its former state. Raises NotFoundError where it was never stored.
@@ -97,15 +115,16 @@ class RunTable:
         if run.analysis is NOT_LOADED:
             raise ValueError(f"test {run.id} came from a list, without its analysis: get it whole before it is saved")
         with self._engine.begin() as connection:
-            changed = connection.execute(update(TESTS).where(TESTS.c.id == run.id).values(_row(run))).rowcount
-            if changed != 1:
+            mine = (TESTS.c.id == run.id) & (TESTS.c.number == run.number)
+            if connection.execute(update(TESTS).where(mine).values(_row(run))).rowcount != 1:
                 raise NotFoundError(f"test {run.id} is unknown: it was never stored")
+            _write_analysis(connection, run)
             _note_state(connection, run)
 
     def get(self, run_id: str) -> Run:
         """Return one run. Raises NotFoundError."""
         with self._engine.connect() as connection:
-            row = connection.execute(select(TESTS).where(TESTS.c.id == run_id)).one_or_none()
+            row = connection.execute(_whole().where(TESTS.c.id == run_id)).one_or_none()
         if row is None:
             raise NotFoundError(f"test {run_id} is unknown: GET /tests lists all")
         return _run(row)
@@ -113,12 +132,12 @@ class RunTable:
     def by_idempotency_key(self, key: str) -> Run | None:
         """Return the run that was asked for with this key, if any."""
         with self._engine.connect() as connection:
-            row = connection.execute(select(TESTS).where(TESTS.c.idempotency_key == key)).one_or_none()
+            row = connection.execute(_whole().where(TESTS.c.idempotency_key == key)).one_or_none()
         return None if row is None else _run(row)
 
     def newest(self, limit: int, *, before: int | None = None, valve: str | None = None) -> list[Run]:
         """Runs with a number below ``before``, newest first, at most ``limit``; their analysis is NOT_LOADED."""
-        query = select(*_HEAD).order_by(TESTS.c.number.desc()).limit(limit)
+        query = select(TESTS).order_by(TESTS.c.number.desc()).limit(limit)
         if before is not None:
             query = query.where(TESTS.c.number < before)
         if valve is not None:
@@ -128,7 +147,7 @@ class RunTable:
 
     def in_states(self, states: Sequence[RunState], *, gateway: str | None = None) -> list[Run]:
         """Runs in one of these states, oldest first; of one gateway where it is named."""
-        query = select(TESTS).where(TESTS.c.state.in_([state.value for state in states])).order_by(TESTS.c.number)
+        query = _whole().where(TESTS.c.state.in_([state.value for state in states])).order_by(TESTS.c.number)
         if gateway is not None:
             query = query.where(TESTS.c.gateway == gateway)
         with self._engine.connect() as connection:
@@ -147,7 +166,7 @@ class RunTable:
     def valve_heads(self, valve: str | None = None) -> dict[str, ValveHead]:
         """Return the last test of each valve, or of one, with the health of its last completed one."""
         states = VALVE_STATES.c
-        query = select(*_HEAD, states.completed_number, states.health).join_from(
+        query = select(TESTS, states.completed_number, states.health).join_from(
             VALVE_STATES, TESTS, TESTS.c.number == states.last_number
         )
         if valve is not None:
@@ -159,7 +178,7 @@ class RunTable:
     def last_completed(self, valve: str) -> Run | None:
         """Return the newest completed run of a valve, whole."""
         states = VALVE_STATES.c
-        query = select(TESTS).join_from(VALVE_STATES, TESTS, TESTS.c.number == states.completed_number)
+        query = _whole().join(VALVE_STATES, TESTS.c.number == states.completed_number).where(states.valve == valve)
         with self._engine.connect() as connection:
-            row = connection.execute(query.where(states.valve == valve)).one_or_none()
+            row = connection.execute(query).one_or_none()
         return None if row is None else _run(row)

@@ -5,7 +5,20 @@ from __future__ import annotations
 from datetime import UTC, datetime
 from typing import Final
 
-from sqlalchemy import JSON, Boolean, Column, DateTime, Dialect, Float, Integer, MetaData, String, Table, Text
+from sqlalchemy import (
+    JSON,
+    Boolean,
+    Column,
+    DateTime,
+    Dialect,
+    Float,
+    ForeignKey,
+    Integer,
+    MetaData,
+    String,
+    Table,
+    Text,
+)
 from sqlalchemy.types import TypeDecorator
 
 
@@ -33,6 +46,7 @@ METADATA: Final = MetaData(
         "pk": "pk_%(table_name)s",
         "uq": "uq_%(table_name)s_%(column_0_name)s",
         "ix": "ix_%(column_0_label)s",
+        "fk": "fk_%(table_name)s_%(column_0_name)s",
     }
 )
 
@@ -56,7 +70,6 @@ TESTS: Final = Table(
     Column("recording_file", String(255)),
     Column("recording_sha256", String(64)),
     Column("quality", JSON(none_as_null=True)),
-    Column("analysis", JSON(none_as_null=True)),
     Column("software", String(64), nullable=False),
     Column("requested_by", String(64), nullable=False, server_default=""),
     Column("schedule", String(64)),
@@ -67,6 +80,14 @@ TESTS: Final = Table(
     Column("acknowledged_by", String(64)),
     Column("acknowledgement", Text),
     sqlite_autoincrement=True,  # a number that fenced a device is never given again, even after a deletion
+)
+
+# Apart from the tests: SQLite reads a row's pages up to the last column that is asked for, and lists need none of this.
+ANALYSES: Final = Table(
+    "analyses",
+    METADATA,
+    Column("number", Integer, ForeignKey("tests.number"), primary_key=True, autoincrement=False),
+    Column("document", JSON, nullable=False),
 )
 
 # The tables of other topics, so that METADATA describes the whole database.

@@ -1,4 +1,4 @@
-"""What each schedule did on each night; the last test of each valve; removed recordings."""
+"""What each schedule did on each night; the last test of each valve; removed recordings; analyses apart."""
 
 from __future__ import annotations
 
@@ -60,6 +60,15 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("test_id", name=op.f("pk_removed_recordings")),
     )
     op.create_index("ix_tests_valve_number", "tests", ["valve", "number"])
+    op.create_table(
+        "analyses",
+        sa.Column("number", sa.Integer(), autoincrement=False, nullable=False),
+        sa.Column("document", sa.JSON(), nullable=False),
+        sa.PrimaryKeyConstraint("number", name=op.f("pk_analyses")),
+        sa.ForeignKeyConstraint(["number"], ["tests.number"], name=op.f("fk_analyses_number")),
+    )
+    op.execute("INSERT INTO analyses (number, document) SELECT number, analysis FROM tests WHERE analysis IS NOT NULL")
+    op.drop_column("tests", "analysis")
     _fill_valve_states(op.get_bind())
 
 
@@ -70,7 +79,7 @@ def _fill_valve_states(connection: sa.Connection) -> None:
             "max(CASE WHEN state = 'completed' THEN number END) FROM tests GROUP BY valve"
         )
     )
-    query = "SELECT t.valve, t.analysis FROM tests t JOIN valve_states v ON t.number = v.completed_number"
+    query = "SELECT v.valve, a.document FROM analyses a JOIN valve_states v ON a.number = v.completed_number"
     for valve, analysis in connection.execute(sa.text(query)).all():
         content: Any = json.loads(analysis) if isinstance(analysis, str) else analysis
         health = content.get("health") if isinstance(content, dict) else None
@@ -82,7 +91,10 @@ def _fill_valve_states(connection: sa.Connection) -> None:
 
 
 def downgrade() -> None:
-    """Drop the tables."""
+    """Drop the tables; analyses go back to their tests."""
+    op.add_column("tests", sa.Column("analysis", sa.JSON()))
+    op.execute("UPDATE tests SET analysis = (SELECT document FROM analyses a WHERE a.number = tests.number)")
+    op.drop_table("analyses")
     op.drop_index("ix_tests_valve_number", "tests")
     for table in ("removed_recordings", "valve_states", "schedule_runs"):
         op.drop_table(table)
