@@ -21,8 +21,8 @@ _TIMING_SHARE: Final = 0.2  # of the sample period, as for recorded blocks (disc
 _GLANCE_STEPS: Final = 2
 _STEPS: Final = 6
 _LOOKED_AT: Final = 2  # sequences for which the rival is fitted to the end, and the other way round
-# Twice what two causes are told apart by: the real valve is not the model.
-ENOUGH: Final = 2.0 * NEAR
+# Half more than two causes are told apart by: the real valve is not the model.
+ENOUGH: Final = 1.5 * NEAR
 _PLENTY: Final = 1.0e3  # from here on the shorter test is the better one
 _EMPTY: Final = np.empty(0)
 

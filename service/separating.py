@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -12,26 +12,22 @@ from discrepancy.diagnosis import Diagnosis, Verdict
 from discrepancy.least_squares import Fit
 from discrepancy.preload import PRELOAD
 from discrepancy.separating import Planned, SeparatingTest, separating_test
-from drivers.addresses import MotionLimits
-from service.runs.sequences import SEQUENCES, Room, room_of
+from service.runs.sequences import SEQUENCES, Room
 from valve.errors import WaveformError
-from valve.nameplate import Nameplate
 from valve.recording import Recording
 
 # What a separating test is chosen from; steps are left out, as no step is followed to better than a sample.
-_CHOSEN_FROM: Final = ("diagnostic", "multi_rate", "small_loops", "dwell")
-_RANGE: Final = ("low_pa", "high_pa")
+_CHOSEN_FROM: Final[tuple[tuple[str, dict[str, float]], ...]] = (
+    ("diagnostic", {}),
+    ("multi_rate", {}),
+    ("multi_rate", {"duration_s": 150.0}),
+    ("small_loops", {}),
+    ("dwell", {}),
+)
 # Without a plant's limits: the whole range in a second, for two and a half minutes.
 _USUAL_RAMP_S: Final = 1.0
 _USUAL_LONGEST_S: Final = 150.0
 NOTHING_SEPARATES: Final = "No sequence that the valve's limits allow would tell these causes apart."
-
-
-def room_to_json(nameplate: Nameplate, limits: MotionLimits, overrides: Mapping[str, Any]) -> dict[str, float]:
-    """Return what a test of this valve may use, within the pressures that its last test went between."""
-    room = room_of(nameplate, limits)
-    own = {name: float(overrides[name]) for name in _RANGE if isinstance(overrides.get(name), int | float)}
-    return {**asdict(room), **own}
 
 
 def room_of_recordings(recordings: Sequence[Recording]) -> dict[str, float] | None:
@@ -58,9 +54,9 @@ def find_separating_test(found: Diagnosis, room: Mapping[str, float] | None) -> 
 
 def planned(room: Room) -> list[Planned]:
     """Return the sequences that this room allows, between its pressures."""
-    overrides = {"low_pa": room.low_pa, "high_pa": room.high_pa}
     allowed = []
-    for name in _CHOSEN_FROM:
+    for name, more in _CHOSEN_FROM:
+        overrides = {"low_pa": room.low_pa, "high_pa": room.high_pa, **more}
         try:
             waveform = SEQUENCES[name].model_validate(overrides).waveform(room)
         except WaveformError:

@@ -24,6 +24,7 @@ _LEAST_RATIO_BETWEEN: Final = 4.0  # from where a rate between them is worth its
 _RESTING_PERIOD_S: Final = 16.0
 _LOOP_S: Final = 12.0
 _LEAD_S: Final = 6.0
+_HALVINGS: Final = 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -320,6 +321,19 @@ def diagnostic(
         ]
 
     whole = one_after_the_other(name, parts(1.0))
-    if whole.duration_s > longest_s:
-        whole = one_after_the_other(name, parts(longest_s / whole.duration_s * (1.0 - 1.0e-9)))
-    return whole
+    if whole.duration_s <= longest_s:
+        return whole
+    shortest: Waveform | None = None
+    low, high = 0.0, 1.0
+    for _ in range(_HALVINGS):  # what a limit of the rate holds does not shrink with the rest
+        share = 0.5 * (low + high)
+        tried = one_after_the_other(name, parts(share))
+        if tried.duration_s <= longest_s:
+            low, shortest = share, tried
+        else:
+            high = share
+    if shortest is None:
+        raise WaveformError(
+            f"waveform {name}: it takes more than {longest_s:g} s at {rate_pa_per_s:g} Pa/s: allow more time"
+        )
+    return shortest

@@ -21,7 +21,9 @@ from service.runs.acknowledgement import ENDED_KEY
 from service.runs.live import MOTION_SHARE, LiveRun
 from service.runs.permission import Permission
 from service.runs.rig import Order, Rig, Watcher
+from service.runs.room import room_to_json
 from service.runs.run import RunState
+from service.runs.separating import TOGETHER
 from service.store.journal import JournalWriter
 from service.store.store import Store
 from valve.errors import MeasurementError, ValveError
@@ -70,7 +72,9 @@ class Life:
         owners: BusOwners,
         *,
         audit: AuditLog | None = None,
+        together: Sequence[str] = (),
     ) -> None:
+        self._together = tuple(together)
         self._live = live
         self._order = order
         self._claim = claim
@@ -177,10 +181,23 @@ class Life:
             await self._end(RunState.FAILED, "; ".join(faults) or "no sample was taken", **changes)
 
     async def _analyze(self, analyst: Analyst) -> None:
-        path = self._store.recording_path(self._live.run.id)
+        run, valve = self._live.run, self._order.valve
         self._on_analysis(0.0, "analyzing")
         try:
-            analysis = await analyst.analyze(path, self._order.valve.nameplate, self._on_analysis)
+            accepted = await asyncio.to_thread(self._store.models.current, run.valve)
+            analysis = await analyst.analyze(
+                self._store.recording_path(run.id),
+                valve.nameplate,
+                self._on_analysis,
+                together=[self._store.recording_path(other) for other in self._together],
+                accepted=None if accepted is None else accepted.model,
+                room=room_to_json(valve.nameplate, valve.wiring.limits, run.overrides),
+            )
+            if self._together:
+                played = {"sequence": self._order.sequence, "tests": list(self._together)}
+                analysis = {**analysis, TOGETHER: played}
+            if accepted is not None:
+                analysis = {**analysis, "accepted_model": {"number": accepted.number, "test": accepted.test}}
         except ValveError as error:
             await self._end(RunState.FAILED, f"the recording is stored, its analysis failed: {error}")
         else:

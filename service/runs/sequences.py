@@ -45,6 +45,8 @@ _BACK: Final = (0.5, 1.0, 1.5, 2.0, 3.0, 4.5, 7.0, 10.0, 15.0, 22.0, 30.0, 40.0,
 _LARGE: Final = (0.0, 50.0, 100.0, 50.0, 0.0)
 _HOLD_S: Final = 4.0  # 5 time constants F_v / k of an overdamped stem, and twice that of rest
 
+_HAIR: Final = 1.0 - 1.0e-9  # of the time, so that rounding does not make it too long
+
 Period = Annotated[float, Field(gt=0.0, le=3600.0)]
 Pressure = Annotated[float, Field(ge=-1.0e7, le=1.0e7)]
 Span = tuple[float, float]
@@ -152,7 +154,7 @@ class Steps(Sequence):
         span_pa = room.high_pa - room.low_pa
         hold_s = self.hold_s
         if hold_s is None:
-            hold_s = min(_HOLD_S, room.longest_s / len(self.levels_percent))
+            hold_s = min(_HOLD_S, room.longest_s * _HAIR / len(self.levels_percent))
         return steps([room.low_pa + span_pa * level / 100.0 for level in self.levels_percent], hold_s)
 
 

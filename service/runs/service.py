@@ -32,6 +32,7 @@ from service.runs.recovery import (
 from service.runs.requester import LOCAL, Requester
 from service.runs.rig import Order, Rig
 from service.runs.run import Label, Run, checked_run_id, new_run_id
+from service.runs.separating import SEPARATING, separating_of
 from service.runs.sequences import choose_waveform
 from service.settings import Plant, PlantValve
 from service.store.store import Store
@@ -98,7 +99,8 @@ class Runs:
     ) -> Run:
         """Start a test; its intent is on disk when this returns. A known key returns the run that it asked for first.
 
-        Without a sequence the usual one is run, or the one that the valve's limits allow. ``schedule`` names the one
+        Without a sequence the usual one is run, or the one that the valve's limits allow; ``separating`` is what the
+        last completed test asks for, and is analysed together with it. ``schedule`` names the one
         that asks, ``permit`` the work permit where the valve demands one.
 
         Raises NotFoundError, ElsewhereError, BusyError, PermissiveError, WaveformError and RequestError; then nothing
@@ -106,12 +108,26 @@ class Runs:
         """
         valve = self.valve(tag)
         self._check_gateway(tag)
-        choice = choose_waveform(sequence, overrides, valve.nameplate, valve.wiring.limits)
+        together: tuple[str, ...] = ()
+        if sequence == SEPARATING:
+            if overrides:
+                raise RequestError(
+                    f"overrides of sequence {SEPARATING}: it takes none, the last test says them: drop them"
+                )
+            asked = Run(id=new_run_id(), valve=tag, sequence=SEPARATING, idempotency_key=idempotency_key)
+            known = await self._asked_before(asked)
+            if known is not None:
+                return known
+            wish = await asyncio.to_thread(separating_of, self._store, tag)
+            choice = choose_waveform(wish.sequence, wish.overrides, valve.nameplate, valve.wiring.limits)
+            together = wish.tests
+        else:
+            choice = choose_waveform(sequence, overrides, valve.nameplate, valve.wiring.limits)
         self._rig.check(valve, choice.waveform)
         wanted = Run(
             id=new_run_id(),
             valve=tag,
-            sequence=choice.name,
+            sequence=SEPARATING if together else choice.name,
             overrides=dict(overrides),
             idempotency_key=idempotency_key,
             software=self._software,
@@ -140,7 +156,7 @@ class Runs:
                 raise
             live = self._remember(stored)
             order = Order(valve, choice.waveform, choice.name, stored.number, permit)
-            life = Life(live, order, claim, self._store, self._owners, audit=self._audit)
+            life = Life(live, order, claim, self._store, self._owners, audit=self._audit, together=together)
             self._spawn(life.run(self._rig, self._analyst))
         because = {"because": choice.reason} if choice.reason else {}
         _LOG.info("test accepted", test=stored.id, valve=tag, sequence=choice.name, run_number=stored.number, **because)
@@ -344,6 +360,11 @@ class Runs:
                     return self._owners.claim(run.id, run.valve, valve.buses)
             except BusyError:
                 await asyncio.sleep(0.05)
+
+    async def settled(self) -> None:
+        """Return when everything that this process has under way, recovery included, has come to its end."""
+        while self._tasks:
+            await asyncio.wait(set(self._tasks))
 
     def begin_shutdown(self) -> None:
         """Accept no further test and stop those that run."""

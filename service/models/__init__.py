@@ -1,0 +1,1 @@
+"""Extended models that somebody accepted for a valve: later tests are judged against them."""

@@ -1,0 +1,95 @@
+"""``/valves/{tag}/model``: the extended model that was accepted for a valve."""
+
+from __future__ import annotations
+
+import asyncio
+from datetime import datetime
+from http import HTTPStatus
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Response
+from pydantic import BaseModel, ConfigDict, Field
+
+from service.access.needs import Asks, needs
+from service.access.principal import Right
+from service.json_body import JsonRoute
+from service.parts import Parts, parts_of
+from service.problems import PROBLEMS
+from service.runs.run import RunState
+from service.store.model_table import AcceptedModel
+from valve.errors import NotFoundError, RequestError
+
+router = APIRouter(prefix="/valves", tags=["models"], responses=PROBLEMS, route_class=JsonRoute)
+PartsOf = Annotated[Parts, Depends(parts_of)]
+
+
+class ModelRequest(BaseModel):
+    """The test whose extended model is accepted."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+    test: str = Field(min_length=1, max_length=64, examples=["20261121T031502Z-9f3c01ab"])
+
+
+class ModelView(BaseModel):
+    """The model that stands for a valve."""
+
+    valve: str
+    test: str = Field(description="id of the test that it came from")
+    accepted_at: datetime
+    accepted_by: str
+    model: dict[str, Any] = Field(description="breakaway/valve-model/1: parameters and causes with their intervals")
+
+
+def _view(accepted: AcceptedModel) -> ModelView:
+    return ModelView(
+        valve=accepted.valve,
+        test=accepted.test,
+        accepted_at=accepted.accepted_at,
+        accepted_by=accepted.accepted_by,
+        model=dict(accepted.model),
+    )
+
+
+@router.get("/{tag:path}/model", dependencies=[needs(Right.VIEW)])
+async def get_model(tag: str, parts: PartsOf) -> ModelView:
+    """Return the extended model that was accepted for a valve."""
+    parts.runs.valve(tag)
+    accepted = await asyncio.to_thread(parts.store.models.current, tag)
+    if accepted is None:
+        raise NotFoundError(f"{tag}: no model was accepted: accept that of a test by POST /valves/{tag}/model")
+    return _view(accepted)
+
+
+@router.post("/{tag:path}/model", dependencies=[needs(Right.CONFIGURE)])
+async def accept_model(tag: str, wanted: ModelRequest, parts: PartsOf, asks: Asks) -> ModelView:
+    """Accept the extended model of a completed test: later tests of the valve are judged against it."""
+    parts.runs.valve(tag)
+    run = await parts.runs.get(wanted.test)
+    if run.valve != tag:
+        raise RequestError(f"test {run.id} is one of {run.valve}, not of {tag}: choose a test of this valve")
+    if run.state is not RunState.COMPLETED or run.analysis is None:
+        raise RequestError(f"test {run.id} is {run.state.value}: accept the model of a completed test")
+    discrepancy = run.analysis.get("discrepancy") or {}
+    model = discrepancy.get("extended_model")
+    if model is None:
+        verdict = str(discrepancy.get("verdict", "not_assessed")).replace("_", " ")
+        raise RequestError(
+            f"test {run.id} has no extended model (diagnosis: {verdict}): accept that of a test with a named cause"
+        )
+    details = {"test": run.id, "causes": sorted(model["causes"])}
+    await asyncio.to_thread(
+        parts.audit.append, "model.accepted", who=asks.name, valve=tag, test=run.id, details=details
+    )
+    return _view(await asyncio.to_thread(parts.store.models.accept, tag, run.id, model, asks.name))
+
+
+@router.delete("/{tag:path}/model", status_code=HTTPStatus.NO_CONTENT, dependencies=[needs(Right.CONFIGURE)])
+async def withdraw_model(tag: str, parts: PartsOf, asks: Asks) -> Response:
+    """Take the accepted model back: later tests are judged against the plain valve again."""
+    parts.runs.valve(tag)
+    accepted = await asyncio.to_thread(parts.store.models.current, tag)
+    if accepted is None:
+        raise NotFoundError(f"{tag}: no model was accepted, so there is none to take back")
+    await asyncio.to_thread(parts.audit.append, "model.withdrawn", who=asks.name, valve=tag, test=accepted.test)
+    await asyncio.to_thread(parts.store.models.withdraw, tag, asks.name)
+    return Response(status_code=HTTPStatus.NO_CONTENT)

@@ -1,0 +1,48 @@
+"""The sequence ``separating``: what the last test's diagnosis asks for, analysed together with that test."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from service.runs.run import Run
+from service.store.store import Store
+from valve.errors import RequestError
+
+#: What ``POST /tests/run`` names to run what the last completed test of the valve left to be told apart.
+SEPARATING: Final = "separating"
+TOGETHER: Final = "together"  # key of an analysis that says which tests it is of
+_MOST_TOGETHER: Final = 3  # earlier tests: a fit of more takes too long
+
+
+@dataclass(frozen=True, slots=True)
+class Separating:
+    """The sequence to play, and the tests whose recordings are analysed with it, the newest first."""
+
+    sequence: str
+    overrides: Mapping[str, Any]
+    tests: tuple[str, ...]
+
+
+def separating_of(store: Store, tag: str) -> Separating:
+    """Return what the last completed test of a valve asks for; blocks. Raises RequestError where that is nothing."""
+    last = store.runs.last_completed(tag)
+    if last is None or last.analysis is None:
+        raise RequestError(f"{tag}: there is nothing to separate, as no test of it is completed: run another sequence")
+    wanted = (last.analysis.get("discrepancy") or {}).get("separating_test")
+    if wanted is None:
+        verdict = str((last.analysis.get("discrepancy") or {}).get("verdict", "not_assessed")).replace("_", " ")
+        raise RequestError(
+            f"{tag}: test {last.id} leaves nothing to separate (diagnosis: {verdict}): run another sequence"
+        )
+    if not store.recording_path(last.id).exists():
+        raise RequestError(f"{tag}: the recording of test {last.id} is no longer kept: repeat that test first")
+    earlier = [run_id for run_id in _analysed_with(last) if store.recording_path(run_id).exists()]
+    tests = (last.id, *earlier)[:_MOST_TOGETHER]
+    return Separating(str(wanted["sequence"]), dict(wanted["overrides"]), tests)
+
+
+def _analysed_with(run: Run) -> list[str]:
+    together = (run.analysis or {}).get(TOGETHER) or {}
+    return [str(run_id) for run_id in together.get("tests", [])]
