@@ -12,14 +12,16 @@ from estimators.likelihood.model import Restarts, StemModel
 from estimators.samples import BoolArray, FloatArray, IntArray
 
 # Own choices: what joining two lines may add to the squares (2 in the mean), and the longest block as a share of all.
-_LIMITS: Final = (9.0, 25.0, 100.0, 400.0)
+_LIMITS: Final = (9.0, 25.0, 100.0)
 _LONGEST_SHARE: Final = 1.0 / 150.0
 _FEWEST_LONGEST: Final = 8
 _MOST_RESTS: Final = 96
 _FEWEST_PARTS: Final = 4
 _MOST_BLOCKS: Final = 3000
+_BLOCKS_AN_EVENT: Final = 4
 _BENT: Final = 0.1  # of the noise, from one row to the next
 _ABOUT: Final = 3  # rows
+_MOVES: Final = 4.0  # standard deviations from one row to the next
 LEAST_NOISE: Final = 1.0e-6  # of the range: what is not searched more closely
 
 
@@ -65,9 +67,12 @@ def compressed(model: StemModel, *, least_noise: float = LEAST_NOISE) -> StemMod
     restarts = model.restarts
     if restarts is not None:
         restarts = Restarts(np.searchsorted(first, restarts.row).astype(np.int64), restarts.position_m)
+    time_s = _mean(weight, model.time_s, first, held)
+    off_s = model.time_s - np.repeat(time_s, np.diff(edges))
     return replace(
         model,
-        time_s=_mean(weight, model.time_s, first, held),
+        time_s=time_s,
+        block_s=np.sqrt(_mean(weight, off_s * off_s, first, held)),
         position_m=_mean(weight, model.position_m, first, held),
         weight=np.sqrt(share),
         section_row=np.searchsorted(first, model.section_row).astype(np.int64),
@@ -92,11 +97,15 @@ def _blocks(model: StemModel, least_noise: float) -> tuple[FloatArray, IntArray]
     step_s = np.diff(model.time_s)
     gaps = np.flatnonzero(step_s > 2.0 * float(np.median(step_s))) + 1
     cut = np.unique(np.concatenate([rows, rows + 1, gaps])).astype(np.int64)
+    if model.stepped:
+        # rows at one phase of their treads: their mean is not the position at their mean time
+        moving = np.flatnonzero(np.abs(np.diff(model.position_m)) * weight[1:] > _MOVES)
+        cut = np.unique(np.concatenate([cut, moving, moving + 1]))
     cut = cut[cut < model.time_s.size]
     edges = np.array([0, model.time_s.size])
     for limit in _LIMITS:
         edges = straight_blocks(model.time_s, model.position_m, weight, cut, limit, longest)
-        if edges.size <= _MOST_BLOCKS:
+        if edges.size <= max(_MOST_BLOCKS, _BLOCKS_AN_EVENT * model.events):
             break
     return weight, edges
 

@@ -11,9 +11,9 @@ from estimators.base import Estimate, Outcome, ParameterEstimate, Status, absent
 from estimators.identifiability import Knowledge
 from estimators.likelihood.arrival import arrived
 from estimators.likelihood.delay import DELAY, Weighed, at_one_instant, delayed, says_nothing, weigh
-from estimators.likelihood.intervals import Ramps, flat_errors, inflation, known, natural_values
+from estimators.likelihood.intervals import CHECKED, Ramps, flat_errors, inflation, known, natural_values
 from estimators.likelihood.model import StemModel
-from estimators.likelihood.optima import with_others
+from estimators.likelihood.optima import others_apart, with_others
 from estimators.likelihood.problem import Problem
 from estimators.likelihood.search import EXACT, Found
 from estimators.recorded_motion import RecordedMotion
@@ -23,6 +23,7 @@ _SURE_OF_DELAY: Final = 0.99
 _SAME: Final = 0.1  # speeds and rates that differ by less are one
 _SLOW_SAMPLING_S: Final = 2.0e-3
 _IN_THE_VALLEY: Final = ("m", "F_v", "F_c", "F_s", "DV")
+_JUMP_UNSURE: Final = 0.5
 _NOT_ARRIVED: Final = (
     "the fit did not come to the bottom of its cost, a narrow valley of m, F_v, F_c, F_s and DV: "
     "repeat with ramps at several rates"
@@ -56,8 +57,15 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
     explained = found.certificate.is_good or (problem.is_noise_free and rms_m < 1.0e-6 * model.range_m)
     if not explained and not found.certificate.is_near and not problem.is_noise_free:
         knows = None
-    flat = flat_errors(model, point, ramps, noise_factor=factor, jumps=problem.jumps)
-    parameters = {symbol: _parameter(symbol, values, knows, flat.get(symbol, 0.0)) for symbol in PARAMETER_SYMBOLS}
+    least = flat_errors(model, point, noise_factor=factor, jumps=problem.jumps)
+    if problem.jumps:
+        apart = others_apart(model, point, found)
+        least = {symbol: max(least.get(symbol, 0.0), apart.get(symbol, 0.0)) for symbol in CHECKED}
+    parameters = {symbol: _parameter(symbol, values, knows, least.get(symbol, 0.0)) for symbol in PARAMETER_SYMBOLS}
+    if problem.jumps and knows is not None and not parameters["F_v"].identifiable:
+        # the jumps are between one and two times (F_s - F_c)/k long, by their damping
+        beyond_n = _JUMP_UNSURE * (values["F_s"] - values["F_c"])
+        parameters["F_c"] = _parameter("F_c", values, knows, max(least.get("F_c", 0.0), beyond_n))
     if not is_bottom:
         parameters |= {symbol: absent(_NOT_ARRIVED) for symbol in _IN_THE_VALLEY if parameters[symbol].identifiable}
     complete = in_order(parameters)

@@ -27,19 +27,6 @@ def ratio_kept(here: dict[str, float], other: dict[str, float], rate_n_per_s: fl
     return max(0.0, static_n / other["F_c"] - 1.0)
 
 
-def friction_kept(here: dict[str, float], viscous: float, speed_m_per_s: float, *, jumps: bool) -> dict[str, float]:
-    """Return the values with another F_v, and F_c and d with which the stem slides, or jumps, as far as before."""
-    static_n = here["F_c"] * (1.0 + here["d"])
-    if jumps:
-        critical = 2.0 * math.sqrt(here["k"] * here["m"])
-        share = (1.0 + _beyond(here["F_v"] / critical)) / (1.0 + _beyond(viscous / critical))
-        coulomb_n = static_n - (static_n - here["F_c"]) * share
-    else:
-        coulomb_n = here["F_c"] + (here["F_v"] - viscous) * speed_m_per_s
-    coulomb_n = max(coulomb_n, 0.02 * static_n)
-    return here | {"F_v": viscous, "F_c": coulomb_n, "d": max(0.0, static_n / coulomb_n - 1.0)}
-
-
 def hops(model: StemModel, point: FloatArray, speed_m_per_s: float, *, jumps: bool) -> Iterator[FloatArray]:
     """Yield points (p,) far from this one that explain nearly the same.
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import product
 from typing import Final
 
 import numpy as np
@@ -12,8 +13,9 @@ from estimators.base import NORMAL_95
 from estimators.identifiability import Knowledge, knowledge
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.descent import descend
-from estimators.likelihood.hops import friction_kept, ratio_kept
 from estimators.likelihood.model import STEP, StemModel
+from estimators.likelihood.pool import Place
+from estimators.likelihood.valley import WALKED, walk
 from estimators.samples import FloatArray
 
 _PIECES: Final = (1, 4, 16, 64, 256, 1024)
@@ -22,17 +24,9 @@ _FAINT: Final = 0.1  # of a standard deviation that a unit of a coordinate moves
 _LARGER_STEP: Final = 1.0e-3
 _NEAR_KINK: Final = 0.01
 _FOLLOWING_STEPS: Final = 10
-_WORTH_ALL_ROWS: Final = 25.0  # more than blocks leave out
-_LAST_STEPS: Final = 3
-_CHECKED: Final = ("m", "F_v", "F_c", "F_s", "DV")
+CHECKED: Final = ("m", "F_v", "F_c", "F_s", "DV")
 _WITHIN_95: Final = 3.84
-# steps of the coordinates, the longest last: factors 1.6 and 4.5, for DV 3 and 10, either way
-_FAR_STEPS: Final = {
-    "m": (0.5, -0.5, 1.5, -1.5),
-    "F_v": (0.5, -0.5, 1.5, -1.5),
-    "d": (0.05, 0.2, 0.5),
-    "DV": (-1.1, 1.1, -2.3, 2.3),
-}
+_WITHIN_SILLS: Final = 9.0
 _SURE: Final = 3.0  # standard errors by which the variance of pieces must exceed that of white noise
 
 
@@ -97,48 +91,43 @@ def known(model: StemModel, point: FloatArray, ramps: Ramps, *, noise_factor: fl
     )
 
 
-def flat_errors(
-    model: StemModel, point: FloatArray, ramps: Ramps, *, noise_factor: float, jumps: bool
-) -> dict[str, float]:
+def flat_errors(model: StemModel, point: FloatArray, *, noise_factor: float, jumps: bool) -> dict[str, float]:
     """Least standard errors of m, F_v, F_c, F_s and DV that the cost itself leaves, far from the point, by symbol.
 
-    Where a large step of one of them, the others refitted (profile likelihood, on blocks of rows), costs less than
-    3.84, the information at the point is of a kink or of one place of several, and all intervals reach what was
-    refitted. That it lowers the cost is no exception: then the point is not the lowest.
+    Profile likelihood on blocks of rows: one of them goes on either way, the others follow, and all intervals reach
+    whatever costs less than 3.84. The information at the point may be of a kink, or of one bend of a valley; of a stem
+    that ``jumps`` the valley has sills, so that more is believed possible.
     """
     small = compressed(model)
-    held_inputs = tuple(name for name in model.coordinates.names if name.startswith("input_"))
+    held = tuple(name for name in model.coordinates.names if name.startswith("input_"))
     names, values = model.coordinates.names, natural_values(model, point)
-    here = descend(small, point, most_steps=_FOLLOWING_STEPS, held=held_inputs, one_sided=True).cost
-    rate_n_per_s = min(ramps.rates_n_per_s, default=0.0)
-    speed_m_per_s = min(ramps.speeds_m_per_s, default=0.0)
+    near = descend(small, point, most_steps=_FOLLOWING_STEPS, held=held, one_sided=True)
+    start = Place(near.point, near.cost)
+    within = (_WITHIN_SILLS if jumps else _WITHIN_95) * noise_factor**2
+    walked = (*WALKED, "d") if point[names.index("d")] < _NEAR_KINK else WALKED
     least: dict[str, float] = {}
-    for name, steps in _FAR_STEPS.items():
-        if name == "d" and point[names.index("d")] > _NEAR_KINK:
-            continue
-        for step in steps:
-            other = point.copy()
-            other[names.index(name)] += step
-            other = np.clip(other, model.coordinates.lower, model.coordinates.upper)
-            if name in ("m", "DV"):
-                # what the test shows of them is F_s + sqrt(2 m DV r): it stays
-                ratio = ratio_kept(model.coordinates.values(point), model.coordinates.values(other), rate_n_per_s)
-                other[names.index("d")] = ratio
-            if name == "F_v":
-                here_values = model.coordinates.values(point)
-                viscous = math.exp(float(other[names.index("F_v")]))
-                other = model.coordinates.point(friction_kept(here_values, viscous, speed_m_per_s, jumps=jumps))
-            held = (name, *held_inputs)
-            followed = descend(small, other, most_steps=_FOLLOWING_STEPS, held=held, arrived=0.1, one_sided=True)
-            if (followed.cost - here) / noise_factor**2 < _WORTH_ALL_ROWS:
-                followed = descend(model, followed.point, most_steps=_LAST_STEPS, held=held, one_sided=True)
-                followed = replace(followed, cost=followed.cost - model.cost(point) + here)
-            if (followed.cost - here) / noise_factor**2 < _WITHIN_95:
-                reached = natural_values(model, followed.point)
-                for symbol in _CHECKED:
-                    far = abs(reached[symbol] - values[symbol]) / NORMAL_95
-                    least[symbol] = max(least.get(symbol, 0.0), far)
+    for name, sense in product(walked, (-1, 1)):
+        places = walk(small, start, name, sense, held=held, largest_rise=2.0 * within).places
+        for reached in _within(start, places, within):
+            far_values = natural_values(model, reached)
+            for symbol in CHECKED:
+                far = abs(far_values[symbol] - values[symbol]) / NORMAL_95
+                least[symbol] = max(least.get(symbol, 0.0), far)
     return least
+
+
+def _within(start: Place, places: list[Place], rise: float) -> list[FloatArray]:
+    """Points (p,) of a walk that cost no more than ``rise``, and where it begins to: linear in the root of the rise."""
+    found, before = [], start
+    for place in places:
+        if place.cost - start.cost <= rise:
+            found.append(place.point)
+        elif before.cost - start.cost <= rise:
+            root = math.sqrt(max(before.cost - start.cost, 0.0))
+            share = (math.sqrt(rise) - root) / (math.sqrt(place.cost - start.cost) - root)
+            found.append(before.point + share * (place.point - before.point))
+        before = place
+    return found
 
 
 def _without_last(information: FloatArray, kept: int) -> FloatArray:

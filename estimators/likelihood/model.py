@@ -44,7 +44,9 @@ class StemModel:
     ``section_row`` are the rows from which on the stem begins anew, 0 first: section j at the unknown position x_j
     and, where there is one, velocity v_j. ``input_names`` are the unknowns that the force path takes; unknown ``d`` is
     F_s/F_c - 1. ``deviations`` are changes of the corners (s, N) that the unknowns input_1, ... scale. ``spread``,
-    shape (n, d), is B where errors other than white noise have the inverse root of covariance I - B B^T.
+    shape (n, d), is B where errors other than white noise have the inverse root of covariance I - B B^T. Where a row
+    stands for a block, ``block_s``, shape (n,), is the scatter of its rows' times, and the simulated position is the
+    mean of those at both sides of it: that of the block to the third order.
     """
 
     time_s: FloatArray
@@ -59,12 +61,19 @@ class StemModel:
     restarts: Restarts | None = None
     most_events: int = _MOST_EVENTS
     spread: FloatArray | None = None
+    stepped: bool = False  # the force is a staircase: the stem moves by its treads
     events: int = 0  # changes of mode that the measured motion has, about: what a simulation costs
+    block_s: FloatArray | None = None
     even_step: float = field(init=False)
+    _out_s: FloatArray = field(init=False)
     _corners: dict[tuple[float, ...], tuple[FloatArray, FloatArray]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "even_step", float(even_period(self.time_s)))
+        out_s = self.time_s
+        if self.block_s is not None:
+            out_s = np.stack([self.time_s - self.block_s, self.time_s + self.block_s], axis=1).ravel()
+        object.__setattr__(self, "_out_s", out_s)
+        object.__setattr__(self, "even_step", float(even_period(out_s)))
 
     def corners(self, values: dict[str, float]) -> tuple[FloatArray, FloatArray]:
         """Corners of the force for these values: times, s, and forces, N."""
@@ -108,11 +117,14 @@ class StemModel:
             rows = rows[order]
             start_m = np.concatenate([start_m, self.restarts.position_m])[order]
             start_v = np.concatenate([start_v, np.zeros(self.restarts.row.size)])[order]
-        out_m = np.empty(self.time_s.size)
-        timed = (rows, self.time_s[rows], start_m, start_v)
-        grid = (self.time_s, self.even_step)
+        out_m = np.empty(self._out_s.size)
+        times = self._out_s.size // self.time_s.size
+        timed = (times * rows, self.time_s[rows], start_m, start_v)
+        grid = (self._out_s, self.even_step)
         status = shoot(valve, corner_s, force_n, *grid, *timed, out_m, self.most_events)
-        return out_m if status == FOLLOWED and bool(np.isfinite(out_m[-1])) else None
+        if status != FOLLOWED or not bool(np.isfinite(out_m[-1])):
+            return None
+        return out_m if times == 1 else 0.5 * (out_m[0::2] + out_m[1::2])
 
     def residuals(self, point: FloatArray) -> FloatArray | None:
         """Weighted measured minus simulated position, shape (n,), in standard deviations."""

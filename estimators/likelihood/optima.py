@@ -7,12 +7,14 @@ from typing import Final
 
 import numpy as np
 
+from estimators.base import NORMAL_95
 from estimators.identifiability import Knowledge
-from estimators.likelihood.intervals import Ramps, known, natural_values
+from estimators.likelihood.intervals import CHECKED, Ramps, known, natural_values
 from estimators.likelihood.mixture import mixed
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.pool import Place
 from estimators.likelihood.search import Found
+from estimators.samples import FloatArray
 
 _DECIDED: Final = 0.01  # a place with less weight is left out
 _LARGEST_LOG_VOLUME: Final = 3.0  # what a width says of a place that it was not computed well for
@@ -34,6 +36,22 @@ def with_others(model: StemModel, knows: Knowledge, found: Found, ramps: Ramps, 
     weights /= weights.sum()
     likely = [(weight, own) for weight, (_, own) in zip(weights, parts, strict=True) if weight > _DECIDED]
     return mixed([weight for weight, _ in likely], [own for _, own in likely])
+
+
+def others_apart(model: StemModel, point: FloatArray, found: Found) -> dict[str, float]:
+    """Least standard errors with which the intervals reach all other places nearly as low, by symbol.
+
+    Of a stem that sticks and slips there are more such places than a search finds, so that their weights say little.
+    """
+    values = natural_values(model, point)
+    least: dict[str, float] = {}
+    for place in found.others:
+        if place.point.size == point.size:
+            own = natural_values(model, place.point)
+            for symbol in CHECKED:
+                far = abs(own[symbol] - values[symbol]) / NORMAL_95
+                least[symbol] = max(least.get(symbol, 0.0), far)
+    return least
 
 
 def _known_at(model: StemModel, place: Place, ramps: Ramps, noise_factor: float) -> Knowledge | None:

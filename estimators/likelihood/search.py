@@ -17,6 +17,7 @@ from estimators.likelihood.hops import hops
 from estimators.likelihood.model import Restarts, StemModel
 from estimators.likelihood.pool import Place, chosen_trials, distinct, followed_from, halved, ranked
 from estimators.likelihood.start import Trial
+from estimators.likelihood.valley import led_down
 from estimators.recorded_motion import RecordedMotion
 from estimators.samples import FloatArray
 
@@ -191,6 +192,8 @@ def _hopped(small: StemModel, places: list[Place], hopping: Hopping, budget: Bud
         places = distinct(small, [*lowest, *places])
         if places[0].cost > best.cost - _BETTER:
             break
+    if places:
+        places = distinct(small, [led_down(small, places[0], budget, _LAST_SHARE * whole), *places])
     return places
 
 
