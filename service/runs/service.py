@@ -111,9 +111,7 @@ class Runs:
         together: tuple[str, ...] = ()
         if sequence == SEPARATING:
             if overrides:
-                raise RequestError(
-                    f"overrides of sequence {SEPARATING}: it takes none, the last test says them: drop them"
-                )
+                raise RequestError(f"sequence {SEPARATING} takes no overrides, as the last test says them: drop them")
             asked = Run(id=new_run_id(), valve=tag, sequence=SEPARATING, idempotency_key=idempotency_key)
             known = await self._asked_before(asked)
             if known is not None:

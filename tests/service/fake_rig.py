@@ -96,6 +96,7 @@ class FakeAnalyst:
         self.let_go = asyncio.Event()
         self.let_go.set()
         self.asked: list[tuple[Any, ...]] = []
+        self.discrepancy: dict[str, Any] = {"verdict": "not_assessed"}
 
     async def analyze(
         self,
@@ -116,6 +117,7 @@ class FakeAnalyst:
         return {
             "schema": "breakaway/analysis/1",
             "recording": {"samples": recording.samples},
+            "discrepancy": dict(self.discrepancy),
             "estimates": [],
             "health": {"ne107": None, "reasons": []},
         }
