@@ -16,13 +16,24 @@ METHOD_WORDS: Final = {
     "regression": "method 1, regression",
     "garcia": "method 2, Garcia",
     "maximum_likelihood": "maximum likelihood",
+    "extended": "with the cause in the model",
 }
 _STYLE: Final = {
     "regression": ("o", SOFT),
     "garcia": ("s", BLUE),
     "maximum_likelihood": ("D", RED),
+    "extended": ("^", INK),
 }
 _MOST_SHOWN: Final = 0.5  # of the reference: beyond that a bar leaves the picture
+
+
+def all_estimates(analysis: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return the methods' estimates, and after them the model with the cause that was found, where there is one."""
+    estimates = list(analysis.get("estimates") or ())
+    model = (analysis.get("discrepancy") or {}).get("extended_model")
+    if model is not None:
+        estimates.append({"method": "extended", "status": "ok", "message": "", "parameters": model["parameters"]})
+    return estimates
 
 
 def methods_picture(estimates: Sequence[Mapping[str, Any]], system: UnitSystem) -> Picture | None:

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final
 from fastapi import APIRouter, Depends, Request, Response
 
 from service.figures.loop import loop_svg
-from service.figures.methods import methods_svg
+from service.figures.methods import all_estimates, methods_svg
 from service.figures.misfit import coordinate_svg, time_svg
 from service.figures.trend import trends_svg
 from service.parts import Parts, parts_of
@@ -41,7 +41,7 @@ def _pictures(run: Run) -> Any:
 
 
 _OF_A_TEST: Final[dict[str, tuple[Callable[..., str | None], Callable[[Run], Any]]]] = {
-    "methods": (methods_svg, lambda run: (run.analysis or {}).get("estimates") or []),
+    "methods": (methods_svg, lambda run: all_estimates(run.analysis or {})),
     "time": (time_svg, _pictures),
     "coordinate": (coordinate_svg, _pictures),
 }

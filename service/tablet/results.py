@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from service.figures.methods import METHOD_WORDS
+from service.figures.methods import METHOD_WORDS, all_estimates
 from service.runs.run import Run
 from service.tablet.words import FIGURES, VERDICTS
 from valve.parameters import PARAMETER_SYMBOLS
@@ -58,12 +58,12 @@ class Diagnosis:
 
 def method_names(analysis: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return what each method is called, and how its fit is (ok, poor, failed)."""
-    return [(METHOD_WORDS.get(one["method"], one["method"]), one["status"]) for one in analysis.get("estimates") or ()]
+    return [(METHOD_WORDS.get(one["method"], one["method"]), one["status"]) for one in all_estimates(analysis)]
 
 
 def parameter_rows(analysis: Mapping[str, Any]) -> list[ParameterRow]:
     """Return a row a parameter, a cell a method."""
-    estimates = analysis.get("estimates") or ()
+    estimates = all_estimates(analysis)
     return [
         ParameterRow(
             symbol,

@@ -83,6 +83,11 @@ def _discrepancy() -> dict[str, Any]:
         ],
         "not_told_apart_from": [],
         "separating_test": None,
+        "extended_model": {
+            "schema": "breakaway/valve-model/1",
+            "parameters": {"k": {"value": 52_480.0, "ci95": [52_470.0, 52_490.0], "unit": "N/m"}},
+            "causes": {"local_friction": {"rise_n": {"value": 80.0, "ci95": [78.0, 82.0], "unit": "N"}}},
+        },
         "gain": {"held_out": "the end", "rmse_before_m": 1e-3, "rmse_after_m": 3e-5, "noise_floor_m": 2e-5},
         "pictures": {
             "time": {

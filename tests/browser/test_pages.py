@@ -72,6 +72,12 @@ def test_what_is_not_there_is_a_page_that_says_so(service: Gateway, page: str) -
     assert "is unknown" in answer.text
 
 
+def test_the_model_with_the_cause_stands_beside_the_methods(service: Gateway) -> None:
+    text = service.client.get(_address(service, "TEST")).text
+    assert "with the cause in the model" in text
+    assert "52.480 ± 0.010 N/mm" in text
+
+
 def test_sign_in_leads_to_pages_of_this_service_alone(service: Gateway) -> None:
     for wanted in ("//elsewhere.example/", "https://elsewhere.example/", "/\\elsewhere.example"):
         assert 'data-next="/"' in service.client.get("/ui/sign-in", params={"next": wanted}).text
