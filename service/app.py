@@ -21,6 +21,7 @@ from service.access.routes import router as access_routes
 from service.access.routes import session_router as session_routes
 from service.analysis_pool import AnalysisPool
 from service.audit.log import AuditLog
+from service.audit.service_life import note_end, note_start
 from service.body_limits import BodyLimits
 from service.docs_page import docs_page
 from service.errors import install_error_handlers
@@ -87,6 +88,7 @@ def create_app(
         nightly = Nightly(plant, opened, runs)
         app.state.parts = Parts(plant, opened, runs, chosen, converter, VERSION, access, audit, nightly)
         try:
+            await asyncio.to_thread(note_start, audit, plant, software)
             if pool is not None:
                 await pool.start()
             await runs.recover()
@@ -95,6 +97,7 @@ def create_app(
         finally:
             await runs.shut_down()
             await converter.close()
+            await asyncio.to_thread(note_end, audit)
             await app.state.parts.drawer.close()
             if pool is not None:
                 await pool.close()

@@ -13,6 +13,7 @@ import uvicorn
 from fastapi import FastAPI
 
 from service.app import create_app
+from service.audit.log import AuditLog
 from service.parts import Parts
 from service.settings import Plant, ServiceSettings
 from service.store.store import open_store
@@ -66,7 +67,9 @@ def _listen(settings: ServiceSettings) -> socket.socket:
 def serve_plant(plant: Plant) -> None:
     """Serve until a signal ends it. Raises BusyError where another service has the store, ConfigurationError."""
     with _listen(plant.service) as listener:
-        app = create_app(plant, store=open_store(plant.service))
+        store = open_store(plant.service)
+        AuditLog(store.folder / "audit", plant.service.gateway or "gateway")  # one that is broken is said here
+        app = create_app(plant, store=store)
         access = plant.service.access
         if not access.sign_in and not access.loopback:
             _LOG.warning("no sign-in: whoever reaches this address may move valves", bind=plant.service.bind)

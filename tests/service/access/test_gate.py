@@ -50,6 +50,7 @@ async def test_a_person_signs_in_runs_a_test_and_signs_out(quick_path: Path) -> 
         assert (await client.delete("/session", headers=own)).status_code == 204
         assert_problem(await client.get("/tests"), 401)
         assert {"session.began", "session.ended"} <= set(events(served))
+    assert (events(served)[-1], events(served).count("service.started")) == ("service.ended", 1)
 
 
 async def test_wrong_passwords_are_slowed_down_and_told_alike(quick_path: Path) -> None:
