@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from drivers.waveform_check import check_waveform
+from service.runs.run import Run
+from service.runs.separating import SEPARATING, separating_of
 from service.runs.sequences import SEQUENCES, build_waveform, default_of
 from service.settings import PlantValve
+from service.store.store import Store
 from service.tablet.words import SEQUENCES as IN_WORDS
-from valve.errors import ValveError
+from valve.errors import RequestError, ValveError
 from valve.waveform import Waveform
 
 _POINTS: Final = 240
@@ -33,17 +37,35 @@ class Plan:
     problem: str = ""
 
 
-def plans_of(valve: PlantValve) -> list[Plan]:
-    """Return every sequence, the usual one first and what is impossible last."""
+def plans_of(valve: PlantValve, store: Store) -> list[Plan]:
+    """Return every sequence, the usual one first and what is impossible last; reads the store, so it may block.
+
+    What the last diagnosis asks for stands second, where it asks for something.
+    """
     default, _ = default_of(valve.nameplate, valve.wiring.limits)
-    plans = [_plan(valve, name, is_default=name == default) for name in SEQUENCES]
+    plans = [_plan(valve, name, name, {}, is_default=name == default) for name in SEQUENCES]
+    try:
+        wish = separating_of(store, valve.nameplate.tag)
+    except RequestError:  # there is nothing to separate
+        pass
+    else:
+        plans.insert(0, _plan(valve, SEPARATING, wish.sequence, wish.overrides, is_default=False))
     return sorted(plans, key=lambda plan: (bool(plan.problem), not plan.is_default))
 
 
-def _plan(valve: PlantValve, name: str, *, is_default: bool) -> Plan:
+def waveform_of(valve: PlantValve, run: Run, store: Store) -> Waveform:
+    """Return what a running test plays; may block. Raises ValveError where the plant file no longer allows it."""
+    sequence, overrides = run.sequence, run.overrides
+    if sequence == SEPARATING:
+        wish = separating_of(store, run.valve)
+        sequence, overrides = wish.sequence, wish.overrides
+    return build_waveform(sequence, overrides, valve.nameplate, valve.wiring.limits)
+
+
+def _plan(valve: PlantValve, name: str, sequence: str, overrides: Mapping[str, Any], *, is_default: bool) -> Plan:
     words = IN_WORDS.get(name, "")
     try:
-        waveform = build_waveform(name, {}, valve.nameplate, valve.wiring.limits)
+        waveform = build_waveform(sequence, overrides, valve.nameplate, valve.wiring.limits)
         check_waveform(valve.nameplate.tag, waveform, valve.wiring.limits)
     except ValveError as error:
         return Plan(name, words, is_default, problem=str(error))

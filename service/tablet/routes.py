@@ -14,11 +14,10 @@ from fastapi.responses import RedirectResponse
 
 from service.parts import Parts, parts_of
 from service.runs.run import Run
-from service.runs.sequences import build_waveform
 from service.shown_units import UnitSystem, quantity, shown_unit
 from service.tablet.history import ValvePast, past_of
 from service.tablet.night import due_checks, night_of
-from service.tablet.plans import AROUND_S, planned_line, plans_of
+from service.tablet.plans import AROUND_S, planned_line, plans_of, waveform_of
 from service.tablet.rendering import page, units_of
 from service.tablet.results import (
     diagnosis_of,
@@ -114,7 +113,8 @@ async def start_page(request: Request, tag: str, parts: PartsOf, visitor: Visito
         "tag": tag,
         "busy_with": parts.runs.user_of(tag),
         "travel_m": valve.nameplate.actuator.travel_m,
-        "plans": plans_of(valve),
+        "plans": await asyncio.to_thread(plans_of, valve, parts.store),
+        "wanted": request.query_params.get("sequence"),
         "around_s": AROUND_S,
         "safe_words": _safe_words(valve.wiring.safe_value_pa, system),
     }
@@ -167,7 +167,8 @@ async def test_page(request: Request, test_id: str, parts: PartsOf, visitor: Vis
         return _missing(request, visitor, error)
     shared = {"tag": run.valve, "run": run, "state_words": STATES[run.state]}
     if not run.state.finished:
-        return page(request, "running.html", visitor, {**shared, "live": _live(parts, run, units_of(request))})
+        live = await asyncio.to_thread(_live, parts, run, units_of(request))
+        return page(request, "running.html", visitor, {**shared, "live": live})
     past = await asyncio.to_thread(past_of, parts.store, run.valve)
     return page(request, "result.html", visitor, {**shared, **_result(request, run, past)})
 
@@ -225,9 +226,9 @@ def _live(parts: Parts, run: Run, system: UnitSystem) -> dict[str, Any]:
     if valve is None:
         return {"units": units, "plan": None, "travel_m": 0.1, "pressure_pa": [0.0, 1.0e5], "duration_s": 60.0}
     try:
-        waveform = build_waveform(run.sequence, run.overrides, valve.nameplate, valve.wiring.limits)
+        waveform = waveform_of(valve, run, parts.store)
         plan, duration_s = planned_line(waveform), waveform.duration_s
-    except ValveError:  # of a sequence that is not made from overrides alone: the trace does without
+    except ValveError:  # the trace does without
         plan, duration_s = None, valve.wiring.limits.longest_test_s
     return {
         "units": units,
