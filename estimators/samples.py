@@ -24,6 +24,9 @@ _LARGEST_POSITION_M: Final = 1.0e3
 _LARGEST_FORCE_N: Final = 1.0e9
 _ENOUGH_DIFFERENCES: Final = 20_000  # for a median to within 1 %
 _ROUNDING: Final = 1.0e-9  # of the range: below it a channel is computed and not measured
+_MOST_STEPS: Final = 1.0e7  # from the first value to the furthest: a grid finer than any converter's is rounding
+_WIDER: Final = 3.0
+_OFF_GRID: Final = 0.08  # of a step: 24 bits of single precision on the steps of a 16-bit converter leave 0.004
 _MAD_TO_SIGMA: Final = 1.4826  # of the normal distribution
 
 
@@ -83,13 +86,13 @@ def prepare(recording: Recording, nameplate: Nameplate) -> Samples | Outcome:
         period_s=period_s,
         position_noise_m=position_noise(time_s, position_m, run_first),
         force_noise_n=channel_noise(time_s, force_n, run_first),
-        position_step_m=_resolution(position_m),
+        position_step_m=resolution(position_m),
     )
 
 
 def position_noise(time_s: FloatArray, position_m: FloatArray, run_first: IntArray) -> float:
     """Noise of a position, one standard deviation, m: at least its resolution's; 0 where it is rounding."""
-    noise_m = max(channel_noise(time_s, position_m, run_first), _resolution(position_m) / float(np.sqrt(12.0)))
+    noise_m = max(channel_noise(time_s, position_m, run_first), resolution(position_m) / float(np.sqrt(12.0)))
     return noise_m if noise_m > _ROUNDING * float(np.ptp(position_m)) else 0.0
 
 
@@ -125,9 +128,10 @@ def _fourth_divided(time_s: FloatArray, channel: FloatArray) -> FloatArray:
     return np.asarray(np.abs(total) / np.sqrt(norm))
 
 
-def _resolution(channel: FloatArray) -> float:
+def resolution(channel: FloatArray) -> float:
     """Step of the grid that the channel lies on, or 0 where it lies on none that is coarser than rounding.
 
+    The smallest change from row to row, fitted to more and more of the channel: single precision rounds each value.
     A stem at rest on one step hides the resolution from the differences: its noise is then step / sqrt(12).
     """
     gaps = np.abs(np.diff(channel))
@@ -135,8 +139,16 @@ def _resolution(channel: FloatArray) -> float:
     if gaps.size == 0:
         return 0.0
     step = float(gaps.min())
-    multiples = (channel[:: max(1, channel.size // 2000)] - channel[0]) / step
-    if float(np.abs(multiples).max()) > 1.0e7:
+    away = np.sort(np.abs(channel[:: max(1, channel.size // 2000)] - channel[0]))
+    if float(away[-1]) > _MOST_STEPS * step:
         return 0.0
-    off_grid = np.abs(multiples - np.rint(multiples))
-    return step if float(off_grid.max()) < 0.02 else 0.0
+    reach = step
+    while reach < float(away[-1]):
+        reach *= _WIDER
+        part = away[: int(np.searchsorted(away, reach, side="right"))]
+        numbers = np.rint(part / step)
+        if float(np.abs(part / step - numbers).max()) > _OFF_GRID:
+            return 0.0
+        if numbers.any():
+            step = float(part @ numbers / (numbers @ numbers))
+    return step if float(np.abs(away / step - np.rint(away / step)).max()) < _OFF_GRID else 0.0

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
+from estimators.likelihood.row_timing import write_doubts_s
 from estimators.likelihood.write_instants import lateness_s
 from estimators.samples import FloatArray
 from valve.nameplate import Nameplate, Signal
@@ -28,12 +30,22 @@ def within_signal(asked_n: FloatArray, nameplate: Nameplate) -> FloatArray:
     return np.clip(asked_n, area_m2 * (low_pa - _BELOW_RANGE * span_pa), area_m2 * (high_pa + _ABOVE_RANGE * span_pa))
 
 
-def written_steps(recording: Recording, asked_n: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """Times, s, at which the command stepped, and the levels, N, that it stepped to, both shape (k,), or None.
+@dataclass(frozen=True, slots=True, eq=False)
+class WrittenSteps:
+    """When the command stepped, s, the level that it stepped to, N, and one standard deviation of when, all (k,)."""
 
-    A polled row is written first and read then (drivers/mover.py): the write was carried out before the row's request
-    was sent, by about half of ``write_lead_s``, and by as much more as the request was late. A slot that failed leaves
-    the command as it was. None where the rows are not the writes: the recording was not polled, or has too few steps.
+    step_s: FloatArray
+    level_n: FloatArray
+    doubt_s: FloatArray
+
+
+def written_steps(recording: Recording, asked_n: FloatArray) -> WrittenSteps | None:
+    """Return the steps of the command, or None.
+
+    A polled row is written first and read then (drivers/mover.py): in the middle of its write's exchange, where the
+    recording tells that; else before the row's request was sent, by about half of ``write_lead_s``, and by as much more
+    as the request was late. A slot that failed leaves the command as it was. None where the rows are not the writes:
+    the recording was not polled, or has too few steps.
     """
     if recording.provenance.acquisition is not Acquisition.POLLED:
         return None
@@ -46,16 +58,24 @@ def written_steps(recording: Recording, asked_n: FloatArray) -> tuple[FloatArray
     first = np.concatenate([[True], np.diff(level_n) != 0.0])
     if int(first.sum()) < _FEWEST_STEPS:
         return None
-    written_s = np.maximum.accumulate((sent_s[rows] - late_s - half_s)[first])
-    return np.asarray(written_s), level_n[first]
+    at_s = sent_s[rows] - late_s - half_s
+    if recording.write_sent_s is not None and recording.written_s is not None:
+        middle_s = 0.5 * (recording.write_sent_s + recording.written_s)[rows]
+        at_s = np.where(np.isfinite(middle_s), middle_s, at_s)
+    doubt_s = write_doubts_s(recording, rows[first])
+    return WrittenSteps(np.maximum.accumulate(at_s[first]), level_n[first], doubt_s)
 
 
 def write_lead_s(recording: Recording) -> float:
-    """How long before a row's request the write may have been carried out, s: half of the rows took no longer.
+    """Within which time a row's write was carried out, s: half of the rows took no longer.
 
-    A row's write begins with its slot of the grid; without the grid it takes what a look takes, and a thousandth of a
-    period at least.
+    Between its request and its confirmation where the recording tells them. Else a row's write begins with its slot of
+    the grid; without the grid it takes what a look takes, and a thousandth of a period at least.
     """
+    if recording.write_sent_s is not None and recording.written_s is not None:
+        lasted_s = (recording.written_s - recording.write_sent_s)[np.isfinite(recording.written_s)]
+        if lasted_s.size:
+            return float(np.median(lasted_s))
     period_s, slot_s = recording.sample_period_s, recording.provenance.requested_period_s
     exchange_s = recording.sampling_quality().median_exchange_s or 0.0
     least_s = max(exchange_s, 1.0e-3 * period_s)

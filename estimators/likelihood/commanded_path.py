@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -31,7 +31,9 @@ class CommandedPath:
 
     ``delay`` is of the position against this force. It is known as well as the position is to the pressure and the
     pressure to the command: without a lag the pressure tells of the dead time only that it is below a period.
-    ``noise_n``: what the fit leaves of the pressure. ``breaks_s`` is empty: a command holds until the next.
+    ``noise_n``: what the fit leaves of the pressure. ``write_doubt_s``, shape (k,), is one standard deviation of each
+    step's instant, 0 where the recording does not say when it was written. ``breaks_s`` is empty: a command holds until
+    the next.
     """
 
     step_s: FloatArray
@@ -41,6 +43,7 @@ class CommandedPath:
     delay: Nuisance
     noise_n: float
     breaks_s: FloatArray
+    write_doubt_s: FloatArray
 
     @property
     def nuisances(self) -> tuple[Nuisance, ...]:
@@ -48,8 +51,13 @@ class CommandedPath:
         return (self.delay,)
 
     @property
-    def _is_stepped(self) -> bool:
+    def is_stepped(self) -> bool:
+        """Whether the force steps at each write, without a lag that is seen."""
         return self.fit.lag_s < _STEP * float(np.median(np.diff(self.step_s)))
+
+    def rewritten(self, late_s: FloatArray) -> CommandedPath:
+        """Return the path of writes that are later by ``late_s``, shape (k,); none overtakes the next."""
+        return replace(self, step_s=np.maximum.accumulate(self.step_s + late_s))
 
     def corners(self, values: FloatArray) -> Corners:
         """Corner times, s, and force, N, shape (n,), for this delay."""
@@ -63,9 +71,9 @@ class CommandedPath:
         """
         for change in self.fit.root:
             linear = self.fit.linear + change[:3]
-            time_s, force_n = self._drawn(linear if self._is_stepped else self.fit.linear)
+            time_s, force_n = self._drawn(linear if self.is_stepped else self.fit.linear)
             lag_s = self.fit.lag_s
-            if not self._is_stepped:
+            if not self.is_stepped:
                 lag_s = max(lag_s + float(change[3]), 0.5 * lag_s)
                 force_n = self._answer(time_s, linear, lag_s)
             yield self._led(time_s + self.fit.dead_time_s + self.fit.lag_s - lag_s + float(values[0]), force_n)
@@ -75,7 +83,7 @@ class CommandedPath:
         lag_s = self.fit.lag_s
         corner_s, level_n = stair_corners(self.step_s, self.level_n, self.last_s)
         asked_n = linear[0] + linear[1] * level_n
-        if self._is_stepped:
+        if self.is_stepped:
             return corner_s + lag_s, asked_n
         span_n = float(np.ptp(asked_n))
         tread_s, tread_n = float(np.median(np.diff(self.step_s))), float(np.median(np.abs(np.diff(asked_n[::2]))))
@@ -103,9 +111,10 @@ def commanded_path(recording: Recording, nameplate: Nameplate, force_n: FloatArr
     area_m2 = nameplate.actuator.diaphragm_area_m2
     if recording.force_n is not None or recording.command_pa is None or area_m2 is None:
         return None
-    steps = written_steps(recording, within_signal(recording.command_pa * area_m2, nameplate))
-    if steps is None:
+    written = written_steps(recording, within_signal(recording.command_pa * area_m2, nameplate))
+    if written is None:
         return None
+    steps, doubt_s = (written.step_s, written.level_n), written.doubt_s
     period_s = recording.sample_period_s
     fit = fit_transducer(*steps, recording.time_s, force_n, (write_lead_s(recording), period_s))
     if fit is None:
@@ -113,4 +122,4 @@ def commanded_path(recording: Recording, nameplate: Nameplate, force_n: FloatArr
     most_s = max(_DELAY_PERIODS * period_s, _DELAY_S)
     prior_s = float(np.hypot(delay_prior_s(recording), fit.delay_sd_s))
     delay = Nuisance("delay_s", 0.0, 0.1 * period_s, -most_s, most_s, prior_s)
-    return CommandedPath(*steps, float(recording.time_s[-1]), fit, delay, fit.noise_n, np.empty((0, 2)))
+    return CommandedPath(*steps, float(recording.time_s[-1]), fit, delay, fit.noise_n, np.empty((0, 2)), doubt_s)

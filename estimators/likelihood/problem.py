@@ -10,9 +10,10 @@ from typing import Final
 import numpy as np
 
 from estimators.likelihood.coordinates import Coordinate, Coordinates, linear, logarithmic
-from estimators.likelihood.input_path import InputPath
+from estimators.likelihood.input_path import CommandedPath, InputPath
 from estimators.likelihood.model import Restarts, StemModel
 from estimators.likelihood.nuisance import Nuisance
+from estimators.likelihood.row_timing import position_doubts_m
 from estimators.likelihood.search import measured_rests
 from estimators.likelihood.start import Trial, first_guesses, resting_rows, trials
 from estimators.recorded_motion import RecordedMotion
@@ -84,12 +85,13 @@ def pose(motion: RecordedMotion, path: InputPath) -> Problem | None:
     model = StemModel(
         time_s=samples.time_s,
         position_m=samples.position_m,
-        weight=_independent_share(samples.position_m, samples.position_noise_m) / noise_m,
+        weight=_independent_share(samples.position_m, samples.position_noise_m) / _errors_m(motion, noise_m),
         path=path,
         coordinates=coordinates,
         section_row=section_row,
         input_names=tuple(nuisance.name for nuisance in path.nuisances),
         range_m=range_m,
+        stepped=isinstance(path, CommandedPath) and path.is_stepped,
     )
     rests = measured_rests(motion)
     return Problem(model, wanted, rests, noise_m, samples.position_noise_m == 0.0, fastest, jumps)
@@ -170,6 +172,14 @@ def _noise(motion: RecordedMotion) -> float:
     at_rest_m = found_m[int(order[middle])]
     surely_less = 0.0 < at_rest_m < _SURELY_LESS * samples.position_noise_m
     return max(at_rest_m, resolution_noise(samples.position_m)) if surely_less else samples.position_noise_m
+
+
+def _errors_m(motion: RecordedMotion, noise_m: float) -> FloatArray:
+    """One standard deviation of each row's position, m, shape (n,): the noise, and the motion within its timing."""
+    samples, recording = motion.samples, motion.recording
+    if recording is None:
+        return np.full(samples.count, noise_m)
+    return np.hypot(noise_m, position_doubts_m(recording, samples.time_s, samples.position_m))
 
 
 def resolution_noise(position_m: FloatArray) -> float:

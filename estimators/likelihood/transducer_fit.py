@@ -17,7 +17,7 @@ import numpy as np
 from scipy import optimize
 
 from estimators.likelihood.stair_kernel import stair_answer
-from estimators.samples import BoolArray, FloatArray, position_noise
+from estimators.samples import BoolArray, FloatArray, position_noise, resolution
 
 _FEWEST_ROWS: Final = 40
 _LONGEST_LAG_S: Final = 3.0
@@ -33,6 +33,7 @@ _SEEN_PERIODS: Final = 0.5
 _OUTLIER: Final = 6.0
 _MOST_OUTLIERS: Final = 0.02
 _MORE_THAN_NOISE: Final = 1.35
+_EXACT: Final = 1.0e-9  # of the span: what is left is rounding
 _BLOCKS: Final = (4, 16, 64)
 _WHITE: Final = 1.6  # times what the means of white noise scatter by, and 1 + 3/sqrt(blocks) for few
 
@@ -109,7 +110,7 @@ def fit_transducer(
     time_s, force_n = time_s[present], force_n[present]
     rows = _Rows(step_s, level_n, time_s, force_n, *wire)
     lag_s, delay_s = _nearest(rows, *_coarse(rows))
-    kept = _inliers(rows.solved(lag_s, delay_s)[2])
+    kept = _inliers(rows.solved(lag_s, delay_s)[2], resolution(np.sort(force_n)))
     rows = _Rows(step_s, level_n, time_s[kept], force_n[kept], *wire)
     lag_s, delay_s = _nearest(rows, lag_s, delay_s)
     found = _likelihood(rows, lag_s, delay_s)
@@ -148,10 +149,11 @@ def _nearest(rows: _Rows, lag_s: float, delay_s: float) -> tuple[float, float]:
     return float(found[0]), float(found[1])
 
 
-def _inliers(residual: FloatArray) -> BoolArray:
+def _inliers(residual: FloatArray, step_n: float) -> BoolArray:
+    """Rows that are no outliers; a pressure on a grid may be most often exact, and off by a step ``step_n`` else."""
     middle = float(np.median(residual))
     scatter = 1.4826 * float(np.median(np.abs(residual - middle)))
-    return np.asarray(np.abs(residual - middle) <= _OUTLIER * max(scatter, 1.0e-300))
+    return np.asarray(np.abs(residual - middle) <= _OUTLIER * max(scatter, step_n / np.sqrt(12.0), 1.0e-300))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -221,6 +223,8 @@ def _is_noise(rows: _Rows, residual: FloatArray) -> bool:
     """Whether this is white and no more than the pressure's own noise."""
     noise_n = position_noise(rows.time_s, rows.force_n, np.zeros(rows.time_s.size, dtype=np.int64))
     rms_n = float(np.sqrt(np.mean(residual**2)))
+    if rms_n <= _EXACT * float(np.ptp(rows.force_n)):
+        return True
     if noise_n == 0.0 or rms_n > _MORE_THAN_NOISE * noise_n:
         return False
     for length in _BLOCKS:

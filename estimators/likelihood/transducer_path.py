@@ -75,7 +75,7 @@ def transducer_path(recording: Recording, nameplate: Nameplate, asked_n: FloatAr
     stretches, breaks_s, _ = found
     steps = written_steps(recording, followed_n)
     if steps is not None:
-        stretches = (KnownCorners(*stair_corners(*steps, float(recording.time_s[-1]))),)
+        stretches = (KnownCorners(*stair_corners(steps.step_s, steps.level_n, float(recording.time_s[-1]))),)
         breaks_s = np.empty((0, 2))
     period_s = recording.sample_period_s
     nuisances = (
