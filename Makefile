@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench blind clean lock
+.PHONY: help demo test check bench blind clean lock fuzz
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -39,6 +39,9 @@ bench: $(VENV)/.dev  ## speed and accuracy, as tables; one alone: ARGS="coverage
 
 blind: $(VENV)/.dev  ## hide effects in data and ask for them; a part: ARGS="triangle 60" or ARGS=200
 	$(BIN)/python -m tests.blind $(ARGS)
+
+fuzz: $(VENV)/.dev  ## requests of every kind to every route, none may be a server error; ARGS=examples
+	BREAKAWAY_FUZZ_EXAMPLES=$(or $(ARGS),200) $(BIN)/pytest -s tests/service/access/test_schemathesis.py
 
 lock: $(VENV)/.dev  ## resolve the dependencies anew (needs uv on the path)
 	uv pip compile --universal --generate-hashes --python-version 3.11 --quiet \

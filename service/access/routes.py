@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from service.access.access import Access
 from service.access.gate import cookie_name, session_secret
-from service.access.needs import OPEN_TO_ALL, Asks, needs
+from service.access.needs import OPEN_TO_ALL, Asks, ForbiddenError, needs
 from service.access.passwords import LONGEST as LONGEST_PASSWORD
 from service.access.principal import RIGHTS, Principal, Right, Role
 from service.access.tokens import Token
@@ -216,7 +216,9 @@ async def add_user(wanted: UserRequest, asks: Asks, access: AccessOf) -> UserVie
 
 @router.patch("/users/{name}")
 async def change_user(name: str, wanted: UserChange, asks: Asks, access: AccessOf) -> UserView:
-    """Change a user's role or password, disable or enable them; their sessions end at once."""
+    """Change another user's role or password, disable or enable them; their sessions end at once."""
+    if name == asks.name:
+        raise ForbiddenError(f"{name}: nobody changes themselves here: POST /session/password, or ask another admin")
     return _user(
         await asyncio.to_thread(
             access.change_user,

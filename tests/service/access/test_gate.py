@@ -142,6 +142,8 @@ async def test_an_admin_adds_a_user_and_a_token_over_rest_and_ends_them(quick_pa
             await served.client.post("/tokens", json={**wanted, "role": "admin"}, headers=admin), 422, "admin"
         )
         assert_problem(await served.client.post("/tests/run", json=RUN, headers=admin), 403, "admin")
+        demoted = await served.client.patch("/users/admin", json={"role": "viewer"}, headers=admin)
+        assert_problem(demoted, 403, "another admin")
         assert set(events(served)) >= {"user.added", "user.changed", "token.created", "token.revoked"}
 
 
