@@ -175,7 +175,9 @@ async def _run_test(
 
 def _serve_on(console: Console, base_url: str, processes: list[DemoProcess]) -> None:
     """Keep the processes until the user ends them (Ctrl-C, SIGTERM), or one of them ends by itself: InternalError."""
-    console.print(f"\nThe service goes on at {base_url}; its routes: {base_url}/docs", soft_wrap=True)
+    console.print(
+        f"\nThe tablet: {base_url}/ (in a browser on this machine); the routes: {base_url}/docs", soft_wrap=True
+    )
     console.print(f"Try: breakaway run {DEMO_VALVES[0].tag} --url {base_url}", soft_wrap=True, highlight=False)
     console.print("Ctrl-C ends it; plant, store and logs are removed then.")
     with contextlib.suppress(KeyboardInterrupt):

@@ -98,10 +98,9 @@ def _draw(axes: Axes, trend: Trend, system: UnitSystem) -> None:
 
 _LABEL: Final[dict[str, Any]] = {
     "xycoords": ("axes fraction", "data"),
-    "xytext": (0, 3),
+    "xytext": (0, -11),  # below its line
     "textcoords": "offset points",
     "fontsize": 9,
-    "bbox": {"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.8},
 }
 
 

@@ -91,16 +91,13 @@ def _pair(values: Any) -> tuple[float, float] | None:
 
 
 def missing_reasons(analysis: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return why values are missing: parameters and reason, each reason once, the last method's of each parameter."""
+    """Return why no method gives a value: parameters and reason, each reason once, that of the last method."""
     said: dict[str, list[str]] = {}
     for symbol in PARAMETER_SYMBOLS:
-        notes = [
-            entry["note"]
-            for estimate in analysis.get("estimates") or ()
-            if (entry := (estimate.get("parameters") or {}).get(symbol)) and entry.get("value") is None
-        ]
-        if notes:
-            said.setdefault(notes[-1], []).append(symbol)
+        found = [(estimate.get("parameters") or {}).get(symbol) for estimate in all_estimates(analysis)]
+        entries = [entry for entry in found if entry is not None]
+        if entries and all(entry.get("value") is None for entry in entries):
+            said.setdefault(entries[-1]["note"], []).append(symbol)
     return [(", ".join(symbols), reason) for reason, symbols in said.items()]
 
 
