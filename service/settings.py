@@ -161,7 +161,7 @@ def load_plant(path: Path) -> Plant:
     groups, checks = _nightly(findings, top, tags)
     if not findings:  # cross-checks on half a plant would only repeat what is said already
         check_wiring(findings, buses, valves, bus_gateways)
-        check_schedules(findings, checks, valves)
+        check_schedules(findings, checks, valves, None if service is None else service.access.approved_sequences)
     if findings or service is None:
         raise findings.error()
     return Plant(

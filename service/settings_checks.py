@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from drivers.addresses import BusAddress, GaugeAddress, Point, RtuAddress, ValveWiring
@@ -103,11 +103,21 @@ def _check_gateways(findings: Findings, key: Key, wiring: ValveWiring, gateways:
 
 
 def check_schedules(
-    findings: Findings, schedules: Sequence[Schedule], valves: Sequence[tuple[Nameplate, ValveWiring]]
+    findings: Findings,
+    schedules: Sequence[Schedule],
+    valves: Sequence[tuple[Nameplate, ValveWiring]],
+    approved: Collection[str] | None,
 ) -> None:
-    """Note every valve that cannot or must not follow what a schedule asks of it."""
+    """Note every schedule that is not approved, and every valve that cannot or must not follow what one asks of it."""
     by_tag = {nameplate.tag: (nameplate, wiring.limits) for nameplate, wiring in valves}
     for index, schedule in enumerate(schedules):
+        if approved is not None and schedule.sequence not in approved:
+            findings.add(
+                ("schedules", index, "sequence"),
+                schedule.sequence,
+                f"service.approved_sequences has {', '.join(sorted(approved))} alone",
+                "choose one of them, or approve it",
+            )
         for tag in schedule.valves:
             nameplate, limits = by_tag[tag]
             try:

@@ -163,14 +163,14 @@ class RunTable:
         with self._engine.connect() as connection:
             return list(connection.scalars(query))
 
-    def valve_heads(self, valve: str | None = None) -> dict[str, ValveHead]:
-        """Return the last test of each valve, or of one, with the health of its last completed one."""
+    def valve_heads(self, valves: Sequence[str] | None = None) -> dict[str, ValveHead]:
+        """Return the last test of each valve, or of these, with the health of its last completed one."""
         states = VALVE_STATES.c
         query = select(TESTS, states.completed_number, states.health).join_from(
             VALVE_STATES, TESTS, TESTS.c.number == states.last_number
         )
-        if valve is not None:
-            query = query.where(states.valve == valve)
+        if valves is not None:
+            query = query.where(states.valve.in_(valves))
         with self._engine.connect() as connection:
             rows = connection.execute(query).all()
         return {row.valve: ValveHead(_head(row), row.completed_number, row.health) for row in rows}

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+from bisect import bisect_right
 from dataclasses import asdict
 from typing import Annotated, Any
-from urllib.parse import quote
+from urllib.parse import quote, urlencode
 
-from fastapi import APIRouter, Depends
+from fastapi import APIRouter, Depends, Query, Response
 from pydantic import BaseModel, Field
 
 from service.access.needs import needs
@@ -49,9 +50,10 @@ class ValveView(ValveSummary):
 
 
 class ValveList(BaseModel):
-    """All valves of the plant."""
+    """Valves of the plant by their tags, and where the following ones are."""
 
     valves: list[ValveSummary]
+    next: str | None
 
 
 def _summary(parts: Parts, tag: str, head: ValveHead | None) -> dict[str, Any]:
@@ -70,20 +72,29 @@ def _summary(parts: Parts, tag: str, head: ValveHead | None) -> dict[str, Any]:
     }
 
 
-@router.get("", dependencies=[needs(Right.VIEW)])
-async def list_valves(parts: PartsOf) -> ValveList:
-    """List the plant's valves with their last test."""
-    heads = await asyncio.to_thread(parts.store.runs.valve_heads)
-    return ValveList(
-        valves=[ValveSummary(**_summary(parts, tag, heads.get(tag))) for tag in sorted(parts.plant.valves)]
-    )
+@router.get("", dependencies=[needs(Right.VIEW)], response_model=ValveList)
+async def list_valves(
+    parts: PartsOf,
+    limit: Annotated[int, Query(ge=1, le=5000)] = 500,
+    after: Annotated[
+        str | None, Query(max_length=64, pattern=r"^[^\x00]*$", description="a tag: list what comes after it")
+    ] = None,
+) -> Response:
+    """List the plant's valves by their tags, each with its last test."""
+    tags = sorted(parts.plant.valves)
+    tags = tags if after is None else tags[bisect_right(tags, after) :]
+    page = tags[:limit]
+    heads = await asyncio.to_thread(parts.store.runs.valve_heads, page)
+    following = f"/valves?{urlencode({'limit': limit, 'after': page[-1]})}" if len(tags) > limit else None
+    listed = ValveList(valves=[ValveSummary(**_summary(parts, tag, heads.get(tag))) for tag in page], next=following)
+    return Response(listed.model_dump_json(), media_type="application/json")  # it was validated as it was made
 
 
 @router.get("/{tag:path}", dependencies=[needs(Right.VIEW)])
 async def get_valve(tag: str, parts: PartsOf) -> ValveView:
     """Return one valve with its last completed test."""
     valve = parts.runs.valve(tag)
-    heads = await asyncio.to_thread(parts.store.runs.valve_heads, tag)
+    heads = await asyncio.to_thread(parts.store.runs.valve_heads, [tag])
     result = await asyncio.to_thread(parts.store.runs.last_completed, tag)
     default, reason = default_of(valve.nameplate, valve.wiring.limits)
     return ValveView(

@@ -25,6 +25,7 @@ from tests.benchmarks import (
     sequences,
     signature,
     simulator,
+    store,
 )
 
 BENCHMARKS: Final[dict[str, Callable[[], Table | list[Table]]]] = {
@@ -42,6 +43,7 @@ COUNTED: Final[dict[str, Callable[[int | None], Table | list[Table]]]] = {
     "method_table": method_table.run,
     "random_valves": random_valves.run,
     "signature": signature.run,
+    "store": store.run,
 }
 
 

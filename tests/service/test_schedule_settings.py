@@ -164,3 +164,19 @@ async def test_schedules_and_the_night_are_served_and_run_by_hand(quick_path: Pa
         assert test["state"] == "completed"
         assert_problem(await client.post("/schedules/weekly/run"), 404, "'weekly' is unknown")
     Store(plant.service.store).close()  # it was given back
+
+
+async def test_valves_are_listed_by_page(quick_path: Path) -> None:
+    async with running_service(night_plant(quick_path), FakeRig(), FakeAnalyst()) as client:
+        whole = (await client.get("/valves")).json()
+        assert [valve["tag"] for valve in whole["valves"]] == ["A1", "A2", "B1"]
+        assert whole["next"] is None
+        first = (await client.get("/valves", params={"limit": 2})).json()
+        rest = (await client.get(first["next"])).json()
+        assert [valve["tag"] for valve in first["valves"] + rest["valves"]] == ["A1", "A2", "B1"]
+        assert rest["next"] is None
+
+
+def test_a_schedule_runs_what_is_approved_alone(quick_path: Path) -> None:
+    with pytest.raises(ConfigurationError, match=r"schedules\[0\]\.sequence = \"triangle\".*approved_sequences"):
+        night_plant(quick_path, service='approved_sequences = ["sine"]')

@@ -48,7 +48,7 @@ def test_the_last_test_of_each_valve_and_its_health_are_kept(quick_path: Path, d
     assert completed is not None
     assert completed.id == second.id
     assert store.runs.last_completed("FV-102") is None
-    assert list(store.runs.valve_heads("FV-102")) == ["FV-102"]
+    assert list(store.runs.valve_heads(["FV-102"])) == ["FV-102"]
     store.close()
 
 
