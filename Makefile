@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench blind clean lock fuzz
+.PHONY: help demo test check bench faults blind clean lock fuzz
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -36,6 +36,9 @@ test: check  ## the checks, then every test
 
 bench: $(VENV)/.dev  ## speed and accuracy, as tables; one alone: ARGS="coverage 200"
 	$(BIN)/python -m tests.benchmarks $(ARGS)
+
+faults: $(VENV)/.dev  ## faults on the wire and in the service, judged by the valve's record: ARGS=500 or ARGS=all
+	$(BIN)/python -m tests.faults $(ARGS)
 
 blind: $(VENV)/.dev  ## hide effects in data and ask for them; a part: ARGS="triangle 60" or ARGS=200
 	$(BIN)/python -m tests.blind $(ARGS)

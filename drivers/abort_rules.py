@@ -112,6 +112,14 @@ class AbortRules:
         slack_pa = self._device.tolerance_pa
         return min(lately) - slack_pa <= sample.output_pa <= max(lately) + slack_pa
 
+    def _forget_what_is_over(self, sample: Sample) -> None:
+        """Drop commands before the one that the output shows: it never goes back to them, but by a late write."""
+        for place in range(len(self._commands) - 1, 0, -1):
+            if abs(self._commands[place][1] - sample.output_pa) <= self._device.tolerance_pa:
+                for _ in range(place):
+                    self._commands.popleft()
+                return
+
     def _not_following(self, sample: Sample, now_s: float) -> EquipmentError | None:
         """Compare with everything that was commanded lately: an output may lag and may not differ."""
         while len(self._commands) > 1 and self._commands[1][0] < sample.sent_s - _FOLLOWING_S:
@@ -120,6 +128,7 @@ class AbortRules:
             return None
         if self.follows(sample):
             self._followed_s = now_s
+            self._forget_what_is_over(sample)
             return None
         if now_s - self._followed_s <= _FOLLOWING_S:
             return None

@@ -108,27 +108,34 @@ class CaptureBuffer:
             capture.wanted: float(course.samples),
         }
         await unit.write({**settings, capture.control: capture.prepare})
-        held = await unit.values(*settings)
-        for name, value in settings.items():
+        self._settings = settings
+        await self._require_settings()
+
+    async def _require_settings(self) -> None:
+        """Read the settings back. Raises DeviceError where the device holds others."""
+        unit = self._unit
+        held = await unit.values(*self._settings)
+        for name, value in self._settings.items():
             if abs(held[name] - value) > 0.5 * unit.map.register(name).resolution:
                 raise DeviceError(
                     f"{self._tag}: {value:g} was written to {name} of {unit.subject} and it holds {held[name]:g}: "
                     "check the device and its map"
                 )
-        self._settings = settings
 
     async def start(self) -> None:
         """Start what was handed over, once. Raises DeviceError where the device does not start."""
         capture = self._capture
         await self._unit.write({**self._settings, capture.control: capture.start})
+        await self._require_settings()
         progress = await self.progress()
         if not (progress.running or progress.done):
             raise DeviceError(f"{self._tag}: {self._unit.subject} does not start its capture: look at its state")
 
-    async def progress(self) -> Progress:
-        """How far the capture is."""
+    async def progress(self, *, agreed: bool = False) -> Progress:
+        """How far the capture is; ``agreed``: as two looks in a row show it, for one that has ended."""
         capture = self._capture
-        shown = await self._unit.values(capture.run, capture.state, capture.wanted, capture.taken)
+        look = self._agreed if agreed else self._unit.values
+        shown = await look(capture.run, capture.state, capture.wanted, capture.taken)
         state = shown[capture.state]
         return Progress(
             run_number=round(shown[capture.run]),
@@ -139,10 +146,23 @@ class CaptureBuffer:
             aborted=state == capture.states.aborted,
         )
 
+    async def _agreed(self, *names: str) -> dict[str, float]:
+        """Read registers until two readings agree: no check of their own guards them, and TCP brings a flipped bit.
+
+        Raises CorruptBlockError where they never agree, and what a read raises.
+        """
+        before = await self._unit.values(*names)
+        for _ in range(_READS_A_WINDOW):
+            after = await self._unit.values(*names)
+            if after == before:
+                return after
+            before = after
+        raise CorruptBlockError(f"{self._tag}: {self._unit.subject} shows {names[0]} otherwise at every look")
+
     async def windows(self, samples: int) -> AsyncIterator[Window]:
         """Fetch the first ``samples`` samples, window by window. Raises WireError where one cannot be had."""
         names = [name for pair in self._capture.ranges for name in pair]
-        shown = await self._unit.values(*names)
+        shown = await self._agreed(*names)
         ranges = [(shown[low], shown[high]) for low, high in self._capture.ranges]
         for first in range(0, samples, self._capture.window_samples):
             raw = await self._window_words(first)

@@ -117,6 +117,14 @@ async def _looks(device: ValveDevice) -> list[Sample]:
     return samples
 
 
+def _mm(length_m: float) -> str:
+    return f"{1.0e3 * length_m:.3f} mm"
+
+
+def _kpa(pressure_pa: float) -> str:
+    return f"{1.0e-3 * pressure_pa:.2f} kPa"
+
+
 def _unrest_m(samples: Sequence[Sample]) -> float:
     seen = [sample.position_m for sample in samples if math.isfinite(sample.position_m)]
     return max(seen) - min(seen) if len(seen) > 1 else math.nan
@@ -193,15 +201,15 @@ def _position(device: ValveDevice, samples: Sequence[Sample]) -> list[Permissive
     span = rules.position_m or limits.position_m
     position_m, unrest_m = samples[-1].position_m, _unrest_m(samples)
     still_m = _STILL_M if rules.still_m is None else rules.still_m
-    limit = "a valid position" if span is None else f"{span[0]:g} to {span[1]:g} m"
+    limit = "a valid position" if span is None else f"{_mm(span[0])} to {_mm(span[1])}"
     plausible = math.isfinite(position_m) and (span is None or span[0] <= position_m <= span[1])
     return [
-        Permissive("position", plausible, f"{position_m:g} m", limit, "check the position sensor and its scaling"),
+        Permissive("position", plausible, _mm(position_m), limit, "check the position sensor and its scaling"),
         Permissive(
             "stem_at_rest",
             unrest_m <= still_m,
-            f"{unrest_m:.2g} m between looks",
-            f"at most {still_m:g} m",
+            f"{_mm(unrest_m)} between looks",
+            f"at most {_mm(still_m)}",
             "wait until the stem rests, and check who moves it",
         ),
     ]
@@ -211,9 +219,9 @@ def _output(device: ValveDevice, sample: Sample) -> Permissive:
     low_pa, high_pa = device.wiring.limits.pressure_pa
     slack_pa = 0.05 * (high_pa - low_pa)
     fits = low_pa - slack_pa <= sample.output_pa <= high_pa + slack_pa
-    limit = f"{low_pa:g} to {high_pa:g} Pa"
+    limit = f"{_kpa(low_pa)} to {_kpa(high_pa)}"
     remedy = "bring the output inside limits.pressure_pa, or correct the limits"
-    return Permissive("output", fits, f"{sample.output_pa:g} Pa", limit, remedy)
+    return Permissive("output", fits, _kpa(sample.output_pa), limit, remedy)
 
 
 async def _supply(device: ValveDevice, sample: Sample) -> list[Permissive]:
@@ -228,7 +236,7 @@ async def _supply(device: ValveDevice, sample: Sample) -> list[Permissive]:
         return [Permissive(Role.SUPPLY.value, not low, value, "the device does not call it low", remedy)]
     low_pa, high_pa = rules.supply_pa
     fits = low_pa <= supply_pa <= high_pa and not low
-    return [Permissive(Role.SUPPLY.value, fits, f"{supply_pa:g} Pa", f"{low_pa:g} to {high_pa:g} Pa", remedy)]
+    return [Permissive(Role.SUPPLY.value, fits, _kpa(supply_pa), f"{_kpa(low_pa)} to {_kpa(high_pa)}", remedy)]
 
 
 def _watchdog(device: ValveDevice) -> Permissive:

@@ -20,7 +20,7 @@ _UNRESTS: Final = 3.0  # a position that is this many times the unrest at entry 
 _PRESSURE_MOVED: Final = 0.01  # of the limits' span
 _SAME_BITS: Final = 20  # looks in a row with the very same value: a sensor whose noise was seen shows others
 _SPIKE_SHARE: Final = 0.05  # of the travel, there and back between three looks
-_SPIKE_CALM: Final = 0.02  # of the limits' span: a pressure that changes more may well move a stem so far
+_STANDS_S: Final = 1.0  # after so much pressure: a step is there before damping and I/P let the stem follow
 _SPIKES: Final = 3
 _SPIKES_WITHIN_S: Final = 2.0
 _OUTSIDE: Final = 3  # looks in a row
@@ -48,6 +48,7 @@ class StemRules:
         self._pressures: tuple[float, float] = (math.inf, -math.inf)  # since the stem moved last
         self._outputs: tuple[float, float] = (math.inf, -math.inf)  # since the pressure moved last
         self._same = self._outside = self._off_band = 0
+        self._enough_s = self._unfollowed_s = math.inf  # since when the pressure, or the output, changed by enough
         self._recent: deque[tuple[float, float]] = deque(maxlen=3)
         self._spikes_s: deque[float] = deque(maxlen=_SPIKES)
 
@@ -96,10 +97,11 @@ class StemRules:
         self._recent.append((sample.position_m, acting_pa))
         if self._range_m is None or len(self._recent) < 3:
             return None
-        (first_m, first_pa), (middle_m, _), (last_m, last_pa) = self._recent
+        (first_m, first_pa), (middle_m, middle_pa), (last_m, last_pa) = self._recent
         spike_m = _SPIKE_SHARE * (self._range_m[1] - self._range_m[0])
         there_and_back = min(abs(middle_m - first_m), abs(middle_m - last_m)) > spike_m > 2.0 * abs(last_m - first_m)
-        if there_and_back and abs(last_pa - first_pa) < _SPIKE_CALM * self._span_pa:
+        # A pressure that goes one way moves no stem there and back.
+        if there_and_back and min(first_pa, last_pa) <= middle_pa <= max(first_pa, last_pa):
             self._spikes_s.append(time.monotonic())
         if len(self._spikes_s) < _SPIKES or self._spikes_s[-1] - self._spikes_s[0] > _SPIKES_WITHIN_S:
             return None
@@ -113,10 +115,14 @@ class StemRules:
             return None
         if not abs(sample.pressure_pa - self._rest_pa) <= _PRESSURE_MOVED * self._span_pa:
             self._rest_pa, self._outputs = sample.pressure_pa, (sample.output_pa, sample.output_pa)
+            self._unfollowed_s = math.inf
             return None
         self._outputs = min(self._outputs[0], sample.output_pa), max(self._outputs[1], sample.output_pa)
         change_pa = self._outputs[1] - self._outputs[0]
         if not self._standstill or change_pa <= _FOLLOWING_SHARE * self._span_pa:
+            return None
+        self._unfollowed_s = min(self._unfollowed_s, sample.sent_s)
+        if sample.sent_s - self._unfollowed_s < _STANDS_S:
             return None
         return DeviceError(
             f"{self._tag}: the output changed by {change_pa:.4g} Pa and the actuator's pressure stayed at "
@@ -129,11 +135,14 @@ class StemRules:
         self._same = self._same + 1 if position_m == self._last_m else 0
         self._last_m = position_m
         if not abs(position_m - self._rest_m) <= self._moved_m:
-            self._rest_m, self._pressures = position_m, (acting_pa, acting_pa)
+            self._rest_m, self._pressures, self._enough_s = position_m, (acting_pa, acting_pa), math.inf
             return None
         self._pressures = min(self._pressures[0], acting_pa), max(self._pressures[1], acting_pa)
         change_pa = self._pressures[1] - self._pressures[0]
         if not self._standstill or change_pa <= self._breakaway_pa:
+            return None
+        self._enough_s = min(self._enough_s, sample.sent_s)
+        if sample.sent_s - self._enough_s < _STANDS_S:
             return None
         swept = f"the pressure changed by {change_pa:.4g} Pa"
         if self._noisy and self._same >= _SAME_BITS:

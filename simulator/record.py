@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Final, TextIO
 
@@ -129,5 +131,7 @@ class RecordFile:
                 "pressure_pa": pressure_pa,
                 "asked_pa": asked_pa,
             }
+        # A judge compares with other processes: by the machine's monotonic clock, and by the wall's.
+        line |= {"monotonic_s": time.monotonic(), "wall": datetime.now(UTC).isoformat()}
         self._file.write(json.dumps(line) + "\n")
         self._file.flush()

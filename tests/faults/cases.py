@@ -1,0 +1,42 @@
+"""Which faults at which transactions: every one, or a part that still meets each kind on each carrier."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from typing import Final
+
+from tests.faults.bench import Case
+from tests.faults.station import Carrier, Mode
+from tests.faults.wire_faults import FaultAt, ServiceFault, WireFault
+
+WAYS: Final[tuple[tuple[Carrier, Mode], ...]] = (
+    ("tcp", "polled"),
+    ("tcp", "captured"),
+    ("rtu", "polled"),
+    ("rtu", "captured"),
+)
+#: Transactions of the short test, from the first look at the device to the release; measured, and a few more.
+TRANSACTIONS: Final = 100
+FAULTS: Final[tuple[WireFault | ServiceFault, ...]] = (*ServiceFault, *WireFault)
+
+
+def every_case(rounds: int = 1) -> Iterator[Case]:
+    """Every fault at every transaction on every way, ``rounds`` times with other bits and cuts."""
+    for seed in range(rounds):
+        for index in range(TRANSACTIONS):
+            for carrier, mode in WAYS:
+                for fault in FAULTS:
+                    yield Case(carrier, mode, FaultAt(fault, index, seed=1000 * seed + index))
+
+
+def some_cases(count: int, seed: int) -> list[Case]:
+    """A part: the kinds and the ways in turn, at transactions by chance."""
+    chance = random.Random(seed)  # noqa: S311  - no secret
+    cases = []
+    for number in range(count):
+        fault = FAULTS[number % len(FAULTS)]
+        carrier, mode = WAYS[(number + number // len(FAULTS)) % len(WAYS)]
+        index = int(chance.random() * 85)  # the last ones of a test may fall away with its pace
+        cases.append(Case(carrier, mode, FaultAt(fault, index, seed=seed + number)))
+    return cases

@@ -1,0 +1,142 @@
+"""The verdict on one case, by the simulated valve's own record and never by what the service thinks of itself."""
+
+from __future__ import annotations
+
+import json
+from bisect import bisect_left, bisect_right
+from dataclasses import dataclass, fields
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from drivers.maps.reference import FULL_SCALE, MISSING_SAMPLE, WINDOW_ADDRESS, WINDOW_SAMPLES, WINDOW_WORDS
+from simulator.record import Happening
+from tests.faults.station import POSITION, PRESSURE, SAFE_PA, Station
+from valve.recording import Acquisition, Recording
+from valve.recording_files import read_recording
+
+_MOTIONS: Final = (Happening.COMMANDED, Happening.CAPTURE_STARTED)
+_CLOCK_S: Final = 0.01  # between the proxy's, the simulator's and the service's look at one clock
+_OUTPUT_PA: Final = 100.0  # a thousandth of the range: what the driver itself takes for the same
+
+
+@dataclass(slots=True)
+class Verdict:
+    """What went wrong, each a count that must be 0; ``outcome`` says in a word how the test ended."""
+
+    outcome: str = ""
+    unsafe: int = 0  # the valve does not stand at its safe value
+    unreported: int = 0  # and nobody is told, or the test never ended
+    lost_samples: int = 0
+    wrong_values: int = 0
+    late_writes: int = 0
+    doubled_writes: int = 0
+    detail: str = ""
+
+    @property
+    def good(self) -> bool:
+        """Whether nothing went wrong."""
+        return not any(getattr(self, f.name) for f in fields(self) if f.type == "int")
+
+
+def told_by(path: Path) -> list[dict[str, Any]]:
+    """What a service told the outside."""
+    if not path.exists():
+        return []
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line.endswith("}")]
+
+
+def judge(station: Station, told: list[dict[str, Any]], *, safe: bool) -> Verdict:
+    """Judge a case that is over; ``safe``: whether the valve came to its safe value."""
+    verdict = Verdict()
+    ends = [line for line in told if line["kind"] == "end"]
+    refused = [line for line in told if line["kind"] == "refused"]
+    accepted = [line for line in told if line["kind"] == "accepted"]
+    end = ends[-1] if ends else None
+    verdict.outcome = "refused" if refused else "silent" if end is None else end["state"]
+    verdict.detail = (refused or [end or {"error": ""}])[-1]["error"]
+    if end is None and accepted:
+        verdict.unreported = 1
+    if not safe:
+        verdict.unsafe = 1
+        verdict.unreported = int(end is None or end["safe_confirmed"] is not False)
+    if end is not None:
+        verdict.late_writes = sum(
+            at_s > end["mono_s"] + _CLOCK_S and event.happening in _MOTIONS for at_s, event in station.events
+        )
+    verdict.doubled_writes = _doubled(station.wire.requests)
+    store = station.plant_file.parent / "store"
+    recording = None
+    if accepted:
+        path = store / "recordings" / f"{accepted[0]['id']}.parquet"
+        recording = read_recording(path) if path.exists() else None
+    _judge_samples(verdict, station, told, recording)
+    return verdict
+
+
+def _doubled(requests: list[bytes]) -> int:
+    """Motion writes that the service sent twice: one value after the other, but for the safe one; a second start."""
+    commands, doubled, starts = [], 0, 0
+    safe = np.array([SAFE_PA], dtype=">f4").tobytes()
+    for frame in requests:
+        write = frame.find(b"\x10\x00\x20\x00\x04\x08")  # function 16, the command's block
+        if write >= 0:
+            commands.append(frame[write + 6 : write + 14])
+        begin = frame.find(b"\x10\x00\x34\x00\x09\x12")  # the capture's block
+        starts += begin >= 0 and frame[begin + 10 : begin + 12] == b"\x00\x02"
+    for before, after in pairwise(commands):
+        doubled += before == after and after[4:] != safe
+    return doubled + max(0, starts - 1)
+
+
+def _judge_samples(verdict: Verdict, station: Station, told: list[dict[str, Any]], recording: Recording | None) -> None:
+    if station.mode == "polled":
+        seen = [time_s for line in told if line["kind"] == "samples" for time_s in line["time_s"]]
+        kept = set() if recording is None else {round(time_s, 6) for time_s in recording.time_s.tolist()}
+        verdict.lost_samples = sum(round(time_s, 6) not in kept for time_s in seen)
+        if recording is not None:
+            started = [line["start_s"] for line in told if line["kind"] == "waveform"]
+            verdict.wrong_values = _wrong_polled(station, recording, started[0])
+    elif recording is not None and recording.provenance.acquisition is Acquisition.CAPTURED:
+        verdict.wrong_values = _wrong_captured(station, recording)
+
+
+def _wrong_polled(station: Station, recording: Recording, start_s: float) -> int:
+    """Samples that no look of the device within the sample's own interval shows."""
+    assert recording.sent_s is not None
+    assert recording.received_s is not None
+    at_s = [look[0] for look in station.looks]
+    wrong = 0
+    for i in range(recording.samples):
+        if not np.isfinite(recording.position_m[i]):
+            continue
+        first = bisect_left(at_s, start_s + float(recording.sent_s[i]) - _CLOCK_S)
+        last = bisect_right(at_s, start_s + float(recording.received_s[i]) + _CLOCK_S)
+        wrong += not any(_fits(look, recording, i) for look in station.looks[first:last])
+    return wrong
+
+
+def _fits(look: tuple[float, float, float, float], recording: Recording, i: int) -> bool:
+    pressure_pa, command_pa = recording.pressure_pa, recording.command_pa
+    return (
+        abs(look[1] - recording.position_m[i]) <= POSITION.resolution
+        and (pressure_pa is None or abs(look[2] - pressure_pa[i]) <= PRESSURE.resolution)
+        and (command_pa is None or not np.isfinite(command_pa[i]) or abs(look[3] - command_pa[i]) <= _OUTPUT_PA)
+    )
+
+
+def _wrong_captured(station: Station, recording: Recording) -> int:
+    """Captured samples that differ from what the device itself keeps."""
+    low_m, high_m = POSITION.span
+    wrong = 0
+    for first in range(0, recording.samples, WINDOW_SAMPLES):
+        station.write(80, [first >> 16, first & 0xFFFF])
+        words = station.read(WINDOW_ADDRESS, WINDOW_WORDS)
+        rows = np.array(words[2:-1], dtype=np.float64).reshape(-1, 3)[: recording.samples - first]
+        kept_m = low_m + (high_m - low_m) / FULL_SCALE * rows[:, 0]
+        part = recording.position_m[first : first + len(rows)]
+        missing = rows[:, 0] == MISSING_SAMPLE
+        wrong += int(np.sum(np.isfinite(part) & (missing | (np.abs(part - kept_m) > POSITION.resolution))))
+    return wrong

@@ -1,0 +1,187 @@
+"""What valve, air, sensors and device can do: the test ends, the valve is safe, and the reason is said."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import pytest
+
+from drivers.addresses import MotionLimits, Point, Sampling, TcpAddress, ValveWiring, WatchdogChoice
+from drivers.device import connect_valve
+from drivers.outcome import Ended, PlayOutcome
+from drivers.permissive_rules import PermissiveRules
+from drivers.sequence import play_sequence
+from drivers.transport import Transport
+from simulator.assembly import SimulatedPlant, reference_unit
+from simulator.faults import Fault, FaultKind
+from simulator.plant import SimulatedValve
+from simulator.sensor import Sensor
+from simulator.slave import TcpListener
+from simulator.transducer import Transducer
+from valve.errors import PermissiveError
+from valve.parameter_sets import PARAMETER_SETS
+from valve.recording import Provenance
+from valve.waveform import Waveform, triangle
+
+TAG: Final = "FV-1"
+SPAN_PA: Final = 82_737.0
+SAFE_PA: Final = 10_000.0
+RATE_PA_PER_S: Final = 100_000.0
+LIMITS: Final = MotionLimits((0.0, SPAN_PA), RATE_PA_PER_S, 60.0)
+WIRING: Final = ValveWiring(
+    TAG,
+    Point("bus", 1, "reference"),
+    SAFE_PA,
+    LIMITS,
+    Sampling("polled", 0.04),  # type: ignore[arg-type]  # the text is turned into a Mode
+    watchdog=WatchdogChoice(timeout_s=2.0),
+    permissives=PermissiveRules(position_m=(-0.01, 0.112), still_m=1.0e-3),
+)
+WHOLE: Final = triangle(3.0, 2, 0.0, SPAN_PA)
+
+
+async def played(
+    *faults: Fault,
+    mode: str = "polled",
+    wiring: ValveWiring = WIRING,
+    waveform: Waveform = WHOLE,
+    parameter_set: str = "nominal",
+    noise_m: float = 5.0e-6,
+    permit: str | None = None,
+) -> tuple[PlayOutcome, SimulatedPlant]:
+    """Play on a simulated valve with these faults; their times count from the plant's start."""
+    chosen = PARAMETER_SETS[parameter_set]
+    valve = SimulatedValve(
+        TAG,
+        chosen.parameters,
+        chosen.nameplate,
+        Transducer((0.0, SPAN_PA)),
+        Sensor((-0.005, 0.107), noise_m),
+        Sensor((-4000.0, 87000.0), 5.0),
+        start_pa=SAFE_PA,
+        faults=faults,
+    )
+    plant = SimulatedPlant([valve], {TcpListener(): [reference_unit(1, TAG)]})
+    await plant.start(look_every_s=0.02)
+    bus = Transport(TcpAddress("bus", "127.0.0.1", int(plant.addresses[0].rpartition(":")[2])))
+    await bus.open()
+    try:
+        outcome = await play_sequence(
+            connect_valve(wiring, {"bus": bus}),
+            waveform,
+            mode=mode,
+            period_s=0.04 if mode == "polled" else 0.002,
+            run_number=3,
+            stop=asyncio.Event(),
+            on_samples=lambda _: None,
+            on_progress=lambda _share, _phase: None,
+            limits=wiring.limits,
+            provenance=Provenance(),
+            permit=permit,
+        )
+        plant.look()
+        return outcome, plant
+    finally:
+        await bus.close()
+        await plant.stop()
+
+
+def require_safe(outcome: PlayOutcome, plant: SimulatedPlant) -> None:
+    assert outcome.safe_confirmed
+    assert plant.records[TAG].track.asked_pa[-1] == pytest.approx(SAFE_PA, abs=100.0)
+
+
+def fastest_pa_per_s(plant: SimulatedPlant, after_s: float) -> float:
+    """Steepest change of the output between looks, a few looks apart so that single commands do not count."""
+    track = plant.records[TAG].track
+    late = track.time_s > after_s
+    time_s, asked_pa = track.time_s[late], track.asked_pa[late]
+    apart = 8
+    return float(np.max(np.abs(asked_pa[apart:] - asked_pa[:-apart]) / (time_s[apart:] - time_s[:-apart] + 0.05)))
+
+
+@pytest.mark.parametrize("mode", ["polled", "captured"])
+async def test_a_stuck_stem_ends_the_test_and_the_pressure_goes_back_by_a_ramp(mode: str) -> None:
+    outcome, plant = await played(Fault(FaultKind.STUCK_STEM, 0.01), mode=mode)
+    require_safe(outcome, plant)
+    assert outcome.ended is Ended.FAILED
+    assert "did not break away" in str(outcome.error)
+    assert fastest_pa_per_s(plant, 0.0) < 1.6 * RATE_PA_PER_S
+
+
+async def test_a_frozen_sensor_is_told_from_a_stuck_stem() -> None:
+    outcome, plant = await played(Fault(FaultKind.FROZEN_SENSOR, 1.5))
+    require_safe(outcome, plant)
+    assert "sensor is frozen" in str(outcome.error)
+
+
+FAULTS: Final[list[tuple[Fault, str]]] = [
+    (Fault(FaultKind.SENSOR_LOST, 1.5), "no valid position"),
+    (Fault(FaultKind.SENSOR_JUMP, 1.5, amount=-0.2), "sensor is frozen"),
+    (Fault(FaultKind.SENSOR_SPIKES, 1.5, amount=0.02), "to and fro"),
+    (Fault(FaultKind.PRESSURE_STUCK, 1.5), "actuator's pressure stayed"),
+    (Fault(FaultKind.AIR_LOST, 1.5, amount=0.0), "air supply"),
+    (Fault(FaultKind.LOOP_IN_AUTOMATIC, 1.5), "no longer in manual"),
+    (Fault(FaultKind.INTERLOCK, 1.5), "interlock"),
+    (Fault(FaultKind.OUTPUT_RESET, 2.2), "the device shows|capture"),
+    (Fault(FaultKind.IGNORED_WRITES, 1.9, 3.2), "the device shows"),
+]
+
+
+@pytest.mark.parametrize(("fault", "said"), FAULTS, ids=[fault.kind.value for fault, _ in FAULTS])
+async def test_each_fault_of_valve_air_sensor_and_device_ends_the_test_safely_and_is_said(
+    fault: Fault, said: str
+) -> None:
+    outcome, plant = await played(fault)
+    if fault.kind is FaultKind.OUTPUT_RESET and outcome.ended is Ended.COMPLETED:
+        # The next command came first: what was seen meanwhile is no sample.
+        assert outcome.recording is not None
+        return
+    require_safe(outcome, plant)
+    assert outcome.ended is Ended.FAILED
+    assert any(part in str(outcome.error) for part in said.split("|")), outcome.error
+
+
+@pytest.mark.parametrize("kind", [FaultKind.LOOP_IN_AUTOMATIC, FaultKind.INTERLOCK, FaultKind.AIR_LOST])
+async def test_a_missing_permissive_keeps_the_valve_where_it_is(kind: FaultKind) -> None:
+    with pytest.raises(PermissiveError, match="nothing was moved"):
+        await played(Fault(kind, 0.0))
+
+
+async def test_a_permit_stands_for_the_manual_mode_where_the_plant_demands_one() -> None:
+    wiring = replace(WIRING, permissives=replace(WIRING.permissives, permit=True))
+    automatic = Fault(FaultKind.LOOP_IN_AUTOMATIC, 0.0)
+    short = triangle(1.0, 1, 20_000.0, 60_000.0)
+    with pytest.raises(PermissiveError, match="permit"):
+        await played(automatic, wiring=wiring, waveform=short)
+    outcome, plant = await played(automatic, wiring=wiring, waveform=short, permit="W-17")
+    require_safe(outcome, plant)
+    assert outcome.ended is Ended.COMPLETED, outcome.error
+
+
+async def test_another_device_than_the_plant_names_is_not_moved() -> None:
+    wiring = replace(WIRING, permissives=replace(WIRING.permissives, device_number=17))
+    with pytest.raises(PermissiveError, match="another device answers"):
+        await played(wiring=wiring)
+
+
+async def test_a_stem_that_leaves_its_band_ends_the_test() -> None:
+    wiring = replace(WIRING, limits=replace(LIMITS, band_m=0.02))
+    outcome, plant = await played(wiring=wiring)
+    require_safe(outcome, plant)
+    assert "limits.band_m" in str(outcome.error)
+
+
+Healthy = Callable[[], Waveform]
+
+
+@pytest.mark.parametrize("parameter_set", ["vendor", "nominal", "rough"])
+@pytest.mark.parametrize("mode", ["polled", "captured"])
+async def test_a_healthy_valve_is_never_taken_for_a_faulty_one(parameter_set: str, mode: str) -> None:
+    outcome, plant = await played(parameter_set=parameter_set, mode=mode, noise_m=5.0e-6)
+    require_safe(outcome, plant)
+    assert outcome.ended is Ended.COMPLETED, outcome.error
