@@ -8,6 +8,7 @@ from urllib.parse import quote
 import httpx
 import typer
 
+from service.cli.client import service_client
 from service.runs.run import RUN_ID
 from valve.errors import MeasurementError, RequestError, WireError
 
@@ -19,17 +20,14 @@ def stop(
     url: Annotated[
         str, typer.Option(metavar="URL", envvar="BREAKAWAY_URL", help="Address of the service.")
     ] = "http://127.0.0.1:8321",
-    token: Annotated[
-        str, typer.Option(metavar="TOKEN", envvar="BREAKAWAY_TOKEN", help="A machine token, where the service asks.")
-    ] = "",
 ) -> None:
     """Stop a test; exit code 0 only where the valve was read back at its safe value."""
     folder = "tests" if RUN_ID.fullmatch(what) else "valves"
-    headers = {"Authorization": f"Bearer {token}"} if token else {}
     try:
-        answer = httpx.post(f"{url}/{folder}/{quote(what, safe='')}/stop", headers=headers, timeout=_TIMEOUT_S)
+        with service_client(url) as client:
+            answer = client.post(f"/{folder}/{quote(what, safe='')}/stop", timeout=_TIMEOUT_S)
         test: dict[str, Any] = answer.json()
-    except (httpx.HTTPError, httpx.InvalidURL) as error:
+    except httpx.HTTPError as error:
         raise WireError(
             f"{url}: no answer ({error}): name the service by --url; a valve whose service is gone goes to its safe "
             "value by the watchdog of its device"

@@ -32,7 +32,7 @@ def every_case(rounds: int = 1) -> Iterator[Case]:
 
 def some_cases(count: int, seed: int) -> list[Case]:
     """A part: the kinds and the ways in turn, at transactions by chance."""
-    chance = random.Random(seed)  # noqa: S311  - no secret
+    chance = random.Random(seed)
     cases = []
     for number in range(count):
         fault = FAULTS[number % len(FAULTS)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, fields
@@ -10,10 +11,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+import pyarrow.parquet as pq
 
 from drivers.maps.reference import FULL_SCALE, MISSING_SAMPLE, WINDOW_ADDRESS, WINDOW_SAMPLES, WINDOW_WORDS
 from simulator.record import Happening
 from tests.faults.station import POSITION, PRESSURE, SAFE_PA, Station
+from valve.errors import RecordingError
 from valve.recording import Acquisition, Recording
 from valve.recording_files import read_recording
 
@@ -68,11 +71,19 @@ def judge(station: Station, told: list[dict[str, Any]], *, safe: bool) -> Verdic
         )
     verdict.doubled_writes = _doubled(station.wire.requests)
     store = station.plant_file.parent / "store"
-    recording = None
+    recording: Recording | None = None
+    kept: set[float] = set()
     if accepted:
         path = store / "recordings" / f"{accepted[0]['id']}.parquet"
-        recording = read_recording(path) if path.exists() else None
-    _judge_samples(verdict, station, told, recording)
+        if path.exists():
+            kept = {round(time_s, 6) for time_s in pq.read_table(path)["time_s"].to_pylist()}
+            with contextlib.suppress(RecordingError):  # nothing but gaps
+                recording = read_recording(path)
+    if station.mode == "polled":
+        seen = [time_s for line in told if line["kind"] == "samples" for time_s in line["time_s"]]
+        verdict.lost_samples = sum(round(time_s, 6) not in kept for time_s in seen)
+    if recording is not None:
+        _judge_values(verdict, station, told, recording)
     return verdict
 
 
@@ -91,15 +102,11 @@ def _doubled(requests: list[bytes]) -> int:
     return doubled + max(0, starts - 1)
 
 
-def _judge_samples(verdict: Verdict, station: Station, told: list[dict[str, Any]], recording: Recording | None) -> None:
-    if station.mode == "polled":
-        seen = [time_s for line in told if line["kind"] == "samples" for time_s in line["time_s"]]
-        kept = set() if recording is None else {round(time_s, 6) for time_s in recording.time_s.tolist()}
-        verdict.lost_samples = sum(round(time_s, 6) not in kept for time_s in seen)
-        if recording is not None:
-            started = [line["start_s"] for line in told if line["kind"] == "waveform"]
-            verdict.wrong_values = _wrong_polled(station, recording, started[0])
-    elif recording is not None and recording.provenance.acquisition is Acquisition.CAPTURED:
+def _judge_values(verdict: Verdict, station: Station, told: list[dict[str, Any]], recording: Recording) -> None:
+    started = [line["start_s"] for line in told if line["kind"] == "waveform"]
+    if station.mode == "polled" and started:
+        verdict.wrong_values = _wrong_polled(station, recording, started[0])
+    elif recording.provenance.acquisition is Acquisition.CAPTURED:
         verdict.wrong_values = _wrong_captured(station, recording)
 
 

@@ -34,7 +34,7 @@ class FakeRig:
         self.failure: Exception = DeviceError("FV-101: the stem is stuck: look at it")
         self.moving = asyncio.Event()
         self.permits: list[str | None] = []
-        self.shown = (Permissive("loop_in_manual", True, "in manual", "the loop in manual"),)
+        self.shown: tuple[Permissive, ...] = (Permissive("loop_in_manual", True, "in manual", "the loop in manual"),)
 
     def check(self, valve: PlantValve, waveform: Waveform) -> None:
         if waveform.fastest_rate_pa_per_s > valve.wiring.limits.pressure_rate_pa_per_s:

@@ -25,6 +25,8 @@ def test_a_record_file_gets_every_event_and_each_position_that_changed() -> None
     record.look(3.0, 0.01, 5.0, 7.0)
     lines = [json.loads(line) for line in file.getvalue().splitlines()]
     assert [line["time_s"] for line in lines] == [1.0, 2.5, 3.0]
+    clocks = [(lines[i].pop("monotonic_s"), lines[i].pop("wall")) for i in range(3)]
+    assert clocks == sorted(clocks)
     assert lines[1] == {
         "time_s": 2.5,
         "tag": "A",

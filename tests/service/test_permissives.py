@@ -1,0 +1,178 @@
+"""What must hold before a valve moves, over the interface: read without moving, refused by 423, kept with the test."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import httpx
+import pytest
+
+from drivers.outcome import PlayOutcome
+from drivers.permissives import Permissive
+from service.bus_lock import BusLocks
+from service.runs import permission
+from service.runs.rig import Order, Watcher
+from service.settings import load_plant
+from simulator.faults import Fault, FaultKind
+from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.service.running_service import running_service
+from tests.service.wired_plant import TAG, wired_plant
+from valve.errors import BusyError, ConfigurationError, DeviceError
+
+ORDER = {"valve": "FV-101"}
+IN_AUTOMATIC = Permissive("loop_in_manual", False, "not in manual", "the loop in manual", "put it in manual")
+
+
+async def test_permissives_are_read_from_the_device_and_nothing_moves(quick_path: Path) -> None:
+    async with (
+        wired_plant(quick_path) as (path, plant),
+        running_service(load_plant(path), None, FakeAnalyst()) as client,
+    ):
+        shown = (await client.get(f"/valves/{TAG}/permissives")).json()
+        names = {one["name"]: one for one in shown["permissives"]}
+        assert shown["may_start"] is True, shown
+        assert {"device", "owner", "loop_in_manual", "no_interlock", "position", "stem_at_rest", "watchdog"} <= set(
+            names
+        )
+        assert {"disk", "last_test"} <= set(names)
+        assert names["position"]["value"].endswith("mm")
+        plant.inject(TAG, Fault(FaultKind.INTERLOCK, plant.clock.now_s() + 0.05))
+        await asyncio.sleep(0.1)
+        shown = (await client.get(f"/valves/{TAG}/permissives")).json()
+        missing = [one for one in shown["permissives"] if one["met"] is False]
+        assert [one["name"] for one in missing] == ["no_interlock"]
+        assert missing[0]["remedy"] != ""
+        refused = await client.post("/tests/run", json={"valve": TAG})
+        assert refused.status_code == 423
+        assert "interlock" in refused.json()["detail"]
+        assert plant.records[TAG].events == ()
+
+
+async def test_a_missing_permissive_answers_423_and_stores_nothing(plant_file: Path) -> None:
+    rig = FakeRig()
+    rig.shown = (IN_AUTOMATIC,)
+    async with running_service(load_plant(plant_file), rig, FakeAnalyst()) as client:
+        refused = await client.post("/tests/run", json=ORDER)
+        assert refused.status_code == 423
+        assert refused.json()["type"] == "urn:breakaway:error:PermissiveError"
+        assert "put it in manual" in refused.json()["detail"]
+        assert (await client.get("/tests")).json()["tests"] == []
+        rig.shown = ()
+        assert (await client.post("/tests/run", json=ORDER)).status_code == 202
+
+
+async def test_a_permit_reaches_the_rig_and_the_permissives_stay_with_the_test(plant_file: Path) -> None:
+    rig = FakeRig()
+    async with running_service(load_plant(plant_file), rig, FakeAnalyst()) as client:
+        order = {**ORDER, "permit": "W-17"}
+        body = (await client.post("/tests/run", json=order, headers={"Prefer": "wait=10"})).json()
+        assert body["state"] == "completed", body["error"]
+        assert rig.permits == ["W-17"]
+        assert rig.orders[0].permit == "W-17"
+        kept = {one["name"]: one["met"] for one in body["permissives"]["permissives"]}
+        assert kept == {"loop_in_manual": True, "disk": True, "last_test": True}
+
+
+async def test_a_disk_with_no_room_permits_no_test(plant_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(permission, "LEAST_FREE_BYTES", 10**18)
+    async with running_service(load_plant(plant_file), FakeRig(), FakeAnalyst()) as client:
+        refused = await client.post("/tests/run", json=ORDER)
+        assert refused.status_code == 423
+        assert "disk" in refused.json()["detail"]
+
+
+class _BadEnd(FakeRig):
+    """Moves, and ends as a rule demands; whether the valve is safe then is ``safe_confirmed``."""
+
+    async def play(self, order: Order, watcher: Watcher, stop: asyncio.Event) -> PlayOutcome:
+        outcome = await super().play(order, watcher, stop)
+        error = DeviceError("FV-101: the stem is stuck: look at it")
+        return PlayOutcome(outcome.recording, type(outcome.ended)("failed"), self.safe_confirmed, error)
+
+
+async def _ended(client: httpx.AsyncClient) -> dict[str, object]:
+    body: dict[str, object] = (await client.post("/tests/run", json=ORDER, headers={"Prefer": "wait=10"})).json()
+    return body
+
+
+@pytest.mark.parametrize("safe", [True, False])
+async def test_a_bad_end_bars_the_next_test_until_somebody_acknowledges_it(plant_file: Path, safe: bool) -> None:
+    rig = _BadEnd()
+    rig.safe_confirmed = safe
+    async with running_service(load_plant(plant_file), rig, FakeAnalyst()) as client:
+        body = await _ended(client)
+        assert body["needs_acknowledgement"] is True
+        valve = next(one for one in (await client.get("/valves")).json()["valves"] if one["tag"] == "FV-101")
+        assert ("SAFE STATE NOT CONFIRMED" in valve["alarms"][0]) is not safe
+        refused = await client.post("/tests/run", json=ORDER)
+        assert refused.status_code == 423
+        assert "acknowledge first" in refused.json()["detail"]
+        assert (await client.post(f"/tests/{body['id']}/acknowledge", json={})).status_code == 422
+        noted = (await client.post(f"/tests/{body['id']}/acknowledge", json={"note": "gland repacked"})).json()
+        assert (noted["acknowledgement"], noted["acknowledged_by"]) == ("gland repacked", "local")
+        again = (await client.post(f"/tests/{body['id']}/acknowledge", json={"note": "another"})).json()
+        assert again["acknowledgement"] == "gland repacked"
+        assert (await client.post("/tests/run", json=ORDER)).status_code == 202
+
+
+async def test_a_good_end_needs_no_acknowledgement(plant_file: Path) -> None:
+    async with running_service(load_plant(plant_file), FakeRig(), FakeAnalyst()) as client:
+        body = await _ended(client)
+        assert body["needs_acknowledgement"] is False
+        assert (await client.post(f"/tests/{body['id']}/acknowledge", json={"note": "why"})).status_code == 422
+
+
+async def test_stop_by_tag_stops_the_test_of_that_valve_and_nothing_else(plant_file: Path) -> None:
+    rig = FakeRig(duration_s=30.0)
+    async with running_service(load_plant(plant_file), rig, FakeAnalyst()) as client:
+        assert (await client.post("/valves/FV-101/stop")).status_code == 404
+        started = (await client.post("/tests/run", json=ORDER)).json()
+        await rig.moving.wait()
+        stopped = (await client.post("/valves/FV-101/stop")).json()
+        assert (stopped["id"], stopped["safe_confirmed"]) == (started["id"], True)
+
+
+async def test_while_a_test_runs_the_last_known_permissives_are_shown(plant_file: Path) -> None:
+    rig = FakeRig(duration_s=30.0)
+    async with running_service(load_plant(plant_file), rig, FakeAnalyst()) as client:
+        await client.post("/tests/run", json=ORDER)
+        await rig.moving.wait()
+        shown = (await client.get("/valves/FV-101/permissives")).json()
+        assert "uses this valve" in shown["not_fresh_because"]
+        assert shown["read_at"] is not None
+        assert len(rig.permits) == 1
+        await client.post("/valves/FV-101/stop")
+
+
+async def test_a_bus_that_another_process_uses_is_busy(plant_file: Path) -> None:
+    plant = load_plant(plant_file)
+    other = BusLocks(plant.buses)
+    async with running_service(plant, FakeRig(), FakeAnalyst()) as client:
+        with other.hold(["plc-1"]):
+            refused = await client.post("/tests/run", json=ORDER)
+            assert refused.status_code == 409
+            assert "another process" in refused.json()["detail"]
+        assert (await client.post("/tests/run", json=ORDER)).status_code == 202
+
+
+def test_buses_are_locked_all_or_none(plant_file: Path) -> None:
+    addresses = load_plant(plant_file).buses
+    one, other = BusLocks(addresses), BusLocks(addresses)
+    with other.hold(["plc-1"]), pytest.raises(BusyError):
+        one.take(["gauge-1", "plc-1"])
+    with other.hold(["gauge-1", "plc-1"]):
+        pass
+
+
+def test_a_map_that_shows_no_manual_mode_must_say_how_a_test_is_permitted(plant_file: Path) -> None:
+    text = plant_file.read_text(encoding="utf-8")
+    first = text.index('map = "reference"')
+    text = text[:first] + text[first:].replace(
+        'map = "reference"',
+        'map = "advantech_adam_6024"\nsignal = [0.004, 0.02]\nquantity = [0.0, 82737.0]',
+        1,
+    )
+    plant_file.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigurationError, match="does not show whether the loop is in manual"):
+        load_plant(plant_file)
