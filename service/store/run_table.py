@@ -19,6 +19,7 @@ from valve.errors import NotFoundError
 #: Stands for the analysis of a run that came from a list: it is many times the rest.
 NOT_LOADED: Final[Mapping[str, Any]] = MappingProxyType({"not_loaded": True})
 _DOCUMENT: Final = "document"
+_NAMES: Final = tuple(column.name for column in TESTS.c)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +36,10 @@ def _whole() -> Select[Any]:
 
 
 def _head(row: Any) -> Run:
-    return _as_run({column.name: row._mapping[column] for column in TESTS.c} | {"analysis": NOT_LOADED})
+    """Return the run that a row begins with; by place, as lists have thousands of rows."""
+    values = dict(zip(_NAMES, row, strict=False))
+    values["analysis"] = NOT_LOADED
+    return _as_run(values)
 
 
 def _run(row: Any) -> Run:
