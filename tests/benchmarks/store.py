@@ -27,7 +27,7 @@ from tests.service.fake_rig import FakeAnalyst, FakeRig
 VALVES: Final = 5000
 NIGHTS: Final = 365
 BUSES: Final = 50
-REQUESTS: Final = 100
+REQUESTS: Final = 50
 _LIMIT_S: Final = 0.3
 # As large as the analysis of a test with its pictures.
 _ANALYSIS: Final = {"schema": "breakaway/analysis/1", "health": {"ne107": "N", "reasons": ["ok"]}, "fill": "x" * 60_000}
