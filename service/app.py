@@ -26,6 +26,7 @@ from service.body_limits import BodyLimits
 from service.docs_page import docs_page
 from service.errors import install_error_handlers
 from service.head_requests import HeadRequests
+from service.metrics import router as metrics_routes
 from service.models.routes import router as model_routes
 from service.parts import Parts
 from service.problems import Problem
@@ -125,6 +126,7 @@ def create_app(
         schedule_routes,
         session_routes,
         access_routes,
+        metrics_routes,
     ):
         app.include_router(router)
 
