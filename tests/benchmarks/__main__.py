@@ -25,6 +25,7 @@ from tests.benchmarks import (
     sequences,
     signature,
     simulator,
+    stop_latency,
     store,
 )
 
@@ -43,6 +44,7 @@ COUNTED: Final[dict[str, Callable[[int | None], Table | list[Table]]]] = {
     "method_table": method_table.run,
     "random_valves": random_valves.run,
     "signature": signature.run,
+    "stop": stop_latency.run,
     "store": store.run,
 }
 

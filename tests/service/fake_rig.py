@@ -40,7 +40,7 @@ class FakeRig:
         if waveform.fastest_rate_pa_per_s > valve.wiring.limits.pressure_rate_pa_per_s:
             raise WaveformError(f"{valve.nameplate.tag}: too steep: make it slower")
 
-    async def permissives(self, valve: PlantValve, permit: str | None) -> tuple[Permissive, ...]:
+    async def permissives(self, _valve: PlantValve, permit: str | None) -> tuple[Permissive, ...]:
         self.permits.append(permit)
         return self.shown
 
