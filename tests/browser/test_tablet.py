@@ -17,7 +17,7 @@ from tests.browser.tablets import LANDSCAPE, PORTRAIT, Tablet
 from tests.service.wired_plant import SAFE_PA, TAG
 
 LEAST_TARGET_PX = 76  # 20 mm at 96 dots an inch
-AGE = re.compile(r"(\d+) s ago")
+AGE = re.compile(r"(\d+)\ss ago")
 LIVE_BYTES_PER_S = 5_000
 QUICK = {"sequence": "triangle", "overrides": {"period_s": 4.0, "cycles": 2}}
 

@@ -17,7 +17,7 @@ function element(name, text = "", className = "") {
 
 function span(seconds) {
   const whole = Math.max(0, Math.round(seconds));
-  return whole < 60 ? `${whole} s` : `${Math.floor(whole / 60)} min ${whole % 60} s`;
+  return whole < 60 ? `${whole}\u00a0s` : `${Math.floor(whole / 60)}\u00a0min ${whole % 60}\u00a0s`;
 }
 
 // ---- requests ------------------------------------------------------------------------------------------------
@@ -165,7 +165,11 @@ function permissive(one) {
   } else {
     said.append(element("strong", name), element("span", `: ${words}`));
     said.append(element("div", [one.value, one.limit && `needed: ${one.limit}`].filter(Boolean).join("; "), "aside"));
-    if (one.remedy) said.append(element("div", one.remedy, "remedy"));
+    if (one.name === "last_test" && one.met === false) {
+      const link = element("a", "Look at the valve, then say so on its page", "remedy");
+      link.href = `/ui/valves/${encodeURIComponent($("permissives").dataset.valve)}`;
+      said.append(link);
+    } else if (one.remedy) said.append(element("div", one.remedy, "remedy"));
   }
   item.append(said);
   return item;
@@ -297,7 +301,7 @@ if ($("live")) {
   const decimals = (unit) => (unit.name === "mm" || unit.name === "kPa" ? 1 : 2);
   const shown = (value, unit) => (value === null || value === undefined ? "no value" : `${(value / unit.in_si).toFixed(decimals(unit))} ${unit.name}`);
   const points = [];
-  let drawn = 0, isDirty = true, box = null, lastId = 0, phase = "", lastTextMs = 0, hasEnded = false;
+  let drawn = 0, isDirty = true, isNew = false, box = null, lastId = 0, phase = "", lastTextMs = -1000, hasEnded = false;
 
   function layout() {
     const ratio = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
@@ -345,7 +349,7 @@ if ($("live")) {
   }
 
   function line(of, height, colour, width) {
-    pen.strokeStyle = colour; pen.lineWidth = width; pen.lineJoin = "round"; pen.beginPath();
+    pen.strokeStyle = colour; pen.lineWidth = width; pen.lineJoin = pen.lineCap = "round"; pen.beginPath();
     let isDown = false;
     for (let place = Math.max(0, drawn - 1); place < points.length; place += 1) {
       const point = points[place], value = point[of];
@@ -362,14 +366,15 @@ if ($("live")) {
       line(2, yPressure, SOFT, 1.5);
       line(1, yPosition, BLUE, 3);
       drawn = points.length;
-      const now = performance.now(), last = points.at(-1);
-      if (last && now - lastTextMs >= 90) {
-        lastTextMs = now;
-        $("position").textContent = shown(last[1], length);
-        $("pressure").textContent = shown(last[2], pressure);
-        $("command").textContent = shown(last[3], pressure);
-        if (phase === "playing") $("left").textContent = span(view.duration_s - last[0]);
-      }
+    }
+    const now = performance.now(), last = points.at(-1);
+    if (isNew && now - lastTextMs >= 90) {  // ten times a second is what an eye follows
+      isNew = false;
+      lastTextMs = now;
+      $("position").textContent = shown(last[1], length);
+      $("pressure").textContent = shown(last[2], pressure);
+      $("command").textContent = shown(last[3], pressure);
+      if (phase === "playing") $("left").textContent = span(view.duration_s - last[0]);
     }
     requestAnimationFrame(draw);
   }
@@ -377,20 +382,21 @@ if ($("live")) {
   const HANDLERS = {
     samples(data) {
       data.time_s.forEach((time, place) => points.push([time, data.position_m[place], data.pressure_pa[place], data.command_pa[place]]));
-      isDirty = true;
+      isDirty = isNew = points.length > 0;
     },
     progress(data) {
       $("progress").value = data.progress;
       $("percent").textContent = `${Math.round(100 * data.progress)} %`;
       if (data.phase !== phase) {
         phase = data.phase;
-        const words = PHASES[phase] ?? phase;
+        const words = PHASES[phase] ?? `Analysing: ${phase}`;
         $("phase").textContent = words;
         say(words);
-        if (phase !== "playing") $("left").textContent = phase === "ramping" || phase === "checking" ? span(view.duration_s) : "about a minute";
+        if (phase !== "playing") $("left").textContent = phase === "ramping" || phase === "checking" ? span(view.duration_s) : "≈ 1\u00a0min";
       }
     },
     state(data) {
+      if (data.state === "analyzing" && !$("stop").dataset.pressed) $("stop-words").textContent = "The motion has ended. The valve is at its safe value.";
       if (data.state === "queued" || data.state === "analyzing") HANDLERS.progress({ progress: data.progress, phase: data.state });
     },
     end(data) {
