@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from service.access.needs import ForbiddenError
+from service.access.needs import ForbiddenError, require_covers
 from service.access.principal import Principal, Right
 from service.runs.sequences import choose_waveform
 from service.settings import Plant
@@ -18,8 +18,7 @@ def require_may_run(
 
     Operators and schedules run approved sequences as they are; engineers any, and with overrides.
     """
-    if not principal.may_move(tag):
-        raise ForbiddenError(f"{tag[:64]}: {principal.name} may not move this valve: ask for a token that names it")
+    require_covers(principal, tag)
     if principal.may(Right.CONFIGURE):
         return
     if overrides:

@@ -66,6 +66,14 @@ def principal_of(request: Request) -> Principal:
 Asks = Annotated[Principal, Depends(principal_of)]
 
 
+def require_covers(principal: Principal, tag: str) -> None:
+    """Raise ForbiddenError where the caller's token is limited to other valves."""
+    if principal.valves is not None and tag not in principal.valves:
+        raise ForbiddenError(
+            f"{tag[:64]}: the token of {principal.name} is for other valves: ask for one that names it"
+        )
+
+
 def _needed(dependant: Dependant) -> Iterator[Needs]:
     for inner in dependant.dependencies:
         if isinstance(inner.call, Needs):

@@ -50,7 +50,7 @@ _PLANT_WIDE: Final = frozenset({Right.SCHEDULE, Right.ADMINISTER})
 
 @dataclass(frozen=True, slots=True)
 class Principal:
-    """A caller that is known. ``valves`` limits what it may move, None where nothing does."""
+    """A caller that is known. ``valves`` limits what it may do to valves, None where nothing does."""
 
     name: str
     role: Role
@@ -61,10 +61,6 @@ class Principal:
     def may(self, right: Right) -> bool:
         """Return whether the role holds this right; a limit to some valves leaves none over the whole plant."""
         return right in RIGHTS[self.role] and (self.valves is None or right not in _PLANT_WIDE)
-
-    def may_move(self, tag: str) -> bool:
-        """Return whether it may run tests of this valve."""
-        return self.may(Right.RUN) and (self.valves is None or tag in self.valves)
 
     @property
     def requester(self) -> Requester:

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Response
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.access.needs import Asks, needs
+from service.access.needs import Asks, needs, require_covers
 from service.access.principal import Right
 from service.json_body import JsonRoute
 from service.parts import Parts, parts_of
@@ -64,6 +64,7 @@ async def get_model(tag: str, parts: PartsOf) -> ModelView:
 async def accept_model(tag: str, wanted: ModelRequest, parts: PartsOf, asks: Asks) -> ModelView:
     """Accept the extended model of a completed test: later tests of the valve are judged against it."""
     parts.runs.valve(tag)
+    require_covers(asks, tag)
     run = await parts.runs.get(wanted.test)
     if run.valve != tag:
         raise RequestError(f"test {run.id} is one of {run.valve}, not of {tag}: choose a test of this valve")
@@ -87,6 +88,7 @@ async def accept_model(tag: str, wanted: ModelRequest, parts: PartsOf, asks: Ask
 async def withdraw_model(tag: str, parts: PartsOf, asks: Asks) -> Response:
     """Take the accepted model back: later tests are judged against the plain valve again."""
     parts.runs.valve(tag)
+    require_covers(asks, tag)
     accepted = await asyncio.to_thread(parts.store.models.current, tag)
     if accepted is None:
         raise NotFoundError(f"{tag}: no model was accepted, so there is none to take back")

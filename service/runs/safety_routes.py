@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.access.needs import Asks, needs
+from service.access.needs import Asks, needs, require_covers
 from service.access.principal import Right
 from service.json_body import JsonRoute
 from service.parts import Parts, parts_of
@@ -64,4 +64,5 @@ async def stop_valve(tag: str, parts: PartsOf, asks: Asks) -> RunView:
 @router.post("/tests/{test_id}/acknowledge", tags=["tests"], dependencies=[needs(Right.ACKNOWLEDGE)])
 async def acknowledge_test(test_id: str, body: Acknowledgement, parts: PartsOf, asks: Asks) -> RunView:
     """Say that somebody looked at the valve after a test that ended badly; then its next test may start."""
+    require_covers(asks, (await parts.runs.get(test_id)).valve)
     return view(await parts.runs.acknowledge(test_id, asks.requester, body.note))

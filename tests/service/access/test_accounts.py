@@ -1,11 +1,12 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import timedelta
 
 import pytest
 from sqlalchemy import Engine, select
 
-from service.access.principal import RIGHTS, Right, Role
+from service.access.principal import RIGHTS, Principal, Right, Role
 from service.access.sessions import Sessions
 from service.access.throttle import MOST_BY_ADDRESS, MOST_BY_BOTH, WINDOW_S, Throttle, ThrottledError
 from service.access.tokens import Tokens
@@ -137,8 +138,8 @@ def test_a_token_works_until_it_expires_or_is_revoked(engine: Engine, clock: Clo
     principal, _ = tokens.principal(secret)
     assert principal is not None
     assert (principal.name, principal.kind, principal.csrf_token) == ("cmms", RequesterKind.MACHINE, None)
-    assert principal.may_move("FV-101")
-    assert not principal.may_move("FV-103")
+    assert principal.valves == frozenset({"FV-101", "FV-102"})
+    assert principal.may(Right.RUN)
     assert tokens.get(token.id).last_used_at == clock()
     clock.move(days=90)
     gone, why = tokens.principal(secret)
@@ -190,6 +191,12 @@ def test_a_sign_in_that_succeeds_clears_the_failures_of_its_name() -> None:
     throttle.succeeded("anna", "10.0.0.1")
     throttle.failed("anna", "10.0.0.1")
     throttle.check("anna", "10.0.0.1")
+
+
+def test_a_token_for_some_valves_starts_no_schedule() -> None:
+    engineer = Principal("x", Role.ENGINEER, RequesterKind.MACHINE)
+    assert engineer.may(Right.SCHEDULE)
+    assert not replace(engineer, valves=frozenset({"FV-101"})).may(Right.SCHEDULE)
 
 
 def test_every_role_may_stop_and_an_admin_moves_nothing() -> None:

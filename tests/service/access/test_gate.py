@@ -91,6 +91,11 @@ async def test_a_token_that_expired_or_was_revoked_ends_here_and_nothing_moves(q
         headers = {"Authorization": f"Bearer {secret}"}
         assert_problem(await served.client.post("/tests/run", json={"valve": "FV-102"}, headers=headers), 403, "FV-102")
         assert_problem(await served.client.post("/tests/run", json={"valve": "FV-9"}, headers=headers), 403)
+        other = {"Prefer": "wait=10", **served.tokens[Role.ENGINEER]}
+        test = body_of(await served.client.post("/tests/run", json={"valve": "FV-102"}, headers=other))
+        acknowledge = f"{test['href']}/acknowledge"
+        assert_problem(await served.client.post(acknowledge, json={"note": "x"}, headers=headers), 403, "FV-102")
+        served.rig.orders.clear()
         with time_machine.travel(token.expires_at + timedelta(seconds=1), tick=True):
             answer = await served.client.post("/tests/run", json=RUN, headers=headers)
         assert_problem(answer, 401, "expired", "create another")
