@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
@@ -12,6 +13,7 @@ from discrepancy.baseline import fit_baseline
 from discrepancy.causes.base import Cause
 from discrepancy.causes.friction import ASYMMETRY
 from discrepancy.diagnosis import Diagnosis, Finding, Verdict
+from discrepancy.doubts import doubt
 from discrepancy.force_diagnosis import diagnose_forces
 from discrepancy.gain import Gain, held_out_gain, left_out_gain
 from discrepancy.intervals import fitted_values
@@ -37,7 +39,8 @@ _LARGEST_MISFIT: Final = 1.3
 # Several causes together can mimic one that is not among them: they must leave nothing but noise.
 _LARGEST_FACTORS: Final = (2.5, 4.0, 1.5, 1.5)  # with no cause, one, two and three
 _WRONG_UNITS: Final = ((6894.757, "psi"), (1.0e5, "bar"), (1.0e3, "kPa"))
-_NEAR_UNIT: Final = 0.35
+_NEAR_UNIT: Final = 2.0  # times; psi, kPa and bar are 6.9 apart
+_SCALE_OFF: Final = 2.0  # of the spring rate: no effect of the catalogue goes so far
 _NOTHING_NEW: Final = "Nothing beyond the model that was accepted for this valve."
 _NO_FORCE: Final = (
     "A drive without a spring is assessed by its balance of forces, and a recording has no force_n: record the force."
@@ -63,6 +66,9 @@ def diagnose(
     tell = progress or (lambda _share, _phase: None)
     if not recordings:
         return Diagnosis(Verdict.NOT_ASSESSED, "There is no recording: give one.")
+    doubted = doubt(recordings, nameplate)
+    if doubted:
+        return Diagnosis(Verdict.NOT_ASSESSED, doubted)
     if nameplate.actuator.action is Action.DOUBLE:
         if any(recording.force_n is None for recording in recordings):
             return Diagnosis(Verdict.NOT_ASSESSED, _NO_FORCE)
@@ -185,11 +191,16 @@ def _unit_message(fit: Fit) -> str:
     ratio = fit.values["k"] / nominal
     for factor, unit in _WRONG_UNITS:
         for wrong, sense in ((1.0 / factor, f"is in {unit} and was read as Pa"), (factor, f"was taken for {unit}")):
-            if abs(ratio / wrong - 1.0) < _NEAR_UNIT:
+            if ratio > 0.0 and abs(math.log(ratio / wrong)) < math.log(_NEAR_UNIT):
                 return (
                     f"The spring is {ratio:.3g} times as stiff as the nameplate's bench set says: the pressure "
                     f"{sense}, it seems. Correct the pressure's unit."
                 )
+    if not 1.0 / _SCALE_OFF < ratio < _SCALE_OFF:
+        return (
+            f"The spring is {ratio:.3g} times as stiff as the nameplate's bench set says, so the misfit is a scale: "
+            "correct the bench set, the travel, or the range of the pressure or the position."
+        )
     return ""
 
 

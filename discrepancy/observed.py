@@ -33,6 +33,7 @@ _STEPS_A_TURN: Final = 3.0  # rests for each turn of the force, from which on th
 _NO_NOISE: Final = 1.0e-7  # of the travel: a position without noise is still only as good as its model
 _MAY_BE_A_STAIRCASE: Final = (Outcome.NEVER_MOVED, Outcome.NO_UNIFORM_MOTION)
 _ENOUGH_AT_REST: Final = 100
+_ROUNDING: Final = 1.0e-9  # of the force's range
 _SURELY_LESS: Final = 0.8
 _OUT_OF_BALANCE: Final = 6.0  # standard deviations
 _UNKNOWN_DELAY_PERIODS: Final = 0.05  # a delay between the channels known better than this is not fitted
@@ -152,6 +153,7 @@ def _segments(motion: RecordedMotion, path: InputPath, noise_m: float, timing_s:
     samples, phases = motion.samples, motion.phases
     neutral = np.zeros(len(path.nuisances))
     corner_s, corner_n = path.corners(neutral)
+    corner_n = _flat_where_held(corner_n)
     starts = [0, *(int(row) for row in np.searchsorted(samples.time_s, path.breaks_s[:, 1])), samples.count]
     block_rows = max(1, round(_BLOCK_S / samples.period_s))
     fast = _fast_rows(samples, phases, noise_m)
@@ -190,6 +192,19 @@ def _segments(motion: RecordedMotion, path: InputPath, noise_m: float, timing_s:
             )
         )
     return found
+
+
+def _flat_where_held(corner_n: FloatArray) -> FloatArray:
+    """Return the force at corners, shape (n,), equal where a hold's line is tilted by rounding alone.
+
+    A stem that rests on the edge of F_s = F_c would break away again and again on a slope of 1e-12 N/s.
+    """
+    held_n = corner_n.copy()
+    least_n = _ROUNDING * float(np.ptp(corner_n)) if corner_n.size else 0.0
+    for row in range(1, held_n.size):
+        if abs(held_n[row] - held_n[row - 1]) <= least_n:
+            held_n[row] = held_n[row - 1]
+    return held_n
 
 
 def _start(motion: RecordedMotion, first: int, noise_m: float) -> tuple[float, float, float]:

@@ -1,0 +1,137 @@
+"""Recordings that no cause should be named from: what is wrong with them, as a sentence, before anything is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from estimators.base import Outcome
+from estimators.samples import FloatArray
+from valve.nameplate import Nameplate
+from valve.recording import Recording
+
+# Own choices.
+_LEAST_TRAVEL: Final = 0.01  # of the rated travel: below, play and friction are as large as the motion
+_STUCK_AT_END: Final = 0.6  # of the samples, at the very highest or lowest value
+_NEAR_END: Final = 1.0e-6  # of the span
+_LEAST_SAMPLES: Final = 100
+_SCALES_APART: Final = 0.1  # force over pressure times area
+_TURNED: Final = -0.5  # correlation of position and pressure
+_MEANS: Final = 200  # of a recording, in which its ways are looked at
+_COMES_BACK: Final = 0.1
+_CENTRAL: Final = (0.5, 99.5)  # percent: without single odd samples
+
+
+def doubt(recordings: Sequence[Recording], nameplate: Nameplate) -> str:
+    """Return why recordings cannot be assessed, with the remedy; "" where nothing speaks against it."""
+    for recording in recordings:
+        said = _doubt(recording, nameplate)
+        if said:
+            return said
+    least_m = _LEAST_TRAVEL * nameplate.actuator.travel_m
+    if recordings and all(_goes_one_way(one.position_m, least_m) for one in recordings):
+        return str(Outcome.ONE_DIRECTION_ONLY)
+    return ""
+
+
+def _goes_one_way(position_m: FloatArray, least_m: float) -> bool:
+    """Whether the stem moved and never came back by a tenth of its way."""
+    known_m = position_m[np.isfinite(position_m)]
+    size = known_m.size // _MEANS
+    if size == 0:
+        return False
+    mean_m = known_m[: size * _MEANS].reshape(_MEANS, size).mean(axis=1)
+    swept_m = float(np.ptp(mean_m))
+    back_m = float((np.maximum.accumulate(mean_m) - mean_m).max())
+    up_m = float((mean_m - np.minimum.accumulate(mean_m)).max())
+    return swept_m > least_m and min(back_m, up_m) < _COMES_BACK * swept_m
+
+
+def _doubt(recording: Recording, nameplate: Nameplate) -> str:
+    position_m = recording.position_m[np.isfinite(recording.position_m)]
+    if position_m.size < _LEAST_SAMPLES:
+        return ""
+    travel_m = nameplate.actuator.travel_m
+    swept_m = _span(position_m)
+    pressure_pa = recording.pressure_pa
+    return (
+        _pegged("position", position_m)
+        or ("" if pressure_pa is None else _pegged("pressure", pressure_pa[np.isfinite(pressure_pa)]))
+        or _swapped(recording, nameplate, swept_m)
+        or _too_little(swept_m, travel_m, position_m)
+        or _area(recording, nameplate)
+    )
+
+
+def _span(values: FloatArray) -> float:
+    low, high = np.percentile(values, _CENTRAL)
+    return float(high - low)
+
+
+def _pegged(name: str, values: FloatArray) -> str:
+    """Return that a channel stands at one end of what it shows for most of the time, as a saturated one does."""
+    if values.size < _LEAST_SAMPLES:
+        return ""
+    low, high = float(values.min()), float(values.max())
+    margin = _NEAR_END * (high - low)
+    if not high > low:
+        return ""
+    for end, word in ((high, "highest"), (low, "lowest")):
+        share = float(np.mean(np.abs(values - end) <= margin))
+        if share > _STUCK_AT_END:
+            return (
+                f"The {name} reads exactly its {word} value, {end:.4g}, in {100.0 * share:.0f} % of the samples: "
+                "its channel is saturated, or the stem stands at a stop. Correct the channel's range, or repeat with a "
+                "smaller amplitude."
+            )
+    return ""
+
+
+def _swapped(recording: Recording, nameplate: Nameplate, swept_m: float) -> str:
+    pressure_pa, travel_m = recording.pressure_pa, nameplate.actuator.travel_m
+    if pressure_pa is None or not np.isfinite(pressure_pa).any():
+        return ""
+    if swept_m > 10.0 * travel_m and float(np.nanmax(np.abs(pressure_pa))) < 10.0 * travel_m:
+        return (
+            f"The position spans {swept_m:.4g} m and the pressure reaches {float(np.nanmax(np.abs(pressure_pa))):.3g} "
+            f"Pa on a valve with {travel_m:g} m of travel: the two channels are swapped. Exchange them."
+        )
+    both = np.isfinite(pressure_pa) & np.isfinite(recording.position_m)
+    own_m, own_pa = recording.position_m[both], pressure_pa[both]
+    if own_m.size >= _LEAST_SAMPLES and swept_m > _LEAST_TRAVEL * travel_m and _span(own_pa) > 0.0:
+        related = float(np.corrcoef(own_m, own_pa)[0, 1])
+        if related < _TURNED:
+            return (
+                "The position falls where the pressure rises: the position's sign or zero is turned round. Record the "
+                "travel so that it grows with the pressure."
+            )
+    return ""
+
+
+def _too_little(swept_m: float, travel_m: float, position_m: FloatArray) -> str:
+    noise_m = float(np.median(np.abs(np.diff(position_m)))) * 1.05  # of white noise, one standard deviation
+    if swept_m >= _LEAST_TRAVEL * travel_m or swept_m < 8.0 * noise_m:
+        return ""  # what never moved is told as such
+    return (
+        f"The travel spans {100.0 * swept_m / travel_m:.2g} %, the diagnosis needs {100.0 * _LEAST_TRAVEL:g} %: "
+        "repeat with a larger amplitude."
+    )
+
+
+def _area(recording: Recording, nameplate: Nameplate) -> str:
+    """Return that force and pressure, both recorded, do not fit the nameplate's area."""
+    force_n, pressure_pa, area_m2 = recording.force_n, recording.pressure_pa, nameplate.actuator.diaphragm_area_m2
+    if force_n is None or pressure_pa is None or area_m2 is None:
+        return ""
+    both = np.isfinite(force_n) & np.isfinite(pressure_pa)
+    if np.count_nonzero(both) < _LEAST_SAMPLES or _span(pressure_pa[both]) <= 0.0:
+        return ""
+    slope_m2 = float(np.polyfit(pressure_pa[both], force_n[both], 1)[0])
+    if abs(slope_m2 / area_m2 - 1.0) < _SCALES_APART:
+        return ""
+    return (
+        f"The recorded force is {slope_m2 / area_m2:.3g} times the pressure on the nameplate's area: the misfit is a "
+        f"scale. Correct actuator.diaphragm_area_m2 ({area_m2:g}, the recording says {slope_m2:.4g})."
+    )
