@@ -121,7 +121,9 @@ def fit_baseline(observed: Observed, estimate: Estimate | None = None) -> Fit | 
         return None
     motion = observed.motions[0]
     fastest = _fastest(motion)
-    model = Model(observed, baseline_unknowns(observed, fastest, guesses[0]["F_c"]))
+    # an estimate that misses a cause may hold hardly any friction, and the sizes of the unknowns go by it
+    friction_n = max(guess["F_c"] for guess in guesses)
+    model = Model(observed, baseline_unknowns(observed, fastest, friction_n))
     nuisances = {f"x_{number}": segment.start_m for number, segment in enumerate(observed.segments)}
     nuisances |= {"delay_s": 0.0, "first_rise": 0.0}
     points = [model.unknowns.point({**nuisances, **guess}) for guess in guesses]

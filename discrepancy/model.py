@@ -22,11 +22,18 @@ _LONGEST_SUB_STEP_S: Final = 5.0e-3
 _NO_EXTRA: Final[dict[str, float]] = {}
 
 
+@dataclass(slots=True)
+class Tally:
+    """How many motions were followed for a diagnosis: the measure of its work, the same on every machine."""
+
+    motions: int = 0
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Model:
     """What is fitted: the recordings, the unknowns, the causes in the valve and what of them is held.
 
-    ``held`` are values by name of what is not fitted.
+    ``held`` are values by name of what is not fitted; ``tally`` is shared by all models that come of this one.
     """
 
     observed: Observed
@@ -34,6 +41,7 @@ class Model:
     causes: tuple[str, ...] = ()
     held: Mapping[str, float] = field(default_factory=lambda: _NO_EXTRA)
     longest_s: float = _LONGEST_SUB_STEP_S
+    tally: Tally = field(default_factory=Tally)
 
     def with_causes(self, causes: tuple[str, ...], more: tuple[Unknown, ...], held: Mapping[str, float]) -> Model:
         """Return the model with these causes besides, and their unknowns."""
@@ -55,6 +63,7 @@ class Model:
     def simulate(self, point: FloatArray) -> FloatArray | None:
         """Positions as sensed in all blocks, m, shape (count,); None where the stem cannot be followed."""
         values = self.values(point)
+        self.tally.motions += 1
         try:
             return simulated(self.observed, valve_of(values, self.causes), values, self.longest_s)
         except (ParameterError, MotionError):

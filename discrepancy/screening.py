@@ -13,6 +13,8 @@ from discrepancy.baseline import DYNAMIC, STATIC_SCAN, refined, scanned
 from discrepancy.causes.base import Cause, Setting, Values
 from discrepancy.least_squares import Fit, blur, descend, start_fit
 from discrepancy.model import Model
+from discrepancy.significance import misfit
+from discrepancy.sliding import sliding_rows, sliding_starts
 from estimators.samples import FloatArray
 
 # Blurred residuals have one basin where sharp ones have many (docs/diagnosis.md).
@@ -22,9 +24,11 @@ _GLANCE_STEPS: Final = 3
 _HOPELESS: Final = 5.0
 _STARTS_FOLLOWED: Final = 3
 _SCALES: Final = (0.5, 0.2)
-_GRID_STEPS: Final = 3
-_GRID_ENDS: Final = 8
+_GRID_STEPS: Final = 2
+_GRID_ENDS: Final = 4
 _GRID_FOLLOWED: Final = 27
+_FIRST_RISES: Final = (-0.1, -0.03, 0.03, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3)  # of the friction
+_FOUND: Final = 1.3  # misfit, below which no other start is tried
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,6 +38,7 @@ class Candidate:
     cause: Cause
     starts: tuple[Values, ...]
     promise: float
+    balanced: Values | None = None  # the start by the balance of forces in steady motion
 
 
 def screen(fit: Fit, causes: Iterable[Cause], setting: Setting) -> list[Candidate]:
@@ -42,6 +47,9 @@ def screen(fit: Fit, causes: Iterable[Cause], setting: Setting) -> list[Candidat
     blurs = [blur(fit.model, span_s) for span_s in BLURS_S]
     spaces = [_Projected(over(base), over(fit.residual)) for over in blurs]
     found = []
+    causes = list(causes)
+    rows = sliding_rows(fit)
+    by_force = {} if rows is None else sliding_starts(rows, fit, causes, setting)
     for cause in causes:
         tried: list[tuple[float, Values]] = []
         for start in cause.starts(setting):
@@ -62,7 +70,8 @@ def screen(fit: Fit, causes: Iterable[Cause], setting: Setting) -> list[Candidat
             tried.sort(key=lambda entry: -entry[0])
             most = _GRID_FOLLOWED if cause.is_hard else _STARTS_FOLLOWED
             starts = tuple(distinct(start for _, start in tried)[:most])
-            found.append(Candidate(cause, starts, tried[0][0]))
+            share, balanced = by_force.get(cause.name, (0.0, None))
+            found.append(Candidate(cause, starts, max(tried[0][0], share), balanced))
     return sorted(found, key=lambda candidate: -candidate.promise)
 
 
@@ -130,6 +139,10 @@ def refit(fit: Fit, candidate: Candidate, setting: Setting, bar: float = math.in
     cause = candidate.cause
     model = extended_model(fit.model, cause, setting)
     best: Fit | None = None
+    if candidate.balanced is not None:
+        best = _from_balance(start_fit(model, _point(fit, model, cause, candidate.balanced)))
+        if best is not None and misfit(best) < _FOUND:
+            return descend(best, most_steps=_STEPS[-1])
     for point in _promising(fit, model, candidate):
         tried = start_fit(model, point)
         strength = model.unknowns.names.index(cause.own(cause.strength))
@@ -148,6 +161,16 @@ def refit(fit: Fit, candidate: Candidate, setting: Setting, bar: float = math.in
     if best is None:
         return Fit(model, fit.point, fit.residual, None, math.inf)
     return best if best.cost > _HOPELESS * bar else descend(best, most_steps=_STEPS[-1])
+
+
+def _from_balance(start: Fit) -> Fit | None:
+    """Return the fit from a start by the balance of forces, which only breakaways and slips are still wrong of."""
+    if not start.is_followed:
+        return None
+    tried = scanned(scanned(start, "d", STATIC_SCAN), "first_rise", _FIRST_RISES)
+    tried = descend(tried, most_steps=_STEPS[1], span_s=BLURS_S[1], held=DYNAMIC)
+    tried = scanned(scanned(tried, "d", STATIC_SCAN), "first_rise", _FIRST_RISES)
+    return descend(tried, most_steps=_STEPS[-1])
 
 
 def _promising(fit: Fit, model: Model, candidate: Candidate) -> list[FloatArray]:

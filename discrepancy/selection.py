@@ -24,6 +24,10 @@ _LEAST_PROMISE: Final = 25.0  # of the cost: with less a cause is not worth a fi
 # A second cause must win this share of what the first left, for a wrong first one drags others along.
 _SECOND_SHARE: Final = 0.3
 _DONE_MISFIT: Final = 1.15
+_SETTLED_FACTOR: Final = 2.0
+_FOLLOWED_FURTHER: Final = 30.0  # misfit, below which the baseline is first followed further
+# The work of a choice; a record of 60 s takes 1 to 6 ms a motion (docs/effects.md).
+_MOST_MOTIONS: Final = 4000
 _PRUNING_STEPS: Final = 15
 _LOOK_CLOSER: Final = 2.0  # times the misfit of all causes: one may be needless
 _RIVAL_SHARE: Final = 0.5
@@ -49,15 +53,22 @@ def choose(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str], 
     rivals: tuple[str, ...] = ()
     rival_fits: tuple[Fit, ...] = ()
     tried: tuple[tuple[str, float], ...] = ()
+    if misfit(baseline) < _FOLLOWED_FURTHER and not is_noise(baseline):
+        # a small misfit may be the fit's own: a cause that only helps it down is none
+        best = baseline = refined(baseline)
+    tally = baseline.model.tally
+    begun = tally.motions
     for number in range(MOST_CAUSES):
+        if tally.motions - begun > _MOST_MOTIONS:
+            break
         tell(number / MOST_CAUSES, "trying one cause after the other" if number == 0 else "trying further causes")
         setting = setting_of(best)
         left = [cause for cause in known if cause not in chosen and (number == 0 or not cause.is_hard)]
         candidates = [one for one in screen(best, left, setting) if _is_promising(one, best)]
         if is_noise(best):
             candidates = [one for one in candidates if gain(best, glance(best, one, setting)) > _WORTH]
-        fits = _refits(best, candidates, setting, _REFITTED[number])
-        fits = _closer(fits)
+        fits = _refits(best, candidates, setting, _REFITTED[number], begun + _MOST_MOTIONS)
+        fits = _closer(best, fits, begun + _MOST_MOTIONS)
         if number == 0:
             tried = tuple((cause.name, gain(baseline, fit)) for cause, fit in fits)
         found = [(cause, fit) for cause, fit in fits if _is_possible(cause, fit, setting)]
@@ -72,8 +83,9 @@ def choose(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str], 
             rivals, rival_fits = tuple(one.name for one, _ in close), tuple(one for _, one in close)
         else:
             rivals, rival_fits = (), ()
+        is_done = is_settled(best, fit)
         best, chosen = fit, [*chosen, cause]
-        if is_noise(best):
+        if is_done:
             break
     best, chosen = _pruned(baseline, best, chosen)
     if not chosen:
@@ -82,10 +94,11 @@ def choose(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str], 
     return Choice(baseline, best, tuple(chosen), rivals, rival_fits, tried)
 
 
-def _refits(best: Fit, candidates: list[Candidate], setting: Setting, most: int) -> list[tuple[Cause, Fit]]:
+def _refits(best: Fit, candidates: list[Candidate], setting: Setting, most: int, last: int) -> list[tuple[Cause, Fit]]:
     """Return the fits of the most promising causes and of the hard ones, the lowest first.
 
-    Once one leaves noise alone, only those are tried that promise about as much: its rivals.
+    Once one leaves noise alone, only those are tried that promise about as much: its rivals. No fit is begun after
+    ``last`` motions.
     """
     ordinary = [one for one in candidates if not one.cause.is_hard and not one.cause.is_shy][:most]
     ordinary += [one for one in candidates if one.cause.is_shy]
@@ -93,17 +106,21 @@ def _refits(best: Fit, candidates: list[Candidate], setting: Setting, most: int)
     fits: list[tuple[Cause, Fit]] = []
     lowest, explained, promise, early = math.inf, False, 0.0, _REFINED_EARLY
     for one in [*ordinary, *hard]:
-        if explained and (one.cause.is_hard or (one.promise < _RIVAL_SHARE * promise and not one.cause.is_shy)):
+        if explained and (
+            one.cause.is_hard or one.cause.is_slow or (one.promise < _RIVAL_SHARE * promise and not one.cause.is_shy)
+        ):
             continue
+        if best.model.tally.motions > last:
+            break
         fit = refit(best, one, setting, lowest)
         if not fit.is_followed:
             continue
-        if early > 0 and not is_noise(fit) and excess(fit) < _NEARLY_ALL * excess(best):
+        if early > 0 and not is_settled(best, fit) and excess(fit) < _NEARLY_ALL * excess(best):
             # it is likely the one: if it leaves noise alone, the others need no fit
             fit, early = refined(fit), early - 1
         fits.append((one.cause, fit))
         if fit.cost < lowest:
-            lowest, explained, promise = fit.cost, is_noise(fit), one.promise
+            lowest, explained, promise = fit.cost, is_settled(best, fit), one.promise
     return sorted(fits, key=lambda pair: pair[1].cost)
 
 
@@ -113,22 +130,33 @@ def _is_promising(candidate: Candidate, best: Fit) -> bool:
     return cause.is_hard or cause.is_shy or candidate.promise * best.cost > _LEAST_PROMISE
 
 
-def _closer(fits: list[tuple[Cause, Fit]]) -> list[tuple[Cause, Fit]]:
-    """Return the fits with the lowest and the hard ones followed further, until one leaves noise alone."""
+def _closer(best: Fit, fits: list[tuple[Cause, Fit]], last: int) -> list[tuple[Cause, Fit]]:
+    """Return the fits with the lowest and the hard ones followed further, until one leaves noise alone.
+
+    None is refined after ``last`` motions.
+    """
     polished = [(cause, descend(fit, most_steps=_POLISH)) for cause, fit in fits[:_POLISHED]]
     polished.sort(key=lambda pair: pair[1].cost)
     others = fits[_POLISHED:]
     closer: list[tuple[Cause, Fit]] = []
     for number, (cause, fit) in enumerate([*polished, *others]):
         is_worth = number < _REFINED or cause.is_hard
-        explained = any(is_noise(found) for _, found in closer)
-        closer.append((cause, refined(fit) if is_worth and not is_noise(fit) and not explained else fit))
+        explained = any(is_settled(best, found) for _, found in closer) or best.model.tally.motions > last
+        closer.append((cause, refined(fit) if is_worth and not is_settled(best, fit) and not explained else fit))
     return sorted(closer, key=lambda pair: pair[1].cost)
 
 
 def is_noise(fit: Fit) -> bool:
     """Whether noise alone may well explain what a fit leaves."""
     return misfit(fit) < _DONE_MISFIT and noise_factor(fit) < _DONE_MISFIT
+
+
+def is_settled(before: Fit, fit: Fit) -> bool:
+    """Whether a fit leaves noise, or so little beside what it took away that what is left is its own."""
+    if is_noise(fit):
+        return True
+    is_small = misfit(fit) < _DONE_MISFIT and noise_factor(fit) < _SETTLED_FACTOR
+    return is_small and excess(before) > _FOLLOWED_FURTHER
 
 
 def excess(fit: Fit) -> float:

@@ -94,6 +94,7 @@ class Cause:
     is_visible: Callable[[Observed], bool] = lambda _observed: True
     is_hard: bool = False  # its starts are a grid that must be followed some way before the best is seen
     is_shy: bool = False  # usual tests show little of it, and others mimic that: always tried beside them
+    is_slow: bool = False  # its motions take ten times as long: not tried once another leaves noise alone
     neutral: float | None = 0.0  # of the strength; None where the start does not grow out of the baseline
 
     def unknowns(self, setting: Setting) -> tuple[Unknown, ...]:
@@ -143,7 +144,8 @@ def with_interval(entry: Fitted, factor: float, unit: str) -> str:
 
 def _number(value: float, entry: Fitted) -> str:
     """Return a number with as many digits as its interval deserves."""
-    width = max(entry.half_width, 1.0e-4 * abs(entry.value), 1.0e-12)
+    # a fitter needs three digits; an interval that is wider needs fewer
+    width = max(entry.half_width, 1.0e-2 * abs(entry.value), 1.0e-12)
     digits = max(0, 1 - math.floor(math.log10(width)))
     return f"{value:.{min(digits, 6)}f}" if abs(value) < 1.0e6 else f"{value:.3g}"
 

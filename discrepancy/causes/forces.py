@@ -157,6 +157,7 @@ VIBRATION: Final = Cause(
     _vibration_starts,
     _vibration_sentence,
     "Look for what shakes at this frequency: a pump, flow past the plug, a loose bracket.",
+    is_slow=True,
 )
 
 FORCES: Final = (HARDENING, KNEE, AREA, LOW_STOP, HIGH_STOP, FLOW, VIBRATION)
