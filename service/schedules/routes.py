@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 from http import HTTPStatus
 from typing import Annotated
 
@@ -42,5 +43,8 @@ async def run_schedule(name: str, parts: PartsOf, asks: Asks) -> LastRun | None:
 
     A valve of another gateway is not checked by this one: its own gateway is asked. Null where this has none.
     """
+    schedule = parts.nightly.schedule(name)
+    note = partial(parts.audit.append, "schedule.run", who=asks.name, details={"schedule": schedule.name})
+    await asyncio.to_thread(note)
     checks = await parts.nightly.run_now(name, asks.name)
     return last_run(checks)

@@ -163,6 +163,8 @@ async def test_schedules_and_the_night_are_served_and_run_by_hand(quick_path: Pa
         test = (await client.get(f"/tests/{done[0]['test_id']}")).json()
         assert test["state"] == "completed"
         assert_problem(await client.post("/schedules/weekly/run"), 404, "'weekly' is unknown")
+    log = (plant.service.store / "audit").glob("*")
+    assert '"schedule.run"' in "".join(path.read_text(encoding="utf-8") for path in log)
     Store(plant.service.store).close()  # it was given back
 
 

@@ -1,0 +1,155 @@
+"""Two services as processes on one PostgreSQL, each with its own buses, over real Modbus to simulated valves."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+from service.cli.demo_plant import free_ports
+from tests.service.databases import postgresql_database
+
+DEADLINE_S = 150.0
+_VALVE = """
+[[valves]]
+tag = "{tag}"
+safe_value_pa = 20000.0
+[valves.actuator]
+diaphragm_area_m2 = 0.06452
+travel_m = 0.1016
+[valves.signal]
+range_ma = [4.0, 20.0]
+range_pa = [0.0, 82737.0]
+[valves.limits]
+pressure_pa = [0.0, 82737.0]
+pressure_rate_pa_per_s = 60000.0
+longest_test_s = 300.0
+[valves.command]
+bus = "{bus}"
+device_id = 1
+map = "reference"
+[valves.acquisition]
+mode = "captured"
+period_s = 0.001
+[valves.watchdog]
+timeout_s = 2.0
+[valves.simulation]
+parameter_set = "nominal"
+position_noise_m = 5.0e-6
+seed = {seed}
+"""
+
+
+def _plant(folder: Path, gateway: str, ports: list[int], database: str) -> Path:
+    text = f"""
+[service]
+store = "data"
+port = {ports[0] if gateway == "g1" else ports[1]}
+gateway = "{gateway}"
+database = "{database}"
+[[schedules]]
+name = "nightly"
+cron = "30 2 1 1 *"
+zone = "Europe/Berlin"
+valves = ["FV-1", "FV-2"]
+sequence = "triangle"
+window_s = 3600.0
+[schedules.overrides]
+cycles = 1
+period_s = 4.0
+"""
+    for number, name in enumerate(("g1", "g2")):
+        text += f'[[gateways]]\nname = "{name}"\nurl = "http://127.0.0.1:{ports[number]}"\n'
+        text += f'[[buses]]\nname = "b{number + 1}"\ngateway = "{name}"\nkind = "modbus_tcp"\nhost = "127.0.0.1"\n'
+        text += f"port = {ports[2 + number]}\ntimeout_s = 2.0\n"
+        text += _VALVE.format(tag=f"FV-{number + 1}", bus=f"b{number + 1}", seed=number + 1)
+    (folder / gateway).mkdir()
+    path = folder / gateway / "plant.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@contextlib.contextmanager
+def _process(folder: Path, command: str, config: Path) -> Iterator[subprocess.Popen[bytes]]:
+    with (folder / f"{command}-{config.parent.name}.log").open("ab") as log:
+        arguments = [sys.executable, "-m", "service.cli", command, "--config", str(config)]
+        with subprocess.Popen(arguments, stdout=log, stderr=log) as process:
+            try:
+                yield process
+            finally:
+                process.terminate()
+                try:
+                    process.wait(30.0)
+                except subprocess.TimeoutExpired:
+                    process.kill()
+
+
+def _until(what: Callable[[], Any], processes: list[subprocess.Popen[bytes]], folder: Path) -> Any:
+    ends_s = time.monotonic() + DEADLINE_S
+    while True:
+        with contextlib.suppress(httpx.TransportError):
+            if found := what():
+                return found
+        logs = {path.name: path.read_text(encoding="utf-8")[-1500:] for path in folder.glob("*.log")}
+        assert all(process.poll() is None for process in processes), logs
+        assert time.monotonic() < ends_s, logs
+        time.sleep(0.2)
+
+
+def _lives(client: httpx.Client) -> bool:
+    return client.get("/healthz").is_success
+
+
+def _last_night(client: httpx.Client) -> dict[str, dict[str, Any]]:
+    entries = client.get("/schedules/night").json()
+    return {one["valve"]: one for one in entries if one["state"] != "planned"}
+
+
+def test_two_gateways_test_their_own_valves_and_see_all_results(tmp_path: Path) -> None:
+    with postgresql_database() as database, contextlib.ExitStack() as stack:
+        ports = free_ports(4)
+        plants = {name: _plant(tmp_path, name, ports, database) for name in ("g1", "g2")}
+        running = [stack.enter_context(_process(tmp_path, "simulate", plants["g1"]))]
+        services = {name: stack.enter_context(_process(tmp_path, "serve", path)) for name, path in plants.items()}
+        running += services.values()
+        one, two = (
+            stack.enter_context(httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=30.0)) for port in ports[:2]
+        )
+        for client in (one, two):
+            _until(partial(_lives, client), running, tmp_path)
+
+        elsewhere = one.post("/tests/run", json={"valve": "FV-2"})
+        assert elsewhere.status_code == 421
+        assert (elsewhere.json()["gateway"], elsewhere.json()["url"]) == ("g2", str(two.base_url))
+
+        for client in (one, two):
+            assert client.post("/schedules/nightly/run").json()["states"] == {"queued": 1}
+        _until(lambda: len([c for c in _last_night(one).values() if c["test_id"]]) == 2, running, tmp_path)
+        services["g1"].send_signal(signal.SIGKILL)  # in the middle of both tests
+        services["g1"].wait(10.0)
+        running.remove(services["g1"])
+        done = _until(lambda: (c := _last_night(two))["FV-2"]["state"] == "completed" and c, running, tmp_path)
+        assert done["FV-1"]["state"] == "running"  # nobody else speaks for g1
+
+        running.append(stack.enter_context(_process(tmp_path, "serve", plants["g1"])))
+        night = _until(lambda: (c := _last_night(one))["FV-1"]["state"] != "running" and c, running, tmp_path)
+        assert night["FV-1"]["state"] == "interrupted"
+        for client in (one, two):
+            tests = {test["valve"]: test for test in client.get("/tests").json()["tests"]}
+            assert {tag: test["state"] for tag, test in tests.items()} == {"FV-1": "interrupted", "FV-2": "completed"}
+            result = client.get(f"/tests/{tests['FV-2']['id']}").json()["analysis"]
+            assert result["schema"] == "breakaway/analysis/1"
+        safe = _until(
+            lambda: (t := one.get(f"/tests/{night['FV-1']['test_id']}").json())["safe_confirmed"] is not None and t,
+            running,
+            tmp_path,
+        )
+        assert safe["safe_confirmed"] is True
