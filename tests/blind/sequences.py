@@ -8,21 +8,12 @@ from typing import Final
 import numpy as np
 
 from valve.waveform import Waveform, dwell, multi_rate_triangle, sine, triangle
+from valve.waveform import diagnostic as product_diagnostic
 
 Draw = Callable[[np.random.Generator, float, float], Waveform]
+_LONGEST_S: Final = 150.0
 HELD_OUT_PERIOD_S: Final = 8.0  # the paper's validation sine
 _HOLD_S: Final = (0.1, 1.1)  # puts the corners between the samples
-
-
-def joined(name: str, *waves: Waveform) -> Waveform:
-    """One after the other; the next begins where the last ends, or the level between them is ramped to in a second."""
-    time_s, level = [waves[0].time_s], [waves[0].pressure_pa]
-    for wave in waves[1:]:
-        gap_s = 0.0 if wave.pressure_pa[0] == level[-1][-1] else 1.0
-        skipped = 1 if gap_s == 0.0 else 0
-        time_s.append(time_s[-1][-1] + gap_s + wave.time_s[skipped:])
-        level.append(wave.pressure_pa[skipped:])
-    return Waveform(name, np.concatenate(time_s), np.concatenate(level))
 
 
 def held(wave: Waveform, hold_s: float) -> Waveform:
@@ -57,10 +48,9 @@ def small_loops(rng: np.random.Generator, low: float, high: float) -> Waveform:
     return Waveform("small_loops", time_s, np.array(level))
 
 
-def diagnostic(rng: np.random.Generator, low: float, high: float) -> Waveform:
-    """Two rates, dwells and small loops within 150 s."""
-    parts = (two_rates(rng, low, high), dwells(rng, low, high), small_loops(rng, low, high))
-    return joined("diagnostic", *parts)
+def diagnostic(_rng: np.random.Generator, low: float, high: float) -> Waveform:
+    """The product's diagnostic sequence: two rates, dwells and small loops within 150 s."""
+    return product_diagnostic(low, high, rate_pa_per_s=high - low, longest_s=_LONGEST_S)
 
 
 def held_out_sine(_rng: np.random.Generator, low: float, high: float) -> Waveform:
