@@ -23,6 +23,9 @@ def print_diagnosis(console: Console, discrepancy: dict[str, Any], indent: str =
         console.print(Text(f"{indent}{line}"))
     if discrepancy.get("causes"):
         console.print(_parameters(discrepancy["causes"]))
+    model = discrepancy.get("extended_model")
+    if model is not None:
+        console.print(_valve(model["parameters"]))
 
 
 def diagnosis_lines(discrepancy: dict[str, Any]) -> list[str]:
@@ -76,6 +79,18 @@ def _parameters(causes: list[dict[str, Any]]) -> Table:
             low, high = entry["ci95"]
             unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
             table.add_row(_plain(found["cause"]), name, f"{entry['value']:.5g}{unit}", f"{low:.5g} to {high:.5g}")
+    return table
+
+
+def _valve(parameters: dict[str, Any]) -> Table:
+    """Return the valve's own parameters as they are with the cause in the model."""
+    table = Table(title="The valve with the cause in its model", title_justify="left")
+    table.add_column("parameter")
+    for heading in ("value", "95 % interval"):
+        table.add_column(heading, justify="right")
+    for symbol, entry in parameters.items():
+        low, high = entry["ci95"]
+        table.add_row(Text(f"{symbol} [{entry['unit']}]"), f"{entry['value']:.5g}", f"{low:.5g} to {high:.5g}")
     return table
 
 
