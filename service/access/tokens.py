@@ -21,6 +21,7 @@ from valve.errors import NotFoundError, RequestError
 PREFIX: Final = "breakaway_"  # so that a scanner of repositories and logs can find one
 TOKEN_ROLES: Final = (Role.VIEWER, Role.OPERATOR, Role.ENGINEER, Role.SCHEDULER)
 LONGEST: Final = timedelta(days=731)
+_ID: Final = re.compile(r"[0-9a-f]{8}")
 _FORM: Final = re.compile(rf"{PREFIX}[A-Za-z0-9_-]{{43}}")
 _NOTED_EVERY: Final = timedelta(minutes=1)
 
@@ -87,14 +88,17 @@ class Tokens:
 
     def get(self, token_id: str) -> Token:
         """Return one token. Raises NotFoundError."""
-        with self._engine.connect() as connection:
-            row = connection.execute(select(TOKENS).where(TOKENS.c.id == token_id)).one_or_none()
+        row = None
+        if _ID.fullmatch(token_id) is not None:
+            with self._engine.connect() as connection:
+                row = connection.execute(select(TOKENS).where(TOKENS.c.id == token_id)).one_or_none()
         if row is None:
             raise NotFoundError(f"token {token_id[:32]!r} is unknown: breakaway token list shows all")
         return _token(row)
 
     def revoke(self, token_id: str) -> Token:
         """End a token at once; one that has ended stays as it is. Raises NotFoundError."""
+        self.get(token_id)
         with self._engine.begin() as connection:
             connection.execute(
                 update(TOKENS)

@@ -83,16 +83,20 @@ class Users:
 
     def get(self, name: str) -> User:
         """Return one user. Raises NotFoundError."""
-        with self._engine.connect() as connection:
-            row = connection.execute(select(USERS).where(USERS.c.name == name)).one_or_none()
+        row = self._row(name)
         if row is None:
             raise NotFoundError(f"user {name[:64]!r} is unknown: breakaway user list shows all")
         return _user(row)
 
+    def _row(self, name: str) -> Row[Any] | None:
+        if NAME.fullmatch(name) is None:  # what no user can be called is never asked of a database
+            return None
+        with self._engine.connect() as connection:
+            return connection.execute(select(USERS).where(USERS.c.name == name)).one_or_none()
+
     def with_password(self, name: str, password: str) -> User | None:
         """Return the user whom name and password fit and who may sign in; None otherwise, after the same time."""
-        with self._engine.connect() as connection:
-            row = connection.execute(select(USERS).where(USERS.c.name == name)).one_or_none()
+        row = self._row(name)
         if not fits(None if row is None else row.password_hash, password) or row is None:
             return None
         return None if row.disabled_at is not None else _user(row)

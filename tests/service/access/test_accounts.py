@@ -12,6 +12,7 @@ from service.access.throttle import MOST_BY_ADDRESS, MOST_BY_BOTH, WINDOW_S, Thr
 from service.access.tokens import Tokens
 from service.access.users import Users
 from service.runs.requester import Requester, RequesterKind
+from service.store.database import open_database
 from service.store.schema_access import SESSIONS, TOKENS, USERS
 from tests.service.access.conftest import Clock
 from valve.errors import BusyError, NotFoundError, RequestError
@@ -64,8 +65,34 @@ def test_a_user_that_cannot_be_is_refused_with_the_remedy(
 def test_a_name_is_given_once_and_an_unknown_one_is_said_so(users: Users) -> None:
     with pytest.raises(BusyError, match="anna exists"):
         users.add("anna", Role.ADMIN, PASSWORD, by="root")
-    with pytest.raises(NotFoundError, match="otto"):
-        users.change("otto", disabled=True)
+    for name in ("otto", "a\0b", "\udc80", "Anna"):
+        with pytest.raises(NotFoundError):
+            users.change(name, disabled=True)
+        assert users.with_password(name, PASSWORD) is None
+
+
+def test_accounts_work_on_every_kind_of_store(database_url: str, clock: Clock) -> None:
+    engine = open_database(database_url)
+    users, sessions, tokens = Users(engine, clock), Sessions(engine, clock), Tokens(engine, clock)
+    anna = users.add("anna", Role.OPERATOR, PASSWORD, by="root")
+    with pytest.raises(BusyError):
+        users.add("anna", Role.ADMIN, PASSWORD, by="root")
+    for unknown in ("a\0b", "\udc80"):
+        assert users.with_password(unknown, PASSWORD) is None
+        with pytest.raises(NotFoundError):
+            tokens.revoke(unknown)
+    secret = sessions.begin(anna, "127.0.0.1").secret
+    clock.move(minutes=14)
+    assert sessions.principal(secret) is not None
+    clock.move(minutes=14)
+    assert sessions.principal(secret) is not None
+    users.change("anna", disabled=True)
+    assert sessions.principal(secret) is None
+    token, secret = tokens.create("cmms", Role.VIEWER, by="root", lasts=timedelta(days=1), valves=["FV-101"])
+    assert tokens.principal(secret)[0] is not None
+    assert tokens.revoke(token.id).revoked_at == clock()
+    assert tokens.principal(secret)[0] is None
+    engine.dispose()
 
 
 def test_neither_password_nor_secret_stands_in_the_database(users: Users, engine: Engine, clock: Clock) -> None:

@@ -18,7 +18,7 @@ from service.access.principal import Role
 from tests.service.access.signed_in import body_of, signed_in
 
 EXAMPLES = int(os.environ.get("BREAKAWAY_FUZZ_EXAMPLES", "0"))
-_BOUNDED = ["--max-examples", "5", "--generation-deterministic", "--phases", "examples,fuzzing"]
+_BOUNDED = ["--max-examples", "3", "--generation-deterministic", "--phases", "examples,fuzzing"]
 _LONG = ["--max-examples", str(EXAMPLES), "--generation-database", "none", "--phases", "examples,coverage,fuzzing"]
 _ADMIN = "^/(users|tokens)"
 
