@@ -30,7 +30,7 @@ TESTS: Final = 1000
 ASKED_S: Final = 0.2  # p99.9, without faults
 _TAG: Final = "FV-1"
 _SAFE_PA: Final = 12_345.0
-_AT_ONCE: Final = 8
+_AT_ONCE: Final = 4
 _LIMITS: Final = MotionLimits((0.0, 82_737.0), 200_000.0, 60.0)
 _WIRING: Final = ValveWiring(
     _TAG,
@@ -109,7 +109,7 @@ async def _stopped(plant: SimulatedPlant, mode: str, number: int, events: list[t
             stopped_s[0] = -1.0
             asyncio.get_running_loop().call_later(chance.uniform(0.0, 0.4), ask)
 
-    bus = Transport(TcpAddress("bus", "127.0.0.1", int(plant.addresses[0].rpartition(":")[2])))
+    bus = Transport(TcpAddress("bus", "127.0.0.1", int(plant.addresses[0].rpartition(":")[2]), timeout_s=5.0))
     await bus.open()
     events.clear()
     try:
