@@ -85,6 +85,11 @@ def _fill(engine: Engine, valves: int, nights: int) -> None:
         values = values.replace("'@'", f"'20260101T000000Z-' || {number}").replace("'#'", tag)
         with engine.begin() as connection:
             connection.exec_driver_sql(f"INSERT INTO tests ({_COLUMNS}) SELECT {values} FROM {series}")
+    _finish(engine)
+
+
+def _finish(engine: Engine) -> None:
+    """Write what the service itself keeps beside the tests: the state of each valve and its last analysis."""
     health = json.dumps(_ANALYSIS["health"])
     with engine.begin() as connection:
         connection.execute(
