@@ -75,7 +75,7 @@ def _summary(parts: Parts, tag: str, head: ValveHead | None) -> dict[str, Any]:
 @router.get("", dependencies=[needs(Right.VIEW)], response_model=ValveList)
 async def list_valves(
     parts: PartsOf,
-    limit: Annotated[int, Query(ge=1, le=5000)] = 500,
+    limit: Annotated[int, Query(ge=1, le=5000)] = 200,
     after: Annotated[
         str | None, Query(max_length=64, pattern=r"^[^\x00]*$", description="a tag: list what comes after it")
     ] = None,

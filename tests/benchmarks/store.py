@@ -117,7 +117,7 @@ async def _latencies(plant: Plant, requests: int, seed: int) -> dict[str, list[f
         async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1", timeout=60.0) as client:
             first = (await client.get("/tests", params={"limit": 200})).json()
             paths: dict[str, Callable[[], str]] = {
-                "GET /valves (500)": lambda: f"/valves?after={draw.choice(tags[: len(tags) // 2])}",
+                "GET /valves (200)": lambda: f"/valves?after={draw.choice(tags[: len(tags) // 2])}",
                 "GET /valves/{tag}": lambda: f"/valves/{draw.choice(tags)}",
                 "GET /tests (50)": lambda: "/tests",
                 "GET /tests?valve= (50)": lambda: f"/tests?valve={draw.choice(tags)}",
