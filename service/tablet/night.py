@@ -48,10 +48,13 @@ async def night_of(parts: Parts) -> tuple[Sequence[NightCheck], Sequence[NightSc
     return checks, schedules
 
 
-async def due_checks(parts: Parts) -> dict[str, datetime]:
-    """Return when each valve is checked next; valves without a schedule are left out."""
+def due_checks(parts: Parts) -> dict[str, datetime]:
+    """Return when each valve is due next; valves without a schedule are left out."""
+    now = wall_clock()
     due: dict[str, datetime] = {}
-    for check in (await night_of(parts))[0]:
-        if check.state == "planned":
-            due[check.valve] = min(check.due_at, due.get(check.valve, check.due_at))
+    for schedule in parts.plant.schedules:
+        coming = next_occurrence(schedule, now)
+        if coming is not None:
+            for tag in schedule.valves:
+                due[tag] = min(coming.due_at, due.get(tag, coming.due_at))
     return due

@@ -160,8 +160,8 @@ def recording_facts(run: Run) -> list[tuple[str, str]]:
     sampling: Mapping[str, Any] = summary.get("sampling") or {}
     noise_m = summary.get("position_noise_m")
     facts = [
-        ("Samples", None if not summary else f"{summary['samples']}, {summary['gaps']} missing"),
-        ("Taken", None if not summary else f"{summary['acquisition']}, {summary['duration_s']:.4g} s"),
+        ("Samples", f"{summary['samples']}, {summary.get('gaps', 0)} missing" if "samples" in summary else None),
+        ("Taken", f"{summary['acquisition']}, {summary['duration_s']:.4g} s" if "acquisition" in summary else None),
         ("Rate", None if not sampling else f"{sampling['rate_hz']:.4g} Hz, {sampling['missed_slots']} slots missed"),
         ("Position noise", None if noise_m is None else f"{1e6 * noise_m:.3g} µm rms"),
         ("Safe value read back", {True: "yes", False: "NO", None: "nothing moved"}[run.safe_confirmed]),

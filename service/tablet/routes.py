@@ -13,6 +13,7 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import RedirectResponse
 
 from service.parts import Parts, parts_of
+from service.runs.acknowledgement import needs_acknowledgement
 from service.runs.run import Run
 from service.shown_units import UnitSystem, quantity, shown_unit
 from service.tablet.history import ValvePast, past_of
@@ -29,9 +30,9 @@ from service.tablet.results import (
     parameter_rows,
     recording_facts,
 )
-from service.tablet.valve_rows import valve_rows, with_friction
+from service.tablet.valve_rows import valve_conditions, valve_rows
 from service.tablet.visitor import Visitor, sign_in_address, visitor_of
-from service.tablet.words import NE107, STATES, condition_of, needs_acknowledgement
+from service.tablet.words import NE107, STATES, condition_of
 from valve.errors import NotFoundError, ValveError
 
 router = APIRouter(include_in_schema=False)
@@ -69,14 +70,14 @@ async def valves_page(
     number: Annotated[int, Query(alias="page", ge=1, le=10_000)] = 1,
 ) -> Response:
     """Show the valves, worst first."""
-    rows = await asyncio.to_thread(valve_rows, parts, await due_checks(parts))
-    counts = Counter(row.condition.words for row in rows)
-    wanted = [row for row in rows if find.strip().lower() in row.tag.lower()]
+    conditions = await asyncio.to_thread(valve_conditions, parts)
+    counts = Counter(condition.words for condition in conditions.values())
+    wanted = [tag for tag in conditions if find.strip().lower() in tag.lower()]
     pages = max(1, -(-len(wanted) // _ROWS))
     number = min(number, pages)
     shown = wanted[(number - 1) * _ROWS : number * _ROWS]
     values = {
-        "rows": await asyncio.to_thread(with_friction, parts, shown),
+        "rows": await asyncio.to_thread(valve_rows, parts, shown, due_checks(parts)),
         "counts": ", ".join(f"{count} {words.lower()}" for words, count in counts.items()),
         "find": find,
         "number": number,
@@ -128,7 +129,7 @@ async def valve_page(request: Request, tag: str, parts: PartsOf, visitor: Visito
         valve = parts.runs.valve(tag)
     except NotFoundError as error:
         return _missing(request, visitor, error)
-    system, due = units_of(request), await due_checks(parts)
+    system, due = units_of(request), due_checks(parts)
     past = await asyncio.to_thread(past_of, parts.store, tag)
     last = parts.runs.as_it_stands(past.newest[0]) if past.newest else None
     latest = past.completed[0] if past.completed else None
@@ -136,7 +137,9 @@ async def valve_page(request: Request, tag: str, parts: PartsOf, visitor: Visito
     values = {
         "tag": tag,
         "busy_with": parts.runs.user_of(tag),
-        "condition_now": condition_of(last, health.get("ne107"), is_busy=parts.runs.user_of(tag) is not None),
+        "condition_now": condition_of(
+            last, health.get("ne107"), is_busy=parts.runs.user_of(tag) is not None, is_tested=last is not None
+        ),
         "unacknowledged": last if last is not None and needs_acknowledgement(last) else None,
         "reasons": health.get("reasons") or () if health.get("ne107") else (),
         "latest": latest,

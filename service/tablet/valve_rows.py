@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from service.parts import Parts
 from service.runs.run import Run
+from service.store.conditions import valve_standings
 from service.store.run_table import ValveHead
 from service.tablet.words import STATES, Condition, condition_of
 
@@ -31,15 +32,25 @@ class ValveRow:
     next_check: datetime | None
 
 
-def valve_rows(parts: Parts, due: Mapping[str, datetime]) -> list[ValveRow]:
-    """Return a row a valve, worst first, then by tag; reads the database, so callers use a thread."""
-    heads = parts.store.runs.valve_heads()
-    rows = [_row(parts, tag, heads.get(tag), due.get(tag)) for tag in parts.plant.valves]
-    return sorted(rows, key=lambda row: (row.condition.rank, row.tag))
+def valve_conditions(parts: Parts) -> dict[str, Condition]:
+    """Return how each valve stands, worst first, then by tag; reads the database, so callers use a thread."""
+    standings = valve_standings(parts.store.engine)
+    doubtful = [tag for tag, one in standings.items() if one.may_be_bad and tag in parts.plant.valves]
+    heads = parts.store.runs.valve_heads(doubtful) if doubtful else {}
+    conditions = {}
+    for tag in parts.plant.valves:
+        standing = standings.get(tag)
+        ne107 = None if standing is None else standing.ne107
+        is_busy = parts.runs.user_of(tag) is not None
+        last = heads[tag].last if tag in heads else None
+        conditions[tag] = condition_of(last, ne107, is_busy=is_busy, is_tested=standing is not None)
+    return dict(sorted(conditions.items(), key=lambda item: (item[1].rank, item[0])))
 
 
-def with_friction(parts: Parts, rows: Sequence[ValveRow]) -> list[ValveRow]:
-    """Return rows with the friction of the last completed test, where no comparison of the health gave it."""
+def valve_rows(parts: Parts, tags: Sequence[str], due: Mapping[str, datetime]) -> list[ValveRow]:
+    """Return a row a valve, in this order; reads the database, so callers use a thread."""
+    heads = parts.store.runs.valve_heads(tags)
+    rows = [_row(parts, tag, heads.get(tag), due.get(tag)) for tag in tags]
     return [
         row if row.friction_n is not None else replace(row, friction_n=_measured_friction(parts, row.tag))
         for row in rows
@@ -56,7 +67,7 @@ def _row(parts: Parts, tag: str, head: ValveHead | None, due: datetime | None) -
     last = None if head is None else parts.runs.as_it_stands(head.last)
     health: Mapping[str, Any] = (None if head is None else head.health) or {}
     busy_with = parts.runs.user_of(tag)
-    condition = condition_of(last, health.get("ne107"), is_busy=busy_with is not None)
+    condition = condition_of(last, health.get("ne107"), is_busy=busy_with is not None, is_tested=last is not None)
     friction = _friction_change(health)
     arrow, trend = _ARROWS[friction_trend(friction)]
     return ValveRow(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+from service.runs.acknowledgement import needs_acknowledgement
 from service.runs.run import Run, RunState
 
 
@@ -72,21 +73,15 @@ FIGURES: Final = (
 )
 
 
-def needs_acknowledgement(run: Run) -> bool:
-    """Whether the run ended so that somebody must say that he looked at the valve."""
-    if run.acknowledged_at is not None or not run.state.finished:
-        return False
-    moved = run.started_at is not None and run.motion_ended_at is not None
-    bad = run.state is RunState.INTERRUPTED or (run.state is RunState.FAILED and moved)
-    return run.safe_confirmed is False or bad
+def condition_of(last: Run | None, ne107: str | None, *, is_busy: bool, is_tested: bool) -> Condition:
+    """Return how a valve stands, the worst first: an unconfirmed end, a bad end, NE 107, nothing known.
 
-
-def condition_of(last: Run | None, ne107: str | None, *, is_busy: bool) -> Condition:
-    """Return how a valve stands, the worst first: an unconfirmed end, a bad end, NE 107, nothing known."""
+    ``last`` is its last test, or None where that cannot have ended badly.
+    """
     if last is not None and needs_acknowledgement(last):
         return ALARM if last.safe_confirmed is False else BAD_END
     if is_busy:
         return UNDER_TEST
     if ne107 in NE107:
         return NE107[ne107]
-    return NEVER_TESTED if last is None else NOT_ASSESSED
+    return NOT_ASSESSED if is_tested else NEVER_TESTED

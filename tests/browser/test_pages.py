@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from urllib.parse import urlsplit
 
 import httpx
 import pytest
 
+from tests.browser.conftest import store_test
 from tests.browser.gateway import Gateway
 from tests.service.wired_plant import TAG
 
@@ -87,3 +89,12 @@ def test_a_tag_or_a_reason_never_becomes_markup(service: Gateway) -> None:
     answer = service.client.get("/", params={"find": "<script>alert(1)</script>"})
     assert "<script>alert" not in answer.text
     assert "&lt;script&gt;alert" in answer.text
+
+
+def test_an_analysis_of_another_version_is_shown_as_far_as_it_goes(service: Gateway) -> None:
+    old = {"schema": "breakaway/analysis/0", "recording": {"samples": 7}, "estimates": [], "health": {"reasons": []}}
+    run = store_test(service, 40.0, 0.0)
+    service.parts.store.runs.save(replace(run, analysis=old))
+    assert "Causes were not looked for" in service.client.get(f"/ui/tests/{run.id}").text
+    assert service.client.get(f"/ui/figures/tests/{run.id}/loop.svg").status_code == 404
+    assert service.client.get(f"/ui/valves/{TAG}").status_code == 200

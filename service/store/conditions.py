@@ -1,0 +1,35 @@
+"""How every valve of a large plant stands, by one light query: what the list is sorted by before a page is read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sqlalchemy import Engine, select
+
+from service.runs.run import RunState
+from service.store.schema import TESTS
+from service.store.schema_nightly import VALVE_STATES
+
+
+@dataclass(frozen=True, slots=True)
+class ValveStanding:
+    """The state of a valve's last test and the NE 107 state that its last completed one found."""
+
+    state: RunState
+    safe_confirmed: bool | None
+    ne107: str | None
+
+    @property
+    def may_be_bad(self) -> bool:
+        """Whether the last test may stand as an alarm: then the whole of it must be looked at."""
+        return self.safe_confirmed is False or self.state in (RunState.FAILED, RunState.INTERRUPTED)
+
+
+def valve_standings(engine: Engine) -> dict[str, ValveStanding]:
+    """Return how each valve that was ever tested stands; blocks."""
+    query = select(
+        VALVE_STATES.c.valve, TESTS.c.state, TESTS.c.safe_confirmed, VALVE_STATES.c.health["ne107"].as_string()
+    ).join_from(VALVE_STATES, TESTS, TESTS.c.number == VALVE_STATES.c.last_number)
+    with engine.connect() as connection:
+        rows = connection.execute(query).all()
+    return {valve: ValveStanding(RunState(state), safe, ne107) for valve, state, safe, ne107 in rows}
