@@ -724,7 +724,10 @@ def follow_extended(
                 if left > most:
                     # even parts: no sliver is left at the end
                     left /= math.ceil(left / most - 1.0e-6)
-                if mode == SLIP and not linear:
+                if left <= 0.0 and mode == SLIP and not linear:
+                    # a step at the very end: only what the stem is in is told anew
+                    dwell, ended, x_next, v_next = 0.0, False, x, v
+                elif mode == SLIP and not linear:
                     dwell, ended, x_next, v_next, carried, net, more = loaded_slip(
                         q, curves, s, x, v, t, force, slope, left, rate, edge, low, high,
                         net, coulomb, highest, viscous, carried, response,

@@ -274,3 +274,12 @@ def test_a_heavily_damped_stem_that_shakes_is_followed_to_the_end() -> None:
             ExtendedValve(chosen.parameters, vibration=shaking), [0.0, 5.0, 7.5, 8.0, 10.0], course_n, [0.0, 10.0]
         )
         assert np.isfinite(motion.position_m).all()
+
+
+def test_a_step_at_the_very_end_of_a_slip_leaves_the_stem_where_it_is() -> None:
+    chosen = parameter_set("vendor").parameters
+    valve = ExtendedValve(chosen, spring=SpringSlots(hardening_n_per_m2=4000.0))
+    moving = ExtendedState(StemState(0.001, 0.01, Mode.SLIP), never_moved=False)
+    motion = ExtendedStem(valve).motion(moving, np.zeros(2), np.array([100.0, 120.0]), np.zeros(1))
+    assert motion.position_m.tolist() == [0.001]
+    assert motion.final_state.stem.velocity_m_per_s == 0.01
