@@ -15,7 +15,7 @@ from estimators.likelihood.exact_lines import exact_corners
 from estimators.likelihood.lagged_lines import lagged_lines
 from estimators.likelihood.nuisance import Nuisance
 from estimators.likelihood.pieces import Joint, Pieces, fit_pieces
-from estimators.samples import FloatArray, IntArray, position_noise
+from estimators.samples import FloatArray, IntArray, position_noise, resolution
 from valve.recording import Acquisition, Recording
 
 Corners = tuple[FloatArray, FloatArray]
@@ -29,6 +29,7 @@ _CHORD_ERROR: Final = 2.0e-7  # of the span, or a tenth of a curve's own error
 _MOST_CHORDS: Final = 2000
 _ROUNDING: Final = float(np.finfo(np.float64).eps)
 _ROWS_A_STEP: Final = 40  # more steps than one in as many rows are a converter's and not the test's
+_FEWEST_GRID_CORNERS: Final = 100
 _MOST_VARIATIONS: Final = 100
 _NO_CHANGE: Final = 1.2  # times the noise: a channel that scatters so little about its mean stands still
 _DELAY_PERIODS: Final = 5.0
@@ -216,7 +217,11 @@ def find_stretches(
     cuts = np.unique(np.searchsorted(rows, jumps, side="right"))
     edges = [0, *(int(cut) for cut in cuts if 0 < cut < rows.size), int(rows.size)]
     known = [_exact(time_s[i:j], value[i:j], float(np.ptp(value)), rows_a_step) for i, j in pairwise(edges)]
+    step_n = resolution(np.sort(value))
+    known = [None if part is not None and _follows_grid(part, value.size, step_n) else part for part in known]
     noise_n = 0.0 if all(part is not None for part in known) else position_noise(time_s, value, run_first)
+    if noise_n > 0.0:
+        noise_n = max(noise_n, step_n / math.sqrt(12.0))
     if float(np.std(value)) <= _NO_CHANGE * noise_n or np.ptp(value) == 0.0:
         return Outcome.NO_FORCE_CHANGE
     span_n = float(np.ptp(value))
@@ -231,6 +236,19 @@ def find_stretches(
     ]
     breaks_s = np.array([(one.last_s, two.first_s) for one, two in pairwise(stretches)]).reshape(-1, 2)
     return tuple(stretches), breaks_s, noise_n
+
+
+def _follows_grid(corners: Corners, rows: int, step_n: float) -> bool:
+    """Whether these lines are those of a converter's rounding: many short ones, which meet within about a step.
+
+    Over the rows of a ramp the rounding averages out.
+    """
+    time_s, value = corners
+    if step_n == 0.0 or not _FEWEST_GRID_CORNERS < time_s.size < rows:
+        return False
+    share = (time_s[1:-1] - time_s[:-2]) / (time_s[2:] - time_s[:-2])
+    bend_n = np.abs(value[1:-1] - value[:-2] - share * (value[2:] - value[:-2]))
+    return float(np.median(bend_n)) < 1.01 * step_n
 
 
 def delay_prior_s(recording: Recording) -> float:

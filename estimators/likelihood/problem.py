@@ -11,13 +11,14 @@ import numpy as np
 
 from estimators.likelihood.coordinates import Coordinate, Coordinates, linear, logarithmic
 from estimators.likelihood.input_path import CommandedPath, InputPath
+from estimators.likelihood.level_kernel import level_runs
 from estimators.likelihood.model import Restarts, StemModel
 from estimators.likelihood.nuisance import Nuisance
 from estimators.likelihood.row_timing import position_doubts_m
 from estimators.likelihood.search import measured_rests
 from estimators.likelihood.start import Trial, first_guesses, resting_rows, trials
 from estimators.recorded_motion import RecordedMotion
-from estimators.samples import FloatArray, IntArray
+from estimators.samples import FloatArray, IntArray, Samples
 
 # Own choices. Noise of a position that is computed and not measured, as a share of its range.
 _NO_NOISE: Final = 1.0e-9
@@ -34,7 +35,13 @@ _FASTEST: Final = 0.9  # quantile of the speeds in motion
 _MASSES_KG: Final = (1.0e-2, 1.0e3)
 _LARGEST_STICTION: Final = 100.0  # F_s/F_c - 1
 _STAIRCASE: Final = 6  # breakaways from which on jumps tell more than the balance of all motion
-_HELD_SHARE: Final = 0.5  # of the samples equal to the one before: the sensor's steps are seen, and no noise on them
+_MOSTLY_STEPS: Final = 0.85
+_KEPT: Final = 0.95
+_KEPT_VARIANCE: Final = 0.759  # of a normal number that is among the 95 % nearest to its mean
+_MOST_ROUNDED: Final = 1.5
+_TRIFLE: Final = 1.0e-6  # of the noise's square: even a rest of a minute at 1 kHz does not show it
+_AT_REST_ROWS: Final = 10
+_WITHIN_STEPS: Final = 0.75  # of the grid, from the mean of a run: one value and its neighbours now and then
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +68,7 @@ def pose(motion: RecordedMotion, path: InputPath) -> Problem | None:
     if jumps:
         guesses = jumping
     range_m, range_n = float(np.ptp(samples.position_m)), float(np.ptp(samples.force_n))
-    noise_m = max(_noise(motion), _NO_NOISE * range_m)
+    noise_m = max(_rounded_noise(samples, _noise(motion)), _NO_NOISE * range_m)
     moving = np.zeros(samples.count, dtype=np.bool_)
     for stretch in phases.stretches:
         moving[stretch.rows] = True
@@ -85,7 +92,7 @@ def pose(motion: RecordedMotion, path: InputPath) -> Problem | None:
     model = StemModel(
         time_s=samples.time_s,
         position_m=samples.position_m,
-        weight=_independent_share(samples.position_m, samples.position_noise_m) / _errors_m(motion, noise_m),
+        weight=_independent_share(samples, noise_m) / _errors_m(motion, noise_m),
         path=path,
         coordinates=coordinates,
         section_row=section_row,
@@ -171,7 +178,25 @@ def _noise(motion: RecordedMotion) -> float:
     middle = int(np.searchsorted(np.cumsum(np.array(rows)[order]), 0.5 * sum(rows)))
     at_rest_m = found_m[int(order[middle])]
     surely_less = 0.0 < at_rest_m < _SURELY_LESS * samples.position_noise_m
-    return max(at_rest_m, resolution_noise(samples.position_m)) if surely_less else samples.position_noise_m
+    least_m = max(resolution_noise(samples.position_m), samples.position_step_m / math.sqrt(12.0))
+    return max(at_rest_m, least_m) if surely_less else samples.position_noise_m
+
+
+def _rounded_noise(samples: Samples, noise_m: float) -> float:
+    """Noise of a position whose steps hide it, m, with these: by the trimmed mean of the squared 4th differences.
+
+    On a coarse grid the median of the differences is one of a few numbers.
+    """
+    steps_m = samples.position_step_m / math.sqrt(12.0)
+    if steps_m < _MOSTLY_STEPS * noise_m or samples.position_noise_m == 0.0:
+        return noise_m
+    inside = samples.run_first[4:] == samples.run_first[:-4]
+    fourth = np.sort(np.abs(np.diff(samples.position_m, 4))[inside]) / math.sqrt(70.0)
+    kept = fourth[: int(_KEPT * fourth.size)]
+    if kept.size == 0:
+        return noise_m
+    trimmed_m = math.sqrt(float(kept @ kept) / kept.size / _KEPT_VARIANCE)
+    return min(max(noise_m, trimmed_m), _MOST_ROUNDED * steps_m)
 
 
 def _errors_m(motion: RecordedMotion, noise_m: float) -> FloatArray:
@@ -190,14 +215,28 @@ def resolution_noise(position_m: FloatArray) -> float:
     return float(change_m.min()) / math.sqrt(12.0) if is_stepped else 0.0
 
 
-def _independent_share(position_m: FloatArray, noise_m: float) -> FloatArray:
-    """Weight of each row, shape (n,): 1, or 1/sqrt(n) in each run of n equal samples of a sensor without noise.
+def _independent_share(samples: Samples, noise_m: float) -> FloatArray:
+    """Weight of each row, shape (n,), as a share of that of a row whose error is its own.
 
-    A stem at rest on one step of the sensor repeats one error: the run counts as one sample.
+    Rounding to a step q repeats its error b while the stem stays within the step: n such rows tell of its level
+    n / (1 + (n - 1) b^2/noise^2) times what one does, and so do all rests within one step. Noise s before the rounding
+    makes it independent: b^2 is q^2/12 exp(-(2 pi s/q)^2), the first harmonic of the rounded noise's mean.
     """
-    held = np.diff(position_m) == 0.0
-    if noise_m == 0.0 or np.count_nonzero(held) < _HELD_SHARE * position_m.size:
-        return np.ones(position_m.size)
-    edges = np.flatnonzero(~held) + 1
-    lengths = np.diff(np.concatenate([[0], edges, [position_m.size]]))
-    return np.asarray(1.0 / np.sqrt(np.repeat(lengths, lengths)))
+    step_m = samples.position_step_m
+    if samples.position_noise_m == 0.0 or step_m == 0.0:
+        return np.ones(samples.count)
+    rounding = step_m**2 / 12.0
+    shaken = max(noise_m**2 - rounding, 0.0)
+    repeated = min(rounding * math.exp(-((2.0 * math.pi) ** 2) * shaken / step_m**2) / noise_m**2, 1.0)
+    share = np.ones(samples.count)
+    if repeated < _TRIFLE:
+        return share
+    runs = level_runs(samples.position_m, samples.run_last, _WITHIN_STEPS * step_m, 2)
+    lengths = runs[:, 1] - runs[:, 0] + 1
+    step_of = np.rint(np.array([float(np.median(samples.position_m[i : j + 1])) for i, j in runs]) / step_m)
+    # a stem that comes to rest at the same place in each cycle meets the same error there
+    steps, group = np.unique(step_of, return_inverse=True)
+    alike = np.bincount(group, weights=lengths, minlength=steps.size)[group]
+    for (first, last), rows in zip(runs, np.where(lengths >= _AT_REST_ROWS, alike, lengths), strict=True):
+        share[first : last + 1] = 1.0 / math.sqrt(1.0 + (float(rows) - 1.0) * repeated)
+    return share
