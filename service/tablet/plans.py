@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -51,6 +51,15 @@ def plans_of(valve: PlantValve, store: Store) -> list[Plan]:
     else:
         plans.insert(0, _plan(valve, SEPARATING, wish.sequence, wish.overrides, is_default=False))
     return sorted(plans, key=lambda plan: (bool(plan.problem), not plan.is_default))
+
+
+def approved_plans(plans: list[Plan], approved: Collection[str] | None) -> list[Plan]:
+    """Return the plans, with those that only an engineer may run marked as impossible and last."""
+    if approved is None:
+        return plans
+    why = "not approved for you, ask an engineer"
+    marked = [plan if plan.problem or plan.name in approved else replace(plan, problem=why, line="") for plan in plans]
+    return sorted(marked, key=lambda plan: bool(plan.problem))
 
 
 def waveform_of(valve: PlantValve, run: Run, store: Store) -> Waveform:

@@ -18,7 +18,7 @@ from service.runs.run import Run
 from service.shown_units import UnitSystem, quantity, shown_unit
 from service.tablet.history import ValvePast, past_of
 from service.tablet.night import due_checks, night_of
-from service.tablet.plans import AROUND_S, planned_line, plans_of, waveform_of
+from service.tablet.plans import AROUND_S, approved_plans, planned_line, plans_of, waveform_of
 from service.tablet.rendering import page, units_of
 from service.tablet.results import (
     diagnosis_of,
@@ -110,11 +110,12 @@ async def start_page(request: Request, tag: str, parts: PartsOf, visitor: Visito
     except NotFoundError as error:
         return _missing(request, visitor, error)
     system = units_of(request)
+    approved = None if visitor.may_configure else parts.plant.service.access.approved_sequences
     values = {
         "tag": tag,
         "busy_with": parts.runs.user_of(tag),
         "travel_m": valve.nameplate.actuator.travel_m,
-        "plans": await asyncio.to_thread(plans_of, valve, parts.store),
+        "plans": approved_plans(await asyncio.to_thread(plans_of, valve, parts.store), approved),
         "wanted": request.query_params.get("sequence"),
         "around_s": AROUND_S,
         "safe_words": _safe_words(valve.wiring.safe_value_pa, system),
@@ -265,6 +266,7 @@ def _result(request: Request, run: Run, past: ValvePast) -> dict[str, Any]:
         "has_pictures": bool(pictures.get("time")),
         "has_coordinates": bool(pictures.get("coordinates")),
         "has_values": has_values(analysis),
+        "has_model": bool((analysis.get("discrepancy") or {}).get("extended_model")),
         "has_loop": bool((analysis.get("signature") or {}).get("curve")),
         "figure_rows": figure_rows(analysis, baseline),
         "parameter_rows": parameter_rows(analysis),

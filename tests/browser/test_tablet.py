@@ -243,6 +243,14 @@ def test_a_bad_end_stands_as_an_alarm_until_somebody_has_looked(service: Gateway
     assert "the wire was loose" in browser.text("#main")
 
 
+def test_an_engineer_accepts_the_model_that_a_diagnosis_found(service: Gateway, browser: Tablet) -> None:
+    run = store_test(service, 0.0, 700.0)
+    browser.open(f"{service.url}/ui/tests/{run.id}")
+    browser.press("#accept button")
+    browser.until_reads("#accept-words", "Accepted")
+    assert service.client.get(f"/valves/{TAG}/model").json()["test"] == run.id
+
+
 CONTRASTS = """
 const parse = (text) => { const n = text.match(/[\\d.]+/g).map(Number); return n.length < 4 ? [...n, 1] : n; };
 const light = (c) => { const v = c / 255; return v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4; };

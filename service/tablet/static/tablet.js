@@ -151,6 +151,15 @@ $("acknowledge")?.addEventListener("submit", async (event) => {
   } catch { lost(); }
 });
 
+$("accept")?.addEventListener("submit", async (event) => {
+  event.preventDefault();
+  const form = event.currentTarget;
+  try {
+    const answer = await ask("POST", `/valves/${encodeURIComponent(form.dataset.valve)}/model`, { body: { test: form.dataset.test } });
+    $("accept-words").textContent = answer.ok ? "Accepted: it is how this valve is from now on." : refusal(answer);
+  } catch { lost(); }
+});
+
 // ---- permissives ---------------------------------------------------------------------------------------------
 let mayStart = null;
 
