@@ -19,12 +19,17 @@ _SILENCE_S: Final = 1.0  # without any answer, after more than one failure
 _BLIND_S: Final = 1.0  # without a valid position
 _BEYOND: Final = 2  # samples in a row beyond a limit; a single one may be a spike
 _FOLLOWING_S: Final = 0.5  # a PLC's scan and its output card
+_PROMPT: Final = 5  # changed commands in a row that were there at the next look: this output has no lag
 _PRESSURE_SLACK: Final = 0.05  # of the limits' span: an I/P overshoots and a sensor is not exact
 _DURATION_SLACK_S: Final = 5.0
 
 
 class AbortRules:
-    """Watches one test; ``fault`` tells the first rule that was broken."""
+    """Watches one test; ``fault`` tells the first rule that was broken.
+
+    ``believed`` is whether the output of the last sample was asked for here: whatever moves the stem where it was not,
+    it is not what would be recorded.
+    """
 
     def __init__(self, device: ValveDevice, limits: MotionLimits, longest_s: float, period_s: float) -> None:
         self._device = device
@@ -35,6 +40,7 @@ class AbortRules:
         self._commands: deque[tuple[float, float]] = deque()
         self._stem = StemRules(device.wiring)
         self._watch: PermissiveWatch | None = None
+        self.believed = True
         self.begin()
 
     def begin(
@@ -50,6 +56,7 @@ class AbortRules:
             self.commanded(entry.output_pa)
         self._started_s = self._seen_s = self._followed_s = self._answered_s = time.monotonic()
         self._failures = self._beyond = 0
+        self._prompt, self._judged_pa = _PROMPT, math.nan  # until it shows a lag: that costs one gap
 
     def commanded(self, pressure_pa: float) -> None:
         """Note what was asked for, Pa."""
@@ -104,13 +111,17 @@ class AbortRules:
             return None
         return DeviceError(f"{self._device.tag}: {broken}: check the valve and its limits")
 
-    def follows(self, sample: Sample) -> bool:
-        """Whether a sample shows an output that was asked for lately: any other was asked for by nobody here."""
-        if not self._commands:
-            return True
+    def _is_asked_for(self, sample: Sample) -> bool:
+        """Whether an output is one that was asked for lately; from a device that follows at once, the newest."""
+        slack_pa, newest_pa = self._device.tolerance_pa, self._commands[-1][1]
         lately = [pressure_pa for _, pressure_pa in self._commands]
-        slack_pa = self._device.tolerance_pa
-        return min(lately) - slack_pa <= sample.output_pa <= max(lately) + slack_pa
+        at_once = abs(sample.output_pa - newest_pa) <= slack_pa
+        asked_for = min(lately) - slack_pa <= sample.output_pa <= max(lately) + slack_pa
+        believed = at_once or (asked_for and self._prompt < _PROMPT)
+        if not abs(newest_pa - self._judged_pa) <= slack_pa:  # only a command that changed shows how prompt a device is
+            self._prompt = min(self._prompt + 1, 2 * _PROMPT) if at_once else max(0, self._prompt - 2)
+            self._judged_pa = newest_pa
+        return believed
 
     def _forget_what_is_over(self, sample: Sample) -> None:
         """Drop commands before the one that the output shows: it never goes back to them, but by a late write."""
@@ -124,9 +135,11 @@ class AbortRules:
         """Compare with everything that was commanded lately: an output may lag and may not differ."""
         while len(self._commands) > 1 and self._commands[1][0] < sample.sent_s - _FOLLOWING_S:
             self._commands.popleft()
+        self.believed = True
         if not self._commands:
             return None
-        if self.follows(sample):
+        self.believed = self._is_asked_for(sample)
+        if self.believed:
             self._followed_s = now_s
             self._forget_what_is_over(sample)
             return None

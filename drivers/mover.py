@@ -72,8 +72,7 @@ class Mover:
         fault = self.rules.fault(sample) or gone
         if fault is not None:
             raise fault
-        # An output that nobody here asked for: whatever moves the stem then, it is not what would be recorded.
-        return sample if sample is None or self.rules.follows(sample) else None
+        return sample if self.rules.believed else None
 
     async def ramp_to(self, target_pa: float) -> None:
         """Go from where the output is to ``target_pa`` at no more than the allowed rate, and see it there."""

@@ -9,9 +9,9 @@ from typing import Any, Final
 import structlog
 
 from service.runs.run import Run, RunState, checked_run_id
-from service.store.journal import read_header, recording_from_journal
+from service.store.journal import read_header, read_journal, recording_from_journal
 from service.store.store import Store
-from valve.errors import ValveError
+from valve.errors import RecordingError, ValveError
 
 _LOG = structlog.get_logger(__name__)
 UNFINISHED: Final = (RunState.QUEUED, RunState.RUNNING, RunState.ANALYZING)
@@ -54,8 +54,14 @@ def _kept_journal(store: Store, run: Run) -> dict[str, Any]:
     """Turn a run's journal into its recording, where it has none; return what that changes in the run."""
     changes: dict[str, Any] = {}
     journal = store.journal_path(run.id)
-    if run.recording_file is None and (recording := recording_from_journal(journal)) is not None:
+    if run.recording_file is not None:
+        return changes
+    recording = recording_from_journal(journal)
+    if recording is not None:
         changes["recording_file"], changes["recording_sha256"] = store.write_recording(run.id, recording)
+    elif (samples := len(read_journal(journal)[1])) > 0:
+        # Somebody may have seen them: what was shown is never thrown away.
+        raise RecordingError(f"its samples ({samples}) are too few for one")
     return changes
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import pyarrow.parquet as pq
 
 from drivers.maps.reference import FULL_SCALE, MISSING_SAMPLE, WINDOW_ADDRESS, WINDOW_SAMPLES, WINDOW_WORDS
 from service.store.journal import read_journal
@@ -77,15 +76,24 @@ def judge(station: Station, told: list[dict[str, Any]], *, safe: bool) -> Verdic
     if accepted:
         path = store / "recordings" / f"{accepted[0]['id']}.parquet"
         if path.exists():
-            kept = {round(time_s, 6) for time_s in pq.read_table(path)["time_s"].to_pylist()}
             with contextlib.suppress(RecordingError):  # nothing but gaps
                 recording = read_recording(path)
+                kept = set(recording.time_s.tolist())
         journal = store / "journals" / f"{accepted[0]['id']}.journal"
         if journal.exists():  # too little for a recording: it stays as it is
-            kept |= {round(time_s, 6) for time_s in read_journal(journal)[1][:, 0].tolist()}
+            kept |= set(read_journal(journal)[1][:, 0].tolist())
     if station.mode == "polled":
-        seen = [time_s for line in told if line["kind"] == "samples" for time_s in line["time_s"]]
-        verdict.lost_samples = sum(round(time_s, 6) not in kept for time_s in seen)
+        blocks = [line for line in told if line["kind"] == "samples"]
+        seen = [
+            time_s
+            for block in blocks
+            for time_s, position_m in zip(block["time_s"], block["position_m"], strict=True)
+            if position_m is not None  # a gap is no sample
+        ]
+        lost = [time_s for time_s in seen if not any(abs(time_s - one) < 2.0e-6 for one in kept)]
+        verdict.lost_samples = len(lost)
+        if lost:
+            verdict.detail += f"; lost {lost}, kept {sorted(kept)}"
     if recording is not None:
         _judge_values(verdict, station, told, recording)
     return verdict
