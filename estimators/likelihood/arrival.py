@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from estimators.likelihood.budget import Budget
 from estimators.likelihood.descent import descend
 from estimators.likelihood.search import EXACT, Found
 from estimators.samples import FloatArray
@@ -42,7 +43,8 @@ def arrived(found: Found) -> tuple[Found, bool]:
     """Return the fit, led further where it had not arrived, and whether it is at the bottom now."""
     if found.certificate.ratio < EXACT or left_to_gain(found) < _LARGEST_GAIN:
         return found, True
-    further = descend(found.model, found.point, most_steps=_FURTHER_STEPS)
+    most = Budget.of(found.model).most_at_once(found.model, 1.0)
+    further = descend(found.model, found.point, most_steps=_FURTHER_STEPS, most_simulations=most)
     if further.cost < found.cost:
         simulations = found.simulations + further.simulations
         found = replace(found, point=further.point, cost=further.cost, simulations=simulations)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -33,10 +34,12 @@ def descend(
     held: tuple[str, ...] = (),
     arrived: float = _ARRIVED,
     one_sided: bool = False,
+    most_simulations: float = math.inf,
 ) -> Descent:
     """Return the lowest point reached from ``start`` (p,) within ``most_steps`` evaluations of the derivatives.
 
-    It has arrived where a step gains less than ``arrived`` of the cost. One-sided differences cost half as much.
+    It has arrived where a step gains less than ``arrived`` of the cost. One-sided differences cost half as much. It
+    ends soon after ``most_simulations``.
     """
     names = model.coordinates.names
     moving = [number for number, name in enumerate(names) if name not in held]
@@ -51,6 +54,8 @@ def descend(
     cost = float(residual @ residual) + model.prior_cost(point)
     damping, growth = 1.0e-3, 2.0
     for _ in range(most_steps):
+        if simulations > most_simulations:
+            break
         slopes = model.slopes(point, moving, one_sided=one_sided)
         simulations += (1 if one_sided else 2) * len(moving) + 1
         if slopes is None:
@@ -58,7 +63,7 @@ def descend(
         normal = slopes @ slopes.T + np.diag(weight)
         pull = slopes @ residual - weight * (point - prior)
         accepted = False
-        while damping < _MOST_DAMPING:
+        while damping < _MOST_DAMPING and simulations <= most_simulations:
             step = _bounded_step(normal, pull, damping, (moving, point, lower, upper, longest))
             trial = np.clip(point + step, lower, upper)
             step = trial - point

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from typing import Final
@@ -11,6 +12,7 @@ import numpy as np
 
 from estimators.base import NORMAL_95
 from estimators.identifiability import Knowledge, knowledge
+from estimators.likelihood.budget import Budget
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.descent import descend
 from estimators.likelihood.model import STEP, StemModel
@@ -22,8 +24,9 @@ _PIECES: Final = (1, 4, 16, 64, 256, 1024)
 _FEWEST_PIECES: Final = 20
 _FAINT: Final = 0.1  # of a standard deviation that a unit of a coordinate moves all samples together
 _LARGER_STEP: Final = 1.0e-3
-_NEAR_KINK: Final = 0.01
 _FOLLOWING_STEPS: Final = 10
+_OTHER_STICTION: Final = ((0.25, 0.0), (0.7, 0.0), (1.0, 0.05), (1.0, 0.4))  # factors of F_s/F_c - 1, and added to it
+_FEW_INPUTS: Final = 6  # errors of the input that follow too
 CHECKED: Final = ("m", "F_v", "F_c", "F_s", "DV")
 _WITHIN_95: Final = 3.84
 _WITHIN_SILLS: Final = 9.0
@@ -99,16 +102,25 @@ def flat_errors(model: StemModel, point: FloatArray, *, noise_factor: float, jum
     that ``jumps`` the valley has sills, so that more is believed possible.
     """
     small = compressed(model)
-    held = tuple(name for name in model.coordinates.names if name.startswith("input_"))
-    names, values = model.coordinates.names, natural_values(model, point)
-    near = descend(small, point, most_steps=_FOLLOWING_STEPS, held=held, one_sided=True)
+    inputs = tuple(name for name in model.coordinates.names if name.startswith("input_"))
+    held = inputs if len(inputs) > _FEW_INPUTS else ()
+    most = Budget.of(small).most_at_once(small, 1.0)
+    near = descend(small, point, most_steps=_FOLLOWING_STEPS, held=held, most_simulations=most)
     start = Place(near.point, near.cost)
     within = (_WITHIN_SILLS if jumps else _WITHIN_95) * noise_factor**2
-    walked = (*WALKED, "d") if point[names.index("d")] < _NEAR_KINK else WALKED
+    budget = Budget.of(small)
+    walks = [
+        [start, *walk(small, start, name, sense, budget=budget, held=held, largest_rise=2.0 * within).places]
+        for name, sense in product(WALKED, (-1, 1))
+    ]
+    if not jumps:
+        walks += [[start, place] for place in _with_other_stiction(small, start.point, held, budget)]
+    # blocks have another bottom than all rows, and a walk may find it lower
+    lowest = min((place for places in walks for place in places), key=lambda place: place.cost)
+    values = natural_values(model, lowest.point)
     least: dict[str, float] = {}
-    for name, sense in product(walked, (-1, 1)):
-        places = walk(small, start, name, sense, held=held, largest_rise=2.0 * within).places
-        for reached in _within(start, places, within):
+    for places in walks:
+        for reached in _within(lowest.cost, places, within):
             far_values = natural_values(model, reached)
             for symbol in CHECKED:
                 far = abs(far_values[symbol] - values[symbol]) / NORMAL_95
@@ -116,15 +128,28 @@ def flat_errors(model: StemModel, point: FloatArray, *, noise_factor: float, jum
     return least
 
 
-def _within(start: Place, places: list[Place], rise: float) -> list[FloatArray]:
-    """Points (p,) of a walk that cost no more than ``rise``, and where it begins to: linear in the root of the rise."""
-    found, before = [], start
+def _with_other_stiction(small: StemModel, point: FloatArray, held: tuple[str, ...], budget: Budget) -> Iterator[Place]:
+    """Yield where the others go with an F_s far off: under a step it may not show at all up to a sharp limit."""
+    number = small.coordinates.names.index("d")
+    for factor, more in _OTHER_STICTION:
+        if budget.left > 0.0:
+            other = point.copy()
+            other[number] = factor * point[number] + more
+            found = descend(small, other, most_steps=_FOLLOWING_STEPS, held=("d", *held), arrived=0.1, one_sided=True)
+            budget.spend(small, found.simulations)
+            yield Place(found.point, found.cost)
+
+
+def _within(lowest: float, places: list[Place], rise: float) -> list[FloatArray]:
+    """Points (p,) of a walk no more than ``rise`` above the lowest, and where it begins to, linear in its root."""
+    found: list[FloatArray] = []
+    before: Place | None = None
     for place in places:
-        if place.cost - start.cost <= rise:
+        if place.cost - lowest <= rise:
             found.append(place.point)
-        elif before.cost - start.cost <= rise:
-            root = math.sqrt(max(before.cost - start.cost, 0.0))
-            share = (math.sqrt(rise) - root) / (math.sqrt(place.cost - start.cost) - root)
+        elif before is not None and before.cost - lowest <= rise:
+            root = math.sqrt(before.cost - lowest)
+            share = (math.sqrt(rise) - root) / (math.sqrt(place.cost - lowest) - root)
             found.append(before.point + share * (place.point - before.point))
         before = place
     return found

@@ -91,6 +91,11 @@ class StemModel:
             found = self._corners[wanted + shares] = (time_s, force_n)
         return found
 
+    @property
+    def corner_count(self) -> int:
+        """How many corners the force had when it was last asked for; 0 before."""
+        return 0 if not self._corners else next(reversed(self._corners.values()))[0].size
+
     def simulate(self, point: FloatArray) -> FloatArray | None:
         """Position at ``time_s``, m, shape (n,), for the unknowns at ``point``; None where it cannot be followed."""
         values = self.coordinates.values(point)

@@ -16,6 +16,8 @@ from estimators.samples import FloatArray
 
 # Own choices, tried on random valves: trial values that are simulated, that are followed, and for how many steps.
 _RANKED: Final = 240
+_FEWEST_RANKED: Final = 30
+_AT_ONCE: Final = 0.25  # of the budget, for one descent
 _KEPT: Final = (20, 8, 4)
 _STEPS: Final = (3, 5, 8)
 _SAME: Final = 0.02  # of a coordinate that is a logarithm: two places are one
@@ -36,7 +38,8 @@ class Place:
 
 
 def chosen_trials(trials: list[Trial], most: int = _RANKED) -> list[Trial]:
-    """Return at most so many trials, spread evenly over all their classes (they come in order of these)."""
+    """Return at most so many trials, but some, spread evenly over all their classes (they come in order of these)."""
+    most = min(max(most, _FEWEST_RANKED), _RANKED)
     if len(trials) <= most:
         return trials
     # a stride that shares no factor with the classes' numbers takes all of them in turn
@@ -82,7 +85,13 @@ def followed_from(
 ) -> Place:
     """Return where a descent from this point (p,) ends."""
     found: Descent = descend(
-        model, point, most_steps=steps, held=held, arrived=0.1 * _COARSE if fine else _COARSE, one_sided=True
+        model,
+        point,
+        most_steps=steps,
+        held=held,
+        arrived=0.1 * _COARSE if fine else _COARSE,
+        one_sided=True,
+        most_simulations=budget.most_at_once(model, _AT_ONCE),
     )
     budget.spend(model, found.simulations)
     budget.starts += 1

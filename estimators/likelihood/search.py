@@ -26,6 +26,10 @@ EXACT: Final = 0.1  # of the noise: only without noise, and then nothing can be 
 _HOP_STEPS: Final = ((30, 2), (8, 5), (3, 8))  # how many are followed, and for how many steps
 _SCAN_STEPS: Final = 7
 _LAST_SHARE: Final = 0.15  # of the budget
+_ON_ALL_ROWS: Final = 0.6  # of the budget, for one descent
+_RANKING_SHARE: Final = 0.2  # of the budget
+_LED_OF_JUMPS: Final = 2  # places that are led down: the valley of jumps has sills
+_REFILL: Final = 0.35  # of the budget, where what was found is not enough
 _VALLEY_STEPS: Final = 30  # F_v, F_c and DV of jumps lie in a narrow valley
 _HOP_ROUNDS: Final = 3
 _BETTER: Final = 1.0  # of the cost: a hop that gains less is at the same place
@@ -100,12 +104,13 @@ def search(
     """
     events = _EVENTS_A_BREAKAWAY * breakaways
     model = replace(model, events=events)
+    model.corners(trials[0].values)
     budget = Budget.of(model)
     limited = replace(model, most_events=min(model.most_events, _MORE_EVENTS * (events + 40)))
     small = compressed(limited)
     stages = _stages(limited, rests, jumps=hopping.jumps)
     whole = budget.left
-    first = ranked(stages[0], chosen_trials(trials), budget)
+    first = ranked(stages[0], chosen_trials(trials, budget.most_simulations(stages[0], _RANKING_SHARE)), budget)
     if not first:
         return None
     # hops where a simulation is cheapest: many jumps need not be in step with the measured ones for that
@@ -130,14 +135,14 @@ def search(
         factor = certificate.ratio
         model = replace(model, weight=model.weight / factor)
         small = compressed(replace(model, most_events=limited.most_events))
-        budget.left = max(budget.left, 0.5 * whole)
+        budget.left = max(budget.left, _REFILL * whole)
         again = [Place(place.point, small.cost(place.point)) for place in places]
         ended = _on_all_rows(model, _hopped(small, distinct(small, again), hopping, budget, whole), budget)
         certificate = certified(model, ended[0].point)
     for _ in range(_MORE_SEARCHES):
         if certificate.is_good or certificate.ratio < EXACT:
             break
-        budget.left = max(budget.left, 0.5 * whole)
+        budget.left = max(budget.left, _REFILL * whole)
         known = [Place(place.point, small.cost(place.point)) for place in [*ended, *places]]
         more = [_hopped(small, [place], hopping, budget, whole) for place in distinct(small, known)[:_MOST_PLACES]]
         places = distinct(small, [place for some in more for place in some])
@@ -173,6 +178,7 @@ def _stages(model: StemModel, rests: Restarts, *, jumps: bool) -> list[StemModel
 def searched_again(small: StemModel, found: Found, hopping: Hopping) -> FloatArray:
     """Return the lowest point (p,) that hops from the best places lead to where other errors count in the cost."""
     budget = Budget.of(found.model)
+    budget.left *= _REFILL
     starts = [found.point, *(place.point for place in found.others)]
     places = [followed_from(small, point, _SCAN_STEPS, budget) for point in starts]
     ended = _hopped(small, distinct(small, places), hopping, budget, budget.left)
@@ -187,16 +193,28 @@ def _hopped(small: StemModel, places: list[Place], hopping: Hopping, budget: Bud
         best = places[0]
         found = [Place(point, 0.0) for point in hops(small, best.point, hopping.speed_m_per_s, jumps=hopping.jumps)]
         for kept, steps in _HOP_STEPS:
-            found = [followed_from(small, place.point, steps, budget, fine=kept < 5) for place in found[:kept]]
-            found = distinct(small, [place for place in found if math.isfinite(place.cost)])
+            found = distinct(small, _followed(small, found[:kept], steps, budget, fine=kept < 5))
         places = distinct(small, [*places, *found])
         lowest = [followed_from(small, place.point, _VALLEY_STEPS, budget, fine=True) for place in places[:2]]
         places = distinct(small, [*lowest, *places])
         if places[0].cost > best.cost - _BETTER:
             break
     if places:
-        places = distinct(small, [led_down(small, places[0], budget, _LAST_SHARE * whole), *places])
+        led = places[: _LED_OF_JUMPS if hopping.jumps else 1]
+        places = distinct(small, [*(led_down(small, one, budget, _LAST_SHARE * whole) for one in led), *places])
     return places
+
+
+def _followed(small: StemModel, places: list[Place], steps: int, budget: Budget, *, fine: bool) -> list[Place]:
+    """Follow these places for so many steps, as many of them as the budget lets."""
+    found: list[Place] = []
+    for place in places:
+        if budget.left < 0.0:
+            break
+        followed = followed_from(small, place.point, steps, budget, fine=fine)
+        if math.isfinite(followed.cost):
+            found.append(followed)
+    return found
 
 
 def _on_all_rows(model: StemModel, places: list[Place], budget: Budget) -> list[Place]:
@@ -208,9 +226,15 @@ def _on_all_rows(model: StemModel, places: list[Place], budget: Budget) -> list[
         is_far = number > 0 and place.cost > places[0].cost + 2.0 * _NEAR
         if is_far or (ended and ended[0].cost < EXACT**2 * model.time_s.size):
             break
-        point = descend(finest, place.point, most_steps=_FINE_STEPS).point if is_exact else place.point
-        near = descend(model, point, most_steps=_LAST_STEPS, one_sided=True, arrived=_NEARLY)
-        found = descend(model, near.point, most_steps=_LAST_STEPS)
+        most = budget.most_at_once(finest, 1.0)
+        point = place.point
+        if is_exact:
+            point = descend(finest, place.point, most_steps=_FINE_STEPS, most_simulations=most).point
+        if ended and budget.left < -budget.whole:
+            break
+        most = budget.most_at_once(model, _ON_ALL_ROWS)
+        near = descend(model, point, most_steps=_LAST_STEPS, one_sided=True, arrived=_NEARLY, most_simulations=most)
+        found = descend(model, near.point, most_steps=_LAST_STEPS, most_simulations=most)
         budget.spend(model, near.simulations + found.simulations)
         if math.isfinite(found.cost):
             ended.append(Place(found.point, found.cost))

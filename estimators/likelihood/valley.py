@@ -28,8 +28,9 @@ _SHORTEST: Final = 0.003
 _LONGER: Final = 1.7
 _STEPS: Final = 6  # of the others' descent
 _FOLLOWED: Final = 0.2  # of the cost
+_AT_ONCE: Final = 0.5  # of the budget, for one descent
 _MOST: Final = 14  # steps of a walk
-_FARTHEST: Final = 3.0  # of a logarithm, 20 times
+_FARTHEST: Final = 2.3  # of a logarithm, 10 times
 _LEAST_SHARE: Final = 1.0e-13
 
 
@@ -52,11 +53,18 @@ def led_down(model: StemModel, start: Place, budget: Budget, reserve: float) -> 
         for name, sense in product(WALKED, (1, -1)):
             if budget.left < reserve:
                 return best
-            walked = walk(model, best, name, sense)
-            budget.spend(model, walked.simulations)
+            walked = walk(model, best, name, sense, budget=budget, reserve=reserve)
             lowest = min(walked.places, key=lambda place: place.cost, default=best)
             if lowest.cost < best.cost - _LOWER:
-                found = descend(model, lowest.point, most_steps=_DOWN_STEPS, one_sided=True, arrived=_FOLLOWED)
+                most = budget.most_at_once(model, _AT_ONCE)
+                found = descend(
+                    model,
+                    lowest.point,
+                    most_steps=_DOWN_STEPS,
+                    one_sided=True,
+                    arrived=_FOLLOWED,
+                    most_simulations=most,
+                )
                 budget.spend(model, found.simulations)
                 best = Place(found.point, found.cost)
         if best.cost > before - _LOWER:
@@ -70,10 +78,15 @@ def walk(
     name: str,
     sense: int,
     *,
+    budget: Budget,
+    reserve: float = 0.0,
     held: tuple[str, ...] = (),
     largest_rise: float = _LARGEST_RISE,
 ) -> Walk:
-    """Follow the unknown ``name`` upwards or downwards from a low place until the cost has risen or it is far off."""
+    """Follow the unknown ``name`` upwards or downwards from a low place until the cost has risen or it is far off.
+
+    It ends too where no more than ``reserve`` of the budget is left.
+    """
     number = model.coordinates.names.index(name)
     moving = [other for other, own in enumerate(model.coordinates.names) if own not in held]
     lower, upper = model.coordinates.lower, model.coordinates.upper
@@ -81,6 +94,8 @@ def walk(
     places: list[Place] = []
     length, simulations = math.nan, 0
     for _ in range(_MOST):
+        if budget.left - budget.price(model, simulations) < reserve:
+            break
         along = _along(model, here.point, number, moving)
         simulations += len(moving) + 2
         if along is None:
@@ -102,10 +117,11 @@ def walk(
             break
         places.append(reached)
         here, lowest = reached, min(lowest, reached.cost)
-        far = abs(float(reached.point[number] - start.point[number]))
+        far = abs(float(reached.point[number] - start.point[number])) + 1.0e-6
         if reached.cost > lowest + largest_rise or far > _FARTHEST:
             break
-        length = min(_LONGER * length, _LONGEST)
+        length = min(_LONGER * length, _LONGEST, _FARTHEST - far)
+    budget.spend(model, simulations)
     return Walk(places, simulations)
 
 
