@@ -37,7 +37,8 @@ class Budget:
         times = min(1.0 + model.events / _MANY_EVENTS, _MOST_TIMES)
         usual = times * (_AT_LEAST + _A_MEASURED_ROW * model.time_s.size)
         # as many simulations of a force with many corners, up to a limit
-        usual *= min(_each(model) / (_each(model) - _A_CORNER * model.corner_count), _MORE_FOR_CORNERS)
+        few = _A_CALL + _AN_EVENT * model.events
+        usual *= min(1.0 + _A_CORNER * model.corner_count / few, _MORE_FOR_CORNERS)
         whole = max(usual, min(_FEWEST * _each(model), _LONGEST))
         return cls(whole, whole)
 
