@@ -13,6 +13,7 @@ from simulator.plant import SimulatedValve
 from simulator.sensor import Sensor
 from simulator.slave import TcpListener
 from simulator.transducer import Transducer
+from valve.effects import Effect
 from valve.parameter_sets import PARAMETER_SETS
 
 TAG = "FV-101"
@@ -29,16 +30,20 @@ async def wired_plant(
     watchdog_s: float = 2.0,
     safe: str = str(SAFE_PA),
     port: int = 0,
+    parameter_set: str = "nominal",
+    effects: tuple[Effect, ...] = (),
+    position_noise_m: float = 0.0,
 ) -> AsyncIterator[tuple[Path, SimulatedPlant]]:
-    """Serve one nominal valve and hand out the plant file and the plant."""
-    chosen = PARAMETER_SETS["nominal"]
+    """Serve one valve, nominal and without hidden effects by default, and hand out the plant file and the plant."""
+    chosen = PARAMETER_SETS[parameter_set]
     valve = SimulatedValve(
         TAG,
         chosen.parameters,
         chosen.nameplate,
         Transducer((0.0, 82737.0)),
-        Sensor((-0.005, 0.107)),
+        Sensor((-0.005, 0.107), position_noise_m),
         Sensor((-4000.0, 87000.0)),
+        effects=effects,
     )
     listener = TcpListener(port=port)
     plant = SimulatedPlant([valve], {listener: [reference_unit(1, TAG)]}, RunningClock(speed))
