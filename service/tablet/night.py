@@ -39,11 +39,15 @@ async def night_of(parts: Parts) -> tuple[Sequence[NightCheck], Sequence[NightSc
     """Return the last and the coming night valve by valve, and the schedules; both empty where none is planned."""
     now = wall_clock()
     entries = await asyncio.to_thread(night, parts.plant, parts.store.schedule_runs, now)
-    checks = [NightCheck(one.valve, one.due_at, one.state.value, one.reason, one.test_id) for one in entries]
+    zones = {one.name: one.zone for one in parts.plant.schedules}
+    checks = [
+        NightCheck(one.valve, one.due_at.astimezone(zones.get(one.schedule)), one.state.value, one.reason, one.test_id)
+        for one in entries
+    ]
     schedules = []
     for one in parts.plant.schedules:
         coming = next_occurrence(one, now)
-        due_at = None if coming is None else coming.due_at
+        due_at = None if coming is None else coming.due_at.astimezone(one.zone)
         schedules.append(NightSchedule(one.name, due_at, one.zone.key, one.sequence, one.valves))
     return checks, schedules
 
@@ -55,6 +59,7 @@ def due_checks(parts: Parts) -> dict[str, datetime]:
     for schedule in parts.plant.schedules:
         coming = next_occurrence(schedule, now)
         if coming is not None:
+            due_at = coming.due_at.astimezone(schedule.zone)
             for tag in schedule.valves:
-                due[tag] = min(coming.due_at, due.get(tag, coming.due_at))
+                due[tag] = min(due_at, due.get(tag, due_at))
     return due

@@ -10,6 +10,7 @@ from functools import cache
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any, Final
+from zoneinfo import ZoneInfo
 
 from fastapi import Request
 from fastapi.responses import HTMLResponse
@@ -62,8 +63,10 @@ def units_of(request: Request) -> UnitSystem:
 
 
 def moment(at: datetime | None) -> str:
-    """Return an instant as the gateway's local time, such as ``2026-11-21 03:15``; a dash for none."""
-    return "–" if at is None else f"{at.astimezone():%Y-%m-%d %H:%M}"
+    """Return an instant by its schedule's clock with the zone, else by the gateway's own; a dash for none."""
+    if at is None:
+        return "–"
+    return f"{at:%Y-%m-%d %H:%M %Z}" if isinstance(at.tzinfo, ZoneInfo) else f"{at.astimezone():%Y-%m-%d %H:%M}"
 
 
 def duration(seconds: float | None) -> str:

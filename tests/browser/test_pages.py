@@ -80,6 +80,11 @@ def test_the_model_with_the_cause_stands_beside_the_methods(service: Gateway) ->
     assert "52.480 ± 0.010 N/mm" in text
 
 
+@pytest.mark.parametrize("page", ["/", "/ui/night", f"/ui/valves/{TAG}"])
+def test_the_next_check_is_told_by_the_schedules_own_clock(service: Gateway, page: str) -> None:
+    assert "-01-01 01:15 CET" in service.client.get(page).text
+
+
 def test_sign_in_leads_to_pages_of_this_service_alone(service: Gateway) -> None:
     for wanted in ("//elsewhere.example/", "https://elsewhere.example/", "/\\elsewhere.example"):
         assert 'data-next="/"' in service.client.get("/ui/sign-in", params={"next": wanted}).text
