@@ -132,7 +132,7 @@ def test_each_kind_writes_down_what_it_says(kind: str) -> None:
             polled = case.acquired is Acquired.POLLED
             assert recording.is_evenly_sampled == (not polled)
             assert recording.provenance.acquisition is (Acquisition.POLLED if polled else Acquisition.CAPTURED)
-    assert case.nameplate.actuator.action is (Action.DOUBLE if kind == "force" else Action.SPRING)
+        assert case.nameplate.actuator.action is (Action.DOUBLE if kind == "force" else Action.SPRING)
 
 
 @pytest.mark.usefixtures("unmoved")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from discrepancy.diagnose import Diagnosis, Verdict, diagnose
+from discrepancy.gain import Gain
 from tests.discrepancy.hidden import Hidden, hidden
 from valve.effects import (
     EFFECTS,
@@ -45,6 +46,8 @@ def test_a_hidden_effect_is_named_alone_with_its_strength_and_its_gain(cause: st
     assert entry.low < entry.value < entry.high
     sine, left_out = found.gains
     assert sine.held_out == "sine"
+    assert isinstance(sine, Gain)
+    assert isinstance(left_out, Gain)
     assert min(sine.share, left_out.share) > 0.9
 
 
