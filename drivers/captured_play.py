@@ -85,7 +85,9 @@ class CapturedPlay:
         A stop ends it at once; where the stop came before, it may take ``_UPLOAD_AFTER_STOP_S``. Returns words about
         samples that were left behind, none where there are none. Raises EquipmentError where some are lost.
         """
+        await mover.device.feed_watchdog()
         progress = await self._buffer.progress(agreed=True)
+        await mover.device.feed_watchdog()
         if progress.run_number != mover.device.run_number:
             return ""  # stopped before it was handed over: what the device keeps is another run's
         wanted = min(progress.taken, self._course.samples)
