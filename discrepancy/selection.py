@@ -27,7 +27,8 @@ _DONE_MISFIT: Final = 1.15
 _SETTLED_FACTOR: Final = 2.0
 _FOLLOWED_FURTHER: Final = 30.0  # misfit, below which the baseline is first followed further
 # The work of a choice; a record of 60 s takes 1 to 6 ms a motion (docs/effects.md).
-_MOST_MOTIONS: Final = 4000
+_MOST_MOTIONS: Final = 7000
+_CLOSER_MOTIONS: Final = 2500  # of following the lowest further, in each round
 _PRUNING_STEPS: Final = 15
 _LOOK_CLOSER: Final = 2.0  # times the misfit of all causes: one may be needless
 _RIVAL_SHARE: Final = 0.5
@@ -68,7 +69,7 @@ def choose(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str], 
         if is_noise(best):
             candidates = [one for one in candidates if gain(best, glance(best, one, setting)) > _WORTH]
         fits = _refits(best, candidates, setting, _REFITTED[number], begun + _MOST_MOTIONS)
-        fits = _closer(best, fits, begun + _MOST_MOTIONS)
+        fits = _closer(best, fits, max(tally.motions, begun) + _CLOSER_MOTIONS)
         if number == 0:
             tried = tuple((cause.name, gain(baseline, fit)) for cause, fit in fits)
         found = [(cause, fit) for cause, fit in fits if _is_possible(cause, fit, setting)]
