@@ -28,6 +28,7 @@ from service.errors import install_error_handlers
 from service.head_requests import HeadRequests
 from service.metrics import router as metrics_routes
 from service.models.routes import router as model_routes
+from service.mqtt.publisher import mqtt_of
 from service.parts import Parts
 from service.problems import Problem
 from service.recordings.conversion import Converter
@@ -93,7 +94,7 @@ def create_app(
             if pool is not None:
                 await pool.start()
             await runs.recover()
-            async with nights(nightly, plant, opened, runs):
+            async with mqtt_of(plant, opened) as app.state.mqtt, nights(nightly, plant, opened, runs):
                 yield
         finally:
             await runs.shut_down()

@@ -28,6 +28,7 @@ from service.settings_access import AccessSection, AccessSettings, access_settin
 from service.settings_checks import check_schedules, check_wiring
 from service.settings_database import DatabaseAddress, database_address
 from service.settings_errors import Findings, read_toml
+from service.settings_mqtt import MqttSettings, mqtt_settings
 from service.settings_nightly import (
     Retention,
     RetentionSection,
@@ -92,6 +93,7 @@ class PlantSection(BaseModel):
     groups: list[dict[str, Any]] = []
     schedules: list[dict[str, Any]] = []
     gateways: list[dict[str, Any]] = []
+    mqtt: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +138,7 @@ class Plant:
     schedules: tuple[Schedule, ...] = ()
     gateways: Mapping[str, str] = field(default_factory=dict)
     bus_gateways: Mapping[str, str] = field(default_factory=dict)
+    mqtt: MqttSettings | None = None
 
     def gateway_of(self, tag: str) -> str:
         """Return the name of the gateway that drives a valve; "" in a plant of one gateway."""
@@ -159,6 +162,7 @@ def load_plant(path: Path) -> Plant:
     valves = _valves(findings, top.valves)
     tags = {nameplate.tag for nameplate, _ in valves}
     groups, checks = _nightly(findings, top, tags)
+    broker = mqtt_settings(findings, top.mqtt, path.parent)
     if not findings:  # cross-checks on half a plant would only repeat what is said already
         check_wiring(findings, buses, valves, bus_gateways)
         check_schedules(findings, checks, valves, None if service is None else service.access.approved_sequences)
@@ -173,6 +177,7 @@ def load_plant(path: Path) -> Plant:
         checks,
         urls,
         bus_gateways,
+        broker,
     )
 
 

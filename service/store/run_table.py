@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from types import MappingProxyType
@@ -99,6 +99,15 @@ class RunTable:
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
+        self._listeners: list[Callable[[Run], None]] = []
+
+    def listen(self, listener: Callable[[Run], None]) -> None:
+        """Call ``listener`` with every run that this process has stored, in the thread that did; it must not wait."""
+        self._listeners.append(listener)
+
+    def _tell(self, run: Run) -> None:
+        for listener in self._listeners:
+            listener(run)
 
     def insert(self, run: Run) -> Run:
         """Store a new run and return it with its number; it is on disk when this returns."""
@@ -109,6 +118,7 @@ class RunTable:
             stored = replace(run, number=number[0])
             _write_analysis(connection, stored)
             _note_state(connection, stored)
+        self._tell(stored)
         return self.get(run.id)
 
     def save(self, run: Run) -> None:
@@ -124,6 +134,7 @@ class RunTable:
                 raise NotFoundError(f"test {run.id} is unknown: it was never stored")
             _write_analysis(connection, run)
             _note_state(connection, run)
+        self._tell(run)
 
     def get(self, run_id: str) -> Run:
         """Return one run. Raises NotFoundError."""

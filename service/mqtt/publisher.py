@@ -1,0 +1,158 @@
+"""Keeps a broker told: retained messages of every valve of this gateway, and a last will of the gateway itself.
+
+No test waits for a broker and none fails by it: what is to be said stands in the store until a broker listens.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Final
+
+import aiomqtt
+import structlog
+
+from service.mqtt.messages import messages_of, topic_part
+from service.runs.run import Run
+from service.settings import Plant
+from service.settings_mqtt import MqttSettings
+from service.store.store import Store
+from valve.errors import ConfigurationError
+
+_LOG = structlog.get_logger(__name__)
+_FIRST_WAIT_S: Final = 1.0
+_LONGEST_WAIT_S: Final = 30.0
+_KEEPALIVE_S: Final = 10  # a broker sends the last will after one and a half of these (MQTT 3.1.1, 3.1.2.10)
+_ANSWER_S: Final = 5.0
+_QOS: Final = 1
+_PAUSE_S: Final = 0.005  # between valves: a large plant's first round leaves the event loop to the tests
+
+
+class MqttPublisher:
+    """Publishes while the service serves. All methods belong to the event loop but ``note``."""
+
+    def __init__(self, plant: Plant, settings: MqttSettings, store: Store) -> None:
+        self._settings = settings
+        self._store = store
+        self._valves = [tag for tag in plant.valves if plant.is_ours(tag)]
+        self._root = f"{settings.prefix}/{topic_part(plant.service.gateway or 'gateway')}"
+        self._waiting: dict[str, None] = {}  # valves to be told of, in their order
+        self._something = asyncio.Event()
+        self._loop = asyncio.get_running_loop()
+        self.connected = False
+        self.published = 0
+
+    @property
+    def status_topic(self) -> str:
+        """Where ``online`` or ``offline`` stands."""
+        return f"{self._root}/status"
+
+    def note(self, run: Run) -> None:
+        """Remember that a run was stored; from any thread."""
+        with contextlib.suppress(RuntimeError):  # the loop is closed: the next start tells of it
+            self._loop.call_soon_threadsafe(self._remember, run.valve)
+
+    def _remember(self, tag: str) -> None:
+        self._waiting[tag] = None
+        self._something.set()
+
+    async def run(self) -> None:
+        """Connect, tell all, then what changes; again after every loss, at ever longer intervals up to 30 s."""
+        wait_s = _FIRST_WAIT_S
+        while True:
+            try:
+                async with self._client() as client:
+                    wait_s = _FIRST_WAIT_S
+                    await self._serve(client)
+            except aiomqtt.MqttError as error:
+                _LOG.warning("mqtt broker not reached", host=self._settings.host, reason=str(error), again_in_s=wait_s)
+            except (ConfigurationError, OSError) as error:
+                _LOG.error("mqtt not possible", reason=str(error), again_in_s=wait_s)
+            finally:
+                self.connected = False
+            await asyncio.sleep(wait_s)
+            wait_s = min(2.0 * wait_s, _LONGEST_WAIT_S)
+
+    def _client(self) -> aiomqtt.Client:
+        settings = self._settings
+        return aiomqtt.Client(
+            settings.host,
+            settings.port,
+            username=settings.username,
+            password=settings.password(),
+            will=aiomqtt.Will(self.status_topic, b"offline", _QOS, retain=True),
+            keepalive=_KEEPALIVE_S,
+            timeout=_ANSWER_S,
+            tls_context=settings.tls_context(),
+        )
+
+    async def _serve(self, client: aiomqtt.Client) -> None:
+        await self._publish(client, self.status_topic, b"online")
+        self.connected = True
+        _LOG.info("mqtt broker reached", host=self._settings.host, port=self._settings.port, topics=f"{self._root}/#")
+        for tag in self._valves:  # a broker that restarted may have forgotten what it retained
+            self._remember(tag)
+        # The client says that the line is lost only to whoever waits for messages; none was subscribed to.
+        listening = asyncio.create_task(_listen(client))
+        try:
+            while True:
+                telling = asyncio.create_task(self._tell_all(client))
+                done, _ = await asyncio.wait((telling, listening), return_when=asyncio.FIRST_COMPLETED)
+                if listening in done:
+                    telling.cancel()
+                for task in done:
+                    task.result()
+        finally:
+            listening.cancel()
+            if asyncio.current_task() is not None and self.connected:
+                with contextlib.suppress(aiomqtt.MqttError, TimeoutError):
+                    await asyncio.wait_for(self._publish(client, self.status_topic, b"offline"), 1.0)
+
+    async def _tell_all(self, client: aiomqtt.Client) -> None:
+        await self._something.wait()
+        while self._waiting:
+            tag = next(iter(self._waiting))
+            del self._waiting[tag]
+            try:
+                for level, payload in await asyncio.to_thread(self._messages, tag):
+                    await self._publish(client, f"{self._root}/valves/{topic_part(tag)}/{level}", payload)
+            except BaseException:
+                self._waiting[tag] = None
+                raise
+            await asyncio.sleep(_PAUSE_S)
+        self._something.clear()
+
+    def _messages(self, tag: str) -> list[tuple[str, bytes]]:
+        head = self._store.runs.valve_heads([tag]).get(tag)
+        if head is None:
+            return []
+        completed = None if head.completed_number is None else self._store.runs.last_completed(tag)
+        return list(messages_of(head.last, completed))
+
+    async def _publish(self, client: aiomqtt.Client, topic: str, payload: bytes) -> None:
+        await client.publish(topic, payload, _QOS, retain=True)
+        self.published += 1
+
+
+async def _listen(client: aiomqtt.Client) -> None:
+    async for _ in client.messages:
+        pass
+
+
+@asynccontextmanager
+async def mqtt_of(plant: Plant, store: Store) -> AsyncIterator[MqttPublisher | None]:
+    """Publish as long as the context lasts; None for a plant without ``[mqtt]``."""
+    if plant.mqtt is None:
+        yield None
+        return
+    publisher = MqttPublisher(plant, plant.mqtt, store)
+    store.runs.listen(publisher.note)
+    task = asyncio.create_task(publisher.run())
+    try:
+        yield publisher
+    finally:
+        task.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await task
