@@ -22,7 +22,7 @@ from valve.recording import CHANNELS, FloatArray, Recording
 Progress = Callable[[float, str], None]
 
 SCHEMA: Final = "breakaway/analysis/1"
-_NO_HEALTH: Final = "not assessed: this version has no limits to judge the parameters by"
+_NO_HEALTH: Final = "not assessed: it takes the valve's limits and its earlier tests, which the service has"
 # Between two recordings that are analysed together, in periods of the second: the estimators see a gap there.
 _PERIODS_BETWEEN: Final = 10.0
 # Shares of the progress at which the estimates, and the diagnosis, are done.
@@ -120,6 +120,7 @@ def recording_summary(recording: Recording) -> dict[str, Any]:
         "sample_period_s": recording.sample_period_s if recording.samples > 1 else None,
         "gaps": recording.gaps,
         "position_noise_m": position_noise_m(recording),
+        "position_range_m": _position_range(recording),
         "acquisition": str(recording.provenance.acquisition),
         "channels": [name for name in CHANNELS if getattr(recording, name) is not None],
         "sampling": None,
@@ -134,6 +135,12 @@ def recording_summary(recording: Recording) -> dict[str, Any]:
             "exchange_s": quality.median_exchange_s,
         }
     return summary
+
+
+def _position_range(recording: Recording) -> list[float] | None:
+    """Lowest and highest position that was measured, m; None where none was."""
+    known_m = recording.position_m[np.isfinite(recording.position_m)]
+    return None if known_m.size == 0 else [float(known_m.min()), float(known_m.max())]
 
 
 def position_noise_m(recording: Recording) -> float | None:

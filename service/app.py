@@ -26,6 +26,7 @@ from service.body_limits import BodyLimits
 from service.docs_page import docs_page
 from service.errors import install_error_handlers
 from service.head_requests import HeadRequests
+from service.health.routes import router as health_routes
 from service.metrics import router as metrics_routes
 from service.models.routes import router as model_routes
 from service.mqtt.publisher import mqtt_of
@@ -123,6 +124,7 @@ def create_app(
         test_routes,
         recording_routes,
         model_routes,
+        health_routes,
         valve_routes,
         schedule_routes,
         session_routes,

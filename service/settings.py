@@ -23,11 +23,13 @@ from drivers.addresses import (
     WatchdogChoice,
 )
 from drivers.permissive_rules import PermissiveRules
+from service.health.limits import HealthLimits
 from service.nameplates import nameplate_from_mapping
 from service.settings_access import AccessSection, AccessSettings, access_settings
 from service.settings_checks import check_schedules, check_wiring
 from service.settings_database import DatabaseAddress, database_address
 from service.settings_errors import Findings, read_toml
+from service.settings_health import health_limits
 from service.settings_mqtt import MqttSettings, mqtt_settings
 from service.settings_nightly import (
     Retention,
@@ -80,6 +82,7 @@ class ValveSection(BaseModel):
     pressure: dict[str, Any] | None = None
     watchdog: dict[str, Any] | None = None
     permissives: dict[str, Any] | None = None
+    health: dict[str, Any] | None = None
     simulation: dict[str, Any] | None = None  # for `breakaway simulate` alone: a service has no use for it
 
 
@@ -93,6 +96,7 @@ class PlantSection(BaseModel):
     groups: list[dict[str, Any]] = []
     schedules: list[dict[str, Any]] = []
     gateways: list[dict[str, Any]] = []
+    mqtt: dict[str, Any] | None = None
     mqtt: dict[str, Any] | None = None
 
 
@@ -118,6 +122,7 @@ class PlantValve:
 
     nameplate: Nameplate
     wiring: ValveWiring
+    health: HealthLimits = field(default_factory=HealthLimits)
 
     @property
     def buses(self) -> frozenset[str]:
@@ -160,6 +165,7 @@ def load_plant(path: Path) -> Plant:
     urls = gateways(findings, top.gateways, own if isinstance(own, str) else None)
     buses, bus_gateways = _buses(findings, top.buses, urls)
     valves = _valves(findings, top.valves)
+    health = health_limits(findings, top.valves)
     tags = {nameplate.tag for nameplate, _ in valves}
     groups, checks = _nightly(findings, top, tags)
     broker = mqtt_settings(findings, top.mqtt, path.parent)
@@ -172,7 +178,7 @@ def load_plant(path: Path) -> Plant:
         path,
         service,
         {address.name: address for address in buses},
-        {nameplate.tag: PlantValve(nameplate, wiring) for nameplate, wiring in valves},
+        {nameplate.tag: PlantValve(nameplate, wiring, health[nameplate.tag]) for nameplate, wiring in valves},
         groups,
         checks,
         urls,

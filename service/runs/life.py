@@ -17,6 +17,7 @@ from drivers.outcome import Ended, PlayOutcome, SampleBlock
 from drivers.permissives import Permissive
 from service.audit.log import AuditError, AuditLog
 from service.bus import BusOwners, Claim
+from service.health.judge import health_of
 from service.runs.acknowledgement import ENDED_KEY
 from service.runs.live import MOTION_SHARE, LiveRun
 from service.runs.permission import Permission
@@ -198,6 +199,8 @@ class Life:
                 analysis = {**analysis, TOGETHER: played}
             if accepted is not None:
                 analysis = {**analysis, "accepted_model": {"number": accepted.number, "test": accepted.test}}
+            health = await asyncio.to_thread(health_of, self._store.figures, valve, run, analysis)
+            analysis = {**analysis, "health": health}
         except ValveError as error:
             await self._end(RunState.FAILED, f"the recording is stored, its analysis failed: {error}")
         else:

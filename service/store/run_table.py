@@ -12,6 +12,7 @@ from sqlalchemy import Connection, Engine, Select, Table, delete, insert, select
 from sqlalchemy.dialects import postgresql, sqlite
 
 from service.runs.run import Label, Run, RunState
+from service.store.figure_table import write_figures
 from service.store.schema import ANALYSES, TESTS
 from service.store.schema_nightly import VALVE_STATES
 from valve.errors import NotFoundError
@@ -134,6 +135,8 @@ class RunTable:
                 raise NotFoundError(f"test {run.id} is unknown: it was never stored")
             _write_analysis(connection, run)
             _note_state(connection, run)
+            if run.state is RunState.COMPLETED and run.analysis is not None:
+                write_figures(connection, run)
         self._tell(run)
 
     def get(self, run_id: str) -> Run:

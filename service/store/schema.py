@@ -92,5 +92,6 @@ ANALYSES: Final = Table(
 
 # The tables of other topics, so that METADATA describes the whole database.
 from service.store import schema_access as _access  # noqa: E402, F401
+from service.store import schema_health as _health  # noqa: E402, F401
 from service.store import schema_models as _models  # noqa: E402, F401
 from service.store import schema_nightly as _nightly  # noqa: E402, F401

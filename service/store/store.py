@@ -19,6 +19,7 @@ from sqlalchemy import URL, Engine
 from service.runs.run import checked_run_id
 from service.settings import ServiceSettings
 from service.store.database import open_database
+from service.store.figure_table import FigureTable
 from service.store.gateway_lock import GatewayLock
 from service.store.lock import StoreLock
 from service.store.model_table import ModelTable
@@ -60,6 +61,7 @@ class Store:
         self.runs = RunTable(self._engine)
         self.schedule_runs = ScheduleRunTable(self._engine)
         self.models = ModelTable(self._engine)
+        self.figures = FigureTable(self._engine)
 
     def _lock_gateway(self) -> None:
         if self._engine.dialect.name == "postgresql":

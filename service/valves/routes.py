@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import asyncio
 from bisect import bisect_right
+from collections.abc import Mapping
 from dataclasses import asdict
-from typing import Annotated, Any
+from datetime import UTC, datetime
+from typing import Annotated, Any, Final
 from urllib.parse import quote, urlencode
 
 from fastapi import APIRouter, Depends, Query, Response
@@ -13,6 +15,9 @@ from pydantic import BaseModel, Field
 
 from service.access.needs import needs
 from service.access.principal import Right
+from service.health.judge import standing_health
+from service.health.limits import HealthLimits
+from service.health.trend_view import TrendView, trends_of_tests
 from service.parts import Parts, parts_of
 from service.problems import PROBLEMS
 from service.runs.acknowledgement import alarm_of
@@ -22,6 +27,8 @@ from service.store.run_table import ValveHead
 
 router = APIRouter(prefix="/valves", tags=["valves"], responses=PROBLEMS)
 PartsOf = Annotated[Parts, Depends(parts_of)]
+
+_TREND_TESTS: Final = 40
 
 
 class ValveSummary(BaseModel):
@@ -47,6 +54,9 @@ class ValveView(ValveSummary):
     default_sequence: str | None = Field(description="what a test runs that names none; null where none is possible")
     default_sequence_reason: str = Field(description="why it is not the usual one; empty where it is")
     last_result: RunView | None = Field(description="the last completed test")
+    trend: list[TrendView] = Field(
+        description="the main figures over the newest tests; /trend has more"
+    )
 
 
 class ValveList(BaseModel):
@@ -68,8 +78,14 @@ def _summary(parts: Parts, tag: str, head: ValveHead | None) -> dict[str, Any]:
         "busy_with": parts.runs.user_of(tag),
         "last_test": None if last is None else summary(last),
         "alarms": [alarm] if alarm else [],
-        "health": None if head is None else head.health,
+        "health": _health(head, valve.health),
     }
+
+
+def _health(head: ValveHead | None, limits: HealthLimits) -> Mapping[str, Any] | None:
+    if head is None:
+        return None
+    return standing_health(head.health, head.last.created_at, datetime.now(UTC), limits)
 
 
 @router.get("", dependencies=[needs(Right.VIEW)], response_model=ValveList)
@@ -106,4 +122,5 @@ async def get_valve(tag: str, parts: PartsOf) -> ValveView:
         default_sequence=default,
         default_sequence_reason=reason,
         last_result=None if result is None else view(result),
+        trend=trends_of_tests(await asyncio.to_thread(parts.store.figures.newest, tag, _TREND_TESTS)),
     )

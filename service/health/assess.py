@@ -1,0 +1,150 @@
+"""The judgement: what a result says of the valve's health, as NAMUR NE 107 has it, with reasons in plain words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
+
+from service.health.changes import Change, ValveFacts, changes_between
+from service.health.figures import Figures, figures_of
+from service.health.forecast import forecasts, trends_of
+from service.health.limits import HealthLimits
+from service.health.results import Baseline, Case, Finding, Health, Ne107
+
+_HARDLY_MOVED: Final = 0.02  # of rated travel: what a sensor's drift and noise may look like
+# Properties of what the valve is measured with: a lag that was always there is no reason to send anybody.
+_OF_THE_INSTRUMENTS: Final = frozenset({"transducer_lag", "transducer_dead_time", "position_lag"})
+_ADVICE: Final = {
+    "friction up": "look at the packing and its lubrication",
+    "friction down": "the packing may have lost its load: look for a leak at the stem",
+    "friction highest": "look for a tight place: a bent stem, a scored plug, the guide",
+    "spring_rate_n_per_m": "look for a broken or a wrong spring",
+    "bench_low_pa": "check the spring's adjustment: the valve may not shut tight",
+    "bench_high_pa": "check the spring's adjustment: the valve may not open fully",
+    "travel_m": "look for what blocks the stroke, at the supply and at the stops",
+    "response_t63_s": "look at the I/P's supply, its filter and the tubing",
+    "transducer_lag_s": "look at the I/P's supply, its filter and the tubing",
+}
+_STATES: Final = {
+    "spring_rate_n_per_m": Ne107.OUT_OF_SPECIFICATION,
+    "bench_low_pa": Ne107.OUT_OF_SPECIFICATION,
+    "bench_high_pa": Ne107.OUT_OF_SPECIFICATION,
+    "travel_m": Ne107.OUT_OF_SPECIFICATION,
+}
+
+
+def assess(case: Case) -> Health:
+    """Judge one result. A change counts where it is beyond both its 95 % interval and its limit."""
+    now = figures_of(case.analysis)
+    was = None if case.baseline is None else case.baseline.test.figures
+    changes = changes_between(was, now, case.limits, case.valve)
+    trends = trends_of(case, now)
+    stuck = _stuck(now, case.valve, is_full_stroke=case.is_full_stroke)
+    findings: list[Finding] = [] if stuck is None else [stuck]
+    if stuck is None:
+        findings += _of_changes(changes, case.limits, case.valve)
+        findings += _of_breakaway(case.analysis, now, case.limits, case.valve)
+        findings += _of_causes(case.analysis, case.baseline)
+        findings += forecasts(case, trends, changes)
+        findings += _not_judged(case.analysis, now, was)
+    notes = () if findings else (_all_well(case.baseline, changes),)
+    return Health(tuple(findings), tuple(changes), tuple(trends), case.baseline, notes)
+
+
+def is_good(analysis: Mapping[str, Any]) -> bool:
+    """Whether a result may become a baseline: it shows friction and spring, or at least one of them with its size."""
+    figures = figures_of(analysis)
+    return any(name in figures for name in ("friction_mean_n", "friction_coulomb_n", "spring_rate_n_per_m"))
+
+
+def _all_well(baseline: Baseline | None, changes: Sequence[Change]) -> str:
+    if baseline is None:
+        return "nothing is out of limits; there is no earlier test to compare with: this one becomes the baseline"
+    compared = sum(one.change is not None for one in changes)
+    return (
+        f"nothing is out of limits; {compared} figures were compared with the baseline of {baseline.test.at:%Y-%m-%d}"
+    )
+
+
+def _stuck(now: Figures, valve: ValveFacts, *, is_full_stroke: bool) -> Finding | None:
+    travel = now.get("travel_m")
+    if travel is None or travel.value > _HARDLY_MOVED * valve.rated_travel_m:
+        return None
+    told = (
+        f"The stem moved {1e3 * travel.value:.3g} mm of its {1e3 * valve.rated_travel_m:.4g} mm: "
+        "a stuck stem, no supply, or a position that is not measured"
+    )
+    if is_full_stroke:
+        return Finding(Ne107.FAILURE, f"{told}. Go and look at the valve.")
+    return Finding(
+        Ne107.FUNCTION_CHECK, f"{told}, or a motion too small for its dead band. Repeat over the full stroke."
+    )
+
+
+def _of_changes(changes: Sequence[Change], limits: HealthLimits, valve: ValveFacts) -> Iterator[Finding]:
+    by_name = {one.name: one for one in changes if not one.kept}
+    for name, one in by_name.items():
+        assert one.change is not None
+        if name == "friction_max_n" and "friction_mean_n" in by_name:
+            continue  # said already
+        if name == "friction_coulomb_n" and "friction_mean_n" in by_name:
+            continue
+        advice = _ADVICE.get(name)
+        if name == "friction_max_n":
+            advice = _ADVICE["friction highest"]
+        elif name.startswith("friction"):
+            advice = _ADVICE["friction up" if one.change > 0.0 else "friction down"]
+        state = _STATES.get(name, Ne107.MAINTENANCE)
+        if name == "travel_m" and -one.change > limits.travel_failed_percent / 100.0 * valve.rated_travel_m:
+            state = Ne107.FAILURE
+        yield Finding(state, f"{one.sentence()}: {advice}.")
+
+
+def _of_breakaway(
+    analysis: Mapping[str, Any], now: Figures, limits: HealthLimits, valve: ValveFacts
+) -> Iterator[Finding]:
+    """Against the actuator: reversing a stuck stem takes the dead band's pressure, out of all that there is."""
+    dead_band = now.get("dead_band_percent")
+    span = ((analysis.get("signature") or {}).get("span") or {}).get("pressure_pa")
+    if dead_band is None or not span:
+        return
+    needed_pa = dead_band.value / 100.0 * float(span[1] - span[0])
+    share = 100.0 * needed_pa / valve.available_pa
+    if share > limits.breakaway_share_percent:
+        yield Finding(
+            Ne107.OUT_OF_SPECIFICATION,
+            f"Breaking away takes {1e-3 * needed_pa:.3g} kPa, {share:.3g} % of the {1e-3 * valve.available_pa:.4g} kPa "
+            f"that there are, {limits.breakaway_share_percent:.3g} % is allowed: the actuator has hardly any margin.",
+        )
+
+
+def _of_causes(analysis: Mapping[str, Any], baseline: Baseline | None) -> Iterator[Finding]:
+    """Causes that the baseline does not have; one that a person chose as the baseline, or accepted, is known."""
+    found = analysis.get("discrepancy") or {}
+    if analysis.get("accepted_model") is not None and found.get("verdict") in ("none", "not_assessed"):
+        return
+    chosen = baseline is not None and bool(baseline.set_by)
+    known = set(baseline.test.causes) if baseline is not None else set()
+    for cause in found.get("causes") or ():
+        name = str(cause["cause"])
+        excused = name in known and (chosen or name in _OF_THE_INSTRUMENTS)
+        if excused or (baseline is None and name in _OF_THE_INSTRUMENTS):
+            continue
+        fresh = "New since the baseline: " if baseline is not None and name not in known else ""
+        yield Finding(Ne107.MAINTENANCE, f"{fresh}{cause['sentence']} {cause['action']}")
+    if found.get("verdict") == "unexplained" and baseline is not None and baseline.test.verdict in ("none", "named"):
+        yield Finding(
+            Ne107.MAINTENANCE,
+            "New since the baseline: something that no known cause explains. Run the diagnostic sequence.",
+        )
+
+
+def _not_judged(analysis: Mapping[str, Any], now: Figures, was: Figures | None) -> Iterator[Finding]:
+    if not any(name.startswith("friction") for name in now):
+        note = ((analysis.get("signature") or {}).get("notes") or {}).get("friction_mean_n")
+        because = f" ({note})" if note else ""
+        yield Finding(Ne107.FUNCTION_CHECK, f"Friction could not be judged{because}: repeat the test.")
+    elif was is not None and not any(name in now for name in was if name.startswith("friction")):
+        yield Finding(
+            Ne107.FUNCTION_CHECK, "Friction was found otherwise than in the baseline and cannot be compared: repeat."
+        )

@@ -1,0 +1,138 @@
+"""``/valves/{tag}/baseline``, ``/comparison`` and ``/trend``: what a valve's results are held against."""
+
+from __future__ import annotations
+
+import asyncio
+from datetime import datetime
+from typing import Annotated, Any, Final
+
+from fastapi import APIRouter, Depends, Query
+from pydantic import BaseModel, ConfigDict, Field
+
+from service.access.needs import Asks, needs, require_covers
+from service.access.principal import Right
+from service.health.comparison import compare
+from service.health.judge import facts_of
+from service.health.results import Baseline, PastTest
+from service.health.trend_view import TrendView, trends_of_tests
+from service.json_body import JsonRoute
+from service.parts import Parts, parts_of
+from service.problems import PROBLEMS
+from service.runs.run import Label, RunState
+from valve.errors import NotFoundError, RequestError
+
+router = APIRouter(prefix="/valves", tags=["health"], responses=PROBLEMS, route_class=JsonRoute)
+PartsOf = Annotated[Parts, Depends(parts_of)]
+TestId = Annotated[str | None, Query(max_length=40, pattern=r"^[^\x00]*$")]
+
+_MOST_TESTS: Final = 1000
+
+
+class BaselineRequest(BaseModel):
+    """The test that later ones are held against."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+    test: str = Field(min_length=1, max_length=64, examples=["20261121T031502Z-9f3c01ab"])
+
+
+class BaselineView(BaseModel):
+    """What a valve's tests are held against."""
+
+    valve: str
+    test: str
+    at: datetime
+    set_by: str | None = Field(description="null where the first good test became it by itself")
+    set_at: datetime | None
+    figures: dict[str, dict[str, Any]]
+
+
+class ComparisonView(BaseModel):
+    """As found beside as left."""
+
+    valve: str
+    as_found: str
+    as_left: str
+    changes: list[dict[str, Any]] = Field(description="SI; ci95 is that of the change, sure: it leaves 0 out")
+    sentences: list[str]
+
+
+class TrendPage(BaseModel):
+    """The main figures over a valve's tests, oldest first."""
+
+    valve: str
+    trends: list[TrendView]
+
+
+def _view(tag: str, baseline: Baseline) -> BaselineView:
+    test = baseline.test
+    figures = {key: {"value": one.value, "ci95": one.ci95} for key, one in test.figures.items()}
+    return BaselineView(
+        valve=tag,
+        test=test.test_id,
+        at=test.at,
+        set_by=baseline.set_by or None,
+        set_at=baseline.set_at,
+        figures=figures,
+    )
+
+
+@router.get("/{tag:path}/baseline", dependencies=[needs(Right.VIEW)])
+async def get_baseline(tag: str, parts: PartsOf) -> BaselineView:
+    """Return the baseline of a valve, the one that was set last."""
+    parts.runs.valve(tag)
+    baseline = await asyncio.to_thread(parts.store.figures.baseline, tag)
+    if baseline is None:
+        raise NotFoundError(f"{tag}: there is no baseline yet: its first good test becomes it")
+    return _view(tag, baseline)
+
+
+@router.post("/{tag:path}/baseline", dependencies=[needs(Right.CONFIGURE)])
+async def set_baseline(tag: str, wanted: BaselineRequest, parts: PartsOf, asks: Asks) -> BaselineView:
+    """Make a completed test the baseline: what it shows is how this valve is; later tests are held against it."""
+    parts.runs.valve(tag)
+    require_covers(asks, tag)
+    run = await parts.runs.get(wanted.test)
+    if run.valve != tag:
+        raise RequestError(f"test {run.id} is one of {run.valve}, not of {tag}: choose a test of this valve")
+    known = await asyncio.to_thread(parts.store.figures.get, run.id)
+    if run.state is not RunState.COMPLETED or known is None:
+        raise RequestError(f"test {run.id} is {run.state.value} and has no figures: choose a completed test")
+    await asyncio.to_thread(parts.audit.append, "baseline.set", who=asks.name, valve=tag, test=run.id)
+    baseline = await asyncio.to_thread(parts.store.figures.set_baseline, run, asks.name)
+    assert baseline is not None, "its figures were just read"
+    return _view(tag, baseline)
+
+
+@router.get("/{tag:path}/comparison", dependencies=[needs(Right.VIEW)])
+async def get_comparison(tag: str, parts: PartsOf, as_found: TestId = None, as_left: TestId = None) -> ComparisonView:
+    """Compare a valve as found and as left: two tests by id, or the newest that carry these labels."""
+    valve = parts.runs.valve(tag)
+    after = await asyncio.to_thread(_test, parts, tag, as_left, Label.AS_LEFT, None)
+    before = await asyncio.to_thread(_test, parts, tag, as_found, Label.AS_FOUND, after)
+    found = compare(before, after, valve.health, facts_of(valve)).to_json()
+    return ComparisonView(valve=tag, **found)
+
+
+@router.get("/{tag:path}/trend", dependencies=[needs(Right.VIEW)])
+async def get_trend(tag: str, parts: PartsOf, limit: Annotated[int, Query(ge=1, le=_MOST_TESTS)] = 100) -> TrendPage:
+    """Return the main figures of a valve over its newest tests, with their 95 % intervals."""
+    parts.runs.valve(tag)
+    tests = await asyncio.to_thread(parts.store.figures.newest, tag, limit)
+    return TrendPage(valve=tag, trends=trends_of_tests(tests))
+
+
+def _test(parts: Parts, tag: str, test_id: str | None, label: Label, after: PastTest | None) -> PastTest:
+    """Return the test of this id, or the newest with this label; of the latter, none that is later than ``after``."""
+    if test_id is not None:
+        found = parts.store.figures.get(test_id)
+        if found is None or parts.store.runs.get(test_id).valve != tag:
+            raise NotFoundError(
+                f"{tag}: test {test_id[:64]} is no completed one of it: GET /tests lists all"
+            )
+        return found
+    labelled = parts.store.figures.newest(tag, _MOST_TESTS, label=label)
+    fitting = [one for one in labelled if after is None or one.at <= after.at]
+    if not fitting:
+        word = label.value.replace("_", " ")
+        raise NotFoundError(f'{tag}: no completed test is labelled {word}: run one with "label": "{label.value}"')
+    return fitting[0]

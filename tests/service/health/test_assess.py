@@ -1,0 +1,162 @@
+from __future__ import annotations
+
+import random
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import pytest
+
+from service.health.assess import assess
+from service.health.figures import figures_of
+from service.health.limits import HealthLimits
+from service.health.results import Baseline, Case, Health, PastTest
+from tests.service.health.analyses import FACTS, LIMITS, analysis, named
+from valve.errors import ConfigurationError
+
+NOW = datetime(2026, 11, 21, 3, 15, tzinfo=UTC)
+
+
+def past(days_ago: float, found: dict[str, Any]) -> PastTest:
+    discrepancy = found["discrepancy"]
+    causes = tuple(one["cause"] for one in discrepancy["causes"])
+    at = NOW - timedelta(days=days_ago)
+    return PastTest(f"test-{days_ago:g}", at, figures_of(found), causes, discrepancy["verdict"])
+
+
+def judged(
+    found: dict[str, Any], base: dict[str, Any] | None = None, *, set_by: str = "", limits: HealthLimits = LIMITS
+) -> Health:
+    baseline = None if base is None else Baseline(past(30.0, base), set_by)
+    return assess(Case(found, NOW, FACTS, limits, baseline))
+
+
+@pytest.mark.parametrize(
+    ("found", "state", "words"),
+    [
+        (analysis(), "N", "nothing is out of limits; 6 figures were compared"),
+        (analysis(friction_n=700.0), "M", "packing and its lubrication"),
+        (analysis(friction_n=300.0), "M", "look for a leak at the stem"),
+        (analysis(spring_n_per_m=47000.0), "S", "a broken or a wrong spring"),
+        (analysis(bench_pa=(6000.0, 88700.0)), "S", "may not shut tight"),
+        (analysis(travel_m=0.08), "S", "what blocks the stroke"),
+        (analysis(travel_m=0.03), "F", "what blocks the stroke"),
+        (analysis(travel_m=0.0005), "F", "a stuck stem"),
+        (analysis(dead_band_percent=92.0), "S", "92 % of the 82.74 kPa"),
+        (named(), "M", "New since the baseline: Friction is 260 N higher"),
+        (analysis(discrepancy={"verdict": "unexplained", "causes": []}), "M", "no known cause explains"),
+        (analysis(friction_n=None), "C", "one way only"),
+    ],
+)
+def test_each_change_gives_its_state_and_says_what_to_look_at(found: dict[str, Any], state: str, words: str) -> None:
+    health = judged(found, analysis()).to_json()
+    assert health["ne107"] == state, health["reasons"]
+    assert any(words in reason for reason in health["reasons"]), health["reasons"]
+
+
+def test_the_same_result_is_normal_when_it_is_the_baseline_itself() -> None:
+    for found in (analysis(), analysis(friction_n=300.0), analysis(spring_n_per_m=47000.0)):
+        health = judged(found, found)
+        assert health.ne107 == "N"
+        assert all(one.kept for one in health.changes)
+
+
+def test_a_change_counts_only_beyond_its_interval_and_its_limit() -> None:
+    within_limit = judged(analysis(friction_n=620.0), analysis())
+    within_interval = judged(analysis(friction_n=700.0, half_n=250.0), analysis())
+    beyond_both = judged(analysis(friction_n=700.0, half_n=150.0), analysis())
+    assert [one.ne107.value for one in (within_limit, within_interval, beyond_both)] == ["N", "N", "M"]
+    change = next(one for one in beyond_both.to_json()["changes"] if one["name"] == "friction_mean_n")
+    assert change["change"] == pytest.approx(200.0)
+    assert change["ci95"] == pytest.approx([200.0 - 150.0033, 200.0 + 150.0033], abs=0.01)
+    assert (change["limit"], change["kept"]) == (pytest.approx(125.0), False)
+
+
+def test_a_figure_without_an_interval_must_change_by_twice_the_limit() -> None:
+    def without(friction_n: float) -> dict[str, Any]:
+        found = analysis(friction_n=friction_n)
+        found["signature"]["intervals"] = {}
+        return found
+
+    assert judged(without(700.0), without(500.0)).ne107 == "N"
+    assert judged(without(760.0), without(500.0)).ne107 == "M"
+
+
+def test_the_worst_state_stands_and_every_reason_is_told_worst_first() -> None:
+    health = judged(named(friction_n=700.0, spring_n_per_m=40000.0), analysis()).to_json()
+    assert health["ne107"] == "S"
+    assert [words in reason for words, reason in zip(("Spring", "Friction", "New"), health["reasons"], strict=True)]
+    assert health["reasons"][0].startswith("Spring rate: 40.00 N/mm is 12.500")
+
+
+def test_limits_are_the_valves_own() -> None:
+    assert judged(analysis(friction_n=700.0), analysis(), limits=replace(LIMITS, friction_up_percent=60.0)).ne107 == "N"
+    assert judged(analysis(friction_n=560.0), analysis(), limits=replace(LIMITS, friction_up_percent=10.0)).ne107 == "M"
+    with pytest.raises(ConfigurationError, match="friction_up_percent is 0"):
+        HealthLimits(friction_up_percent=0.0)
+
+
+def test_a_cause_that_a_person_took_as_the_baseline_is_known_and_one_that_nobody_chose_is_not() -> None:
+    assert judged(named(), named(), set_by="anna").ne107 == "N"
+    assert judged(named(), named()).ne107 == "M"
+    assert judged(named()).ne107 == "M"
+    lag = analysis(
+        discrepancy={
+            "verdict": "named",
+            "causes": [{"cause": "transducer_lag", "sentence": "The I/P lags.", "action": "Look at it."}],
+        }
+    )
+    assert judged(lag).ne107 == "N"
+    assert judged(lag, analysis()).ne107 == "M"
+
+
+def test_a_figure_of_a_fit_that_failed_says_nothing() -> None:
+    found = named()
+    found["estimates"] = [{"method": "garcia", "status": "failed", "parameters": {}}]
+    found["signature"]["spring_rate_n_per_m"] = 43000.0
+    found["signature"]["intervals"]["spring_rate_n_per_m"] = {"ci95": [42e3, 44e3], "from": "the parameters by garcia"}
+    found["discrepancy"]["extended_model"] = {
+        "parameters": {
+            "k": {"value": 52510.0, "ci95": [52500.0, 52520.0]},
+            "F_c": {"value": 490.0, "ci95": [489, 491]},
+        },
+        "causes": {},
+    }
+    assert figures_of(found)["spring_rate_n_per_m"].value == 52510.0
+    assert figures_of(found)["friction_coulomb_n"].value == 490.0
+    assert not any("Spring" in one.sentence for one in judged(found, analysis()).findings)
+    found["estimates"][0]["status"] = "ok"
+    assert figures_of(found)["spring_rate_n_per_m"].value == 43000.0
+
+
+def test_a_narrowed_motion_that_hardly_moves_is_no_failure_of_the_valve() -> None:
+    case = Case(analysis(travel_m=0.0005), NOW, FACTS, LIMITS, is_full_stroke=False)
+    assert assess(case).ne107 == "C"
+
+
+def test_friction_that_creeps_to_its_limit_is_told_before_it_gets_there() -> None:
+    draw = random.Random(4)
+    friction_n = [500.0 + 1.5 * day + draw.gauss(0.0, 2.0) for day in range(60)]
+    friction_n[20] = 900.0  # an odd night
+    tests = [past(60.0 - day, analysis(friction_n=value)) for day, value in enumerate(friction_n)]
+    case = Case(analysis(friction_n=590.0), NOW, FACTS, LIMITS, Baseline(tests[0]), tuple(tests))
+    health = assess(case)
+    trend = next(one for one in health.trends if one.name == "friction_mean_n")
+    assert trend.slope.ci95[0] <= 1.5 <= trend.slope.ci95[1]
+    assert trend.slope.ci95[1] - trend.slope.ci95[0] < 0.1
+    assert trend.limit_at is not None
+    assert abs((trend.limit_at - NOW).days - 23) <= 2  # 500 + 125 at 1.5 a day, sixty days gone
+    assert health.ne107 == "M"
+    assert "runs to its limit" in health.findings[0].sentence
+    far = assess(replace(case, limits=replace(LIMITS, forecast_days=10.0)))
+    assert far.ne107 == "N"
+
+
+def test_scatter_alone_is_no_trend() -> None:
+    sure = 0
+    for seed in range(200):
+        draw = random.Random(seed)
+        tests = [past(30.0 - day, analysis(friction_n=draw.gauss(500.0, 20.0))) for day in range(30)]
+        case = Case(analysis(friction_n=draw.gauss(500.0, 20.0)), NOW, FACTS, LIMITS, Baseline(tests[0]), tuple(tests))
+        sure += next(one for one in assess(case).trends if one.name == "friction_mean_n").slope.is_sure
+    assert sure <= 20  # 5 % of 200, and what chance adds to that once in 1,000 times

@@ -1,0 +1,156 @@
+"""Health through the service: baselines, figures, trends, as found and as left."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from service.health.judge import standing_health
+from service.health.limits import HealthLimits
+from service.settings import Plant, load_plant
+from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.service.health.analyses import analysis, named
+from tests.service.problem import assert_problem
+from tests.service.running_service import running_service
+from valve.errors import ConfigurationError
+
+RUN = {"valve": "FV-101", "sequence": "triangle"}
+
+
+class Found(FakeAnalyst):
+    """Finds what the test says."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.result: dict[str, Any] = analysis()
+
+    async def analyze(self, *args: Any, **others: Any) -> dict[str, Any]:
+        await super().analyze(*args, **others)
+        return dict(self.result)
+
+
+@pytest.fixture
+def plant(plant_file: Path) -> Plant:
+    return load_plant(plant_file)
+
+
+@pytest.fixture
+def analyst() -> Found:
+    return Found()
+
+
+@pytest.fixture
+async def client(plant: Plant, analyst: Found) -> AsyncIterator[httpx.AsyncClient]:
+    async with running_service(plant, FakeRig(), analyst) as client:
+        yield client
+
+
+async def health(client: httpx.AsyncClient, **wanted: Any) -> tuple[str, dict[str, Any]]:
+    answer = await client.post("/tests/run", json={**RUN, **wanted}, headers={"Prefer": "wait=10"})
+    assert answer.status_code == 200, answer.text
+    body = answer.json()
+    assert body["state"] == "completed", body["error"]
+    return body["id"], body["analysis"]["health"]
+
+
+async def test_the_first_good_test_becomes_the_baseline_and_later_ones_are_held_against_it(
+    client: httpx.AsyncClient, analyst: Found
+) -> None:
+    assert_problem(await client.get("/valves/FV-101/baseline"), 404, "no baseline yet")
+    analyst.result = analysis(friction_n=None)
+    analyst.result["signature"]["spring_rate_n_per_m"] = None
+    assert (await health(client))[1]["ne107"] == "C"
+    assert (await client.get("/valves/FV-101/baseline")).status_code == 404
+    analyst.result = analysis()
+    first, found = await health(client)
+    assert (found["ne107"], found["baseline"]) == ("N", None)
+    baseline = (await client.get("/valves/FV-101/baseline")).json()
+    assert (baseline["test"], baseline["set_by"]) == (first, None)
+    assert baseline["figures"]["friction_mean_n"] == {"value": 500.0, "ci95": [499.0, 501.0]}
+    analyst.result = analysis(friction_n=700.0)
+    _, found = await health(client)
+    assert (found["ne107"], found["baseline"]["test"]) == ("M", first)
+    listed = (await client.get("/valves")).json()["valves"][0]
+    assert listed["health"]["ne107"] == "M"
+    assert "Friction, mean: 700.0 N" in listed["health"]["reasons"][0]
+    trend = (await client.get("/valves/FV-101")).json()["trend"]
+    assert [point["value"] for point in trend[0]["points"]] == [500.0, 700.0]
+
+
+async def test_a_chosen_baseline_takes_the_place_of_the_old_one_and_is_audited(
+    client: httpx.AsyncClient, analyst: Found, plant: Plant
+) -> None:
+    await health(client)
+    analyst.result = named(friction_n=700.0)
+    second, found = await health(client)
+    assert found["ne107"] == "M"
+    chosen = (await client.post("/valves/FV-101/baseline", json={"test": second})).json()
+    assert (chosen["test"], chosen["set_by"]) == (second, "local")
+    _, found = await health(client)
+    assert found["ne107"] == "N", found["reasons"]
+    audit = "".join(path.read_text() for path in (plant.service.store / "audit").glob("*.audit"))
+    assert "baseline.set" in audit
+    answer = await client.post("/valves/FV-102/baseline", json={"test": second})
+    assert_problem(answer, 422, "one of FV-101, not of FV-102")
+
+
+async def test_another_motion_has_its_own_baseline(client: httpx.AsyncClient, analyst: Found) -> None:
+    first, _ = await health(client)
+    analyst.result = analysis(friction_n=900.0)
+    other, found = await health(client, overrides={"period_s": 10})
+    assert (found["ne107"], found["baseline"]) == ("N", None)
+    _, found = await health(client, overrides={"period_s": 10})
+    assert found["baseline"]["test"] == other
+    analyst.result = analysis()
+    assert (await health(client))[1]["baseline"]["test"] == first
+
+
+async def test_what_a_repair_changed_is_told_with_its_interval_and_becomes_the_baseline(
+    client: httpx.AsyncClient, analyst: Found
+) -> None:
+    assert_problem(await client.get("/valves/FV-101/comparison"), 404, "no completed test is labelled as left")
+    analyst.result = named(friction_n=800.0)
+    before, _ = await health(client, label="as_found")
+    analyst.result = analysis(friction_n=450.0)
+    after, _ = await health(client, label="as_left")
+    found = (await client.get("/valves/FV-101/comparison")).json()
+    assert (found["as_found"], found["as_left"]) == (before, after)
+    friction = found["changes"][0]
+    assert (friction["change"], friction["sure"]) == (-350.0, True)
+    assert friction["ci95"] == pytest.approx([-350.0 - 2.0**0.5, -350.0 + 2.0**0.5])
+    assert found["sentences"] == ["Friction, mean fell by 350.0 ± 1.4 N, 43.8 %.", "No longer found: local friction."]
+    assert (await client.get("/valves/FV-101/baseline")).json()["test"] == after
+    turned = await client.get("/valves/FV-101/comparison", params={"as_found": after, "as_left": before})
+    assert turned.json()["changes"][0]["change"] == 350.0
+    answer = await client.get("/valves/FV-102/comparison", params={"as_found": before, "as_left": after})
+    assert_problem(answer, 404, "no completed one of it")
+
+
+def test_what_was_normal_long_ago_is_no_longer_known() -> None:
+    now = datetime(2026, 11, 21, tzinfo=UTC)
+    known = {"ne107": "N", "reasons": []}
+    fresh = standing_health(known, now - timedelta(days=34), now, HealthLimits())
+    old = standing_health(known, now - timedelta(days=40), now, HealthLimits())
+    worse = standing_health({"ne107": "S", "reasons": ["x"]}, now - timedelta(days=40), now, HealthLimits())
+    assert fresh == known
+    assert old is not None
+    assert worse is not None
+    assert (old["ne107"], worse["ne107"]) == ("C", "S")
+    assert "40 days old" in old["reasons"][0]
+
+
+def test_a_wrong_limit_is_refused_with_its_key(plant_text: str, quick_path: Path) -> None:
+    path = quick_path / "plant.toml"
+    section = "[valves.health]\nfriction_up_percent = -5.0\n[valves.limits]"
+    path.write_text(plant_text.replace("[valves.limits]", section, 1), encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=r"valves\[0\].health: health.friction_up_percent is -5"):
+        load_plant(path)
+    path.write_text(plant_text.replace("[valves.limits]", section.replace("-5.0", "40.0"), 1), encoding="utf-8")
+    plant = load_plant(path)
+    assert plant.valves["FV-101"].health.friction_up_percent == 40.0
+    assert plant.valves["FV-102"].health == HealthLimits()
