@@ -38,6 +38,7 @@ from service.settings_nightly import (
     gateway_of_bus,
     gateways,
     groups_by_name,
+    name_gateway,
     schedules,
 )
 from service.settings_permissives import stem_rules_of
@@ -96,7 +97,6 @@ class PlantSection(BaseModel):
     groups: list[dict[str, Any]] = []
     schedules: list[dict[str, Any]] = []
     gateways: list[dict[str, Any]] = []
-    mqtt: dict[str, Any] | None = None
     mqtt: dict[str, Any] | None = None
 
 
@@ -160,6 +160,7 @@ def load_plant(path: Path) -> Plant:
     top = findings.model(PlantSection, read_toml(path), ())
     if top is None:
         raise findings.error()
+    name_gateway(top.service)
     service = _service(findings, top.service, path.parent)
     own = top.service.get("gateway")
     urls = gateways(findings, top.gateways, own if isinstance(own, str) else None)
