@@ -87,7 +87,9 @@ def _print(plant: Plant, checks: list[PlannedCheck], hours: float) -> None:
 
     console = Console()
     if not plant.schedules:
-        console.print(f"{plant.file.name} has no [[schedules]].")
+        console.print(
+            f"{plant.file.name} has no [[schedules]]: docs/nightly.md says how to plan a night.", markup=False
+        )
         return
     if not checks:
         console.print(f"Nothing is due within {hours:g} h.")

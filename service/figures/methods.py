@@ -37,9 +37,9 @@ def all_estimates(analysis: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 
 def methods_picture(estimates: Sequence[Mapping[str, Any]], system: UnitSystem) -> Picture | None:
-    """Return one row a parameter, the methods' values within it in percent of the narrowest; None without a value."""
+    """Return one row a parameter, the methods' values in percent of the narrowest; None with nothing to compare."""
     rows = [(symbol, found) for symbol in PARAMETER_SYMBOLS if (found := _found(estimates, symbol))]
-    if not rows:
+    if all(len(found) < 2 for _, found in rows):
         return None
     with settings():
         figure = sheet(7.2, 0.9 + 0.55 * len(rows))

@@ -121,6 +121,13 @@ def test_the_coming_night_is_shown_without_a_service(quick_path: Path) -> None:
     assert checks[0]["due_at"] == "2026-07-01T00:30:00+00:00"
 
 
+def test_a_plant_without_schedules_is_told_which_section_is_missing() -> None:
+    example = Path(__file__).parents[2] / "examples" / "plant.toml"
+    shown = CliRunner().invoke(app, ["schedule", "show", "--config", str(example)], env={"COLUMNS": "140"})
+    assert shown.exit_code == 0, shown.output
+    assert "no [[schedules]]" in shown.output
+
+
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [(("show",), "needs the plant file"), (("run",), "needs the name"), (("show", "weekly"), "'weekly' is unknown")],
