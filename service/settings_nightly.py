@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Annotated, Any, Final
@@ -13,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from service.settings_errors import Findings
 
+GATEWAY_VARIABLE: Final = "BREAKAWAY_GATEWAY"
 STRICT: Final = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$")]
 Tags = Annotated[list[Annotated[str, Field(min_length=1, max_length=64)]], Field(max_length=10000)]
@@ -149,6 +151,12 @@ def _check_tags(findings: Findings, key: tuple[str | int, ...], wanted: Sequence
     for index, tag in enumerate(wanted):
         if tag not in tags:
             findings.add((*key, index), tag, "no valve has this tag", "correct it, or add the valve")
+
+
+def name_gateway(service: MutableMapping[str, Any], environment: Mapping[str, str] = os.environ) -> None:
+    """Let the environment say which gateway this is, so that several containers read one and the same file."""
+    if name := environment.get(GATEWAY_VARIABLE):
+        service["gateway"] = name
 
 
 def gateways(findings: Findings, raw: Sequence[Mapping[str, Any]], own: str | None) -> dict[str, str]:
