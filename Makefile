@@ -5,10 +5,10 @@ BIN    := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench faults blind clean lock fuzz
+.PHONY: help demo test check bench faults blind clean lock fuzz compose-check
 
 help:  ## this list
-	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 $(VENV)/.runtime: requirements.lock pyproject.toml
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -45,6 +45,9 @@ blind: $(VENV)/.dev  ## hide effects in data and ask for them; a part: ARGS="tri
 
 fuzz: $(VENV)/.dev  ## requests of every kind to every route, none may be a server error; ARGS=examples
 	BREAKAWAY_FUZZ_EXAMPLES=$(or $(ARGS),200) $(BIN)/pytest -s tests/service/access/test_schemathesis.py
+
+compose-check: $(VENV)/.dev  ## docker-compose.yml for real, tests run through it: COMPOSE="docker compose"; ARGS=single or plant
+	$(BIN)/python -m tests.compose $(ARGS)
 
 lock: $(VENV)/.dev  ## resolve the dependencies anew (needs uv on the path)
 	uv pip compile --universal --generate-hashes --python-version 3.11 --quiet \

@@ -9,13 +9,17 @@ from typing import Any
 
 import pytest
 import yaml
+from sqlalchemy import make_url
 
 from drivers.addresses import TcpAddress
 from service.settings import Plant, load_plant
+from service.settings_database import PASSWORD_VARIABLE
+from service.settings_nightly import GATEWAY_VARIABLE
 from valve.parameter_sets import PARAMETER_SETS
 
 PROJECT = Path(__file__).resolve().parents[2]
 PLANT_FILE = PROJECT / "deploy" / "compose" / "plant.toml"
+LARGE_PLANT_FILE = PROJECT / "deploy" / "compose" / "large_plant.toml"
 
 
 @pytest.fixture(scope="module")
@@ -26,42 +30,80 @@ def compose() -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def plant() -> Plant:
-    return load_plant(PLANT_FILE)
+def plants() -> dict[str, Plant]:
+    single = load_plant(PLANT_FILE)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(GATEWAY_VARIABLE, "north")
+        return {"plant": single, "valves": load_plant(LARGE_PLANT_FILE)}
 
 
-def test_service_and_plant_are_two_containers_of_one_image(compose: dict[str, Any]) -> None:
+GATEWAYS = {"service": "plant", "north": "valves", "south": "valves"}
+
+
+def test_all_parts_but_the_database_are_containers_of_one_image(compose: dict[str, Any]) -> None:
     services = compose["services"]
-    assert set(services) == {"service", "plant"}
-    assert services["service"]["image"] == services["plant"]["image"]
-    assert services["service"]["command"][0] == "serve"
-    assert services["plant"]["command"][0] == "simulate"
+    assert set(services) == {*GATEWAYS, *GATEWAYS.values(), "database"}
+    assert {service["image"] for name, service in services.items() if name != "database"} == {"breakaway:local"}
+    assert {services[name]["command"][0] for name in GATEWAYS} == {"serve"}
+    assert {services[name]["command"][0] for name in GATEWAYS.values()} == {"simulate"}
 
 
-def test_both_containers_read_the_plant_file_where_their_command_looks(compose: dict[str, Any]) -> None:
+def test_without_a_profile_one_gateway_and_its_plant_start(compose: dict[str, Any]) -> None:
+    assert {name for name, service in compose["services"].items() if "profiles" not in service} == {"service", "plant"}
+
+
+def test_containers_read_the_plant_file_where_their_command_looks(compose: dict[str, Any]) -> None:
+    for gateway, simulation in GATEWAYS.items():
+        for name in (gateway, simulation):
+            source, target, mode = compose["services"][name]["volumes"][0].split(":")
+            expected = PLANT_FILE if simulation == "plant" else LARGE_PLANT_FILE
+            assert (PROJECT / source).resolve() == expected, name
+            assert compose["services"][name]["command"][1:] == ["--config", target], name
+            assert mode == "ro"
+
+
+def test_only_this_machine_reaches_the_published_ports(compose: dict[str, Any], plants: dict[str, Plant]) -> None:
     for name, service in compose["services"].items():
-        source, target, mode = service["volumes"][0].split(":")
-        assert (PROJECT / source).resolve() == PLANT_FILE, name
-        assert service["command"][1:] == ["--config", target], name
-        assert mode == "ro"
+        if name in GATEWAYS:
+            (port,) = service["ports"]
+            inside = plants[GATEWAYS[name]].service.port
+            assert re.fullmatch(rf"127\.0\.0\.1:\$\{{\w+:-83\d\d\}}:{inside}", port), port
+        else:
+            assert "ports" not in service, name
 
 
-def test_only_this_machine_reaches_the_published_port(compose: dict[str, Any], plant: Plant) -> None:
-    assert compose["services"]["service"]["ports"] == [f"127.0.0.1:{plant.service.port}:{plant.service.port}"]
-    assert "ports" not in compose["services"]["plant"]
+def test_every_bus_leads_to_the_simulated_plant(plants: dict[str, Plant]) -> None:
+    for name, plant in plants.items():
+        assert plant.buses
+        for bus in plant.buses.values():
+            assert isinstance(bus, TcpAddress)
+            assert bus.host == name
 
 
-def test_every_bus_leads_to_the_simulated_plant(compose: dict[str, Any], plant: Plant) -> None:
-    assert plant.buses
-    for bus in plant.buses.values():
-        assert isinstance(bus, TcpAddress)
-        assert bus.host in compose["services"]
+def test_the_store_lies_on_a_volume_of_its_own(compose: dict[str, Any], plants: dict[str, Plant]) -> None:
+    used = set()
+    for name, simulation in GATEWAYS.items():
+        volume, mounted = compose["services"][name]["volumes"][1].split(":")
+        assert volume in compose["volumes"]
+        assert plants[simulation].service.store == Path(mounted)
+        used.add(volume)
+    assert len(used) == len(GATEWAYS)
 
 
-def test_the_store_lies_on_the_volume(compose: dict[str, Any], plant: Plant) -> None:
-    volume, mounted = compose["services"]["service"]["volumes"][1].split(":")
-    assert volume in compose["volumes"]
-    assert plant.service.store == Path(mounted)
+def test_the_large_plant_has_twenty_valves_on_four_buses_of_two_gateways(
+    compose: dict[str, Any], plants: dict[str, Plant]
+) -> None:
+    plant = plants["valves"]
+    assert (len(plant.valves), len(plant.buses)) == (20, 4)
+    assert sorted(plant.bus_gateways.values()) == ["north", "north", "south", "south"]
+    for name in plant.gateways:
+        assert compose["services"][name]["environment"][GATEWAY_VARIABLE] == name
+    assert plant.service.database is not None
+    assert make_url(plant.service.database.url).host == "database"
+
+
+def test_no_password_stands_in_a_file(compose: dict[str, Any]) -> None:
+    assert compose["services"]["database"]["environment"]["POSTGRES_PASSWORD"] == f"${{{PASSWORD_VARIABLE}:-}}"
 
 
 def test_every_valve_of_the_plant_is_simulated_from_a_published_set() -> None:
@@ -80,8 +122,9 @@ def test_the_image_runs_without_privileges_and_installs_by_hash(compose: dict[st
     assert text.index("\nUSER ") < text.index("\nENTRYPOINT ")
     assert "--require-hashes" in text
     assert "HEALTHCHECK" in text
-    for service in compose["services"].values():
-        assert service["cap_drop"] == ["ALL"]
+    for name, service in compose["services"].items():
+        if name != "database":  # it drops its rights by itself, which needs some at the start
+            assert service["cap_drop"] == ["ALL"]
         assert service["security_opt"] == ["no-new-privileges:true"]
 
 
