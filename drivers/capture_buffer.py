@@ -97,6 +97,8 @@ class CaptureBuffer:
                 raise DeviceError(f"{self._tag}: {unit.subject} holds other corners than were written: check the map")
             yield
         await self._prepare(run_number, words_crc16(words), course)
+        yield
+        await self._require_settings()
 
     async def _prepare(self, run_number: int, check: int, course: Course) -> None:
         capture, unit = self._capture, self._unit
@@ -109,7 +111,6 @@ class CaptureBuffer:
         }
         await unit.write({**settings, capture.control: capture.prepare})
         self._settings = settings
-        await self._require_settings()
 
     async def _require_settings(self) -> None:
         """Read the settings back. Raises DeviceError where the device holds others."""

@@ -60,8 +60,11 @@ class CapturedPlay:
             gone: DeviceError | None = None
             try:
                 await device.feed_watchdog()
+                mover.require_no_stop()
                 progress = await buffer.progress()
+                mover.require_no_stop()
                 sample = await device.read()
+                mover.require_no_stop()
                 gone = await rules.look_around(sample)
             except EquipmentError as error:
                 rules.missed(error)

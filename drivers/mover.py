@@ -54,7 +54,10 @@ class Mover:
         return self._stop.is_set()
 
     async def step(self, pressure_pa: float) -> Sample | None:
-        """Command, look, judge. None where there is no sample to be believed; raises where the test must end."""
+        """Command, look, judge. None where there is no sample to be believed; raises where the test must end.
+
+        A stop is heard after every transaction: raises StopAskedError.
+        """
         device = self.device
         sample: Sample | None = None
         gone: DeviceError | None = None
@@ -62,10 +65,13 @@ class Mover:
         try:
             if math.isnan(device.in_force_pa):
                 device.adopt(await device.read())
+                self.require_no_stop()
             self.rules.commanded(pressure_pa)
             self.written = await device.drive(pressure_pa)
             await device.feed_watchdog()
+            self.require_no_stop()
             sample = await device.read()
+            self.require_no_stop()
             gone = await self.rules.look_around(sample)
         except EquipmentError as error:
             self.rules.missed(error)

@@ -41,7 +41,8 @@ class SampleBlock:
     """Samples as they come in, each channel of shape (n,); time counts from the start of the waveform.
 
     ``recorded`` says whether they belong to the recording: a captured test is also watched by polling, and those
-    samples are for the eye alone. ``sent_s`` and ``received_s`` are there for polled samples.
+    samples are for the eye alone. ``sent_s`` and ``received_s`` are there for polled samples, ``write_sent_s`` and
+    ``written_s`` (between which the command was written) for those that were commanded from here.
     """
 
     time_s: FloatArray
@@ -51,6 +52,8 @@ class SampleBlock:
     sent_s: FloatArray | None
     received_s: FloatArray | None
     recorded: bool
+    write_sent_s: FloatArray | None = None
+    written_s: FloatArray | None = None
 
 
 class Ended(StrEnum):

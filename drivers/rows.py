@@ -40,8 +40,19 @@ class PolledRows:
         rows, self._given = self._rows[self._given :], len(self._rows)
         if not rows:
             return None
-        time_s, position_m, pressure_pa, command_pa, _, _, sent_s, received_s = np.array(rows, dtype=np.float64).T
-        return SampleBlock(time_s, position_m, pressure_pa, command_pa, sent_s, received_s, recorded=True)
+        columns = np.array(rows, dtype=np.float64).T
+        time_s, position_m, pressure_pa, command_pa, write_sent_s, written_s, sent_s, received_s = columns
+        return SampleBlock(
+            time_s,
+            position_m,
+            pressure_pa,
+            command_pa,
+            sent_s,
+            received_s,
+            recorded=True,
+            write_sent_s=write_sent_s,
+            written_s=written_s,
+        )
 
     def recording(self, provenance: Provenance) -> Recording | None:
         """Return the recording; None where there is no row."""

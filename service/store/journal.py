@@ -5,11 +5,12 @@ A text file in UTF-8, one record a line, each line closed by a space, the CRC-32
 
 ::
 
-    {"schema": "breakaway/journal/1", "test": "...", "valve": "...", ...} CRC         first line: what is recorded
-    time_s,sent_s,received_s,position_m,pressure_pa,command_pa,recorded CRC           then one line a sample
+    {"schema": "breakaway/journal/2", "test": "...", "valve": "...", ...} CRC         first line: what is recorded
+    time_s,sent_s,received_s,position_m,pressure_pa,command_pa,recorded,write_sent_s,written_s CRC  one line a sample
 
 ``time_s`` counts from the start of the waveform; ``recorded`` is 0 for a sample that only watches a device which
-captures by itself; ``nan`` is a gap. Every batch is handed to the operating system at once (it survives the death
+captures by itself; ``nan`` is a gap. Journals of schema ``breakaway/journal/1`` lack the last two, in which the
+command was written; they are still read. Every batch is handed to the operating system at once (it survives the death
 of the process) and ``sync`` forces it onto the disk (it survives a power cut).
 """
 
@@ -30,8 +31,10 @@ from valve.errors import RecordingError
 from valve.recording import Acquisition, Provenance, Recording
 
 FloatArray = npt.NDArray[np.float64]
-SCHEMA: Final = "breakaway/journal/1"
-_FIELDS: Final = ("time_s", "sent_s", "received_s", "position_m", "pressure_pa", "command_pa", "recorded")
+SCHEMA: Final = "breakaway/journal/2"
+_OLD_FIELDS: Final = ("time_s", "sent_s", "received_s", "position_m", "pressure_pa", "command_pa", "recorded")
+_FIELDS: Final = (*_OLD_FIELDS, "write_sent_s", "written_s")
+_FIELDS_OF: Final = {"breakaway/journal/1": _OLD_FIELDS, SCHEMA: _FIELDS}
 
 
 def _line(text: str) -> bytes:
@@ -57,6 +60,8 @@ def _rows(block: SampleBlock) -> FloatArray:
             block.pressure_pa,
             block.command_pa,
             np.full(block.time_s.shape, float(block.recorded)),
+            absent if block.write_sent_s is None else block.write_sent_s,
+            absent if block.written_s is None else block.written_s,
         )
     )
 
@@ -100,7 +105,7 @@ def read_header(path: Path) -> dict[str, Any]:
 def _header(path: Path, lines: Iterator[str]) -> dict[str, Any]:
     try:
         header: dict[str, Any] = json.loads(next(lines, ""))
-        if header.get("schema") != SCHEMA:
+        if header.get("schema") not in tuple(_FIELDS_OF):
             raise ValueError(f"schema {header.get('schema')!r}")
     except (ValueError, AttributeError) as error:
         raise RecordingError(f"{path.name}: it has no header of {SCHEMA} ({error}), nothing can be read") from error
@@ -108,14 +113,18 @@ def _header(path: Path, lines: Iterator[str]) -> dict[str, Any]:
 
 
 def read_journal(path: Path) -> tuple[dict[str, Any], FloatArray]:
-    """Return the header and the samples of a journal, shape (n, 7), torn and damaged lines left out.
+    """Return the header and the samples of a journal, shape (n, 9), torn and damaged lines left out.
+
+    What an older journal does not have is NaN.
 
     Raises RecordingError where the header itself is missing or damaged.
     """
     lines = _checked_lines(path.read_bytes())
     header = _header(path, lines)
+    width = len(_FIELDS_OF[header["schema"]])
     rows = [[float(cell) for cell in line.split(",")] for line in lines]
-    return header, np.array([row for row in rows if len(row) == len(_FIELDS)]).reshape(-1, len(_FIELDS))
+    known = np.array([row for row in rows if len(row) == width], dtype=np.float64).reshape(-1, width)
+    return header, np.pad(known, ((0, 0), (0, len(_FIELDS) - width)), constant_values=np.nan)
 
 
 def _in_order(rows: FloatArray) -> FloatArray:
@@ -137,7 +146,7 @@ def recording_from_journal(path: Path) -> Recording | None:
     header, rows = read_journal(path)
     recorded = _in_order(rows[rows[:, 6] == 1.0])
     chosen = recorded if len(recorded) >= 2 else _in_order(rows)
-    time_s, sent_s, received_s, position_m, pressure_pa, command_pa, _ = chosen.T
+    time_s, sent_s, received_s, position_m, pressure_pa, command_pa, _, write_sent_s, written_s = chosen.T
     if len(chosen) < 2 or (_channel(pressure_pa) is None and _channel(command_pa) is None):
         return None
     captured = len(recorded) >= 2 and _channel(sent_s) is None
@@ -148,6 +157,8 @@ def recording_from_journal(path: Path) -> Recording | None:
         command_pa=_channel(command_pa),
         sent_s=_channel(sent_s),
         received_s=_channel(received_s),
+        write_sent_s=_channel(write_sent_s),
+        written_s=_channel(written_s),
         provenance=Provenance(
             acquisition=Acquisition.CAPTURED if captured else Acquisition.POLLED,
             tag=str(header.get("valve", "")),

@@ -1,0 +1,70 @@
+"""What the journal of an interrupted test keeps, and that journals of an older version are still read."""
+
+from __future__ import annotations
+
+import json
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.outcome import Sample
+from drivers.rows import PolledRows
+from drivers.transport import Exchange
+from service.store.journal import JournalWriter, read_journal, recording_from_journal
+from valve.errors import RecordingError
+from valve.recording import Acquisition, Provenance
+
+
+def _polled() -> PolledRows:
+    rows = PolledRows(100.0)
+    for i in range(20):
+        at_s = 100.0 + 0.02 * i
+        write = None if i % 5 == 0 else Exchange((), at_s, at_s + 0.003)
+        rows.add(Sample(at_s + 0.004, at_s + 0.007, 0.001 * i, 2.0e4 + i, 2.0e4 + 10.0 * i), 2.0e4 + 10.0 * i, write)
+    return rows
+
+
+def test_an_interrupted_polled_test_keeps_between_when_each_command_was_written(tmp_path: Path) -> None:
+    rows, path = _polled(), tmp_path / "x.journal"
+    block = rows.fresh()
+    assert block is not None
+    journal = JournalWriter(path, {"valve": "FV-101"})
+    journal.append(block)
+    journal.close()
+    kept, whole = recording_from_journal(path), rows.recording(Provenance())
+    assert kept is not None
+    assert whole is not None
+    for name in ("time_s", "position_m", "command_pa", "sent_s", "received_s", "write_sent_s", "written_s"):
+        np.testing.assert_array_equal(getattr(kept, name), getattr(whole, name), err_msg=name)
+    assert kept.write_sent_s is not None
+    assert np.isnan(kept.write_sent_s[::5]).all()
+    assert np.isfinite(kept.write_sent_s[1:5]).all()
+
+
+def _old_line(text: str) -> bytes:
+    return b"%s %08x\n" % (text.encode(), zlib.crc32(text.encode()))
+
+
+def test_a_journal_of_the_older_version_is_still_read(tmp_path: Path) -> None:
+    path = tmp_path / "old.journal"
+    header = {"schema": "breakaway/journal/1", "valve": "FV-101", "entry_pa": 2.0e4}
+    lines = [f"{0.02 * i},{0.02 * i},{0.02 * i + 0.003},{0.001 * i},nan,{2.0e4 + i},1.0" for i in range(10)]
+    torn = _old_line("0.2,0.2,0.203,0.01")
+    path.write_bytes(_old_line(json.dumps(header)) + b"".join(map(_old_line, lines)) + torn)
+    assert read_journal(path)[1].shape == (10, 9)
+    recording = recording_from_journal(path)
+    assert recording is not None
+    assert recording.samples == 10
+    assert recording.provenance.acquisition is Acquisition.POLLED
+    assert (recording.write_sent_s, recording.written_s) == (None, None)
+    np.testing.assert_allclose(recording.position_m, 0.001 * np.arange(10))
+
+
+@pytest.mark.parametrize("schema", ["breakaway/journal/9", [], None])
+def test_a_journal_of_a_version_that_is_not_known_is_refused(tmp_path: Path, schema: object) -> None:
+    path = tmp_path / "new.journal"
+    path.write_bytes(_old_line(json.dumps({"schema": schema})))
+    with pytest.raises(RecordingError, match="no header of breakaway/journal/2"):
+        read_journal(path)
