@@ -17,6 +17,7 @@ from service.audit.log import AuditLog
 from service.parts import Parts
 from service.settings import Plant, ServiceSettings
 from service.store.store import open_store
+from service.systemd import ServiceManager
 from valve.errors import ConfigurationError
 
 _LOG = structlog.get_logger(__name__)
@@ -30,6 +31,8 @@ class _Server(uvicorn.Server):
         super().__init__(config)
         self._application = app
         self._loop: asyncio.AbstractEventLoop | None = None
+        self._manager = ServiceManager()
+        self._keeping: asyncio.Task[None] | None = None
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Start, and say where."""
@@ -39,6 +42,16 @@ class _Server(uvicorn.Server):
             host, port = listener.getsockname()[:2]
             scheme = "https" if self.config.is_ssl else "http"
             _LOG.info("listening", url=f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}")
+        if self.started:
+            self._manager.say("READY=1")
+            self._keeping = asyncio.create_task(self._manager.keep_alive())
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """End; the service manager hears that it is meant, and that it goes on."""
+        self._manager.say("STOPPING=1")
+        await super().shutdown(sockets=sockets)
+        if self._keeping is not None:
+            self._keeping.cancel()
 
     def handle_exit(self, sig: int, _frame: FrameType | None) -> None:
         """Stop the tests at once; the second signal no longer waits for anybody."""
