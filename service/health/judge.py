@@ -46,14 +46,19 @@ def facts_of(valve: PlantValve) -> ValveFacts:
     )
 
 
+def standing_state(state: str | None, last_at: datetime, now: datetime, limits: HealthLimits) -> str | None:
+    """Return a state as it stands today: what was normal long ago is no longer known to be."""
+    is_stale = (now - last_at).total_seconds() > limits.stale_days * _DAY_S
+    return Ne107.FUNCTION_CHECK.value if is_stale and state == Ne107.NORMAL.value else state
+
+
 def standing_health(
     health: Mapping[str, Any] | None, last_at: datetime, now: datetime, limits: HealthLimits
 ) -> Mapping[str, Any] | None:
-    """Return health as it stands today: what was normal long ago is no longer known to be."""
+    """Return health as it stands today, with a reason where it is too old."""
     days = (now - last_at).total_seconds() / _DAY_S
     if health is None or days <= limits.stale_days:
         return health
-    state = health.get("ne107")
     stale = f"The last test is {days:.0f} days old, {limits.stale_days:.3g} are allowed: test the valve."
-    shown = Ne107.FUNCTION_CHECK.value if state in (None, Ne107.NORMAL.value) else state
+    shown = standing_state(health.get("ne107"), last_at, now, limits)
     return {**health, "ne107": shown, "reasons": [*health.get("reasons", ()), stale]}

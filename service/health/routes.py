@@ -126,9 +126,7 @@ def _test(parts: Parts, tag: str, test_id: str | None, label: Label, after: Past
     if test_id is not None:
         found = parts.store.figures.get(test_id)
         if found is None or parts.store.runs.get(test_id).valve != tag:
-            raise NotFoundError(
-                f"{tag}: test {test_id[:64]} is no completed one of it: GET /tests lists all"
-            )
+            raise NotFoundError(f"{tag}: test {test_id[:64]} is no completed one of it: GET /tests lists all")
         return found
     labelled = parts.store.figures.newest(tag, _MOST_TESTS, label=label)
     fitting = [one for one in labelled if after is None or one.at <= after.at]

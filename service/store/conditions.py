@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import datetime
 
 from sqlalchemy import Engine, select
 
@@ -18,6 +19,7 @@ class ValveStanding:
     state: RunState
     safe_confirmed: bool | None
     ne107: str | None
+    at: datetime
 
     @property
     def may_be_bad(self) -> bool:
@@ -28,8 +30,12 @@ class ValveStanding:
 def valve_standings(engine: Engine) -> dict[str, ValveStanding]:
     """Return how each valve that was ever tested stands; blocks."""
     query = select(
-        VALVE_STATES.c.valve, TESTS.c.state, TESTS.c.safe_confirmed, VALVE_STATES.c.health["ne107"].as_string()
+        VALVE_STATES.c.valve,
+        TESTS.c.state,
+        TESTS.c.safe_confirmed,
+        VALVE_STATES.c.health["ne107"].as_string(),
+        TESTS.c.created_at,
     ).join_from(VALVE_STATES, TESTS, TESTS.c.number == VALVE_STATES.c.last_number)
     with engine.connect() as connection:
         rows = connection.execute(query).all()
-    return {valve: ValveStanding(RunState(state), safe, ne107) for valve, state, safe, ne107 in rows}
+    return {valve: ValveStanding(RunState(state), safe, ne107, at) for valve, state, safe, ne107, at in rows}

@@ -66,12 +66,12 @@ async def figure_of_test(
 @router.get("/valves/{tag:path}/trend.svg")
 async def figure_of_trend(request: Request, tag: str, parts: PartsOf, _visitor: VisitorOf) -> Response:
     """Draw the trends of a valve."""
-    parts.runs.valve(tag)
-    past, system = await asyncio.to_thread(past_of, parts.store, tag), units_of(request)
+    valve = parts.runs.valve(tag)
+    past, system = await asyncio.to_thread(past_of, parts.store, tag, valve), units_of(request)
     key = (
         tag,
         system,
-        tuple(run.id for run in past.completed[:1]),
+        None if past.latest is None else past.latest.id,
         None if past.baseline is None else past.baseline.id,
     )
     return _svg(await parts.drawer.svg(key, trends_svg, past.trends, system))

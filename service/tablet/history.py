@@ -1,73 +1,83 @@
-"""A valve's past as the pages need it: the last tests, the baseline, and the trend of each figure."""
+"""A valve's past as the pages need it: the last tests, the baseline, and the trend of each figure with its limits."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 from service.figures.trend import Trend, TrendPoint
-from service.runs.run import Label, Run, RunState
+from service.health.changes import allowed
+from service.health.figures import FIGURE_KINDS, Figure
+from service.health.judge import facts_of
+from service.health.results import Baseline, PastTest
+from service.runs.run import Run
+from service.settings import PlantValve
+from service.store.figure_table import conditions_of
 from service.store.store import Store
 
 _TREND_TESTS: Final = 40
-_TRENDS: Final = (
-    ("friction_mean_n", "friction, mean", "N"),
-    ("spring_rate_n_per_m", "spring rate", "N/m"),
-    ("bench_set_low", "bench set, low end", "Pa"),
-    ("dead_band_percent", "dead band", "percent"),
-)
+_TRENDS: Final = ("friction_mean_n", "spring_rate_n_per_m", "bench_low_pa", "dead_band_percent")
 
 
 @dataclass(frozen=True, slots=True)
 class ValvePast:
-    """What is known of a valve's tests, newest first; ``baseline`` is the test that later ones are held against."""
+    """What is known of a valve's tests, newest first; ``baseline`` is the test that later ones are held against.
+
+    ``figures`` are those of each test; ``same_motion`` those of tests with the motion of the newest completed one.
+    """
 
     newest: tuple[Run, ...]
-    completed: tuple[Run, ...]
+    latest: Run | None
     baseline: Run | None
+    figures: tuple[PastTest, ...]
+    same_motion: tuple[PastTest, ...]
+    held_against: Baseline | None
+    valve: PlantValve | None
 
     @property
     def trends(self) -> tuple[Trend, ...]:
-        """Each figure over the completed tests, oldest first."""
-        base = None if self.baseline is None else (self.baseline.analysis or {}).get("signature")
-        return tuple(
-            Trend(name, meaning, unit, tuple(_points(self.completed, name)), _value(base, name))
-            for name, meaning, unit in _TRENDS
-        )
+        """Each figure over the tests of one motion, oldest first."""
+        return tuple(self._trend(name) for name in _TRENDS)
+
+    def _trend(self, name: str) -> Trend:
+        kind = FIGURE_KINDS[name]
+        was = None if self.held_against is None else self.held_against.test.figures.get(name)
+        base = None if was is None else was.value
+        return Trend(name, kind.words, kind.unit, tuple(self._points(name)), base, self._limits(name, was))
+
+    def _limits(self, name: str, was: Figure | None) -> tuple[float | None, float | None]:
+        if was is None or self.valve is None:
+            return None, None
+        up, down = allowed(name, was, self.valve.health, facts_of(self.valve))
+        return None if down is None else was.value - down, None if up is None else was.value + up
+
+    def _points(self, name: str) -> Iterator[TrendPoint]:
+        for test in reversed(self.same_motion):
+            if name in test.figures:
+                figure = test.figures[name]
+                yield TrendPoint(test.at, figure.value, figure.ci95, test.label or "")
 
 
-def past_of(store: Store, tag: str) -> ValvePast:
-    """Return a valve's past; reads the database, so callers on the event loop use a thread."""
-    newest = tuple(store.runs.newest(_TREND_TESTS, valve=tag))
-    completed = tuple(store.runs.get(run.id) for run in newest if run.state is RunState.COMPLETED)
-    return ValvePast(newest, completed, _baseline(completed))
+def past_of(store: Store, tag: str, valve: PlantValve | None, run: Run | None = None) -> ValvePast:
+    """Return a valve's past, with the baseline of ``run``'s motion, or of the newest completed test's.
 
-
-def _baseline(completed: tuple[Run, ...]) -> Run | None:
-    """Return the newest test after a repair; where there is none, the oldest known."""
-    left = next((run for run in completed if run.label is Label.AS_LEFT), None)
-    return left or (completed[-1] if completed else None)
-
-
-def _value(signature: Mapping[str, Any] | None, name: str) -> float | None:
-    if signature is None:
-        return None
-    if name == "bench_set_low":
-        bench = signature.get("bench_set_pa")
-        value = None if not bench else bench[0]
-    else:
-        value = signature.get(name)
-    return None if value is None else float(value)
-
-
-def _points(completed: tuple[Run, ...], name: str) -> list[TrendPoint]:
-    points = []
-    for run in reversed(completed):
-        signature = (run.analysis or {}).get("signature")
-        value = _value(signature, name)
-        if value is None or signature is None:
-            continue
-        ci95 = ((signature.get("intervals") or {}).get(name) or {}).get("ci95")
-        points.append(TrendPoint(run.created_at, value, None if ci95 is None else (ci95[0], ci95[1]), run.label or ""))
-    return points
+    Reads the database, so callers on the event loop use a thread.
+    """
+    latest = store.runs.last_completed(tag)
+    of_motion = run if run is not None else latest
+    held: Baseline | None = None
+    same: tuple[PastTest, ...] = ()
+    if of_motion is not None:
+        conditions = conditions_of(of_motion)
+        held = store.figures.baseline(tag, conditions)
+        same = tuple(store.figures.newest(tag, _TREND_TESTS, conditions=conditions))
+    return ValvePast(
+        tuple(store.runs.newest(_TREND_TESTS, valve=tag)),
+        latest,
+        None if held is None else store.runs.get(held.test.test_id),
+        tuple(store.figures.newest(tag, _TREND_TESTS)),
+        same,
+        held,
+        valve,
+    )

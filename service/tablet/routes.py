@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter
-from collections.abc import Mapping
+from datetime import UTC, datetime
 from http import HTTPStatus
 from typing import Annotated, Any, Final
 from urllib.parse import quote
@@ -12,9 +12,12 @@ from urllib.parse import quote
 from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import RedirectResponse
 
+from service.health.judge import standing_health
+from service.health.results import PastTest
 from service.parts import Parts, parts_of
 from service.runs.acknowledgement import needs_acknowledgement
 from service.runs.run import Run
+from service.settings import PlantValve
 from service.shown_units import UnitSystem, quantity, shown_unit
 from service.tablet.history import ValvePast, past_of
 from service.tablet.night import due_checks, night_of
@@ -131,10 +134,10 @@ async def valve_page(request: Request, tag: str, parts: PartsOf, visitor: Visito
     except NotFoundError as error:
         return _missing(request, visitor, error)
     system, due = units_of(request), due_checks(parts)
-    past = await asyncio.to_thread(past_of, parts.store, tag)
+    past = await asyncio.to_thread(past_of, parts.store, tag, valve)
     last = parts.runs.as_it_stands(past.newest[0]) if past.newest else None
-    latest = past.completed[0] if past.completed else None
-    health, whole = _health(latest), {run.id: run.analysis for run in past.completed}
+    latest, figures = past.latest, {test.test_id: test for test in past.figures}
+    health = _standing(latest, valve)
     values = {
         "tag": tag,
         "busy_with": parts.runs.user_of(tag),
@@ -157,7 +160,7 @@ async def valve_page(request: Request, tag: str, parts: PartsOf, visitor: Visito
         "safe_words": _safe_words(valve.wiring.safe_value_pa, system),
         "acquisition": f"{valve.wiring.acquisition.mode.value}, every {1e3 * valve.wiring.acquisition.period_s:g} ms",
         "buses": ", ".join(sorted(valve.buses)),
-        "history": [_history_row(parts.runs.as_it_stands(run), whole.get(run.id)) for run in past.newest[:_HISTORY]],
+        "history": [_history_row(parts.runs.as_it_stands(run), figures.get(run.id)) for run in past.newest[:_HISTORY]],
     }
     return page(request, "valve.html", visitor, values)
 
@@ -173,7 +176,7 @@ async def test_page(request: Request, test_id: str, parts: PartsOf, visitor: Vis
     if not run.state.finished:
         live = await asyncio.to_thread(_live, parts, run, units_of(request))
         return page(request, "running.html", visitor, {**shared, "live": live})
-    past = await asyncio.to_thread(past_of, parts.store, run.valve)
+    past = await asyncio.to_thread(past_of, parts.store, run.valve, parts.plant.valves.get(run.valve), run)
     return page(request, "result.html", visitor, {**shared, **_result(request, run, past)})
 
 
@@ -183,6 +186,13 @@ def _missing(request: Request, visitor: Visitor, error: NotFoundError) -> Respon
 
 def _health(run: Run | None) -> dict[str, Any]:
     return {} if run is None or run.analysis is None else dict(run.analysis.get("health") or {})
+
+
+def _standing(latest: Run | None, valve: PlantValve) -> dict[str, Any]:
+    """Return health as it stands today, of the last completed test."""
+    if latest is None:
+        return {}
+    return dict(standing_health(_health(latest), latest.created_at, datetime.now(UTC), valve.health) or {})
 
 
 def _query(past: ValvePast, system: UnitSystem) -> str:
@@ -196,9 +206,8 @@ def _safe_words(safe_value_pa: float | str, system: UnitSystem) -> str:
     return quantity(safe_value_pa, "Pa", system)
 
 
-def _history_row(run: Run, analysis: Mapping[str, Any] | None) -> dict[str, Any]:
-    analysis = analysis or {}
-    signature = analysis.get("signature") or {}
+def _history_row(run: Run, test: PastTest | None) -> dict[str, Any]:
+    friction = None if test is None else test.figures.get("friction_mean_n") or test.figures.get("friction_coulomb_n")
     return {
         "id": run.id,
         "at": run.created_at,
@@ -206,18 +215,18 @@ def _history_row(run: Run, analysis: Mapping[str, Any] | None) -> dict[str, Any]
         "sequence": run.sequence.replace("_", " "),
         "state": STATES[run.state],
         "is_bad": needs_acknowledgement(run),
-        "friction_n": signature.get("friction_mean_n"),
-        "friction_ci95": ((signature.get("intervals") or {}).get("friction_mean_n") or {}).get("ci95"),
-        "diagnosis": _diagnosis_words(analysis),
+        "friction_n": None if friction is None else friction.value,
+        "friction_ci95": None if friction is None else friction.ci95,
+        "diagnosis": _diagnosis_words(test),
     }
 
 
-def _diagnosis_words(analysis: Mapping[str, Any]) -> str:
-    found = analysis.get("discrepancy") or {}
-    causes = found.get("causes") or ()
-    if causes:
-        return str(causes[0]["cause"]).replace("_", " ")
-    return {"none": "nothing beyond the noise", "unexplained": "unexplained"}.get(found.get("verdict", ""), "–")
+def _diagnosis_words(test: PastTest | None) -> str:
+    if test is None:
+        return "–"
+    if test.causes:
+        return test.causes[0].replace("_", " ")
+    return {"none": "nothing beyond the noise", "unexplained": "unexplained"}.get(test.verdict, "–")
 
 
 def _live(parts: Parts, run: Run, system: UnitSystem) -> dict[str, Any]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime
+from datetime import UTC, datetime
 from typing import Any, Final
 
+from service.health.judge import standing_health, standing_state
 from service.parts import Parts
 from service.runs.run import Run
 from service.store.conditions import valve_standings
@@ -37,10 +38,10 @@ def valve_conditions(parts: Parts) -> dict[str, Condition]:
     standings = valve_standings(parts.store.engine)
     doubtful = [tag for tag, one in standings.items() if one.may_be_bad and tag in parts.plant.valves]
     heads = parts.store.runs.valve_heads(doubtful) if doubtful else {}
-    conditions = {}
-    for tag in parts.plant.valves:
+    conditions, now = {}, datetime.now(UTC)
+    for tag, valve in parts.plant.valves.items():
         standing = standings.get(tag)
-        ne107 = None if standing is None else standing.ne107
+        ne107 = None if standing is None else standing_state(standing.ne107, standing.at, now, valve.health)
         is_busy = parts.runs.user_of(tag) is not None
         last = heads[tag].last if tag in heads else None
         conditions[tag] = condition_of(last, ne107, is_busy=is_busy, is_tested=standing is not None)
@@ -65,7 +66,9 @@ def _measured_friction(parts: Parts, tag: str) -> float | None:
 
 def _row(parts: Parts, tag: str, head: ValveHead | None, due: datetime | None) -> ValveRow:
     last = None if head is None else parts.runs.as_it_stands(head.last)
-    health: Mapping[str, Any] = (None if head is None else head.health) or {}
+    limits = parts.plant.valves[tag].health
+    stored = None if head is None else standing_health(head.health, head.last.created_at, datetime.now(UTC), limits)
+    health: Mapping[str, Any] = stored or {}
     busy_with = parts.runs.user_of(tag)
     condition = condition_of(last, health.get("ne107"), is_busy=busy_with is not None, is_tested=last is not None)
     friction = _friction_change(health)
@@ -95,7 +98,8 @@ def _reason(condition: Condition, last: Run | None, health: Mapping[str, Any]) -
 
 def _friction_change(health: Mapping[str, Any]) -> Mapping[str, Any] | None:
     changes = health.get("changes") or ()
-    return next((one for one in changes if str(one.get("name", "")).startswith("friction")), None)
+    of_friction = [one for one in changes if str(one.get("name", "")).startswith("friction")]
+    return next((one for one in of_friction if one.get("now") is not None), None)
 
 
 def friction_trend(change: Mapping[str, Any] | None) -> str:
