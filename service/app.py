@@ -34,6 +34,7 @@ from service.parts import Parts
 from service.problems import Problem
 from service.recordings.conversion import Converter
 from service.recordings.routes import router as recording_routes
+from service.report.routes import router as report_routes
 from service.runs.life import Analyst
 from service.runs.rig import Rig
 from service.runs.routes import router as test_routes
@@ -121,6 +122,7 @@ def create_app(
     install_error_handlers(app)
     for router in (
         safety_routes,
+        report_routes,
         test_routes,
         recording_routes,
         model_routes,

@@ -12,6 +12,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from service.cli.analysis_tables import print_analysis
 from service.cli.held_out import HeldOutCommand
 from service.cli.output import STANDARD_OUTPUT, require_writable, write_json
+from service.cli.report import require_report_name, write_report
 
 COMMAND_CLASS = HeldOutCommand
 
@@ -32,9 +33,13 @@ def analyze(
     json_file: Annotated[
         str | None, typer.Option("--json", metavar="FILE", help="Write the analysis object there; - prints it.")
     ] = None,
+    report_file: Annotated[
+        str | None, typer.Option("--report", metavar="FILE", help="Write the report there: x.pdf or x.html.")
+    ] = None,
 ) -> None:
     """Estimate a valve's parameters from recordings: both methods beside each other, with intervals and reasons."""
     require_writable(json_file)
+    require_report_name(report_file)
     console = Console(stderr=json_file == STANDARD_OUTPUT)
     columns = (TextColumn("{task.description}"), BarColumn(bar_width=30), TimeElapsedColumn())
     screen = Console(stderr=True)
@@ -44,6 +49,8 @@ def analyze(
     print_analysis(console, analysis)
     if json_file is not None:
         write_json(json_file, analysis)
+    if report_file is not None:
+        write_report(report_file, recordings, nameplate, analysis)
 
 
 def _analysis(

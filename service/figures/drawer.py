@@ -15,11 +15,10 @@ Parameters = ParamSpec("Parameters")
 _KEPT_PICTURES: Final = 128  # of at most 40 kB each
 
 
-def _draw(module: str, name: str, arguments: tuple[Any, ...]) -> str | None:
+def _draw(module: str, name: str, arguments: tuple[Any, ...]) -> Any:
     from importlib import import_module  # noqa: PLC0415
 
-    drawn: str | None = getattr(import_module(module), name)(*arguments)
-    return drawn
+    return getattr(import_module(module), name)(*arguments)
 
 
 class Drawer:
@@ -42,7 +41,14 @@ class Drawer:
         self._drawn.move_to_end(key)
         return await asyncio.shield(task)  # who no longer wants it does not take it from the others
 
-    async def _drawn_elsewhere(self, module: str, name: str, args: tuple[Any, ...]) -> str | None:
+    async def document(
+        self, write: Callable[Parameters, bytes], *args: Parameters.args, **_: Parameters.kwargs
+    ) -> bytes:
+        """Return what ``write`` (a function of a module) makes of ``args``; nothing is kept."""
+        written: bytes = await self._drawn_elsewhere(write.__module__, write.__name__, args)
+        return written
+
+    async def _drawn_elsewhere(self, module: str, name: str, args: tuple[Any, ...]) -> Any:
         loop = asyncio.get_running_loop()
         try:
             return await loop.run_in_executor(self._workers(), _draw, module, name, args)

@@ -23,15 +23,21 @@ def _quality(parameters: list[str]) -> float:
     return 1.0
 
 
+def qualities(accept: str) -> dict[str, float]:
+    """Return how much an ``Accept`` header wishes each media type, 0 to 1 (RFC 9110, 12.5.1)."""
+    wishes: dict[str, float] = {}
+    for wish in accept.split(","):
+        name, *parameters = wish.split(";")
+        wishes[name.strip().lower()] = _quality(parameters)
+    return wishes
+
+
 def acceptable(accept: str) -> str:
     """Return the format that an ``Accept`` header prefers (RFC 9110, 12.5.1); CSV where it has no preference.
 
     Raises HTTPException 406 where it takes neither.
     """
-    wishes: dict[str, float] = {}
-    for wish in accept.split(","):
-        name, *parameters = wish.split(";")
-        wishes[name.strip().lower()] = _quality(parameters)
+    wishes = qualities(accept)
     csv = next((wishes[name] for name in (CSV, "text/*", "*/*") if name in wishes), 0.0)
     parquet = next((wishes[name] for name in (*_PARQUET_NAMES, "application/*", "*/*") if name in wishes), 0.0)
     if max(csv, parquet) == 0.0:

@@ -1,0 +1,177 @@
+"""A report as words, tables and pictures: the same for HTML and PDF."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+from service.figures.canvas import Picture, svg_text
+from service.figures.loop import loop_picture
+from service.figures.methods import all_estimates, methods_picture
+from service.figures.misfit import coordinate_picture, time_picture
+from service.figures.trend import trends_picture
+from service.report.source import ReportSource
+from service.report.summary import summary_of
+from service.shown_units import UnitSystem, measured, quantity
+from service.tablet.results import (
+    diagnosis_of,
+    figure_rows,
+    method_messages,
+    method_names,
+    missing_reasons,
+    parameter_rows,
+)
+from service.tablet.words import FIGURES
+
+_NOT_GIVEN: Final = "not identifiable"
+_LEAST_JITTER_S: Final = 1.0e-6
+_GAIN_KEYS: Final = ("rmse_before_m", "rmse_after_m", "noise_floor_m")
+_STEP_FIGURES: Final = (
+    ("dead_time_s", "Dead time", "s"),
+    ("t63_s", "T63", "s"),
+    ("t86_s", "T86", "s"),
+    ("overshoot_percent", "Overshoot", "percent"),
+    ("steady_error_percent", "Error at the end of the hold", "percent"),
+)
+
+
+def document_of(source: ReportSource) -> dict[str, Any]:
+    """Return the report: every text as it is read, and the pictures as SVG that needs no font and no other file."""
+    analysis, system = source.analysis, source.system
+    diagnosis, fitted = diagnosis_of(analysis), dict(_fitted(analysis))
+    return {
+        "tag": source.tag,
+        "subject": source.subject,
+        "summary": summary_of(source),
+        "methods": [{"name": name, "status": status} for name, status in method_names(analysis)],
+        "parameters": [
+            {
+                "symbol": row.symbol,
+                "meaning": row.meaning,
+                "cells": [
+                    _NOT_GIVEN if cell.value is None else measured(cell.value, cell.ci95, row.unit, system)
+                    for cell in row.cells
+                ],
+            }
+            for row in parameter_rows(analysis)
+        ],
+        "missing": [{"what": symbols, "why": reason} for symbols, reason in missing_reasons(analysis)],
+        "messages": [{"what": name, "why": message} for name, message in method_messages(analysis)],
+        "figures": [
+            {
+                "name": row.words,
+                "value": measured(row.value, row.ci95, row.unit, system),
+                "was": quantity(row.was, row.unit, system),
+                "note": row.note or fitted.get(row.words) or row.tells,
+            }
+            for row in figure_rows(analysis, None if source.baseline is None else {"signature": source.baseline})
+        ],
+        "steps": _steps(analysis, system),
+        "diagnosis": {
+            "headline": diagnosis.headline,
+            "message": diagnosis.message,
+            "causes": [
+                {
+                    "sentence": cause["sentence"],
+                    "action": cause["action"],
+                    "share": f"{100.0 * cause['share_of_misfit']:.0f} %" if cause.get("share_of_misfit") else "–",
+                }
+                for cause in diagnosis.causes
+            ],
+            "others": list(diagnosis.others),
+            "gain": _gain(diagnosis.gain, system),
+            "where": str(((analysis.get("discrepancy") or {}).get("misfit") or {}).get("where") or ""),
+            "separating": _separating(diagnosis.separating_test),
+        },
+        "sampling": [{"name": name, "value": value} for name, value in _sampling(analysis, system)],
+        "permissives": [_permissive(one) for one in source.permissives],
+        "comparison": list(source.comparison),
+        "facts": [{"name": name, "value": value} for name, value in source.facts],
+        "pictures": {name: _drawn(picture) for name, picture in _pictures(source) if picture is not None},
+    }
+
+
+def _fitted(analysis: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield the figures that no loop shows, with the method that they are of and how well that fits."""
+    intervals = (analysis.get("signature") or {}).get("intervals") or {}
+    for key, words, _unit, _tells in FIGURES:
+        origin = str((intervals.get(key) or {}).get("from") or "")
+        for one in analysis.get("estimates") or ():
+            if origin == f"the parameters by {one['method'].replace('_', ' ')}":
+                yield words, f"from {origin}, whose fit is {one['status']}"
+
+
+def _drawn(picture: Picture) -> dict[str, str]:
+    return {"svg": svg_text(picture, text_as_paths=True), "title": picture.title, "description": picture.description}
+
+
+def _pictures(source: ReportSource) -> Iterator[tuple[str, Picture | None]]:
+    system, analysis = source.system, source.analysis
+    pictures = (analysis.get("discrepancy") or {}).get("pictures")
+    yield "loop", loop_picture(analysis.get("signature"), source.baseline, system)
+    yield "trend", trends_picture(source.trends, system)
+    yield "methods", methods_picture(all_estimates(analysis), system)
+    yield "time", time_picture(pictures, system)
+    yield "coordinate", coordinate_picture(pictures, system)
+
+
+def _gain(gain: Mapping[str, Any] | None, system: UnitSystem) -> str:
+    if gain is None:
+        return ""
+    before, after, noise = (quantity(gain[key], "m", system, 3) for key in _GAIN_KEYS)
+    return (
+        f"Tried on {gain['held_out']}: the simulation misses the measured position by {before} rms without the cause "
+        f"and by {after} rms with it; the noise is {noise} rms."
+    )
+
+
+def _separating(test: Any) -> str:
+    if not isinstance(test, Mapping):
+        return ""
+    sentence = str(test.get("sentence") or "")
+    return f"Run the sequence separating to tell them apart. {sentence}".strip()
+
+
+def _steps(analysis: Mapping[str, Any], system: UnitSystem) -> list[dict[str, str]]:
+    summary = ((analysis.get("signature") or {}).get("steps") or {}).get("summary") or {}
+    rows = [
+        {"name": words, "value": quantity(summary[key], unit, system)}
+        for key, words, unit in _STEP_FIGURES
+        if summary.get(key) is not None
+    ]
+    for key, words in (("resolution_percent", "Resolution"), ("dead_band_percent", "Dead band by steps")):
+        found = summary.get(key) or {}
+        if found.get("value") is not None:
+            ends = found.get("ci95")
+            between = "" if ends is None else f" (between {ends[0]:.3g} and {ends[1]:.3g} %)"
+            rows.append({"name": words, "value": f"{found['value']:.3g} %{between}"})
+    return rows
+
+
+def _sampling(analysis: Mapping[str, Any], system: UnitSystem) -> Iterator[tuple[str, str]]:
+    recording = analysis.get("recording") or {}
+    sampling = recording.get("sampling") or {}
+    if "samples" in recording:
+        yield "Samples", f"{recording['samples']}, {recording.get('gaps', 0)} of them missing"
+    if recording.get("duration_s") is not None:
+        yield "Duration", f"{recording['duration_s']:.4g} s, {recording.get('acquisition', '')}"
+    if sampling:
+        yield "Rate achieved", f"{sampling['rate_hz']:.4g} Hz, {sampling['missed_slots']} slots missed"
+        yield (
+            "Jitter",
+            f"{1e3 * sampling['jitter_rms_s']:.3g} ms rms, longest period {1e3 * sampling['largest_period_s']:.4g} ms",
+        )
+    if recording.get("channels"):
+        yield "Channels", ", ".join(recording["channels"])
+    if recording.get("position_noise_m") is not None:
+        yield "Position noise", f"{quantity(recording['position_noise_m'], 'm', system, 3)} rms"
+    for one in analysis.get("held_out") or ():
+        for method, rmse_m in one["rmse_m"].items():
+            if rmse_m is not None:
+                yield f"Held out: {one['file']}, {method.replace('_', ' ')}", f"{quantity(rmse_m, 'm', system, 3)} rms"
+
+
+def _permissive(one: Mapping[str, Any]) -> dict[str, str]:
+    met = {True: "met", False: "NOT met", None: "not known"}[one.get("met")]
+    name = str(one.get("name", "")).replace("_", " ")
+    return {"name": name, "met": met, "value": str(one.get("value", "")), "limit": str(one.get("limit", ""))}

@@ -1,0 +1,71 @@
+"""The report of a stored test, with its baseline, its trend and its repair."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from service.health.comparison import compare
+from service.health.judge import facts_of
+from service.report.source import ReportSource
+from service.runs.run import Label, Run
+from service.settings import PlantValve
+from service.shown_units import UnitSystem
+from service.store.store import Store
+from service.tablet.history import past_of
+from service.tablet.rendering import moment
+
+
+def source_of(store: Store, run: Run, valve: PlantValve | None, system: UnitSystem) -> ReportSource:
+    """Return what the report of a completed test is made of; reads the database and blocks."""
+    assert run.analysis is not None
+    past = past_of(store, run.valve, valve, run)
+    baseline = None if past.baseline is None or past.baseline.id == run.id else past.baseline.analysis
+    return ReportSource(
+        run.valve,
+        _subject(run),
+        run.analysis,
+        tuple(_facts(run, None if past.baseline is None else past.baseline.id)),
+        None if baseline is None else baseline.get("signature"),
+        past.trends if len(past.same_motion) > 1 else (),
+        tuple((run.permissives or {}).get("permissives") or ()),
+        tuple(_comparison(store, run, valve)),
+        system,
+    )
+
+
+def _subject(run: Run) -> str:
+    label = "" if run.label is None else f", {run.label.value.replace('_', ' ')}"
+    return f"test of {moment(run.created_at)}, {run.sequence.replace('_', ' ')}{label}"
+
+
+def _facts(run: Run, baseline: str | None) -> list[tuple[str, str]]:
+    quality: Mapping[str, Any] = run.quality or {}
+    accepted = (run.analysis or {}).get("accepted_model")
+    facts = [
+        ("Test", run.id),
+        ("Asked for by", run.requested_by or "local"),
+        ("Schedule", run.schedule),
+        ("Began, ended", f"{moment(run.started_at)}, {moment(run.motion_ended_at)}"),
+        ("Motion", run.sequence + "".join(f", {key} {value}" for key, value in sorted(run.overrides.items()))),
+        ("Safe value read back", {True: "yes", False: "NO", None: "nothing moved"}[run.safe_confirmed]),
+        ("Notes of the driver", "; ".join(str(note) for note in quality.get("notes") or ()) or None),
+        ("Recording, SHA-256", run.recording_sha256),
+        ("Software", run.software),
+        ("Analysis", str((run.analysis or {}).get("schema") or "")),
+        ("Gateway", run.gateway or None),
+        ("Baseline", baseline),
+        ("Accepted model of", None if accepted is None else str(accepted.get("test"))),
+    ]
+    return [(name, value) for name, value in facts if value]
+
+
+def _comparison(store: Store, run: Run, valve: PlantValve | None) -> list[str]:
+    """Return what the repair before this test changed, where it is labelled as left."""
+    if run.label is not Label.AS_LEFT or valve is None:
+        return []
+    after = store.figures.get(run.id)
+    if after is None:
+        return []
+    found = [one for one in store.figures.newest(run.valve, 100, label=Label.AS_FOUND) if one.at <= after.at]
+    return compare(found[0], after, valve.health, facts_of(valve)).sentences if found else []

@@ -1,0 +1,70 @@
+"""``/tests/{id}/report``: the report of a completed test."""
+
+from __future__ import annotations
+
+import asyncio
+from http import HTTPStatus
+from typing import Annotated, Final, Literal
+
+from fastapi import APIRouter, Depends, Query, Request, Response
+from starlette.exceptions import HTTPException
+
+from service.access.needs import needs
+from service.access.principal import Right
+from service.parts import Parts, parts_of
+from service.problems import PROBLEMS
+from service.recordings.formats import qualities
+from service.report.of_run import source_of
+from service.report.written import report_html, report_pdf
+from service.shown_units import UnitSystem
+from service.tablet.rendering import units_of
+from valve.errors import NotFoundError
+
+router = APIRouter(prefix="/tests", tags=["tests"], responses=PROBLEMS)
+PartsOf = Annotated[Parts, Depends(parts_of)]
+
+_PDF: Final = "application/pdf"
+_HTML: Final = "text/html"
+_HEADERS: Final = {
+    "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Cache-Control": "no-store",
+    "Vary": "Accept, Cookie",
+}
+
+
+@router.get(
+    "/{test_id}/report",
+    response_class=Response,
+    dependencies=[needs(Right.VIEW)],
+    responses={200: {"content": {_PDF: {}, _HTML: {}}, "description": "The report, as Accept or format asks"}},
+)
+async def get_report(
+    request: Request,
+    test_id: str,
+    parts: PartsOf,
+    wanted: Annotated[Literal["pdf", "html"] | None, Query(alias="format", description="stands above Accept")] = None,
+    units: Annotated[UnitSystem | None, Query(description="what it is read in; SI by default")] = None,
+) -> Response:
+    """Return the report of a completed test: PDF, or HTML where `Accept` prefers it."""
+    kind = wanted or _preferred(request.headers.get("accept", "*/*"))
+    run = await parts.runs.get(test_id)
+    if run.analysis is None:
+        raise NotFoundError(f"test {run.id} has no report (it is {run.state.value}): choose a completed test")
+    system = units or units_of(request)
+    source = await asyncio.to_thread(source_of, parts.store, run, parts.plant.valves.get(run.valve), system)
+    if kind == "html":
+        address = f"/tests/{run.id}/report?format=pdf&units={system.value}"
+        return Response(await parts.drawer.document(report_html, source, address), headers=_HEADERS, media_type=_HTML)
+    data = await parts.drawer.document(report_pdf, source)
+    disposition = {"Content-Disposition": f'inline; filename="{run.id}.pdf"'}
+    return Response(data, headers=_HEADERS | disposition, media_type=_PDF)
+
+
+def _preferred(accept: str) -> Literal["pdf", "html"]:
+    wishes = qualities(accept)
+    pdf = next((wishes[name] for name in (_PDF, "application/*", "*/*") if name in wishes), 0.0)
+    html = next((wishes[name] for name in (_HTML, "text/*", "*/*") if name in wishes), 0.0)
+    if max(pdf, html) == 0.0:
+        raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"a report comes as {_PDF} or {_HTML}: accept one of them")
+    return "html" if html > pdf else "pdf"

@@ -1,0 +1,28 @@
+"""What a report is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from service.figures.trend import Trend
+from service.shown_units import UnitSystem
+
+
+@dataclass(frozen=True, slots=True)
+class ReportSource:
+    """A test's result with what stands around it; all of it plain, so that another process can draw it.
+
+    ``facts`` are the provenance: names and values. ``baseline`` is the signature that the loop is drawn over.
+    """
+
+    tag: str
+    subject: str
+    analysis: Mapping[str, Any]
+    facts: tuple[tuple[str, str], ...]
+    baseline: Mapping[str, Any] | None = None
+    trends: tuple[Trend, ...] = ()
+    permissives: tuple[Mapping[str, Any], ...] = ()
+    comparison: tuple[str, ...] = ()
+    system: UnitSystem = field(default=UnitSystem.SI)

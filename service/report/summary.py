@@ -1,0 +1,122 @@
+"""Page one, for a supervisor: the verdict in a sentence, the state, friction with its trend, what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from service.report.source import ReportSource
+from service.shown_units import measured, quantity
+from service.tablet.results import diagnosis_of
+from service.tablet.words import NE107
+
+_VERDICTS: Final = {
+    "F": "has failed: go and look at it.",
+    "S": "works outside its specification.",
+    "M": "needs maintenance.",
+    "C": "could not be judged by this test.",
+    "N": "is in order.",
+}
+_NOT_ASSESSED: Final = "was measured; its health was not assessed."
+_FRICTION: Final = ("friction_mean_n", "friction_coulomb_n")
+_MONTH_DAYS: Final = 30.0
+_SAME_PERCENT: Final = 0.1  # less is not worth a number to whoever plans the work
+
+
+def summary_of(source: ReportSource) -> dict[str, Any]:
+    """Return what a supervisor reads."""
+    health = source.analysis.get("health") or {}
+    state = health.get("ne107")
+    shown = NE107.get(state or "")
+    return {
+        "verdict": f"{source.tag} {_VERDICTS.get(state or '', _NOT_ASSESSED)}",
+        "state": state or "–",
+        "state_words": "Not assessed" if shown is None else shown.words,
+        "reasons": [_sentence(reason) for reason in health.get("reasons") or ()],
+        "diagnosis": _diagnosis(source.analysis, health.get("reasons") or ()),
+        "actions": _actions(source.analysis),
+        "key_figures": _key_figures(source),
+    }
+
+
+def _sentence(text: str) -> str:
+    text = text.strip()
+    return text[:1].upper() + text[1:] + ("" if text.endswith((".", "!")) else ".")
+
+
+def _diagnosis(analysis: Mapping[str, Any], reasons: Sequence[str]) -> str:
+    """Return the diagnosis, with the causes' sentences that the reasons do not have already."""
+    found = diagnosis_of(analysis)
+    sentences = [str(cause["sentence"]) for cause in found.causes]
+    return " ".join([found.headline, *(one for one in sentences if not any(one in reason for reason in reasons))])
+
+
+def _actions(analysis: Mapping[str, Any]) -> list[str]:
+    causes = (analysis.get("discrepancy") or {}).get("causes") or ()
+    return list(dict.fromkeys(str(cause["action"]) for cause in causes))
+
+
+def _key_figures(source: ReportSource) -> list[dict[str, str]]:
+    signature, system = source.analysis.get("signature") or {}, source.system
+    rows = []
+    friction = _friction(source)
+    if friction is not None:
+        value, ci95 = friction
+        rows.append(
+            {"name": "Friction", "value": measured(value, ci95, "N", system), "beside": _of_span(source, value)}
+        )
+    rows += [{"name": "Friction against the baseline", "value": text, "beside": ""} for text in _against(source)]
+    rows += [{"name": "Trend of friction", "value": text, "beside": ""} for text in _trend(source)]
+    if signature.get("dead_band_percent") is not None:
+        rows.append(
+            {
+                "name": "Dead band",
+                "value": quantity(signature["dead_band_percent"], "percent", system, 3),
+                "beside": "how far the signal turns back before the stem answers",
+            }
+        )
+    return rows
+
+
+def _friction(source: ReportSource) -> tuple[float, Any] | None:
+    """Mean friction of the loop; where it has none the Coulomb friction that health found."""
+    signature = source.analysis.get("signature") or {}
+    if signature.get("friction_mean_n") is not None:
+        interval = (signature.get("intervals") or {}).get("friction_mean_n") or {}
+        return signature["friction_mean_n"], interval.get("ci95")
+    for change in (source.analysis.get("health") or {}).get("changes") or ():
+        if change["name"] in _FRICTION and change["now"] is not None:
+            return change["now"], None
+    model = (source.analysis.get("discrepancy") or {}).get("extended_model")
+    found = None if model is None else model["parameters"].get("F_c")
+    return None if found is None or found.get("value") is None else (found["value"], found.get("ci95"))
+
+
+def _of_span(source: ReportSource, friction_n: float) -> str:
+    span = (source.analysis.get("signature") or {}).get("span") or {}
+    force_n = span.get("force_n")
+    return "" if not force_n else f"{100.0 * friction_n / force_n:.3g} % of span"
+
+
+def _against(source: ReportSource) -> list[str]:
+    for change in (source.analysis.get("health") or {}).get("changes") or ():
+        if change["name"] in _FRICTION and change["change"] is not None and change["was"]:
+            percent = 100.0 * abs(change["change"] / change["was"])
+            way = "up" if change["change"] > 0.0 else "down"
+            moved = "the same" if percent < _SAME_PERCENT else f"{way} {percent:.2g} %"
+            limit = "" if change["limit"] is None else f", {100.0 * change['limit'] / change['was']:.3g} % is allowed"
+            return [f"{moved}{limit}"]
+    return []
+
+
+def _trend(source: ReportSource) -> list[str]:
+    for trend in (source.analysis.get("health") or {}).get("trends") or ():
+        if trend["name"] in _FRICTION:
+            low, high = trend["ci95"]
+            if low <= 0.0 <= high:
+                return [f"steady over {trend['tests']} tests"]
+            moved = quantity(abs(trend["per_day"]) * _MONTH_DAYS, "N", source.system, 2)
+            way = "rising" if trend["per_day"] > 0.0 else "falling"
+            at = trend["reaches_limit_at"]
+            return [f"{way} by {moved} a month" + ("" if at is None else f", at its limit about {at[:10]}")]
+    return []

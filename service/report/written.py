@@ -1,0 +1,67 @@
+"""The document as HTML (Jinja2) and as PDF (typst). Neither loads anything from elsewhere."""
+
+from __future__ import annotations
+
+import json
+import re
+import tempfile
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+import matplotlib
+import typst
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from service.report.document import document_of
+from service.report.source import ReportSource
+
+_TEMPLATES: Final = Path(__file__).parent / "templates"
+_FONTS: Final = Path(matplotlib.get_data_path()) / "fonts" / "ttf"  # DejaVu Sans, which the pictures use too
+_ID: Final = re.compile(r'(id="|href="#|url\(#|aria-labelledby=")([^")]+)')
+
+
+@cache
+def _environment() -> Environment:
+    return Environment(
+        loader=FileSystemLoader(_TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def report_html(source: ReportSource, pdf_address: str = "") -> bytes:
+    """Return the report as one HTML file with its pictures inside, and a link to the PDF where there is one."""
+    document = document_of(source) | {"pdf_address": pdf_address}
+    document["pictures"] = {
+        name: {**picture, "svg": Markup(_own_ids(picture["svg"], name))}
+        for name, picture in document["pictures"].items()
+    }
+    return _environment().get_template("report.html").render(document).encode()
+
+
+def report_pdf(source: ReportSource) -> bytes:
+    """Return the report as PDF."""
+    document = document_of(source)
+    with tempfile.TemporaryDirectory(prefix="breakaway-report-") as folder:
+        place = Path(folder)
+        for name, picture in document["pictures"].items():
+            (place / f"{name}.svg").write_text(picture.pop("svg"), encoding="utf-8")
+        (place / "document.json").write_text(json.dumps(document, allow_nan=False), encoding="utf-8")
+        (place / "report.typ").write_bytes((_TEMPLATES / "report.typ").read_bytes())
+        compiled: Any = typst.compile(
+            place / "report.typ", root=place, font_paths=[_FONTS], ignore_system_fonts=True, format="pdf"
+        )
+    return bytes(compiled)
+
+
+def _own_ids(svg: str, name: str) -> str:
+    """Give the ids inside a picture its name: several pictures stand in one page."""
+
+    def renamed(found: re.Match[str]) -> str:
+        return found.group(1) + " ".join(f"{name}-{one}" for one in found.group(2).split())
+
+    return _ID.sub(renamed, svg)

@@ -1,0 +1,150 @@
+"""The report of a test, as HTML and as PDF: the same words and numbers, nothing from elsewhere."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from service.cli import main
+from service.report.document import document_of
+from service.report.source import ReportSource
+from service.report.written import report_html, report_pdf
+from service.settings import load_plant
+from service.shown_units import UnitSystem
+from tests.browser.analyses import ACTION, MISSING, made_analysis
+from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.service.problem import assert_problem
+from tests.service.recordings import NAMEPLATE_TOML, triangle_test
+from tests.service.running_service import running_service
+from valve.recording_files import file_sha256, write_parquet
+
+RUN = {"valve": "FV-101", "sequence": "triangle"}
+SHA256 = "0123456789abcdef" * 4
+
+
+def source(**others: Any) -> ReportSource:
+    analysis = made_analysis(ne107="M")
+    facts = (("Recording, SHA-256", SHA256), ("Software", "breakaway 0"))
+    permissive = {"name": "loop_in_manual", "met": True, "value": "in manual", "limit": "the loop in manual"}
+    return ReportSource("FV-101", "test of today", analysis, facts, None, (), (permissive,), **others)
+
+
+def words_of(pdf: bytes, folder: Path) -> str:
+    (folder / "report.pdf").write_bytes(pdf)
+    found = subprocess.run(["pdftotext", "-layout", folder / "report.pdf", "-"], capture_output=True, check=True)
+    return re.sub(r"\s+", " ", found.stdout.decode())
+
+
+def test_page_one_says_what_a_supervisor_needs() -> None:
+    summary = document_of(source())["summary"]
+    assert (summary["verdict"], summary["state"]) == ("FV-101 needs maintenance.", "M")
+    assert summary["reasons"] == ["Friction rose by 0 % since the baseline (limit 20 %): look at the packing."]
+    assert summary["actions"] == [ACTION]
+    assert summary["key_figures"][0] == {"name": "Friction", "value": "612.0 ± 2.0 N", "beside": ""}
+
+
+def test_both_forms_say_the_same(tmp_path: Path) -> None:
+    html = re.sub(r"\s+", " ", re.sub(r"<svg.*?</svg>|<[^>]+>", " ", report_html(source()).decode(), flags=re.DOTALL))
+    pdf = report_pdf(source())
+    assert pdf.startswith(b"%PDF-")
+    said = [html]
+    if shutil.which("pdftotext"):
+        said.append(words_of(pdf, tmp_path))
+    for text in said:
+        for words in ("FV-101 needs maintenance.", "612.0 ± 2.0 N", SHA256, "loop in manual", "52.50 ± 0.53 N/mm"):
+            assert words in text, words
+        assert "not identifiable" in text
+        assert MISSING in text
+        assert "1.00 mm rms without the cause and by 0.0300 mm rms with it" in text
+
+
+def test_the_page_loads_nothing_and_its_pictures_do_not_share_ids() -> None:
+    text = report_html(source()).decode()
+    assert not re.findall(r'(?:src|href|url)\s*[=(]\s*"?(?:https?:)?//(?!www\.w3\.org)', text)
+    assert "<script" not in text
+    assert text.count("<svg") == 4
+    ids = re.findall(r'\bid="([^"]+)"', text)
+    assert len(ids) == len(set(ids))
+    assert set(re.findall(r'(?:href="#|url\(#)([^")]+)', text)) <= set(ids)
+
+
+def test_what_an_analysis_does_not_have_is_left_out_of_the_report() -> None:
+    bare = {
+        "schema": "breakaway/analysis/1",
+        "recording": {"samples": 10},
+        "estimates": [],
+        "discrepancy": {"verdict": "not_assessed", "message": "too short"},
+        "health": {"ne107": None, "reasons": ["not assessed"]},
+    }
+    text = report_html(ReportSource("FV-9", "x", bare, ())).decode()
+    assert "FV-9 was measured; its health was not assessed." in text
+    assert "<svg" not in text
+    assert report_pdf(ReportSource("FV-9", "x", bare, ())).startswith(b"%PDF-")
+
+
+def test_text_of_an_analysis_is_never_markup() -> None:
+    analysis = made_analysis(ne107="M")
+    analysis["discrepancy"]["causes"][0]["action"] = "<script>alert(1)</script> #panic() *x* $y$"
+    evil = ReportSource("FV-<b>", "#eval()", analysis, ())
+    assert "<script>" not in report_html(evil).decode()
+    assert report_pdf(evil).startswith(b"%PDF-")
+
+
+def test_the_report_is_read_in_the_units_that_were_chosen() -> None:
+    assert document_of(source(system=UnitSystem.PSI))["summary"]["key_figures"][0]["value"] == "137.58 ± 0.45 lbf"
+
+
+async def test_the_service_gives_pdf_or_html_as_it_is_asked(plant_file: Path) -> None:
+    class Found(FakeAnalyst):
+        async def analyze(self, *args: Any, **others: Any) -> dict[str, Any]:
+            await super().analyze(*args, **others)
+            return made_analysis()
+
+    async with running_service(load_plant(plant_file), FakeRig(), Found()) as client:
+        run = (await client.post("/tests/run", json=RUN, headers={"Prefer": "wait=10"})).json()
+        address = f"/tests/{run['id']}/report"
+        pdf = await client.get(address)
+        assert (pdf.headers["content-type"], pdf.content[:5]) == ("application/pdf", b"%PDF-")
+        html = await client.get(address, headers={"Accept": "text/html,*/*;q=0.8"})
+        assert html.headers["content-type"].startswith("text/html")
+        assert html.headers["content-security-policy"].startswith("default-src 'none'")
+        assert run["recording"]["sha256"] in html.text
+        assert "loop in manual" in html.text
+        linked = re.search(r'href="(/tests/[^"]+)"', html.text)
+        assert linked is not None
+        assert (await client.get(linked.group(1).replace("&amp;", "&"))).content[:5] == b"%PDF-"
+        assert (await client.get(address, headers={"Accept": "image/png"})).status_code == 406
+        assert_problem(await client.get("/tests/20260101T000000Z-00000000/report"), 404, "unknown")
+        queued = (await client.post("/tests/run", json=RUN)).json()
+        assert_problem(await client.get(f"/tests/{queued['id']}/report"), 404, "choose a completed test")
+
+
+def test_the_command_writes_the_report_of_a_recording(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_parquet(triangle_test(0.02, noise_m=2.0e-6), tmp_path / "triangle.parquet")
+    (tmp_path / "fv.toml").write_text(NAMEPLATE_TOML)
+
+    def call(*arguments: str) -> int:
+        monkeypatch.setattr(
+            sys, "argv", ["breakaway", "analyze", "triangle.parquet", "--nameplate", "fv.toml", *arguments]
+        )
+        try:
+            main()
+        except SystemExit as end:
+            return end.code if isinstance(end.code, int) else 0
+        return 0
+
+    assert call("--report", "report.txt") == 1
+    assert "name it x.pdf or x.html" in capsys.readouterr().err
+    assert call("--report", "report.html") == 0
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert file_sha256(tmp_path / "triangle.parquet") in text
+    assert "FV-101 was measured; its health was not assessed." in text
