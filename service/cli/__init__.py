@@ -30,6 +30,7 @@ COMMANDS: Final = {
     "paper": "Tables and figures of Romano and Garcia (2007), ours beside the printed values.",
 }
 TRACEBACK_VARIABLE: Final = "BREAKAWAY_TRACEBACK"
+_THREADS_VARIABLE: Final = "OPENBLAS_NUM_THREADS"
 
 
 class _LazyGroup(CommandGroup):
@@ -72,6 +73,8 @@ for _name, _line in COMMANDS.items():
 
 def main() -> None:
     """Run the command line: 0 done, 1 the work failed (one sentence on standard error), 2 wrong usage."""
+    # before a command loads numpy: on small matrices a second thread of the linear algebra only spins
+    os.environ.setdefault(_THREADS_VARIABLE, "1")
     try:
         app()
     except ValveError as error:
