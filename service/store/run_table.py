@@ -95,6 +95,14 @@ def _note_state(connection: Connection, run: Run) -> None:
         connection.execute(update(VALVE_STATES).where(mine, newer).values(completed_number=number, health=health))
 
 
+def _write_all(connection: Connection, run: Run) -> None:
+    """Write what is kept of a run beside its own row, in the same transaction."""
+    _write_analysis(connection, run)
+    _note_state(connection, run)
+    if run.state is RunState.COMPLETED and run.analysis is not None:
+        write_figures(connection, run)
+
+
 class RunTable:
     """Runs by id; every method is one transaction and may block, so callers on the event loop use a thread."""
 
@@ -117,8 +125,7 @@ class RunTable:
             if number is None:
                 raise NotFoundError(f"test {run.id}: the database gave it no number")
             stored = replace(run, number=number[0])
-            _write_analysis(connection, stored)
-            _note_state(connection, stored)
+            _write_all(connection, stored)
         self._tell(stored)
         return self.get(run.id)
 
@@ -133,10 +140,7 @@ class RunTable:
             mine = (TESTS.c.id == run.id) & (TESTS.c.number == run.number)
             if connection.execute(update(TESTS).where(mine).values(_row(run))).rowcount != 1:
                 raise NotFoundError(f"test {run.id} is unknown: it was never stored")
-            _write_analysis(connection, run)
-            _note_state(connection, run)
-            if run.state is RunState.COMPLETED and run.analysis is not None:
-                write_figures(connection, run)
+            _write_all(connection, run)
         self._tell(run)
 
     def get(self, run_id: str) -> Run:

@@ -18,6 +18,7 @@ from rich.table import Table
 from sqlalchemy import Engine, text
 
 from service.app import create_app
+from service.health.figures import FIGURE_KINDS
 from service.settings import Plant, load_plant
 from service.store.database import open_database
 from service.store.store import open_store
@@ -30,7 +31,32 @@ BUSES: Final = 50
 REQUESTS: Final = 50
 _LIMIT_S: Final = 0.3
 # As large as the analysis of a test with its pictures.
-_ANALYSIS: Final = {"schema": "breakaway/analysis/1", "health": {"ne107": "N", "reasons": ["ok"]}, "fill": "x" * 60_000}
+_CHANGE: Final = {
+    "name": "friction_mean_n",
+    "meaning": "friction, mean",
+    "unit": "N",
+    "was": 500.123456789,
+    "now": 512.123456789,
+    "change": 12.123456789,
+    "ci95": [11.123456789, 13.123456789],
+    "limit": 125.123456789,
+    "kept": True,
+}
+_TREND: Final = {
+    "name": "friction_mean_n",
+    "per_day": 0.0123,
+    "ci95": [0.0, 0.02],
+    "tests": 60,
+    "reaches_limit_at": None,
+}
+_HEALTH: Final = {
+    "ne107": "N",
+    "reasons": ["nothing"],
+    "changes": 7 * [_CHANGE],
+    "trends": 7 * [_TREND],
+    "baseline": None,
+}
+_ANALYSIS: Final = {"schema": "breakaway/analysis/1", "health": _HEALTH, "fill": "x" * 60_000}
 _COLUMNS: Final = (
     "id, valve, sequence, overrides, state, progress, created_at, started_at, motion_ended_at, finished_at, error, "
     "safe_confirmed, recording_file, recording_sha256, quality, software, requested_by, schedule"
@@ -88,6 +114,18 @@ def _fill(engine: Engine, valves: int, nights: int) -> None:
     _finish(engine)
 
 
+def _figures_statement(engine: Engine) -> str:
+    """Return what writes the figures of every test: seven with their intervals, as a healthy valve's test has them."""
+    true = "true" if engine.dialect.name == "postgresql" else "1"
+    names = [f"{key}{end}" for key in list(FIGURE_KINDS)[:7] for end in ("", "_low", "_high")]
+    values = ", ".join(f"{500 + place} + 0.001 * (number % 1000)" for place, _ in enumerate(names))
+    return (
+        "INSERT INTO figures (number, test_id, valve, conditions, at, ne107, verdict, causes, good, "
+        f"{', '.join(names)}) "
+        f"SELECT number, id, valve, sequence, created_at, 'N', 'none', '[]', {true}, {values} FROM tests"
+    )
+
+
 def _finish(engine: Engine) -> None:
     """Write what the service itself keeps beside the tests: the state of each valve and its last analysis."""
     health = json.dumps(_ANALYSIS["health"])
@@ -98,6 +136,7 @@ def _finish(engine: Engine) -> None:
                 f"SELECT valve, max(number), max(number), '{health}' FROM tests GROUP BY valve".replace(":", r"\:")
             )
         )
+        connection.execute(text(_figures_statement(engine)))
         connection.execute(
             text("INSERT INTO analyses (number, document) SELECT last_number, :document FROM valve_states"),
             {"document": json.dumps(_ANALYSIS)},
@@ -119,6 +158,8 @@ async def _latencies(plant: Plant, requests: int, seed: int) -> dict[str, list[f
             paths: dict[str, Callable[[], str]] = {
                 "GET /valves (200)": lambda: f"/valves?after={draw.choice(tags[: len(tags) // 2])}",
                 "GET /valves/{tag}": lambda: f"/valves/{draw.choice(tags)}",
+                "GET /valves/{tag}/trend (365)": lambda: f"/valves/{draw.choice(tags)}/trend?limit=365",
+                "the tablet's valve": lambda: f"/ui/valves/{draw.choice(tags)}",
                 "GET /tests (50)": lambda: "/tests",
                 "GET /tests?valve= (50)": lambda: f"/tests?valve={draw.choice(tags)}",
                 "GET /tests?before= (200)": lambda: f"/tests?limit=200&before={draw.choice(first['tests'])['id']}",
