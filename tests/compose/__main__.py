@@ -79,7 +79,8 @@ def why_not(command: str) -> str:
 def _up(compose: Compose, profile: tuple[str, ...], services: tuple[str, ...]) -> Iterator[None]:
     began_s = time.monotonic()
     try:
-        compose(*profile, "up", "-d", "--build", *services)
+        compose("build", "service")  # once: every container is of this one image
+        compose(*profile, "up", "-d", *services)
         _say(f"  up after {time.monotonic() - began_s:.0f} s")
         yield
     except BaseException:
