@@ -29,6 +29,9 @@ _FOLLOWED_FURTHER: Final = 30.0  # misfit, below which the baseline is first fol
 # The work of a choice; a record of 60 s takes 1 to 6 ms a motion (docs/effects.md).
 _MOST_MOTIONS: Final = 7000
 _CLOSER_MOTIONS: Final = 2500  # of following the lowest further, in each round
+# Polled rows tell causes apart less finely, and an answer on them is wanted within seconds.
+_COARSE_PERIOD_S: Final = 5.0e-3
+_COARSE_SHARE: Final = 0.4
 _PRUNING_STEPS: Final = 15
 _LOOK_CLOSER: Final = 2.0  # times the misfit of all causes: one may be needless
 _RIVAL_SHARE: Final = 0.5
@@ -59,8 +62,9 @@ def choose(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str], 
         best = baseline = refined(baseline)
     tally = baseline.model.tally
     begun = tally.motions
+    most, most_closer = _work(baseline)
     for number in range(MOST_CAUSES):
-        if tally.motions - begun > _MOST_MOTIONS:
+        if tally.motions - begun > most:
             break
         tell(number / MOST_CAUSES, "trying one cause after the other" if number == 0 else "trying further causes")
         setting = setting_of(best)
@@ -68,8 +72,8 @@ def choose(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str], 
         candidates = [one for one in screen(best, left, setting) if _is_promising(one, best)]
         if is_noise(best):
             candidates = [one for one in candidates if gain(best, glance(best, one, setting)) > _WORTH]
-        fits = _refits(best, candidates, setting, _REFITTED[number], begun + _MOST_MOTIONS)
-        fits = _closer(best, fits, max(tally.motions, begun) + _CLOSER_MOTIONS)
+        fits = _refits(best, candidates, setting, _REFITTED[number], begun + most)
+        fits = _closer(best, fits, tally.motions + most_closer)
         if number == 0:
             tried = tuple((cause.name, gain(baseline, fit)) for cause, fit in fits)
         found = [(cause, fit) for cause, fit in fits if _is_possible(cause, fit, setting)]
@@ -93,6 +97,13 @@ def choose(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str], 
         # what looked like a cause only showed the baseline a better place
         baseline, rivals, rival_fits = best, (), ()
     return Choice(baseline, best, tuple(chosen), rivals, rival_fits, tried)
+
+
+def _work(fit: Fit) -> tuple[int, int]:
+    """Return the motions that a choice may take, and those of following the lowest further in each round."""
+    is_coarse = fit.model.observed.motions[0].samples.period_s > _COARSE_PERIOD_S
+    share = _COARSE_SHARE if is_coarse else 1.0
+    return round(share * _MOST_MOTIONS), round(share * _CLOSER_MOTIONS)
 
 
 def _refits(best: Fit, candidates: list[Candidate], setting: Setting, most: int, last: int) -> list[tuple[Cause, Fit]]:
