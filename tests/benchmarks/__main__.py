@@ -19,6 +19,7 @@ from tests.benchmarks import (
     coverage,
     efficiency,
     extended_motion,
+    load,
     method_table,
     motion,
     random_valves,
@@ -41,6 +42,7 @@ BENCHMARKS: Final[dict[str, Callable[[], Table | list[Table]]]] = {
 COUNTED: Final[dict[str, Callable[[int | None], Table | list[Table]]]] = {
     "coverage": coverage.run,
     "efficiency": efficiency.run,
+    "load": load.run,
     "method_table": method_table.run,
     "random_valves": random_valves.run,
     "signature": signature.run,
