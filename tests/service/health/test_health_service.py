@@ -108,6 +108,9 @@ async def test_another_motion_has_its_own_baseline(client: httpx.AsyncClient, an
     assert found["baseline"]["test"] == other
     analyst.result = analysis()
     assert (await health(client))[1]["baseline"]["test"] == first
+    await client.post("/valves/FV-101/baseline", json={"test": first})
+    _, found = await health(client, overrides={"period_s": 10})
+    assert found["baseline"] is None, "the other motion's baseline is of the time before the chosen one"
 
 
 async def test_what_a_repair_changed_is_told_with_its_interval_and_becomes_the_baseline(
