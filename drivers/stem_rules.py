@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections import deque
 from typing import Final
 
@@ -13,6 +12,10 @@ from drivers.outcome import Sample
 from valve.errors import DeviceError
 
 _BREAKAWAY_SHARE: Final = 0.95  # of the limits' span; a stem with 90 % of dead band still moves in a whole stroke
+# Where the pressure is not measured: no I/P should be slower (the slowest published one has 0.93 s), and what
+# the output's change is worth behind such a lag. A triangle of 20 s over the whole span is still worth 0.86 of it.
+_SLOWEST_IP_S: Final = 1.0
+_BEHIND_SHARE: Final = 0.85 / _BREAKAWAY_SHARE
 _FOLLOWING_SHARE: Final = 0.75  # the output's change without any of the pressure; a low supply caps 60 % at most
 _MOVED_SHARE: Final = 1.0e-3  # of the travel
 _MOVED_M: Final = 1.0e-5  # where the travel is not known
@@ -23,6 +26,8 @@ _SPIKE_SHARE: Final = 0.05  # of the travel, there and back between three looks
 _STANDS_S: Final = 1.0  # after so much pressure: a step is there before damping and I/P let the stem follow
 _SPIKES: Final = 3
 _SPIKES_WITHIN_S: Final = 2.0
+_STRUCK_SHARE: Final = 0.05  # of the limits' span between two looks: a step of the pressure
+_RINGS_S: Final = 4.0  # after a step a stem with next to no friction swings for so long; F_v of 3 N*s/m on 1.4 kg does
 _OUTSIDE: Final = 3  # looks in a row
 
 
@@ -46,11 +51,14 @@ class StemRules:
         self._rest_m = self._last_m = math.nan
         self._rest_pa = math.nan
         self._pressures: tuple[float, float] = (math.inf, -math.inf)  # since the stem moved last
+        self._asked: tuple[float, float] = (math.inf, -math.inf)  # the output, since then
+        self._behind_pa, self._behind_s = math.nan, -math.inf  # the output behind the slowest I/P
         self._outputs: tuple[float, float] = (math.inf, -math.inf)  # since the pressure moved last
         self._same = self._outside = self._off_band = 0
         self._enough_s = self._unfollowed_s = math.inf  # since when the pressure, or the output, changed by enough
         self._recent: deque[tuple[float, float]] = deque(maxlen=3)
         self._spikes_s: deque[float] = deque(maxlen=_SPIKES)
+        self._struck_s = -math.inf
 
     def begin(self, entry: Sample | None, unrest_m: float) -> None:
         """Count from now. ``entry`` is how the valve stood before, ``unrest_m`` how much the position varied then."""
@@ -94,15 +102,18 @@ class StemRules:
 
     def _spiking(self, sample: Sample) -> DeviceError | None:
         acting_pa = sample.pressure_pa if math.isfinite(sample.pressure_pa) else sample.output_pa
+        if self._recent and abs(acting_pa - self._recent[-1][1]) > _STRUCK_SHARE * self._span_pa:
+            self._struck_s = sample.sent_s
         self._recent.append((sample.position_m, acting_pa))
-        if self._range_m is None or len(self._recent) < 3:
+        rings = sample.sent_s - self._struck_s < _RINGS_S
+        if self._range_m is None or len(self._recent) < 3 or rings:
             return None
         (first_m, first_pa), (middle_m, middle_pa), (last_m, last_pa) = self._recent
         spike_m = _SPIKE_SHARE * (self._range_m[1] - self._range_m[0])
         there_and_back = min(abs(middle_m - first_m), abs(middle_m - last_m)) > spike_m > 2.0 * abs(last_m - first_m)
         # A pressure that goes one way moves no stem there and back.
         if there_and_back and min(first_pa, last_pa) <= middle_pa <= max(first_pa, last_pa):
-            self._spikes_s.append(time.monotonic())
+            self._spikes_s.append(sample.sent_s)
         if len(self._spikes_s) < _SPIKES or self._spikes_s[-1] - self._spikes_s[0] > _SPIKES_WITHIN_S:
             return None
         return DeviceError(
@@ -129,17 +140,35 @@ class StemRules:
             f"{sample.pressure_pa:.4g} Pa: check the I/P, its air supply and the pressure sensor"
         )
 
+    def _behind_ip(self, sample: Sample) -> float:
+        """Return the pressure at the actuator if its I/P were the slowest, Pa."""
+        if math.isfinite(self._behind_pa):
+            waited_s = max(0.0, sample.sent_s - self._behind_s)
+            self._behind_pa += (sample.output_pa - self._behind_pa) * -math.expm1(-waited_s / _SLOWEST_IP_S)
+        else:
+            self._behind_pa = sample.output_pa
+        self._behind_s = sample.sent_s
+        return self._behind_pa
+
     def _standing(self, sample: Sample) -> DeviceError | None:
         position_m = sample.position_m
-        acting_pa = sample.pressure_pa if math.isfinite(sample.pressure_pa) else sample.output_pa
+        behind_pa, blind = self._behind_ip(sample), not math.isfinite(sample.pressure_pa)
+        acting_pa = behind_pa if blind else sample.pressure_pa
         self._same = self._same + 1 if position_m == self._last_m else 0
         self._last_m = position_m
         if not abs(position_m - self._rest_m) <= self._moved_m:
             self._rest_m, self._pressures, self._enough_s = position_m, (acting_pa, acting_pa), math.inf
+            self._asked = sample.output_pa, sample.output_pa
             return None
         self._pressures = min(self._pressures[0], acting_pa), max(self._pressures[1], acting_pa)
+        self._asked = min(self._asked[0], sample.output_pa), max(self._asked[1], sample.output_pa)
         change_pa = self._pressures[1] - self._pressures[0]
-        if not self._standstill or change_pa <= self._breakaway_pa:
+        enough = change_pa > self._breakaway_pa
+        if blind:
+            enough = change_pa > _BEHIND_SHARE * self._breakaway_pa
+            change_pa = self._asked[1] - self._asked[0]
+            enough = enough and change_pa > self._breakaway_pa
+        if not (self._standstill and enough):
             return None
         self._enough_s = min(self._enough_s, sample.sent_s)
         if sample.sent_s - self._enough_s < _STANDS_S:
