@@ -91,6 +91,7 @@ def create_app(
         access = access_of(opened.engine, plant.service.access, audit)
         nightly = Nightly(plant, opened, runs)
         app.state.parts = Parts(plant, opened, runs, chosen, converter, VERSION, access, audit, nightly)
+        app.state.parts.meters.follow(plant, opened.runs)
         try:
             await asyncio.to_thread(note_start, audit, plant, software)
             if pool is not None:

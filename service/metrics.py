@@ -96,4 +96,5 @@ async def metrics(parts: Annotated[Parts, Depends(parts_of)]) -> Response:
     registry = CollectorRegistry(auto_describe=False)
     registry.register(PROCESS_COLLECTOR)
     registry.register(PlantCollector(parts))
-    return Response(await asyncio.to_thread(generate_latest, registry), media_type=CONTENT_TYPE_LATEST)
+    counted = await asyncio.to_thread(generate_latest, registry)
+    return Response(counted + parts.meters.text(), media_type=CONTENT_TYPE_LATEST)

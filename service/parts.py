@@ -9,6 +9,7 @@ from fastapi import Request
 from service.access.access import Access
 from service.audit.log import AuditLog
 from service.figures.drawer import Drawer
+from service.meters import Meters
 from service.recordings.conversion import Converter
 from service.runs.life import Analyst
 from service.runs.service import Runs
@@ -31,6 +32,7 @@ class Parts:
     audit: AuditLog
     nightly: Nightly
     drawer: Drawer = field(default_factory=Drawer)
+    meters: Meters = field(default_factory=Meters)
 
 
 def parts_of(request: Request) -> Parts:

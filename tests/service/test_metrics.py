@@ -35,6 +35,10 @@ async def test_metrics_count_tests_and_need_a_viewer(quick_path: Path) -> None:
         assert after["breakaway_valve_last_test_timestamp_seconds", "FV-101"] > 1.0e9
         assert after["breakaway_audit_entries_total",] > before["breakaway_audit_entries_total",]
         assert after["process_resident_memory_bytes",] > 0
+        assert after["breakaway_samples_total", "plc-1"] == test["quality"]["samples"]
+        assert after["breakaway_motions_total", "plc-1", "completed"] == 1
+        assert after["breakaway_analysis_seconds_count",] == 1
+        assert after["breakaway_sampling_jitter_seconds_count", "plc-1"] == 1
         assert_problem(await served.client.get("/metrics"), 401)
 
 
@@ -49,3 +53,4 @@ async def test_a_safe_state_that_was_not_confirmed_stands_until_it_is_acknowledg
         body_of(await served.client.post(f"{test['href']}/acknowledge", json=note, headers=engineer))
         found = samples(await served.client.get("/metrics", headers=engineer))
         assert found["breakaway_safe_state_not_confirmed",] == 0
+        assert found["breakaway_motions_total", "plc-1", "completed"] == 1  # stored again, counted once
