@@ -15,6 +15,7 @@ from estimators.samples import FloatArray
 # A bottom is left by less than two standard errors in all; a narrow, bent valley of m, F_v, F_c and DV by far more.
 _LARGEST_GAIN: Final = 4.0
 _FURTHER_STEPS: Final = 30
+_FURTHER_SHARE: Final = 0.3  # of the budget
 _SMALLEST_SHARE: Final = 1.0e-12  # of the largest eigenvalue: below it a direction is not seen at all
 
 
@@ -43,7 +44,7 @@ def arrived(found: Found) -> tuple[Found, bool]:
     """Return the fit, led further where it had not arrived, and whether it is at the bottom now."""
     if found.certificate.ratio < EXACT or left_to_gain(found) < _LARGEST_GAIN:
         return found, True
-    most = Budget.of(found.model).most_at_once(found.model, 1.0)
+    most = Budget.of(found.model).most_at_once(found.model, _FURTHER_SHARE)
     further = descend(found.model, found.point, most_steps=_FURTHER_STEPS, most_simulations=most)
     if further.cost < found.cost:
         simulations = found.simulations + further.simulations

@@ -18,6 +18,7 @@ _MANY_EVENTS: Final = 75  # in a recording of which the budget is twice as large
 _MOST_TIMES: Final = 4.0
 _MORE_FOR_CORNERS: Final = 3.0
 _FEWEST: Final = 600  # simulations, of a force with many corners too, but
+_LONGEST_FEW: Final = 0.7e6
 _LONGEST: Final = 3.0e6
 _A_FEW: Final = 60
 
@@ -39,7 +40,7 @@ class Budget:
         # as many simulations of a force with many corners, up to a limit
         few = _A_CALL + _AN_EVENT * model.events
         usual *= min(1.0 + _A_CORNER * model.corner_count / few, _MORE_FOR_CORNERS)
-        whole = max(usual, min(_FEWEST * _each(model), _LONGEST))
+        whole = min(max(usual, min(_FEWEST * _each(model), _LONGEST_FEW)), _LONGEST)
         return cls(whole, whole)
 
     @classmethod

@@ -29,6 +29,11 @@ _NOT_ARRIVED: Final = (
     "repeat with ramps at several rates"
 )
 
+_ALONE: Final = (
+    "the stem jumps, and searches from other starts did not come to as good a fit, so that a better one may be "
+    "missing still: repeat with ramps at several rates"
+)
+
 
 def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found) -> Estimate:
     """Return the estimate: ok where the fit explains the recording and all but DV and a hidden m is known."""
@@ -66,16 +71,17 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         # the jumps are between one and two times (F_s - F_c)/k long, by their damping
         beyond_n = _JUMP_UNSURE * (values["F_s"] - values["F_c"])
         parameters["F_c"] = _parameter("F_c", values, knows, max(least.get("F_c", 0.0), beyond_n))
-    if not is_bottom:
-        parameters |= {symbol: absent(_NOT_ARRIVED) for symbol in _IN_THE_VALLEY if parameters[symbol].identifiable}
+    doubt = _NOT_ARRIVED if not is_bottom else "" if found.is_confirmed else _ALONE
+    if doubt:
+        parameters |= {symbol: absent(doubt) for symbol in _IN_THE_VALLEY if parameters[symbol].identifiable}
     complete = in_order(parameters)
     outcomes = _outcomes(motion, complete, values)
     missing = [symbol for symbol, entry in complete.items() if entry.value is None and symbol != "DV"]
     sentences = [str(outcome) for outcome in outcomes]
     if not explained:
         sentences.append(_misfit(rms_m, noise_m, problem.is_noise_free, found))
-    if not is_bottom:
-        sentences.append(f"{_NOT_ARRIVED[0].upper()}{_NOT_ARRIVED[1:]}.")
+    if doubt:
+        sentences.append(f"{doubt[0].upper()}{doubt[1:]}.")
     if missing:
         sentences.append(f"Not given: {', '.join(missing)}.")
     if weighed.weight > _SURE_OF_DELAY:
@@ -83,7 +89,7 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         sentences.append(f"The force acts {1.0e3 * abs(values[DELAY]):.3g} ms {late} than its samples' times say.")
     hidden = {"m"} if Outcome.MASS_HIDDEN in outcomes else set()
     poor = {Outcome.ONE_DIRECTION_ONLY, Outcome.COMMAND_ONLY} & set(outcomes)
-    status = Status.OK if explained and is_bottom and not set(missing) - hidden and not poor else Status.POOR
+    status = Status.OK if explained and not doubt and not set(missing) - hidden and not poor else Status.POOR
     if complete["k"].value is None and complete["F_c"].value is None:
         status = Status.FAILED
     diagnostics: dict[str, Any] = {

@@ -16,6 +16,7 @@ _LIMIT_SPEEDS: Final = (0.4, 1.0, 1.5)  # of the sliding speed
 _VISCOUS: Final = (0.3, 3.0, 0.03)
 _MASSES: Final = (0.33, 3.0, 0.1, 10.0)
 _DAMPINGS: Final = (0.03, 0.1, 0.3, 0.8)
+_NEAR_DAMPINGS: Final = (0.6, 0.8, 1.25, 1.6)  # of the own: what a walk along the valley cannot pass a sill for
 _LIMITS_OF_JUMPS: Final = (0.02, 0.15, 1.0, 5.0)
 _RATIOS: Final = (0.8, 1.25, 0.6)
 
@@ -56,6 +57,8 @@ def hops(model: StemModel, point: FloatArray, speed_m_per_s: float, *, jumps: bo
     if jumps:
         for damping, factor in product(_DAMPINGS, _LIMITS_OF_JUMPS):
             yield jumping(damping, DV=factor * here["DV"])
+        for factor in _NEAR_DAMPINGS:
+            yield jumping(factor * own)
         for factor in _LIMITS_OF_JUMPS:
             yield jumping(own, DV=factor * here["DV"])
         for factor in _MASSES:

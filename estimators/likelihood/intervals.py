@@ -30,6 +30,7 @@ _FEW_INPUTS: Final = 6  # errors of the input that follow too
 CHECKED: Final = ("m", "F_v", "F_c", "F_s", "DV")
 _WITHIN_95: Final = 3.84
 _WITHIN_SILLS: Final = 9.0
+_MOST_WORK: Final = 1.2e6  # of the walks
 _SURE: Final = 3.0  # standard errors by which the variance of pieces must exceed that of white noise
 
 
@@ -104,11 +105,11 @@ def flat_errors(model: StemModel, point: FloatArray, *, noise_factor: float, jum
     small = compressed(model)
     inputs = tuple(name for name in model.coordinates.names if name.startswith("input_"))
     held = inputs if len(inputs) > _FEW_INPUTS else ()
-    most = Budget.of(small).most_at_once(small, 1.0)
+    budget = Budget.limited(min(Budget.of(small).whole, _MOST_WORK))
+    most = budget.most_at_once(small, 0.5)
     near = descend(small, point, most_steps=_FOLLOWING_STEPS, held=held, most_simulations=most)
     start = Place(near.point, near.cost)
     within = (_WITHIN_SILLS if jumps else _WITHIN_95) * noise_factor**2
-    budget = Budget.of(small)
     walks = [
         [start, *walk(small, start, name, sense, budget=budget, held=held, largest_rise=2.0 * within).places]
         for name, sense in product(WALKED, (-1, 1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
@@ -27,6 +28,10 @@ _HOP_STEPS: Final = ((30, 2), (8, 5), (3, 8))  # how many are followed, and for 
 _SCAN_STEPS: Final = 7
 _LAST_SHARE: Final = 0.15  # of the budget
 _ON_ALL_ROWS: Final = 0.6  # of the budget, for one descent
+_MOST_OVERDRAWN: Final = 0.3  # of the budget: then no other place is followed on all rows
+_SECOND_SHARE: Final = 0.6  # of the budget, more of it, for starts that are followed apart
+_FIRST_STARTS: Final = 20  # which the first search follows
+_AS_LOW: Final = 9.0  # of the cost, times the misfit's square
 _RANKING_SHARE: Final = 0.2  # of the budget
 _LED_OF_JUMPS: Final = 2  # places that are led down: the valley of jumps has sills
 _REFILL: Final = 0.35  # of the budget, where what was found is not enough
@@ -66,6 +71,7 @@ class Found:
     starts: int
     simulations: int
     budget_left: float
+    is_confirmed: bool = True  # of jumps: starts that were followed apart came to places as low as the best
 
 
 def measured_rests(motion: RecordedMotion) -> Restarts:
@@ -95,12 +101,19 @@ class Hopping:
 
 
 def search(
-    model: StemModel, trials: list[Trial], rests: Restarts, *, breakaways: int, hopping: Hopping
+    model: StemModel,
+    trials: list[Trial],
+    rests: Restarts,
+    *,
+    breakaways: int,
+    hopping: Hopping,
+    given: Sequence[dict[str, float]] = (),
 ) -> Found | None:
     """Return the lowest place reached from these trial values and those nearly as low; None where nothing moves.
 
     On blocks of rows: the trials are ranked and followed with the stem started anew at each measured rest, the
     better of them without; then from the best to where the cost may be as low. On all rows: the few that are left.
+    Of a stem that jumps, other starts, values ``given`` by other methods first, are followed apart.
     """
     events = _EVENTS_A_BREAKAWAY * breakaways
     model = replace(model, events=events)
@@ -113,14 +126,16 @@ def search(
     first = ranked(stages[0], chosen_trials(trials, budget.most_simulations(stages[0], _RANKING_SHARE)), budget)
     if not first:
         return None
-    # hops where a simulation is cheapest: many jumps need not be in step with the measured ones for that
-    begun, longer = (stages[:3], stages[3:]) if hopping.jumps and len(stages) > _USUAL else ([*stages, small], [])
-    places = halved(begun, first, budget)
-    if not longer:
-        places += [_with_scanned_friction(small, place, budget) for place in places[:2]]
-    places = _hopped(begun[-1], distinct(small, places), hopping, budget, whole)
-    if longer:
-        places = _hopped(small, halved([*longer, small], places, budget), hopping, budget, whole)
+    found = _Searching(small, stages, hopping)
+    places = found.lowest(first, budget)
+    apart: list[Place] = []
+    if hopping.jumps:
+        second = Budget.limited(_SECOND_SHARE * whole)
+        apart = found.lowest([*_given(stages[0], given), *first[_FIRST_STARTS:]], second)[:1]
+        budget.simulations += second.simulations
+        budget.starts += second.starts
+        alone, places = places[:1], distinct(small, [*places, *apart])
+        apart = [*alone, *apart] if alone and apart else []
     if not places:
         return None
     factor = 1.0
@@ -159,7 +174,44 @@ def search(
         budget.starts,
         budget.simulations,
         budget.left / whole,
+        not hopping.jumps or _are_as_low(small, ended[0], apart, certificate.ratio),
     )
+
+
+def _are_as_low(small: StemModel, best: Place, apart: list[Place], ratio: float) -> bool:
+    """Whether each search of its own came to a place as low as the best, within what the noise leaves open."""
+    rise = _AS_LOW * max(1.0, ratio**2)
+    lowest = small.cost(best.point)
+    return bool(apart) and all(small.cost(place.point) < lowest + rise for place in apart)
+
+
+@dataclass(frozen=True, slots=True)
+class _Searching:
+    """The models of a search on blocks of rows: all starts go through them alike."""
+
+    small: StemModel
+    stages: list[StemModel]
+    hopping: Hopping
+
+    def lowest(self, first: list[Place], budget: Budget) -> list[Place]:
+        """Follow these starts, and hop from the best; cheapest first."""
+        small, stages, hopping, whole = self.small, self.stages, self.hopping, budget.whole
+        # hops where a simulation is cheapest: many jumps need not be in step with the measured ones for that
+        begins_anew = hopping.jumps and len(stages) > _USUAL
+        begun = stages[:3] if begins_anew else [*stages, small]
+        places = halved(begun, first, budget)
+        if not begins_anew:
+            places += [_with_scanned_friction(small, place, budget) for place in places[:2]]
+        places = _hopped(begun[-1], distinct(small, places), hopping, budget, whole)
+        if begins_anew:
+            places = _hopped(small, halved([*stages[3:], small], places, budget), hopping, budget, whole)
+        return places
+
+
+def _given(model: StemModel, given: Sequence[dict[str, float]]) -> list[Place]:
+    """Return the places of these values, those that the model cannot follow left out."""
+    points = [model.coordinates.point(values) for values in given]
+    return [place for place in (Place(point, model.cost(point)) for point in points) if math.isfinite(place.cost)]
 
 
 def _stages(model: StemModel, rests: Restarts, *, jumps: bool) -> list[StemModel]:
@@ -230,11 +282,12 @@ def _on_all_rows(model: StemModel, places: list[Place], budget: Budget) -> list[
         point = place.point
         if is_exact:
             point = descend(finest, place.point, most_steps=_FINE_STEPS, most_simulations=most).point
-        if ended and budget.left < -budget.whole:
+        if ended and budget.left < -_MOST_OVERDRAWN * budget.whole:
             break
         most = budget.most_at_once(model, _ON_ALL_ROWS)
         near = descend(model, point, most_steps=_LAST_STEPS, one_sided=True, arrived=_NEARLY, most_simulations=most)
-        found = descend(model, near.point, most_steps=_LAST_STEPS, most_simulations=most)
+        rest = most - near.simulations
+        found = descend(model, near.point, most_steps=_LAST_STEPS, most_simulations=rest)
         budget.spend(model, near.simulations + found.simulations)
         if math.isfinite(found.cost):
             ended.append(Place(found.point, found.cost))

@@ -13,12 +13,17 @@ from estimators.likelihood.command_steps import stair_corners, within_signal, wr
 from estimators.likelihood.lag_kernel import lagged
 from estimators.likelihood.nuisance import Nuisance
 from estimators.likelihood.pressure_lines import Corners, KnownCorners, Stretch, find_stretches, held_together
-from estimators.samples import FloatArray
+from estimators.samples import FloatArray, position_noise
 from valve.nameplate import Nameplate
 from valve.recording import Recording
 
-_TOLERANCE: Final = 1.0e-6  # of the span: what the straight lines leave an exponential by
+_TOLERANCE: Final = 1.0e-6  # of the span: what the straight lines leave an exponential by, and no less than
+_OF_THE_NOISE: Final = 0.05  # of the position's noise, as a share of the travel: finer lines show in no row
+_LARGEST_TOLERANCE: Final = 1.0e-4
 _LONGEST_S: Final = 5.0
+_OF_A_TREAD: Final = 0.25  # as the most: the answer to a step that is over before the next
+_STEP: Final = 0.02  # of a tread: what a shorter lag gives is a step, later by the lag
+_MANY_STEPS: Final = 50
 _ROWS_A_STEP: Final = 4  # a ramp that is played in steps: each is real, and the lag rounds it
 # An I/P with a small volume behind it; the fit starts from here where nothing better is known.
 _LAG_START_S: Final = 0.1
@@ -41,20 +46,34 @@ class TransducerPath:
     nuisances: tuple[Nuisance, ...]
     breaks_s: FloatArray
     span_n: float
+    tolerance: float = _TOLERANCE
 
     def corners(self, values: FloatArray) -> Corners:
         """Corner times, s, and force, N, shape (n,), for this lag and dead time, both s."""
         lag_s, dead_time_s = float(values[0]), float(values[1])
         parts = [stretch.corners() for stretch in self.stretches]
         if lag_s > 0.0:
-            parts = [lagged(time_s, asked_n, float(asked_n[0]), lag_s, self.tolerance_n) for time_s, asked_n in parts]
+            parts = [self._lagged(time_s, asked_n, lag_s) for time_s, asked_n in parts]
         time_s, force_n = held_together(parts, self.breaks_s, _LONGEST_S + _DEAD_TIME_START_S)
         return time_s + dead_time_s, force_n
+
+    def _lagged(self, time_s: FloatArray, asked_n: FloatArray, lag_s: float) -> Corners:
+        """The answer to one stretch; that to a staircase's steps is drawn no finer than the stem could show it."""
+        tolerance_n = self.tolerance_n
+        is_step = (np.diff(time_s) == 0.0) & (np.diff(asked_n) != 0.0)
+        if np.count_nonzero(is_step) >= _MANY_STEPS:
+            tread_s = float(np.median(np.diff(time_s[1:][is_step])))
+            tread_n = float(np.median(np.abs(np.diff(asked_n)[is_step])))
+            if lag_s < _STEP * tread_s:
+                return np.concatenate([time_s[:1], time_s[1:] + lag_s]), asked_n
+            wide_n = tolerance_n * max(1.0, tread_s / lag_s)
+            tolerance_n = min(wide_n, max(_OF_A_TREAD * tread_n, tolerance_n))
+        return lagged(time_s, asked_n, float(asked_n[0]), lag_s, tolerance_n)
 
     @property
     def tolerance_n(self) -> float:
         """What a line may leave an exponential by, N."""
-        return _TOLERANCE * self.span_n
+        return self.tolerance * self.span_n
 
     def variations(self, values: FloatArray) -> Iterator[Corners]:  # noqa: ARG002 - as all input paths
         """Nothing: the command is known."""
@@ -83,4 +102,14 @@ def transducer_path(recording: Recording, nameplate: Nameplate, asked_n: FloatAr
         # the command's own time stamps may be late by up to a period
         Nuisance("transducer_dead_time_s", _DEAD_TIME_START_S, _SCALE_S, -period_s, _LONGEST_S, float("inf")),
     )
-    return TransducerPath(stretches, nuisances, breaks_s, float(np.nanmax(asked_n) - np.nanmin(asked_n)))
+    span_n = float(np.nanmax(asked_n) - np.nanmin(asked_n))
+    tolerance = _tolerance(recording, nameplate.actuator.travel_m)
+    return TransducerPath(stretches, nuisances, breaks_s, span_n, tolerance)
+
+
+def _tolerance(recording: Recording, travel_m: float) -> float:
+    """What a line may leave an exponential by, of the span: a small share of the position's noise in the travel."""
+    present = np.isfinite(recording.position_m)
+    runs = np.zeros(int(present.sum()), dtype=np.int64)
+    noise_m = position_noise(recording.time_s[present], recording.position_m[present], runs)
+    return float(np.clip(_OF_THE_NOISE * noise_m / travel_m, _TOLERANCE, _LARGEST_TOLERANCE))
