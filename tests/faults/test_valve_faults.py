@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
@@ -132,18 +131,18 @@ FAULTS: Final[list[tuple[Fault, str]]] = [
 ]
 
 
-@pytest.mark.parametrize(("fault", "said"), FAULTS, ids=[fault.kind.value for fault, _ in FAULTS])
-async def test_each_fault_of_valve_air_sensor_and_device_ends_the_test_safely_and_is_said(
-    fault: Fault, said: str
-) -> None:
-    outcome, plant = await played(fault)
-    if fault.kind is FaultKind.OUTPUT_RESET and outcome.ended is Ended.COMPLETED:
-        # The next command came first: what was seen meanwhile is no sample.
-        assert outcome.recording is not None
-        return
-    require_safe(outcome, plant)
-    assert outcome.ended is Ended.FAILED
-    assert any(part in str(outcome.error) for part in said.split("|")), outcome.error
+@pytest.mark.parametrize("part", range(3))
+async def test_each_fault_of_valve_air_sensor_and_device_ends_the_test_safely_and_is_said(part: int) -> None:
+    faults = FAULTS[part::3]  # three at once: each mostly waits for its waveform
+    ends = await asyncio.gather(*(played(fault) for fault, _ in faults))
+    for (fault, said), (outcome, plant) in zip(faults, ends, strict=True):
+        if fault.kind is FaultKind.OUTPUT_RESET and outcome.ended is Ended.COMPLETED:
+            # The next command came first: what was seen meanwhile is no sample.
+            assert outcome.recording is not None
+            continue
+        require_safe(outcome, plant)
+        assert outcome.ended is Ended.FAILED, fault
+        assert any(words in str(outcome.error) for words in said.split("|")), (fault, outcome.error)
 
 
 @pytest.mark.parametrize("kind", [FaultKind.LOOP_IN_AUTOMATIC, FaultKind.INTERLOCK, FaultKind.AIR_LOST])
@@ -176,12 +175,9 @@ async def test_a_stem_that_leaves_its_band_ends_the_test() -> None:
     assert "limits.band_m" in str(outcome.error)
 
 
-Healthy = Callable[[], Waveform]
-
-
-@pytest.mark.parametrize("parameter_set", ["vendor", "nominal", "rough"])
 @pytest.mark.parametrize("mode", ["polled", "captured"])
-async def test_a_healthy_valve_is_never_taken_for_a_faulty_one(parameter_set: str, mode: str) -> None:
-    outcome, plant = await played(parameter_set=parameter_set, mode=mode, noise_m=5.0e-6)
-    require_safe(outcome, plant)
-    assert outcome.ended is Ended.COMPLETED, outcome.error
+async def test_a_healthy_valve_on_the_wire_is_never_taken_for_a_faulty_one(mode: str) -> None:
+    sets = ("vendor", "nominal", "rough")
+    for outcome, plant in await asyncio.gather(*(played(parameter_set=name, mode=mode) for name in sets)):
+        require_safe(outcome, plant)
+        assert outcome.ended is Ended.COMPLETED, outcome.error
