@@ -30,7 +30,7 @@ _FOLLOWED_FURTHER: Final = 30.0  # misfit, below which the baseline is first fol
 _MOST_MOTIONS: Final = 7000
 _CLOSER_MOTIONS: Final = 2500  # of following the lowest further, in each round
 # Polled rows tell causes apart less finely, and an answer on them is wanted within seconds.
-_COARSE_PERIOD_S: Final = 5.0e-3
+_COARSE_PERIOD_S: Final = 8.0e-3
 _COARSE_SHARE: Final = 0.4
 _PRUNING_STEPS: Final = 15
 _LOOK_CLOSER: Final = 2.0  # times the misfit of all causes: one may be needless
