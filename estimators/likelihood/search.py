@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
@@ -101,19 +100,13 @@ class Hopping:
 
 
 def search(
-    model: StemModel,
-    trials: list[Trial],
-    rests: Restarts,
-    *,
-    breakaways: int,
-    hopping: Hopping,
-    given: Sequence[dict[str, float]] = (),
+    model: StemModel, trials: list[Trial], rests: Restarts, *, breakaways: int, hopping: Hopping
 ) -> Found | None:
     """Return the lowest place reached from these trial values and those nearly as low; None where nothing moves.
 
     On blocks of rows: the trials are ranked and followed with the stem started anew at each measured rest, the
     better of them without; then from the best to where the cost may be as low. On all rows: the few that are left.
-    Of a stem that jumps, other starts, values ``given`` by other methods first, are followed apart.
+    Of a stem that jumps other starts are followed apart: the classic methods have no values for it to start from.
     """
     events = _EVENTS_A_BREAKAWAY * breakaways
     model = replace(model, events=events)
@@ -131,7 +124,7 @@ def search(
     apart: list[Place] = []
     if hopping.jumps:
         second = Budget.limited(_SECOND_SHARE * whole)
-        apart = found.lowest([*_given(stages[0], given), *first[_FIRST_STARTS:]], second)[:1]
+        apart = found.lowest(first[_FIRST_STARTS:], second)[:1]
         budget.simulations += second.simulations
         budget.starts += second.starts
         alone, places = places[:1], distinct(small, [*places, *apart])
@@ -206,12 +199,6 @@ class _Searching:
         if begins_anew:
             places = _hopped(small, halved([*stages[3:], small], places, budget), hopping, budget, whole)
         return places
-
-
-def _given(model: StemModel, given: Sequence[dict[str, float]]) -> list[Place]:
-    """Return the places of these values, those that the model cannot follow left out."""
-    points = [model.coordinates.point(values) for values in given]
-    return [place for place in (Place(point, model.cost(point)) for point in points) if math.isfinite(place.cost)]
 
 
 def _stages(model: StemModel, rests: Restarts, *, jumps: bool) -> list[StemModel]:

@@ -13,7 +13,7 @@ from estimators.likelihood.lag_kernel import lagged
 from estimators.samples import FloatArray
 from simulator import transducer
 from valve.nameplate import Actuator, Nameplate, Signal
-from valve.recording import Recording
+from valve.recording import Acquisition, Provenance, Recording
 from valve.waveform import Waveform, sine, steps, triangle
 
 AREA_M2 = 0.0645
@@ -104,6 +104,22 @@ def test_a_ramp_played_in_steps_stays_a_staircase_that_the_lag_rounds(step_s: fl
     expected_pa = closed_form(wanted_s, stair_s, stair_pa, 0.05)
     # the steps are seen between two rows: half a period
     assert pressure(path, (0.05, 0.5e-3), wanted_s) == pytest.approx(expected_pa, abs=1.0e-5 * SPAN_PA)
+
+
+def test_a_short_lag_behind_many_steps_is_drawn_no_finer_than_the_position_shows() -> None:
+    time_s = np.arange(12_001, dtype=np.float64) * 5.0e-3
+    command_pa = TRIANGLE.at(time_s)
+    position_m = 0.1 * (command_pa - LOW_PA) / SPAN_PA + 20.0e-6 * np.random.default_rng(1).standard_normal(time_s.size)
+    provenance = Provenance(acquisition=Acquisition.POLLED, requested_period_s=5.0e-3)
+    recording = Recording(time_s, position_m, command_pa=command_pa, provenance=provenance)
+    path = input_path(recording, NAMEPLATE)
+    assert isinstance(path, TransducerPath)
+    wanted_s = np.linspace(1.0, 59.0, 5801)
+    stair_s, stair_pa = np.repeat(time_s, 2)[1:], np.repeat(command_pa, 2)[:-1]
+    for lag_s in (5.0e-5, 1.0e-3, 0.01, 0.1):
+        assert path.corners(np.array([lag_s, 0.0]))[0].size < 6 * time_s.size
+        off_pa = pressure(path, (lag_s, 0.0), wanted_s) - closed_form(wanted_s, stair_s, stair_pa, lag_s)
+        assert float(np.sqrt(np.mean(off_pa**2))) / SPAN_PA * 0.1 < 0.3 * 20.0e-6
 
 
 @pytest.mark.parametrize(("step_s", "period_s"), [(1.0e-3, 1.0e-3), (0.01, 0.01), (0.05, 0.05), (0.02, 0.01)])
