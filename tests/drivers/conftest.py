@@ -11,8 +11,8 @@ from tests.drivers.bench import WIRING, Bench
 from tests.drivers.reference_device import ReferenceDevice
 from tests.drivers.slave import RawSlave, SerialPort, TcpPort
 
-TIMEOUT_S = 0.08
-WORST_LATENCY_S = 0.25
+TIMEOUT_S = 0.2  # a busy machine takes 50 ms for an answer now and then, and none of them may be a gap
+WORST_LATENCY_S = 0.5
 
 
 @pytest.fixture

@@ -136,7 +136,7 @@ async def test_the_watchdog_is_fed_while_corners_are_written_and_samples_fetched
     device: ReferenceDevice, serial_port: SerialPort
 ) -> None:
     wiring = replace(WIRING, watchdog=WatchdogChoice(timeout_s=0.6))
-    # Its own deadline: with the others' of 80 ms a busy machine makes gaps of these late answers.
+    # Its own deadline: with the others' a busy machine makes gaps of these late answers.
     line = Transport(RtuAddress("line", serial_port.path, 115200, Parity.NONE))
     await line.open()
     bench = Bench(device, connect_valve(wiring, {"bus": line}))

@@ -50,7 +50,7 @@ async def test_a_silent_slave_costs_no_more_than_the_deadline(bus: Transport, sl
     start_s = time.monotonic()
     with pytest.raises(NoAnswerError, match="no answer within"):
         await read(bus, 1)
-    assert time.monotonic() - start_s < TIMEOUT_S + 0.06
+    assert TIMEOUT_S <= time.monotonic() - start_s < 2 * TIMEOUT_S
 
 
 async def test_a_late_answer_never_becomes_the_next_one(bus: Transport, slave: RawSlave) -> None:
@@ -245,7 +245,7 @@ async def test_a_black_hole_fails_every_request_within_its_deadlines(tcp_port: T
     for _ in range(3):
         with pytest.raises(WireError):
             await read(bus, 1)
-    assert time.monotonic() - start_s < 3 * (TIMEOUT_S + 0.06)
+    assert time.monotonic() - start_s < 5 * TIMEOUT_S, "three deadlines, and none of them twice"
     await bus.close()
 
 
