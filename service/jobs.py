@@ -101,6 +101,9 @@ class JobQueue:
                 f"the queue of nightly checks cannot be opened ({type(error).__name__}: {reason}): "
                 "restore jobs.db of service.store from a backup or remove it, or see to service.database"
             ) from None  # its context may show the database's password
+        except BaseException:
+            self._end()
+            raise
 
     def enqueue(self, job_id: str, bus: str, check_id: int) -> None:
         """Put a check into the queue of its bus; a job of this id is never put there twice."""

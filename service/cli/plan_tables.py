@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, Final
 
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from valve.parameters import PARAMETER_SYMBOLS
+
+_FIRST_COLUMN: Final = 24  # characters of a terminal's line: a parameter with value and unit
+_COLUMN: Final = 14  # a sequence
 
 
 def print_plan(console: Console, document: dict[str, Any]) -> None:
@@ -24,7 +28,10 @@ def print_plan(console: Console, document: dict[str, Any]) -> None:
         f"I/P lag {sampling['transducer_lag_s']:.2g} s.",
     )
     _say(console, "Expected 95 % interval of each parameter, by sequence:")
-    console.print(_table(document))
+    possible = [one for one in document["sequences"] if one["possible"]]
+    together = max(1, (console.width - _FIRST_COLUMN) // _COLUMN)
+    for first in range(0, len(possible), together):
+        console.print(_table(document, possible[first : first + together]))
     for one in document["sequences"]:
         _print_reasons(console, one)
     _print_choice(console, document)
@@ -34,8 +41,7 @@ def _say(console: Console, sentence: str) -> None:
     console.print(Text(sentence))
 
 
-def _table(document: dict[str, Any]) -> Table:
-    sequences = document["sequences"]
+def _table(document: dict[str, Any], sequences: Sequence[dict[str, Any]]) -> Table:
     table = Table()
     table.add_column("", no_wrap=True)
     for one in sequences:

@@ -30,9 +30,11 @@ async def nights(nightly: Nightly, plant: Plant, store: Store, runs: Runs) -> As
     await nightly.prepare()
     queue = _queue(plant, store, nightly)
     housekeeping = Housekeeping(_chores(plant, store, queue))
+    opening: asyncio.Future[None] | None = None
     try:
         if queue is not None:
-            await asyncio.to_thread(queue.start)
+            opening = asyncio.ensure_future(asyncio.to_thread(queue.start))
+            await asyncio.shield(opening)
             await nightly.start(queue)
         housekeeping.start()
         yield
@@ -41,7 +43,8 @@ async def nights(nightly: Nightly, plant: Plant, store: Store, runs: Runs) -> As
         await housekeeping.close()
         await runs.shut_down()
         await nightly.close()
-        if queue is not None:
+        if queue is not None and opening is not None:
+            await asyncio.wait({opening})  # a start that was cancelled goes on in its thread: close what it opens
             await asyncio.to_thread(queue.close)
 
 

@@ -71,7 +71,7 @@ def test_each_reason_stands_once_and_on_one_line() -> None:
     assert notes == [
         "  m, F_v: The motion of a valve with these values misses what was recorded by…",
         "  DV: known to +-290 % only, the limit is 30 %: it is tied to F_s",
-        "  diagnosis: not assessed. Nothing was looked for.",
+        "  Diagnosis: not assessed. Nothing was looked for.",
     ]
 
 
