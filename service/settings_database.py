@@ -35,6 +35,8 @@ class DatabaseAddress:
         Raises ConfigurationError where the file cannot be read or others may read it; no message holds the password.
         """
         url = make_url(self.url)
+        if "client_encoding" not in url.query:  # a server whose own is SQL_ASCII would answer in bytes
+            url = url.update_query_dict({"client_encoding": "utf8"})
         password = environment.get(PASSWORD_VARIABLE) if self.password_file is None else _secret(self.password_file)
         return url.set(password=password) if password else url
 
