@@ -42,6 +42,7 @@ _WRONG_UNITS: Final = ((6894.757, "psi"), (1.0e5, "bar"), (1.0e3, "kPa"))
 _NEAR_UNIT: Final = 2.0  # times; psi, kPa and bar are 6.9 apart
 _SCALE_OFF: Final = 2.0  # of the spring rate: no effect of the catalogue goes so far
 _NOTHING_NEW: Final = "Nothing beyond the model that was accepted for this valve."
+_IN_DOUBT: Final = 3.0  # noises, by which the instants of a polled test's writes and looks move its positions
 _NO_FORCE: Final = (
     "A drive without a spring is assessed by its balance of forces, and a recording has no force_n: record the force."
 )
@@ -86,6 +87,8 @@ def diagnose(
         unit = _unit_message(baseline)
         if unit:
             return Diagnosis(Verdict.NOT_ASSESSED, unit, before=show(baseline), baseline=baseline)
+        if observed.doubt_in_noises > _IN_DOUBT:
+            return _of_doubtful_instants(baseline)
         standing = None if accepted is None else stand(baseline, accepted)
         if standing is not None:
             baseline = standing.free
@@ -151,6 +154,19 @@ def _concluded(
         rival_fits=tuple(rival_fits),
         **pictures,
     )
+
+
+def _of_doubtful_instants(baseline: Fit) -> Diagnosis:
+    """Return the diagnosis of a polled test whose positions are known worse by their instants than by the sensor."""
+    pictures: dict[str, Any] = {"before": show(baseline), "baseline": baseline}
+    if explains(baseline):
+        return Diagnosis(Verdict.NONE, "", **pictures)
+    message = (
+        "The instants of the polled writes and samples are known so badly that they move the positions in motion by "
+        f"{baseline.model.observed.doubt_in_noises:.2g} times the sensor's noise, {_IN_DOUBT:g} times are allowed: no "
+        'cause can be told from that. Capture in the device (acquisition mode "captured").'
+    )
+    return Diagnosis(Verdict.NOT_ASSESSED, message, **pictures)
 
 
 def explains(fit: Fit) -> bool:

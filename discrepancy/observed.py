@@ -12,6 +12,7 @@ import numpy as np
 
 from estimators.base import Outcome
 from estimators.likelihood.input_path import InputPath, Nuisance, input_path
+from estimators.likelihood.row_timing import position_doubts, shared_by_rest, still_rows
 from estimators.likelihood.search import measured_rests
 from estimators.likelihood.staircase import read_staircase
 from estimators.likelihood.start import resting_rows
@@ -77,6 +78,8 @@ class Observed:
     command_only: bool
     delay: Nuisance | None
     full_force_n: float
+    # what the instants of polled writes and looks leave unknown of positions in motion, rms, over the noise
+    doubt_in_noises: float = 0.0
 
     @property
     def count(self) -> int:
@@ -103,7 +106,7 @@ def observe(recordings: Sequence[Recording], nameplate: Nameplate) -> Observed |
     """Return what these recordings of one valve hold for a fit, or the outcome that says why one does not."""
     segments: list[Segment] = []
     motions: list[RecordedMotion] = []
-    noises, delay, rows, forces = [], None, 0, []
+    noises, delay, rows, forces, doubted = [], None, 0, [], 0.0
     for recording in recordings:
         motion = read_motion(recording, nameplate)
         if motion in _MAY_BE_A_STAIRCASE:
@@ -120,6 +123,7 @@ def observe(recordings: Sequence[Recording], nameplate: Nameplate) -> Observed |
             delay = own_delay
         timing_s = recording.provenance.timing_uncertainty_s or 0.0
         segments += _segments(motion, path, noise_m, max(timing_s, _TIMING_SHARE * period_s))
+        doubted = max(doubted, _doubt_in_noises(motion, noise_m))
         motions.append(motion)
         noises.append(noise_m)
         rows += motion.samples.count
@@ -128,7 +132,9 @@ def observe(recordings: Sequence[Recording], nameplate: Nameplate) -> Observed |
         return Outcome.TOO_FEW_SAMPLES
     command_only = any(motion.command_only for motion in motions)
     full_force_n = _full_force(nameplate) or max(forces)
-    return Observed(tuple(segments), tuple(motions), nameplate, max(noises), rows, command_only, delay, full_force_n)
+    return Observed(
+        tuple(segments), tuple(motions), nameplate, max(noises), rows, command_only, delay, full_force_n, doubted
+    )
 
 
 def resting_noise(motion: RecordedMotion) -> float:
@@ -142,6 +148,28 @@ def resting_noise(motion: RecordedMotion) -> float:
         if 0.0 < at_rest_m < _SURELY_LESS * noise_m:
             noise_m = at_rest_m
     return max(noise_m, _NO_NOISE * float(np.ptp(samples.position_m)))
+
+
+def _timing_errors(motion: RecordedMotion, noise_m: float) -> FloatArray:
+    """What the instants of polled writes and looks leave unknown of each position, m, (n,): more where rests share."""
+    samples = motion.samples
+    if motion.recording is None:
+        return np.zeros(samples.count)
+    doubts = position_doubts(motion.recording, samples.time_s, samples.position_m, samples.position_noise_m)
+    if not doubts.lasting_m.any():
+        return doubts.total_m
+    total_m = np.hypot(noise_m, doubts.total_m)
+    share = shared_by_rest(still_rows(samples.position_m, samples.position_noise_m), total_m, doubts.lasting_m)
+    return np.asarray(np.sqrt(np.maximum((total_m / share) ** 2 - noise_m**2, 0.0)))
+
+
+def _doubt_in_noises(motion: RecordedMotion, noise_m: float) -> float:
+    if motion.recording is None:
+        return 0.0
+    samples = motion.samples
+    still = still_rows(samples.position_m, samples.position_noise_m)
+    doubts = position_doubts(motion.recording, samples.time_s, samples.position_m, samples.position_noise_m)
+    return 0.0 if still.all() else float(np.sqrt(np.mean(doubts.total_m[~still] ** 2))) / noise_m
 
 
 def _full_force(nameplate: Nameplate) -> float | None:
@@ -158,6 +186,7 @@ def _segments(motion: RecordedMotion, path: InputPath, noise_m: float, timing_s:
     block_rows = max(1, round(_BLOCK_S / samples.period_s))
     fast = _fast_rows(samples, phases, noise_m)
     rest_row, rest_m, rest_sense = _stick_slip_rests(motion)
+    instants_m = _timing_errors(motion, noise_m)
     found = []
     for first, end in pairwise(starts):
         if end - first < 2:
@@ -169,6 +198,8 @@ def _segments(motion: RecordedMotion, path: InputPath, noise_m: float, timing_s:
         position_m = np.add.reduceat(samples.position_m[own], edges - first) / counts
         speed = np.add.reduceat(np.abs(phases.velocity[own]), edges - first) / counts
         variance = (noise_m**2 + (speed * timing_s) ** 2) / counts
+        # what writes leave unknown is the same for the rows of a block
+        variance += np.add.reduceat(instants_m[own] ** 2, edges - first) / counts
         inside = (rest_row >= first) & (rest_row < end)
         start_m, error_m, velocity = _start(motion, first, noise_m)
         begin_s = float(time_s[0])

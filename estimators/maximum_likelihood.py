@@ -16,7 +16,7 @@ from estimators.likelihood.input_path import CommandedPath, InputPath, input_pat
 from estimators.likelihood.problem import pose
 from estimators.likelihood.search import Found, Hopping, search, searched_again
 from estimators.likelihood.staircase import read_staircase
-from estimators.likelihood.write_errors import doubtful_writes, reweighted
+from estimators.likelihood.write_errors import reweighted
 from estimators.recorded_motion import RecordedMotion, read_motion
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
@@ -62,8 +62,8 @@ class MaximumLikelihoodEstimator:
         found = search(model, problem.trials, problem.rests, breakaways=breakaways, hopping=hopping)
         if found is None:
             return failed(self.method, Outcome.UNPHYSICAL)
-        if motion.recording is not None and isinstance(path, CommandedPath) and path.is_stepped:
-            found = reweighted(found, path, motion.recording, problem.noise_m)
+        if isinstance(path, CommandedPath) and path.is_stepped:
+            found = reweighted(found, path, motion, problem)
         found = self._with_input_errors(motion, path, found, hopping)
         return conclude(self.method, motion, problem, found)
 
@@ -77,8 +77,7 @@ class MaximumLikelihoodEstimator:
         values = model.coordinates.values(found.point)
         changed = path.variations(np.array([values[name] for name in model.input_names]))
         stepped = step_instants(model.corners(values), motion.samples.period_s)
-        written = doubtful_writes(model, found.point, path) if isinstance(path, CommandedPath) else ()
-        widened = with_input_errors(model, found.point, chain(changed, stepped, written))
+        widened = with_input_errors(model, found.point, chain(changed, stepped))
         if not widened.deviations:
             return found
         point = searched_again(whitened(model, widened, found.point), found, hopping)

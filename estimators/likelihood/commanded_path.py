@@ -12,6 +12,7 @@ from estimators.likelihood.command_steps import stair_corners, within_signal, wr
 from estimators.likelihood.lag_kernel import lagged
 from estimators.likelihood.nuisance import Nuisance
 from estimators.likelihood.pressure_lines import Corners, delay_prior_s
+from estimators.likelihood.row_timing import look_doubts_s
 from estimators.likelihood.stair_kernel import stair_answer
 from estimators.likelihood.transducer_fit import TransducerFit, fit_transducer
 from estimators.samples import FloatArray
@@ -120,6 +121,19 @@ def commanded_path(recording: Recording, nameplate: Nameplate, force_n: FloatArr
     if fit is None:
         return None
     most_s = max(_DELAY_PERIODS * period_s, _DELAY_S)
-    prior_s = float(np.hypot(delay_prior_s(recording), fit.delay_sd_s))
+    prior_s = float(np.hypot(_place_in_exchange_s(recording, doubt_s), fit.delay_sd_s))
     delay = Nuisance("delay_s", 0.0, 0.1 * period_s, -most_s, most_s, prior_s)
     return CommandedPath(*steps, float(recording.time_s[-1]), fit, delay, fit.noise_n, np.empty((0, 2)), doubt_s)
+
+
+def _place_in_exchange_s(recording: Recording, write_doubt_s: FloatArray) -> float:
+    """One standard deviation of what all delays of the position against its command have in common, s.
+
+    A device may always act at the same place of an exchange. Longer exchanges than most are late by chance: where each
+    write is recorded these count row by row.
+    """
+    look_s = look_doubts_s(recording, np.arange(recording.samples))
+    if not (write_doubt_s.any() and look_s.any()):
+        return delay_prior_s(recording)
+    usual_s = float(np.hypot(np.median(write_doubt_s), np.median(look_s[look_s > 0.0])))
+    return min(usual_s, delay_prior_s(recording))

@@ -14,11 +14,11 @@ from estimators.likelihood.input_path import CommandedPath, InputPath
 from estimators.likelihood.level_kernel import level_runs
 from estimators.likelihood.model import Restarts, StemModel
 from estimators.likelihood.nuisance import Nuisance
-from estimators.likelihood.row_timing import position_doubts_m
+from estimators.likelihood.row_timing import PositionDoubts, position_doubts, shared_by_rest, still_rows
 from estimators.likelihood.search import measured_rests
 from estimators.likelihood.start import Trial, first_guesses, resting_rows, trials
 from estimators.recorded_motion import RecordedMotion
-from estimators.samples import FloatArray, IntArray, Samples
+from estimators.samples import BoolArray, FloatArray, IntArray, Samples
 
 # Own choices. Noise of a position that is computed and not measured, as a share of its range.
 _NO_NOISE: Final = 1.0e-9
@@ -92,7 +92,7 @@ def pose(motion: RecordedMotion, path: InputPath) -> Problem | None:
     model = StemModel(
         time_s=samples.time_s,
         position_m=samples.position_m,
-        weight=_independent_share(samples, noise_m) / _errors_m(motion, noise_m),
+        weight=_weight(motion, noise_m),
         path=path,
         coordinates=coordinates,
         section_row=section_row,
@@ -199,12 +199,21 @@ def _rounded_noise(samples: Samples, noise_m: float) -> float:
     return min(max(noise_m, trimmed_m), _MOST_ROUNDED * steps_m)
 
 
-def _errors_m(motion: RecordedMotion, noise_m: float) -> FloatArray:
-    """One standard deviation of each row's position, m, shape (n,): the noise, and the motion within its timing."""
+def _weight(motion: RecordedMotion, noise_m: float) -> FloatArray:
+    """Weight of each row, 1/m, shape (n,): the noise, the motion within its timing, and what rows have in common."""
     samples, recording = motion.samples, motion.recording
     if recording is None:
-        return np.full(samples.count, noise_m)
-    return np.hypot(noise_m, position_doubts_m(recording, samples.time_s, samples.position_m))
+        return independent_share(samples, noise_m) / noise_m
+    own_m = samples.position_noise_m
+    doubts = position_doubts(recording, samples.time_s, samples.position_m, own_m)
+    return weight_of(samples, noise_m, doubts, still_rows(samples.position_m, own_m))
+
+
+def weight_of(samples: Samples, noise_m: float, doubts: PositionDoubts, still: BoolArray) -> FloatArray:
+    """Weight of each row, 1/m, shape (n,), for this noise and these doubts; ``still`` are the rows of rests."""
+    total_m = np.hypot(noise_m, doubts.total_m)
+    alone = independent_share(samples, noise_m) / total_m
+    return alone * shared_by_rest(still, total_m, doubts.lasting_m) if doubts.lasting_m.any() else alone
 
 
 def resolution_noise(position_m: FloatArray) -> float:
@@ -215,7 +224,7 @@ def resolution_noise(position_m: FloatArray) -> float:
     return float(change_m.min()) / math.sqrt(12.0) if is_stepped else 0.0
 
 
-def _independent_share(samples: Samples, noise_m: float) -> FloatArray:
+def independent_share(samples: Samples, noise_m: float) -> FloatArray:
     """Weight of each row, shape (n,), as a share of that of a row whose error is its own.
 
     Rounding to a step q repeats its error b while the stem stays within the step: n such rows tell of its level

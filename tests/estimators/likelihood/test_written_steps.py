@@ -13,8 +13,7 @@ from estimators.likelihood.commanded_path import CommandedPath
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.input_path import input_path
 from estimators.likelihood.problem import pose
-from estimators.likelihood.row_timing import look_doubts_s, position_doubts_m, write_doubts_s
-from estimators.likelihood.write_errors import doubtful_writes
+from estimators.likelihood.row_timing import look_doubts_s, position_doubts, shared_by_rest, write_doubts_s
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.recorded_motion import RecordedMotion, read_motion
 from estimators.samples import resolution
@@ -61,10 +60,31 @@ def test_a_row_that_wrote_nothing_has_the_doubt_of_the_write_before_it() -> None
     rows = np.arange(4)
     assert write_doubts_s(recording, rows) * np.sqrt(12.0) == pytest.approx([0.0, 0.3, 0.4, 0.4])
     assert look_doubts_s(recording, rows) * np.sqrt(12.0) == pytest.approx(0.2)
-    doubt_m = position_doubts_m(recording, time_s, 2.0 * time_s)
-    assert doubt_m == pytest.approx(2.0 * np.hypot(write_doubts_s(recording, rows), look_doubts_s(recording, rows)))
+
+
+def test_a_rest_keeps_the_doubt_of_the_writes_before_it_once() -> None:
+    time_s = np.arange(20.0)
+    position_m = np.minimum(np.maximum(time_s - 4.0, 0.0), 6.0)  # at rest, in motion, at rest
+    recording = Recording(
+        time_s,
+        position_m,
+        command_pa=time_s,
+        sent_s=time_s - 0.1,
+        received_s=time_s + 0.1,
+        write_sent_s=time_s - 0.5,
+        written_s=time_s - 0.5 + np.where(time_s == 9.0, 0.4, 0.2),
+    )
+    doubts = position_doubts(recording, time_s, position_m, 1.0e-3)
+    write_s, late_s, look_s = np.array([0.2, 0.4, 0.2]) / np.sqrt(12.0)
+    assert doubts.total_m[:4] == pytest.approx(0.0)
+    assert doubts.total_m[6] == pytest.approx(np.hypot(write_s, look_s))
+    assert doubts.lasting_m[13:] == pytest.approx(late_s)  # of the longest of the last three writes in motion
+    still = np.arange(20) >= 13
+    share = shared_by_rest(still, doubts.total_m, doubts.lasting_m)
+    assert share[:13] == pytest.approx(1.0)
+    assert float((share[13:] ** 2).sum()) == pytest.approx(1.0)  # seven rows tell what one does
     silent = replace(recording, sent_s=None, received_s=None, write_sent_s=None, written_s=None)
-    assert (position_doubts_m(silent, time_s, time_s) == 0.0).all()
+    assert (position_doubts(silent, time_s, position_m, 1.0e-3).total_m == 0.0).all()
 
 
 def test_moving_rows_of_a_staircase_are_not_joined_to_blocks(nominal: WrittenTest) -> None:
@@ -78,22 +98,6 @@ def test_moving_rows_of_a_staircase_are_not_joined_to_blocks(nominal: WrittenTes
     assert joined.time_s.size < 0.5 * moving.sum() < small.time_s.size < problem.model.time_s.size
     nearest = np.abs(problem.model.time_s[1:][moving][:, None] - small.time_s[None, :]).min(axis=1)
     assert nearest.max() < 1.0e-9
-
-
-def test_only_writes_at_the_ends_of_rests_are_tried_one_by_one(nominal: WrittenTest) -> None:
-    motion = read_motion(nominal.recording, nominal.nameplate)
-    assert isinstance(motion, RecordedMotion)
-    path = path_of(nominal)
-    problem = pose(motion, path)
-    assert problem is not None
-    truth = nominal.truth.by_symbol()
-    values = problem.trials[0].values | {name: truth[name] for name in ("m", "k", "F_v", "F_c", "F_0", "DV")}
-    point = problem.model.coordinates.point(values | {"d": truth["F_s"] / truth["F_c"] - 1.0})
-    changed = list(doubtful_writes(problem.model, point, path))
-    assert 8 <= len(changed) <= 0.2 * path.step_s.size
-    plain_s, _ = path.corners(np.zeros(1))
-    for time_s, _ in changed:
-        assert 1 <= np.count_nonzero(time_s != plain_s) <= 8
 
 
 @pytest.mark.parametrize(("valve", "seed"), [("nominal", 2), ("rough", 2)])
