@@ -18,6 +18,7 @@ WAYS: Final[tuple[tuple[Carrier, Mode], ...]] = (
 )
 #: Transactions of the short test, from the first look at the device to the release; measured, and a few more.
 TRANSACTIONS: Final = 100
+_TURNS: Final = (0, 2, 1, 3)  # two rounds meet each kind on both carriers, four on every way
 FAULTS: Final[tuple[WireFault | ServiceFault, ...]] = (*ServiceFault, *WireFault)
 
 
@@ -36,7 +37,7 @@ def some_cases(count: int, seed: int) -> list[Case]:
     cases = []
     for number in range(count):
         fault = FAULTS[number % len(FAULTS)]
-        carrier, mode = WAYS[(number + number // len(FAULTS)) % len(WAYS)]
+        carrier, mode = WAYS[(number + _TURNS[number // len(FAULTS) % len(WAYS)]) % len(WAYS)]
         index = int(chance.random() * 85)  # the last ones of a test may fall away with its pace
         cases.append(Case(carrier, mode, FaultAt(fault, index, seed=seed + number)))
     return cases
