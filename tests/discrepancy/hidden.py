@@ -32,9 +32,16 @@ class Hidden:
 
 
 def hidden(
-    name: str, *effects: Effect, seed: int, noise_m: float = 20.0e-6, factor: float = 1.0, preload_n: float = 200.0
+    name: str,
+    *effects: Effect,
+    seed: int,
+    noise_m: float = 20.0e-6,
+    factor: float = 1.0,
+    preload_n: float = 200.0,
+    cycle_s: float = 12.0,
+    period_s: float = PERIOD_S,
 ) -> Hidden:
-    """Record this valve, its spring and friction times ``factor``, with these effects in it; 2 cycles of 12 s."""
+    """Record this valve, its spring and friction times ``factor``, with these effects in it; 2 cycles."""
     chosen = parameter_set(name)
     values = chosen.parameters.by_symbol()
     values |= {symbol: factor * values[symbol] for symbol in ("F_v", "F_c", "F_s")}
@@ -50,14 +57,14 @@ def hidden(
         signal=Signal(range_ma=(4.0, 20.0), range_pa=(0.0, FULL_PA)),
     )
     low_pa = preload_n / AREA_M2
-    fitted = _recorded(valve, triangle(12.0, 2, low_pa, FULL_PA), noise_m, seed)
-    held_out = _recorded(valve, sine(8.0, 1, low_pa, 0.9 * FULL_PA), noise_m, seed + 1000)
+    fitted = _recorded(valve, triangle(cycle_s, 2, low_pa, FULL_PA), period_s, noise_m, seed)
+    held_out = _recorded(valve, sine(8.0, 1, low_pa, 0.9 * FULL_PA), period_s, noise_m, seed + 1000)
     return Hidden(fitted, held_out, nameplate, valve)
 
 
-def _recorded(valve: ExtendedValve, wave: Waveform, noise_m: float, seed: int) -> Recording:
-    _stem_m, sensed_m = integrate(valve, wave.time_s, AREA_M2 * wave.pressure_pa, wave.duration_s, PERIOD_S, STEP_S)
-    time_s = np.arange(sensed_m.size, dtype=np.float64) * PERIOD_S
+def _recorded(valve: ExtendedValve, wave: Waveform, period_s: float, noise_m: float, seed: int) -> Recording:
+    _stem_m, sensed_m = integrate(valve, wave.time_s, AREA_M2 * wave.pressure_pa, wave.duration_s, period_s, STEP_S)
+    time_s = np.arange(sensed_m.size, dtype=np.float64) * period_s
     noise = noise_m * np.random.default_rng(seed).standard_normal(time_s.size)
     return Recording(
         time_s=time_s,
