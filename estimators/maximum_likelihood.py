@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Final
 
 import numpy as np
 
-from estimators.base import Estimate, Outcome, failed
+from estimators.base import Estimate, Outcome, failed, measured
 from estimators.likelihood.conclusion import conclude, searched_model
 from estimators.likelihood.force_recording import estimate_force_recording
 from estimators.likelihood.input_errors import refit, step_instants, whitened, with_input_errors
@@ -65,7 +65,8 @@ class MaximumLikelihoodEstimator:
         if isinstance(path, CommandedPath) and path.is_stepped:
             found = reweighted(found, path, motion, problem)
         found = self._with_input_errors(motion, path, found, hopping)
-        return conclude(self.method, motion, problem, found)
+        estimate = conclude(self.method, motion, problem, found)
+        return _as_its_treads_tell(estimate, path) if isinstance(path, CommandedPath) and path.is_stepped else estimate
 
     @staticmethod
     def _with_input_errors(motion: RecordedMotion, path: InputPath, found: Found, hopping: Hopping) -> Found:
@@ -82,3 +83,13 @@ class MaximumLikelihoodEstimator:
             return found
         point = searched_again(whitened(model, widened, found.point), found, hopping)
         return refit(widened, found, point)
+
+
+def _as_its_treads_tell(estimate: Estimate, path: CommandedPath) -> Estimate:
+    """Return the estimate with F_s no better known than to the tread that the stem broke away on (uniform)."""
+    entry = estimate.parameters["F_s"]
+    if entry.value is None or entry.std_error is None:
+        return estimate
+    tread_n = abs(float(path.fit.linear[1])) * float(np.median(np.abs(np.diff(path.level_n))))
+    widened = measured(entry.value, float(np.hypot(entry.std_error, tread_n / np.sqrt(12.0))), note=entry.note)
+    return replace(estimate, parameters={**estimate.parameters, "F_s": widened})
