@@ -65,10 +65,7 @@ def stand(plain: Fit, accepted: SavedModel) -> Standing | None:
     free = _followed(start_fit(model, model.unknowns.point({**plain.values, **values})))
     if not free.is_followed:
         return None
-    own = {cause.own(name) for cause in causes for name in _OWN_OF_A_RECORDING}
-    names = {cause.own(name) for cause in causes for name in accepted.causes[cause.name]} - own
-    fixed = {name: values[name] for name in names if name in free.model.unknowns.names}
-    held = _followed(held_fit(free, **fixed)) if fixed else free
+    held = _held(free, causes, accepted)
     changed: tuple[Cause, ...] = ()
     if not held.is_followed or is_significant(held, free):
         changed = tuple(cause for cause in causes if _has_changed(cause, free, accepted))
@@ -81,9 +78,22 @@ def _followed(fit: Fit) -> Fit:
     return fit if is_noise(fit) or not fit.is_followed else refined(fit)
 
 
+def _held(free: Fit, causes: tuple[Cause, ...], accepted: SavedModel) -> Fit:
+    """Return the fit with these causes held as they were accepted."""
+    own = {cause.own(name) for cause in causes for name in _OWN_OF_A_RECORDING}
+    names = {cause.own(name) for cause in causes for name in accepted.causes[cause.name]} - own
+    values = accepted.values()
+    fixed = {name: values[name] for name in names if name in free.model.unknowns.names}
+    return _followed(held_fit(free, **fixed)) if fixed else free
+
+
 def _has_changed(cause: Cause, free: Fit, accepted: SavedModel) -> bool:
     """Whether the strength lies beyond the tolerance and beyond both intervals."""
     was, now = accepted.causes[cause.name][cause.strength], fitted_values(free, cause)[cause.strength]
+    if abs(now.value) < TOLERANCE * abs(was.value):
+        # what is gone has no place and no width: its interval says nothing, and whether it may be as it was does
+        as_it_was = _held(free, (cause,), accepted)
+        return not as_it_was.is_followed or is_significant(as_it_was, free)
     moved = abs(now.value - was.value)
     return moved > TOLERANCE * abs(was.value) and moved > was.half_width + now.half_width
 
