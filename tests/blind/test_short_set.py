@@ -60,7 +60,7 @@ def test_a_healthy_valve_has_nothing_to_name(seed: int) -> None:
 
 
 @pytest.mark.usefixtures("coarser")
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [2])  # each spends all of the search's work; make blind asks for a hundred
 def test_what_is_in_no_catalogue_gets_no_name(seed: int) -> None:
     case = blind_case(seed, "odd")
     assert asked(case).to_json()["verdict"] in {"unexplained", "none", "not_assessed"}
