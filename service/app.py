@@ -19,7 +19,7 @@ from service.access.needs import OPEN_TO_ALL, rights
 from service.access.principal import Right
 from service.access.routes import router as access_routes
 from service.access.routes import session_router as session_routes
-from service.analysis_pool import AnalysisPool
+from service.analysis_crew import AnalysisCrew
 from service.audit.log import AuditLog
 from service.audit.service_life import note_end, note_start
 from service.body_limits import BodyLimits
@@ -81,7 +81,7 @@ def create_app(
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         opened = store if store is not None else await asyncio.to_thread(open_store, plant.service)
-        pool = AnalysisPool() if analyst is None else None
+        pool = AnalysisCrew() if analyst is None else None
         converter = Converter()
         chosen = pool if pool is not None else analyst
         assert chosen is not None

@@ -54,9 +54,7 @@ class ValveView(ValveSummary):
     default_sequence: str | None = Field(description="what a test runs that names none; null where none is possible")
     default_sequence_reason: str = Field(description="why it is not the usual one; empty where it is")
     last_result: RunView | None = Field(description="the last completed test")
-    trend: list[TrendView] = Field(
-        description="the main figures over the newest tests; /trend has more"
-    )
+    trend: list[TrendView] = Field(description="the main figures over the newest tests; /trend has more")
 
 
 class ValveList(BaseModel):

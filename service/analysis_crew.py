@@ -1,0 +1,66 @@
+"""Several analysis workers, so that tests which end together are not analysed one after the other."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from service.analysis_pool import WORKER, AnalysisPool
+from valve.nameplate import Nameplate
+
+_MOST_WORKERS: Final = 4  # each holds about 300 MB
+
+
+class AnalysisCrew:
+    """As many workers as there are cores, at most four; the first starts at once, the others when they are needed.
+
+    They run at a lower priority than the service, so a core that polls is not held up by them.
+    """
+
+    def __init__(self, workers: int | None = None, *, command: Sequence[str] = WORKER) -> None:
+        count = workers if workers is not None else min(os.cpu_count() or 1, _MOST_WORKERS)
+        self._members = [AnalysisPool(command=command) for _ in range(count)]
+        self._jobs = [0] * count
+
+    @property
+    def worker_pids(self) -> list[int | None]:
+        """Process id of each worker, None where it has not been needed yet."""
+        return [member.worker_pid for member in self._members]
+
+    async def start(self) -> None:
+        """Start the first worker; it warms up while the caller goes on."""
+        await self._members[0].start()
+
+    async def analyze(
+        self,
+        recording_path: Path | str,
+        nameplate: Nameplate,
+        progress: Callable[[float, str], None] | None = None,
+        *,
+        together: Sequence[Path | str] = (),
+        held_out: Sequence[tuple[str, Path | str]] = (),
+        accepted: Mapping[str, Any] | None = None,
+        room: Mapping[str, float] | None = None,
+    ) -> dict[str, Any]:
+        """Return the analysis object, made by the worker with the fewest jobs; else as ``AnalysisPool.analyze``."""
+        chosen = min(range(len(self._members)), key=self._jobs.__getitem__)
+        self._jobs[chosen] += 1
+        try:
+            return await self._members[chosen].analyze(
+                recording_path,
+                nameplate,
+                progress,
+                together=together,
+                held_out=held_out,
+                accepted=accepted,
+                room=room,
+            )
+        finally:
+            self._jobs[chosen] -= 1
+
+    async def close(self) -> None:
+        """End every worker, also in the middle of a job."""
+        await asyncio.gather(*(member.close() for member in self._members))

@@ -1,0 +1,34 @@
+from __future__ import annotations
+
+import asyncio
+
+from service.analysis_crew import AnalysisCrew
+from tests.service.test_analysis_pool import PLATE, WORKER, alive
+
+
+async def test_jobs_that_come_together_are_done_side_by_side_and_others_by_the_first_worker() -> None:
+    crew = AnalysisCrew(2, command=WORKER)
+    await crew.start()
+    assert [pid is None for pid in crew.worker_pids] == [False, True]
+    alone = [(await crew.analyze(name, PLATE))["pid"] for name in ("a.csv", "b.csv")]
+    assert alone == [crew.worker_pids[0]] * 2
+    assert crew.worker_pids[1] is None
+    together = await asyncio.gather(*(crew.analyze(name, PLATE) for name in ("a.csv", "b.csv", "c.csv")))
+    assert [answer["of"] for answer in together] == ["a.csv", "b.csv", "c.csv"]
+    assert {answer["pid"] for answer in together} == set(crew.worker_pids)
+    await crew.close()
+
+
+async def test_a_hanging_job_leaves_the_other_worker_to_others_and_ends_with_the_crew() -> None:
+    crew = AnalysisCrew(2, command=WORKER)
+    await crew.start()
+    hanging = asyncio.create_task(crew.analyze("hang", PLATE))
+    await asyncio.sleep(0)  # it takes its worker
+    async with asyncio.timeout(10.0):
+        answer = await crew.analyze("good", PLATE)
+    assert answer["pid"] == crew.worker_pids[1]
+    pids = [pid for pid in crew.worker_pids if pid is not None]
+    await crew.close()
+    assert not any(alive(pid) for pid in pids)
+    await asyncio.gather(hanging, return_exceptions=True)
+    assert hanging.exception() is not None
