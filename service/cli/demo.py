@@ -17,13 +17,12 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
 from service.cli.demo_plant import DEMO_VALVES, DemoValve, write_demo_plant
-from service.cli.demo_processes import DemoProcess, demo_processes
+from service.cli.demo_processes import DemoProcess, demo_processes, wait_until_ready
 from service.cli.demo_tables import print_test
 from service.cli.signals import ended_by_signals
 from valve.errors import InternalError, MeasurementError, ValveError
 from valve.parameter_sets import PARAMETER_SETS
 
-_START_TIMEOUT_S: Final = 60.0  # a first start compiles the kernels: 6 s on an idle machine, more on a busy one
 _STARTS: Final = 3
 _LAST_MOMENT_S: Final = 2.0
 _TEST_TIMEOUT_S: Final = 120.0
@@ -82,7 +81,7 @@ def _started(folder: Path, progress: Progress, stack: contextlib.ExitStack) -> t
         with contextlib.ExitStack() as attempted:
             processes = attempted.enter_context(demo_processes(config))
             try:
-                asyncio.run(_wait_until_ready(base_url, processes))
+                asyncio.run(wait_until_ready(base_url, processes, len(DEMO_VALVES)))
             except ValveError as error:
                 if attempt == _STARTS or "in use" not in str(error):
                     raise
@@ -91,23 +90,6 @@ def _started(folder: Path, progress: Progress, stack: contextlib.ExitStack) -> t
             stack.enter_context(attempted.pop_all())
         progress.remove_task(starting)
         return base_url, processes
-
-
-async def _wait_until_ready(base_url: str, processes: list[DemoProcess]) -> None:
-    deadline = time.monotonic() + _START_TIMEOUT_S
-    simulated, _ = processes
-    async with httpx.AsyncClient(base_url=base_url, timeout=10.0) as client:
-        while time.monotonic() < deadline:
-            for one in processes:
-                one.require_alive()
-            with contextlib.suppress(httpx.TransportError):
-                if len(simulated.said) >= len(DEMO_VALVES) and (await client.get("/healthz")).is_success:
-                    return
-            await asyncio.sleep(0.1)
-    raise InternalError(
-        f"demo: plant and service were not ready within {_START_TIMEOUT_S:g} s: "
-        "end what else keeps this machine busy, and start it again"
-    )
 
 
 async def _run_all(base_url: str, processes: list[DemoProcess], progress: Progress) -> list[dict[str, Any]]:

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import httpx
+
 from service.cli.signals import ENDING_SIGNALS
 from valve.errors import InternalError
 
+_START_TIMEOUT_S: Final = 60.0  # a first start compiles the kernels: 6 s on an idle machine, more on a busy one
 _END_S: Final = 15.0  # the service brings its valves to their safe values first
 
 
@@ -54,6 +59,27 @@ def demo_processes(config: Path) -> Iterator[list[DemoProcess]]:
         yield running
     finally:
         _end([one.process for one in reversed(running)])
+
+
+async def wait_until_ready(base_url: str, processes: Sequence[DemoProcess], listeners: int) -> None:
+    """Return when the simulated plant listens at all its ``listeners`` addresses and the service answers.
+
+    Raises InternalError where one of them has ended, or they are not ready in time.
+    """
+    deadline = time.monotonic() + _START_TIMEOUT_S
+    simulated, _ = processes
+    async with httpx.AsyncClient(base_url=base_url, timeout=10.0) as client:
+        while time.monotonic() < deadline:
+            for one in processes:
+                one.require_alive()
+            with contextlib.suppress(httpx.TransportError):
+                if len(simulated.said) >= listeners and (await client.get("/healthz")).is_success:
+                    return
+            await asyncio.sleep(0.1)
+    raise InternalError(
+        f"demo: plant and service were not ready within {_START_TIMEOUT_S:g} s: "
+        "end what else keeps this machine busy, and start it again"
+    )
 
 
 def _end(processes: list[subprocess.Popen[bytes]]) -> None:

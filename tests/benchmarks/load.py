@@ -19,7 +19,7 @@ import numpy as np
 from rich.table import Table
 
 from service.cli.demo_plant import free_ports
-from service.cli.demo_processes import DemoProcess, demo_processes
+from service.cli.demo_processes import DemoProcess, demo_processes, wait_until_ready
 from valve.recording import Recording
 from valve.recording_files import recording_from_bytes
 
@@ -30,7 +30,6 @@ MOTION_S: Final = 20
 PERIOD_S: Final = 0.02
 LATENESS_S: Final = 0.020  # p99
 ANSWER_S: Final = 0.250  # p99
-_READY_S: Final = 120.0
 _MOVED_S: Final = 120.0
 
 _VALVE: Final = """
@@ -86,6 +85,7 @@ def run(seconds: int | None) -> Table:
         )
         config.write_text(text, encoding="utf-8")
         with demo_processes(config) as processes:
+            asyncio.run(wait_until_ready(f"http://127.0.0.1:{ports[0]}", processes, VALVES))
             for name, loaded in (("quiet", False), ("under load", True)):
                 recordings, looked = asyncio.run(_phase(ports[0], motion_s, loaded, processes))
                 table.add_row(name, *_row(recordings, looked))
@@ -122,7 +122,6 @@ async def _phase(
     looked = _Looked()
     limits = httpx.Limits(max_connections=None, max_keepalive_connections=None)
     async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=30.0, limits=limits) as client:
-        await _ready(client, processes)
         overrides = {"cycles": 1, "period_s": float(motion_s)}
         asked = await asyncio.gather(
             *(
@@ -146,18 +145,6 @@ def _used_s(process: DemoProcess) -> float:
     """Return the processor time that a process has used, s (proc(5): utime and stime)."""
     fields = Path(f"/proc/{process.process.pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-async def _ready(client: httpx.AsyncClient, processes: Sequence[DemoProcess]) -> None:
-    ends_s = time.monotonic() + _READY_S
-    while True:
-        with contextlib.suppress(httpx.TransportError):
-            if (await client.get("/healthz")).is_success:
-                return
-        for process in processes:
-            process.require_alive()
-        assert time.monotonic() < ends_s, "the service does not answer"
-        await asyncio.sleep(0.2)
 
 
 async def _moved(client: httpx.AsyncClient, test: str) -> None:
