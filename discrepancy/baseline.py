@@ -16,7 +16,7 @@ from discrepancy.observed import Observed
 from discrepancy.unknowns import Unknown, Unknowns
 from estimators.base import Estimate
 from estimators.likelihood.start import first_guesses
-from estimators.recorded_motion import RecordedMotion
+from estimators.motion.recorded_motion import RecordedMotion
 
 # Own choices: starts, as shares of the friction in motion, of the sliding speed and of F_c, and how many are followed.
 _VISCOUS_SHARES: Final = (0.9, 0.5, 0.2, 0.06, 0.02, 0.003)

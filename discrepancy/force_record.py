@@ -14,7 +14,7 @@ from estimators.likelihood.force_equation import Spectra, Window, spectra, windo
 from estimators.likelihood.force_fit import usable_rows
 from estimators.likelihood.force_recording import evenly_sampled
 from estimators.likelihood.force_search import search
-from estimators.moving_rows import find_moving_rows
+from estimators.motion.moving_rows import find_moving_rows
 from estimators.samples import BoolArray, FloatArray, Samples, prepare
 from valve.nameplate import Nameplate
 from valve.recording import Recording

@@ -16,10 +16,10 @@ from estimators.likelihood.row_timing import position_doubts, shared_by_rest, st
 from estimators.likelihood.search import measured_rests
 from estimators.likelihood.staircase import read_staircase
 from estimators.likelihood.start import resting_rows
-from estimators.phases import Phases
-from estimators.recorded_motion import RecordedMotion, read_motion
+from estimators.motion.phases import Phases
+from estimators.motion.recorded_motion import RecordedMotion, read_motion
+from estimators.motion.windowed_slope import windowed_slope_noise
 from estimators.samples import BoolArray, FloatArray, IntArray, Samples, position_noise
-from estimators.windowed_slope import windowed_slope_noise
 from valve.nameplate import Nameplate
 from valve.recording import Recording
 

@@ -11,7 +11,7 @@ import numpy as np
 from discrepancy.least_squares import Fit
 from discrepancy.model import simulated
 from discrepancy.observed import Segment
-from estimators.recorded_motion import RecordedMotion
+from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import BoolArray, FloatArray
 
 _BINS: Final = 40

@@ -17,7 +17,7 @@ from estimators.likelihood.problem import pose
 from estimators.likelihood.search import Found, Hopping, search, searched_again
 from estimators.likelihood.staircase import read_staircase
 from estimators.likelihood.write_errors import reweighted
-from estimators.recorded_motion import RecordedMotion, read_motion
+from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
 

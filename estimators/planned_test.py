@@ -8,10 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from estimators.identifiability import Knowledge, knowledge
+from estimators.identifiability.bound import Knowledge, knowledge
+from estimators.identifiability.sensitivities import SENSITIVITY_SYMBOLS, position_sensitivities
 from estimators.likelihood.lag_kernel import lagged
 from estimators.samples import FloatArray
-from estimators.sensitivities import SENSITIVITY_SYMBOLS, position_sensitivities
 from valve.errors import WaveformError
 from valve.motion import simulate_motion
 from valve.parameters import TravelStops, ValveParameters

@@ -6,10 +6,10 @@ from collections.abc import Callable
 from typing import Final
 
 from estimators.base import Estimate, Estimator, Outcome
-from estimators.garcia import GarciaEstimator
+from estimators.classic.garcia import GarciaEstimator
+from estimators.classic.regression import RegressionEstimator
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
-from estimators.recorded_motion import MotionEstimator, RecordedMotion, read_motion
-from estimators.regression import RegressionEstimator
+from estimators.motion.recorded_motion import MotionEstimator, RecordedMotion, read_motion
 from valve.errors import NotFoundError
 from valve.nameplate import Nameplate
 from valve.recording import Recording

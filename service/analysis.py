@@ -8,11 +8,11 @@ from typing import Any, Final
 import numpy as np
 
 from estimators.base import Estimate, Outcome
-from estimators.recorded_motion import RecordedMotion, read_motion
+from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from estimators.registry import estimate_all
 from estimators.samples import position_noise
 from estimators.signature.measure import measure_signature
-from estimators.step_response import step_figures
+from estimators.steps.response import step_figures
 from service.diagnosis import NOT_YET, assess, not_assessed
 from valve.errors import MotionError, ParameterError, RecordingError
 from valve.motion import simulate_recording

@@ -13,8 +13,8 @@ from rich.table import Table
 from rich.text import Text
 
 from estimators.base import Estimate, Form
-from estimators.garcia import GarciaEstimator
-from estimators.regression import RegressionEstimator
+from estimators.classic.garcia import GarciaEstimator
+from estimators.classic.regression import RegressionEstimator
 from service.paper_figures import Validation, draw_figures, paper_sweep
 from valve.motion import simulate_waveform
 from valve.nameplate import Nameplate

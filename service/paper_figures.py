@@ -13,8 +13,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from estimators.base import Outcome
-from estimators.recorded_motion import read_motion
-from estimators.regression import RegressionEstimator
+from estimators.classic.regression import RegressionEstimator
+from estimators.motion.recorded_motion import read_motion
 from valve.errors import MeasurementError
 from valve.nameplate import Nameplate
 from valve.parameter_sets import parameter_set

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from drivers.waveform_check import check_waveform
 from estimators.base import NORMAL_95
-from estimators.identifiability import Knowledge
+from estimators.identifiability.bound import Knowledge
 from estimators.planned_test import PlannedTest, planned_knowledge
 from service.expected_valve import ExpectedValve
 from service.runs.sequences import build_waveform, default_of

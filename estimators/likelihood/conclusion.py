@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from estimators.base import Estimate, Outcome, ParameterEstimate, Status, absent, in_order, measured, offset_estimate
-from estimators.identifiability import Knowledge
+from estimators.identifiability.bound import Knowledge
 from estimators.likelihood.arrival import arrived
 from estimators.likelihood.delay import DELAY, Weighed, at_one_instant, delayed, says_nothing, weigh
 from estimators.likelihood.intervals import CHECKED, Ramps, flat_errors, inflation, known, natural_values
@@ -16,7 +16,7 @@ from estimators.likelihood.model import StemModel
 from estimators.likelihood.optima import others_apart, with_others
 from estimators.likelihood.problem import Problem
 from estimators.likelihood.search import EXACT, Found
-from estimators.recorded_motion import RecordedMotion
+from estimators.motion.recorded_motion import RecordedMotion
 from valve.parameters import PARAMETER_SYMBOLS
 
 _SURE_OF_DELAY: Final = 0.99

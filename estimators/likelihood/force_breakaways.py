@@ -10,10 +10,10 @@ import numpy as np
 
 from estimators.base import Outcome, ParameterEstimate, absent, measured
 from estimators.likelihood.force_senses import passage
-from estimators.moving_rows import MovingRows
-from estimators.phases import Phases, find_phases
+from estimators.motion.moving_rows import MovingRows
+from estimators.motion.phases import Phases, find_phases
+from estimators.motion.static_friction import BreakawayForces, breakaway_forces, force_at
 from estimators.samples import FloatArray, Samples
-from estimators.static_friction import BreakawayForces, breakaway_forces, force_at
 
 _FEWEST_STILL_ROWS: Final = 10  # own choice: beside the time that a passage through zero speed takes
 _SEEN_SIGMAS: Final = 4.5  # of the position's noise, as far as the stem has gone when its breakaway is seen

@@ -31,7 +31,7 @@ from estimators.likelihood.force_breakaways import static_friction
 from estimators.likelihood.force_equation import COLUMNS
 from estimators.likelihood.force_fit import correlated_errors, sampling_errors, slow_covariance, spring_that_shows
 from estimators.likelihood.force_search import FittedForce, search
-from estimators.moving_rows import MovingRows, find_moving_rows
+from estimators.motion.moving_rows import MovingRows, find_moving_rows
 from estimators.samples import FloatArray, Samples, prepare
 from valve.nameplate import Nameplate
 from valve.recording import Recording

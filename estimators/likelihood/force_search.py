@@ -11,7 +11,7 @@ import numpy as np
 from estimators.likelihood.force_equation import Spectra, spectra, window
 from estimators.likelihood.force_fit import ForceFit, fit_force, force_error_n, white_errors
 from estimators.likelihood.force_senses import Senses, senses_by_force, surely_moving
-from estimators.moving_rows import MovingRows
+from estimators.motion.moving_rows import MovingRows
 from estimators.samples import Samples
 
 # Own choices, tried on simulated axes of 1-200 kg at 0.1-100 um.

@@ -11,9 +11,9 @@ from typing import Final
 
 import numpy as np
 
-from estimators.moving_rows import MovingRows
+from estimators.motion.moving_rows import MovingRows
+from estimators.motion.windowed_slope import windowed_slope_noise
 from estimators.samples import BoolArray, FloatArray, Samples
-from estimators.windowed_slope import windowed_slope_noise
 
 _SURE_SIGMAS: Final = 5.0  # of the windowed velocity's noise: slower is not told from rest
 _NO_REST: Final = 2.0  # of F_c: static friction beyond that is not met, so the stem cannot rest under more force

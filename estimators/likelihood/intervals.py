@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from estimators.base import NORMAL_95
-from estimators.identifiability import Knowledge, knowledge
+from estimators.identifiability.bound import Knowledge, knowledge
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.descent import descend

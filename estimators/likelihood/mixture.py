@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimators.identifiability import Knowledge
+from estimators.identifiability.bound import Knowledge
 
 
 def mixed(weights: list[float], parts: list[Knowledge]) -> Knowledge:

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from estimators.base import NORMAL_95
-from estimators.identifiability import Knowledge
+from estimators.identifiability.bound import Knowledge
 from estimators.likelihood.intervals import CHECKED, Ramps, known, natural_values
 from estimators.likelihood.mixture import mixed
 from estimators.likelihood.model import StemModel

@@ -17,7 +17,7 @@ from estimators.likelihood.nuisance import Nuisance
 from estimators.likelihood.row_timing import PositionDoubts, position_doubts, shared_by_rest, still_rows
 from estimators.likelihood.search import measured_rests
 from estimators.likelihood.start import Trial, first_guesses, resting_rows, trials
-from estimators.recorded_motion import RecordedMotion
+from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import BoolArray, FloatArray, IntArray, Samples
 
 # Own choices. Noise of a position that is computed and not measured, as a share of its range.

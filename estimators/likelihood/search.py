@@ -18,7 +18,7 @@ from estimators.likelihood.model import Restarts, StemModel
 from estimators.likelihood.pool import Place, chosen_trials, distinct, followed_from, halved, ranked
 from estimators.likelihood.start import Trial
 from estimators.likelihood.valley import led_down
-from estimators.recorded_motion import RecordedMotion
+from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import FloatArray
 
 # Own choices.

@@ -11,11 +11,11 @@ import numpy as np
 
 from estimators.base import Outcome
 from estimators.likelihood.level_kernel import level_runs
-from estimators.phases import After, Phases, Stretch
-from estimators.recorded_motion import RecordedMotion
-from estimators.rests import Breakaway
+from estimators.motion.phases import After, Phases, Stretch
+from estimators.motion.recorded_motion import RecordedMotion
+from estimators.motion.rests import Breakaway
+from estimators.motion.windowed_slope import windowed_slope
 from estimators.samples import FloatArray, IntArray, Samples, prepare
-from estimators.windowed_slope import windowed_slope
 from valve.nameplate import Nameplate
 from valve.recording import Recording
 

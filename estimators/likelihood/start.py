@@ -10,10 +10,10 @@ from typing import Final
 
 import numpy as np
 
-from estimators.phases import After
-from estimators.recorded_motion import RecordedMotion
+from estimators.motion.phases import After
+from estimators.motion.recorded_motion import RecordedMotion
+from estimators.motion.static_friction import breakaway_forces
 from estimators.samples import BoolArray, FloatArray
-from estimators.static_friction import breakaway_forces
 
 # Own choices: the masses tried, kg, and the viscous shares of the friction in motion; DV as a share of the speed, and
 # F_s as one of the friction in motion.

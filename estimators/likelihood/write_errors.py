@@ -15,7 +15,7 @@ from estimators.likelihood.model import Corners, StemModel
 from estimators.likelihood.problem import Problem, weight_of
 from estimators.likelihood.row_timing import PositionDoubts, look_doubts_s, shared_by_rest
 from estimators.likelihood.search import Found, certified
-from estimators.recorded_motion import RecordedMotion
+from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import BoolArray, FloatArray, Samples
 from valve.recording import Recording
 

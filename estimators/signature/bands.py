@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Final
 
 from estimators.base import Outcome, ParameterEstimate, absent
-from estimators.recorded_motion import RecordedMotion
+from estimators.motion.recorded_motion import RecordedMotion
+from estimators.motion.static_friction import breakaway_forces
 from estimators.signature.figures import Parts, figure, percent_figure
 from estimators.signature.reversals import dead_band, reversals, softness_n
 from estimators.signature.scatter import Measured, combined
 from estimators.signature.span import Span
 from estimators.signature.timed_slips import TimedSlips, timed_slips
-from estimators.static_friction import breakaway_forces
 
 _NO_REVERSAL: Final = "no reversal of a moving stem was seen on a ramp: repeat with ramps up and down"
 _SMALL_JUMP: Final = 1.0e-3  # own choice, of the span: a jump known so well is told even if it may be none

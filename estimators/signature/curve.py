@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from estimators.recorded_motion import RecordedMotion
+from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import FloatArray
 from estimators.signature.slips import Slips
 from valve.nameplate import Nameplate

@@ -9,7 +9,8 @@ from typing import Any, Final
 import numpy as np
 
 from estimators.base import absent
-from estimators.recorded_motion import RecordedMotion
+from estimators.motion.recorded_motion import RecordedMotion
+from estimators.motion.uniform_motion import UniformMotion
 from estimators.signature.bands import bands, dead_band_figure
 from estimators.signature.bench_set import NO_SPRING, bench_set
 from estimators.signature.branches import Branches, fit_branches
@@ -28,8 +29,7 @@ from estimators.signature.passes import StartLine, passes_by_rate
 from estimators.signature.scatter import Measured
 from estimators.signature.span import span_of
 from estimators.signature.timed_slips import timed_slips
-from estimators.slip_kernel import K
-from estimators.uniform_motion import UniformMotion
+from estimators.slips.kernel import K
 from valve.nameplate import Action, Nameplate
 
 _NO_COMMON_TRAVEL: Final = (

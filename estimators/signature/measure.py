@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from estimators.base import Estimate, Outcome, ParameterEstimate, Status
-from estimators.recorded_motion import RecordedMotion, read_motion
+from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from estimators.samples import Samples, prepare
 from estimators.signature.figures import FORCES, Signature, nothing, percent_figure
 from estimators.signature.loop import dead_band_alone, with_branches
@@ -17,7 +17,7 @@ from estimators.signature.passes import passes_by_rate, start_line
 from estimators.signature.slips import find_slips, fit_slips
 from estimators.signature.span import span_of
 from estimators.signature.stairs import stick_slip_signature
-from estimators.step_inputs import find_steps
+from estimators.steps.inputs import find_steps
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
 

@@ -8,11 +8,11 @@ from typing import Final
 
 import numpy as np
 
-from estimators.phases import After, Stretch
-from estimators.recorded_motion import RecordedMotion
+from estimators.motion.phases import After, Stretch
+from estimators.motion.recorded_motion import RecordedMotion
+from estimators.motion.stops import rows_off_stops
+from estimators.motion.uniform_motion import steady_rows
 from estimators.samples import FloatArray, IntArray, Samples
-from estimators.stops import rows_off_stops
-from estimators.uniform_motion import steady_rows
 from valve.nameplate import Action
 
 # Own choices.

@@ -8,12 +8,12 @@ from typing import Final
 
 import numpy as np
 
-from estimators.phases import Phases, Stretch
-from estimators.rests import Breakaway
+from estimators.motion.phases import Phases, Stretch
+from estimators.motion.rests import Breakaway
+from estimators.motion.static_friction import force_at
 from estimators.samples import FloatArray, Samples
 from estimators.signature.scatter import Measured, mean_of_cycles
 from estimators.signature.timed_slips import TimedSlips
-from estimators.static_friction import force_at
 from valve.parameters import TravelStops
 
 _LINE_ROWS: Final = 60  # own choice: rows on each side of a corner for the line through them

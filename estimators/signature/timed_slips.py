@@ -12,15 +12,15 @@ from typing import Final
 import numpy as np
 from scipy.stats import norm
 
-from estimators.balance import Balance
 from estimators.base import Form
-from estimators.recorded_motion import RecordedMotion
-from estimators.rests import Breakaway
-from estimators.robust_form import is_believed, robust_covariance
+from estimators.classic.robust_form import is_believed, robust_covariance
+from estimators.motion.balance import Balance
+from estimators.motion.recorded_motion import RecordedMotion
+from estimators.motion.rests import Breakaway
 from estimators.samples import FloatArray
 from estimators.signature.scatter import Measured
-from estimators.slip_kernel import COMMON, D_V, F_0, F_S, F_V, A, K, M
-from estimators.slip_search import ALL_AT_ONCE, SHARED, SlipsFound, solve_slips
+from estimators.slips.kernel import COMMON, D_V, F_0, F_S, F_V, A, K, M
+from estimators.slips.search import ALL_AT_ONCE, SHARED, SlipsFound, solve_slips
 
 _RESOLVED: Final = float(
     os.environ.get("RES", ".3")

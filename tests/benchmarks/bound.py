@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from estimators.sensitivities import position_sensitivities
+from estimators.identifiability.sensitivities import position_sensitivities
 from valve.motion import simulate_motion
 from valve.parameters import PARAMETER_SYMBOLS, TravelStops, ValveParameters
 from valve.stem import FloatArray, StemState

@@ -10,9 +10,9 @@ import numpy as np
 from rich.table import Table
 
 from estimators.base import Estimate, Estimator, Form
-from estimators.garcia import GarciaEstimator
-from estimators.recorded_motion import read_motion
-from estimators.regression import RegressionEstimator, StaticFriction
+from estimators.classic.garcia import GarciaEstimator
+from estimators.classic.regression import RegressionEstimator, StaticFriction
+from estimators.motion.recorded_motion import read_motion
 from tests.benchmarks.timing import median_s, shown
 from tests.estimators.recordings import VALVES, Recorded, recorded
 from valve.parameter_sets import parameter_set

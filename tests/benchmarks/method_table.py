@@ -11,9 +11,9 @@ import numpy as np
 from rich.table import Table
 
 from estimators.base import Estimator, Form
-from estimators.garcia import GarciaEstimator
+from estimators.classic.garcia import GarciaEstimator
+from estimators.classic.regression import RegressionEstimator
 from estimators.registry import ESTIMATORS
-from estimators.regression import RegressionEstimator
 from tests.benchmarks.efficiency import Case, bounds_of, phased, scale_of
 from tests.benchmarks.parallel import each
 from tests.estimators.recordings import VALVES

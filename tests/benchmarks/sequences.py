@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from rich.table import Table
 
-from estimators.identifiability import Knowledge
+from estimators.identifiability.bound import Knowledge
 from estimators.planned_test import PlannedTest, planned_knowledge
 from estimators.samples import FloatArray
 from tests.estimators.recordings import VALVES

@@ -13,8 +13,8 @@ import pytest
 from scipy.io import loadmat
 
 from estimators.base import Estimate, Estimator, Status
-from estimators.garcia import GarciaEstimator
-from estimators.regression import RegressionEstimator
+from estimators.classic.garcia import GarciaEstimator
+from estimators.classic.regression import RegressionEstimator
 from valve.nameplate import Action, Actuator, Nameplate
 from valve.recording import Recording
 

@@ -7,9 +7,9 @@ import itertools
 import numpy as np
 import pytest
 
-from estimators.identifiability import Knowledge, knowledge
+from estimators.identifiability.bound import Knowledge, knowledge
+from estimators.identifiability.sensitivities import SENSITIVITY_SYMBOLS, position_sensitivities
 from estimators.samples import FloatArray
-from estimators.sensitivities import SENSITIVITY_SYMBOLS, position_sensitivities
 from valve.parameter_sets import parameter_set
 from valve.waveform import multi_rate_triangle
 

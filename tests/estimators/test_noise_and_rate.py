@@ -9,8 +9,8 @@ import pytest
 from scipy.signal import lfilter
 
 from estimators.base import Estimate, Estimator, Form, Outcome, Status
-from estimators.garcia import GarciaEstimator
-from estimators.regression import RegressionEstimator
+from estimators.classic.garcia import GarciaEstimator
+from estimators.classic.regression import RegressionEstimator
 from estimators.samples import channel_noise
 from tests.estimators.recordings import VALVES, Recorded, paper_triangle, recorded
 from valve.motion import simulate_motion

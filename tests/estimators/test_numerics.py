@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from estimators.base import Outcome
-from estimators.differences import backward_differences, noise_covariance, without_bias, without_bias_massless
+from estimators.classic.differences import backward_differences, noise_covariance, without_bias, without_bias_massless
+from estimators.classic.threshold_sweep import sweep_thresholds
 from estimators.linear_fit import fit_linear, fit_trimmed
-from estimators.phases import find_phases
-from estimators.recorded_motion import RecordedMotion, read_motion
+from estimators.motion.phases import find_phases
+from estimators.motion.recorded_motion import RecordedMotion, read_motion
+from estimators.motion.windowed_slope import windowed_slope, windowed_slope_noise
 from estimators.samples import FloatArray, Samples, prepare
-from estimators.threshold_sweep import sweep_thresholds
-from estimators.windowed_slope import windowed_slope, windowed_slope_noise
 from tests.estimators.recordings import Recorded, recorded
 from valve.motion import simulate_motion
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from estimators.base import Estimate, Estimator, Form, Outcome, Status
-from estimators.garcia import GarciaEstimator
-from estimators.regression import RegressionEstimator
+from estimators.classic.garcia import GarciaEstimator
+from estimators.classic.regression import RegressionEstimator
 from tests.estimators.recordings import SYMBOLS, Recorded, recorded
 from valve.nameplate import Action, Actuator, Nameplate
 from valve.parameters import TravelStops

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from estimators.identifiability.sensitivities import position_sensitivities
 from estimators.planned_test import PlannedTest, planned_knowledge
-from estimators.sensitivities import position_sensitivities
 from valve.errors import WaveformError
 from valve.motion import simulate_motion
 from valve.parameter_sets import parameter_set

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from estimators.base import Estimate, Estimator, Form, Outcome, Status
-from estimators.garcia import GarciaEstimator
-from estimators.recorded_motion import read_motion
-from estimators.regression import RegressionEstimator
-from estimators.slip_kernel import F_V, REST, UNKNOWNS, M, slip_rows
-from estimators.uniform_motion import UniformMotion
+from estimators.classic.garcia import GarciaEstimator
+from estimators.classic.regression import RegressionEstimator
+from estimators.motion.recorded_motion import read_motion
+from estimators.motion.uniform_motion import UniformMotion
+from estimators.slips.kernel import F_V, REST, UNKNOWNS, M, slip_rows
 from tests.estimators.recordings import VALVES, Recorded, recorded
 from valve.motion import simulate_motion
 from valve.parameter_sets import parameter_set

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators import sensitivities
+from estimators.identifiability import sensitivities
+from estimators.identifiability.sensitivities import SENSITIVITY_SYMBOLS, position_sensitivities
 from estimators.samples import FloatArray
-from estimators.sensitivities import SENSITIVITY_SYMBOLS, position_sensitivities
 from tests.estimators.recordings import VALVES
 from valve.errors import ParameterError
 from valve.motion import simulate_motion

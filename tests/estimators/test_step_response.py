@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimators.step_response import step_figures
+from estimators.steps.response import step_figures
 from tests.estimators.recordings import Recorded, recorded
 from valve.motion import simulate_motion
 from valve.nameplate import Nameplate

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from estimators.base import Estimator, Form, Status
-from estimators.differences import without_bias
-from estimators.garcia import GarciaEstimator
-from estimators.regression import RegressionEstimator, StaticFriction
+from estimators.classic.differences import without_bias
+from estimators.classic.garcia import GarciaEstimator
+from estimators.classic.regression import RegressionEstimator, StaticFriction
 from tests.estimators.recordings import PAPER_VALVES, VALVES, Recorded, recorded
 from valve.parameters import parameters_from_symbols
 from valve.recording import Recording

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from estimators.base import Estimate, Estimator, Outcome, Status
-from estimators.garcia import GarciaEstimator
-from estimators.proof import place_of, prove
-from estimators.proof_search import motion_seen
-from estimators.recorded_motion import RecordedMotion, read_motion
-from estimators.regression import RegressionEstimator
+from estimators.classic.garcia import GarciaEstimator
+from estimators.classic.regression import RegressionEstimator
+from estimators.motion.recorded_motion import RecordedMotion, read_motion
+from estimators.proof.proof import place_of, prove
+from estimators.proof.search import motion_seen
+from estimators.proof.whole_motion import SYMBOLS, WholeMotion
 from estimators.samples import FloatArray
-from estimators.whole_motion import SYMBOLS, WholeMotion
 from tests.estimators.random_valves import random_test
 from tests.estimators.recordings import Recorded, recorded
 from valve.recording import Acquisition, Provenance

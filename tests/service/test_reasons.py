@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console
 
 from estimators.signature.measure import measure_signature
-from estimators.step_response import step_figures
+from estimators.steps.response import step_figures
 from service.cli.analysis_tables import print_analysis, reasons
 from tests.service.recordings import NOMINAL, recorded, triangle_test
 from valve.parameters import PARAMETER_SYMBOLS

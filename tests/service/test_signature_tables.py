@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from estimators.signature.measure import measure_signature
-from estimators.step_response import step_figures
+from estimators.steps.response import step_figures
 from service.cli.plain_numbers import plus_minus
 from service.cli.signature_tables import print_signature
 from tests.service.recordings import NOMINAL, at_rest, recorded, triangle_test

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from drivers.addresses import MotionLimits
-from estimators.step_response import step_figures
+from estimators.steps.response import step_figures
 from service.runs.sequences import build_waveform
 from tests.estimators.recordings import VALVES, Recorded, recorded
 from valve.parameter_sets import parameter_set

@@ -12,7 +12,7 @@ from estimators.likelihood.conclusion import searched_model
 from estimators.likelihood.input_path import input_path
 from estimators.likelihood.problem import pose
 from estimators.likelihood.search import Found, Hopping, search
-from estimators.recorded_motion import RecordedMotion, read_motion
+from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from tests.estimators.recordings import recorded
 
 

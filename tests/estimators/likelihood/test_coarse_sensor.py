@@ -11,7 +11,7 @@ from estimators.base import Status
 from estimators.likelihood.input_path import MeasuredPath, input_path
 from estimators.likelihood.problem import pose
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
-from estimators.recorded_motion import RecordedMotion, read_motion
+from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from tests.estimators.likelihood.polled_recordings import converted
 from tests.estimators.recordings import Recorded, paper_triangle, recorded
 from valve.parameter_sets import parameter_set

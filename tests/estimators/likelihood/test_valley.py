@@ -19,7 +19,7 @@ from estimators.likelihood.model import StemModel
 from estimators.likelihood.pool import Place
 from estimators.likelihood.problem import pose
 from estimators.likelihood.valley import led_down, walk
-from estimators.recorded_motion import RecordedMotion, read_motion
+from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from estimators.samples import FloatArray
 from tests.estimators.random_valves import random_test
 

@@ -15,7 +15,7 @@ from estimators.likelihood.input_path import input_path
 from estimators.likelihood.problem import pose
 from estimators.likelihood.row_timing import look_doubts_s, position_doubts, shared_by_rest, write_doubts_s
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
-from estimators.recorded_motion import RecordedMotion, read_motion
+from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from estimators.samples import resolution
 from tests.estimators.likelihood.polled_recordings import WrittenTest, written_test
 from valve.recording import Acquisition, Recording

@@ -1,0 +1,78 @@
+"""How an estimate is concluded: status, message, misfit and diagnostics, the same for either method."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from estimators.base import Estimate, Outcome, ParameterEstimate, Status, absent, in_order, sentences
+from estimators.classic.misfit import Fallback, with_misfit
+from estimators.classic.transients import Transients
+from estimators.motion.recorded_motion import RecordedMotion
+
+_LARGE_BIAS = 0.05  # own choice: from here on a published value's bias makes the estimate poor
+_NEVER_GIVEN = {"DV"}
+
+
+def conclude(
+    method: str,
+    motion: RecordedMotion,
+    *,
+    parameters: dict[str, ParameterEstimate],
+    outcomes: list[Outcome],
+    transients: Transients,
+    diagnostics: dict[str, Any],
+    fallback: Fallback,
+) -> Estimate:
+    """Return the estimate: ok where all but DV is known, failed where not even friction or spring is."""
+    found = list(outcomes)
+    if motion.stops is not None:
+        found.append(Outcome.STOP_INSIDE_SWEEP)
+    if transients.outcome is not None:
+        found.append(transients.outcome)
+    if motion.command_only:
+        found.append(Outcome.COMMAND_ONLY)
+        parameters = {symbol: _with_lag(symbol, parameter) for symbol, parameter in parameters.items()}
+        for symbol in ("m", "F_v"):
+            parameters[symbol] = absent("the pressure was not measured: a transducer's lag reads as F_v and hides m")
+    viscous = parameters["F_v"].value
+    if viscous is not None and viscous < 0.0:
+        parameters["F_v"] = absent("it comes out below 0: the data do not determine it")
+    complete = in_order(parameters)
+    assumed = {"F_0"} if diagnostics.get("form") == "published" else set()
+    missing = [s for s, p in complete.items() if p.value is None and s not in _NEVER_GIVEN | assumed]
+    message = sentences(found)
+    biased = [
+        f"{symbol} by about {100.0 * share:+.0f} %"
+        for symbol, share in zip(("m", "F_v"), transients.published_bias or (), strict=False)
+        if abs(share) > _LARGE_BIAS
+    ]
+    if missing:
+        message = f"{message} Not given: {', '.join(missing)}.".strip()
+    if biased:
+        message = f"{message} Backward differences bias {' and '.join(biased)}: use the corrected form.".strip()
+    hidden = {"m"} if Outcome.MASS_HIDDEN in found else set()
+    poor = {Outcome.ONE_DIRECTION_ONLY, Outcome.COMMAND_ONLY} & set(found)
+    status = Status.POOR if set(missing) - hidden or biased or poor else Status.OK
+    if complete["k"].value is None and complete["F_c"].value is None:
+        status = Status.FAILED
+    information = {
+        **diagnostics,
+        "outcomes": [outcome.name for outcome in found],
+        "position_noise_m": motion.samples.position_noise_m,
+        "breakaways": len(motion.phases.breakaways),
+        "moving_speed_m_per_s": motion.phases.moving_speed,
+        "stops_m": None if motion.stops is None else [motion.stops.low_m, motion.stops.high_m],
+    }
+    estimate = Estimate(method, status, message, None, complete, information)
+    return with_misfit(estimate, motion.samples, motion.first_moving_row, fallback, motion.stops)
+
+
+def _with_lag(symbol: str, parameter: ParameterEstimate) -> ParameterEstimate:
+    """Say of the forces and the spring that the transducer's lag is in them; no interval holds it."""
+    if symbol not in ("k", "F_c", "F_s", "F_0") or parameter.value is None:
+        return parameter
+    note = f"{parameter.note}; " if parameter.note else ""
+    return replace(
+        parameter, std_error=None, ci95=None, note=f"{note}the transducer's lag is in it, the pressure was not measured"
+    )

@@ -1,0 +1,101 @@
+"""From the force balance in uniform motion to k, F_c, F_s and F_0 with their errors (either method's last step)."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from estimators.base import Form, Outcome, ParameterEstimate, absent, measured, offset_estimate
+from estimators.classic.transients import Transients
+from estimators.motion.balance import Balance
+from estimators.motion.static_friction import BreakawayForces
+from valve.nameplate import Action
+
+_SURE: Final = 3.0  # standard errors by which F_s must exceed the friction in motion to be called stiction
+
+
+def friction_parameters(
+    balance: Balance, transients: Transients, forces: BreakawayForces | None
+) -> tuple[dict[str, ParameterEstimate], list[Outcome]]:
+    """Return k, F_c, F_s and F_0 by symbol, and what stands against any of them."""
+    outcomes: list[Outcome] = []
+    coulomb, coulomb_error = _coulomb(balance, transients)
+    parameters = {"k": _spring(balance)}
+    if balance.one_direction and balance.form is not Form.PUBLISHED:
+        tied = "one direction shows it only together with the preload"
+        outcomes.append(Outcome.ONE_DIRECTION_ONLY)
+        parameters |= {symbol: absent(f"{tied}: {Outcome.ONE_DIRECTION_ONLY}") for symbol in ("F_c", "F_s", "F_0")}
+        return parameters, outcomes
+    if balance.one_direction:
+        outcomes.append(Outcome.ONE_DIRECTION_ONLY)
+    slip_free = forces is None or not has_stiction(balance, forces)
+    parameters["F_c"] = measured(
+        coulomb,
+        coulomb_error,
+        note=_tied_note(balance, transients) if slip_free or transients.viscous.value is None else "",
+        reason=_tied_note(balance, transients),
+    )
+    if forces is None:
+        outcomes.append(Outcome.NO_BREAKAWAY)
+        parameters["F_s"] = absent(str(Outcome.NO_BREAKAWAY))
+    elif slip_free:
+        parameters["F_s"] = _without_stiction(balance, coulomb, coulomb_error, forces)
+    else:
+        error = math.hypot(forces.std_error, 0.0 if balance.preload is None else balance.preload[1])
+        parameters["F_s"] = measured(forces.value, error, reason="the breakaways scatter")
+    parameters["F_0"] = _preload(balance)
+    return parameters, outcomes
+
+
+def _spring(balance: Balance) -> ParameterEstimate:
+    if balance.action is Action.DOUBLE:
+        return ParameterEstimate(0.0, note="taken as 0: the nameplate says that no spring opposes the stem")
+    return measured(*balance.spring, reason="the stem moved too little in uniform motion")
+
+
+def _preload(balance: Balance) -> ParameterEstimate:
+    if balance.preload is None:
+        return absent("the published form assumes that there is none: the corrected form fits it")
+    return offset_estimate(*balance.preload, abs(balance.friction[0]), reason="the stem moved too little")
+
+
+def _coulomb(balance: Balance, transients: Transients) -> tuple[float, float]:
+    viscous, viscous_error = transients.viscous_used
+    value = balance.friction[0] - balance.speed * viscous
+    return value, math.hypot(balance.friction[1], balance.speed * viscous_error)
+
+
+def _tied_note(balance: Balance, transients: Transients) -> str:
+    """What is known where F_c is told from F_v badly; nothing for a drive without a spring, which has other speeds."""
+    if balance.action is Action.DOUBLE:
+        return ""
+    known = (
+        f"F_c + {balance.speed:.3g} m/s * F_v = {balance.friction[0]:.5g} N is known to +-{balance.friction[1]:.2g} N"
+    )
+    if transients.viscous.value is None:
+        return f"{known}; at one speed of the ramps it is tied to F_v, which is not known"
+    return f"{known}; without a slip jump F_c is told from F_v by the ends of the ramps alone"
+
+
+def has_stiction(balance: Balance, forces: BreakawayForces) -> bool:
+    """Whether the friction at breakaway surely exceeds that in motion, so that the stem jumps."""
+    error = math.hypot(forces.std_error, balance.friction[1])
+    return forces.value - balance.friction[0] > max(_SURE * error, 1.0e-3 * abs(balance.friction[0]))
+
+
+def _without_stiction(
+    balance: Balance, coulomb: float, coulomb_error: float, forces: BreakawayForces
+) -> ParameterEstimate:
+    """F_s = F_c for a valve without stiction, or the friction at breakaway where that is known better."""
+    most = forces.value + forces.std_error
+    error = math.hypot(coulomb_error, max(0.0, most - coulomb) / math.sqrt(3.0))
+    direct = math.hypot(forces.std_error, 0.0 if balance.preload is None else balance.preload[1])
+    if direct < error:
+        return measured(
+            forces.value, direct, note="no slip jump is seen; this is the friction at breakaway", reason=_SLIP_FREE
+        )
+    note = "no slip jump is seen, so it is taken equal to F_c (a valve without stiction)"
+    return measured(coulomb, error, note=note, reason=_SLIP_FREE)
+
+
+_SLIP_FREE: Final = "no slip jump is seen, and between F_c and the friction in motion it cannot be told"
