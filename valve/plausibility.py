@@ -24,6 +24,19 @@ _LENGTHS: Final = (("millimetres", 1.0e-3), ("inches", METRE_PER_INCH), ("microm
 _PRESSURES: Final = (("kPa", 1.0e3), ("bar", PASCAL_PER_BAR), ("psi", PASCAL_PER_PSI))
 
 
+def require_channels_in_place(
+    position_m: FloatArray, pressure_pa: FloatArray, nameplate: Nameplate, source: str
+) -> None:
+    """Raise RecordingError where position and pressure stand in each other's column."""
+    travel_m = nameplate.actuator.travel_m
+    reached_m, reached_pa = _largest(position_m), _largest(pressure_pa)
+    if reached_m >= _LOWEST_FULL_PRESSURE_PA and 0.0 < reached_pa <= _MOST_TRAVELS * travel_m:
+        raise RecordingError(
+            f"{source}: position_m reaches {reached_m:.4g}, pressure_pa {reached_pa:.4g}, and the travel of "
+            f"{nameplate.tag} is {travel_m:g} m: the two channels are swapped: exchange their names"
+        )
+
+
 def require_plausible_position(position_m: FloatArray, nameplate: Nameplate, source: str) -> None:
     """Raise RecordingError where the position cannot be in metres: it goes far beyond the rated travel."""
     travel_m = nameplate.actuator.travel_m
@@ -40,9 +53,18 @@ def require_plausible_position(position_m: FloatArray, nameplate: Nameplate, sou
 
 
 def require_plausible_pressure(
-    name: str, pressure_pa: FloatArray, position_m: FloatArray, nameplate: Nameplate, source: str
+    name: str,
+    pressure_pa: FloatArray,
+    position_m: FloatArray,
+    nameplate: Nameplate,
+    source: str,
+    *,
+    command_pa: FloatArray | None = None,
 ) -> None:
-    """Raise RecordingError where a pressure cannot be in Pa: the stem moves at next to none, or it is beyond all."""
+    """Raise RecordingError where a pressure cannot be in Pa: the stem moves at next to none, or it is beyond all.
+
+    Where the nameplate has no range, a command of usual size says what the pressure should reach.
+    """
     reached = _largest(pressure_pa)
     full_pa = _full_pressure_pa(nameplate)
     expected_pa = _LOWEST_FULL_PRESSURE_PA if full_pa is None else full_pa
@@ -51,7 +73,7 @@ def require_plausible_pressure(
     if 0.0 < reached < _LEAST_PRESSURE * expected_pa or (full_pa is None and 0.0 < reached < 0.2 * expected_pa):
         if not moved:
             return
-        likely = _likely_units(reached, full_pa, _PRESSURES) if full_pa is not None else [u for u, _ in _PRESSURES]
+        likely = _likely_pressures(reached, full_pa, 0.0 if command_pa is None else _largest(command_pa))
         about = known if full_pa is not None else "the stem moves"
         raise RecordingError(f"{source}: {name} reaches {reached:.4g} and {about}: {_guess(likely)}write it in Pa")
     if full_pa is not None and reached > _MOST_PRESSURES * full_pa:
@@ -94,6 +116,14 @@ def _full_pressure_pa(nameplate: Nameplate) -> float | None:
 def _likely_units(reached: float, expected: float, units: tuple[tuple[str, float], ...]) -> list[str]:
     low, high = _LIKELY
     return [unit for unit, factor in units if low * expected <= reached * factor <= high * expected]
+
+
+def _likely_pressures(reached: float, full_pa: float | None, commanded_pa: float) -> list[str]:
+    if full_pa is not None:
+        return _likely_units(reached, full_pa, _PRESSURES)
+    if commanded_pa >= _LOWEST_FULL_PRESSURE_PA:
+        return _likely_units(reached, commanded_pa, _PRESSURES)
+    return [unit for unit, _ in _PRESSURES]
 
 
 def _guess(units: list[str]) -> str:

@@ -13,6 +13,7 @@ from valve import recording_csv, recording_parquet
 from valve.errors import RecordingError
 from valve.nameplate import Nameplate
 from valve.plausibility import (
+    require_channels_in_place,
     require_plausible_current,
     require_plausible_position,
     require_plausible_pressure,
@@ -169,10 +170,16 @@ def _require_rising_time(time_s: FloatArray, source: str) -> None:
 
 
 def _require_plausible(columns: dict[str, FloatArray], nameplate: Nameplate, source: str) -> None:
-    require_plausible_position(columns["position_m"], nameplate, source)
-    for name in ("pressure_pa", "command_pa"):
-        if name in columns:
-            require_plausible_pressure(name, columns[name], columns["position_m"], nameplate, source)
+    position = columns["position_m"]
+    if "pressure_pa" in columns:
+        require_channels_in_place(position, columns["pressure_pa"], nameplate, source)
+    require_plausible_position(position, nameplate, source)
+    if "command_pa" in columns:
+        require_plausible_pressure("command_pa", columns["command_pa"], position, nameplate, source)
+    if "pressure_pa" in columns:
+        require_plausible_pressure(
+            "pressure_pa", columns["pressure_pa"], position, nameplate, source, command_pa=columns.get("command_pa")
+        )
     if "command_ma" in columns:
         require_plausible_current(columns["command_ma"], source)
 

@@ -359,6 +359,24 @@ def test_values_in_other_units_are_refused_where_the_nameplate_shows_it(
         recording_from_bytes(data, "a.csv", NAMEPLATE)
 
 
+def test_position_and_pressure_in_each_others_column_are_called_swapped() -> None:
+    with pytest.raises(RecordingError, match=r"a\.csv: position_m reaches 8e\+04, .* the two channels are swapped"):
+        recording_from_bytes(csv_of(8.0e4 * UP_AND_DOWN, 0.098 * UP_AND_DOWN), "a.csv", NAMEPLATE)
+
+
+@pytest.mark.parametrize(("unit", "pascal"), [("psi", 6894.757), ("bar", 1.0e5), ("kPa", 1.0e3)])
+def test_the_command_tells_a_pressures_unit_where_the_nameplate_has_no_range(unit: str, pascal: float) -> None:
+    bare = replace(NAMEPLATE, actuator=Actuator(travel_m=0.1016, diaphragm_area_m2=0.06452), signal=None)
+    command_pa = 8.0e4 * UP_AND_DOWN
+    rows = [
+        f"{n},{command},{command / pascal},{position}"
+        for n, (command, position) in enumerate(zip(command_pa, 0.098 * UP_AND_DOWN, strict=True))
+    ]
+    data = "\n".join(["time_s,command_pa,pressure_pa,position_m", *rows]).encode()
+    with pytest.raises(RecordingError, match=f"the stem moves: it looks like {unit}: write it in Pa"):
+        recording_from_bytes(data, "a.csv", bare)
+
+
 @pytest.mark.parametrize(("factor", "says"), [(100.0, "percent or a pressure"), (0.02, "looks like amperes")])
 def test_a_command_that_is_no_current_in_milliamperes_is_refused(factor: float, says: str) -> None:
     data = csv_of(0.098 * UP_AND_DOWN, factor * UP_AND_DOWN, "command_ma")
