@@ -11,7 +11,7 @@ from estimators.likelihood.compression import compressed
 from estimators.likelihood.coordinates import Coordinates
 from estimators.likelihood.descent import descend
 from estimators.likelihood.intervals import Ramps, known
-from estimators.likelihood.mixture import mixed
+from estimators.likelihood.mixture import mixed, reaching
 from estimators.likelihood.model import StemModel
 from estimators.samples import FloatArray
 
@@ -23,6 +23,7 @@ _DECIDED: Final = 0.01
 _STEPS: Final = 15
 _LAST_STEPS: Final = 4
 _WORTH_A_SEARCH: Final = 10.0
+_SHOWN: Final = 3.84  # of the cost: one value in twenty is as far off by chance
 _TRIED: Final = (-4.0, -3.0, -2.0, -1.0, 1.0, 2.0, 3.0, 4.0)  # prior widths
 
 
@@ -63,7 +64,8 @@ def weigh(free: StemModel, narrow: StemModel, point: FloatArray, ramps: Ramps, n
     """Weigh a delay against none, from the fit ``point`` (p,) without one, by Laplace's approximation.
 
     log odds of a delay = log(0.05/0.95) + (cost without - cost with)/2 + log(posterior over prior width). Between 1 and
-    99 % what is known is the mixture of both: its mean and covariance.
+    99 % what is known is the mixture of both: its mean and covariance. Where the cost itself shows a delay and only
+    the odds beforehand speak against it, the intervals hold both hypotheses: DV or F_v may have taken its place.
     """
     width_s = next(entry.prior_sd * entry.unit for entry in free.coordinates.entries if entry.name == DELAY)
     alone = known(narrow, point, ramps, noise_factor=noise_factor)
@@ -79,6 +81,8 @@ def weigh(free: StemModel, narrow: StemModel, point: FloatArray, ramps: Ramps, n
         found = descend(free, found.point, most_steps=4 * _STEPS)
     else:
         found = descend(free, found.point, most_steps=_LAST_STEPS)
+    if not found.arrived and narrow.cost(point) - found.cost > _SHOWN * noise_factor**2:
+        found = descend(free, found.point, most_steps=4 * _STEPS)
     shifted = known(free, found.point, ramps, noise_factor=noise_factor)
     if alone is None or shifted is None:
         return Weighed(narrow, point, alone, 0.0)
@@ -86,11 +90,13 @@ def weigh(free: StemModel, narrow: StemModel, point: FloatArray, ramps: Ramps, n
     odds = math.log(_FREE_BEFOREHAND / (1.0 - _FREE_BEFOREHAND)) + 0.5 * fall
     odds += math.log(max(shifted.std_error(DELAY), 1.0e-300) / width_s)
     weight = 1.0 / (1.0 + math.exp(-min(max(odds, -700.0), 700.0)))
-    if weight < _DECIDED:
-        return Weighed(narrow, point, alone, 0.0)
     if weight > 1.0 - _DECIDED:
         return Weighed(free, found.point, shifted, 1.0)
+    if fall < _SHOWN and weight < _DECIDED:
+        return Weighed(narrow, point, alone, 0.0)
     mixture = mixed([1.0 - weight, weight], [alone, shifted])
+    if fall > _SHOWN:
+        mixture = reaching(mixture, alone if weight > 0.5 else shifted)
     likelier = (free, found.point) if weight > 0.5 else (narrow, point)
     return Weighed(*likelier, mixture, weight)
 

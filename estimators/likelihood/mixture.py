@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimators.base import NORMAL_95
 from estimators.identifiability.bound import Knowledge
 
 
@@ -28,3 +29,9 @@ def mixed(weights: list[float], parts: list[Knowledge]) -> Knowledge:
         undetermined=undetermined,
         _ties={},
     )
+
+
+def reaching(knows: Knowledge, other: Knowledge) -> Knowledge:
+    """Return what is known with 95 % intervals that reach the other's values too, along the line between both."""
+    way = (np.array(other.values) - np.array(knows.values)) / NORMAL_95
+    return replace(knows, covariance=knows.covariance + np.outer(way, way), _ties={})
