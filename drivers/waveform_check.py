@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from drivers.addresses import MotionLimits
 from valve.errors import WaveformError
 from valve.waveform import Waveform
@@ -18,9 +20,11 @@ def check_waveform(tag: str, waveform: Waveform, limits: MotionLimits) -> None:
         )
     rate = waveform.fastest_rate_pa_per_s
     if rate > limits.pressure_rate_pa_per_s * (1.0 + 1.0e-9) and not limits.steps_allowed:
+        said = "jumps" if math.isinf(rate) else f"changes by {rate:g} Pa/s"
+        other = "another sequence" if math.isinf(rate) else "a longer period"
         raise WaveformError(
-            f"{tag}: waveform {waveform.name} changes by {rate:g} Pa/s, limits.pressure_rate_pa_per_s allows "
-            f"{limits.pressure_rate_pa_per_s:g} Pa/s: choose a longer period, or allow steps"
+            f"{tag}: waveform {waveform.name} {said}, limits.pressure_rate_pa_per_s allows "
+            f"{limits.pressure_rate_pa_per_s:g} Pa/s: choose {other}, or allow steps by limits.steps_allowed"
         )
     if waveform.duration_s > limits.longest_test_s:
         raise WaveformError(

@@ -37,8 +37,12 @@ def all_estimates(analysis: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 
 def methods_picture(estimates: Sequence[Mapping[str, Any]], system: UnitSystem) -> Picture | None:
-    """Return one row a parameter, the methods' values in percent of the narrowest; None with nothing to compare."""
+    """Return one row a parameter, the methods' values in percent of the narrowest; None with nothing to compare.
+
+    A parameter that may be zero has no percents and no row.
+    """
     rows = [(symbol, found) for symbol in PARAMETER_SYMBOLS if (found := _found(estimates, symbol))]
+    rows = [(symbol, found) for symbol, found in rows if not _may_be_zero(_narrowest(found))]
     if all(len(found) < 2 for _, found in rows):
         return None
     with settings():
@@ -78,7 +82,7 @@ def _found(estimates: Sequence[Mapping[str, Any]], symbol: str) -> dict[str, Map
 
 
 def _row(axes: Axes, place: int, found: Mapping[str, Mapping[str, Any]]) -> None:
-    reference = min(found.values(), key=_width)["value"]
+    reference = _narrowest(found)["value"]
     for number, (method, entry) in enumerate(found.items()):
         marker, colour = _STYLE.get(method, ("x", INK))
         height = place + 0.2 - 0.2 * number
@@ -88,6 +92,15 @@ def _row(axes: Axes, place: int, found: Mapping[str, Mapping[str, Any]]) -> None
             most = 100.0 * _MOST_SHOWN
             axes.plot([max(percent[0], -most), min(percent[1], most)], [height, height], color=colour, linewidth=2.2)
         axes.plot([at], [height], marker, color=colour, markersize=5.5, label=METHOD_WORDS.get(method, method))
+
+
+def _narrowest(found: Mapping[str, Mapping[str, Any]]) -> Mapping[str, Any]:
+    return min(found.values(), key=_width)
+
+
+def _may_be_zero(entry: Mapping[str, Any]) -> bool:
+    ci95 = entry.get("ci95")
+    return ci95 is not None and bool(ci95[0] <= 0.0 <= ci95[1])
 
 
 def _width(entry: Mapping[str, Any]) -> float:

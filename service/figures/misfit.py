@@ -28,7 +28,7 @@ def time_picture(pictures: Mapping[str, Any] | None, system: UnitSystem) -> Pict
         tidy(above, y=f"position, {unit.name}")
         sizes = []
         for key, line, colour, word in (
-            ("before_m", "-", SOFT, "without the cause"),
+            ("before_m", "-", SOFT, "without the cause" if time.get("after_m") else "misfit"),
             ("after_m", "-", BLUE, "with the cause"),
         ):
             if time.get(key):

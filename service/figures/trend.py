@@ -85,7 +85,7 @@ def _draw(axes: Axes, trend: Trend, system: UnitSystem) -> None:
     for limit, word in zip(trend.limits, ("low limit", "high limit"), strict=True):
         if limit is not None:
             axes.axhline(unit.shown(limit), color=RED, linewidth=1.2, linestyle="-.")
-            axes.annotate(word, (0.01, unit.shown(limit)), **_LABEL, color=RED)
+            axes.annotate(word, (0.01, unit.shown(limit)), **(_ABOVE if word == "low limit" else _LABEL), color=RED)
     tidy(axes)
     axes.set_title(f"{trend.meaning}, {unit.name}", fontsize=11, loc="left", color=INK)
     _scale(axes, values)
@@ -102,6 +102,7 @@ _LABEL: Final[dict[str, Any]] = {
     "textcoords": "offset points",
     "fontsize": 9,
 }
+_ABOVE: Final[dict[str, Any]] = _LABEL | {"xytext": (0, 3)}
 
 
 def _scale(axes: Axes, values: list[float]) -> None:

@@ -12,6 +12,7 @@ from service.figures.misfit import coordinate_picture, time_picture
 from service.figures.trend import trends_picture
 from service.report.source import ReportSource
 from service.report.summary import summary_of
+from service.shown_sentences import all_in_units
 from service.shown_units import UnitSystem, measured, quantity
 from service.tablet.results import (
     diagnosis_of,
@@ -39,7 +40,7 @@ def document_of(source: ReportSource) -> dict[str, Any]:
     """Return the report: every text as it is read, and the pictures as SVG that needs no font and no other file."""
     analysis, system = source.analysis, source.system
     diagnosis, fitted = diagnosis_of(analysis), dict(_fitted(analysis))
-    return {
+    document = {
         "tag": source.tag,
         "subject": source.subject,
         "summary": summary_of(source),
@@ -86,9 +87,10 @@ def document_of(source: ReportSource) -> dict[str, Any]:
         "sampling": [{"name": name, "value": value} for name, value in _sampling(analysis, system)],
         "permissives": [_permissive(one) for one in source.permissives],
         "comparison": list(source.comparison),
-        "facts": [{"name": name, "value": value} for name, value in source.facts],
-        "pictures": {name: _drawn(picture) for name, picture in _pictures(source) if picture is not None},
     }
+    pictures = {name: _drawn(picture) for name, picture in _pictures(source) if picture is not None}
+    facts = [{"name": name, "value": value} for name, value in source.facts]
+    return {**all_in_units(document, system), "facts": facts, "pictures": pictures}
 
 
 def _fitted(analysis: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -112,7 +114,8 @@ def _pictures(source: ReportSource) -> Iterator[tuple[str, Picture | None]]:
     yield "trend", trends_picture(source.trends, system)
     yield "methods", methods_picture(all_estimates(analysis), system)
     yield "time", time_picture(pictures, system)
-    yield "coordinate", coordinate_picture(pictures, system)
+    if diagnosis_of(analysis).verdict != "none":  # it would draw noise
+        yield "coordinate", coordinate_picture(pictures, system)
 
 
 def _gain(gain: Mapping[str, Any] | None, system: UnitSystem) -> str:

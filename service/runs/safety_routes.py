@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Depends
+from fastapi import APIRouter, Depends, Query
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.access.needs import Asks, needs, require_covers
@@ -12,7 +12,9 @@ from service.access.principal import Right
 from service.json_body import JsonRoute
 from service.parts import Parts, parts_of
 from service.problems import PROBLEMS
-from service.runs.views import RunView, view
+from service.runs.views import Permit, RunView, view
+from service.shown_sentences import all_in_units
+from service.shown_units import UnitSystem
 
 router = APIRouter(responses=PROBLEMS, route_class=JsonRoute)
 PartsOf = Annotated[Parts, Depends(parts_of)]
@@ -46,10 +48,19 @@ class Acknowledgement(BaseModel):
 
 
 @router.get("/valves/{tag:path}/permissives", tags=["valves"], dependencies=[needs(Right.VIEW)])
-async def get_permissives(tag: str, parts: PartsOf) -> PermissionView:
-    """Read what must hold before this valve may move; nothing is moved. Under test: the last known ones."""
-    permission, reason = await parts.runs.permission(tag)
+async def get_permissives(
+    tag: str,
+    parts: PartsOf,
+    permit: Annotated[Permit | None, Query()] = None,
+    units: UnitSystem = UnitSystem.SI,
+) -> PermissionView:
+    """Read what must hold before this valve may move; nothing is moved. Under test: the last known ones.
+
+    `permit` is the work permit that the test will name; `units` are those of the texts.
+    """
+    permission, reason = await parts.runs.permission(tag, permit)
     shown = {"read_at": None, "permissives": []} if permission is None else permission.to_json()
+    shown["permissives"] = all_in_units(shown["permissives"], units)
     may_start = permission is not None and permission.may_start and not reason
     return PermissionView.model_validate({**shown, "valve": tag, "may_start": may_start, "not_fresh_because": reason})
 

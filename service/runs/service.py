@@ -176,9 +176,10 @@ class Runs:
         self._permissions[valve.nameplate.tag] = permission
         return permission
 
-    async def permission(self, tag: str) -> tuple[Permission | None, str]:
+    async def permission(self, tag: str, permit: str | None = None) -> tuple[Permission | None, str]:
         """Return what must hold before this valve may move, read fresh without moving it, and why it is not fresh.
 
+        ``permit`` is the work permit that a test would name, where the valve demands one.
         While a bus of it is used the last ones are returned (None where there are none) with the reason.
         Raises NotFoundError, ElsewhereError.
         """
@@ -190,7 +191,7 @@ class Runs:
                 return self._permissions.get(tag), in_use
             try:
                 with self._locks.hold(valve.buses):
-                    return await self._read_permission(valve, None), ""
+                    return await self._read_permission(valve, permit), ""
             except BusyError as error:
                 return self._permissions.get(tag), str(error)
 

@@ -10,6 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue
 from service.runs.acknowledgement import needs_acknowledgement
 from service.runs.run import Label, Run, RunState
 
+Permit = Annotated[str, Field(min_length=1, max_length=64, description="the work permit, where the valve demands one")]
+
 
 class RunRequest(BaseModel):
     """What ``POST /tests/run`` takes: a tag, never a host or a register."""
@@ -26,9 +28,7 @@ class RunRequest(BaseModel):
     label: Annotated[Label, Field(strict=False)] | None = Field(
         default=None, description="what the test stands for beside a repair: as_found or as_left"
     )
-    permit: str | None = Field(
-        default=None, min_length=1, max_length=64, description="the work permit, where the valve demands one"
-    )
+    permit: Permit | None = None
 
 
 class RecordingLink(BaseModel):

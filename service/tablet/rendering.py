@@ -16,6 +16,7 @@ from fastapi import Request
 from fastapi.responses import HTMLResponse
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from service.shown_sentences import in_units
 from service.shown_units import UnitSystem, measured, quantity, shown_unit
 from service.tablet.visitor import Visitor
 
@@ -97,6 +98,7 @@ def page(
         "q": lambda value, unit, digits=4: quantity(value, unit, system, digits),
         "m": lambda value, ci95, unit: measured(value, ci95, unit, system),
         "u": lambda unit: shown_unit(unit, system),
+        "s": lambda sentence: in_units(str(sentence), system),
         "now": datetime.now(UTC),
         "path": request.url.path,
         **values,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -134,9 +135,17 @@ def figure_rows(analysis: Mapping[str, Any], baseline: Mapping[str, Any] | None)
 def _bench_rows(signature: Mapping[str, Any], old: Mapping[str, Any]) -> list[FigureRow]:
     bench, was = signature.get("bench_set_pa") or (None, None), old.get("bench_set_pa") or (None, None)
     ends = ("Bench set, closed end", "the spring's adjustment"), ("Bench set, open end", "")
+    now, before = _to_the_larger(bench), _to_the_larger(was)
     return [
-        FigureRow(words, "Pa", bench[place], None, was[place], "", tells) for place, (words, tells) in enumerate(ends)
+        FigureRow(words, "Pa", now[place], None, before[place], "", tells) for place, (words, tells) in enumerate(ends)
     ]
+
+
+def _to_the_larger(ends: Sequence[float | None]) -> list[float | None]:
+    """Round both ends of a range where the larger one is: a spring that starts at zero reads 0, not -0.0001."""
+    most = max((abs(one) for one in ends if one), default=1.0)
+    places = 3 - math.floor(math.log10(most))
+    return [None if one is None else round(one, places) + 0.0 for one in ends]  # + 0.0: no minus before a zero
 
 
 def diagnosis_of(analysis: Mapping[str, Any]) -> Diagnosis:

@@ -261,7 +261,6 @@ def _result(request: Request, run: Run, past: ValvePast) -> dict[str, Any]:
         "reasons": health.get("reasons") or (),
         "unacknowledged": run if needs_acknowledgement(run) else None,
         "recording_facts": recording_facts(run),
-        "has_report": any(getattr(route, "path", "") == "/tests/{test_id}/report" for route in request.app.routes),
         "figures": f"/ui/figures/tests/{run.id}",
         "figure_query": _query(past, system),
     }
@@ -273,7 +272,7 @@ def _result(request: Request, run: Run, past: ValvePast) -> dict[str, Any]:
         "diagnosis": diagnosis,
         "separating_words": _separating_words(diagnosis.separating_test),
         "has_pictures": bool(pictures.get("time")),
-        "has_coordinates": bool(pictures.get("coordinates")),
+        "has_coordinates": bool(pictures.get("coordinates")) and diagnosis.verdict != "none",
         "has_values": has_values(analysis),
         "has_model": bool((analysis.get("discrepancy") or {}).get("extended_model")),
         "has_loop": bool((analysis.get("signature") or {}).get("curve")),

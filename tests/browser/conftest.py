@@ -48,6 +48,13 @@ def guarded_service(tmp_path: Path) -> Iterator[Gateway]:
         yield running
 
 
+@pytest.fixture
+def permit_service() -> Iterator[Gateway]:
+    """Return a service whose valve is tested with a work permit alone."""
+    with _folder() as folder, gateway(Path(folder), needs_permit=True) as running:
+        yield running
+
+
 def store_test(running: Gateway, days: float, friction_n: float, *, state: RunState = RunState.COMPLETED) -> Run:
     """Put a test of some days ago into the store."""
     at = datetime.now(UTC) - timedelta(days=days)

@@ -80,11 +80,16 @@ class Gateway:
 
 
 @contextmanager
-def gateway(folder: Path, *, access: str = "open") -> Iterator[Gateway]:
-    """Serve a plant with one valve, whose longest test takes 9 s, until the block ends."""
+def gateway(folder: Path, *, access: str = "open", needs_permit: bool = False) -> Iterator[Gateway]:
+    """Serve a plant with one valve, whose longest test takes 9 s, until the block ends.
+
+    One that is open and needs no permit has the schedule, too.
+    """
     started: Future[Gateway] = Future()
     ended = threading.Event()
-    thread = threading.Thread(target=lambda: asyncio.run(_serve(folder, access, started, ended)), daemon=True)
+    thread = threading.Thread(
+        target=lambda: asyncio.run(_serve(folder, access, needs_permit, started, ended)), daemon=True
+    )
     thread.start()
     running = started.result(60.0)
     try:
@@ -96,11 +101,16 @@ def gateway(folder: Path, *, access: str = "open") -> Iterator[Gateway]:
         assert not thread.is_alive(), "the service did not end"
 
 
-async def _serve(folder: Path, access: str, started: Future[Gateway], ended: threading.Event) -> None:
+async def _serve(
+    folder: Path, access: str, needs_permit: bool, started: Future[Gateway], ended: threading.Event
+) -> None:
     try:
         async with wired_plant(folder, period_s=0.02) as (path, plant):
             text = path.read_text(encoding="utf-8").replace("longest_test_s = 300.0", LIMITS)
-            text += NIGHTLY if access == "open" else ""
+            if needs_permit:
+                text = text.replace("[valves.watchdog]", "[valves.permissives]\npermit = true\n[valves.watchdog]", 1)
+            elif access == "open":
+                text += NIGHTLY
             path.write_text(text.replace("port = 0\n", f'port = 0\naccess = "{access}"\n', 1), encoding="utf-8")
             app = create_app(load_plant(path), analyst=MadeAnalyst())
             config = uvicorn.Config(app, host="127.0.0.1", port=0, log_config=None, lifespan="on", ws="none")

@@ -67,6 +67,21 @@ def test_figures_are_shown_in_the_units_that_the_browser_keeps(service: Gateway,
         assert friction in client.get(f"/ui/valves/{TAG}").text
 
 
+@pytest.mark.parametrize("page", [page for page in PAGES if page != "/ui/sign-in"])
+def test_no_sentence_keeps_units_that_were_not_chosen(service: Gateway, page: str) -> None:
+    with httpx.Client(base_url=service.url, cookies={"breakaway-units": "psi"}) as client:
+        said = re.sub(r"<[^>]+>", " ", client.get(_address(service, page)).text)
+        assert re.findall(r"\d\s+(?:k?Pa|bar|m|mm|N|N/mm|kg)\b(?![/·*])", said) == []
+
+
+def test_a_result_leads_to_its_report(service: Gateway) -> None:
+    page = service.client.get(_address(service, "TEST")).text
+    (address,) = {one for one in _linked(page) if one.endswith("/report")}
+    report = service.client.get(address, headers={"Accept": "text/html"})
+    assert report.status_code == 200
+    assert f"Valve {TAG}" in report.text
+
+
 @pytest.mark.parametrize("page", ["/ui/valves/XV-9", "/ui/valves/XV-9/start", "/ui/tests/20200101T000000Z-00000000"])
 def test_what_is_not_there_is_a_page_that_says_so(service: Gateway, page: str) -> None:
     answer = service.client.get(page)

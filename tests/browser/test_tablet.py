@@ -230,6 +230,20 @@ def test_a_person_signs_in_and_out_and_a_lost_session_stops_no_test(guarded_serv
     browser.until(lambda: "/ui/sign-in" in browser.driver.current_url, "signed out")
 
 
+def test_a_valve_that_needs_a_permit_is_started_with_its_number(permit_service: Gateway, browser: Tablet) -> None:
+    browser.open(f"{permit_service.url}/ui/valves/{TAG}/start")
+    browser.until_reads("#permissives", "Enter the work permit's number")
+    assert not browser.see("#arm").is_enabled()
+    browser.write("#permit", "W-17")
+    browser.press("#arm")
+    browser.press("#go")
+    browser.until(lambda: "/ui/tests/" in browser.driver.current_url, "the running test is shown")
+    test_id = browser.driver.current_url.rpartition("/")[2]
+    end(permit_service, test_id)
+    shown = permit_service.client.get(f"/tests/{test_id}").json()["permissives"]["permissives"]
+    assert {one["name"]: one["met"] for one in shown}["permit"] is True
+
+
 def test_a_bad_end_stands_as_an_alarm_until_somebody_has_looked(service: Gateway, browser: Tablet) -> None:
     run = store_test(service, 0.0, 0.0, state=RunState.FAILED)
     browser.open(service.url)

@@ -74,6 +74,20 @@ async def test_a_permit_reaches_the_rig_and_the_permissives_stay_with_the_test(p
         assert kept == {"loop_in_manual": True, "disk": True, "last_test": True}
 
 
+async def test_permissives_can_be_asked_for_with_a_permit_and_in_other_units(plant_file: Path) -> None:
+    rig = FakeRig()
+    rig.shown = (Permissive("supply", False, "150.0 kPa", "at least 200 kPa", "open the supply to 200 kPa"),)
+    async with running_service(load_plant(plant_file), rig, FakeAnalyst()) as client:
+        asked = {"permit": "W-17", "units": "psi"}
+        (shown, *_) = (await client.get("/valves/FV-101/permissives", params=asked)).json()["permissives"]
+        assert rig.permits == ["W-17"]
+        assert [shown["value"], shown["limit"]] == ["21.76 psi", "at least 29.0 psi"]
+        assert shown["remedy"] == "open the supply to 29.0 psi"
+        (shown, *_) = (await client.get("/valves/FV-101/permissives")).json()["permissives"]
+        assert [rig.permits[-1], shown["value"]] == [None, "150.0 kPa"]
+        assert (await client.get("/valves/FV-101/permissives", params={"permit": ""})).status_code == 422
+
+
 async def test_a_disk_with_no_room_permits_no_test(plant_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(permission, "LEAST_FREE_BYTES", 10**18)
     async with running_service(load_plant(plant_file), FakeRig(), FakeAnalyst()) as client:

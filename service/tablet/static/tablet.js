@@ -161,6 +161,7 @@ $("accept")?.addEventListener("submit", async (event) => {
 });
 
 // ---- permissives ---------------------------------------------------------------------------------------------
+const CALLED = { owner: "another master", output: "signal to the I/P", disk: "room on the disk" };
 let mayStart = null;
 
 function permissive(one) {
@@ -168,16 +169,19 @@ function permissive(one) {
   const item = element("li", "", one.met === true ? "met" : one.met === false ? "missing" : "unknown");
   item.append(element("span", sign, "sign"));
   item.lastChild.setAttribute("aria-hidden", "true");
-  const said = element("div"), name = one.name.replaceAll("_", " ");
+  const said = element("div"), name = CALLED[one.name] ?? one.name.replaceAll("_", " ");
   if (one.met === true) {
     said.append(element("strong", name), element("span", " met: ", "unseen"), element("span", ` ${one.value}`, "aside"));
   } else {
     said.append(element("strong", name), element("span", `: ${words}`));
     said.append(element("div", [one.value, one.limit && `needed: ${one.limit}`].filter(Boolean).join("; "), "aside"));
     if (one.name === "last_test" && one.met === false) {
-      const link = element("a", "Look at the valve, then say so on its page", "remedy");
-      link.href = `/ui/valves/${encodeURIComponent($("permissives").dataset.valve)}`;
+      const isHere = Boolean($("acknowledge"));
+      const link = element("a", `Look at the valve, then say so ${isHere ? "above" : "on its page"}`, "remedy");
+      link.href = isHere ? "#h-ack" : `/ui/valves/${encodeURIComponent($("permissives").dataset.valve)}`;
       said.append(link);
+    } else if (one.name === "permit" && one.met === false) {
+      said.append(element("div", $("permit") ? "Enter the work permit's number" : "Its number is asked for where a test is started", "remedy"));
     } else if (one.remedy) said.append(element("div", one.remedy, "remedy"));
   }
   item.append(said);
@@ -185,10 +189,11 @@ function permissive(one) {
 }
 
 async function lookAtPermissives() {
-  const place = $("permissives");
+  const place = $("permissives"), wanted = new URLSearchParams({ units: $("units").value });
+  if ($("permit")?.value) wanted.set("permit", $("permit").value);
   let answer;
   try {
-    answer = await ask("GET", `/valves/${encodeURIComponent(place.dataset.valve)}/permissives`, { limitMs: 15000 });
+    answer = await ask("GET", `/valves/${encodeURIComponent(place.dataset.valve)}/permissives?${wanted}`, { limitMs: 15000 });
   } catch {
     mayStart = null;
     place.replaceChildren(element("p", "The gateway did not answer: look again."));
@@ -213,6 +218,8 @@ async function lookAtPermissives() {
 
 if ($("permissives")) {
   $("look-again").addEventListener("click", lookAtPermissives);
+  let typed = 0;
+  $("permit")?.addEventListener("input", () => { clearTimeout(typed); typed = setTimeout(lookAtPermissives, 600); });
   lookAtPermissives();
 }
 

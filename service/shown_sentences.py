@@ -1,0 +1,67 @@
+"""Sentences as people read them: the quantities in them in the units that a person chose."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any, Final
+
+from service.cli.plain_numbers import plus_minus
+from service.shown_units import UnitSystem, shown_unit
+
+# What sentences name, the SI unit that it is shown by, and how many of that it is.
+_NAMED: Final = {
+    "N*s/m": ("N*s/m", 1.0),
+    "kPa/s": ("Pa/s", 1.0e3),
+    "Pa/s": ("Pa/s", 1.0),
+    "kPa": ("Pa", 1.0e3),
+    "Pa": ("Pa", 1.0),
+    "mm/s": ("m/s", 1.0e-3),
+    "m/s": ("m/s", 1.0),
+    "mm": ("m", 1.0e-3),
+    "um": ("m", 1.0e-6),
+    "m": ("m", 1.0),
+    "N/mm": ("N/m", 1.0e3),
+    "N/m": ("N/m", 1.0),
+    "N": ("N", 1.0),
+}
+_NUMBER: Final = r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
+_QUANTITY: Final = re.compile(
+    rf"(?<![\w.])(?P<numbers>(?:between\s{_NUMBER}\sand\s)?{_NUMBER}(?:\s(?:to|±)\s{_NUMBER})*)\s"
+    rf"(?P<unit>{'|'.join(map(re.escape, sorted(_NAMED, key=len, reverse=True)))})(?![\w/*·])"
+)
+_EACH: Final = re.compile(rf"(?<![\w.]){_NUMBER}")
+_DIGITS: Final = (3, 4)  # fewest and most that are shown where a unit is changed
+
+
+def in_units(text: str, system: UnitSystem) -> str:
+    """Return a sentence with its lengths, pressures and forces in the units of ``system``.
+
+    ``it stood at 0.0485455 m`` becomes ``it stood at 48.55 mm``, or ``1.911 in``. A number whose unit stays is left
+    as it is, a small length (um) too where lengths are metric.
+    """
+    return _QUANTITY.sub(lambda found: _in_unit(found["numbers"], found["unit"], system), text)
+
+
+def all_in_units(content: Any, system: UnitSystem) -> Any:
+    """Return ``content`` (texts in lists and mappings) with every text in the units of ``system``."""
+    if isinstance(content, str):
+        return in_units(content, system)
+    if isinstance(content, Mapping):
+        return {key: all_in_units(value, system) for key, value in content.items()}
+    if isinstance(content, list | tuple):
+        return [all_in_units(value, system) for value in content]
+    return content
+
+
+def _in_unit(numbers: str, named: str, system: UnitSystem) -> str:
+    si_unit, in_si = _NAMED[named]
+    unit = shown_unit(si_unit, system)
+    if unit.name == named or (named == "um" and unit.name == "mm"):
+        return f"{numbers} {named}"
+    return f"{_EACH.sub(lambda one: _converted(one.group(), in_si / unit.in_si), numbers)} {unit.name}"
+
+
+def _converted(number: str, factor: float) -> str:
+    digits = len(re.sub(r"e.*|\D", "", number).lstrip("0"))
+    return plus_minus(float(number) * factor, None, digits=min(_DIGITS[1], max(_DIGITS[0], digits)))

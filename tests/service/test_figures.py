@@ -1,0 +1,48 @@
+"""The pictures of tablet and report: what they draw and say of a test."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from service.figures.canvas import svg_text
+from service.figures.methods import methods_picture
+from service.figures.misfit import time_picture
+from service.shown_units import UnitSystem
+
+
+def _estimates(preload_n: float, half_n: float) -> list[dict[str, Any]]:
+    """Return two methods that differ by 0.1 % in friction and by twice in preload."""
+    return [
+        {
+            "method": method,
+            "parameters": {
+                "F_c": {"value": friction_n, "unit": "N", "ci95": [friction_n - 1.0, friction_n + 1.0]},
+                "F_0": {"value": offset_n, "unit": "N", "ci95": [offset_n - half_n, offset_n + half_n]},
+            },
+        }
+        for method, friction_n, offset_n in (("regression", 1000.0, preload_n), ("garcia", 1001.0, 2.0 * preload_n))
+    ]
+
+
+def test_a_parameter_that_may_be_zero_is_not_drawn_in_percent() -> None:
+    picture = methods_picture(_estimates(0.01, 0.05), UnitSystem.SI)
+    assert picture is not None
+    assert "F_c" in picture.description
+    assert "F_0" not in picture.description
+    (axes,) = picture.figure.axes
+    assert max(abs(end) for end in axes.get_xlim()) < 1.0
+
+
+def test_a_preload_that_is_known_is_drawn() -> None:
+    picture = methods_picture(_estimates(100.0, 1.0), UnitSystem.SI)
+    assert picture is not None
+    assert "F_0" in picture.description
+
+
+def test_a_misfit_without_a_cause_is_not_called_one_without_the_cause() -> None:
+    time = {"time_s": [0.0, 1.0], "measured_m": [0.0, 1.0e-3], "before_m": [0.0, 1.1e-3]}
+    healthy, found = (time_picture({"time": one}, UnitSystem.SI) for one in (time, time | {"after_m": [0.0, 1.0e-3]}))
+    assert healthy is not None
+    assert found is not None
+    assert "the cause" not in svg_text(healthy)
+    assert "without the cause" in svg_text(found)

@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+import pytest
+
+from service.shown_sentences import all_in_units, in_units
+from service.shown_units import UnitSystem
+
+STUCK = "{} and the stem did not break away from {}, a healthy one moves within {}"
+
+
+@pytest.mark.parametrize(
+    ("system", "quantities"),
+    [
+        (UnitSystem.SI, ("82.44 kPa", "48.55 mm", "78.6 kPa")),
+        (UnitSystem.BAR, ("0.8244 bar", "48.55 mm", "0.786 bar")),
+        (UnitSystem.PSI, ("11.96 psi", "1.911 in", "11.4 psi")),
+    ],
+)
+def test_a_sentence_of_the_drivers_is_read_in_the_chosen_units(
+    system: UnitSystem, quantities: tuple[str, str, str]
+) -> None:
+    said = STUCK.format("8.244e+04 Pa", "0.0485455 m", "7.86e+04 Pa")
+    assert in_units(said, system) == STUCK.format(*quantities)
+
+
+@pytest.mark.parametrize(
+    ("said", "text"),
+    [
+        ("between 10 and 20 mm of travel", "between 0.394 and 0.787 in of travel"),
+        ("20 to 80 kPa, at 3 mm/s", "2.90 to 11.6 psi, at 0.118 in/s"),
+        ("509.58 ± 0.72 N", "114.6 ± 0.162 lbf"),
+        ("52.5 N/mm, 612.9 N*s/m", "300 lbf/in, 3.500 lbf·s/in"),
+        ("-1.5 mm", "-0.0591 in"),
+        ("noise of 5 um", "noise of 0.000197 in"),
+        ("0 N", "0 lbf"),
+    ],
+)
+def test_ranges_intervals_and_signs_are_taken_along(said: str, text: str) -> None:
+    assert in_units(said, UnitSystem.PSI) == text
+
+
+@pytest.mark.parametrize(
+    "said",
+    ["FV-101: at 12.4 s, 3 of 5 tests", "1 min 5 s", "4 mA", "v1.5 N", "12.00 psi", "0.61 N·s/mm", "1e3 Nm", "5 %, M"],
+)
+def test_what_is_no_quantity_of_ours_is_left_alone(said: str) -> None:
+    assert in_units(said, UnitSystem.PSI) == said
+
+
+def test_what_is_metric_already_stays_digit_by_digit() -> None:
+    said = "0.00 kPa, 5.12345 mm, 7 um, 12345.678 N"
+    assert in_units(said, UnitSystem.SI) == said
+
+
+def test_every_text_of_a_document_is_changed_and_nothing_else() -> None:
+    document = {"why": ["at 1 mm", ("2 N",)], "value": 3.0, "none": None}
+    assert all_in_units(document, UnitSystem.PSI) == {
+        "why": ["at 0.0394 in", ["0.450 lbf"]],
+        "value": 3.0,
+        "none": None,
+    }
