@@ -26,6 +26,7 @@ _JOBS_VERSION: Final = "nightly-1"
 _POLL_S: Final = 0.5
 _FEWEST_THREADS: Final = 8
 _FORGET_AT_ONCE: Final = 500
+_LAST_PRIORITY: Final = 2**31 - 1  # the largest that DBOS takes
 
 
 class _Hook:
@@ -106,8 +107,12 @@ class JobQueue:
             raise
 
     def enqueue(self, job_id: str, bus: str, check_id: int) -> None:
-        """Put a check into the queue of its bus; a job of this id is never put there twice."""
-        with SetWorkflowID(job_id), SetEnqueueOptions(queue_partition_key=bus):
+        """Put a check into the queue of its bus; a job of this id is never put there twice.
+
+        Jobs of a bus come in the order of their checks, those of one millisecond too.
+        """
+        priority = min(check_id, _LAST_PRIORITY)  # the smaller comes first; equal ones by the time of their coming
+        with SetWorkflowID(job_id), SetEnqueueOptions(queue_partition_key=bus, priority=priority):
             DBOS.enqueue_workflow(self._queue, _nightly_check, check_id)
 
     def forget(self, before: datetime) -> int:

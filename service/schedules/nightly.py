@@ -70,6 +70,7 @@ class Nightly:
         self._carried: set[Future[str]] = set()
         self._closing = asyncio.Event()
         self._wake = asyncio.Event()
+        self._looking = asyncio.Lock()  # two looks at once would queue the checks of one occurrence out of their order
         self._handled: dict[str, datetime] = {}
 
     async def prepare(self) -> None:
@@ -148,15 +149,13 @@ class Nightly:
 
     async def look(self) -> None:
         """Queue what has become due since the last look, and write down what was missed."""
-        now = self._clock()
-        for schedule in self._plant.schedules:
-            after = self._handled[schedule.name]
-            for occurrence in occurrences_between(schedule, after, now):
-                if now > occurrence.due_at + timedelta(seconds=schedule.window_s):
-                    await self._dispatch(schedule, occurrence, missed=True)
-                else:
-                    await self._dispatch(schedule, occurrence)
-                self._handled[schedule.name] = occurrence.due_at
+        async with self._looking:
+            now = self._clock()
+            for schedule in self._plant.schedules:
+                for occurrence in occurrences_between(schedule, self._handled[schedule.name], now):
+                    missed = now > occurrence.due_at + timedelta(seconds=schedule.window_s)
+                    await self._dispatch(schedule, occurrence, missed=missed)
+                    self._handled[schedule.name] = occurrence.due_at
 
     async def _dispatch(
         self, schedule: Schedule, occurrence: Occurrence, requested_by: str = "", *, missed: bool = False
