@@ -562,11 +562,12 @@ def follow_extended(
     q, curves, state, corner_time, corner_force, end_time, out_time, rest_time, rest_x, rest_since,
     out_x, out_sensed, out_v, out_mode, out_force, event_time, event_mode, most_events, longest,
 ):  # fmt: skip
-    """Follow the stem from the first corner to ``end_time``, ``state`` in place; return (status, number of events).
+    """Follow the stem from the first corner to ``end_time``, ``state`` in place; return (status, events, passes).
 
     Corners and outputs as in valve.motion_kernel.follow; all five outputs are written. At each of ``rest_time``
     (rising) the stem is put to rest at ``rest_x``, where it rests since ``rest_since``. ``longest`` bounds the
-    sub-steps of a slip whose slots are not neutral, and of a stem whose bristles give.
+    sub-steps of a slip whose slots are not neutral, and of a stem whose bristles give. ``passes`` is the number of
+    steps that it took, the measure of its work.
     """
     m, DV = q[M], q[D_V]
     x, v, mode, extra = state[AT_X], state[AT_V], int(state[IN_MODE]), state[EXTRA]
@@ -582,7 +583,7 @@ def follow_extended(
         state[LAGGED] = state[SHOWN]
     rising, falling, response = np.full(5, math.nan), np.full(5, math.nan), np.full(7, math.nan)
     n, n_out, n_rest = corner_time.size, out_time.size, rest_time.size
-    n_events, out, put, pieces, carried, elastic_v = 0, 0, 0, 0, 0.0, 0.0
+    n_events, out, put, pieces, passes, carried, elastic_v = 0, 0, 0, 0, 0, 0.0, 0.0
     net, more, area, s, beyond, static = 0.0, 0.0, 1.0, 1.0, 0.0, 0.0
     viscous, coulomb, highest, drag, rounding = 0.0, 0.0, 0.0, 0.0, 0.0
     rate_before, most_there, stalls = math.nan, math.inf, 0
@@ -605,6 +606,7 @@ def follow_extended(
         # tau is kept beside the time: their difference would be rounded, and times a steep slope that is a force
         now_s, tau, going = start, 0.0, True
         while going:
+            passes += 1
             force, t = corner_force[i] + slope * tau, now_s + clock
             if put < n_rest and rest_time[put] <= now_s:
                 while put + 1 < n_rest and rest_time[put + 1] <= now_s:
@@ -660,7 +662,7 @@ def follow_extended(
                         now, s = regime(rate, viscous, drag, static, DV, low, high, x, v, net, push, rounding)
                     if (n_events == most_events and now != mode) or pieces > most_events:
                         state[AT_X], state[AT_V], state[IN_MODE] = x, v, mode
-                        return TOO_MANY_EVENTS, n_events
+                        return TOO_MANY_EVENTS, n_events, passes
                     if now != mode:
                         carried = 0.0
                         if now in (STUCK, STOPPED):
@@ -743,7 +745,7 @@ def follow_extended(
                     )  # fmt: skip
                     if math.isnan(dwell):
                         state[AT_X], state[AT_V], state[IN_MODE] = x, v, mode
-                        return ROOT_NOT_FOUND, n_events
+                        return ROOT_NOT_FOUND, n_events, passes
                 elif mode == SLIDE:
                     v, along = s * DV, slope
                     if not linear and left > 0.0:
@@ -801,4 +803,4 @@ def follow_extended(
     state[AT_X], state[AT_V], state[IN_MODE], state[EXTRA] = x, v, mode, extra
     state[ELAPSED], state[REST_SINCE], state[BRISTLE] = clock + end_time, rest_from, bristle
     state[NEVER_MOVED] = 1.0 if never_moved else 0.0
-    return FOLLOWED, n_events
+    return FOLLOWED, n_events, passes

@@ -162,6 +162,12 @@ def input_corners(
     return lagged
 
 
+def _room(count: int) -> tuple[FloatArray, FloatArray, FloatArray, ModeArray, FloatArray]:
+    """Return room for a kernel's outputs: position, sensed, velocity, mode and force, each of shape (count,)."""
+    position_m, sensed_m, velocity_m_per_s, acting_n = np.empty((4, count))
+    return position_m, sensed_m, velocity_m_per_s, np.empty(count, np.int8), acting_n
+
+
 @dataclass(frozen=True, slots=True)
 class ExtendedStem:
     """An extended valve made ready: its slots as the kernel takes them, for many runs or piece by piece.
@@ -200,19 +206,28 @@ class ExtendedStem:
         rests: Rests | None = None,
     ) -> ExtendedMotion:
         """Return the motion from ``state`` at ``time_s``, as ``simulate_extended`` with arrays checked already."""
-        vector, count = state.vector(), time_s.size
-        end_s = float(time_s[-1]) if count else float(force_time_s[-1])
-        at_rest = (_NO_VALUES,) * 3
-        if rests is not None:
-            assert rests.since_s is not None  # filled in when it was made
-            at_rest = (rests.time_s, rests.position_m, rests.since_s)
-        position_m, sensed_m, velocity_m_per_s, acting_n = np.empty((4, count))
-        mode = np.empty(count, np.int8)
-        outputs = (time_s, position_m, sensed_m, velocity_m_per_s, mode, acting_n)
-        events = self._run(vector, (force_time_s, force_n), end_s, rests=at_rest, outputs=outputs)
+        vector = state.vector()
+        position_m, sensed_m, velocity_m_per_s, mode, acting_n = outputs = _room(time_s.size)
+        end_s = float(time_s[-1]) if time_s.size else float(force_time_s[-1])
+        events, _ = self._run(vector, (force_time_s, force_n), end_s, rests=rests, outputs=(time_s, *outputs))
         return ExtendedMotion(
             time_s, position_m, sensed_m, velocity_m_per_s, mode, acting_n, events, state_from_vector(vector)
         )
+
+    def sensed(
+        self,
+        state: ExtendedState,
+        force_time_s: FloatArray,
+        force_n: FloatArray,
+        time_s: FloatArray,
+        *,
+        rests: Rests | None = None,
+    ) -> tuple[FloatArray, int]:
+        """Return what the sensor shows at ``time_s``, m, shape (n,), as ``motion`` has it, and the kernel's passes."""
+        outputs = _room(time_s.size)
+        corners, end_s = (force_time_s, force_n), float(time_s[-1])
+        _, passes = self._run(state.vector(), corners, end_s, rests=rests, outputs=(time_s, *outputs), room=0)
+        return outputs[1], passes
 
     def _run(
         self,
@@ -220,24 +235,31 @@ class ExtendedStem:
         corners: tuple[FloatArray, FloatArray],
         end_s: float,
         *,
-        rests: tuple[FloatArray, FloatArray, FloatArray] = (_NO_VALUES,) * 3,
+        rests: Rests | None = None,
         outputs: tuple[FloatArray, FloatArray, FloatArray, FloatArray, ModeArray, FloatArray] | None = None,
         room: int = _EVENTS_AT_FIRST,
-    ) -> ModeChanges:
-        """Run the kernel, ``vector`` in place; with more events than ``room`` again with room for all."""
+    ) -> tuple[ModeChanges, int]:
+        """Run the kernel, ``vector`` in place; with more events than ``room`` again with room for all, but for 0.
+
+        Return the events and the passes that it took.
+        """
+        at_rest = (_NO_VALUES,) * 3
+        if rests is not None:
+            assert rests.since_s is not None  # filled in when it was made
+            at_rest = (rests.time_s, rests.position_m, rests.since_s)
         if outputs is None:
             outputs = (_NO_VALUES, _NO_VALUES, _NO_VALUES, _NO_VALUES, _NO_MODES, _NO_VALUES)
         room = min(room, self.most_events)
         event_time_s, event_mode = np.empty(room), np.empty(room, np.int8)
         before = vector.copy()
-        status, events = follow_extended(
+        status, events, passes = follow_extended(
             self._slots,
             self._curves,
             vector,
             *corners,
             end_s,
             outputs[0],
-            *rests,
+            *at_rest,
             *outputs[1:],
             event_time_s,
             event_mode,
@@ -249,7 +271,7 @@ class ExtendedStem:
         if events > room > 0:
             vector[:] = before
             return self._run(vector, corners, end_s, rests=rests, outputs=outputs, room=events)
-        return ModeChanges(event_time_s[:events].copy(), event_mode[:events].copy())
+        return ModeChanges(event_time_s[:events].copy(), event_mode[:events].copy()), int(passes)
 
     def _error(self, status: int, events: int) -> MotionError:
         return motion_error(tuple(self._slots[:9]), status, events, self.most_events, subject="the extended stem")

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, fields
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
@@ -206,6 +207,7 @@ _PLACES: Final[dict[type, tuple[str, ...]]] = {
     SensorPath: ("position_gain", "gain_reference", "bow", "bow_low", "bow_span", "position_lag", "play"),
 }  # fmt: skip
 _PLACE: Final = {name: place for place, name in enumerate(SLOTS)}
+_NEUTRAL: Final = tuple(SLOTS.values())
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,7 +230,7 @@ class ExtendedValve:
 
     def vector(self) -> FloatArray:
         """All slots but the input path's in the order of ``valve.extended_kernel.SLOTS``, as the kernel takes them."""
-        q = np.array(tuple(SLOTS.values()))
+        q = np.array(_NEUTRAL)
         for symbol, entry in PARAMETER_SYMBOLS.items():
             q[_PLACE[symbol]] = getattr(self.parameters, entry.field)
         for part in (self.spring, self.area, self.friction, self.stops, self.sensor):
@@ -261,4 +263,9 @@ _CURVE_ROWS: Final = (SPRING_CURVE, AREA_CURVE, FRICTION_CURVE)
 
 def _numbers(part: Any) -> list[tuple[str, float]]:
     """Fields of a group of slots that are numbers, in their order."""
-    return [(entry.name, getattr(part, entry.name)) for entry in fields(part) if not entry.name.startswith("curve")]
+    return [(name, getattr(part, name)) for name in _number_names(type(part))]
+
+
+@cache
+def _number_names(kind: type[Any]) -> tuple[str, ...]:
+    return tuple(entry.name for entry in fields(kind) if not entry.name.startswith("curve"))
