@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, fields
-from functools import cache
 from typing import Any, Final
 
 import numpy as np
@@ -263,9 +262,10 @@ _CURVE_ROWS: Final = (SPRING_CURVE, AREA_CURVE, FRICTION_CURVE)
 
 def _numbers(part: Any) -> list[tuple[str, float]]:
     """Fields of a group of slots that are numbers, in their order."""
-    return [(name, getattr(part, name)) for name in _number_names(type(part))]
+    return [(name, getattr(part, name)) for name in _NUMBERS[type(part)]]
 
 
-@cache
-def _number_names(kind: type[Any]) -> tuple[str, ...]:
-    return tuple(entry.name for entry in fields(kind) if not entry.name.startswith("curve"))
+_NUMBERS: Final[dict[type, tuple[str, ...]]] = {
+    kind: tuple(entry.name for entry in fields(kind) if not entry.name.startswith("curve"))
+    for kind in (SpringSlots, AreaSlots, FrictionSlots, StopSlots, Vibration, SensorPath)
+}
