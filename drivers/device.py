@@ -39,6 +39,9 @@ class ValveDevice:
         self.run_number = 0
         self._wired = wired
         self._eye = Eye(wiring.tag, wired)
+        places = {"manual": wired.manual, "interlock": wired.interlock, "supply": wired.supply}
+        #: Which of manual, interlock and supply are read at a place of their own, which a sample does not show.
+        self.conditions_elsewhere = frozenset(name for name, place in places.items() if place is not None)
         self._heartbeat = 0
         self._fed_s = -math.inf
         self.tolerance_pa = max(
@@ -222,12 +225,6 @@ class ValveDevice:
             return await self._wired.interlock.says()
         live = self.unit.map.live
         return bool(sample.status & live.interlock_mask) if live is not None and live.interlock_mask else None
-
-    @property
-    def conditions_elsewhere(self) -> frozenset[str]:
-        """Which of manual, interlock and supply are read at a place of their own, which a sample does not show."""
-        wired = {"manual": self._wired.manual, "interlock": self._wired.interlock, "supply": self._wired.supply}
-        return frozenset(name for name, place in wired.items() if place is not None)
 
     async def owner(self) -> int | None:
         """Return the run that owns the device; None where the map has no fence."""

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 from drivers.faults import BadAnswerError, refusal
-from drivers.registers import MAX_READ_WORDS, MAX_WRITE_WORDS, Table, crc16
+from drivers.registers import MAX_READ_WORDS, MAX_WRITE_WORDS, Table, bytes_to_words, crc16
 from valve.errors import ConfigurationError
 
 READ_HOLDING: Final = 3
@@ -63,6 +64,7 @@ class Request:
         return f"device {self.device_id}, {verb} {count} words at {address}"
 
 
+@lru_cache(maxsize=512)  # a test asks for the same registers thousands of times
 def read_request(device_id: int, table: Table, address: int, count: int) -> Request:
     """Read ``count`` words of a table (function 3 or 4)."""
     function = READ_HOLDING if table is Table.HOLDING else READ_INPUT
@@ -109,7 +111,7 @@ def checked_words(request: Request, answer: bytes) -> tuple[int, ...]:
     if request.is_read:
         if answer[1] != 2 * request.read_count:
             raise BadAnswerError(f"{request.subject}: the answer counts {answer[1]} bytes")
-        return tuple(int.from_bytes(answer[i : i + 2], "big") for i in range(2, len(answer), 2))
+        return bytes_to_words(answer[2:])
     address, count = int.from_bytes(answer[1:3], "big"), int.from_bytes(answer[3:5], "big")
     if (address, count) != (request.write_address, len(request.words)):
         raise BadAnswerError(f"{request.subject}: the device confirms {count} words at {address}")

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 
 
 class Gate:
@@ -16,16 +14,12 @@ class Gate:
         self._urgent: deque[asyncio.Future[None]] = deque()
         self._ordinary: deque[asyncio.Future[None]] = deque()
 
-    @asynccontextmanager
-    async def hold(self, *, priority: bool = False) -> AsyncIterator[None]:
-        """Hold the gate for the length of the block."""
-        await self._acquire(self._urgent if priority else self._ordinary)
-        try:
-            yield
-        finally:
-            self._release()
+    def hold(self, *, priority: bool = False) -> Turn:
+        """Return a turn: ``async with`` it, to hold the gate for the length of the block."""
+        return Turn(self, self._urgent if priority else self._ordinary)
 
-    async def _acquire(self, lane: deque[asyncio.Future[None]]) -> None:
+    async def acquire(self, lane: deque[asyncio.Future[None]]) -> None:
+        """Wait for the turn in one of the lanes."""
         if not self._held:
             self._held = True
             return
@@ -35,12 +29,13 @@ class Gate:
             await turn
         except asyncio.CancelledError:
             if turn.done() and not turn.cancelled():
-                self._release()  # the turn came in the same instant as the cancellation: pass it on
+                self.release()  # the turn came in the same instant as the cancellation: pass it on
             else:
                 lane.remove(turn)
             raise
 
-    def _release(self) -> None:
+    def release(self) -> None:
+        """Pass the turn on."""
         for lane in (self._urgent, self._ordinary):
             while lane:
                 turn = lane.popleft()
@@ -48,3 +43,21 @@ class Gate:
                     turn.set_result(None)
                     return
         self._held = False
+
+
+class Turn:
+    """A turn at a gate, as a context."""
+
+    __slots__ = ("_gate", "_lane")
+
+    def __init__(self, gate: Gate, lane: deque[asyncio.Future[None]]) -> None:
+        self._gate = gate
+        self._lane = lane
+
+    async def __aenter__(self) -> None:
+        """Wait for it."""
+        await self._gate.acquire(self._lane)
+
+    async def __aexit__(self, *_: object) -> None:
+        """Pass it on."""
+        self._gate.release()

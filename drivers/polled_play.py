@@ -43,7 +43,7 @@ class PolledPlay:
             await mover.pause_until(start_s + slot * self._course.period_s)
             begun_s = time.monotonic()
             try:
-                sample = await mover.step(float(self._course.waveform.at(begun_s - start_s)))
+                sample = await mover.step(self._course.pressure_pa(begun_s - start_s))
             except BaseException:
                 self._tell(rows, slot)
                 raise

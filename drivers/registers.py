@@ -42,7 +42,13 @@ class WordOrder(StrEnum):
     DCBA = "DCBA"
 
 
-_STRUCT: Final = {Kind.U16: ">H", Kind.I16: ">h", Kind.U32: ">I", Kind.I32: ">i", Kind.F32: ">f"}
+_STRUCT: Final = {
+    Kind.U16: struct.Struct(">H"),
+    Kind.I16: struct.Struct(">h"),
+    Kind.U32: struct.Struct(">I"),
+    Kind.I32: struct.Struct(">i"),
+    Kind.F32: struct.Struct(">f"),
+}
 _LIMITS: Final[dict[Kind, tuple[float, float]]] = {
     Kind.U16: (0, 0xFFFF),
     Kind.I16: (-0x8000, 0x7FFF),
@@ -65,6 +71,16 @@ def _ordered(data: bytes, order: WordOrder) -> bytes:
         WordOrder.BADC: bytes((b, a, d, c)),
         WordOrder.DCBA: bytes((d, c, b, a)),
     }[order]
+
+
+def words_to_bytes(words: Sequence[int]) -> bytes:
+    """Bytes of words in wire order, the high byte first."""
+    return struct.pack(f">{len(words)}H", *words)
+
+
+def bytes_to_words(data: bytes) -> tuple[int, ...]:
+    """Words of bytes in wire order; there must be an even number of them."""
+    return struct.unpack(f">{len(data) // 2}H", data)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,14 +115,17 @@ class Register:
     @property
     def words(self) -> int:
         """Number of 16-bit words."""
-        return 1 if self.kind in (Kind.U16, Kind.I16) else 2
+        return _STRUCT[self.kind].size // 2
 
     def decode(self, words: Sequence[int]) -> float:
         """Value in ``unit`` from its words; NaN where the raw value is no measurement."""
         if len(words) != self.words:
             raise DeviceError(f"register {self.name}: {len(words)} words came, {self.words} were asked for: try again")
-        data = b"".join(word.to_bytes(2, "big") for word in words)
-        raw = float(struct.unpack(_STRUCT[self.kind], _ordered(data, self.word_order))[0])
+        return self.decode_bytes(words_to_bytes(words))
+
+    def decode_bytes(self, data: bytes) -> float:
+        """Value in ``unit`` from its words' bytes in wire order (high byte first), as many as it has."""
+        raw = float(_STRUCT[self.kind].unpack(_ordered(data, self.word_order))[0])
         if not math.isfinite(raw):
             return math.nan
         if self.raw_range is not None and not self.raw_range[0] <= raw <= self.raw_range[1]:
@@ -128,8 +147,7 @@ class Register:
             raise ParameterError(
                 f"register {self.name}: {value:g} {self.unit} is outside {ends[0]:g} to {ends[1]:g} {self.unit}"
             )
-        data = _ordered(struct.pack(_STRUCT[self.kind], number), self.word_order)
-        return tuple(int.from_bytes(data[i : i + 2], "big") for i in range(0, len(data), 2))
+        return bytes_to_words(_ordered(_STRUCT[self.kind].pack(number), self.word_order))
 
     @property
     def resolution(self) -> float:
@@ -176,10 +194,12 @@ class Block:
         """Values by register name."""
         if len(words) != self.words:
             raise DeviceError(f"block at {self.address}: {len(words)} words came, {self.words} were asked for")
-        return {
-            register.name: register.decode(words[register.address - self.address :][: register.words])
-            for register in self.registers
-        }
+        data = words_to_bytes(words)
+        values = {}
+        for register in self.registers:
+            start = 2 * (register.address - self.address)
+            values[register.name] = register.decode_bytes(data[start : start + 2 * register.words])
+        return values
 
     def encode(self, values: dict[str, float]) -> list[int]:
         """Words of the whole block. Raises ConfigurationError where the values do not fill it."""
@@ -304,4 +324,4 @@ def crc16(data: bytes) -> int:
 
 def words_crc16(words: Sequence[int]) -> int:
     """CRC-16/MODBUS of words in wire order (high byte first)."""
-    return crc16(b"".join(word.to_bytes(2, "big") for word in words))
+    return crc16(words_to_bytes(words))

@@ -83,9 +83,11 @@ class Wired:
 
     @property
     def units(self) -> tuple[Unit, ...]:
-        """Every device that the valve is wired to, once."""
-        signals = [self.command, self.position, self.pressure]
-        found = {(s.unit.bus.name, s.unit.device_id): s.unit for s in reversed(signals) if isinstance(s, Signal)}
+        """Every device that the valve is wired to, once, the one that is commanded first."""
+        found: dict[tuple[str, int], Unit] = {}
+        for signal in (self.command, self.position, self.pressure):
+            if isinstance(signal, Signal):
+                found.setdefault((signal.unit.bus.name, signal.unit.device_id), signal.unit)
         return tuple(found.values())
 
 

@@ -24,12 +24,14 @@ from drivers.addresses import (
 )
 from drivers.device import connect_valve
 from drivers.maps import register_map
+from drivers.maps.reference import StatusBit
 from drivers.outcome import Ended
 from drivers.permissive_rules import PermissiveRules
 from drivers.sequence import play_sequence
 from drivers.serial_gauge import SerialGauge
 from drivers.transport import Transport
 from drivers.wiring import read_blocks
+from tests.drivers.bench import WIRING
 from tests.drivers.reference_device import ReferenceDevice
 from tests.drivers.slave import Fault, RawSlave, SerialPort, TcpPort
 from valve.errors import ConfigurationError, DeviceError, WireError
@@ -152,6 +154,24 @@ async def test_a_valve_may_be_spread_over_two_modbus_buses(module: Module, slave
         await played(replace(MODULE, position=position, pressure=None), {"io": first, "line": second})
         await first.close()
         await second.close()
+
+
+async def test_the_status_is_that_of_the_commanded_device_wherever_the_pressure_is(
+    device: ReferenceDevice, tcp: Transport
+) -> None:
+    far = ReferenceDevice(RawSlave())
+    device.status |= 1 << StatusBit.INTERLOCK
+    far.output_pa = 33_000.0
+    async with TcpPort(far.slave) as port:
+        bus = Transport(TcpAddress("far", "127.0.0.1", port.port))
+        await bus.open()
+        wiring = replace(WIRING, pressure=Point("far", 1, "reference"))
+        valve = connect_valve(wiring, {"bus": tcp, "far": bus})
+        sample = await valve.read()
+        await bus.close()
+    assert sample.pressure_pa == 33_000.0
+    assert sample.output_pa == device.output_pa
+    assert await valve.interlocked(sample) is True
 
 
 async def test_buses_are_asked_at_the_same_time(module: Module, tcp: Transport, gauge: SerialGauge) -> None:
