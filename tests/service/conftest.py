@@ -2,12 +2,16 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
+import httpx
 import pytest
 
+from service.settings import Plant, load_plant
 from tests.service.databases import postgresql_database
+from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.service.running_service import running_service
 
 PLANT = """\
 [service]
@@ -96,6 +100,28 @@ def plant_file(quick_path: Path) -> Path:
     path = quick_path / "plant.toml"
     path.write_text(PLANT, encoding="utf-8")
     return path
+
+
+@pytest.fixture
+def plant(plant_file: Path) -> Plant:
+    return load_plant(plant_file)
+
+
+@pytest.fixture
+def rig() -> FakeRig:
+    return FakeRig()
+
+
+@pytest.fixture
+def analyst() -> FakeAnalyst:
+    return FakeAnalyst()
+
+
+@pytest.fixture
+async def client(plant: Plant, rig: FakeRig, analyst: FakeAnalyst) -> AsyncIterator[httpx.AsyncClient]:
+    """Return a client of a service that drives ``rig`` and asks ``analyst``."""
+    async with running_service(plant, rig, analyst) as client:
+        yield client
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])

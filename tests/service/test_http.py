@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import AsyncIterator
 from pathlib import Path
 
 import httpx
 import pytest
 
 from service.settings import Plant, load_plant
-from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.service.fake_rig import FakeRig
 from tests.service.problem import assert_problem
-from tests.service.running_service import running_service
 
 RUN = {"valve": "FV-101"}
 SLASHED = "FV-101 A/B&C"
@@ -27,12 +25,6 @@ def rig() -> FakeRig:
 def plant(plant_file: Path, plant_text: str) -> Plant:
     plant_file.write_text(plant_text.replace('"FV-102"', f'"{SLASHED}"'), encoding="utf-8")
     return load_plant(plant_file)
-
-
-@pytest.fixture
-async def client(plant: Plant, rig: FakeRig) -> AsyncIterator[httpx.AsyncClient]:
-    async with running_service(plant, rig, FakeAnalyst()) as client:
-        yield client
 
 
 @pytest.mark.parametrize("kind", ["text/plain", "application/x-www-form-urlencoded", "application/jsonp", ""])

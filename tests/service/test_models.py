@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
 import httpx
-import pytest
 
-from service.settings import Plant, load_plant
+from service.settings import Plant
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.problem import assert_problem
-from tests.service.running_service import running_service
 
 RUN = {"valve": "FV-101", "sequence": "triangle"}
 MODEL = {
@@ -21,27 +18,6 @@ MODEL = {
     "causes": {"friction_asymmetry": {"asymmetry": {"value": 0.1, "ci95": [0.09, 0.11], "unit": "1"}}},
 }
 NEXT = {"sequence": "multi_rate", "overrides": {"low_pa": 1.0e4, "high_pa": 6.0e4}, "sentence": "run it"}
-
-
-@pytest.fixture
-def plant(plant_file: Path) -> Plant:
-    return load_plant(plant_file)
-
-
-@pytest.fixture
-def rig() -> FakeRig:
-    return FakeRig()
-
-
-@pytest.fixture
-def analyst() -> FakeAnalyst:
-    return FakeAnalyst()
-
-
-@pytest.fixture
-async def client(plant: Plant, rig: FakeRig, analyst: FakeAnalyst) -> AsyncIterator[httpx.AsyncClient]:
-    async with running_service(plant, rig, analyst) as client:
-        yield client
 
 
 def audit_files(plant: Plant) -> list[Path]:

@@ -12,34 +12,13 @@ from typing import Any
 import httpx
 import pytest
 
-from service.settings import Plant, load_plant
+from service.settings import Plant
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.problem import assert_problem
 from tests.service.running_service import running_service
 
 RUN = {"valve": "FV-101"}
 LONG_S = 30.0
-
-
-@pytest.fixture
-def plant(plant_file: Path) -> Plant:
-    return load_plant(plant_file)
-
-
-@pytest.fixture
-def rig() -> FakeRig:
-    return FakeRig()
-
-
-@pytest.fixture
-def analyst() -> FakeAnalyst:
-    return FakeAnalyst()
-
-
-@pytest.fixture
-async def client(plant: Plant, rig: FakeRig, analyst: FakeAnalyst) -> AsyncIterator[httpx.AsyncClient]:
-    async with running_service(plant, rig, analyst) as client:
-        yield client
 
 
 async def finished(client: httpx.AsyncClient, location: str, within_s: float = 10.0) -> dict[str, Any]:

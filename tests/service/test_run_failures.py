@@ -4,26 +4,32 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from drivers.outcome import Ended, PlayOutcome, SampleBlock
+from service.runs.live import MOTION_SHARE
 from service.runs.recovery import keep_journals_of_ended_runs, mark_interrupted
 from service.runs.rig import Order, Watcher
 from service.runs.run import Run, RunState
-from service.settings import load_plant
+from service.settings import Plant
 from service.store.journal import JournalWriter
 from service.store.store import Store
 from tests.service.fake_rig import FakeRig
 from tests.service.stored_runs import block, runs_of, stored
 
 
-async def test_an_unfinished_test_is_interrupted_and_its_valve_is_sent_to_safe(plant_file: Path) -> None:
-    plant = load_plant(plant_file)
+@pytest.fixture
+def store(plant: Plant) -> Iterator[Store]:
     store = Store(plant.service.store)
+    yield store
+    store.close()
+
+
+async def test_an_unfinished_test_is_interrupted_and_its_valve_is_sent_to_safe(plant: Plant, store: Store) -> None:
     states = (RunState.QUEUED, RunState.RUNNING, RunState.ANALYZING)
     left = [store.runs.insert(stored(state)) for state in states]
     store.runs.save(replace(left[2], safe_confirmed=True))
@@ -41,12 +47,9 @@ async def test_an_unfinished_test_is_interrupted_and_its_valve_is_sent_to_safe(p
     assert after[1].recording_file is not None
     assert not store.journal_path(left[1].id).exists()
     assert rig.orders == [], "nothing resumes by itself"
-    store.close()
 
 
-async def test_a_valve_that_cannot_be_made_safe_after_a_crash_is_said_so(plant_file: Path) -> None:
-    plant = load_plant(plant_file)
-    store = Store(plant.service.store)
+async def test_a_valve_that_cannot_be_made_safe_after_a_crash_is_said_so(plant: Plant, store: Store) -> None:
     gone = store.runs.insert(replace(stored(RunState.RUNNING), valve="FV-999"))
     here = store.runs.insert(stored(RunState.RUNNING))
     rig = FakeRig()
@@ -57,14 +60,11 @@ async def test_a_valve_that_cannot_be_made_safe_after_a_crash_is_said_so(plant_f
     for run in (gone, here):
         assert store.runs.get(run.id).safe_confirmed is False
         assert "SAFE STATE NOT CONFIRMED" in store.runs.get(run.id).error
-    store.close()
 
 
 async def test_a_disk_that_fails_stops_the_test_and_keeps_what_was_written(
-    plant_file: Path, monkeypatch: pytest.MonkeyPatch
+    plant: Plant, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plant = load_plant(plant_file)
-    store = Store(plant.service.store)
     rig = FakeRig(1.0)
     runs = runs_of(plant, store, rig)
     write, calls = JournalWriter.append, 0
@@ -92,14 +92,11 @@ async def test_a_disk_that_fails_stops_the_test_and_keeps_what_was_written(
     assert kept.recording_sha256 is not None
     assert kept.state is RunState.FAILED
     await runs.shut_down()
-    store.close()
 
 
 async def test_after_a_crash_the_valve_is_sent_to_safe_even_where_the_disk_is_full(
-    plant_file: Path, monkeypatch: pytest.MonkeyPatch
+    plant: Plant, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plant = load_plant(plant_file)
-    store = Store(plant.service.store)
     run = store.runs.insert(stored(RunState.RUNNING))
     journal = JournalWriter(store.journal_path(run.id), {"valve": "FV-101", "entry_pa": 777.0})
     journal.append(block(50))
@@ -119,14 +116,11 @@ async def test_after_a_crash_the_valve_is_sent_to_safe_even_where_the_disk_is_fu
     assert after.safe_confirmed is True
     assert "No space left" in after.error
     assert store.journal_path(run.id).exists()
-    store.close()
 
 
 async def test_a_journal_that_takes_long_does_not_hold_up_the_valve(
-    plant_file: Path, monkeypatch: pytest.MonkeyPatch
+    plant: Plant, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plant = load_plant(plant_file)
-    store = Store(plant.service.store)
     run = store.runs.insert(stored(RunState.RUNNING))
     rig, order = FakeRig(), list[str]()
     safe = threading.Event()
@@ -148,14 +142,11 @@ async def test_a_journal_that_takes_long_does_not_hold_up_the_valve(
     await runs.shut_down()
     assert order == ["safe", "marked"]
     assert store.runs.get(run.id).safe_confirmed is True
-    store.close()
 
 
 async def test_a_test_whose_end_cannot_be_stored_still_ends_for_those_who_wait(
-    plant_file: Path, monkeypatch: pytest.MonkeyPatch
+    plant: Plant, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plant = load_plant(plant_file)
-    store = Store(plant.service.store)
     rig = FakeRig()
 
     async def unreachable(*_: Any) -> bool:
@@ -175,14 +166,11 @@ async def test_a_test_whose_end_cannot_be_stored_still_ends_for_those_who_wait(
     assert "Input/output error" in ended.error
     assert runs.user_of("FV-101") is None
     await runs.shut_down()
-    store.close()
 
 
 async def test_what_is_cancelled_at_the_end_of_the_service_is_waited_for(
-    plant_file: Path, monkeypatch: pytest.MonkeyPatch
+    plant: Plant, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plant = load_plant(plant_file)
-    store = Store(plant.service.store)
     left_safe = False
 
     rig = FakeRig()
@@ -202,14 +190,11 @@ async def test_what_is_cancelled_at_the_end_of_the_service_is_waited_for(
     await rig.moving.wait()
     await runs.shut_down(timeout_s=0.05)
     assert left_safe
-    store.close()
 
 
 async def test_progress_stays_where_a_test_was_stopped_and_its_notes_are_kept(
-    plant_file: Path, monkeypatch: pytest.MonkeyPatch
+    plant: Plant, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plant = load_plant(plant_file)
-    store = Store(plant.service.store)
     rig = FakeRig()
 
     async def play(order: Order, watcher: Watcher, stop: asyncio.Event) -> PlayOutcome:
@@ -225,7 +210,6 @@ async def test_progress_stays_where_a_test_was_stopped_and_its_notes_are_kept(
     await rig.moving.wait()
     await runs.stop(run.id)
     ended = await runs.wait(run.id, 10.0)
-    assert ended.progress == pytest.approx(0.19)
+    assert ended.progress == pytest.approx(0.2 * MOTION_SHARE)
     assert ended.quality == {"samples": 0, "notes": ["nothing was taken"], "ended": "stopped", "writes": 0}
     await runs.shut_down()
-    store.close()
