@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimators.samples import FloatArray
+from estimators.samples import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,45 +51,47 @@ def linear(
     return Coordinate(name, False, unit, low / unit, high / unit, centre / unit, sd / unit)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Coordinates:
-    """All unknowns of a fit, in order."""
+    """All unknowns of a fit, in order.
+
+    ``names`` in that order; of shape (p,), in the coordinates: the bounds ``lower`` and ``upper``, the longest step of
+    a descent (a factor e of a logarithm, many units of what is linear), the means of the priors, and one over their
+    variances, 0 where there is none.
+    """
 
     entries: tuple[Coordinate, ...]
+    names: tuple[str, ...] = field(init=False)
+    lower: FloatArray = field(init=False)
+    upper: FloatArray = field(init=False)
+    longest_step: FloatArray = field(init=False)
+    prior: FloatArray = field(init=False)
+    prior_weight: FloatArray = field(init=False)
+    _logarithmic: BoolArray = field(init=False)
+    _unit: FloatArray = field(init=False)
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Their names in order."""
-        return tuple(entry.name for entry in self.entries)
-
-    @property
-    def lower(self) -> FloatArray:
-        """Lower bounds, shape (p,)."""
-        return np.array([entry.lower for entry in self.entries])
-
-    @property
-    def upper(self) -> FloatArray:
-        """Upper bounds, shape (p,)."""
-        return np.array([entry.upper for entry in self.entries])
-
-    @property
-    def longest_step(self) -> FloatArray:
-        """Longest step of a descent, shape (p,): a factor e of a logarithm, many units of what is linear."""
-        return np.array([1.0 if entry.logarithmic or entry.name == "d" else 100.0 for entry in self.entries])
-
-    @property
-    def prior(self) -> FloatArray:
-        """Means of the priors, shape (p,)."""
-        return np.array([entry.prior for entry in self.entries])
-
-    @property
-    def prior_weight(self) -> FloatArray:
-        """One over the variances of the priors, shape (p,); 0 where there is none."""
-        return np.array([entry.prior_sd**-2 if math.isfinite(entry.prior_sd) else 0.0 for entry in self.entries])
+    def __post_init__(self) -> None:
+        # they are asked for at each of some thousand simulations
+        own = self.entries
+        steps = [1.0 if entry.logarithmic or entry.name == "d" else 100.0 for entry in own]
+        weights = [entry.prior_sd**-2 if math.isfinite(entry.prior_sd) else 0.0 for entry in own]
+        for name, value in {
+            "names": tuple(entry.name for entry in own),
+            "lower": np.array([entry.lower for entry in own]),
+            "upper": np.array([entry.upper for entry in own]),
+            "longest_step": np.array(steps),
+            "prior": np.array([entry.prior for entry in own]),
+            "prior_weight": np.array(weights),
+            "_logarithmic": np.array([entry.logarithmic for entry in own], dtype=np.bool_),
+            "_unit": np.array([entry.unit for entry in own]),
+        }.items():
+            object.__setattr__(self, name, value)
 
     def values(self, point: FloatArray) -> dict[str, float]:
         """Return the values by name at this point, shape (p,)."""
-        return {entry.name: entry.value(float(at)) for entry, at in zip(self.entries, point, strict=True)}
+        value = point * self._unit
+        value[self._logarithmic] = np.exp(point[self._logarithmic])
+        return dict(zip(self.names, value.tolist(), strict=True))
 
     def point(self, values: dict[str, float]) -> FloatArray:
         """Return the point, shape (p,), of values by name."""

@@ -110,11 +110,11 @@ def _bounded_step(
         free = [i for i in range(point.size) if i not in fixed]
         if not free:
             break
-        own = normal[np.ix_(free, free)]
+        own = normal[free][:, free]
         scale = np.sqrt(np.diag(own))
         damped = own / np.outer(scale, scale) + damping * np.eye(len(free))
         held = [i for i in range(point.size) if i in fixed and step[i] != 0.0]
-        right = (pull[free] - normal[np.ix_(free, held)] @ step[held]) / scale
+        right = (pull[free] - normal[free][:, held] @ step[held]) / scale
         try:
             step[free] = np.linalg.solve(damped, right) / scale
         except np.linalg.LinAlgError:

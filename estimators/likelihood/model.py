@@ -66,6 +66,8 @@ class StemModel:
     block_s: FloatArray | None = None
     even_step: float = field(init=False)
     _out_s: FloatArray = field(init=False)
+    _starts: tuple[tuple[str, str], ...] = field(init=False)
+    _input_shares: tuple[str, ...] = field(init=False)
     _corners: dict[tuple[float, ...], tuple[FloatArray, FloatArray]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -74,11 +76,15 @@ class StemModel:
             out_s = np.stack([self.time_s - self.block_s, self.time_s + self.block_s], axis=1).ravel()
         object.__setattr__(self, "_out_s", out_s)
         object.__setattr__(self, "even_step", float(even_period(out_s)))
+        sections = range(self.section_row.size)
+        object.__setattr__(self, "_starts", tuple((f"x_{number}", f"v_{number}") for number in sections))
+        shares = tuple(f"input_{number}" for number in range(1, len(self.deviations) + 1))
+        object.__setattr__(self, "_input_shares", shares)
 
     def corners(self, values: dict[str, float]) -> tuple[FloatArray, FloatArray]:
         """Corners of the force for these values: times, s, and forces, N."""
         wanted = tuple(values[name] for name in self.input_names)
-        shares = tuple(values[f"input_{number}"] for number in range(1, len(self.deviations) + 1))
+        shares = tuple(values[name] for name in self._input_shares)
         found = self._corners.get(wanted + shares)
         if found is None:
             time_s, force_n = self.path.corners(np.array(wanted))
@@ -113,9 +119,9 @@ class StemModel:
             ]
         )
         corner_s, force_n = self.corners(values)
-        rows, sections = self.section_row, range(self.section_row.size)
-        start_m = np.array([values[f"x_{number}"] for number in sections])
-        start_v = np.array([values.get(f"v_{number}", 0.0) for number in sections])
+        rows = self.section_row
+        start_m = np.array([values[name] for name, _ in self._starts])
+        start_v = np.array([values.get(name, 0.0) for _, name in self._starts])
         if self.restarts is not None:
             rows = np.concatenate([rows, self.restarts.row])
             order = np.argsort(rows, kind="stable")

@@ -106,7 +106,8 @@ def search(
 
     On blocks of rows: the trials are ranked and followed with the stem started anew at each measured rest, the
     better of them without; then from the best to where the cost may be as low. On all rows: the few that are left.
-    Of a stem that jumps other starts are followed apart: the classic methods have no values for it to start from.
+    Of a stem that jumps other starts are followed apart, with the balance of forces of what was found: the classic
+    methods have no values for it to start from, and its valley has sills.
     """
     events = _EVENTS_A_BREAKAWAY * breakaways
     model = replace(model, events=events)
@@ -124,7 +125,11 @@ def search(
     apart: list[Place] = []
     if hopping.jumps:
         second = Budget.limited(_SECOND_SHARE * whole)
-        apart = found.lowest(first[_FIRST_STARTS:], second)[:1]
+        starts = first[_FIRST_STARTS:]
+        if places:
+            near = [_with_its_balance(small, trial, places[0]) for trial in trials]
+            starts = ranked(stages[0], chosen_trials(near, second.most_simulations(stages[0], _RANKING_SHARE)), second)
+        apart = found.lowest(starts, second)[:1]
         budget.simulations += second.simulations
         budget.starts += second.starts
         alone, places = places[:1], distinct(small, [*places, *apart])
@@ -169,6 +174,18 @@ def search(
         budget.left / whole,
         not hopping.jumps or _are_as_low(small, ended[0], apart, certificate.ratio),
     )
+
+
+def _with_its_balance(model: StemModel, trial: Trial, place: Place) -> Trial:
+    """Return the trial with the spring, preload and F_s of this place, and all else that is no part of its valley.
+
+    A place apart is one of other m, F_v, F_c/F_s and DV: a search that has to find the balance of forces too, from the
+    worse of the guesses, may come to nothing and confirms nothing.
+    """
+    own = model.coordinates.values(place.point)
+    coulomb_n = own["F_c"] * (1.0 + own["d"]) / (1.0 + trial.values["d"])
+    tried = {name: trial.values[name] for name in ("m", "F_v", "d", "DV")}
+    return replace(trial, values=own | tried | {"F_c": coulomb_n})
 
 
 def _are_as_low(small: StemModel, best: Place, apart: list[Place], ratio: float) -> bool:

@@ -27,6 +27,7 @@ _FEWEST_AT_ALL: Final = 2
 _MORE_STEPS: Final = 2  # times the breakaways that the usual phases have
 _AS_MANY: Final = 0.7  # of them are enough where the jumps are brief
 _BRIEF: Final = 0.3  # of the rests
+_DRIVEN: Final = 0.25  # of a jump: what the force changed by in that time moved the stem, so that it slid
 _CREEPS: Final = 0.3  # of the mean speed about it: a run with so much slope is no rest
 _CLEAR: Final = 25.0
 _MORE_NOISE: Final = 1.3
@@ -61,7 +62,7 @@ def read_staircase(
     fewest = float(_FEWEST_AT_ALL)
     if not isinstance(motion, Outcome):
         moving = np.median([stretch.last - stretch.first + 1 for stretch in stretches]) if stretches else np.inf
-        is_brief = moving < _BRIEF * float(np.median(np.diff(rests.rows, axis=1)))
+        is_brief = moving < _BRIEF * float(np.median(np.diff(rests.rows, axis=1))) and not _slides(motion, stretches)
         fewest = max(_FEWEST_STEPS, (_AS_MANY if is_brief else _MORE_STEPS) * len(motion.phases.breakaways))
     if len(breakaways) < fewest or not _jumps_beyond_grid(samples, breakaways):
         return None
@@ -92,6 +93,17 @@ def read_staircase(
         moving_mass_kg=nameplate.actuator.moving_mass_kg,
         command_only=recording.force_n is None and recording.pressure_pa is None,
     )
+
+
+def _slides(motion: RecordedMotion, stretches: list[Stretch]) -> bool:
+    """Whether a good part of each motion between two rests is that of the ramp, by the spring of a uniform motion."""
+    if motion.uniform is None or not stretches:
+        return False
+    first = np.array([stretch.first - 1 for stretch in stretches])
+    last = np.array([stretch.last for stretch in stretches])
+    moved_m = np.abs(motion.samples.position_m[last] - motion.samples.position_m[first])
+    driven_n = np.abs(motion.samples.force_n[last] - motion.samples.force_n[first])
+    return float(np.median(driven_n / moved_m)) > _DRIVEN * motion.uniform.spring_n_per_m
 
 
 def _jumps_beyond_grid(samples: Samples, breakaways: list[Breakaway]) -> bool:

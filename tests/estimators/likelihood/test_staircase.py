@@ -1,0 +1,48 @@
+"""Rests and jumps are read of a stem that jumps from rest to rest, and not of one that slides between its rests."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from estimators.base import Status
+from estimators.likelihood.staircase import read_staircase
+from estimators.maximum_likelihood import MaximumLikelihoodEstimator
+from estimators.motion.recorded_motion import RecordedMotion, read_motion
+from tests.estimators.random_valves import random_test
+from tests.estimators.recordings import recorded
+from valve.recording import Acquisition, Provenance
+
+PERIOD_S = 0.01
+NOISE_M = 20.0e-6
+
+
+def test_a_stem_that_slides_a_second_of_each_ramp_is_no_staircase() -> None:
+    # the rough valve rests for nine tenths of the triangle, then slips 8 mm and slides 8 mm
+    test = recorded("rough", period_s=PERIOD_S, noise_m=NOISE_M, seed=1, jitter=0.1)
+    motion = read_motion(test.recording, test.nameplate)
+    assert isinstance(motion, RecordedMotion)
+    assert motion.uniform is not None
+    assert read_staircase(test.recording, test.nameplate, motion) is None
+
+
+def test_a_stem_that_jumps_from_rest_to_rest_is_a_staircase() -> None:
+    test = random_test(2035)
+    motion = read_staircase(test.recording, test.nameplate, read_motion(test.recording, test.nameplate))
+    assert motion is not None
+    assert motion.uniform is None
+    assert len(motion.phases.breakaways) == pytest.approx(49, abs=3)
+
+
+def test_the_rough_valve_is_known_at_10_ms_too() -> None:
+    test = recorded("rough", period_s=PERIOD_S, noise_m=NOISE_M, seed=2, jitter=0.1)
+    at_once = Provenance(Acquisition.POLLED, requested_period_s=PERIOD_S, timing_uncertainty_s=0.005 * PERIOD_S)
+    recording = replace(test.recording, provenance=at_once)
+    estimate, truth = MaximumLikelihoodEstimator().estimate(recording, test.nameplate), test.truth.by_symbol()
+    assert estimate.status is Status.OK, estimate.message
+    for symbol in ("m", "k", "F_v", "F_c", "F_s"):
+        entry = estimate.parameters[symbol]
+        assert entry.value is not None, symbol
+        assert entry.std_error is not None
+        assert abs(entry.value - truth[symbol]) < 3.0 * entry.std_error, symbol
