@@ -27,6 +27,7 @@ from service.docs_page import docs_page
 from service.errors import install_error_handlers
 from service.head_requests import HeadRequests
 from service.health.routes import router as health_routes
+from service.health.staleness import Staleness
 from service.metrics import router as metrics_routes
 from service.models.routes import router as model_routes
 from service.mqtt.publisher import mqtt_of
@@ -90,14 +91,15 @@ def create_app(
         runs = Runs(plant, opened, chosen_rig, chosen, software=software, audit=audit)
         access = access_of(opened.engine, plant.service.access, audit)
         nightly = Nightly(plant, opened, runs)
-        app.state.parts = Parts(plant, opened, runs, chosen, converter, VERSION, access, audit, nightly)
+        stale = Staleness(plant)
+        app.state.parts = Parts(plant, opened, runs, chosen, converter, VERSION, access, audit, nightly, stale)
         app.state.parts.meters.follow(plant, opened.runs)
         try:
             await asyncio.to_thread(note_start, audit, plant, software)
             if pool is not None:
                 await pool.start()
             await runs.recover()
-            async with mqtt_of(plant, opened) as app.state.mqtt, nights(nightly, plant, opened, runs):
+            async with mqtt_of(plant, opened, stale) as app.state.mqtt, nights(nightly, plant, opened, runs):
                 yield
         finally:
             await runs.shut_down()

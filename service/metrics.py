@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from typing import Annotated, Final
 
-from fastapi import APIRouter, Depends, Response
+from fastapi import APIRouter, Depends, Request, Response
 from prometheus_client import PROCESS_COLLECTOR, CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.exposition import CONTENT_TYPE_LATEST
 from prometheus_client.registry import Collector
-from sqlalchemy import func, select
 
 from service.access.needs import needs
 from service.access.principal import Right
+from service.mqtt.metrics import BrokerCollector
 from service.parts import Parts, parts_of
 from service.problems import PROBLEMS
 from service.runs.run import RunState
-from service.store.schema import TESTS
+from service.store.conditions import valve_standings
 
 router = APIRouter(tags=["service"], responses=PROBLEMS)
 _NE107: Final = ("N", "C", "S", "M", "F")
@@ -42,47 +43,51 @@ class PlantCollector(Collector):
         yield entries
 
     def _tests(self) -> Iterator[Metric]:
-        with self._parts.store.engine.connect() as connection:
-            counted = {
-                str(state): int(count)
-                for state, count in connection.execute(select(TESTS.c.state, func.count()).group_by(TESTS.c.state))
-            }
-            unsafe = connection.execute(
-                select(func.count()).where(TESTS.c.safe_confirmed.is_(False), TESTS.c.acknowledged_at.is_(None))
-            ).scalar_one()
+        counted = self._parts.store.runs.count_by_state()
+        unsafe = self._parts.store.runs.count_in_doubt()
         tests = GaugeMetricFamily("breakaway_tests", "tests in the store by state", labels=["state"])
         for state in RunState:
-            tests.add_metric([state.value], counted.get(state.value, 0))
+            tests.add_metric([state.value], counted.get(state, 0))
         yield tests
         alarms = GaugeMetricFamily(
             "breakaway_safe_state_not_confirmed",
             "tests that left a valve in doubt, not acknowledged",
         )
-        alarms.add_metric([], int(unsafe))
+        alarms.add_metric([], unsafe)
         yield alarms
 
     def _valves(self) -> Iterator[Metric]:
-        heads = self._parts.store.runs.valve_heads()
+        standings, now = valve_standings(self._parts.store.engine), datetime.now(UTC)
         busy = GaugeMetricFamily("breakaway_valve_under_test", "1 while a test uses the valve", labels=["valve"])
         health = GaugeMetricFamily(
             "breakaway_valve_ne107",
-            "1 for the NE 107 state of the last completed test",
+            "1 for the NE 107 state as it stands today",
             labels=["valve", "state"],
         )
-        finished = GaugeMetricFamily(
-            "breakaway_valve_last_test_timestamp_seconds", "when the last test ended", labels=["valve"]
+        stale = GaugeMetricFamily(
+            "breakaway_valve_stale", "1 where there is no result that is new enough to speak for it", labels=["valve"]
+        )
+        last = GaugeMetricFamily(
+            "breakaway_valve_last_test_timestamp_seconds", "when the last test was asked for", labels=["valve"]
+        )
+        result = GaugeMetricFamily(
+            "breakaway_valve_last_result_timestamp_seconds",
+            "when the last test that completed was asked for",
+            labels=["valve"],
         )
         for tag in sorted(self._parts.plant.valves):
             busy.add_metric([tag], float(self._parts.runs.user_of(tag) is not None))
-            head = heads.get(tag)
-            if head is None:
+            standing, oldest = standings.get(tag), self._parts.staleness.oldest(tag, now)
+            stale.add_metric([tag], float(standing is None or oldest.is_stale(standing.completed_at)))
+            if standing is None:
                 continue
-            if head.last.finished_at is not None:
-                finished.add_metric([tag], head.last.finished_at.timestamp())
-            known = (head.health or {}).get("ne107")
+            last.add_metric([tag], standing.last_at.timestamp())
+            if standing.completed_at is not None:
+                result.add_metric([tag], standing.completed_at.timestamp())
+            known = oldest.state(standing.ne107, standing.completed_at)
             for state in _NE107 if known in _NE107 else ():
                 health.add_metric([tag, state], float(state == known))
-        yield from (busy, finished, health)
+        yield from (busy, stale, last, result, health)
 
 
 @router.get(
@@ -91,10 +96,12 @@ class PlantCollector(Collector):
     dependencies=[needs(Right.VIEW)],
     responses={200: {"content": {"text/plain": {}}, "description": "Prometheus' text format"}},
 )
-async def metrics(parts: Annotated[Parts, Depends(parts_of)]) -> Response:
+async def metrics(request: Request, parts: Annotated[Parts, Depends(parts_of)]) -> Response:
     """Return the plant's metrics. Prometheus sends a viewer's token where sign-in is on."""
     registry = CollectorRegistry(auto_describe=False)
     registry.register(PROCESS_COLLECTOR)
     registry.register(PlantCollector(parts))
+    if request.app.state.mqtt is not None:
+        registry.register(BrokerCollector(request.app.state.mqtt))
     counted = await asyncio.to_thread(generate_latest, registry)
     return Response(counted + parts.meters.text(), media_type=CONTENT_TYPE_LATEST)

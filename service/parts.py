@@ -9,6 +9,7 @@ from fastapi import Request
 from service.access.access import Access
 from service.audit.log import AuditLog
 from service.figures.drawer import Drawer
+from service.health.staleness import Staleness
 from service.meters import Meters
 from service.recordings.conversion import Converter
 from service.runs.life import Analyst
@@ -31,6 +32,7 @@ class Parts:
     access: Access
     audit: AuditLog
     nightly: Nightly
+    staleness: Staleness
     drawer: Drawer = field(default_factory=Drawer)
     meters: Meters = field(default_factory=Meters)
 

@@ -26,6 +26,7 @@ class HealthLimits:
     response_slower_s: float = 0.1  # and at least this
     forecast_days: float = 30.0
     stale_days: float = 35.0
+    stale_checks: int = 3  # times of a schedule that the valve is in
 
     def __post_init__(self) -> None:
         for one in fields(self):

@@ -62,24 +62,26 @@ def result_message(run: Run) -> dict[str, Any]:
     }
 
 
-def health_message(run: Run) -> dict[str, Any]:
-    """Return the NE 107 state that a completed test found, with its reasons; null where it could not be judged."""
-    health = (run.analysis or {}).get("health") or {}
+def health_message(completed: Run, health: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the NE 107 state of a valve as it stands today, with its reasons; null where it could not be judged.
+
+    ``at`` is when the test was asked for that it rests on.
+    """
     return {
-        "valve": run.valve,
+        "valve": completed.valve,
         "ne107": health.get("ne107"),
         "reasons": list(health.get("reasons") or ()),
-        "test": run.id,
-        "at": _instant(run.finished_at),
+        "test": completed.id,
+        "at": _instant(completed.created_at),
     }
 
 
-def messages_of(last: Run, completed: Run | None) -> Iterator[tuple[str, bytes]]:
-    """Yield the last level of each topic of a valve and what it says."""
+def messages_of(last: Run, completed: Run | None, health: Mapping[str, Any]) -> Iterator[tuple[str, bytes]]:
+    """Yield the last level of each topic of a valve and what it says; ``health`` is that of the completed test."""
     yield "state", _payload(state_message(last))
     if completed is not None and completed.state is RunState.COMPLETED:
         yield "result", _payload(result_message(completed))
-        yield "ne107", _payload(health_message(completed))
+        yield "ne107", _payload(health_message(completed, health))
 
 
 def _estimate(one: Mapping[str, Any]) -> dict[str, Any]:

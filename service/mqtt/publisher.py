@@ -7,17 +7,21 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from datetime import UTC, datetime
 from typing import Final
 
 import aiomqtt
 import structlog
 
+from service.health.staleness import Staleness
 from service.mqtt.messages import messages_of, topic_part
 from service.runs.run import Run
 from service.settings import Plant
 from service.settings_mqtt import MqttSettings
+from service.store.conditions import valve_standings
 from service.store.store import Store
 from valve.errors import ConfigurationError
 
@@ -27,27 +31,47 @@ _LONGEST_WAIT_S: Final = 30.0
 _KEEPALIVE_S: Final = 10  # a broker sends the last will after one and a half of these (MQTT 3.1.1, 3.1.2.10)
 _ANSWER_S: Final = 5.0
 _QOS: Final = 1
+_LOST_S: Final = 60.0  # a broker that restarts is back by then; longer is said as an error
+_LOOK_S: Final = 600.0  # how often it is looked which results have become too old: limits are days
 _PAUSE_S: Final = 0.005  # between valves: a large plant's first round leaves the event loop to the tests
 
 
 class MqttPublisher:
     """Publishes while the service serves. All methods belong to the event loop but ``note``."""
 
-    def __init__(self, plant: Plant, settings: MqttSettings, store: Store) -> None:
+    def __init__(self, plant: Plant, settings: MqttSettings, store: Store, staleness: Staleness) -> None:
         self._settings = settings
         self._store = store
+        self._staleness = staleness
         self._valves = [tag for tag in plant.valves if plant.is_ours(tag)]
         self._root = f"{settings.prefix}/{topic_part(plant.service.gateway or 'gateway')}"
         self._waiting: dict[str, None] = {}  # valves to be told of, in their order
+        self._told: dict[str, bool] = {}  # whether the result of a valve was too old when it was told of
         self._something = asyncio.Event()
         self._loop = asyncio.get_running_loop()
-        self.connected = False
+        self._lost_at_s: float | None = time.monotonic()
+        self._is_lost = False
         self.published = 0
 
     @property
     def status_topic(self) -> str:
         """Where ``online`` or ``offline`` stands."""
         return f"{self._root}/status"
+
+    @property
+    def connected(self) -> bool:
+        """Whether the broker hears this gateway now."""
+        return self._lost_at_s is None
+
+    @property
+    def lost_s(self) -> float:
+        """How long the broker has not heard this gateway, s; 0 while it does."""
+        return 0.0 if self._lost_at_s is None else time.monotonic() - self._lost_at_s
+
+    @property
+    def waiting(self) -> int:
+        """How many valves are still to be told of."""
+        return len(self._waiting)
 
     def note(self, run: Run) -> None:
         """Remember that a run was stored; from any thread."""
@@ -71,7 +95,12 @@ class MqttPublisher:
             except (ConfigurationError, OSError) as error:
                 _LOG.error("mqtt not possible", reason=str(error), again_in_s=wait_s)
             finally:
-                self.connected = False
+                self._lost_at_s = time.monotonic() if self._lost_at_s is None else self._lost_at_s
+            if self.lost_s > _LOST_S and not self._is_lost:
+                self._is_lost = True
+                _LOG.error(
+                    "mqtt broker lost", host=self._settings.host, since_s=round(self.lost_s), valves=self.waiting
+                )
             await asyncio.sleep(wait_s)
             wait_s = min(2.0 * wait_s, _LONGEST_WAIT_S)
 
@@ -90,22 +119,24 @@ class MqttPublisher:
 
     async def _serve(self, client: aiomqtt.Client) -> None:
         await self._publish(client, self.status_topic, b"online")
-        self.connected = True
-        _LOG.info("mqtt broker reached", host=self._settings.host, port=self._settings.port, topics=f"{self._root}/#")
+        _LOG.info("mqtt broker reached", host=self._settings.host, topics=f"{self._root}/#", after_s=round(self.lost_s))
+        self._lost_at_s, self._is_lost = None, False
         for tag in self._valves:  # a broker that restarted may have forgotten what it retained
             self._remember(tag)
         # The client says that the line is lost only to whoever waits for messages; none was subscribed to.
         listening = asyncio.create_task(_listen(client))
+        looking = asyncio.create_task(self._look_for_stale())
         try:
             while True:
                 telling = asyncio.create_task(self._tell_all(client))
-                done, _ = await asyncio.wait((telling, listening), return_when=asyncio.FIRST_COMPLETED)
-                if listening in done:
+                done, _ = await asyncio.wait((telling, listening, looking), return_when=asyncio.FIRST_COMPLETED)
+                if telling not in done:
                     telling.cancel()
                 for task in done:
                     task.result()
         finally:
             listening.cancel()
+            looking.cancel()
             if asyncio.current_task() is not None and self.connected:
                 with contextlib.suppress(aiomqtt.MqttError, TimeoutError):
                     await asyncio.wait_for(self._publish(client, self.status_topic, b"offline"), 1.0)
@@ -124,12 +155,26 @@ class MqttPublisher:
             await asyncio.sleep(_PAUSE_S)
         self._something.clear()
 
+    async def _look_for_stale(self) -> None:
+        """Tell again of each valve whose result has become too old since it was told of."""
+        while True:
+            await asyncio.sleep(_LOOK_S)
+            standings = await asyncio.to_thread(valve_standings, self._store.engine)
+            now = datetime.now(UTC)
+            for tag, was_stale in tuple(self._told.items()):
+                completed_at = standings[tag].completed_at  # told of, so it was tested
+                if self._staleness.oldest(tag, now).is_stale(completed_at) != was_stale:
+                    self._remember(tag)
+
     def _messages(self, tag: str) -> list[tuple[str, bytes]]:
         head = self._store.runs.valve_heads([tag]).get(tag)
         if head is None:
             return []
+        now = datetime.now(UTC)
+        oldest = self._staleness.oldest(tag, now)
+        self._told[tag] = oldest.is_stale(head.completed_at)
         completed = None if head.completed_number is None else self._store.runs.last_completed(tag)
-        return list(messages_of(head.last, completed))
+        return list(messages_of(head.last, completed, oldest.health(head.health, head.completed_at, now) or {}))
 
     async def _publish(self, client: aiomqtt.Client, topic: str, payload: bytes) -> None:
         await client.publish(topic, payload, _QOS, retain=True)
@@ -142,12 +187,12 @@ async def _listen(client: aiomqtt.Client) -> None:
 
 
 @asynccontextmanager
-async def mqtt_of(plant: Plant, store: Store) -> AsyncIterator[MqttPublisher | None]:
+async def mqtt_of(plant: Plant, store: Store, staleness: Staleness) -> AsyncIterator[MqttPublisher | None]:
     """Publish as long as the context lasts; None for a plant without ``[mqtt]``."""
     if plant.mqtt is None:
         yield None
         return
-    publisher = MqttPublisher(plant, plant.mqtt, store)
+    publisher = MqttPublisher(plant, plant.mqtt, store, staleness)
     store.runs.listen(publisher.note)
     task = asyncio.create_task(publisher.run())
     try:

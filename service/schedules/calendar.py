@@ -52,3 +52,13 @@ def occurrences_between(schedule: Schedule, after: datetime, until: datetime) ->
 def next_occurrence(schedule: Schedule, after: datetime) -> Occurrence | None:
     """Return what comes first after an instant; None where nothing comes."""
     return next(occurrences(schedule, after), None)
+
+
+def nth_last_due(schedule: Schedule, before: datetime, count: int) -> datetime | None:
+    """Return when the ``count``-th last occurrence before an instant was due; None where there were not so many."""
+    seen: set[str] = set()
+    for local in CronSim(schedule.cron, before.astimezone(schedule.zone), reverse=True):
+        seen.add(f"{local:%Y-%m-%dT%H:%M}")  # the hour that comes twice counts once
+        if len(seen) == count:
+            return local.replace(fold=0).astimezone(UTC)
+    return None

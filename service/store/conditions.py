@@ -8,19 +8,18 @@ from datetime import datetime
 from sqlalchemy import Engine, select
 
 from service.runs.run import RunState
-from service.store.schema import TESTS
-from service.store.schema_health import FIGURES
 from service.store.schema_nightly import VALVE_STATES
 
 
 @dataclass(frozen=True, slots=True)
 class ValveStanding:
-    """The state of a valve's last test and the NE 107 state that its last completed one found."""
+    """The state of a valve's last test, and the NE 107 state that its last completed one found, and when."""
 
     state: RunState
     safe_confirmed: bool | None
+    last_at: datetime
     ne107: str | None
-    at: datetime
+    completed_at: datetime | None
 
     @property
     def may_be_bad(self) -> bool:
@@ -30,15 +29,8 @@ class ValveStanding:
 
 def valve_standings(engine: Engine) -> dict[str, ValveStanding]:
     """Return how each valve that was ever tested stands; blocks."""
-    query = select(
-        VALVE_STATES.c.valve,
-        TESTS.c.state,
-        TESTS.c.safe_confirmed,
-        FIGURES.c.ne107,  # not out of the health beside it, which is a document of some kilobytes
-        TESTS.c.created_at,
-    )
-    query = query.join_from(VALVE_STATES, TESTS, TESTS.c.number == VALVE_STATES.c.last_number)
-    query = query.join(FIGURES, FIGURES.c.number == VALVE_STATES.c.completed_number, isouter=True)
+    states = VALVE_STATES.c
+    query = select(states.valve, states.state, states.safe_confirmed, states.last_at, states.ne107, states.completed_at)
     with engine.connect() as connection:
         rows = connection.execute(query).all()
-    return {valve: ValveStanding(RunState(state), safe, ne107, at) for valve, state, safe, ne107, at in rows}
+    return {valve: ValveStanding(RunState(state), *others) for valve, state, *others in rows}

@@ -8,13 +8,13 @@ from datetime import datetime
 from types import MappingProxyType
 from typing import Any, Final
 
-from sqlalchemy import Connection, Engine, Select, Table, delete, insert, select, update
+from sqlalchemy import Connection, Engine, Select, Table, delete, func, insert, select, update
 from sqlalchemy.dialects import postgresql, sqlite
 
 from service.runs.run import Label, Run, RunState
 from service.store.figure_table import write_figures
 from service.store.schema import ANALYSES, TESTS
-from service.store.schema_nightly import VALVE_STATES
+from service.store.schema_nightly import VALVE_HEALTHS, VALVE_STATES
 from valve.errors import NotFoundError
 
 #: Stands for the analysis of a run that came from a list: it is many times the rest.
@@ -25,10 +25,11 @@ _NAMES: Final = tuple(column.name for column in TESTS.c)
 
 @dataclass(frozen=True, slots=True)
 class ValveHead:
-    """The last test of a valve, without its analysis, and the health that its last completed test found."""
+    """The last test of a valve, without its analysis, and the health that its last completed test found, and when."""
 
     last: Run
     completed_number: int | None
+    completed_at: datetime | None
     health: Mapping[str, Any] | None
 
 
@@ -78,21 +79,31 @@ def _write_analysis(connection: Connection, run: Run) -> None:
 
 
 def _note_state(connection: Connection, run: Run) -> None:
-    """Keep the row of the run's valve; an older test that is written again changes nothing of a newer one."""
-    completed = run.state is RunState.COMPLETED
-    health = run.analysis.get("health") if completed and run.analysis is not None else None
-    number = run.number if completed else None
-    values = {"valve": run.valve, "last_number": run.number, "completed_number": number, "health": health}
-    query = _upsert(connection, VALVE_STATES).values(values)
-    connection.execute(query.on_conflict_do_nothing(index_elements=[VALVE_STATES.c.valve]))
-    mine = VALVE_STATES.c.valve == run.valve
-    connection.execute(
-        update(VALVE_STATES).where(mine, VALVE_STATES.c.last_number < run.number).values(last_number=run.number)
-    )
-    if completed:
-        former = VALVE_STATES.c.completed_number
-        newer = former.is_(None) | (former <= run.number)
-        connection.execute(update(VALVE_STATES).where(mine, newer).values(completed_number=number, health=health))
+    """Keep the rows of the run's valve; an older test that is written again changes nothing of a newer one."""
+    states = VALVE_STATES.c
+    mine = states.valve == run.valve
+    last = {
+        "last_number": run.number,
+        "state": run.state.value,
+        "safe_confirmed": run.safe_confirmed,
+        "last_at": run.created_at,
+    }
+    query = _upsert(connection, VALVE_STATES).values(last | {"valve": run.valve})
+    connection.execute(query.on_conflict_do_nothing(index_elements=[states.valve]))
+    connection.execute(update(VALVE_STATES).where(mine, states.last_number <= run.number).values(last))
+    if run.state is not RunState.COMPLETED:
+        return
+    health = None if run.analysis is None else run.analysis.get("health")
+    completed = {
+        "completed_number": run.number,
+        "completed_at": run.created_at,
+        "ne107": None if health is None else health.get("ne107"),
+    }
+    newer = states.completed_number.is_(None) | (states.completed_number <= run.number)
+    if connection.execute(update(VALVE_STATES).where(mine, newer).values(completed)).rowcount == 1:
+        query = _upsert(connection, VALVE_HEALTHS).values(valve=run.valve, health=health)
+        whole = {"health": query.excluded.health}
+        connection.execute(query.on_conflict_do_update(index_elements=[VALVE_HEALTHS.c.valve], set_=whole))
 
 
 def _write_all(connection: Connection, run: Run) -> None:
@@ -188,14 +199,16 @@ class RunTable:
     def valve_heads(self, valves: Sequence[str] | None = None) -> dict[str, ValveHead]:
         """Return the last test of each valve, or of these, with the health of its last completed one."""
         states = VALVE_STATES.c
-        query = select(TESTS, states.completed_number, states.health).join_from(
-            VALVE_STATES, TESTS, TESTS.c.number == states.last_number
+        query = (
+            select(TESTS, states.completed_number, states.completed_at, VALVE_HEALTHS.c.health)
+            .join_from(VALVE_STATES, TESTS, TESTS.c.number == states.last_number)
+            .join(VALVE_HEALTHS, VALVE_HEALTHS.c.valve == states.valve, isouter=True)
         )
         if valves is not None:
             query = query.where(states.valve.in_(valves))
         with self._engine.connect() as connection:
             rows = connection.execute(query).all()
-        return {row.valve: ValveHead(_head(row), row.completed_number, row.health) for row in rows}
+        return {row.valve: ValveHead(_head(row), row.completed_number, row.completed_at, row.health) for row in rows}
 
     def last_completed(self, valve: str) -> Run | None:
         """Return the newest completed run of a valve, whole."""
@@ -204,3 +217,17 @@ class RunTable:
         with self._engine.connect() as connection:
             row = connection.execute(query).one_or_none()
         return None if row is None else _run(row)
+
+    def count_by_state(self) -> dict[RunState, int]:
+        """Return how many tests the store has in each state that any of them is in."""
+        with self._engine.connect() as connection:
+            rows = connection.execute(select(TESTS.c.state, func.count()).group_by(TESTS.c.state)).all()
+        return {RunState(state): int(count) for state, count in rows}
+
+    def count_in_doubt(self) -> int:
+        """Return how many tests left their valve in doubt, not acknowledged; each bars its valve's next."""
+        states = VALVE_STATES.c
+        query = select(func.count()).select_from(VALVE_STATES).join(TESTS, TESTS.c.number == states.last_number)
+        with self._engine.connect() as connection:
+            query = query.where(states.safe_confirmed.is_(False), TESTS.c.acknowledged_at.is_(None))
+            return int(connection.execute(query).scalar_one())

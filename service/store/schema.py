@@ -55,7 +55,7 @@ TESTS: Final = Table(
     METADATA,
     Column("number", Integer, primary_key=True, autoincrement=True),
     Column("id", String(40), nullable=False, unique=True),
-    Column("valve", String(64), nullable=False, index=True),
+    Column("valve", String(64), nullable=False),
     Column("sequence", String(64), nullable=False),
     Column("overrides", JSON, nullable=False),
     Column("state", String(16), nullable=False, index=True),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from sqlalchemy import JSON, Column, Float, Index, Integer, String, Table, Text, UniqueConstraint
+from sqlalchemy import JSON, Boolean, Column, Float, Index, Integer, String, Table, Text, UniqueConstraint
 
 from service.store.schema import METADATA, TESTS, UtcDateTime
 
@@ -36,13 +36,26 @@ SCHEDULE_RUNS: Final = Table(
     sqlite_autoincrement=True,
 )
 
-# One row a valve: kept by the writes of its tests, so that a list of thousands of valves reads thousands of rows.
+# One row a valve: kept by the writes of its tests, so that a list of thousands of valves reads thousands of rows, and
+# narrow: how all valves stand is read for each list. ``ne107`` and ``completed_at`` are of the last completed test.
 VALVE_STATES: Final = Table(
     "valve_states",
     METADATA,
     Column("valve", String(64), primary_key=True),
     Column("last_number", Integer, nullable=False),
     Column("completed_number", Integer),
+    Column("state", String(16), nullable=False, server_default=""),
+    Column("safe_confirmed", Boolean),
+    Column("last_at", UtcDateTime),
+    Column("ne107", String(1)),
+    Column("completed_at", UtcDateTime),
+)
+
+# What the last completed test of each valve found: a document of some kilobytes, read for the rows of one page.
+VALVE_HEALTHS: Final = Table(
+    "valve_healths",
+    METADATA,
+    Column("valve", String(64), primary_key=True),
     Column("health", JSON(none_as_null=True)),
 )
 

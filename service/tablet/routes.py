@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from http import HTTPStatus
 from typing import Annotated, Any, Final
@@ -12,12 +13,10 @@ from urllib.parse import quote
 from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import RedirectResponse
 
-from service.health.judge import standing_health
 from service.health.results import PastTest
 from service.parts import Parts, parts_of
 from service.runs.acknowledgement import needs_acknowledgement
 from service.runs.run import Run
-from service.settings import PlantValve
 from service.shown_units import UnitSystem, quantity, shown_unit
 from service.tablet.history import ValvePast, past_of
 from service.tablet.night import due_checks, night_of
@@ -137,7 +136,7 @@ async def valve_page(request: Request, tag: str, parts: PartsOf, visitor: Visito
     past = await asyncio.to_thread(past_of, parts.store, tag, valve)
     last = parts.runs.as_it_stands(past.newest[0]) if past.newest else None
     latest, figures = past.latest, {test.test_id: test for test in past.figures}
-    health = _standing(latest, valve)
+    health = _standing(parts, latest, tag)
     values = {
         "tag": tag,
         "busy_with": parts.runs.user_of(tag),
@@ -188,11 +187,12 @@ def _health(run: Run | None) -> dict[str, Any]:
     return {} if run is None or run.analysis is None else dict(run.analysis.get("health") or {})
 
 
-def _standing(latest: Run | None, valve: PlantValve) -> dict[str, Any]:
+def _standing(parts: Parts, latest: Run | None, tag: str) -> Mapping[str, Any]:
     """Return health as it stands today, of the last completed test."""
     if latest is None:
         return {}
-    return dict(standing_health(_health(latest), latest.created_at, datetime.now(UTC), valve.health) or {})
+    now = datetime.now(UTC)
+    return parts.staleness.oldest(tag, now).health(_health(latest), latest.created_at, now) or {}
 
 
 def _query(past: ValvePast, system: UnitSystem) -> str:

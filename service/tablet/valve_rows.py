@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any, Final
 
-from service.health.judge import standing_health, standing_state
 from service.parts import Parts
 from service.runs.run import Run
 from service.store.conditions import valve_standings
@@ -39,9 +38,11 @@ def valve_conditions(parts: Parts) -> dict[str, Condition]:
     doubtful = [tag for tag, one in standings.items() if one.may_be_bad and tag in parts.plant.valves]
     heads = parts.store.runs.valve_heads(doubtful) if doubtful else {}
     conditions, now = {}, datetime.now(UTC)
-    for tag, valve in parts.plant.valves.items():
+    for tag in parts.plant.valves:
         standing = standings.get(tag)
-        ne107 = None if standing is None else standing_state(standing.ne107, standing.at, now, valve.health)
+        ne107 = None
+        if standing is not None:
+            ne107 = parts.staleness.oldest(tag, now).state(standing.ne107, standing.completed_at)
         is_busy = parts.runs.user_of(tag) is not None
         last = heads[tag].last if tag in heads else None
         conditions[tag] = condition_of(last, ne107, is_busy=is_busy, is_tested=standing is not None)
@@ -66,9 +67,9 @@ def _measured_friction(parts: Parts, tag: str) -> float | None:
 
 def _row(parts: Parts, tag: str, head: ValveHead | None, due: datetime | None) -> ValveRow:
     last = None if head is None else parts.runs.as_it_stands(head.last)
-    limits = parts.plant.valves[tag].health
-    stored = None if head is None else standing_health(head.health, head.last.created_at, datetime.now(UTC), limits)
-    health: Mapping[str, Any] = stored or {}
+    now = datetime.now(UTC)
+    oldest = parts.staleness.oldest(tag, now)
+    health = {} if head is None else oldest.health(head.health, head.completed_at, now) or {}
     busy_with = parts.runs.user_of(tag)
     condition = condition_of(last, health.get("ne107"), is_busy=busy_with is not None, is_tested=last is not None)
     friction = _friction_change(health)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from bisect import bisect_right
-from collections.abc import Mapping
 from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Annotated, Any, Final
@@ -15,8 +14,6 @@ from pydantic import BaseModel, Field
 
 from service.access.needs import needs
 from service.access.principal import Right
-from service.health.judge import standing_health
-from service.health.limits import HealthLimits
 from service.health.trend_view import TrendView, trends_of_tests
 from service.parts import Parts, parts_of
 from service.problems import PROBLEMS
@@ -65,7 +62,8 @@ class ValveList(BaseModel):
 
 
 def _summary(parts: Parts, tag: str, head: ValveHead | None) -> dict[str, Any]:
-    valve = parts.plant.valves[tag]
+    valve, now = parts.plant.valves[tag], datetime.now(UTC)
+    oldest = parts.staleness.oldest(tag, now)
     last = None if head is None else parts.runs.as_it_stands(head.last)
     alarm = alarm_of(last)
     return {
@@ -76,14 +74,8 @@ def _summary(parts: Parts, tag: str, head: ValveHead | None) -> dict[str, Any]:
         "busy_with": parts.runs.user_of(tag),
         "last_test": None if last is None else summary(last),
         "alarms": [alarm] if alarm else [],
-        "health": _health(head, valve.health),
+        "health": None if head is None else oldest.health(head.health, head.completed_at, now),
     }
-
-
-def _health(head: ValveHead | None, limits: HealthLimits) -> Mapping[str, Any] | None:
-    if head is None:
-        return None
-    return standing_health(head.health, head.last.created_at, datetime.now(UTC), limits)
 
 
 @router.get("", dependencies=[needs(Right.VIEW)], response_model=ValveList)

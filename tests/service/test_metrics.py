@@ -1,13 +1,20 @@
 from __future__ import annotations
 
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import httpx
 from prometheus_client.parser import text_string_to_metric_families
 
 from service.access.principal import Role
+from service.runs.run import Run, RunState, new_run_id
+from service.settings import load_plant
+from service.store.store import open_store
 from tests.service.access.signed_in import body_of, signed_in
+from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.problem import assert_problem
+from tests.service.running_service import running_service
 
 
 def samples(answer: httpx.Response) -> dict[tuple[str, ...], float]:
@@ -26,6 +33,7 @@ async def test_metrics_count_tests_and_need_a_viewer(quick_path: Path) -> None:
         before = samples(await served.client.get("/metrics", headers=viewer))
         assert before["breakaway_tests", "completed"] == 0
         assert before["breakaway_valve_under_test", "FV-101"] == 0
+        assert before["breakaway_valve_stale", "FV-101"] == 1  # there is no result yet
         wanted = {"Prefer": "wait=10", **engineer}
         test = body_of(await served.client.post("/tests/run", json={"valve": "FV-101"}, headers=wanted))
         assert test["state"] == "completed"
@@ -33,6 +41,9 @@ async def test_metrics_count_tests_and_need_a_viewer(quick_path: Path) -> None:
         assert after["breakaway_tests", "completed"] == 1
         assert after["breakaway_safe_state_not_confirmed",] == 0
         assert after["breakaway_valve_last_test_timestamp_seconds", "FV-101"] > 1.0e9
+        assert after["breakaway_valve_last_result_timestamp_seconds", "FV-101"] > 1.0e9
+        assert (after["breakaway_valve_stale", "FV-101"], after["breakaway_valve_stale", "FV-102"]) == (0, 1)
+        assert not [sample for sample in after if sample[0].startswith("breakaway_mqtt")]  # the plant has no broker
         assert after["breakaway_audit_entries_total",] > before["breakaway_audit_entries_total",]
         assert after["process_resident_memory_bytes",] > 0
         assert after["breakaway_samples_total", "plc-1"] == test["quality"]["samples"]
@@ -54,3 +65,24 @@ async def test_a_safe_state_that_was_not_confirmed_stands_until_it_is_acknowledg
         found = samples(await served.client.get("/metrics", headers=engineer))
         assert found["breakaway_safe_state_not_confirmed",] == 0
         assert found["breakaway_motions_total", "plc-1", "completed"] == 1  # stored again, counted once
+
+
+async def test_a_result_that_has_become_too_old_is_no_longer_normal(plant_file: Path) -> None:
+    plant = load_plant(plant_file)
+    store = open_store(plant.service)
+    long_ago = datetime.now(UTC) - timedelta(days=40)
+    run = store.runs.insert(Run(id=new_run_id(), valve="FV-101", sequence="triangle", created_at=long_ago))
+    analysis = {"health": {"ne107": "N", "reasons": []}}
+    store.runs.save(replace(run, state=RunState.COMPLETED, finished_at=long_ago, analysis=analysis))
+    later = store.runs.insert(Run(id=new_run_id(), valve="FV-101", sequence="triangle"))
+    store.runs.save(replace(later, state=RunState.FAILED, error="no route to its bus"))  # a test, and no result
+    store.close()
+    async with running_service(plant, FakeRig(), FakeAnalyst()) as client:
+        found = samples(await client.get("/metrics"))
+        assert found["breakaway_valve_stale", "FV-101"] == 1
+        assert (found["breakaway_valve_ne107", "C", "FV-101"], found["breakaway_valve_ne107", "N", "FV-101"]) == (1, 0)
+        assert found["breakaway_valve_last_test_timestamp_seconds", "FV-101"] > long_ago.timestamp() + 86400.0
+        assert found["breakaway_valve_last_result_timestamp_seconds", "FV-101"] == long_ago.timestamp()
+        health = (await client.get("/valves")).json()["valves"][0]["health"]
+        assert health["ne107"] == "C"
+        assert "40 days old" in health["reasons"][0]

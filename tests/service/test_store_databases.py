@@ -84,11 +84,17 @@ def test_an_older_database_gets_the_last_test_of_each_valve(database_url: str) -
     migrated = open_database(database_url)
     with migrated.connect() as connection:
         rows = connection.execute(
-            text("SELECT valve, last_number, completed_number, health FROM valve_states ORDER BY valve")
+            text(
+                "SELECT s.valve, last_number, completed_number, state, ne107, completed_at, last_at, health "
+                "FROM valve_states s JOIN valve_healths h ON h.valve = s.valve ORDER BY s.valve"
+            )
         )
-        shown = [(*row[:3], str(row[3])) for row in rows]
-    assert [row[:3] for row in shown] == [("A", 2, 1), ("B", 3, None)]
-    assert "S" in shown[0][3]
+        shown = [(*row[:5], row[5] is not None, row[6] is not None, str(row[7])) for row in rows]
+    assert [row[:7] for row in shown] == [
+        ("A", 2, 1, "failed", "S", True, True),
+        ("B", 3, None, "queued", None, False, True),
+    ]
+    assert "S" in shown[0][7]
     migrated.dispose()
 
 

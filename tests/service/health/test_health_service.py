@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
-from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 
-from service.health.judge import standing_health
 from service.health.limits import HealthLimits
 from service.settings import Plant, load_plant
 from tests.service.fake_rig import FakeAnalyst, FakeRig
@@ -132,19 +130,6 @@ async def test_what_a_repair_changed_is_told_with_its_interval_and_becomes_the_b
     assert turned.json()["changes"][0]["change"] == 350.0
     answer = await client.get("/valves/FV-102/comparison", params={"as_found": before, "as_left": after})
     assert_problem(answer, 404, "no completed one of it")
-
-
-def test_what_was_normal_long_ago_is_no_longer_known() -> None:
-    now = datetime(2026, 11, 21, tzinfo=UTC)
-    known = {"ne107": "N", "reasons": []}
-    fresh = standing_health(known, now - timedelta(days=34), now, HealthLimits())
-    old = standing_health(known, now - timedelta(days=40), now, HealthLimits())
-    worse = standing_health({"ne107": "S", "reasons": ["x"]}, now - timedelta(days=40), now, HealthLimits())
-    assert fresh == known
-    assert old is not None
-    assert worse is not None
-    assert (old["ne107"], worse["ne107"]) == ("C", "S")
-    assert "40 days old" in old["reasons"][0]
 
 
 def test_a_wrong_limit_is_refused_with_its_key(plant_text: str, quick_path: Path) -> None:
