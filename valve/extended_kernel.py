@@ -83,6 +83,7 @@ STATES: Final = (
 BREAK_MARGIN: Final = 0.02  # the bristles' asymptote lies so far above F_s that F_s is met at a finite deflection
 STRIBECK_SHARE: Final = 0.15  # of v_s, by which the speed changes in one sub-step
 FEATURE_SHARE: Final = 0.1  # of the shortest length over which a slot's force bends, that one sub-step covers
+EVEN_SHARE: Final = 0.05  # of the speed, by which the stem's swing may still change it where a slide is even
 SPEED_DEFECT_M_PER_S: Final = 2.0e-4  # by which the slots may correct a sub-step's speed; else it is halved
 SHORTEST_CUT_S: Final = 2.0e-5
 LONGEST_FOLLOWED_S: Final = 1.0e-3  # sub-step of a sensor that lags or has play, and of bristles
@@ -586,7 +587,7 @@ def follow_extended(
     n_events, out, put, pieces, passes, carried, elastic_v = 0, 0, 0, 0, 0, 0.0, 0.0
     net, more, area, s, beyond, static = 0.0, 0.0, 1.0, 1.0, 0.0, 0.0
     viscous, coulomb, highest, drag, rounding = 0.0, 0.0, 0.0, 0.0, 0.0
-    rate_before, most_there, stalls = math.nan, math.inf, 0
+    rate_before, most_there, swing, stalls = math.nan, math.inf, math.inf, 0
     rate, edge, held_force, fresh, loaded = q[K], math.inf, corner_force[0], True, False
     if mode == STUCK and v == 0.0 and (x >= high or x <= low):
         mode = STOPPED
@@ -718,9 +719,13 @@ def follow_extended(
                         most_there = min(most_there, LONGEST_FOLLOWED_S)
                     if q[VIBRATION] != 0.0:
                         most_there = min(most_there, 0.2 / q[VIBRATION_RATE])
-                    if rate > 0.0 and not linear:
-                        most_there = min(most_there, 1.2 * math.sqrt(m / rate))
+                    swing = 1.2 * math.sqrt(m / rate) if rate > 0.0 and not linear else math.inf
                 most = most_there
+                if most > swing:
+                    now_drag = drag_at(q, coulomb, highest, v)
+                    # an even slide needs no step as short as the stem's own swing
+                    if mode != SLIP or abs(net - s * now_drag - viscous * v) * swing > EVEN_SHARE * m * abs(v):
+                        most = swing
                 if abs(v) * most > FEATURE_SHARE * finest:
                     most = FEATURE_SHARE * finest / abs(v)
                 if left > most:
