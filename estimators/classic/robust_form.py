@@ -184,7 +184,7 @@ def _limit(found: SlipsFound, covariance: FloatArray) -> ParameterEstimate:
     if not found.limit_shown:
         return absent(_TIED)
     common = found.solution.common
-    slowest = float(np.abs(found.windows.slips[:, 1]).min() / common[K])
+    slowest = found.windows.slowest_rate / float(common[K])
     if float(common[D_V]) > _AS_FAST * slowest:
         return absent("it is about as fast as the ramp: all that is known is that the stem moved near it")
     return scaled(float(common[D_V]), math.sqrt(float(covariance[D_V, D_V])), reason=_TIED)

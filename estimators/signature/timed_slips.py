@@ -159,7 +159,7 @@ def _heavily_damped(found: SlipsFound) -> bool:
 def _may_slide(found: SlipsFound) -> bool:
     """Whether DV may matter: an overdamped stem may slide at DV before it slips, as that of a real graphite packing."""
     common = found.solution.common
-    slowest = float(np.abs(found.windows.slips[:, 1]).min()) / float(common[K])
+    slowest = found.windows.slowest_rate / float(common[K])
     excess_n = float(common[F_S] - common[A] + common[F_V] * found.solution.reference_speed)
     return (
         not found.limit_shown and _heavily_damped(found) and float(common[F_V]) * slowest > _SLIDES * max(excess_n, 0.0)
@@ -168,7 +168,7 @@ def _may_slide(found: SlipsFound) -> bool:
 
 def _more_at_large_limits(found: SlipsFound) -> float:
     """How much higher F_b is, N, where DV is as large as the data allow."""
-    common, rate = found.solution.common, float(np.abs(found.windows.slips[:, 1]).min())
+    common, rate = found.solution.common, found.windows.slowest_rate
     usual_n, more_n = _breakaway(common, rate)[0], 0.0
     for share in _LARGE_LIMITS:
         start = common.copy()

@@ -3,8 +3,9 @@
 From breakaway on the stem creeps below the limit velocity DV, m v' = F - F_s, for t_c = sqrt(2 m DV / rate). Then it
 slides at DV as long as the force is below F_c + F_v DV, if it is. From there on it obeys
 m x'' + F_v x' + k x = F - F_0 - s F_c on a straight force, so that with the lag d = x_s - x behind steady motion x_s
-the position is x_s - d, and d is made of the impulse response S of m d'' + F_v d' + k d = 0 and of H = 1 - (k/m) S1:
-d = d(0) H + d'(0) S. After a corner of the force the stem coasts on from where it is, down to DV, and rests.
+the position is x_s - d, and d is made of the impulse response S of d'' + c d' + w2 d = 0, with c = F_v/m and w2 = k/m,
+and of H = S' + c S: d = d(0) H + d'(0) S. After a corner of the force the stem coasts on from where it is, down to DV,
+and rests.
 
 Unknowns of all slips: m, F_v, k, A = F_c + F_v v_ref, F_0, F_s, DV; of each one: its own F_s less the common one, and
 where it rested. Lengths are in m, forces in N, times in s.
@@ -21,7 +22,7 @@ from typing import Any, Final
 import numpy as np
 from numba import njit
 
-from valve.motion_kernel import impulse_response
+from valve.motion_kernel import INVERSE_FACTORIAL, impulse_response
 
 M: Final = 0
 F_V: Final = 1
@@ -30,60 +31,88 @@ A: Final = 3
 F_0: Final = 4
 F_S: Final = 5
 D_V: Final = 6
-OWN_F_S: Final = 7
-REST: Final = 8
+REST: Final = 7
 COMMON: Final = 7  # unknowns that all slips share
-UNKNOWNS: Final = 9
-_STEP: Final = 1.0e-6
+UNKNOWNS: Final = 8  # of one slip: a change of its own F_s does what one of the common F_s does
+_TERMS: Final = 9  # of the power series: to rounding
 _BISECTIONS: Final = 50
+
+# A path on a straight force from t = 0 on: steady position there, steady speed, lag behind it and the lag's rate. Its
+# derivatives ``by`` (7, 8) are those to the unknowns of these four, of the age, and of c and w2.
+_LINE: Final = 0
+_SPEED: Final = 1
+_LAG: Final = 2
+_LAG_RATE: Final = 3
+_AGE: Final = 4
+_C: Final = 5
+_W2: Final = 6
 
 kernel: Any = njit(cache=True, error_model="numpy")
 
 
 @kernel
-def responses(tau, c, w2, out):
-    """Put S', S, H and the derivatives of each to c and w2 into ``out``, shape (3, 3)."""
-    rate, value, once, _ = impulse_response(tau, c, w2)
-    out[0, 0], out[0, 1], out[0, 2] = rate, value, 1.0 - w2 * once
-    by_c, by_w2 = c * _STEP + 1.0e-12, w2 * _STEP + 1.0e-12
-    r, v, o, _ = impulse_response(tau, c + by_c, w2)
-    out[1, 0], out[1, 1], out[1, 2] = (r - rate) / by_c, (v - value) / by_c, -w2 * (o - once) / by_c
-    r, v, o, _ = impulse_response(tau, c, w2 + by_w2)
-    out[2, 0], out[2, 1] = (r - rate) / by_w2, (v - value) / by_w2
-    out[2, 2] = ((1.0 - (w2 + by_w2) * o) - out[0, 2]) / by_w2
+def folded(tau, c, w2, rate, value):
+    """Return S * S and S * S', convolutions of the impulse response S: the derivatives of S to w2 and c, negative.
+
+    S * S = (tau (S' + c S / 2) - S) / (2 g) with g = c^2 / 4 - w2, whose power series is taken where it cancels.
+    """
+    half = 0.5 * c
+    gap = half * half - w2
+    z = gap * tau * tau
+    if abs(z) > 1.0:
+        return (
+            (tau * (rate + half * value) - value) / (2.0 * gap),
+            (half * value - tau * (half * rate + w2 * value)) / (2.0 * gap),
+        )
+    once = twice = 0.0
+    for n in range(_TERMS - 1, -1, -1):
+        once = once * z + INVERSE_FACTORIAL[2 * n + 1]  # sinh(sqrt z) / sqrt z
+        twice = twice * z + (2 * n + 2) * INVERSE_FACTORIAL[2 * n + 3]
+    decayed = 0.5 * tau * tau * math.exp(-half * tau)
+    return decayed * tau * twice, decayed * (once - half * tau * twice)
 
 
 @kernel
-def propagate(tau, d_tau, m, c, w2, line, d_line, speed, d_speed, lag, d_lag, lag_rate, d_lag_rate, table, grad):
-    """Return position and velocity after tau from lag and lag rate; the position's gradient goes into ``grad[0]``.
+def responses(tau, c, w2, out):
+    """Put S', S, H = S' + c S and the derivatives of each to c and w2 into ``out``, shape (3, 3)."""
+    rate, value, _, _ = impulse_response(tau, c, w2)
+    twice, mixed = folded(tau, c, w2, rate, value)
+    out[0, 0], out[0, 1], out[0, 2] = rate, value, rate + c * value
+    out[1, 0], out[1, 1], out[1, 2] = c * mixed + w2 * twice - value, -mixed, w2 * twice
+    out[2, 0], out[2, 1], out[2, 2] = -mixed, -twice, -(mixed + c * twice)
 
-    ``grad[1]`` gets the velocity's. ``line`` is the steady position at tau = 0 and ``speed`` its velocity.
-    """
+
+@kernel
+def position_after(tau, c, w2, path, by, table, gradient):
+    """Return the position after tau on the path; its gradient goes into ``gradient`` (8,)."""
     responses(tau, c, w2, table)
+    speed, lag, lag_rate = path[_SPEED], path[_LAG], path[_LAG_RATE]
     rate, value, height = table[0, 0], table[0, 1], table[0, 2]
+    velocity = speed + lag * w2 * value - lag_rate * rate
+    by_c = -lag * table[1, 2] - lag_rate * table[1, 1]
+    by_w2 = -lag * table[2, 2] - lag_rate * table[2, 1]
     for i in range(UNKNOWNS):
-        by_c, by_w2 = 0.0, 0.0
-        if i == M:
-            by_c, by_w2 = -c / m, -w2 / m
-        elif i == F_V:
-            by_c = 1.0 / m
-        elif i == K:
-            by_w2 = 1.0 / m
-        d_rate = table[1, 0] * by_c + table[2, 0] * by_w2 + (-c * rate - w2 * value) * d_tau[i]
-        d_value = table[1, 1] * by_c + table[2, 1] * by_w2 + rate * d_tau[i]
-        d_height = table[1, 2] * by_c + table[2, 2] * by_w2 - w2 * value * d_tau[i]
-        grad[0, i] = (
-            d_line[i] + d_speed[i] * tau + speed * d_tau[i]
-            - d_lag[i] * height - lag * d_height - d_lag_rate[i] * value - lag_rate * d_value
+        gradient[i] = (
+            by[_LINE, i] + tau * by[_SPEED, i] - height * by[_LAG, i] - value * by[_LAG_RATE, i]
+            + velocity * by[_AGE, i] + by_c * by[_C, i] + by_w2 * by[_W2, i]
         )  # fmt: skip
-        grad[1, i] = (
-            d_speed[i] + d_lag[i] * w2 * value + lag * (by_w2 * value + w2 * d_value)
-            - d_lag_rate[i] * rate - lag_rate * d_rate
+    return path[_LINE] + speed * tau - lag * height - lag_rate * value
+
+
+@kernel
+def velocity_after(c, w2, path, by, table, gradient):
+    """Return velocity and acceleration where ``table`` is of; the velocity's gradient goes into ``gradient``."""
+    speed, lag, lag_rate = path[_SPEED], path[_LAG], path[_LAG_RATE]
+    rate, value = table[0, 0], table[0, 1]
+    acceleration = lag * w2 * rate + lag_rate * (c * rate + w2 * value)
+    by_c = lag * w2 * table[1, 1] - lag_rate * table[1, 0]
+    by_w2 = lag * (value + w2 * table[2, 1]) - lag_rate * table[2, 0]
+    for i in range(UNKNOWNS):
+        gradient[i] = (
+            by[_SPEED, i] + w2 * value * by[_LAG, i] - rate * by[_LAG_RATE, i]
+            + acceleration * by[_AGE, i] + by_c * by[_C, i] + by_w2 * by[_W2, i]
         )  # fmt: skip
-    return (
-        line + speed * tau - lag * height - lag_rate * value,
-        speed + lag * w2 * value - lag_rate * rate,
-    )
+    return speed + lag * w2 * value - lag_rate * rate, acceleration
 
 
 @kernel
@@ -110,38 +139,34 @@ def time_to_rest(s, limit, c, w2, speed, lag, lag_rate, longest):
 
 
 @kernel
-def slip_rows(common, v_ref, own, rest, slip, time, position, jacobian):
-    """Put the positions of one slip at ``time`` (n,) into ``position`` (n,), the gradients into ``jacobian`` (n, 9).
+def break_away(common, v_ref, own, rest, slip, path, by, begun, crept_by):
+    """Put the path that the stem slips on into ``path`` and ``by``; return the times of breakaway, creep and slide.
 
-    ``slip``: direction, force rate, force at time 0, time of the corner (inf: none), force rate after it.
+    ``begun`` (8,) and ``crept_by`` (2, 8) get the derivatives of the instant of breakaway, of the time of creep, and of
+    the way crept. Fourth comes the way crept, m.
     """
     m, viscous, k, limit = common[M], common[F_V], common[K], common[D_V]
-    s, rate, force, corner, rate_after = slip[0], slip[1], slip[2], slip[3], slip[4]
-    c, w2 = viscous / m, k / m
-    table, grad = np.zeros((3, 3)), np.zeros((2, UNKNOWNS))
-    d_begin, d_creep, d_crept = np.zeros(UNKNOWNS), np.zeros(UNKNOWNS), np.zeros(UNKNOWNS)
-    d_net, d_sliding, d_tau = np.zeros(UNKNOWNS), np.zeros(UNKNOWNS), np.zeros(UNKNOWNS)
+    s, rate, force = slip[0], slip[1], slip[2]
+    by[_C, M], by[_C, F_V] = -viscous / (m * m), 1.0 / m
+    by[_W2, M], by[_W2, K] = -k / (m * m), 1.0 / m
     # the instant of breakaway: s (F - k rest - F_0) = F_s
     begin = (s * (common[F_S] + own) + k * rest + common[F_0] - force) / rate
-    d_begin[F_S] = d_begin[OWN_F_S] = s / rate
-    d_begin[K], d_begin[F_0], d_begin[REST] = rest / rate, 1.0 / rate, k / rate
+    begun[F_S], begun[K], begun[F_0], begun[REST] = s / rate, rest / rate, 1.0 / rate, k / rate
     # creep: s v = |rate| t^2 / (2 m) up to DV
     creep = math.sqrt(2.0 * m * limit / abs(rate))
-    d_creep[M], d_creep[D_V] = 0.5 * creep / m, 0.5 * creep / limit
+    crept_by[0, M], crept_by[0, D_V] = 0.5 * creep / m, 0.5 * creep / limit
     crept = limit * creep / 3.0
-    d_crept[M], d_crept[D_V] = 0.5 * crept / m, 1.5 * crept / limit
-    net = common[F_S] + own + abs(rate) * creep - k * crept
-    d_net[F_S] = d_net[OWN_F_S] = 1.0
-    d_net[K] = -crept
-    d_net[M] = abs(rate) * d_creep[M] - k * d_crept[M]
-    d_net[D_V] = abs(rate) * d_creep[D_V] - k * d_crept[D_V]
+    crept_by[1, M], crept_by[1, D_V] = 0.5 * crept / m, 1.5 * crept / limit
+    net, d_net = common[F_S] + own + abs(rate) * creep - k * crept, np.zeros(UNKNOWNS)
+    d_net[F_S], d_net[K] = 1.0, -crept
+    d_net[M] = abs(rate) * crept_by[0, M] - k * crept_by[1, M]
+    d_net[D_V] = abs(rate) * crept_by[0, D_V] - k * crept_by[1, D_V]
     # slide at DV while the force is below the friction in motion
-    sliding, climb = 0.0, abs(rate) - k * limit
+    sliding, climb, d_sliding = 0.0, abs(rate) - k * limit, np.zeros(UNKNOWNS)
     short = common[A] + viscous * (limit - v_ref) - net
     if short > 0.0 and climb > 0.0:
         sliding = short / climb
-        for i in range(UNKNOWNS):
-            d_sliding[i] = -d_net[i] / climb
+        d_sliding[:] = -d_net / climb
         d_sliding[A] += 1.0 / climb
         d_sliding[F_V] += (limit - v_ref) / climb
         d_sliding[D_V] += viscous / climb + sliding * k / climb
@@ -149,88 +174,86 @@ def slip_rows(common, v_ref, own, rest, slip, time, position, jacobian):
         net += short
         d_net[:] = 0.0
         d_net[A], d_net[F_V], d_net[D_V] = 1.0, limit - v_ref, viscous
-    start = begin + creep + sliding
-    d_tau = -(d_begin + d_creep + d_sliding)
     speed = rate / k
-    d_speed = np.zeros(UNKNOWNS)
-    d_speed[K] = -speed / k
     lag = s * (net - common[A] - viscous * (s * speed - v_ref)) / k
-    d_lag = s * d_net / k
-    d_lag[A] -= s / k
-    d_lag[F_V] -= s * (s * speed - v_ref) / k
-    d_lag[K] += -lag / k + viscous * speed / (k * k)
-    lag_rate = speed - s * limit
-    d_lag_rate = d_speed.copy()
-    d_lag_rate[D_V] -= s
-    line = rest + s * crept + s * limit * sliding + lag
-    d_line = s * d_crept + s * limit * d_sliding + d_lag
-    d_line[D_V] += s * sliding
-    d_line[REST] += 1.0
-    turned, still_after, stopped = False, math.inf, False
-    late_tau, late = np.zeros(UNKNOWNS), np.zeros((4, UNKNOWNS))
-    late_line = late_speed = late_lag = late_rate = 0.0
-    stop_position, stop_gradient = 0.0, np.zeros(UNKNOWNS)
+    path[_LINE] = rest + s * crept + s * limit * sliding + lag
+    path[_SPEED], path[_LAG], path[_LAG_RATE] = speed, lag, speed - s * limit
+    by[_AGE] = -(begun + crept_by[0] + d_sliding)
+    by[_SPEED, K] = by[_LAG_RATE, K] = -speed / k
+    by[_LAG_RATE, D_V] = -s
+    by[_LAG] = s * d_net / k
+    by[_LAG, A] -= s / k
+    by[_LAG, F_V] -= s * (s * speed - v_ref) / k
+    by[_LAG, K] += -lag / k + viscous * speed / (k * k)
+    by[_LINE] = s * crept_by[1] + s * limit * d_sliding + by[_LAG]
+    by[_LINE, D_V] += s * sliding
+    by[_LINE, REST] += 1.0
+    return begin, creep, sliding, crept
+
+
+@kernel
+def turn(common, v_ref, slip, path, by, table, gradient, late, late_by):
+    """Put the path after the corner of the force into ``late`` and ``late_by``, from that up to the corner."""
+    m, viscous, k = common[M], common[F_V], common[K]
+    s, rate, force, corner, rate_after = slip[0], slip[1], slip[2], slip[3], slip[4]
+    speed = rate_after / k
+    line = (force + rate * corner - common[F_0] - s * (common[A] + viscous * (s * speed - v_ref))) / k
+    late_by[_LINE, K], late_by[_LINE, F_0] = -line / k + viscous * speed / (k * k), -1.0 / k
+    late_by[_LINE, A], late_by[_LINE, F_V] = -s / k, -s * (s * speed - v_ref) / k
+    late_by[_SPEED, K] = -speed / k
+    late_by[_LAG] = late_by[_LINE] - gradient
+    late_by[_C:] = by[_C:]
+    velocity, _ = velocity_after(viscous / m, k / m, path, by, table, late_by[_LAG_RATE])
+    late_by[_LAG_RATE] = late_by[_SPEED] - late_by[_LAG_RATE]
+    late[_LINE], late[_SPEED], late[_LAG_RATE] = line, speed, speed - velocity
+
+
+@kernel
+def slip_rows(common, v_ref, own, rest, slip, time, position, jacobian):
+    """Put the positions of one slip at ``time`` (n,) into ``position`` (n,), the gradients into ``jacobian`` (n, 8).
+
+    ``slip``: direction, force rate, force at time 0, time of the corner (inf: none), force rate after it.
+    """
+    s, corner, limit = slip[0], slip[3], common[D_V]
+    c, w2 = common[F_V] / common[M], common[K] / common[M]
+    path, by, late, late_by = np.zeros(4), np.zeros((7, UNKNOWNS)), np.zeros(4), np.zeros((7, UNKNOWNS))
+    table, begun, crept_by, d_pace = np.zeros((3, 3)), np.zeros(UNKNOWNS), np.zeros((2, UNKNOWNS)), np.zeros(UNKNOWNS)
+    begin, creep, sliding, crept = break_away(common, v_ref, own, rest, slip, path, by, begun, crept_by)
+    start, still_after, stopped = begin + creep + sliding, -1.0, -1
     for row in range(time.size):
-        age = time[row] - begin
-        if age <= 0.0:
-            position[row] = rest
-            jacobian[row] = 0.0
-            jacobian[row, REST] = 1.0
-            continue
+        age, gradient = time[row] - begin, jacobian[row]
         if age <= creep:
-            part = age / creep
+            part = max(age, 0.0) / creep
             position[row] = rest + s * crept * part**3
-            jacobian[row] = -s * limit * part * part * d_begin
-            jacobian[row, REST] += 1.0
-            continue
-        if time[row] <= start:
+            gradient[:] = -s * limit * part * part * begun
+            gradient[REST] += 1.0
+        elif time[row] <= start:
             position[row] = rest + s * crept + s * limit * (age - creep)
-            jacobian[row] = s * d_crept - s * limit * (d_begin + d_creep)
-            jacobian[row, D_V] += s * (age - creep)
-            jacobian[row, REST] += 1.0
-            continue
-        if time[row] <= corner:
-            position[row], _ = propagate(
-                time[row] - start, d_tau, m, c, w2, line, d_line, speed, d_speed, lag, d_lag, lag_rate, d_lag_rate,
-                table, grad,
-            )  # fmt: skip
-            jacobian[row] = grad[0]
-            continue
-        if not turned:
-            turned = True
-            at, pace = propagate(
-                max(corner - start, 0.0), d_tau, m, c, w2, line, d_line, speed, d_speed, lag, d_lag, lag_rate,
-                d_lag_rate, table, grad,
-            )  # fmt: skip
-            late_speed = rate_after / k
-            friction = common[A] + viscous * (s * late_speed - v_ref)
-            late_line = (force + rate * corner - common[F_0] - s * friction) / k
-            late[0, K] = -late_line / k + viscous * late_speed / (k * k)
-            late[0, F_0], late[0, A] = -1.0 / k, -s / k
-            late[0, F_V] = -s * (s * late_speed - v_ref) / k
-            late[1, K] = -late_speed / k
-            late_lag, late_rate = late_line - at, late_speed - pace
-            late[2], late[3] = late[0] - grad[0], late[1] - grad[1]
-            still_after = time_to_rest(s, limit, c, w2, late_speed, late_lag, late_rate, time[-1] - corner)
-        tau = min(time[row] - corner, still_after)
-        if stopped:
-            position[row] = stop_position
-            jacobian[row] = stop_gradient
-            continue
-        position[row], pace = propagate(
-            tau, late_tau, m, c, w2, late_line, late[0], late_speed, late[1], late_lag, late[2], late_rate, late[3],
-            table, grad,
-        )  # fmt: skip
-        jacobian[row] = grad[0]
-        if tau == still_after:
-            # the instant of rest moves too: s v = DV there
-            slowing = late_lag * w2 * table[0, 0] + late_rate * (c * table[0, 0] + w2 * table[0, 1])
-            if s * slowing < 0.0:
-                jacobian[row] -= pace * grad[1] / slowing
-                jacobian[row, D_V] += pace * s / slowing
-            stopped = True
-            stop_position = position[row]
-            stop_gradient[:] = jacobian[row]
+            gradient[:] = s * crept_by[1] - s * limit * (begun + crept_by[0])
+            gradient[D_V] += s * (age - creep)
+            gradient[REST] += 1.0
+        elif time[row] <= corner:
+            position[row] = position_after(time[row] - start, c, w2, path, by, table, gradient)
+        elif stopped >= 0:
+            position[row] = position[stopped]
+            gradient[:] = jacobian[stopped]
+        else:
+            if still_after < 0.0:
+                at = position_after(max(corner - start, 0.0), c, w2, path, by, table, gradient)
+                turn(common, v_ref, slip, path, by, table, gradient, late, late_by)
+                late[_LAG] = late[_LINE] - at
+                still_after = time_to_rest(
+                    s, limit, c, w2, late[_SPEED], late[_LAG], late[_LAG_RATE], time[-1] - corner
+                )
+            tau = min(time[row] - corner, still_after)
+            position[row] = position_after(tau, c, w2, late, late_by, table, gradient)
+            if tau == still_after:
+                # the instant of rest moves too: s v = DV there
+                stopped = row
+                pace, slowing = velocity_after(c, w2, late, late_by, table, d_pace)
+                if s * slowing < 0.0:
+                    gradient -= pace * d_pace / slowing
+                    gradient[D_V] += pace * s / slowing
 
 
 @kernel
@@ -245,11 +268,13 @@ def normal_equations(common, v_ref, own, rest, slips, first, time, seen, weight,
     """
     normal[:] = 0.0
     cost = 0.0
+    longest = np.diff(first).max()
+    positions, gradients, inverse = np.empty(longest), np.empty((longest, UNKNOWNS)), np.zeros((2, 2))
     for slip in range(slips.shape[0]):
         begin, end = first[slip], first[slip + 1]
-        position, jacobian = np.empty(end - begin), np.empty((end - begin, UNKNOWNS))
+        position, jacobian = positions[: end - begin], gradients[: end - begin]
         slip_rows(common, v_ref, own[slip], rest[slip], slips[slip], time[begin:end], position, jacobian)
-        full = np.zeros((UNKNOWNS, UNKNOWNS + 1))
+        full, side = np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS)
         before = cost
         for row in range(end - begin):
             left = seen[begin + row] - position[row]
@@ -258,35 +283,28 @@ def normal_equations(common, v_ref, own, rest, slips, first, time, seen, weight,
             cost += weight[begin + row] * left * left
             for i in range(UNKNOWNS):
                 pushed = weight[begin + row] * jacobian[row, i]
-                for j in range(i, UNKNOWNS):
+                side[i] += pushed * left
+                for j in range(UNKNOWNS):
                     full[i, j] += pushed * jacobian[row, j]
-                full[i, UNKNOWNS] += pushed * left
-        for i in range(UNKNOWNS):
-            for j in range(i):
-                full[i, j] = full[j, i]
         costs[slip] = cost - before
-        inverse = np.zeros((2, 2))
+        own_side = side[F_S]
         if math.isinf(tie):
             inverse[1, 1] = 1.0 / full[REST, REST]
         else:
-            full[OWN_F_S, OWN_F_S] += tie
-            full[OWN_F_S, UNKNOWNS] -= tie * own[slip]
+            own_side -= tie * own[slip]
             cost += tie * own[slip] * own[slip]
-            p, q, r = full[OWN_F_S, OWN_F_S], full[OWN_F_S, REST], full[REST, REST]
+            p, q, r = full[F_S, F_S] + tie, full[F_S, REST], full[REST, REST]
             determinant = p * r - q * q
             inverse[0, 0], inverse[1, 1] = r / determinant, p / determinant
             inverse[0, 1] = inverse[1, 0] = -q / determinant
         for one in range(2):
-            for i in range(COMMON):
-                local[slip, one, i] = inverse[one, 0] * full[OWN_F_S, i] + inverse[one, 1] * full[REST, i]
-            local[slip, one, COMMON] = (
-                inverse[one, 0] * full[OWN_F_S, UNKNOWNS] + inverse[one, 1] * full[REST, UNKNOWNS]
-            )
-            local[slip, one, COMMON + 1], local[slip, one, COMMON + 2] = inverse[one, 0], inverse[one, 1]
+            local[slip, one, :COMMON] = inverse[one, 0] * full[F_S, :COMMON] + inverse[one, 1] * full[REST, :COMMON]
+            local[slip, one, COMMON] = inverse[one, 0] * own_side + inverse[one, 1] * side[REST]
+            local[slip, one, COMMON + 1 :] = inverse[one]
         for i in range(COMMON):
             for j in range(COMMON):
-                normal[i, j] += full[i, j] - full[i, OWN_F_S] * local[slip, 0, j] - full[i, REST] * local[slip, 1, j]
+                normal[i, j] += full[i, j] - full[i, F_S] * local[slip, 0, j] - full[i, REST] * local[slip, 1, j]
             normal[i, COMMON] += (
-                full[i, UNKNOWNS] - full[i, OWN_F_S] * local[slip, 0, COMMON] - full[i, REST] * local[slip, 1, COMMON]
+                side[i] - full[i, F_S] * local[slip, 0, COMMON] - full[i, REST] * local[slip, 1, COMMON]
             )
     return cost

@@ -29,6 +29,7 @@ _FIRST_SCATTER: Final = 0.01
 _SCATTER_ROUNDS: Final = 3
 _SLIDES: Final = 0.5  # of F_s - F_c: from this share of F_v v on the stem may slide at DV
 _LARGE_LIMITS: Final = ((0.3, 1.0), (0.9, 1.0), (0.9, 2.5))  # DV by the slowest ramp's speed, F_v by what was found
+_FAR_OFF: Final = 5.0  # misfit of a minimum that says no more of where to go on than the start
 _SHOWN_ON_GRID: Final = 0.15  # of the sum of squares itself: on a sensor's grid its steps are not chance
 _HEAVILY: Final = 2.0  # damping ratio
 _SEVERAL_RATES: Final = 2.0
@@ -123,7 +124,8 @@ def _searched(fit: SlipFit, start: FloatArray, further: list[tuple[float, float]
     """
     best = fit.solve(start)
     if not best.converged or not fit.fits(best):
-        sliding_fit, sliding = _sliding(fit, best if best.converged else None, start)
+        near = best.converged and best.misfit < _FAR_OFF
+        sliding_fit, sliding = _sliding(fit, best if near else None, start)
         if sliding.converged and sliding_fit.fits(sliding):
             return sliding_fit, sliding
         best = _best_start(fit, best, start, further)
@@ -160,7 +162,7 @@ def _best_start(
 def _sliding(fit: SlipFit, found: SlipSolution | None, start: FloatArray) -> tuple[SlipFit, SlipSolution]:
     """The fit with DV free, from large ones: an overdamped stem may slide at DV before it slips."""
     freed = replace(fit, free=(*fit.free, D_V))
-    slowest = float(np.abs(fit.windows.slips[:, 1]).min()) / float(start[K])
+    slowest = fit.windows.slowest_rate / float(start[K])
     tried = []
     for share, factor in _LARGE_LIMITS:
         begin = start.copy() if found is None else found.common.copy()
@@ -175,7 +177,7 @@ def _with_limit(fit: SlipFit, solution: SlipSolution) -> tuple[SlipFit, SlipSolu
     freed = replace(fit, free=(*fit.free, D_V))
     common = solution.common
     best = freed.solve(common)
-    slowest = float(np.abs(fit.windows.slips[:, 1]).min()) / float(common[K])
+    slowest = fit.windows.slowest_rate / float(common[K])
     slides = float(common[F_V]) * slowest > _SLIDES * max(_excess(solution), 0.0)
     heavily_damped = float(common[F_V]) ** 2 > _HEAVILY**2 * 4.0 * float(common[M] * common[K])
     if (slides and heavily_damped) or not fit.fits(solution):
@@ -226,7 +228,7 @@ def _starts(
     """The likeliest start of all unknowns, and further ones of m and F_v."""
     assert balance.preload is not None
     spring, friction, preload = balance.spring[0], balance.friction[0], balance.preload[0]
-    slowest = float(np.abs(windows.slips[:, 1]).min()) / spring
+    slowest = windows.slowest_rate / spring
     most = friction / balance.speed
     known = motion.moving_mass_kg
 

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.linalg.lapack import dgesv
 
 from estimators.samples import FloatArray, IntArray
-from estimators.slips.kernel import COMMON, D_V, F_0, F_S, F_V, OWN_F_S, REST, A, K, M, normal_equations
+from estimators.slips.kernel import COMMON, D_V, F_S, F_V, A, K, M, normal_equations
 from estimators.slips.windows import SlipWindows
 
 # What is believed beforehand, standard deviations of logarithms: next to nothing of F_v; of m that valves weigh some
@@ -21,9 +22,10 @@ from estimators.slips.windows import SlipWindows
 BELIEF_OF_MASS: Final = 1.0
 BELIEF_OF_VISCOUS: Final = 2.3
 BELIEF_OF_LIMIT: Final = 2.1  # DV may be as fast as the ramp, as of a real graphite packing
-_LOGARITHMIC: Final = (M, F_V, D_V)
+_LOGARITHMIC: Final = np.array([M, F_V, D_V])
+_POSITIVE: Final = np.array([M, F_V, K, A, D_V])
 _BELIEF: Final = np.zeros(COMMON)
-_BELIEF[[M, F_V, D_V]] = BELIEF_OF_MASS**-2, BELIEF_OF_VISCOUS**-2, BELIEF_OF_LIMIT**-2
+_BELIEF[_LOGARITHMIC] = BELIEF_OF_MASS**-2, BELIEF_OF_VISCOUS**-2, BELIEF_OF_LIMIT**-2
 _FIRST_DAMPING: Final = 1.0e-4
 _LEAST_DAMPING: Final = 1.0e-8
 _MOST_DAMPINGS: Final = 12
@@ -59,7 +61,7 @@ class SlipSolution:
     @property
     def misfit(self) -> float:
         """Root mean square of what is left over, in noise's standard deviations."""
-        return math.sqrt(self.cost / max(1, self.freedom))
+        return math.sqrt(self.cost / self.freedom)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +93,7 @@ class SlipFit:
         """Whether what is left over is no more than noise, to 2.5 standard deviations and 1 % of the noise."""
         if self.windows.undithered:
             return solution.misfit <= _MISFIT_ON_GRID
-        return solution.misfit <= math.sqrt(1.0 + 2.5 * math.sqrt(2.0 / max(1, solution.freedom))) + 0.01
+        return solution.misfit <= math.sqrt(1.0 + 2.5 * math.sqrt(2.0 / solution.freedom)) + 0.01
 
     def solve(self, start: FloatArray, rounds: int = _MOST_ROUNDS, rest_m: FloatArray | None = None) -> SlipSolution:
         """Return the nearest minimum, or how far it was come in so many rounds."""
@@ -100,7 +102,7 @@ class SlipFit:
             common[F_S] = common[A] - common[F_V] * self.reference_speed
         rest = self.windows.rest_m if rest_m is None else rest_m
         at = self._evaluated(common, np.zeros(self.windows.count), rest.copy())
-        damping, converged = _FIRST_DAMPING, False
+        damping, converged, freedom = _FIRST_DAMPING, False, self._freedom
         for _ in range(rounds):
             if not math.isfinite(at.cost):
                 break
@@ -109,7 +111,8 @@ class SlipFit:
                 converged = True  # no step betters it
                 break
             at, gained, largest, damping = step
-            converged = largest < _ENOUGH or gained < _TRIFLE
+            # where more than noise is left over, a trifle is as many times more
+            converged = largest < _ENOUGH or gained < _TRIFLE * max(1.0, at.cost / freedom)
             if converged:
                 break
         return self._described(at, converged)
@@ -119,12 +122,17 @@ class SlipFit:
         """Places of the unknowns that are solved for."""
         return np.array([i for i in self.free if not (self.slaved and i == F_S)], dtype=np.int64)
 
+    @property
+    def _freedom(self) -> int:
+        """Degrees of freedom that are left."""
+        return max(1, int(self.windows.time_s.size) - self._moving.size - self.windows.count)
+
     def _evaluated(self, common: FloatArray, own_n: FloatArray, rest_m: FloatArray) -> _Evaluated:
         """The normal equations here."""
         windows = self.windows
         normal, local = np.zeros((COMMON, COMMON + 1)), np.zeros((windows.count, 2, COMMON + 3))
         costs = np.zeros(windows.count)
-        if not (np.isfinite(common).all() and bool((common[[M, F_V, K, A, D_V]] > 0.0).all())):
+        if not (math.isfinite(float(common.sum())) and float(common[_POSITIVE].min()) > 0.0):
             return _Evaluated(common, own_n, rest_m, math.inf, costs, normal, local)  # no valve
         cost = float(
             normal_equations(
@@ -142,11 +150,13 @@ class SlipFit:
         moving, unit = self._moving, _units(at.common)
         matrix = self._matrix(at)
         pull = (at.normal[:, COMMON] * unit - _BELIEF * self._offset(at.common))[moving]
-        size = np.sqrt(np.abs(np.diag(matrix)))
+        diagonal = matrix.diagonal()
+        size = np.sqrt(np.abs(diagonal))
         for _ in range(_MOST_DAMPINGS):
-            try:
-                step = np.asarray(np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), pull), dtype=np.float64)
-            except np.linalg.LinAlgError:
+            damped = matrix.copy()
+            damped.flat[:: moving.size + 1] += damping * diagonal
+            _, _, step, singular = dgesv(damped, pull)
+            if singular:
                 damping = max(10.0 * damping, _LEAST_DAMPING)
                 continue
             common, taken = self._moved(at.common, moving, step)
@@ -161,7 +171,9 @@ class SlipFit:
     def _matrix(self, at: _Evaluated) -> FloatArray:
         """Normal equations of the unknowns that are solved for, logarithms where they are, beliefs included."""
         moving, unit = self._moving, _units(at.common)
-        return np.asarray((at.normal[:, :COMMON] * np.outer(unit, unit) + np.diag(_BELIEF))[np.ix_(moving, moving)])
+        matrix = at.normal[:, :COMMON] * (unit[:, None] * unit)
+        matrix.flat[:: COMMON + 1] += _BELIEF
+        return matrix[moving[:, None], moving]
 
     def _described(self, at: _Evaluated, converged: bool) -> SlipSolution:
         moving, unit = self._moving, _units(at.common)
@@ -182,7 +194,6 @@ class SlipFit:
             covariance[F_S, :] = covariance[:, F_S] = covariance @ weights
             covariance[F_S, F_S] = float(weights @ covariance @ weights)
             follows[F_S] = weights @ (follows + np.diag(np.isin(np.arange(COMMON), stayed).astype(np.float64)))
-        freedom = int(self.windows.time_s.size) - moving.size - self.windows.count
         return SlipSolution(
             common=at.common,
             covariance=covariance,
@@ -190,7 +201,7 @@ class SlipFit:
             rest_m=at.rest_m,
             cost=at.cost,
             costs=at.costs,
-            freedom=freedom,
+            freedom=self._freedom,
             converged=converged,
             reference_speed=self.reference_speed,
             follows=follows,
@@ -199,18 +210,16 @@ class SlipFit:
     def _offset(self, common: FloatArray) -> FloatArray:
         """How far m, F_v and DV are from what is believed of them, in logarithms."""
         offset = np.zeros(COMMON)
-        for place in _LOGARITHMIC:
-            offset[place] = math.log(common[place] / self.believed[place])
+        offset[_LOGARITHMIC] = np.log(common[_LOGARITHMIC] / self.believed[_LOGARITHMIC])
         return offset
 
     def _moved(self, common: FloatArray, moving: IntArray, step: FloatArray) -> tuple[FloatArray, FloatArray]:
-        moved = common.copy()
-        for place, by in zip(moving.tolist(), step.tolist(), strict=True):
-            if place in _LOGARITHMIC:
-                moved[place] *= math.exp(min(max(by, -_LARGEST_STEP), _LARGEST_STEP))
-            else:
-                moved[place] += by
-        slowest = float(np.abs(self.windows.slips[:, 1]).min()) / moved[K]
+        by = np.zeros(COMMON)
+        by[moving] = step
+        moved = common + by
+        factors = np.exp(np.minimum(np.maximum(by[_LOGARITHMIC], -_LARGEST_STEP), _LARGEST_STEP))
+        moved[_LOGARITHMIC] = common[_LOGARITHMIC] * factors
+        slowest = self.windows.slowest_rate / float(moved[K])
         moved[D_V] = min(moved[D_V], _LARGEST_LIMIT * slowest)
         moved[F_V] = min(moved[F_V], moved[A] / self.reference_speed)
         if self.slaved:
@@ -246,8 +255,5 @@ class SlipFit:
 def _units(common: FloatArray) -> FloatArray:
     """What turns a derivative into that to the logarithm, where one is solved for."""
     units = np.ones(COMMON)
-    units[list(_LOGARITHMIC)] = common[list(_LOGARITHMIC)]
+    units[_LOGARITHMIC] = common[_LOGARITHMIC]
     return units
-
-
-__all__ = ["D_V", "F_0", "F_S", "F_V", "OWN_F_S", "REST", "A", "K", "M", "SlipFit", "SlipSolution"]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numba import njit
 
 from estimators.motion.phases import After, Stretch
 from estimators.motion.recorded_motion import RecordedMotion
@@ -57,6 +58,11 @@ class SlipWindows:
     def count(self) -> int:
         """Number of slips."""
         return int(self.slips.shape[0])
+
+    @property
+    def slowest_rate(self) -> float:
+        """Rate of the force on the slowest ramp, N/s."""
+        return float(np.abs(self.slips[:, 1]).min())
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,21 +252,27 @@ def _coast(
 
 def _block_edges(time_s: FloatArray, corner_s: float, pad_s: float, share: float) -> IntArray:
     """First rows of blocks that grow with the age of the motion, which begins anew at the corner."""
-    edges: list[int] = []
     turn = int(np.searchsorted(time_s, corner_s, side="right")) if math.isfinite(corner_s) else time_s.size
-    for begin, end in ((0, turn), (turn, time_s.size)):
-        row = begin
-        start_s = 0.0 if begin == 0 else corner_s
-        # where the instant of breakaway may lie, rows stand alone or in blocks that time it well enough
-        doubtful = int(np.searchsorted(time_s, pad_s)) if begin == 0 else 0
-        while row < end:
-            edges.append(row)
-            if row < doubtful:
-                row += 1 + doubtful // _DOUBTFUL_BLOCKS
-            elif row < begin + doubtful + _ROWS_ONE_BY_ONE:
-                row += 1
-            else:
-                age_s = float(time_s[row]) - start_s
-                reach = int(np.searchsorted(time_s, float(time_s[row]) + share * age_s, side="right"))
-                row = max(row + 1, reach)
-    return np.array(edges, dtype=np.int64)
+    # where the instant of breakaway may lie, rows stand alone or in blocks that time it well enough
+    doubtful = int(np.searchsorted(time_s[:turn], pad_s))
+    before = _growing(time_s[:turn], 0.0, doubtful, share)
+    return np.concatenate([before, turn + _growing(time_s[turn:], corner_s, 0, share)])
+
+
+@njit(cache=True)
+def _growing(time_s: FloatArray, start_s: float, doubtful: int, share: float) -> IntArray:
+    """First rows of blocks as long as this share of their age, after some that are doubtful and some of one row."""
+    edges = np.empty(time_s.size, np.int64)
+    count = row = 0
+    while row < time_s.size:
+        edges[count] = row
+        count += 1
+        if row < doubtful:
+            row += 1 + doubtful // _DOUBTFUL_BLOCKS
+            continue
+        latest_s = time_s[row] + share * (time_s[row] - start_s)
+        alone = row < doubtful + _ROWS_ONE_BY_ONE
+        row += 1
+        while not alone and row < time_s.size and time_s[row] <= latest_s:
+            row += 1
+    return edges[:count]

@@ -12,13 +12,9 @@ from estimators.classic.garcia import GarciaEstimator
 from estimators.classic.regression import RegressionEstimator
 from estimators.motion.recorded_motion import read_motion
 from estimators.motion.uniform_motion import UniformMotion
-from estimators.slips.kernel import F_V, REST, UNKNOWNS, M, slip_rows
 from tests.estimators.recordings import VALVES, Recorded, recorded
-from valve.motion import simulate_motion
 from valve.parameter_sets import parameter_set
-from valve.parameters import TravelStops, ValveParameters
-from valve.recording import FloatArray
-from valve.stem import StemState
+from valve.parameters import TravelStops
 from valve.waveform import Waveform, multi_rate_triangle, triangle
 
 BOTH: list[Estimator] = [RegressionEstimator(), GarciaEstimator()]
@@ -44,48 +40,6 @@ def several_rates(name: str) -> Waveform:
     signal = parameter_set(name).nameplate.signal
     assert signal is not None
     return multi_rate_triangle([20.0, *[2.0] * 20], *signal.range_pa)
-
-
-TIMES_S: FloatArray = np.concatenate([[-0.4], np.linspace(-0.01, 0.2, 200), np.linspace(4.99, 5.4, 150)])
-UP_AND_BACK = np.array([1.0, 534.0, 1715.0, 5.0, -534.0, 0.0])
-SLIPPING = np.array([1.36, 613.0, 52538.0, 1430.0, 100.0, 1708.0, 1.0e-4, 0.3, 7.0 / 52538.0])
-SLIDING = np.array([1.6, 20000.0, 52538.0, 1430.0, 100.0, 1250.0, 2.0e-3, 0.0, 465.0 / 52538.0])
-V_REF = 0.0102
-
-
-def followed(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    position_m, gradient = np.empty(TIMES_S.size), np.empty((TIMES_S.size, UNKNOWNS))
-    slip_rows(values[:7], V_REF, values[7], values[REST], UP_AND_BACK, TIMES_S, position_m, gradient)
-    return position_m, gradient
-
-
-@pytest.mark.parametrize("values", [SLIPPING, SLIDING], ids=["slip", "slide at DV first"])
-def test_a_slip_is_followed_as_the_exact_motion_has_it(values: FloatArray) -> None:
-    mass, viscous, spring, steady, preload, static, limit, own, rest = values.tolist()
-    valve = ValveParameters(mass, spring, viscous, steady - viscous * V_REF, static + own, limit, preload)
-    force_s = np.array([-0.4, 5.0, 10.0])
-    force_n = 1715.0 + 534.0 * (np.minimum(force_s, 5.0) - np.maximum(force_s - 5.0, 0.0))
-    exact = simulate_motion(valve, force_s, force_n, TIMES_S, initial=StemState(rest)).position_m
-    assert np.ptp(exact) > 0.02
-    # where it slides at DV it does so again before it rests, which is left out
-    told = (5.0 if limit > 1.0e-3 else 6.0) > TIMES_S
-    assert followed(values)[0][told] == pytest.approx(exact[told], abs=1.0e-6)
-
-
-@pytest.mark.parametrize("values", [SLIPPING, SLIDING], ids=["slip", "slide at DV first"])
-def test_a_slips_gradient_is_that_of_its_position(values: FloatArray) -> None:
-    _, gradient = followed(values)
-    calm = np.abs(TIMES_S) > 0.005  # clear of the kink at breakaway
-    for place in range(UNKNOWNS):
-        step = 1.0e-6 * max(abs(values[place]), 1.0e-5)
-        up, down = values.copy(), values.copy()
-        up[place] += step
-        down[place] -= step
-        differences = (followed(up)[0] - followed(down)[0]) / (2.0 * step)
-        # what a change of the whole of it moves by less than some um is not looked at so closely
-        scale = max(float(np.abs(gradient[:, place]).max()), 2.0e-3 / max(abs(values[place]), 1.0))
-        assert np.abs(differences - gradient[:, place])[calm].max() < 2.0e-3 * scale, place
-    assert np.abs(gradient[:, [M, F_V]]).max() > 0.0
 
 
 @pytest.mark.parametrize("estimator", BOTH, ids=by_method)
@@ -225,3 +179,17 @@ def test_ramps_much_slower_than_the_others_are_not_taken_for_rest() -> None:
     assert not isinstance(motion, Outcome)
     assert isinstance(motion.uniform, UniformMotion)
     assert len(motion.phases.breakaways) == 42
+
+
+@pytest.mark.parametrize("estimator", BOTH, ids=by_method)
+@pytest.mark.parametrize(("noise_m", "seed"), [(1.0e-6, 1), (1.0e-6, 3), (5.0e-6, 1)])
+def test_a_stem_that_slides_at_the_limit_velocity_is_fitted_from_the_start_again(
+    noise_m: float, seed: int, estimator: Estimator
+) -> None:
+    """The graphite packing: without a slide at DV the fit ends in a minimum 17 to 90 times above the noise."""
+    test = recorded("graphite", noise_m=noise_m, seed=seed)
+    estimate = estimated(estimator, test)
+    assert estimate.status is Status.OK
+    assert abs(score(estimate, test, "F_v")) < 3.0
+    assert abs(score(estimate, test, "F_c")) < 3.0
+    assert estimate.residual_rms_m == pytest.approx(noise_m, rel=0.1)
