@@ -33,6 +33,7 @@ from service.models.routes import router as model_routes
 from service.mqtt.publisher import mqtt_of
 from service.parts import Parts
 from service.problems import Problem
+from service.read_turns import ReadTurns
 from service.recordings.conversion import Converter
 from service.recordings.routes import router as recording_routes
 from service.report.routes import router as report_routes
@@ -122,6 +123,7 @@ def create_app(
     app.add_middleware(Gate)
     app.add_middleware(BodyLimits)
     app.add_middleware(HeadRequests)
+    app.add_middleware(ReadTurns)
     install_error_handlers(app)
     for router in (
         safety_routes,

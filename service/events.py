@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from collections import deque
 from collections.abc import AsyncIterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
 from typing import Any, Final
 
 _KEPT_EVENTS: Final = 4096  # 5 minutes of progress and samples at 10 a second each
+_MOST_AT_ONCE: Final = 256  # about 60 kB: the event loop is not held up by who begins to watch late
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Event:
     """One event; ids count from 1 within their log."""
 
     id: int
     kind: str
     data: Mapping[str, Any]
+
+    @cached_property
+    def text(self) -> str:
+        """The event as a stream of server-sent events has it; made once, however many watch."""
+        return f"id: {self.id}\nevent: {self.kind}\ndata: {json.dumps(self.data, allow_nan=False)}\n\n"
 
 
 class EventLog:
@@ -48,21 +57,26 @@ class EventLog:
         changed, self._changed = self._changed, asyncio.Event()
         changed.set()
 
-    async def follow(self, after: int = 0, *, idle_s: float = 15.0) -> AsyncIterator[Event | None]:
-        """Events with an id above ``after`` until the log is closed; None after ``idle_s`` without one."""
+    async def follow(self, after: int = 0, *, idle_s: float = 15.0) -> AsyncIterator[tuple[Event, ...]]:
+        """Events with an id above ``after`` until the log is closed, all that are there at once.
+
+        None of them (an empty tuple) comes after ``idle_s`` without one.
+        """
         if after > self._latest:  # an id from before a restart
             after = 0
         while True:
             changed = self._changed
             fresh = min(self._latest - after, len(self._events))
-            for event in list(islice(self._events, len(self._events) - fresh, None)):
-                after = event.id
-                yield event
-            if changed is not self._changed:
+            if fresh:
+                start = len(self._events) - fresh
+                events = tuple(islice(self._events, start, start + _MOST_AT_ONCE))
+                after = events[-1].id
+                yield events
                 continue
             if self.closed:
                 return
-            try:
-                await asyncio.wait_for(changed.wait(), idle_s)
-            except TimeoutError:
-                yield None
+            with suppress(TimeoutError):
+                async with asyncio.timeout(idle_s):
+                    await changed.wait()
+                continue
+            yield ()

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import signal
 import socket
+import sys
 from types import FrameType
 from typing import Final
 
@@ -21,6 +23,8 @@ from service.systemd import ServiceManager
 from valve.errors import ConfigurationError
 
 _LOG = structlog.get_logger(__name__)
+# Threads ask the store; by default (5 ms) each may keep the polling waiting for so long before it hands on.
+_THREAD_TURN_S: Final = 0.5e-3
 _END_S: Final = 30  # for requests that wait for the end of a test, which is being stopped
 
 
@@ -43,6 +47,7 @@ class _Server(uvicorn.Server):
             scheme = "https" if self.config.is_ssl else "http"
             _LOG.info("listening", url=f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}")
         if self.started:
+            settle_memory()
             self._manager.say("READY=1")
             self._keeping = asyncio.create_task(self._manager.keep_alive())
 
@@ -62,6 +67,16 @@ class _Server(uvicorn.Server):
             self._loop.call_soon_threadsafe(parts.runs.begin_shutdown)
 
 
+def settle_memory() -> None:
+    """Take what stays for ever out of the garbage collector's rounds.
+
+    With 5,000 valves a full round took 0.1 s in which neither a request was answered nor a sample read
+    (benchmark ``store``).
+    """
+    gc.collect()
+    gc.freeze()
+
+
 def _listen(settings: ServiceSettings) -> socket.socket:
     family = socket.AF_INET6 if ":" in settings.bind else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
@@ -79,6 +94,7 @@ def _listen(settings: ServiceSettings) -> socket.socket:
 
 def serve_plant(plant: Plant) -> None:
     """Serve until a signal ends it. Raises BusyError where another service has the store, ConfigurationError."""
+    sys.setswitchinterval(_THREAD_TURN_S)
     with _listen(plant.service) as listener:
         store = open_store(plant.service)
         AuditLog(store.folder / "audit", plant.service.gateway or "gateway")  # one that is broken is said here

@@ -166,9 +166,7 @@ class Life:
             changes["quality"] = {"samples": 0, "notes": list(outcome.notes)}
         changes["quality"] |= {ENDED_KEY: outcome.ended.value, "writes": outcome.writes}
         if self._journal is not None:
-            self._journal.close()
-            if outcome.recording is not None:
-                self._store.journal_path(self._live.run.id).unlink(missing_ok=True)
+            await asyncio.to_thread(self._put_journal_away, self._journal, outcome.recording is not None)
         unwritten = await self._end_in_audit(outcome)
         stopped = self._live.stop_reason if outcome.ended is Ended.STOPPED else ""
         faults = [text for text in (self._disk_error, unwritten, str(outcome.error or ""), stopped) if text]
@@ -180,6 +178,11 @@ class Life:
             await self._end(RunState.STOPPED, "; ".join(faults), **changes)
         else:
             await self._end(RunState.FAILED, "; ".join(faults) or "no sample was taken", **changes)
+
+    def _put_journal_away(self, journal: JournalWriter, recorded: bool) -> None:
+        journal.close()
+        if recorded:
+            self._store.journal_path(self._live.run.id).unlink(missing_ok=True)
 
     async def _analyze(self, analyst: Analyst) -> None:
         run, valve = self._live.run, self._order.valve

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import AsyncIterator
 from http import HTTPStatus
@@ -124,12 +123,9 @@ async def watch_test(
     )
 
 
-async def _as_text(events: AsyncIterator[Event | None]) -> AsyncIterator[str]:
-    async for event in events:
-        if event is None:
-            yield ": waiting\n\n"
-        else:
-            yield f"id: {event.id}\nevent: {event.kind}\ndata: {json.dumps(event.data, allow_nan=False)}\n\n"
+async def _as_text(events: AsyncIterator[tuple[Event, ...]]) -> AsyncIterator[str]:
+    async for fresh in events:
+        yield "".join(event.text for event in fresh) or ": waiting\n\n"
 
 
 @router.get(

@@ -292,8 +292,8 @@ class Runs:
                 _LOG.error("stop takes long", test=run_id, seconds=timeout_s)
         return await self.get(run_id)
 
-    async def follow(self, run_id: str, after: int) -> AsyncIterator[Event | None]:
-        """Return the events of a run with an id above ``after``, until it has ended. Raises NotFoundError."""
+    async def follow(self, run_id: str, after: int) -> AsyncIterator[tuple[Event, ...]]:
+        """Return the events of a run with an id above ``after``, as ``EventLog.follow``. Raises NotFoundError."""
         live = self._live.get(checked_run_id(run_id))
         if live is None:
             live = LiveRun(await asyncio.to_thread(self._store.runs.get, run_id))

@@ -87,9 +87,10 @@ async def _run_test(plant_file: Path, told_file: Path, order: Mapping[str, Any])
         told.say(kind="refused", error=str(error))
         return
     told.say(kind="accepted", id=run.id)
-    async for event in await runs.follow(run.id, 0):
-        if event is not None and event.kind == "samples":
-            told.say(kind="samples", time_s=event.data["time_s"], position_m=event.data["position_m"])
+    async for events in await runs.follow(run.id, 0):
+        for event in events:
+            if event.kind == "samples":
+                told.say(kind="samples", time_s=event.data["time_s"], position_m=event.data["position_m"])
     await runs.shut_down()
     told.say(kind="end", **_seen(await runs.get(run.id)))
 

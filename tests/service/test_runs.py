@@ -152,7 +152,7 @@ async def test_a_log_is_followed_by_many_each_from_where_it_wants() -> None:
     log.append("a", {})
 
     async def read(after: int) -> list[int]:
-        return [event.id async for event in log.follow(after, idle_s=5.0) if event is not None]
+        return [event.id async for events in log.follow(after, idle_s=5.0) for event in events]
 
     readers = [asyncio.create_task(read(after)) for after in (0, 1, 99)]
     await asyncio.sleep(0)
@@ -165,9 +165,19 @@ async def test_a_log_is_followed_by_many_each_from_where_it_wants() -> None:
 
 async def test_a_quiet_log_says_that_it_lives() -> None:
     log = EventLog()
-    async for event in log.follow(idle_s=0.01):
-        assert event is None
+    async for events in log.follow(idle_s=0.01):
+        assert events == ()
         break
+
+
+async def test_who_begins_to_watch_late_gets_the_past_in_a_few_pieces() -> None:
+    log = EventLog()
+    for number in range(1000):
+        log.append("a", {"number": number})
+    log.close()
+    pieces = [[event.data["number"] for event in events] async for events in log.follow()]
+    assert [number for piece in pieces for number in piece] == list(range(1000))
+    assert len(pieces) == 4
 
 
 @pytest.mark.parametrize(
