@@ -6,11 +6,14 @@ import math
 from dataclasses import dataclass, replace
 from typing import Final
 
+import numpy as np
+
+from estimators.base import NORMAL_95
 from estimators.identifiability.bound import Knowledge
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.coordinates import Coordinates
 from estimators.likelihood.descent import descend
-from estimators.likelihood.intervals import Ramps, known
+from estimators.likelihood.intervals import Ramps, known, natural_values
 from estimators.likelihood.mixture import mixed, reaching
 from estimators.likelihood.model import StemModel
 from estimators.samples import FloatArray
@@ -24,6 +27,10 @@ _STEPS: Final = 15
 _LAST_STEPS: Final = 4
 _WORTH_A_SEARCH: Final = 10.0
 _SHOWN: Final = 3.84  # of the cost: one value in twenty is as far off by chance
+_FAST_S: Final = 2.0e-3
+_EVEN: Final = 1.0e-3  # of a period
+_PROFILED: Final = (0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.7, 1.0)  # of the delay's prior width
+_FEW_INPUTS: Final = 15  # errors of the input that follow too
 _TRIED: Final = (-4.0, -3.0, -2.0, -1.0, 1.0, 2.0, 3.0, 4.0)  # prior widths
 
 
@@ -64,8 +71,9 @@ def weigh(free: StemModel, narrow: StemModel, point: FloatArray, ramps: Ramps, n
     """Weigh a delay against none, from the fit ``point`` (p,) without one, by Laplace's approximation.
 
     log odds of a delay = log(0.05/0.95) + (cost without - cost with)/2 + log(posterior over prior width). Between 1 and
-    99 % what is known is the mixture of both: its mean and covariance. Where the cost itself shows a delay and only
-    the odds beforehand speak against it, the intervals hold both hypotheses: DV or F_v may have taken its place.
+    99 % what is known is the mixture of both: its mean and covariance. Where it is only the odds beforehand that speak
+    against a delay (even ones would leave it 5 % or more), the intervals reach all that some delay explains as well:
+    F_v, m or DV may stand in its place. Of rows that one fast clock took the cost itself has to show a delay for that.
     """
     width_s = next(entry.prior_sd * entry.unit for entry in free.coordinates.entries if entry.name == DELAY)
     alone = known(narrow, point, ramps, noise_factor=noise_factor)
@@ -87,18 +95,62 @@ def weigh(free: StemModel, narrow: StemModel, point: FloatArray, ramps: Ramps, n
     if alone is None or shifted is None:
         return Weighed(narrow, point, alone, 0.0)
     fall = (narrow.cost(point) - found.cost) / noise_factor**2
-    odds = math.log(_FREE_BEFOREHAND / (1.0 - _FREE_BEFOREHAND)) + 0.5 * fall
-    odds += math.log(max(shifted.std_error(DELAY), 1.0e-300) / width_s)
-    weight = 1.0 / (1.0 + math.exp(-min(max(odds, -700.0), 700.0)))
+    is_asked = fall > _SHOWN or not _is_of_one_clock(free.time_s)
+    ends = _ends(small, found.point, held, noise_factor) if is_asked else []
+    widths = max([shifted.std_error(DELAY), *(abs(end[DELAY]) / NORMAL_95 for end in ends)]) / width_s
+    evidence = 0.5 * fall + math.log(min(max(widths, 1.0e-300), 1.0))
+    weight = _share(evidence + math.log(_FREE_BEFOREHAND / (1.0 - _FREE_BEFOREHAND)))
     if weight > 1.0 - _DECIDED:
         return Weighed(free, found.point, shifted, 1.0)
-    if fall < _SHOWN and weight < _DECIDED:
+    is_open = is_asked and _share(evidence) > _FREE_BEFOREHAND
+    if weight < _DECIDED and not is_open:
         return Weighed(narrow, point, alone, 0.0)
-    mixture = mixed([1.0 - weight, weight], [alone, shifted])
-    if fall > _SHOWN:
-        mixture = reaching(mixture, alone if weight > 0.5 else shifted)
+    knows = mixed([1.0 - weight, weight], [alone, shifted])
+    if is_open:
+        others = [dict(zip(one.symbols, one.values, strict=True)) for one in (alone, shifted)]
+        knows = reaching(knows, [*others, *ends])
     likelier = (free, found.point) if weight > 0.5 else (narrow, point)
-    return Weighed(*likelier, mixture, weight)
+    return Weighed(*likelier, knows, weight)
+
+
+def _is_of_one_clock(time_s: FloatArray) -> bool:
+    """Whether rows, (n,), are as fast and even as a card's clock makes them, which holds its channels at one instant.
+
+    What is slower or uneven was read one channel after the other.
+    """
+    step_s = np.diff(time_s)
+    usual_s = float(np.median(step_s))
+    return usual_s <= _FAST_S and float(np.median(np.abs(step_s - usual_s))) <= _EVEN * usual_s
+
+
+def _share(log_odds: float) -> float:
+    return 1.0 / (1.0 + math.exp(-min(max(log_odds, -700.0), 700.0)))
+
+
+def _ends(small: StemModel, point: FloatArray, held: tuple[str, ...], noise_factor: float) -> list[dict[str, float]]:
+    """Values by symbol at the longest delays either way that cost less than 3.84 more, all others following.
+
+    It is the profile likelihood: under a delay F_v may go to its bound, and the curvature at the point says nothing.
+    """
+    held = held if len(held) > _FEW_INPUTS else ()
+    near = descend(small, point, most_steps=_STEPS, held=held, one_sided=True)
+    entry = next(entry for entry in small.coordinates.entries if entry.name == DELAY)
+    begun, ends = small.coordinates.values(near.point), []
+    for sense in (1.0, -1.0):
+        last = near.point
+        for share in _PROFILED:
+            values = small.coordinates.values(last)
+            late_s = begun[DELAY] + sense * share * entry.prior_sd * entry.unit
+            # the force acts later: the damping that delayed the stem is less
+            viscous = max(values["F_v"] - values["k"] * (late_s - values[DELAY]), 0.1 * values["F_v"])
+            starts = [small.coordinates.point(values | {DELAY: late_s, "F_v": own}) for own in (viscous, values["F_v"])]
+            start = min(starts, key=small.cost)
+            found = descend(small, start, most_steps=_STEPS, held=(DELAY, *held), one_sided=True)
+            if found.cost > near.cost + _SHOWN * noise_factor**2:
+                break
+            last = found.point
+        ends.append(natural_values(small, last))
+    return ends
 
 
 def _other_starts(model: StemModel, point: FloatArray, width_s: float, ramps: Ramps) -> list[FloatArray]:

@@ -31,7 +31,13 @@ def mixed(weights: list[float], parts: list[Knowledge]) -> Knowledge:
     )
 
 
-def reaching(knows: Knowledge, other: Knowledge) -> Knowledge:
-    """Return what is known with 95 % intervals that reach the other's values too, along the line between both."""
-    way = (np.array(other.values) - np.array(knows.values)) / NORMAL_95
-    return replace(knows, covariance=knows.covariance + np.outer(way, way), _ties={})
+def reaching(knows: Knowledge, others: list[dict[str, float]]) -> Knowledge:
+    """Return what is known with 95 % intervals that reach these values by symbol too, along the lines to them."""
+    covariance = knows.covariance.copy()
+    own = np.array(knows.values)
+    ways = [(np.array([other[symbol] for symbol in knows.symbols]) - own) / NORMAL_95 for other in others]
+    scale = np.sqrt(np.diag(covariance))
+    for way in sorted(ways, key=lambda one: -float(np.max(np.abs(one) / scale))):
+        if bool((way * way > np.diag(covariance)).any()):
+            covariance += np.outer(way, way)
+    return replace(knows, covariance=covariance, _ties={})
