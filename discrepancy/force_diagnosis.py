@@ -9,7 +9,8 @@ from typing import Any, Final
 import numpy as np
 
 from discrepancy.diagnosis import Diagnosis, Finding, Verdict
-from discrepancy.force_causes import FORCE_CAUSES, ForceStart, fitted_value
+from discrepancy.force_causes.base import ForceStart, fitted_value
+from discrepancy.force_causes.registry import FORCE_CAUSES
 from discrepancy.force_fit import ForceModelFit, fit_forces, promises
 from discrepancy.force_gain import ForceGain, force_gain, left_out_force_gain
 from discrepancy.force_pictures import force_pictures, share_along
@@ -59,13 +60,15 @@ def diagnose_forces(
         tell(0.1 + 0.6 * number / _MOST_CAUSES, "trying one cause after the other")
         tried = _tried(records, best)
         if number == 0:
-            details["tried"] = [{"cause": one.start.cause, "gain": one.gain} for one in tried]
+            details["tried"] = [{"cause": one.start.cause.name, "gain": one.gain} for one in tried]
         first = tried[0] if tried else None
         # what no physical value explains better than any that is leaves no name to trust
         if first is None or not first.is_possible or first.gain < SURE or first.share < _LEAST_SHARE:
             break
         if number == 0:
-            rivals = tuple(one.start.cause for one in tried[1:] if one.is_possible and first.gain - one.gain < NEAR)
+            rivals = tuple(
+                one.start.cause.name for one in tried[1:] if one.is_possible and first.gain - one.gain < NEAR
+            )
         best = first.fit
         chosen.append(first)
     details["force_error_after_percent"] = 100.0 * best.rms_n / best.force_rms_n
@@ -115,7 +118,7 @@ def _concluded(
         if not isinstance(record, Outcome):
             gains.append(force_gain(name, record, choice.baseline, best))
     gains.append(left_out_force_gain(records, best))
-    names = " and ".join(one.start.cause for one in choice.chosen)
+    names = " and ".join(one.start.cause.name for one in choice.chosen)
     if any(gain.is_worse for gain in gains):
         message = f"{names} would explain the misfit and predicts other data worse than the plain drive: none is named."
         return Diagnosis(Verdict.UNEXPLAINED, message, gains=tuple(gains), details=details, drawn=pictures)
@@ -133,14 +136,14 @@ def _concluded(
 
 def _tried(records: Sequence[ForceRecord], best: ForceModelFit) -> list[_Tried]:
     """The best start of each cause that is not in the fit yet, the most gain first."""
-    taken = {start.cause for start in best.starts}
+    taken = {start.cause.name for start in best.starts}
     whole = records[0]
     left = np.where(whole.rows, whole.force_n - best.predicted(whole), 0.0)
     found = []
     for cause in FORCE_CAUSES.values():
         if cause.name in taken:
             continue
-        starts = list(cause.starts(whole, left))
+        starts = [ForceStart(cause, shape) for shape in cause.shapes(whole, left)]
         if not starts:
             continue
         promised = promises(best, starts)
@@ -154,7 +157,7 @@ def _tried(records: Sequence[ForceRecord], best: ForceModelFit) -> list[_Tried]:
 
 
 def _finding(one: _Tried, best: ForceModelFit, choice: _Choice) -> Finding:
-    cause = FORCE_CAUSES[one.start.cause]
+    cause = one.start.cause
     place = best.starts.index(one.start)
     parameters = cause.read(best.values, best.of_causes[place], one.start.shape) or {}
     return Finding(cause.name, cause.sentence(parameters, best.values), cause.action, parameters, choice.share)

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from discrepancy.force_causes import ForceStart
+from discrepancy.force_causes.base import ForceStart
 from discrepancy.force_record import BASE, ForceRecord
 from estimators.likelihood.intervals import inflation
 from estimators.samples import FloatArray
@@ -68,7 +68,7 @@ def fit_forces(records: Sequence[ForceRecord], starts: Sequence[ForceStart] = ()
     found = _solved(records, starts, None)
     mass, jerk = found.values["m"][0], found.values[JERK][0]
     most = max(record.samples.period_s for record in records) * abs(mass)
-    if abs(jerk) > most and all(start.cause != _LAG for start in starts):
+    if abs(jerk) > most and all(start.cause.name != _LAG for start in starts):
         return _solved(records, starts, math.copysign(most, jerk))
     return found
 

@@ -1,0 +1,72 @@
+"""Causes in the position reading and from outside, as columns of the balance of forces."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+import numpy as np
+
+from discrepancy.causes.base import Fitted, strongest_frequencies, with_interval
+from discrepancy.force_causes.base import ForceCause, Found, Shape, Values, fitted_value
+from discrepancy.force_record import ForceRecord
+from estimators.samples import FloatArray
+
+_SLOWEST_HZ: Final = 1.5  # slower than that it is the motion itself
+_FREQUENCIES: Final = 6
+_PERIODS: Final = 1.0  # of sampling: a delay between the channels that every record may have
+
+
+def _lag_shapes(record: ForceRecord, _left: FloatArray) -> Iterator[Shape]:
+    yield {"period_s": record.samples.period_s}
+
+
+def _no_column(record: ForceRecord, _shape: Shape) -> FloatArray:
+    """The jerk's own column, which is in every fit, with its bound taken off (discrepancy.force_fit)."""
+    return np.empty((record.samples.count, 0))
+
+
+def _read_lag(values: Values, _found: Found, shape: Shape) -> dict[str, Fitted] | None:
+    (jerk, error), mass = values["jerk"], values["m"][0]
+    if not (mass > 0.0 and jerk - 4.0 * error > _PERIODS * shape["period_s"] * mass):
+        return None
+    return {"lag_s": fitted_value(jerk / mass, error / mass, "s")}
+
+
+def _say_lag(parameters: Mapping[str, Fitted], _values: Values) -> str:
+    return f"The position reading lags by {with_interval(parameters['lag_s'], 1.0e3, 'ms')}."
+
+
+LAG: Final = ForceCause("position_lag", _lag_shapes, _no_column, _read_lag, _say_lag)
+
+
+def _vibration_shapes(record: ForceRecord, left: FloatArray) -> Iterator[Shape]:
+    for frequency_hz in strongest_frequencies(record.time_s, left, _FREQUENCIES):
+        if frequency_hz >= _SLOWEST_HZ:
+            yield {"frequency_hz": frequency_hz}
+
+
+def _vibration_columns(record: ForceRecord, shape: Shape) -> FloatArray:
+    turn = 2.0 * np.pi * shape["frequency_hz"] * record.time_s
+    return np.column_stack([np.sin(turn), np.cos(turn)])
+
+
+def _read_vibration(_values: Values, found: Found, shape: Shape) -> dict[str, Fitted] | None:
+    # the force that shakes stands on the other side of the balance
+    (sine, error), (cosine, _) = found
+    hertz, phase = shape["frequency_hz"], float(np.arctan2(-cosine, -sine))
+    return {
+        "force_n": fitted_value(float(np.hypot(sine, cosine)), error, "N"),
+        "frequency_hz": Fitted(hertz, hertz, hertz, "Hz"),
+        "phase_rad": Fitted(phase, phase, phase, "rad"),
+    }
+
+
+def _say_vibration(parameters: Mapping[str, Fitted], _values: Values) -> str:
+    force = with_interval(parameters["force_n"], 1.0, "N")
+    return f"A periodic force of {force} shakes the drive at {parameters['frequency_hz'].value:.2f} Hz."
+
+
+VIBRATION: Final = ForceCause("vibration", _vibration_shapes, _vibration_columns, _read_vibration, _say_vibration)
+
+CHANNELS: Final = (LAG, VIBRATION)

@@ -1,0 +1,206 @@
+"""Causes in the friction, as columns of the balance of forces."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+from discrepancy.causes.base import Fitted, with_interval
+from discrepancy.force_causes.base import ForceCause, Found, Shape, Values, fitted_value, one_column, swept
+from discrepancy.force_record import ForceRecord
+from estimators.samples import FloatArray
+
+_SPEEDS: Final = (0.02, 0.05, 0.12, 0.3)  # of the usual speed
+_SPOTS: Final = 16
+_SPOT_WIDTHS: Final = (0.03, 0.08)  # of the swept range
+_TIMES_S: Final = (5.0, 20.0, 80.0)
+_DEFLECTIONS: Final = (1.0e-4, 3.0e-4, 1.0e-3, 3.0e-3)  # of the swept range
+# All of the friction, or nearly so, is carried by the bristles.
+_LEAST_CARRIED: Final = 0.3
+_MOST_CARRIED: Final = 2.0
+
+
+def _asymmetry_shapes(_record: ForceRecord, _left: FloatArray) -> Iterator[Shape]:
+    yield {}
+
+
+def _asymmetry_column(record: ForceRecord, _shape: Shape) -> FloatArray:
+    return one_column(np.abs(record.velocity))
+
+
+def _read_asymmetry(values: Values, found: Found, _shape: Shape) -> dict[str, Fitted] | None:
+    viscous, (change, error) = values["F_v"][0], found[0]
+    if not abs(change) < viscous:
+        return None
+    return {"viscous_asymmetry": fitted_value(change / viscous, error / viscous, "1")}
+
+
+def _say_asymmetry(parameters: Mapping[str, Fitted], values: Values) -> str:
+    entry, viscous = parameters["viscous_asymmetry"], values["F_v"][0]
+    opening, closing = (viscous * (1.0 + sense * entry.value) for sense in (1.0, -1.0))
+    return (
+        f"Friction differs by direction: viscous friction is {opening:.1f} N s/m towards larger positions and "
+        f"{closing:.1f} N s/m back, {with_interval(entry, 200.0, '%')} apart."
+    )
+
+
+ASYMMETRY: Final = ForceCause(
+    "friction_asymmetry", _asymmetry_shapes, _asymmetry_column, _read_asymmetry, _say_asymmetry
+)
+
+
+def _stribeck_shapes(record: ForceRecord, _left: FloatArray) -> Iterator[Shape]:
+    usual = float(np.median(np.abs(record.velocity[record.rows])))
+    for share in _SPEEDS:
+        yield {"speed_m_per_s": share * usual}
+
+
+def _stribeck_column(record: ForceRecord, shape: Shape) -> FloatArray:
+    return one_column(record.sense * np.exp(-((record.velocity / shape["speed_m_per_s"]) ** 2)))
+
+
+def _read_stribeck(_values: Values, found: Found, shape: Shape) -> dict[str, Fitted] | None:
+    excess, error = found[0]
+    if excess <= 0.0:
+        return None
+    speed = shape["speed_m_per_s"]
+    return {
+        "excess_n": fitted_value(excess, error, "N"),
+        "speed_m_per_s": Fitted(speed, 0.6 * speed, 1.6 * speed, "m/s"),
+    }
+
+
+def _say_stribeck(parameters: Mapping[str, Fitted], _values: Values) -> str:
+    return (
+        f"Friction falls with speed, by {with_interval(parameters['excess_n'], 1.0, 'N')} over about "
+        f"{1.0e3 * parameters['speed_m_per_s'].value:.1f} mm/s."
+    )
+
+
+STRIBECK: Final = ForceCause("stribeck_friction", _stribeck_shapes, _stribeck_column, _read_stribeck, _say_stribeck)
+
+
+def _presliding_shapes(record: ForceRecord, _left: FloatArray) -> Iterator[Shape]:
+    for share in _DEFLECTIONS:
+        yield {"deflection_m": share * swept(record)[1]}
+
+
+def _presliding_column(record: ForceRecord, shape: Shape) -> FloatArray:
+    """Dahl's friction over F_c without the jump: after a turn it comes to the other side within a few deflections."""
+    left = np.exp(-np.abs(record.velocity) * record.samples.period_s / shape["deflection_m"])
+    built_up = _followed(np.sign(record.velocity), left, float(record.sense[0]))
+    return one_column(np.asarray(built_up - record.sense))
+
+
+@njit(cache=True)
+def _followed(sense: FloatArray, left: FloatArray, start: float) -> FloatArray:
+    """What follows ``sense``, (n,), and keeps the share ``left``, (n,), of its distance at each row."""
+    found = np.empty(sense.size)
+    at = start
+    for row in range(sense.size):
+        at = sense[row] + (at - sense[row]) * left[row]
+        found[row] = at
+    return found
+
+
+def _read_presliding(values: Values, found: Found, shape: Shape) -> dict[str, Fitted] | None:
+    share = found[0][0] / values["F_c"][0] if values["F_c"][0] > 0.0 else 0.0
+    if not _LEAST_CARRIED < share < _MOST_CARRIED:
+        return None
+    deflection_m = shape["deflection_m"]
+    return {"deflection_m": Fitted(deflection_m, 0.5 * deflection_m, 2.0 * deflection_m, "m")}
+
+
+def _say_presliding(parameters: Mapping[str, Fitted], _values: Values) -> str:
+    return (
+        "After a turn friction does not jump to the other side but builds up elastically, over about "
+        f"{1.0e6 * parameters['deflection_m'].value:.0f} um."
+    )
+
+
+PRESLIDING: Final = ForceCause("presliding", _presliding_shapes, _presliding_column, _read_presliding, _say_presliding)
+
+
+def _spot_shapes(record: ForceRecord, _left: FloatArray) -> Iterator[Shape]:
+    low_m, swept_m = swept(record)
+    for width in _SPOT_WIDTHS:
+        for number in range(_SPOTS):
+            yield {"centre_m": low_m + (number + 0.5) / _SPOTS * swept_m, "width_m": width * swept_m}
+
+
+def _spot_column(record: ForceRecord, shape: Shape) -> FloatArray:
+    away = (record.samples.position_m - shape["centre_m"]) / shape["width_m"]
+    return one_column(record.sense * np.exp(-0.5 * away**2))
+
+
+def _read_spot(_values: Values, found: Found, shape: Shape) -> dict[str, Fitted] | None:
+    centre, width = shape["centre_m"], shape["width_m"]
+    return {
+        "rise_n": fitted_value(*found[0], "N"),
+        "centre_m": Fitted(centre, centre - width, centre + width, "m"),
+        "width_m": Fitted(width, 0.5 * width, 2.0 * width, "m"),
+    }
+
+
+def _say_spot(parameters: Mapping[str, Fitted], _values: Values) -> str:
+    sense = "higher" if parameters["rise_n"].value > 0.0 else "lower"
+    at = 1.0e3 * parameters["centre_m"].value
+    return f"Friction is {with_interval(parameters['rise_n'], 1.0, 'N')} {sense} about {at:.0f} mm, both ways."
+
+
+SPOT: Final = ForceCause("local_friction", _spot_shapes, _spot_column, _read_spot, _say_spot)
+
+
+def _gradient_shapes(record: ForceRecord, _left: FloatArray) -> Iterator[Shape]:
+    low_m, swept_m = swept(record)
+    yield {"reference_m": low_m + 0.5 * swept_m}
+
+
+def _gradient_column(record: ForceRecord, shape: Shape) -> FloatArray:
+    return one_column(record.sense * (record.samples.position_m - shape["reference_m"]))
+
+
+def _read_gradient(_values: Values, found: Found, shape: Shape) -> dict[str, Fitted] | None:
+    middle = shape["reference_m"]
+    return {"gradient_n_per_m": fitted_value(*found[0], "N/m"), "reference_m": Fitted(middle, middle, middle, "m")}
+
+
+def _say_gradient(parameters: Mapping[str, Fitted], _values: Values) -> str:
+    sense = "grows" if parameters["gradient_n_per_m"].value > 0.0 else "falls"
+    return f"Friction {sense} along the travel, by {with_interval(parameters['gradient_n_per_m'], 0.01, 'N')} a cm."
+
+
+GRADIENT: Final = ForceCause("friction_gradient", _gradient_shapes, _gradient_column, _read_gradient, _say_gradient)
+
+
+def _drift_shapes(_record: ForceRecord, _left: FloatArray) -> Iterator[Shape]:
+    for constant_s in _TIMES_S:
+        yield {"time_constant_s": constant_s}
+
+
+def _drift_column(record: ForceRecord, shape: Shape) -> FloatArray:
+    return one_column(record.sense * (1.0 - np.exp(-record.time_s / shape["time_constant_s"])))
+
+
+def _read_drift(_values: Values, found: Found, shape: Shape) -> dict[str, Fitted] | None:
+    constant_s = shape["time_constant_s"]
+    return {
+        "change_n": fitted_value(*found[0], "N"),
+        "time_constant_s": Fitted(constant_s, 0.5 * constant_s, 2.0 * constant_s, "s"),
+    }
+
+
+def _say_drift(parameters: Mapping[str, Fitted], _values: Values) -> str:
+    sense = "rose" if parameters["change_n"].value > 0.0 else "fell"
+    return (
+        f"Friction {sense} by up to {with_interval(parameters['change_n'], 1.0, 'N')}, with a time constant of about "
+        f"{parameters['time_constant_s'].value:.0f} s."
+    )
+
+
+DRIFT: Final = ForceCause("friction_drift", _drift_shapes, _drift_column, _read_drift, _say_drift)
+
+FRICTION: Final = (ASYMMETRY, STRIBECK, PRESLIDING, SPOT, GRADIENT, DRIFT)
