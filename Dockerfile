@@ -1,5 +1,5 @@
 # breakaway in a container: `serve` and `simulate` are the same image (docs/deployment.md).
-FROM docker.io/library/python:3.13-slim AS build
+FROM python:3.13-slim AS build
 ENV PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_CACHE_DIR=1
 WORKDIR /src
 RUN python3 -m venv /opt/breakaway
@@ -17,7 +17,7 @@ RUN /opt/breakaway/bin/python -m pip install --no-deps --no-build-isolation . \
  && /opt/breakaway/bin/python -m pip uninstall --yes hatchling pathspec pluggy trove-classifiers \
  && /opt/breakaway/bin/python -m pip uninstall --yes pip
 
-FROM docker.io/library/python:3.13-slim
+FROM python:3.13-slim
 ENV PATH=/opt/breakaway/bin:$PATH \
     PYTHONUNBUFFERED=1 \
     PYTHONDONTWRITEBYTECODE=1 \

@@ -12,7 +12,7 @@ from discrepancy.diagnosis import Diagnosis, Verdict
 from discrepancy.pictures import pictures
 from discrepancy.saved_model import SavedModel, saved_model
 from discrepancy.separating import SeparatingTest
-from estimators.base import Estimate
+from estimators.base import Estimate, Status
 from service.separating import NOTHING_SEPARATES, find_separating_test, room_of_recordings
 from valve.nameplate import Nameplate
 from valve.recording import Recording
@@ -21,6 +21,10 @@ Progress = Callable[[float, str], None]
 
 NOT_YET: Final = "The estimates are done; the diagnosis has not been."
 _LIKELIHOOD: Final = "maximum_likelihood"
+_OWN_FIT: Final = (
+    "The diagnosis fits the valve for itself, and its fit leaves nothing beyond the noise; "
+    "maximum likelihood did not get there, its message says why."
+)
 _DIAGNOSED: Final = 0.85  # share of the progress
 _LOG = structlog.get_logger(__name__)
 
@@ -70,7 +74,10 @@ def assess(
         )
         tell(_DIAGNOSED, "looking for a test that tells causes apart")
         separating = find_separating_test(found, room_of_recordings(recordings) if room is None else room)
-        return shown(found, separating, known)
+        told = shown(found, separating, known)
+        if found.verdict is Verdict.NONE and likelihood is not None and likelihood.status is Status.FAILED:
+            told["message"] = f"{told['message']} {_OWN_FIT}".strip()
+        return told
     except Exception as error:  # noqa: BLE001  - the estimates must not be lost with the diagnosis
         _LOG.error("diagnosis failed", valve=nameplate.tag, exc_info=error)
         reason = f"The diagnosis failed by a fault of its own ({type(error).__name__}: {error})"

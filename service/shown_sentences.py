@@ -29,18 +29,21 @@ _NUMBER: Final = r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 _QUANTITY: Final = re.compile(
     rf"(?<![\w.])(?P<numbers>(?:between\s{_NUMBER}\sand\s)?{_NUMBER}(?:\s(?:to|±)\s{_NUMBER})*)\s"
     rf"(?P<unit>{'|'.join(map(re.escape, sorted(_NAMED, key=len, reverse=True)))})(?![\w/*·])"
+    rf"(?P<interval>\s\({_NUMBER}\sto\s{_NUMBER}\))?"
 )
 _EACH: Final = re.compile(rf"(?<![\w.]){_NUMBER}")
 _DIGITS: Final = (3, 4)  # fewest and most that are shown where a unit is changed
+_LARGE_UM: Final = 100.0  # from here on metric lengths are read in mm
 
 
 def in_units(text: str, system: UnitSystem) -> str:
     """Return a sentence with its lengths, pressures and forces in the units of ``system``.
 
     ``it stood at 0.0485455 m`` becomes ``it stood at 48.55 mm``, or ``1.911 in``. A number whose unit stays is left
-    as it is, a small length (um) too where lengths are metric.
+    as it is, a small length (um) too where lengths are metric. An interval in brackets goes with
+    its value.
     """
-    return _QUANTITY.sub(lambda found: _in_unit(found["numbers"], found["unit"], system), text)
+    return _QUANTITY.sub(lambda found: _in_unit(found, system), text)
 
 
 def all_in_units(content: Any, system: UnitSystem) -> Any:
@@ -54,12 +57,18 @@ def all_in_units(content: Any, system: UnitSystem) -> Any:
     return content
 
 
-def _in_unit(numbers: str, named: str, system: UnitSystem) -> str:
+def _in_unit(found: re.Match[str], system: UnitSystem) -> str:
+    numbers, named, interval = found["numbers"], found["unit"], found["interval"] or ""
     si_unit, in_si = _NAMED[named]
     unit = shown_unit(si_unit, system)
-    if unit.name == named or (named == "um" and unit.name == "mm"):
-        return f"{numbers} {named}"
-    return f"{_EACH.sub(lambda one: _converted(one.group(), in_si / unit.in_si), numbers)} {unit.name}"
+    if unit.name == named:
+        return found.group()
+    if named == "um" and unit.name == "mm" and all(abs(float(one)) < _LARGE_UM for one in _EACH.findall(numbers)):
+        return f"{numbers} µm{interval}"
+    shown, between = (
+        _EACH.sub(lambda one: _converted(one.group(), in_si / unit.in_si), text) for text in (numbers, interval)
+    )
+    return f"{shown} {unit.name}{between}"
 
 
 def _converted(number: str, factor: float) -> str:

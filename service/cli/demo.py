@@ -20,7 +20,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 
 from service.cli.demo_plant import DEMO_VALVES, DemoValve, write_demo_plant
 from service.cli.demo_processes import DemoProcess, demo_processes, wait_until_ready
-from service.cli.demo_tables import print_test
+from service.cli.demo_tables import print_legend, print_test
 from service.cli.signals import ended_by_signals
 from valve.errors import InternalError, MeasurementError, ValveError
 from valve.parameter_sets import PARAMETER_SETS
@@ -52,6 +52,7 @@ def demo(
                     print(json.dumps({"valves": valves}), flush=True)
                 for valve, made in zip(DEMO_VALVES, valves, strict=True):
                     print_test(console, valve, made)
+                print_legend(console)
                 if not once:
                     _serve_on(console, base_url, processes)
         except KeyboardInterrupt:

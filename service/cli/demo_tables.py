@@ -114,6 +114,13 @@ def _on_one_line(text: str, width: int) -> str:
     return f"{text[: width - 1].rsplit(' ', 1)[0]}…"
 
 
+def print_legend(console: Console) -> None:
+    """Print what the tables' words stand for."""
+    console.print()
+    symbols = "; ".join(f"{symbol} {entry.meaning}" for symbol, entry in PARAMETER_SYMBOLS.items())
+    console.print(Text(f"{symbols}. Truth is what the simulated valve was made with; docs/glossary.md has the words."))
+
+
 def print_test(console: Console, valve: DemoValve, made: dict[str, Any]) -> None:
     """Print the table of one completed test, the reasons for what is missing, and the diagnosis."""
     console.print()

@@ -31,8 +31,9 @@ def loop_picture(
         stroke_m = signature.get("central_stroke_m")
         if stroke_m is not None:
             unit = shown_unit("m", system)
-            for place_m in stroke_m:
-                axes.axhline(unit.shown(place_m), color=SOFT, linewidth=0.8, linestyle=":")
+            for number, place_m in enumerate(stroke_m):
+                word = "" if number else "figures are of the stroke between"
+                axes.axhline(unit.shown(place_m), color=SOFT, linewidth=0.8, linestyle=":", label=word)
         x, y = shown_unit("Pa", system).name, shown_unit("m", system).name
         tidy(axes, x=f"pressure at the actuator, {x}", y=f"stem position, {y}")
         axes.legend(frameon=False, loc="upper left", handlelength=3.0, labelcolor=INK)

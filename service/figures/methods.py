@@ -36,14 +36,18 @@ def all_estimates(analysis: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return estimates
 
 
+def can_compare(estimates: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether two methods give a parameter that is not zero."""
+    return any(len(found) > 1 for _, found in _rows(estimates))
+
+
 def methods_picture(estimates: Sequence[Mapping[str, Any]], system: UnitSystem) -> Picture | None:
     """Return one row a parameter, the methods' values in percent of the narrowest; None with nothing to compare.
 
     A parameter that may be zero has no percents and no row.
     """
-    rows = [(symbol, found) for symbol in PARAMETER_SYMBOLS if (found := _found(estimates, symbol))]
-    rows = [(symbol, found) for symbol, found in rows if not _may_be_zero(_narrowest(found))]
-    if all(len(found) < 2 for _, found in rows):
+    rows = _rows(estimates)
+    if not can_compare(estimates):
         return None
     with settings():
         figure = sheet(7.2, 0.9 + 0.55 * len(rows))
@@ -70,6 +74,11 @@ def methods_svg(estimates: Sequence[Mapping[str, Any]], system: UnitSystem) -> s
     """Return the methods' picture as SVG text."""
     picture = methods_picture(estimates, system)
     return None if picture is None else svg_text(picture)
+
+
+def _rows(estimates: Sequence[Mapping[str, Any]]) -> list[tuple[str, dict[str, Mapping[str, Any]]]]:
+    rows = [(symbol, found) for symbol in PARAMETER_SYMBOLS if (found := _found(estimates, symbol))]
+    return [(symbol, found) for symbol, found in rows if not _may_be_zero(_narrowest(found))]
 
 
 def _found(estimates: Sequence[Mapping[str, Any]], symbol: str) -> dict[str, Mapping[str, Any]]:

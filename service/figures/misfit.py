@@ -67,7 +67,7 @@ def coordinate_picture(pictures: Mapping[str, Any] | None, system: UnitSystem) -
                 axes.plot(x, _numbers(curve["part_n"]) / force.in_si, line, color=RED, linewidth=2.0, label=own)
         axes.axhline(0.0, color=SOFT, linewidth=0.8)
         tidy(axes, x=f"{name}, {x_unit.name}", y=f"force missed, {force.name}")
-        axes.legend(frameon=False, ncols=2, fontsize=10, labelcolor=INK, loc="best")
+        figure.legend(loc="outside upper left", frameon=False, ncols=2, fontsize=10, labelcolor=INK)
     return Picture(
         figure,
         f"Misfit along {name}",

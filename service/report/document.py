@@ -162,7 +162,7 @@ def _sampling(analysis: Mapping[str, Any], system: UnitSystem) -> Iterator[tuple
         yield "Rate achieved", f"{sampling['rate_hz']:.4g} Hz, {sampling['missed_slots']} slots missed"
         yield (
             "Jitter",
-            f"{1e3 * sampling['jitter_rms_s']:.3g} ms rms, longest period {1e3 * sampling['largest_period_s']:.4g} ms",
+            f"{_jitter(sampling['jitter_rms_s'])}, longest period {1e3 * sampling['largest_period_s']:.4g} ms",
         )
     if recording.get("channels"):
         yield "Channels", ", ".join(recording["channels"])
@@ -172,6 +172,10 @@ def _sampling(analysis: Mapping[str, Any], system: UnitSystem) -> Iterator[tuple
         for method, rmse_m in one["rmse_m"].items():
             if rmse_m is not None:
                 yield f"Held out: {one['file']}, {method.replace('_', ' ')}", f"{quantity(rmse_m, 'm', system, 3)} rms"
+
+
+def _jitter(jitter_s: float) -> str:
+    return f"{1e3 * jitter_s:.3g} ms rms" if jitter_s >= _LEAST_JITTER_S else "below 0.001 ms rms"
 
 
 def _permissive(one: Mapping[str, Any]) -> dict[str, str]:

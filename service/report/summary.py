@@ -45,10 +45,11 @@ def _sentence(text: str) -> str:
 
 
 def _diagnosis(analysis: Mapping[str, Any], reasons: Sequence[str]) -> str:
-    """Return the diagnosis, with the causes' sentences that the reasons do not have already."""
+    """Return the diagnosis with the causes' sentences that the reasons do not have; "" where they say it all."""
     found = diagnosis_of(analysis)
     sentences = [str(cause["sentence"]) for cause in found.causes]
-    return " ".join([found.headline, *(one for one in sentences if not any(one in reason for reason in reasons))])
+    left = [one for one in sentences if not any(one in reason for reason in reasons)]
+    return "" if sentences and not left and found.verdict == "named" else " ".join([found.headline, *left])
 
 
 def _actions(analysis: Mapping[str, Any]) -> list[str]:

@@ -76,11 +76,6 @@ def parameter_rows(analysis: Mapping[str, Any]) -> list[ParameterRow]:
     ]
 
 
-def has_values(analysis: Mapping[str, Any]) -> bool:
-    """Whether any method gives any parameter."""
-    return any(cell.value is not None for row in parameter_rows(analysis) for cell in row.cells)
-
-
 def _cell(entry: Mapping[str, Any] | None) -> Cell:
     if entry is None or entry.get("value") is None:
         return Cell(None, None)

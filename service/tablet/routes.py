@@ -13,6 +13,7 @@ from urllib.parse import quote
 from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import RedirectResponse
 
+from service.figures.methods import all_estimates, can_compare
 from service.health.results import PastTest
 from service.parts import Parts, parts_of
 from service.runs.acknowledgement import needs_acknowledgement
@@ -25,7 +26,6 @@ from service.tablet.rendering import page, units_of
 from service.tablet.results import (
     diagnosis_of,
     figure_rows,
-    has_values,
     method_messages,
     method_names,
     missing_reasons,
@@ -273,7 +273,7 @@ def _result(request: Request, run: Run, past: ValvePast) -> dict[str, Any]:
         "separating_words": _separating_words(diagnosis.separating_test),
         "has_pictures": bool(pictures.get("time")),
         "has_coordinates": bool(pictures.get("coordinates")) and diagnosis.verdict != "none",
-        "has_values": has_values(analysis),
+        "has_comparison": can_compare(all_estimates(analysis)),
         "has_model": bool((analysis.get("discrepancy") or {}).get("extended_model")),
         "has_loop": bool((analysis.get("signature") or {}).get("curve")),
         "figure_rows": figure_rows(analysis, baseline),

@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimators.base import Outcome, failed
 from service.analysis import analyze_recordings, joined, recording_summary
 from service.analysis_pool import AnalysisPool
+from service.diagnosis import assess
 from tests.discrepancy.hidden import hidden
 from tests.service.recordings import NOMINAL, at_rest, recorded, sine_test, triangle_test, with_gaps
 from valve.effects import effect_from_values
@@ -61,6 +63,7 @@ def test_the_object_has_what_the_contract_promises(noisy: dict[str, Any]) -> Non
             assert parameter["value"] is not None or parameter["note"]
     assert noisy["discrepancy"]["verdict"] == "none"
     assert noisy["discrepancy"]["causes"] == []
+    assert noisy["discrepancy"]["message"] == ""
     assert noisy["discrepancy"]["gain"] is None
     assert noisy["health"]["reasons"]
 
@@ -131,6 +134,13 @@ def test_a_fault_of_the_diagnosis_leaves_the_estimates(monkeypatch: pytest.Monke
     assert values(analysis, "regression")["k"] is not None
     assert analysis["discrepancy"]["verdict"] == "not_assessed"
     assert "ZeroDivisionError: a fault" in analysis["discrepancy"]["message"]
+
+
+def test_a_healthy_verdict_beside_a_failed_fit_says_whose_fit_it_goes_by() -> None:
+    missed = failed("maximum_likelihood", Outcome.NOT_EXPLAINED)
+    told = assess([triangle_test(0.002, noise_m=5.0e-6)], PLATE, [missed])
+    assert told["verdict"] == "none"
+    assert "maximum likelihood did not get there" in told["message"]
 
 
 def test_several_recordings_are_diagnosed_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -117,7 +117,7 @@ def test_every_valve_of_the_plant_is_simulated_from_a_published_set() -> None:
 
 def test_the_image_runs_without_privileges_and_installs_by_hash(compose: dict[str, Any]) -> None:
     text = (PROJECT / "Dockerfile").read_text(encoding="utf-8")
-    assert re.findall(r"^FROM (\S+)", text, re.MULTILINE) == ["docker.io/library/python:3.13-slim"] * 2
+    assert re.findall(r"^FROM (\S+)", text, re.MULTILINE) == ["python:3.13-slim"] * 2
     assert re.findall(r"^USER (\S+)", text, re.MULTILINE) == ["breakaway"]
     assert text.index("\nUSER ") < text.index("\nENTRYPOINT ")
     assert "--require-hashes" in text
@@ -134,3 +134,10 @@ def test_every_package_of_the_project_is_in_the_image() -> None:
     assert set(copied) == set(project["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"])
     allowed = (PROJECT / ".dockerignore").read_text(encoding="utf-8").split()
     assert {f"!{name}" for name in copied} <= set(allowed)
+
+
+def test_no_file_names_a_registry_of_images(compose: dict[str, Any]) -> None:
+    """Where an image comes from is the engine's setting: a plant without the internet has a registry of its own."""
+    named = {service["image"] for service in compose["services"].values()}
+    named |= set(re.findall(r"^FROM (\S+)", (PROJECT / "Dockerfile").read_text(encoding="utf-8"), re.MULTILINE))
+    assert not {image for image in named if "/" in image}

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import io
+from pathlib import Path
 from typing import Any
 
 import pytest
 from rich.console import Console
 
 from service.cli.demo_plant import DEMO_VALVES
-from service.cli.demo_tables import print_test
+from service.cli.demo_tables import print_legend, print_test
 from valve.parameter_sets import PARAMETER_SETS
 from valve.parameters import PARAMETER_SYMBOLS
 
@@ -81,3 +82,12 @@ def test_the_error_keeps_to_its_column(factor: float, said: str) -> None:
     one["parameters"]["DV"]["value"] = factor * TRUTH["DV"]
     (line,) = (line for line in printed(one) if line.startswith(" DV"))
     assert line.split()[-1] == said
+
+
+def test_the_words_of_the_tables_are_explained_under_them() -> None:
+    out = io.StringIO()
+    print_legend(Console(file=out, width=80))
+    said = " ".join(out.getvalue().split())
+    assert all(f"{symbol} {entry.meaning}" in said for symbol, entry in PARAMETER_SYMBOLS.items())
+    assert (Path(__file__).parents[2] / "docs" / "glossary.md").exists()
+    assert "docs/glossary.md" in said

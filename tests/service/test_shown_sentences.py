@@ -33,6 +33,7 @@ def test_a_sentence_of_the_drivers_is_read_in_the_chosen_units(
         ("-1.5 mm", "-0.0591 in"),
         ("noise of 5 um", "noise of 0.000197 in"),
         ("0 N", "0 lbf"),
+        ("640.5 N (638.2 to 642.8) higher", "144.0 lbf (143.5 to 144.5) higher"),
     ],
 )
 def test_ranges_intervals_and_signs_are_taken_along(said: str, text: str) -> None:
@@ -48,8 +49,16 @@ def test_what_is_no_quantity_of_ours_is_left_alone(said: str) -> None:
 
 
 def test_what_is_metric_already_stays_digit_by_digit() -> None:
-    said = "0.00 kPa, 5.12345 mm, 7 um, 12345.678 N"
+    said = "0.00 kPa, 5.12345 mm, 640.5 N (638.2 to 642.8), 12345.678 N"
     assert in_units(said, UnitSystem.SI) == said
+
+
+@pytest.mark.parametrize(
+    ("said", "text"),
+    [("7 um", "7 µm"), ("-4291 um", "-4.291 mm"), ("250 um (240 to 260) of play", "0.250 mm (0.240 to 0.260) of play")],
+)
+def test_a_length_in_micrometres_is_read_in_millimetres_where_it_is_large(said: str, text: str) -> None:
+    assert in_units(said, UnitSystem.BAR) == text
 
 
 def test_every_text_of_a_document_is_changed_and_nothing_else() -> None:
