@@ -42,7 +42,8 @@ class SampleBlock:
 
     ``recorded`` says whether they belong to the recording: a captured test is also watched by polling, and those
     samples are for the eye alone. ``sent_s`` and ``received_s`` are there for polled samples, ``write_sent_s`` and
-    ``written_s`` (between which the command was written) for those that were commanded from here.
+    ``written_s`` (between which the command was written) for those that were commanded from here, ``late_s`` (how long
+    after its slot began) where there is a grid of slots.
     """
 
     time_s: FloatArray
@@ -54,6 +55,7 @@ class SampleBlock:
     recorded: bool
     write_sent_s: FloatArray | None = None
     written_s: FloatArray | None = None
+    late_s: FloatArray | None = None
 
 
 class Ended(StrEnum):

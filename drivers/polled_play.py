@@ -40,7 +40,8 @@ class PolledPlay:
         self._rows = rows = PolledRows(start_s)
         slot, told_s = 0, start_s
         while slot < self._course.samples:
-            await mover.pause_until(start_s + slot * self._course.period_s)
+            due_s = start_s + slot * self._course.period_s
+            await mover.pause_until(due_s)
             begun_s = time.monotonic()
             try:
                 sample = await mover.step(self._course.pressure_pa(begun_s - start_s))
@@ -48,7 +49,7 @@ class PolledPlay:
                 self._tell(rows, slot)
                 raise
             now_s = time.monotonic()
-            rows.add(sample or gap(begun_s, now_s), mover.device.in_force_pa, mover.written)
+            rows.add(sample or gap(begun_s, now_s), mover.device.in_force_pa, mover.written, begun_s - due_s)
             slot = max(slot + 1, math.floor((now_s - start_s) / self._course.period_s + 0.5))
             if now_s - told_s >= _TELL_PERIOD_S or slot >= self._course.samples:
                 told_s = now_s

@@ -29,11 +29,14 @@ class PolledRows:
         self._rows: list[tuple[float, ...]] = []
         self._given = 0
 
-    def add(self, sample: Sample, command_pa: float, write: Exchange | None) -> None:
-        """Add a sample, the command in force (NaN while nobody knows) and the write that put it there, if any."""
+    def add(self, sample: Sample, command_pa: float, write: Exchange | None, late_s: float) -> None:
+        """Add a sample, the command in force (NaN while nobody knows) and the write that put it there, if any.
+
+        ``late_s`` is how long after its slot it began.
+        """
         lasted_s = (math.nan, math.nan) if write is None else (write.sent_s, write.received_s)
         times_s = [at_s - self._start_s for at_s in (sample.time_s, *lasted_s, sample.sent_s, sample.received_s)]
-        self._rows.append((times_s[0], sample.position_m, sample.pressure_pa, command_pa, *times_s[1:]))
+        self._rows.append((times_s[0], sample.position_m, sample.pressure_pa, command_pa, *times_s[1:], late_s))
 
     def fresh(self) -> SampleBlock | None:
         """Rows since the last call; None where there is none."""
@@ -41,7 +44,7 @@ class PolledRows:
         if not rows:
             return None
         columns = np.array(rows, dtype=np.float64).T
-        time_s, position_m, pressure_pa, command_pa, write_sent_s, written_s, sent_s, received_s = columns
+        time_s, position_m, pressure_pa, command_pa, write_sent_s, written_s, sent_s, received_s, late_s = columns
         return SampleBlock(
             time_s,
             position_m,
@@ -52,6 +55,7 @@ class PolledRows:
             recorded=True,
             write_sent_s=write_sent_s,
             written_s=written_s,
+            late_s=late_s,
         )
 
     def recording(self, provenance: Provenance) -> Recording | None:
@@ -59,7 +63,7 @@ class PolledRows:
         if not self._rows:
             return None
         columns = np.array(self._rows, dtype=np.float64).T
-        time_s, position_m, pressure_pa, command_pa, write_sent_s, written_s, sent_s, received_s = columns
+        time_s, position_m, pressure_pa, command_pa, write_sent_s, written_s, sent_s, received_s, _ = columns
         taken = np.isfinite(position_m)
         exchanges_s = (received_s - sent_s)[taken if taken.any() else slice(None)]
         uncertainty_s = 0.5 * float(np.percentile(exchanges_s, _LATE_PERCENTILE))

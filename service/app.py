@@ -28,6 +28,7 @@ from service.errors import install_error_handlers
 from service.head_requests import HeadRequests
 from service.health.routes import router as health_routes
 from service.health.staleness import Staleness
+from service.meters import Meters
 from service.metrics import router as metrics_routes
 from service.models.routes import router as model_routes
 from service.mqtt.publisher import mqtt_of
@@ -89,12 +90,13 @@ def create_app(
         assert chosen is not None
         audit = await asyncio.to_thread(AuditLog, opened.folder / "audit", plant.service.gateway or "gateway")
         chosen_rig = rig or WiredRig(plant.buses, software)
-        runs = Runs(plant, opened, chosen_rig, chosen, software=software, audit=audit)
+        meters = Meters(plant)
+        opened.runs.listen(meters.note)
+        runs = Runs(plant, opened, chosen_rig, chosen, software=software, audit=audit, on_samples=meters.note_samples)
         access = access_of(opened.engine, plant.service.access, audit)
         nightly = Nightly(plant, opened, runs)
         stale = Staleness(plant)
-        app.state.parts = Parts(plant, opened, runs, chosen, converter, VERSION, access, audit, nightly, stale)
-        app.state.parts.meters.follow(plant, opened.runs)
+        app.state.parts = Parts(plant, opened, runs, chosen, converter, VERSION, access, audit, nightly, stale, meters)
         try:
             await asyncio.to_thread(note_start, audit, plant, software)
             if pool is not None:

@@ -1,4 +1,4 @@
-"""What this process has measured since it started: samples, gaps, jitter, ends of motions, times of analyses."""
+"""What this process has measured since it started: samples, gaps, lateness, ends of motions, times of analyses."""
 
 from __future__ import annotations
 
@@ -9,25 +9,29 @@ from typing import Final
 
 from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest
 
+from drivers.outcome import SampleBlock
 from service.runs.acknowledgement import ENDED_KEY
 from service.runs.run import Run, RunState
 from service.settings import Plant
-from service.store.run_table import RunTable
 
 _REMEMBERED: Final = 10_000  # tests that were counted already: each is stored several times
 _JITTER_S: Final = (1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 2e-2, 5e-2, 0.1)
+_LATE_S: Final = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1, 0.2, 0.5, 1.0)
 _ANALYSIS_S: Final = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0, 600.0)
 
 
 class Meters:
-    """Counts every test once, by its bus; what is stored is what is counted. ``note`` is called from any thread."""
+    """Counts every test once, by its bus; what is stored is what is counted. ``note`` is called from any thread.
 
-    def __init__(self) -> None:
+    Lateness is counted while a test runs, as its samples are written down.
+    """
+
+    def __init__(self, plant: Plant) -> None:
         self._registry = CollectorRegistry(auto_describe=False)
         self._since = datetime.now(UTC)
         self._counted: OrderedDict[tuple[str, str], None] = OrderedDict()
         self._lock = threading.Lock()
-        self._buses: dict[str, str] = {}
+        self._buses = {tag: valve.wiring.command.bus for tag, valve in plant.valves.items()}
         self._samples = self._by_bus("breakaway_samples", "samples that were recorded")
         self._gaps = self._by_bus("breakaway_sample_gaps", "samples that could not be had")
         self._missed = self._by_bus("breakaway_missed_slots", "sampling instants without a sample")
@@ -41,6 +45,13 @@ class Meters:
             registry=self._registry,
             buckets=_JITTER_S,
         )
+        self._lateness = Histogram(
+            "breakaway_sampling_lateness_seconds",
+            "how long after its slot a polled sample began",
+            labelnames=["bus"],
+            registry=self._registry,
+            buckets=_LATE_S,
+        )
         self._analyses = Histogram(
             "breakaway_analysis_seconds",
             "from the end of the motion to the result",
@@ -51,10 +62,12 @@ class Meters:
     def _by_bus(self, name: str, text: str) -> Counter:
         return Counter(name, text, labelnames=["bus"], registry=self._registry)
 
-    def follow(self, plant: Plant, runs: RunTable) -> None:
-        """Count what is stored from now on."""
-        self._buses = {tag: valve.wiring.command.bus for tag, valve in plant.valves.items()}
-        runs.listen(self.note)
+    def note_samples(self, tag: str, block: SampleBlock) -> None:
+        """Count how late samples of a running test were taken; those that a device took by itself have no slot here."""
+        if block.late_s is not None:
+            lateness = self._lateness.labels(self._buses.get(tag, ""))
+            for late_s in block.late_s.tolist():
+                lateness.observe(max(0.0, late_s))
 
     def note(self, run: Run) -> None:
         """Count what is new in a run; one of an earlier process, acknowledged now, is not counted again."""

@@ -33,8 +33,8 @@ class Parts:
     audit: AuditLog
     nightly: Nightly
     staleness: Staleness
+    meters: Meters
     drawer: Drawer = field(default_factory=Drawer)
-    meters: Meters = field(default_factory=Meters)
 
 
 def parts_of(request: Request) -> Parts:

@@ -40,6 +40,9 @@ ENDED: Final = "ended"  # however it did: no sign of how much was done
 NOT_CONFIRMED: Final = "SAFE STATE NOT CONFIRMED: go and look at the valve"
 
 
+OnSamples = Callable[[str, SampleBlock], None]  # a valve's tag and samples of it that were written down
+
+
 class Analyst(Protocol):
     """Analyses a stored recording somewhere else than on the event loop."""
 
@@ -74,7 +77,9 @@ class Life:
         *,
         audit: AuditLog | None = None,
         together: Sequence[str] = (),
+        on_samples: OnSamples = lambda *_: None,
     ) -> None:
+        self._on_kept = on_samples
         self._together = tuple(together)
         self._live = live
         self._order = order
@@ -274,6 +279,7 @@ class Life:
                 self._abort_for_disk(error)
         if not self._disk_error:
             self._live.samples(block)
+            self._on_kept(self._live.run.valve, block)
 
     def _on_progress(self, share: float, phase: str) -> None:
         if phase == UPLOADING and not self._live.motion_ended.is_set():

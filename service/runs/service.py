@@ -19,7 +19,7 @@ from service.bus import BusOwners, Claim
 from service.bus_lock import BusLocks
 from service.events import Event
 from service.runs.acknowledgement import acknowledged, ended_badly, last_end
-from service.runs.life import NOT_CONFIRMED, Analyst, Life
+from service.runs.life import NOT_CONFIRMED, Analyst, Life, OnSamples
 from service.runs.live import LiveRun
 from service.runs.permission import Permission, free_disk
 from service.runs.recovery import (
@@ -49,8 +49,17 @@ class Runs:
     """Every run of this process. All methods belong to the event loop."""
 
     def __init__(
-        self, plant: Plant, store: Store, rig: Rig, analyst: Analyst, *, software: str, audit: AuditLog | None = None
+        self,
+        plant: Plant,
+        store: Store,
+        rig: Rig,
+        analyst: Analyst,
+        *,
+        software: str,
+        audit: AuditLog | None = None,
+        on_samples: OnSamples = lambda *_: None,
     ) -> None:
+        self._on_samples = on_samples
         self._plant = plant
         self._store = store
         self._rig = rig
@@ -154,7 +163,16 @@ class Runs:
                 raise
             live = self._remember(stored)
             order = Order(valve, choice.waveform, choice.name, stored.number, permit)
-            life = Life(live, order, claim, self._store, self._owners, audit=self._audit, together=together)
+            life = Life(
+                live,
+                order,
+                claim,
+                self._store,
+                self._owners,
+                audit=self._audit,
+                together=together,
+                on_samples=self._on_samples,
+            )
             self._spawn(life.run(self._rig, self._analyst))
         because = {"because": choice.reason} if choice.reason else {}
         _LOG.info("test accepted", test=stored.id, valve=tag, sequence=choice.name, run_number=stored.number, **because)

@@ -11,7 +11,7 @@ import pytest
 from drivers.addresses import MotionLimits, Parity, Point, RtuAddress
 from drivers.device import connect_valve
 from drivers.maps.reference import CaptureState, WatchdogState
-from drivers.outcome import Ended
+from drivers.outcome import Ended, SampleBlock
 from drivers.transport import Transport
 from tests.drivers.bench import LIMITS, SAFE_PA, WAVE, WIRING, Bench, until
 from tests.drivers.conftest import TIMEOUT_S
@@ -84,6 +84,25 @@ async def test_a_device_without_function_23_is_read_by_two_transactions(bench: B
     outcome = await bench.play(mode="captured", period_s=0.001)
     assert outcome.recording is not None
     assert (outcome.recording.samples, outcome.recording.gaps) == (501, 0)
+
+
+async def test_a_sample_that_begins_late_says_by_how_much(bench: Bench) -> None:
+    def slowly(block: SampleBlock) -> None:
+        bench.blocks.append(block)
+        time.sleep(0.035)  # the event loop is held up: the next slot has begun when it goes on
+
+    outcome = await bench.play(on_samples=slowly)
+    assert outcome.recording is not None
+    late_s = np.concatenate([block.late_s for block in bench.blocks if block.late_s is not None])
+    assert late_s.size == outcome.recording.samples
+    assert late_s.min() >= 0.0
+    first_of_blocks = np.cumsum([block.time_s.size for block in bench.blocks])[:-1]
+    assert late_s[first_of_blocks].min() > 0.01
+    assert outcome.recording.sent_s is not None
+    assert outcome.recording.write_sent_s is not None
+    begun_s = np.fmin(outcome.recording.sent_s, outcome.recording.write_sent_s)
+    slots = (begun_s - late_s) / 0.02
+    assert np.median(np.abs(slots - np.round(slots))) < 0.1
 
 
 async def test_the_valve_is_ramped_to_the_start_and_to_safe_at_the_allowed_rate(bench: Bench) -> None:

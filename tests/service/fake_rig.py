@@ -86,6 +86,7 @@ def _block(time_s: Any, command_pa: Any) -> SampleBlock:
         sent_s=time_s - 0.001,
         received_s=time_s + 0.001,
         recorded=True,
+        late_s=np.full(time_s.shape, 0.015),
     )
 
 
