@@ -85,7 +85,8 @@ def step_instants(corners: Corners, period_s: float) -> Iterator[Corners]:
 def refit(model: StemModel, found: Found, point: FloatArray) -> Found:
     """Descend again with the input's errors as unknowns: from ``found`` and ``point`` (p,) on blocks, then on all rows.
 
-    ``point`` is where the errors, eliminated linearly, lead to.
+    ``point`` is where the errors, eliminated linearly, lead to. On all rows it goes on from the lowest of these, or
+    from ``found`` itself where that is lower.
     """
     none = np.zeros(len(model.deviations))
     small = compressed(model)
@@ -93,8 +94,9 @@ def refit(model: StemModel, found: Found, point: FloatArray) -> Found:
         descend(small, np.concatenate([start, none]), most_steps=_STEPS, one_sided=True)
         for start in ([found.point] if np.array_equal(point, found.point) else [found.point, point])
     ]
-    near = min(nears, key=lambda one: one.cost)
-    again = descend(model, near.point, most_steps=_LAST_STEPS, one_sided=True)
+    # blocks may lead away from what explains all rows already
+    begun = [np.concatenate([found.point, none]), *(near.point for near in nears)]
+    again = descend(model, min(begun, key=model.cost), most_steps=_LAST_STEPS, one_sided=True)
     if not math.isfinite(again.cost):
         return found
     return replace(

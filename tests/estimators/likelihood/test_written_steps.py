@@ -100,7 +100,7 @@ def test_moving_rows_of_a_staircase_are_not_joined_to_blocks(nominal: WrittenTes
     assert nearest.max() < 1.0e-9
 
 
-@pytest.mark.parametrize(("valve", "seed"), [("nominal", 2), ("rough", 2)])
+@pytest.mark.parametrize(("valve", "seed"), [("nominal", 2), ("rough", 13)])
 def test_maximum_likelihood_finds_the_valve_of_a_polled_test_without_lag(valve: str, seed: int) -> None:
     test = written_test(valve, seed)
     estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
