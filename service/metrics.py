@@ -61,7 +61,7 @@ class PlantCollector(Collector):
         busy = GaugeMetricFamily("breakaway_valve_under_test", "1 while a test uses the valve", labels=["valve"])
         health = GaugeMetricFamily(
             "breakaway_valve_ne107",
-            "1 for the NE 107 state as it stands today",
+            "1; the label is the NE 107 state as it stands today",
             labels=["valve", "state"],
         )
         stale = GaugeMetricFamily(
@@ -85,8 +85,8 @@ class PlantCollector(Collector):
             if standing.completed_at is not None:
                 result.add_metric([tag], standing.completed_at.timestamp())
             known = oldest.state(standing.ne107, standing.completed_at)
-            for state in _NE107 if known in _NE107 else ():
-                health.add_metric([tag, state], float(state == known))
+            if known in _NE107:
+                health.add_metric([tag, known], 1.0)
         yield from (busy, stale, last, result, health)
 
 

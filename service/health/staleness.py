@@ -11,9 +11,8 @@ from typing import Any, Final
 from service.health.results import Ne107
 from service.schedules.calendar import nth_last_due
 from service.settings import Plant
-from service.settings_nightly import Schedule
 
-_KEPT: Final = timedelta(minutes=1)  # how long what the calendar said of a schedule is taken as the present
+_KEPT: Final = timedelta(minutes=1)  # how long an answer is taken as the present: limits are days
 _DAY_S: Final = 86400.0
 
 
@@ -44,6 +43,15 @@ class Oldest:
         return {**health, "ne107": shown, "reasons": [*health.get("reasons", ()), reason]}
 
 
+@dataclass(frozen=True, slots=True)
+class _Rule:
+    """What valves of the same limits and schedules have in common."""
+
+    days: float
+    checks: int
+    schedules: tuple[int, ...]
+
+
 class Staleness:
     """The plant's rules: ``stale_days`` of each valve, and ``stale_checks`` of the schedules that it is in.
 
@@ -51,27 +59,30 @@ class Staleness:
     """
 
     def __init__(self, plant: Plant) -> None:
-        self._plant = plant
-        self._schedules: defaultdict[str, list[Schedule]] = defaultdict(list)
-        for schedule in plant.schedules:
+        self._schedules = tuple(plant.schedules)
+        places: defaultdict[str, list[int]] = defaultdict(list)
+        for place, schedule in enumerate(self._schedules):
             for tag in schedule.valves:
-                self._schedules[tag].append(schedule)
-        self._kept: dict[tuple[str, int], tuple[datetime, datetime | None]] = {}
+                places[tag].append(place)
+        limits = {tag: valve.health for tag, valve in plant.valves.items()}
+        self._rules = {
+            tag: _Rule(one.stale_days, one.stale_checks, tuple(places.get(tag, ()))) for tag, one in limits.items()
+        }
+        self._present: dict[_Rule, tuple[datetime, Oldest]] = {}
 
     def oldest(self, tag: str, now: datetime) -> Oldest:
         """Return how old the last result of a valve of the plant may be."""
-        limits = self._plant.valves[tag].health
-        at, allowed = now - timedelta(days=limits.stale_days), f"{limits.stale_days:.3g} are allowed"
-        for schedule in self._schedules.get(tag, ()):
-            due_at = self._due(schedule, limits.stale_checks, now)
-            if due_at is not None and due_at > at:
-                at, allowed = due_at, f"older than the last {limits.stale_checks} times of schedule {schedule.name}"
-        return Oldest(at, allowed)
+        rule = self._rules[tag]
+        known = self._present.get(rule)
+        if known is None or not known[0] <= now < known[0] + _KEPT:
+            known = self._present[rule] = (now, self._oldest(rule, now))
+        return known[1]
 
-    def _due(self, schedule: Schedule, count: int, now: datetime) -> datetime | None:
-        asked_at, due_at = self._kept.get((schedule.name, count), (None, None))
-        if asked_at is None or not asked_at <= now < asked_at + _KEPT:
+    def _oldest(self, rule: _Rule, now: datetime) -> Oldest:
+        at, allowed = now - timedelta(days=rule.days), f"{rule.days:.3g} are allowed"
+        for schedule in (self._schedules[place] for place in rule.schedules):
             # A check may start as late as its window ends: until then it did not fail to come.
-            due_at = nth_last_due(schedule, now - timedelta(seconds=schedule.window_s), count)
-            self._kept[schedule.name, count] = (now, due_at)
-        return due_at
+            due_at = nth_last_due(schedule, now - timedelta(seconds=schedule.window_s), rule.checks)
+            if due_at is not None and due_at > at:
+                at, allowed = due_at, f"older than the last {rule.checks} times of schedule {schedule.name}"
+        return Oldest(at, allowed)
