@@ -9,7 +9,7 @@
     │   ├── WaveformError        a test sequence that the valve cannot or must not follow
     │   ├── RecordingError       a recording that cannot be read
     │   ├── NotFoundError        an unknown tag, test or sequence
-    │   ├── ElsewhereError       another gateway drives the valve: ask that one
+    │   ├── ElsewhereError       another gateway drives the valve, or has the recording: ask that one
     │   ├── BusyError            the valve or its bus is taken: wait, then repeat
     │   └── PermissiveError      a permissive is missing: do what it says, then repeat
     ├── EquipmentError       look at the valve, its device or the wire
@@ -56,10 +56,10 @@ class NotFoundError(RequestError):
 
 
 class ElsewhereError(RequestError):
-    """Another gateway of the plant drives the valve: ask that one."""
+    """Another gateway of the plant has what is asked for: ask that one."""
 
-    def __init__(self, tag: str, gateway: str, url: str) -> None:
-        super().__init__(f"{tag}: gateway {gateway} drives this valve: repeat the request at {url}")
+    def __init__(self, reason: str, gateway: str, url: str) -> None:
+        super().__init__(f"{reason}: repeat the request at {url}")
         self.gateway = gateway
         self.url = url
 

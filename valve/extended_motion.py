@@ -16,7 +16,11 @@ import numpy as np
 import numpy.typing as npt
 
 from valve.errors import MotionError, ParameterError, WaveformError
-from valve.extended_kernel import (
+from valve.extended_valve import ExtendedValve, InputPath
+from valve.kernel.follow_extended import follow_extended
+from valve.kernel.input_path import lagged_corners, transformed
+from valve.kernel.modes import FOLLOWED
+from valve.kernel.slots import (
     AT_V,
     AT_X,
     BRISTLE,
@@ -29,12 +33,8 @@ from valve.extended_kernel import (
     REST_SINCE,
     SHOWN,
     STATES,
-    follow_extended,
 )
-from valve.extended_kernel_input import lagged_corners, transformed
-from valve.extended_valve import ExtendedValve, InputPath
 from valve.motion_inputs import MOST_EVENTS, checked_corners, checked_outputs, float_array, motion_error
-from valve.motion_kernel import FOLLOWED
 from valve.stem import FloatArray, Mode, ModeArray, ModeChanges, StemState
 
 LONGEST_SUB_STEP_S: Final = 5.0e-3

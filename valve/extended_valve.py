@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from valve.errors import ParameterError
-from valve.extended_kernel import AREA_CURVE, FRICTION_CURVE, SLOTS, SPRING_CURVE
+from valve.kernel.slots import AREA_CURVE, FRICTION_CURVE, SLOTS, SPRING_CURVE
 from valve.parameters import PARAMETER_SYMBOLS, TravelStops, ValveParameters
 
 FloatArray = npt.NDArray[np.float64]
@@ -228,7 +228,7 @@ class ExtendedValve:
                 require_finite(name, value)
 
     def vector(self) -> FloatArray:
-        """All slots but the input path's in the order of ``valve.extended_kernel.SLOTS``, as the kernel takes them."""
+        """All slots but the input path's in the order of ``valve.kernel.slots.SLOTS``, as the kernel takes them."""
         q = np.array(_NEUTRAL)
         for symbol, entry in PARAMETER_SYMBOLS.items():
             q[_PLACE[symbol]] = getattr(self.parameters, entry.field)

@@ -14,6 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from valve.errors import RecordingError, WaveformError
+from valve.kernel.follow import follow
+from valve.kernel.modes import FOLLOWED
+from valve.kernel.sampling import even_period
 from valve.motion_batch import BatchMotion, simulate_batch
 from valve.motion_inputs import (
     MOST_EVENTS,
@@ -23,7 +26,6 @@ from valve.motion_inputs import (
     motion_error,
     require_within_stops,
 )
-from valve.motion_kernel import FOLLOWED, even_period, follow
 from valve.nameplate import Nameplate
 from valve.parameters import TravelStops, ValveParameters
 from valve.recording import Recording

@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from valve.errors import MotionError, ParameterError, WaveformError
-from valve.motion_kernel import ROOT_NOT_FOUND, first_fall
+from valve.kernel.modes import ROOT_NOT_FOUND
+from valve.kernel.sampling import first_fall
 from valve.parameters import TravelStops, ValveParameters
 from valve.stem import FloatArray, StemState
 

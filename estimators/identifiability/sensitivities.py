@@ -11,6 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from valve.errors import ParameterError
+from valve.kernel.follow import follow
+from valve.kernel.modes import FOLLOWED
+from valve.kernel.sampling import even_period
 from valve.motion_inputs import (
     MOST_EVENTS,
     checked_corners,
@@ -19,7 +22,6 @@ from valve.motion_inputs import (
     motion_error,
     require_within_stops,
 )
-from valve.motion_kernel import FOLLOWED, even_period, follow
 from valve.parameters import TravelStops, ValveParameters
 from valve.stem import FloatArray, ModeArray, StemState
 

@@ -10,7 +10,8 @@ import numpy as np
 from estimators.likelihood.coordinates import Coordinates
 from estimators.likelihood.shooting_kernel import shoot
 from estimators.samples import FloatArray, IntArray
-from valve.motion_kernel import FOLLOWED, even_period
+from valve.kernel.modes import FOLLOWED
+from valve.kernel.sampling import even_period
 
 _MOST_EVENTS: Final = 4_000  # a test has some hundred; more is a trial valve that chatters
 STEP: Final = 1.0e-6  # of differences, in the coordinates

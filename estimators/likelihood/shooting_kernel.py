@@ -1,19 +1,17 @@
 """The compiled simulation of the likelihood: the stem followed from one start, or anew from each of several."""
 
 # mypy: allow-untyped-defs
-# numba types each kernel from its arguments, as in valve.motion_kernel
+# numba types each kernel from its arguments, as in valve.kernel
 # ruff: noqa: PLR0917 - kernels take flat numbers in order
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numba import njit
 
-from valve.motion_kernel import FOLLOWED, SLIP, STUCK, follow
-
-# Any: the decorated kernels are typed by numba, from their arguments
-kernel: Any = njit(cache=True, error_model="numpy")
+from valve.kernel.compiled import kernel
+from valve.kernel.follow import follow
+from valve.kernel.modes import FOLLOWED, SLIP, STUCK
 
 FROM_THE_FIRST_ROW: Final = np.zeros(1, np.int64)
 

@@ -17,12 +17,12 @@ where it rested. Lengths are in m, forces in N, times in s.
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numba import njit
 
-from valve.motion_kernel import INVERSE_FACTORIAL, impulse_response
+from valve.kernel.compiled import kernel
+from valve.kernel.response import INVERSE_FACTORIAL, impulse_response
 
 M: Final = 0
 F_V: Final = 1
@@ -46,8 +46,6 @@ _LAG_RATE: Final = 3
 _AGE: Final = 4
 _C: Final = 5
 _W2: Final = 6
-
-kernel: Any = njit(cache=True, error_model="numpy")
 
 
 @kernel

@@ -30,7 +30,7 @@ from valve.nameplate import Action
 from valve.recording import Acquisition
 from valve.waveform import FloatArray, Waveform
 
-FORBIDDEN = ("valve.extended_kernel", "valve.extended_motion", "valve.motion", "discrepancy", "estimators")
+FORBIDDEN = ("valve.kernel", "valve.extended_motion", "valve.motion", "discrepancy", "estimators")
 MAKING_CASES = ("cases.py", "kinds.py", "oddities.py", "plant.py", "sequences.py", "strengths.py")
 
 

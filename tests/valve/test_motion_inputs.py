@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from valve.errors import MotionError, ParameterError, RecordingError, WaveformError
+from valve.kernel.follow import follow
 from valve.motion import (
     Mode,
     StemIntegrator,
@@ -17,7 +18,6 @@ from valve.motion import (
     simulate_recording,
     simulate_waveform,
 )
-from valve.motion_kernel import follow
 from valve.parameter_sets import parameter_set
 from valve.parameters import TravelStops
 from valve.recording import Recording

@@ -8,7 +8,9 @@ from decimal import Decimal, localcontext
 import numpy as np
 import pytest
 
-from valve.motion_kernel import even_period, first_at_or_after, first_fall, impulse_response, slip_end
+from valve.kernel.first_roots import slip_end
+from valve.kernel.response import impulse_response
+from valve.kernel.sampling import even_period, first_at_or_after, first_fall
 
 
 def decimal_response(tau: float, c: float, w2: float) -> tuple[float, float, float, float]:

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from valve.motion_kernel import kernel
+from valve.kernel.compiled import kernel
 
 LONGEST_REST_IN_LAGS: Final = 36.0  # after so many time constants a lag has nothing left in double precision
 

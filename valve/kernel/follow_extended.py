@@ -1,0 +1,324 @@
+"""The motion of the Karnopp stem with its slots: one pass over the corners of the force.
+
+Between two anchors (a corner, an output, a sub-step of a slip) the linear part of the motion is solved in closed
+form, as in valve.kernel.follow. All slots neutral, nothing is added and the motion is the exact one.
+"""
+
+# mypy: allow-untyped-defs
+# numba types each kernel from its arguments; an annotation would be a second, unchecked one.
+# ruff: noqa: PLR0917 - kernels take flat numbers in order, so that other compiled code can call them
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from valve.kernel.bristles import bristle_rest
+from valve.kernel.compiled import kernel
+from valve.kernel.loaded_rest import rest_length
+from valve.kernel.loaded_slip import GLANCE_S, loaded_slip
+from valve.kernel.loads import (
+    coulomb_level,
+    drag_at,
+    extra_static,
+    finest_feature,
+    is_neutral_in_motion,
+    load,
+    static_level,
+    vibration_rate,
+    zone,
+)
+from valve.kernel.mode_steps import band_step, slide_end, slip_step
+from valve.kernel.modes import FOLLOWED, ROOT_NOT_FOUND, SLIDE, SLIP, STOPPED, STUCK, TOO_MANY_EVENTS, regime
+from valve.kernel.sensing import displayed, sampled, sense
+from valve.kernel.slots import (
+    AT_V,
+    AT_X,
+    BOW,
+    BRISTLE,
+    D_V,
+    DWELL_RISE,
+    ELAPSED,
+    EXTRA,
+    F_0,
+    F_V,
+    GAIN,
+    HIGH,
+    HIGH_RATE,
+    IN_MODE,
+    LAGGED,
+    LOW,
+    LOW_RATE,
+    NEVER_MOVED,
+    PLAY,
+    PLAYED,
+    POSITION_LAG,
+    PRESLIDING,
+    PRESSURE_SHARE,
+    REST_SINCE,
+    SHOWN,
+    STRIBECK,
+    VIBRATION,
+    VIBRATION_RATE,
+    VISCOUS_ASYMMETRY,
+    K,
+    M,
+)
+
+EVEN_SHARE: Final = 0.05  # of the speed, by which the stem's swing may still change it where a slide is even
+FEATURE_SHARE: Final = 0.1  # of the shortest length over which a slot's force bends, that one sub-step covers
+LONGEST_FOLLOWED_S: Final = 1.0e-3  # sub-step of a sensor that lags or has play, and of bristles
+
+
+@kernel
+def follow_extended(
+    q, curves, state, corner_time, corner_force, end_time, out_time, rest_time, rest_x, rest_since,
+    out_x, out_sensed, out_v, out_mode, out_force, event_time, event_mode, most_events, longest,
+):  # fmt: skip
+    """Follow the stem from the first corner to ``end_time``, ``state`` in place; return (status, events, passes).
+
+    Corners and outputs as in valve.kernel.follow; all five outputs are written. At each of ``rest_time``
+    (rising) the stem is put to rest at ``rest_x``, where it rests since ``rest_since``. ``longest`` bounds the
+    sub-steps of a slip whose slots are not neutral, and of a stem whose bristles give. ``passes`` is the number of
+    steps that it took, the measure of its work.
+    """
+    m, DV = q[M], q[D_V]
+    x, v, mode, extra = state[AT_X], state[AT_V], int(state[IN_MODE]), state[EXTRA]
+    never_moved, rest_from, bristle = state[NEVER_MOVED] != 0.0, state[REST_SINCE], state[BRISTLE]
+    clock = state[ELAPSED] - corner_time[0]  # from the corners' times to the slots' own
+    low = q[LOW] if q[LOW_RATE] == math.inf else -math.inf
+    high = q[HIGH] if q[HIGH_RATE] == math.inf else math.inf
+    linear, finest, elastic = is_neutral_in_motion(q), finest_feature(q), q[PRESLIDING] > 0.0
+    following = q[POSITION_LAG] > 0.0 or q[PLAY] > 0.0
+    sensing = following or q[GAIN] != 1.0 or q[BOW] != 0.0
+    if sensing and math.isnan(state[PLAYED]):
+        state[PLAYED], state[SHOWN] = x, displayed(q, x)
+        state[LAGGED] = state[SHOWN]
+    rising, falling, response = np.full(5, math.nan), np.full(5, math.nan), np.full(7, math.nan)
+    n, n_out, n_rest = corner_time.size, out_time.size, rest_time.size
+    n_events, out, put, pieces, passes, carried, elastic_v = 0, 0, 0, 0, 0, 0.0, 0.0
+    net, more, area, s, beyond, static = 0.0, 0.0, 1.0, 1.0, 0.0, 0.0
+    viscous, coulomb, highest, drag, rounding = 0.0, 0.0, 0.0, 0.0, 0.0
+    rate_before, most_there, swing, stalls = math.nan, math.inf, math.inf, 0
+    rate, edge, held_force, fresh, loaded = q[K], math.inf, corner_force[0], True, False
+    if mode == STUCK and v == 0.0 and (x >= high or x <= low):
+        mode = STOPPED
+    for i in range(n):
+        start, last = corner_time[i], i == n - 1
+        if start > end_time:
+            break
+        stop = end_time if last else min(corner_time[i + 1], end_time)
+        fresh = fresh or (i > 0 and corner_time[i - 1] == start)
+        if stop == start:
+            # of a step only the far side counts, and at the very end only where there was a step
+            if (not last and corner_time[i + 1] == start) or i == 0 or corner_time[i - 1] < start:
+                continue
+            slope = 0.0
+        else:
+            slope = 0.0 if last else (corner_force[i + 1] - corner_force[i]) / (corner_time[i + 1] - start)
+        # tau is kept beside the time: their difference would be rounded, and times a steep slope that is a force
+        now_s, tau, going = start, 0.0, True
+        while going:
+            passes += 1
+            force, t = corner_force[i] + slope * tau, now_s + clock
+            if put < n_rest and rest_time[put] <= now_s:
+                while put + 1 < n_rest and rest_time[put + 1] <= now_s:
+                    put += 1
+                x, v, extra, bristle = min(max(rest_x[put], low), high), 0.0, 0.0, math.nan
+                if mode not in (STUCK, STOPPED):
+                    mode = STUCK
+                rest_from = rest_since[put] + clock
+                put += 1
+                fresh = True
+                if sensing:
+                    sense(q, state, x, 0.0)
+            coasting = not fresh and mode == SLIP and abs(v) > DV * (1.0 + 1.0e-12)
+            if fresh or coasting or elastic or mode != STUCK:
+                if x >= high:
+                    x, v = high, min(v, 0.0)
+                elif x <= low:
+                    x, v = low, max(v, 0.0)
+                if not (coasting and loaded):
+                    net, more, area = load(q, curves, x, t, force)
+                side = 1.0 if net > 0.0 else -1.0
+                heading = side if v == 0.0 else (1.0 if v > 0.0 else -1.0)
+                viscous, coulomb = q[F_V] * (1.0 + heading * q[VISCOUS_ASYMMETRY]), coulomb_level(q, heading, more)
+                highest = static_level(q, heading, more, 0.0) if q[STRIBECK] > 0.0 else coulomb
+                drag, s = drag_at(q, coulomb, highest, DV), heading
+                rate, edge = zone(q, x, heading)
+                if not coasting:
+                    resting = mode in (STUCK, STOPPED)
+                    beyond = extra_static(q, t - rest_from, never_moved) if resting else extra
+                    static = static_level(q, side, more, beyond)
+                    # of the numbers that make up the net force, and of the time at which it is taken
+                    numbers = abs(force) + abs(q[K] * x) + abs(q[F_0]) + tau * (abs(slope) + q[K] * abs(v))
+                    rounding = 1.0e-15 * numbers
+                    if not linear or elastic:
+                        rounding += 1.0e-9 * static
+                    if mode == STUCK and elastic and abs(bristle) < static:
+                        now = STUCK
+                    else:
+                        push = slope * area + vibration_rate(q, t)
+                        if not linear and abs(abs(v) - DV) <= 1.0e-9 * DV:
+                            # on the edge of the band all rates along the motion decide
+                            net_end, more_end, _area = load(
+                                q, curves, x + v * GLANCE_S, t + GLANCE_S, force + slope * GLANCE_S
+                            )
+                            gain = net_end - net - heading * (coulomb_level(q, heading, more_end) - coulomb)
+                            push = gain / GLANCE_S + rate * v
+                        elif v == 0.0 and (not linear or q[DWELL_RISE] != 0.0):
+                            # and where static friction gives way, its own too
+                            net_end, more_end, _area = load(q, curves, x, t + GLANCE_S, force + slope * GLANCE_S)
+                            then = extra_static(q, t + GLANCE_S - rest_from, never_moved) if resting else extra
+                            gain = net_end - net - side * (static_level(q, side, more_end, then) - static)
+                            push = gain / GLANCE_S
+                        now, s = regime(rate, viscous, drag, static, DV, low, high, x, v, net, push, rounding)
+                    if (n_events == most_events and now != mode) or pieces > most_events:
+                        state[AT_X], state[AT_V], state[IN_MODE] = x, v, mode
+                        return TOO_MANY_EVENTS, n_events, passes
+                    if now != mode:
+                        carried = 0.0
+                        if now in (STUCK, STOPPED):
+                            if not resting:
+                                rest_from = t
+                                # a slip leaves the bristles bent its own way
+                                bristle = heading * coulomb if mode in (SLIP, SLIDE) else net
+                        elif resting:
+                            extra = beyond
+                        mode = now
+                        if n_events < event_time.size:
+                            event_time[n_events], event_mode[n_events] = now_s, mode
+                        n_events += 1
+                    if mode in (SLIP, SLIDE):
+                        extra, never_moved = 0.0, False
+                    elif mode in (STUCK, STOPPED):
+                        v = 0.0
+                        if math.isnan(bristle):
+                            bristle = net
+            yielding = mode == STUCK and elastic
+            held = mode in (STUCK, STOPPED) and not yielding
+            while out < n_out and out_time[out] <= now_s:
+                out = sampled(
+                    out, x, state[LAGGED] if sensing else x, elastic_v if yielding else v, mode, force,
+                    out_x, out_sensed, out_v, out_mode, out_force,
+                )  # fmt: skip
+            until = stop
+            if put < n_rest:
+                until = min(until, rest_time[put])
+            if q[PRESSURE_SHARE] != 0.0 and force * slope < 0.0 and now_s - force / slope > now_s:
+                until = min(until, now_s - force / slope)
+            if out < n_out and not held:
+                until = min(until, out_time[out])
+            left, ended, x_next, v_next, loaded = until - now_s, False, x, 0.0, False
+            dwell = left
+            if held:
+                away = s if mode == STOPPED else 0.0
+                dwell, ended = rest_length(q, curves, x, t, force, slope, t - rest_from, never_moved, away, left)
+            elif yielding:
+                most = min(longest, LONGEST_FOLLOWED_S)
+                if q[VIBRATION] != 0.0:
+                    most = min(most, 0.1 / q[VIBRATION_RATE])
+                if left > most:
+                    left /= math.ceil(left / most - 1.0e-6)
+                dwell, ended, x_next, v_next, bristle = bristle_rest(
+                    q, curves, x, bristle, t, force, slope, t - rest_from, never_moved, left
+                )
+                elastic_v = (x_next - x) / dwell if dwell > 0.0 else 0.0
+            else:
+                if rate != rate_before:
+                    rate_before, most_there = rate, (math.inf if linear else longest)
+                    if following:
+                        most_there = min(most_there, LONGEST_FOLLOWED_S)
+                    if q[VIBRATION] != 0.0:
+                        most_there = min(most_there, 0.2 / q[VIBRATION_RATE])
+                    swing = 1.2 * math.sqrt(m / rate) if rate > 0.0 and not linear else math.inf
+                most = most_there
+                if most > swing:
+                    now_drag = drag_at(q, coulomb, highest, v)
+                    # an even slide needs no step as short as the stem's own swing
+                    if mode != SLIP or abs(net - s * now_drag - viscous * v) * swing > EVEN_SHARE * m * abs(v):
+                        most = swing
+                if abs(v) * most > FEATURE_SHARE * finest:
+                    most = FEATURE_SHARE * finest / abs(v)
+                if left > most:
+                    # even parts: no sliver is left at the end
+                    left /= math.ceil(left / most - 1.0e-6)
+                if left <= 0.0 and mode == SLIP and not linear:
+                    # a step at the very end: only what the stem is in is told anew
+                    dwell, ended, x_next, v_next = 0.0, False, x, v
+                elif mode == SLIP and not linear:
+                    dwell, ended, x_next, v_next, carried, net, more = loaded_slip(
+                        q, curves, s, x, v, t, force, slope, left, rate, edge, low, high,
+                        net, coulomb, highest, viscous, carried, response,
+                    )  # fmt: skip
+                    left, loaded = dwell, not ended
+                elif mode == SLIP:
+                    a, w2 = (net - s * drag - viscous * v) / m, rate / m
+                    if abs(v) <= DV * (1.0 + 1.0e-12):
+                        v, a = s * max(abs(v), DV), s * max(s * a, 0.0)
+                    dwell, ended, x_next, v_next = slip_step(
+                        viscous / m, w2, DV, low, high, s, x, v, a, slope / m - w2 * v, slope / m, left,
+                        rising if s > 0.0 else falling,
+                    )  # fmt: skip
+                    if math.isnan(dwell):
+                        state[AT_X], state[AT_V], state[IN_MODE] = x, v, mode
+                        return ROOT_NOT_FOUND, n_events, passes
+                elif mode == SLIDE:
+                    v, along = s * DV, slope
+                    if not linear and left > 0.0:
+                        net_end, more_end, _area = load(q, curves, x + s * DV * left, t + left, force + slope * left)
+                        gain = s * (net_end - net) - static_level(q, s, more_end, 0.0) + static
+                        along = s * (gain / left + rate * DV)
+                    dwell, ended, x_next, v_next = slide_end(
+                        rate, viscous, drag, static, DV, low, high, s, x, net, along, left
+                    )
+                else:
+                    along = slope
+                    while not linear and left > 0.0:
+                        net_end, more_end, _area = load(q, curves, x, t + left, force + slope * left)
+                        along = (net_end - net - s * (static_level(q, s, more_end, beyond) - static)) / left
+                        if s * net - static > rounding or s * (along - rate * v) > 0.0 or left <= GLANCE_S:
+                            break
+                        # it has just begun to grow: a chord over less of it says so too
+                        left *= 0.5
+                    a, w2 = (net - s * static) / m, rate / m
+                    dwell, ended, x_next, v_next = band_step(
+                        m, w2, static, DV, low, high, s, x, v, a, along / m - w2 * v, net, along, left
+                    )
+            pieces += ended
+            fresh = ended
+            # where two modes touch, each may hand over to the other for ever: time goes on all the same
+            stalls = stalls + 1 if (ended or left < until - now_s) and dwell < 1.0e-12 else 0
+            if stalls > 2:
+                pieces += 1
+                fresh, left = True, min(until - now_s, 0.1 * GLANCE_S)
+                dwell = left
+            if ended or left < until - now_s:
+                tau += dwell
+                after_s = start + tau
+            else:
+                tau, after_s = until - start, until
+            if held:
+                while out < n_out and out_time[out] < after_s:
+                    settled = state[SHOWN] if sensing else x
+                    if q[POSITION_LAG] > 0.0:
+                        settled += (state[LAGGED] - settled) * math.exp((now_s - out_time[out]) / q[POSITION_LAG])
+                    out = sampled(
+                        out, x, settled, 0.0, mode, corner_force[i] + slope * (out_time[out] - start),
+                        out_x, out_sensed, out_v, out_mode, out_force,
+                    )  # fmt: skip
+            if sensing:
+                sense(q, state, x_next, after_s - now_s)
+            x, v, now_s = x_next, v_next, after_s
+            going = ended or now_s < stop
+        held_force = corner_force[i] + slope * (stop - start)
+    while out < n_out:
+        out = sampled(
+            out, x, state[LAGGED] if sensing else x, elastic_v if elastic and mode == STUCK else v, mode, held_force,
+            out_x, out_sensed, out_v, out_mode, out_force,
+        )  # fmt: skip
+    state[AT_X], state[AT_V], state[IN_MODE], state[EXTRA] = x, v, mode, extra
+    state[ELAPSED], state[REST_SINCE], state[BRISTLE] = clock + end_time, rest_from, bristle
+    state[NEVER_MOVED] = 1.0 if never_moved else 0.0
+    return FOLLOWED, n_events, passes

@@ -1,0 +1,43 @@
+"""What a sensor shows of the stem: gain, bow, play and lag, and the writing of one output."""
+
+# mypy: allow-untyped-defs
+# numba types each kernel from its arguments; an annotation would be a second, unchecked one.
+# ruff: noqa: PLR0917 - kernels take flat numbers in order, so that other compiled code can call them
+from __future__ import annotations
+
+import math
+
+from valve.kernel.compiled import kernel
+from valve.kernel.slots import BOW, BOW_LOW, BOW_SPAN, GAIN, GAIN_REFERENCE, LAGGED, PLAY, PLAYED, POSITION_LAG, SHOWN
+
+
+@kernel
+def displayed(q, played):
+    """Position that a sensor with its gain and bow makes of what its lever follows."""
+    y = played
+    if q[BOW] != 0.0:
+        u = (y - q[BOW_LOW]) / q[BOW_SPAN]
+        y += 4.0 * q[BOW] * u * (1.0 - u)
+    return q[GAIN_REFERENCE] + q[GAIN] * (y - q[GAIN_REFERENCE])
+
+
+@kernel
+def sense(q, state, x, dt):
+    """Let the sensor follow a stem that went straight to x in ``dt``; its reading is state[LAGGED]."""
+    half = 0.5 * q[PLAY]
+    state[PLAYED] = min(max(state[PLAYED], x - half), x + half)
+    shown, before, T = displayed(q, state[PLAYED]), state[SHOWN], q[POSITION_LAG]
+    if T > 0.0:
+        if dt > 0.0:
+            way = (shown - before) / dt * T
+            state[LAGGED] = shown - way + (state[LAGGED] - before + way) * math.exp(-dt / T)
+    else:
+        state[LAGGED] = shown
+    state[SHOWN] = shown
+
+
+@kernel
+def sampled(i, x, sensed, v, mode, force, out_x, out_sensed, out_v, out_mode, out_force):
+    """Write one output and return the number of the next."""
+    out_x[i], out_sensed[i], out_v[i], out_mode[i], out_force[i] = x, sensed, v, mode, force
+    return i + 1
