@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import AsyncIterator
 from http import HTTPStatus
-from pathlib import Path
 from typing import Annotated, Final
 from urllib.parse import urlencode
 
@@ -20,8 +19,8 @@ from service.json_body import JsonRoute
 from service.parts import Parts, parts_of
 from service.problems import PROBLEMS
 from service.recordings.formats import CSV, PARQUET, acceptable
+from service.recordings.place import recording_of
 from service.runs.views import RunPage, RunRequest, RunView, summary, view
-from valve.errors import NotFoundError
 
 router = APIRouter(prefix="/tests", tags=["tests"], responses=PROBLEMS, route_class=JsonRoute)
 PartsOf = Annotated[Parts, Depends(parts_of)]
@@ -135,12 +134,10 @@ async def _as_text(events: AsyncIterator[tuple[Event, ...]]) -> AsyncIterator[st
     responses={200: {"content": {CSV: {}, PARQUET: {}}, "description": "The raw recording, as Accept asks"}},
 )
 async def get_recording(request: Request, test_id: str, parts: PartsOf) -> Response:
-    """Return the raw recording: CSV, or Parquet where `Accept` asks for it."""
+    """Return the raw recording: CSV, or Parquet where `Accept` asks for it; 421 where another gateway made it."""
     media_type = acceptable(request.headers.get("accept", "*/*"))
     run = await parts.runs.get(test_id)
-    if run.recording_file is None:
-        raise NotFoundError(f"test {run.id} has no recording (it is {run.state.value}): choose another test")
-    path: Path = parts.store.recording_path(run.id)
+    path = recording_of(run, parts.plant, parts.store)
     if media_type == PARQUET:
         headers = {"ETag": f'"{run.recording_sha256}"', "Vary": "Accept"}
         return FileResponse(path, media_type=PARQUET, filename=path.name, headers=headers)

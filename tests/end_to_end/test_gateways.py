@@ -150,12 +150,15 @@ def test_two_gateways_test_their_own_valves_and_see_all_results(tmp_path: Path) 
         moved = _until(lambda: (t := _asked(two, tests["FV-2"]))["motion_ended_at"] and t, running, tmp_path)
         assert moved["safe_confirmed"] is True
         assert _last_night(two)["FV-1"]["state"] == "running"  # nobody else speaks for g1
+        assert two.get(f"/tests/{tests['FV-2']}/recording").is_success
 
         running.append(stack.enter_context(_process(tmp_path, "serve", plants["g1"])))
         night = _until(lambda: (c := _last_night(one))["FV-1"]["state"] != "running" and c, running, tmp_path)
         assert night["FV-1"]["state"] == "interrupted"
         safe = _until(lambda: (t := _asked(one, tests["FV-1"]))["safe_confirmed"] is not None and t, running, tmp_path)
         assert safe["safe_confirmed"] is True
+        elsewhere = one.get(f"/tests/{tests['FV-2']}/recording")
+        assert (elsewhere.status_code, elsewhere.json()["url"]) == (421, str(two.base_url))
         for client in (one, two):  # each sees both, and what is stored is the same
             listed = {test["id"]: test for test in client.get("/tests").json()["tests"]}
             assert set(listed) == set(tests.values())
