@@ -65,12 +65,13 @@ def _in_unit(found: re.Match[str], system: UnitSystem) -> str:
         return found.group()
     if named == "um" and unit.name == "mm" and all(abs(float(one)) < _LARGE_UM for one in _EACH.findall(numbers)):
         return f"{numbers} µm{interval}"
+    more = 1 if interval else 0  # so that the ends of a narrow interval still differ
     shown, between = (
-        _EACH.sub(lambda one: _converted(one.group(), in_si / unit.in_si), text) for text in (numbers, interval)
+        _EACH.sub(lambda one: _converted(one.group(), in_si / unit.in_si, more), text) for text in (numbers, interval)
     )
     return f"{shown} {unit.name}{between}"
 
 
-def _converted(number: str, factor: float) -> str:
-    digits = len(re.sub(r"e.*|\D", "", number).lstrip("0"))
-    return plus_minus(float(number) * factor, None, digits=min(_DIGITS[1], max(_DIGITS[0], digits)))
+def _converted(number: str, factor: float, more: int) -> str:
+    digits = more + len(re.sub(r"e.*|\D", "", number).lstrip("0"))
+    return plus_minus(float(number) * factor, None, digits=min(_DIGITS[1] + more, max(_DIGITS[0], digits)))

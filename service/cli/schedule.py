@@ -81,6 +81,7 @@ def _as_json(check: PlannedCheck) -> dict[str, Any]:
 
 
 def _print(plant: Plant, checks: list[PlannedCheck], hours: float) -> None:
+    from rich import box
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
@@ -95,7 +96,11 @@ def _print(plant: Plant, checks: list[PlannedCheck], hours: float) -> None:
         console.print(f"Nothing is due within {hours:g} h.")
         return
     zones = {schedule.name: schedule.zone for schedule in plant.schedules}
-    table = Table("Starts about", "Valve", "Bus", "Sequence", "Ends about", "Window ends", "Schedule")
+    is_one_zone = len({zones[check.schedule] for check in checks}) == 1
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    table.add_column("Starts about", no_wrap=True)
+    for heading in ("Valve", "Bus", "Sequence", "Ends", "Window ends", "Schedule"):
+        table.add_column(heading, overflow="fold")  # a name is never cut
     for check in checks:
         zone = zones[check.schedule]
         start = Text(f"{check.starts_at.astimezone(zone):%a %Y-%m-%d %H:%M}")
@@ -103,8 +108,11 @@ def _print(plant: Plant, checks: list[PlannedCheck], hours: float) -> None:
             start.append(" too late", style="bold")
         bus = f"{check.gateway}/{check.bus}" if check.gateway else check.bus
         ends, window = (f"{one.astimezone(zone):%H:%M}" for one in (check.ends_at, check.window_ends_at))
-        table.add_row(start, check.valve, bus, check.sequence, ends, window, f"{check.schedule} ({zone.key})")
+        schedule = check.schedule if is_one_zone else f"{check.schedule} ({zone.key})"
+        table.add_row(start, check.valve, bus, check.sequence, ends, window, schedule)
     console.print(table)
+    if is_one_zone:
+        console.print(f"Times are those of {zones[checks[0].schedule].key}.")
     late = [check.valve for check in checks if not check.fits]
     if late:
         console.print(

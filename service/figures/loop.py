@@ -36,7 +36,7 @@ def loop_picture(
                 axes.axhline(unit.shown(place_m), color=SOFT, linewidth=0.8, linestyle=":", label=word)
         x, y = shown_unit("Pa", system).name, shown_unit("m", system).name
         tidy(axes, x=f"pressure at the actuator, {x}", y=f"stem position, {y}")
-        axes.legend(frameon=False, loc="upper left", handlelength=3.0, labelcolor=INK)
+        figure.legend(loc="outside upper left", frameon=False, ncols=3, fontsize=10, handlelength=3.0, labelcolor=INK)
     friction = quantity(signature.get("friction_mean_n"), "N", system)
     behind = ", with the baseline's loop behind it" if _has_points(old) else ""
     return Picture(

@@ -33,7 +33,7 @@ def test_a_sentence_of_the_drivers_is_read_in_the_chosen_units(
         ("-1.5 mm", "-0.0591 in"),
         ("noise of 5 um", "noise of 0.000197 in"),
         ("0 N", "0 lbf"),
-        ("640.5 N (638.2 to 642.8) higher", "144.0 lbf (143.5 to 144.5) higher"),
+        ("640.5 N (638.2 to 642.8) higher", "143.99 lbf (143.47 to 144.51) higher"),
     ],
 )
 def test_ranges_intervals_and_signs_are_taken_along(said: str, text: str) -> None:
@@ -55,7 +55,7 @@ def test_what_is_metric_already_stays_digit_by_digit() -> None:
 
 @pytest.mark.parametrize(
     ("said", "text"),
-    [("7 um", "7 µm"), ("-4291 um", "-4.291 mm"), ("250 um (240 to 260) of play", "0.250 mm (0.240 to 0.260) of play")],
+    [("7 um", "7 µm"), ("-4291 um", "-4.291 mm"), ("250 um (240 to 260) of play", "0.2500 mm (0.2400 to 0.2600) of play")],
 )
 def test_a_length_in_micrometres_is_read_in_millimetres_where_it_is_large(said: str, text: str) -> None:
     assert in_units(said, UnitSystem.BAR) == text
