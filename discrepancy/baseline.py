@@ -10,9 +10,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from discrepancy.least_squares import Fit, descend, start_fit
+from discrepancy.least_squares import Fit, descend, on, start_fit
 from discrepancy.model import Model
 from discrepancy.observed import Observed
+from discrepancy.thinning import thinned
 from discrepancy.unknowns import Unknown, Unknowns
 from estimators.base import Estimate
 from estimators.likelihood.start import first_guesses
@@ -123,7 +124,7 @@ def fit_baseline(observed: Observed, estimate: Estimate | None = None) -> Fit | 
     fastest = _fastest(motion)
     # an estimate that misses a cause may hold hardly any friction, and the sizes of the unknowns go by it
     friction_n = max(guess["F_c"] for guess in guesses)
-    model = Model(observed, baseline_unknowns(observed, fastest, friction_n))
+    model = Model(observed, baseline_unknowns(observed, fastest, friction_n), thin=thinned(observed))
     nuisances = {f"x_{number}": segment.start_m for number, segment in enumerate(observed.segments)}
     nuisances |= {"delay_s": 0.0, "first_rise": 0.0}
     points = [model.unknowns.point({**nuisances, **guess}) for guess in guesses]
@@ -149,8 +150,9 @@ def refined(fit: Fit) -> Fit:
     for share in _RESTARTED_SHARES:
         if best.cost < _EXPLAINED**2 * best.model.observed.count:
             break
-        again = descend(_restarted(best, share), most_steps=5, span_s=_BLURS_S[1], held=DYNAMIC)
-        again = descend(scanned(again, "d", STATIC_SCAN), most_steps=_REFINING_STEPS)
+        again = on(best.model.thinned(), _restarted(best, share))
+        again = descend(again, most_steps=5, span_s=_BLURS_S[1], held=DYNAMIC)
+        again = descend(on(best.model, scanned(again, "d", STATIC_SCAN)), most_steps=_REFINING_STEPS)
         best = again if again.cost < best.cost else best
     return best
 

@@ -95,7 +95,7 @@ def left_out_gain(before: Fit, after: Fit) -> Gain | None:
     free = _without_rests(observed)
     errors = []
     for fit in (before, after):
-        fitted = descend(start_fit(replace(fit.model, observed=part), fit.point), most_steps=_STEPS)
+        fitted = descend(start_fit(replace(fit.model, observed=part, thin=None), fit.point), most_steps=_STEPS)
         errors.append(_rmse(free, fitted, split_s, own_start=True))
     if errors[0] is None or errors[1] is None:
         return None

@@ -75,6 +75,11 @@ def start_fit(model: Model, point: FloatArray) -> Fit:
     return Fit(model, point, residual, None, float(residual @ residual + prior @ prior))
 
 
+def on(model: Model, fit: Fit) -> Fit:
+    """Return the fit as it stands with this model, of the same unknowns."""
+    return fit if model is fit.model else start_fit(model, fit.point)
+
+
 def descend(start: Fit, *, most_steps: int, span_s: float = 0.0, held: frozenset[str] = frozenset()) -> Fit:
     """Return the lowest point reached by at most so many steps on residuals that are blurred over ``span_s``.
 

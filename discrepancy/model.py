@@ -18,22 +18,31 @@ from valve.extended_valve import ExtendedValve, SensorPath
 from valve.stem import StemState
 
 _MOST_EVENTS: Final = 20_000
-_LONGEST_SUB_STEP_S: Final = 5.0e-3
+_LONGEST_SUB_STEP_S: Final = 1.0e-2
+_THIN_SUB_STEP_S: Final = 2.0e-2
+_PASSES_A_MOTION: Final = 2000
 _NO_EXTRA: Final[dict[str, float]] = {}
 
 
 @dataclass(slots=True)
 class Tally:
-    """How many motions were followed for a diagnosis: the measure of its work, the same on every machine."""
+    """How many motions were followed for a diagnosis, and the kernel's passes in them."""
 
     motions: int = 0
+    passes: int = 0
+
+    @property
+    def work(self) -> int:
+        """The work of a diagnosis in passes, the same on every machine: a motion costs some beside its own."""
+        return self.passes + _PASSES_A_MOTION * self.motions
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Model:
     """What is fitted: the recordings, the unknowns, the causes in the valve and what of them is held.
 
-    ``held`` are values by name of what is not fitted; ``tally`` is shared by all models that come of this one.
+    ``held`` are values by name of what is not fitted; ``thin`` are the recordings in longer blocks; ``tally`` is shared
+    by all models that come of this one.
     """
 
     observed: Observed
@@ -41,6 +50,7 @@ class Model:
     causes: tuple[str, ...] = ()
     held: Mapping[str, float] = field(default_factory=lambda: _NO_EXTRA)
     longest_s: float = _LONGEST_SUB_STEP_S
+    thin: Observed | None = None
     tally: Tally = field(default_factory=Tally)
 
     def with_causes(self, causes: tuple[str, ...], more: tuple[Unknown, ...], held: Mapping[str, float]) -> Model:
@@ -51,6 +61,10 @@ class Model:
             causes=(*self.causes, *causes),
             held={**self.held, **held},
         )
+
+    def thinned(self) -> Model:
+        """Return the model of the recordings in longer blocks, for fits that have not found their place yet."""
+        return self if self.thin is None else replace(self, observed=self.thin, thin=None, longest_s=_THIN_SUB_STEP_S)
 
     def values(self, point: FloatArray) -> dict[str, float]:
         """All values by name at a point, those that are held too."""
@@ -65,7 +79,7 @@ class Model:
         values = self.values(point)
         self.tally.motions += 1
         try:
-            return simulated(self.observed, valve_of(values, self.causes), values, self.longest_s)
+            return simulated(self.observed, valve_of(values, self.causes), values, self.longest_s, self.tally)
         except (ParameterError, MotionError):
             return None
 
@@ -96,7 +110,11 @@ class Model:
 
 
 def simulated(
-    observed: Observed, valve: ExtendedValve, values: Mapping[str, float], longest_s: float = _LONGEST_SUB_STEP_S
+    observed: Observed,
+    valve: ExtendedValve,
+    values: Mapping[str, float],
+    longest_s: float = _LONGEST_SUB_STEP_S,
+    tally: Tally | None = None,
 ) -> FloatArray:
     """Positions as sensed of this valve in all blocks, m; ``values`` has the nuisances (``x_0`` ..., ``delay_s``)."""
     stem = ExtendedStem(valve, _MOST_EVENTS, longest_s)
@@ -116,7 +134,10 @@ def simulated(
         start = StemState(min(max(start_m, low_m), high_m), segment.start_velocity)
         state = ExtendedState(start, elapsed_s=segment.elapsed_s, rest_since_s=segment.elapsed_s)
         rests = _rests(segment, valve.sensor)
-        parts.append(stem.motion(state, corner_s, corner_n, segment.time_s, rests=rests).sensed_m)
+        sensed_m, passes = stem.sensed(state, corner_s, corner_n, segment.time_s, rests=rests)
+        parts.append(sensed_m)
+        if tally is not None:
+            tally.passes += passes
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 

@@ -4,29 +4,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
+from discrepancy.blocks import Blocks
 from estimators.base import Outcome
 from estimators.likelihood.input_path import InputPath, Nuisance, input_path
 from estimators.likelihood.row_timing import position_doubts, shared_by_rest, still_rows
 from estimators.likelihood.search import measured_rests
 from estimators.likelihood.staircase import read_staircase
 from estimators.likelihood.start import resting_rows
-from estimators.motion.phases import Phases
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
-from estimators.motion.windowed_slope import windowed_slope_noise
-from estimators.samples import BoolArray, FloatArray, IntArray, Samples, position_noise
+from estimators.samples import FloatArray, IntArray, position_noise
 from valve.nameplate import Nameplate
 from valve.recording import Recording
 
 # Own choices, from valves without and with hidden effects (docs/diagnosis.md).
-_BLOCK_S: Final = 5.0e-3  # rows are averaged over so long where nothing fast happens
-_FAST_MARGIN_S: Final = 0.02
-_SURE: Final = 4.0  # standard deviations of a windowed velocity's change
 # Timing that nobody vouches for, as a share of the period: else the few samples of a slip outweigh all others.
 _TIMING_SHARE: Final = 0.2
 _START_ROWS: Final = 50
@@ -80,26 +76,19 @@ class Observed:
     full_force_n: float
     # what the instants of polled writes and looks leave unknown of positions in motion, rms, over the noise
     doubt_in_noises: float = 0.0
+    # of all blocks: times, positions and weights, 1/m, shape (count,)
+    time_s: FloatArray = field(init=False)
+    position_m: FloatArray = field(init=False)
+    weight: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        for name in ("time_s", "position_m", "weight"):
+            object.__setattr__(self, name, np.concatenate([getattr(one, name) for one in self.segments]))
 
     @property
     def count(self) -> int:
         """Number of blocks."""
-        return sum(segment.time_s.size for segment in self.segments)
-
-    @property
-    def time_s(self) -> FloatArray:
-        """Times of all blocks, shape (count,)."""
-        return np.concatenate([segment.time_s for segment in self.segments])
-
-    @property
-    def weight(self) -> FloatArray:
-        """Weights of all blocks, 1/m, shape (count,)."""
-        return np.concatenate([segment.weight for segment in self.segments])
-
-    @property
-    def position_m(self) -> FloatArray:
-        """Positions of all blocks, m, shape (count,)."""
-        return np.concatenate([segment.position_m for segment in self.segments])
+        return int(self.time_s.size)
 
 
 def observe(recordings: Sequence[Recording], nameplate: Nameplate) -> Observed | Outcome:
@@ -183,8 +172,7 @@ def _segments(motion: RecordedMotion, path: InputPath, noise_m: float, timing_s:
     corner_s, corner_n = path.corners(neutral)
     corner_n = _flat_where_held(corner_n)
     starts = [0, *(int(row) for row in np.searchsorted(samples.time_s, path.breaks_s[:, 1])), samples.count]
-    block_rows = max(1, round(_BLOCK_S / samples.period_s))
-    fast = _fast_rows(samples, phases, noise_m)
+    firsts = Blocks(samples, phases, noise_m)
     rest_row, rest_m, rest_sense = _stick_slip_rests(motion)
     instants_m = _timing_errors(motion, noise_m)
     found = []
@@ -192,7 +180,7 @@ def _segments(motion: RecordedMotion, path: InputPath, noise_m: float, timing_s:
         if end - first < 2:
             continue
         own = slice(first, end)
-        edges = _edges(samples, fast, first, end, block_rows)
+        edges = firsts.between(first, end)
         counts = np.diff(np.concatenate([edges, [end]]))
         time_s = np.add.reduceat(samples.time_s[own], edges - first) / counts
         position_m = np.add.reduceat(samples.position_m[own], edges - first) / counts
@@ -250,33 +238,6 @@ def _start(motion: RecordedMotion, first: int, noise_m: float) -> tuple[float, f
         # out of balance the stem leaves its first position before the second sample or so
         return float(position_m[first]), noise_m, 0.0
     return float(own_m.mean()), noise_m / math.sqrt(own_m.size), 0.0
-
-
-def _fast_rows(samples: Samples, phases: Phases, noise_m: float) -> BoolArray:
-    """Rows, shape (n,), where a block's mean would not lie on the motion: about ends of motion and in slips."""
-    margin = max(1, round(_FAST_MARGIN_S / samples.period_s))
-    marks = np.zeros(samples.count + 1)
-    edges = [edge for stretch in phases.stretches for edge in (stretch.first, stretch.last)]
-    half = max(phases.half_window, 1)
-    change = np.zeros(samples.count)
-    change[half:-half] = np.abs(phases.velocity[2 * half :] - phases.velocity[: -2 * half])
-    error = math.sqrt(2.0) * windowed_slope_noise(noise_m, half, samples.period_s)
-    # a kink of the velocity by dv puts a block's mean off by up to dv T/8
-    steep = max(_SURE * error, 8.0 * noise_m / _BLOCK_S * math.sqrt(samples.period_s / _BLOCK_S))
-    for edge in [*edges, *np.flatnonzero(change > steep).tolist()]:
-        marks[max(0, edge - margin)] += 1.0
-        marks[min(samples.count, edge + margin)] -= 1.0
-    return np.asarray(np.cumsum(marks)[:-1] > 0.0)
-
-
-def _edges(samples: Samples, fast: BoolArray, first: int, end: int, block_rows: int) -> IntArray:
-    """First rows of the blocks from ``first`` to ``end``: single rows where it is fast, else up to ``block_rows``."""
-    rows = np.arange(first, end)
-    begins = fast[rows] | (np.concatenate([[True], fast[rows[:-1]]]))
-    begins |= samples.run_first[rows] == rows
-    begins[0] = True
-    since = rows - np.maximum.accumulate(np.where(begins, rows, first))
-    return np.asarray(rows[since % block_rows == 0], dtype=np.int64)
 
 
 def _stick_slip_rests(motion: RecordedMotion) -> tuple[IntArray, FloatArray, FloatArray]:

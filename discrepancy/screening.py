@@ -11,7 +11,7 @@ import numpy as np
 
 from discrepancy.baseline import DYNAMIC, STATIC_SCAN, refined, scanned
 from discrepancy.causes.base import Cause, Setting, Values
-from discrepancy.least_squares import Fit, blur, descend, start_fit
+from discrepancy.least_squares import Fit, blur, descend, on, start_fit
 from discrepancy.model import Model
 from discrepancy.significance import misfit
 from discrepancy.sliding import sliding_rows, sliding_starts
@@ -131,19 +131,23 @@ def glance(fit: Fit, candidate: Candidate, setting: Setting) -> Fit:
     return descend(min(starts, key=lambda one: one.cost), most_steps=_GLANCE_STEPS)
 
 
-def refit(fit: Fit, candidate: Candidate, setting: Setting, bar: float = math.inf) -> Fit:
+def refit(fit: Fit, candidate: Candidate, setting: Setting, bar: float = math.inf, most: float = math.inf) -> Fit:
     """Return the fit with this cause, from the best of its starts: blurred first, then sharp.
 
-    Not sharp where the blurred fits leave a cost far above ``bar``.
+    Not sharp where the blurred fits leave a cost far above ``bar``. From no further start after ``most`` work.
     """
+    last = fit.model.tally.work + most
     cause = candidate.cause
-    model = extended_model(fit.model, cause, setting)
+    whole = extended_model(fit.model, cause, setting)
+    model = whole.thinned()
     best: Fit | None = None
     if candidate.balanced is not None:
         best = _from_balance(start_fit(model, _point(fit, model, cause, candidate.balanced)))
         if best is not None and misfit(best) < _FOUND:
-            return descend(best, most_steps=_STEPS[-1])
+            return descend(on(whole, best), most_steps=_STEPS[-1])
     for point in _promising(fit, model, candidate):
+        if best is not None and model.tally.work > last:
+            break
         tried = start_fit(model, point)
         strength = model.unknowns.names.index(cause.own(cause.strength))
         for scale in _SCALES if cause.neutral is not None else ():
@@ -159,7 +163,8 @@ def refit(fit: Fit, candidate: Candidate, setting: Setting, bar: float = math.in
         if best is None or tried.cost < best.cost:
             best = tried
     if best is None:
-        return Fit(model, fit.point, fit.residual, None, math.inf)
+        return Fit(whole, fit.point, fit.residual, None, math.inf)
+    best = on(whole, best)
     return best if best.cost > _HOPELESS * bar else descend(best, most_steps=_STEPS[-1])
 
 

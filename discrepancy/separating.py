@@ -106,7 +106,7 @@ def _discrimination(true: Fit, rival: Fit, waveform: Waveform, area_m2: float, s
     if segment is None:
         return 0.0
     both = replace(observed, segments=(*observed.segments, segment))
-    fit = start_fit(replace(rival.model, observed=both), rival.point)
+    fit = start_fit(replace(rival.model, observed=both, thin=None), rival.point)
     if not fit.is_followed:
         return 0.0
     fit = descend(fit, most_steps=steps)

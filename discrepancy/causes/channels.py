@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Final
 
-from discrepancy.causes.base import Cause, Fitted, Part, Setting, with_interval
+from discrepancy.causes.base import Cause, Fitted, Part, Setting, Values, with_interval
 from discrepancy.observed import Observed
 
 
@@ -13,33 +13,30 @@ def _command_only(observed: Observed) -> bool:
     return observed.command_only
 
 
-def _lag_sentence(values: Mapping[str, Fitted], _setting: Setting) -> str:
-    return f"The pressure lags the command by {with_interval(values['lag_s'], 1.0, 's')}."
+def _late(name: str, parameter: str, said: str, action: str) -> Cause:
+    """Return the cause of a pressure that comes late by ``parameter``, s, which ``said`` tells."""
+
+    def starts(_setting: Setting) -> list[Values]:
+        return [{parameter: late_s} for late_s in (0.05, 0.3)]
+
+    def sentence(values: Mapping[str, Fitted], _setting: Setting) -> str:
+        return said.format(with_interval(values[parameter], 1.0, "s"))
+
+    return Cause(name, parameter, (Part(parameter, step=1.0e-3),), starts, sentence, action, is_visible=_command_only)
 
 
-TRANSDUCER_LAG: Final = Cause(
+TRANSDUCER_LAG: Final = _late(
     "transducer_lag",
     "lag_s",
-    (Part("lag_s", step=1.0e-3),),
-    lambda _setting: [{"lag_s": 0.05}, {"lag_s": 0.3}],
-    _lag_sentence,
+    "The pressure lags the command by {}.",
     "Look at the I/P's supply, its filter and the tubing; a booster shortens it.",
-    is_visible=_command_only,
 )
 
-
-def _dead_sentence(values: Mapping[str, Fitted], _setting: Setting) -> str:
-    return f"The pressure follows the command {with_interval(values['delay_s'], 1.0, 's')} late."
-
-
-DEAD_TIME: Final = Cause(
+DEAD_TIME: Final = _late(
     "transducer_dead_time",
     "delay_s",
-    (Part("delay_s", step=1.0e-3),),
-    lambda _setting: [{"delay_s": 0.05}, {"delay_s": 0.3}],
-    _dead_sentence,
+    "The pressure follows the command {} late.",
     "Look for long tubing or a slow device between the command and the actuator.",
-    is_visible=_command_only,
 )
 
 
