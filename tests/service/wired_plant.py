@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from pathlib import Path
 
 from simulator.assembly import SimulatedPlant, reference_unit
@@ -33,22 +34,28 @@ async def wired_plant(
     parameter_set: str = "nominal",
     effects: tuple[Effect, ...] = (),
     position_noise_m: float = 0.0,
+    valve: SimulatedValve | None = None,
 ) -> AsyncIterator[tuple[Path, SimulatedPlant]]:
-    """Serve one valve, nominal and without hidden effects by default, and hand out the plant file and the plant."""
+    """Serve one valve, nominal and without hidden effects by default, and hand out the plant file and the plant.
+
+    ``valve`` stands in place of set, effects and noise; it is served as TAG.
+    """
     chosen = PARAMETER_SETS[parameter_set]
-    valve = SimulatedValve(
-        TAG,
-        chosen.parameters,
-        chosen.nameplate,
-        Transducer((0.0, 82737.0)),
-        Sensor((-0.005, 0.107), position_noise_m),
-        Sensor((-4000.0, 87000.0)),
-        effects=effects,
-    )
+    if valve is None:
+        valve = SimulatedValve(
+            TAG,
+            chosen.parameters,
+            chosen.nameplate,
+            Transducer((0.0, 82737.0)),
+            Sensor((-0.005, 0.107), position_noise_m),
+            Sensor((-4000.0, 87000.0)),
+            effects=effects,
+        )
+    valve = replace(valve, tag=TAG)
     listener = TcpListener(port=port)
     plant = SimulatedPlant([valve], {listener: [reference_unit(1, TAG)]}, RunningClock(speed))
     await plant.start(look_every_s=0.01)
-    actuator, signal = chosen.nameplate.actuator, chosen.nameplate.signal
+    actuator, signal = valve.nameplate.actuator, valve.nameplate.signal
     assert signal is not None
     path = folder / "plant.toml"
     path.write_text(
