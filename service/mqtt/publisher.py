@@ -15,6 +15,7 @@ from typing import Final
 
 import aiomqtt
 import structlog
+from sqlalchemy.exc import SQLAlchemyError
 
 from service.health.staleness import Staleness
 from service.mqtt.messages import messages_of, topic_part
@@ -92,7 +93,7 @@ class MqttPublisher:
                     await self._serve(client)
             except aiomqtt.MqttError as error:
                 _LOG.warning("mqtt broker not reached", host=self._settings.host, reason=str(error), again_in_s=wait_s)
-            except (ConfigurationError, OSError) as error:
+            except (ConfigurationError, OSError, SQLAlchemyError) as error:  # a database that is away comes back
                 _LOG.error("mqtt not possible", reason=str(error), again_in_s=wait_s)
             finally:
                 self._lost_at_s = time.monotonic() if self._lost_at_s is None else self._lost_at_s

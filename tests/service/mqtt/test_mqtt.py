@@ -9,18 +9,22 @@ import secrets
 import socket
 import time
 from collections.abc import AsyncIterator, Callable
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
 import aiomqtt
 import pytest
+from structlog.testing import capture_logs
 
 from service.runs.run import Run, RunState
 from service.settings import load_plant
 from service.settings_mqtt import MqttSettings
 from tests.service.conftest import PLANT
 from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.service.health.test_health_service import Found
 from tests.service.running_service import running_service
+from tests.service.test_metrics import samples
 from valve.errors import ConfigurationError
 
 BROKER = ("127.0.0.1", 1883)
@@ -128,6 +132,51 @@ async def test_a_gateway_that_ends_says_so_and_the_broker_says_it_of_one_that_wa
             await _until(lambda: said.get("gateway/status") == b"offline", said)
             await _until(lambda: said.get("gateway/status") == b"online", said)  # it connects again by itself
         await _until(lambda: said.get("gateway/status") == b"offline", said)
+
+
+@needs_broker
+async def test_a_result_that_has_become_too_old_is_told_again(
+    quick_path: Path, prefix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("service.mqtt.publisher._LOOK_S", 0.05)
+    monkeypatch.setattr("service.health.staleness._KEPT", timedelta(0))
+    path = _plant(quick_path, prefix)
+    text = path.read_text(encoding="utf-8")
+    allowed = f"[valves.health]\nstale_days = {2.0 / 86400.0}\n[valves.limits]"
+    path.write_text(text.replace("[valves.limits]", allowed, 1), encoding="utf-8")
+    topic = "gateway/valves/FV%2F101/ne107"
+    async with running_service(load_plant(path), FakeRig(), Found()) as client, _subscriber(prefix) as (said, _):
+        answer = await client.post("/tests/run", json={"valve": "FV/101"}, headers={"Prefer": "wait=10"})
+        await _until(lambda: topic in said, said)
+        first = json.loads(said[topic])
+        await _until(lambda: json.loads(said[topic])["ne107"] == "C", said)
+    told = json.loads(said[topic])
+    assert (first["ne107"], first["test"], told["test"]) == ("N", answer.json()["id"], answer.json()["id"])
+    assert told["reasons"][:-1] == first["reasons"]
+    assert "are allowed: test the valve" in told["reasons"][-1]
+
+
+async def test_a_broker_that_stays_away_is_an_error_once_and_a_metric_always(
+    quick_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in (("_FIRST_WAIT_S", 0.02), ("_LONGEST_WAIT_S", 0.02), ("_LOST_S", 0.3)):
+        monkeypatch.setattr(f"service.mqtt.publisher.{name}", value)
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = int(taken.getsockname()[1])
+
+    def of(said: list[Any], event: str) -> list[Any]:
+        return [entry for entry in said if entry["event"] == event]
+
+    with capture_logs() as said:
+        async with running_service(load_plant(_plant(quick_path, "p", port)), FakeRig(), FakeAnalyst()) as client:
+            await _until(lambda: of(said, "mqtt broker lost"), {})
+            tries = len(of(said, "mqtt broker not reached"))
+            await _until(lambda: len(of(said, "mqtt broker not reached")) > tries + 3, {})
+            found = samples(await client.get("/metrics"))
+            lost = of(said, "mqtt broker lost")
+    assert [entry["log_level"] for entry in lost] == ["error"]
+    assert found["breakaway_mqtt_connected",] == 0.0
+    assert 0.3 < found["breakaway_mqtt_lost_seconds",] < 60.0
 
 
 async def test_a_test_neither_waits_for_a_broker_nor_fails_by_it(quick_path: Path) -> None:
