@@ -12,6 +12,7 @@ from starlette.types import Scope
 from service.tablet.figure_routes import router as figure_routes
 from service.tablet.rendering import STATIC
 from service.tablet.routes import SignInNeededError, router, to_sign_in
+from service.tablet.script import NAME, script
 
 _KEEP: Final = "public, max-age=31536000, immutable"  # an address carries the hash of what is behind it
 
@@ -19,7 +20,10 @@ _KEEP: Final = "public, max-age=31536000, immutable"  # an address carries the h
 class _Static(StaticFiles):
     async def get_response(self, path: str, scope: Scope) -> Response:
         """Return a file that a browser may keep."""
-        response = await super().get_response(path, scope)
+        if path == NAME:
+            response = Response(script(), media_type="text/javascript")
+        else:
+            response = await super().get_response(path, scope)
         response.headers["Cache-Control"] = _KEEP if b"v=" in scope["query_string"] else "no-cache"
         response.headers["X-Content-Type-Options"] = "nosniff"
         return response

@@ -18,6 +18,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from service.shown_sentences import in_units
 from service.shown_units import UnitSystem, measured, quantity, shown_unit
+from service.tablet.script import NAME, script
 from service.tablet.visitor import Visitor
 
 _HERE: Final = Path(__file__).parent
@@ -54,7 +55,8 @@ def _environment() -> Environment:
 @cache
 def static_address(name: str) -> str:
     """Return the address of a static file, which changes with its content: a browser may keep it for ever."""
-    digest = hashlib.sha256((STATIC / name).read_bytes()).hexdigest()[:12]
+    content = script() if name == NAME else (STATIC / name).read_bytes()
+    digest = hashlib.sha256(content).hexdigest()[:12]
     return f"/ui/static/{name}?v={digest}"
 
 

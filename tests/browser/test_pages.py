@@ -2,11 +2,13 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import httpx
 import pytest
 
+from service.tablet import script
 from tests.browser.conftest import store_test
 from tests.browser.gateway import Gateway
 from tests.service.wired_plant import TAG
@@ -43,6 +45,15 @@ def test_the_first_load_weighs_at_most_100_kilobytes(service: Gateway) -> None:
     assert len(parts) == 3
     assert all(part.headers["cache-control"].endswith("immutable") for part in parts)
     assert len(page.content) + sum(len(part.content) for part in parts) <= FIRST_LOAD_BYTES
+
+
+def test_every_part_of_the_script_is_sent(service: Gateway) -> None:
+    folder = Path(script.__file__).parent / "script_parts"
+    parts = {file.stem: file.read_text(encoding="utf-8") for file in folder.iterdir()}
+    sent = service.client.get("/ui/static/tablet.js")
+    assert sent.headers["content-type"].startswith("text/javascript")
+    assert set(parts) == set(script.PARTS)
+    assert all(text in sent.text for text in parts.values())
 
 
 def test_each_picture_is_small_names_what_it_shows_and_loads_nothing(service: Gateway) -> None:

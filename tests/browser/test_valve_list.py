@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import pytest
 
+from service.health.staleness import Staleness
 from service.parts import Parts
 from service.runs.run import Run, RunState, new_run_id
 from service.settings import load_plant
@@ -28,7 +29,7 @@ def parts(tmp_path: Path) -> Iterator[Parts]:
     plant = replace(plant, valves={f"XV-{number}": valve for number in range(1, 8)})
     store = Store(plant.service.store)
     runs = SimpleNamespace(as_it_stands=lambda run: run, user_of=lambda tag: "a test" if tag == "XV-7" else None)
-    yield cast(Parts, SimpleNamespace(plant=plant, store=store, runs=runs))
+    yield cast(Parts, SimpleNamespace(plant=plant, store=store, runs=runs, staleness=Staleness(plant)))
     store.close()
 
 

@@ -1,0 +1,4 @@
+// Begins once everything is there.
+guard();
+keepLooking();
+setInterval(refresh, REFRESH_MS);

@@ -1,0 +1,64 @@
+// The line to the gateway: what is known, how old it is, what may be pressed, and a page that keeps fresh.
+const PING_MS = 3000, PING_LIMIT_MS = 2500, REFRESH_MS = 10000;
+let online = true, knownAt = Date.now();
+const guards = [];
+
+function guard() {
+  for (const button of document.querySelectorAll("[data-needs-line]")) button.disabled = !online;
+  for (const check of guards) check();
+}
+
+function heard() {
+  knownAt = Date.now();
+  if (online) return;
+  online = true;
+  $("lost").hidden = true;
+  say("The connection is back.");
+  guard();
+  refresh();
+}
+
+function lost() {
+  if (online) {
+    online = false;
+    say("The connection is lost.");
+    guard();
+  }
+  const age = span((Date.now() - knownAt) / 1000);
+  const live = page === "running" ? " The test goes on without this tablet." : "";
+  $("lost-words").textContent =
+    `No connection to the gateway. This is what was known at ${clock(knownAt)}, ${age} ago.${live}`;
+  $("lost").hidden = false;
+}
+
+async function ping() {
+  try {
+    const answer = await ask("GET", "/healthz", { limitMs: PING_LIMIT_MS, headers: { "X-Background": "1" } });
+    if (answer.ok) heard(); else lost();
+  } catch { lost(); }
+}
+
+async function keepLooking() {
+  for (;;) { await ping(); await wait(online ? PING_MS : 1000); }
+}
+
+document.addEventListener("click", (event) => {
+  if (online || !event.target.closest("a[href]")) return;
+  event.preventDefault();
+  trouble("There is no connection: this page stays as it is until it is back.");
+});
+
+// What changes on a page without a test is fetched again, and replaced where it differs.
+async function refresh() {
+  if (document.hidden || !online || !document.querySelector("[data-live]")) return;
+  let answer;
+  try { answer = await ask("GET", location.href, { headers: { "X-Background": "1" } }); } catch { return; }
+  if (new URL(answer.address).pathname === "/ui/sign-in") { trouble("You are signed out. What you see is no longer renewed.", true); return; }
+  if (!answer.ok) return;
+  const fresh = new DOMParser().parseFromString(answer.text, "text/html");
+  if (Boolean(fresh.getElementById("stop")) !== Boolean($("stop"))) { location.reload(); return; }
+  for (const old of document.querySelectorAll("[data-live]")) {
+    const renewed = fresh.getElementById(old.id);
+    if (renewed && renewed.outerHTML !== old.outerHTML && !old.contains(document.activeElement)) old.replaceWith(renewed);
+  }
+}

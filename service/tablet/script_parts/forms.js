@@ -1,0 +1,39 @@
+// Units, signing in and out, acknowledging a test, accepting a model.
+$("units")?.addEventListener("change", (event) => {
+  document.cookie = `breakaway-units=${event.target.value}; path=/; max-age=31536000; samesite=strict`;
+  const address = new URL(location.href);
+  address.searchParams.delete("units");
+  location.replace(address);
+});
+
+$("sign-out")?.addEventListener("click", async () => {
+  try { await ask("DELETE", "/session"); location.assign("/ui/sign-in"); } catch { lost(); }
+});
+
+$("sign-in")?.addEventListener("submit", async (event) => {
+  event.preventDefault();
+  const form = event.currentTarget;
+  try {
+    const answer = await ask("POST", "/session", { body: { name: form.elements.name.value, password: form.elements.password.value } });
+    if (answer.ok) { location.replace(form.dataset.next); return; }
+    $("sign-in-words").textContent = answer.found?.detail ?? `The gateway answered ${answer.status}: try again.`;
+  } catch { $("sign-in-words").textContent = "No connection to the gateway: try again."; }
+});
+
+$("acknowledge")?.addEventListener("submit", async (event) => {
+  event.preventDefault();
+  const form = event.currentTarget;
+  try {
+    const answer = await ask("POST", `/tests/${form.dataset.test}/acknowledge`, { body: { note: form.elements.note.value } });
+    if (answer.ok) location.reload(); else trouble(refusal(answer));
+  } catch { lost(); }
+});
+
+$("accept")?.addEventListener("submit", async (event) => {
+  event.preventDefault();
+  const form = event.currentTarget;
+  try {
+    const answer = await ask("POST", `/valves/${encodeURIComponent(form.dataset.valve)}/model`, { body: { test: form.dataset.test } });
+    $("accept-words").textContent = answer.ok ? "Accepted: it is how this valve is from now on." : refusal(answer);
+  } catch { lost(); }
+});

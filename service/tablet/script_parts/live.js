@@ -1,0 +1,175 @@
+// The running test: a stream of events, drawn as it comes in, taken up again where it was cut.
+const SILENT_MS = 20000;
+
+if ($("live")) {
+  const place = $("live"), view = JSON.parse(place.dataset.liveView), canvas = $("trace"), pen = canvas.getContext("2d");
+  const PHASES = {
+    queued: "Waiting for its turn", checking: "Looking at the device", "handing over": "Taking the valve over",
+    ramping: "Going to the start", playing: "Moving", returning: "Going to its safe value",
+    uploading: "At its safe value. Fetching the device's samples", ended: "Motion has ended", analyzing: "Analysing",
+  };
+  const INK = "#1b1f23", SOFT = "#5d666f", PALE = "#aeb6bd", GRID = "#dde1e4", BLUE = "#005a94";
+  const length = view.units.length, pressure = view.units.pressure;
+  const decimals = (unit) => (unit.name === "mm" || unit.name === "kPa" ? 1 : 2);
+  const shown = (value, unit) => (value === null || value === undefined ? "no value" : `${(value / unit.in_si).toFixed(decimals(unit))} ${unit.name}`);
+  const points = [];
+  let drawn = 0, isDirty = true, isNew = false, box = null, lastId = 0, phase = "", lastTextMs = -1000, hasEnded = false;
+
+  function layout() {
+    const ratio = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
+    canvas.width = Math.round(width * ratio);
+    canvas.height = Math.round(height * ratio);
+    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+    box = { left: 64, right: width - 64, top: 26, bottom: height - 30 };
+    frame();
+    drawn = 0;
+  }
+  const [lowPa, highPa] = view.pressure_pa, margin = 0.04;
+  const x = (time) => box.left + (box.right - box.left) * Math.min(1, Math.max(0, time / view.duration_s));
+  const up = (share) => box.bottom - (box.bottom - box.top) * (margin + (1 - 2 * margin) * Math.min(1.03, Math.max(-0.03, share)));
+  const yPosition = (value) => up(value / view.travel_m);
+  const yPressure = (value) => up((value - lowPa) / (highPa - lowPa));
+
+  function frame() {
+    pen.clearRect(0, 0, canvas.clientWidth, canvas.clientHeight);
+    pen.font = "14px system-ui, sans-serif";
+    pen.lineWidth = 1;
+    pen.setLineDash([]);
+    for (const share of [0, 0.25, 0.5, 0.75, 1]) {
+      pen.strokeStyle = GRID;
+      pen.beginPath(); pen.moveTo(box.left, up(share)); pen.lineTo(box.right, up(share)); pen.stroke();
+      pen.fillStyle = BLUE; pen.textAlign = "right";
+      pen.fillText((share * view.travel_m / length.in_si).toFixed(decimals(length)), box.left - 8, up(share) + 5);
+      pen.fillStyle = SOFT; pen.textAlign = "left";
+      pen.fillText(((lowPa + share * (highPa - lowPa)) / pressure.in_si).toFixed(decimals(pressure)), box.right + 8, up(share) + 5);
+    }
+    pen.fillStyle = BLUE; pen.textAlign = "left"; pen.fillText(`position, ${length.name}`, 4, 15);
+    pen.fillStyle = SOFT; pen.textAlign = "right"; pen.fillText(`pressure, ${pressure.name}`, canvas.clientWidth - 4, 15);
+    pen.fillStyle = INK;
+    for (let part = 0; part <= 4; part += 1) {
+      pen.textAlign = part === 0 ? "left" : part === 4 ? "right" : "center";
+      pen.fillText(`${Math.round(part * view.duration_s / 4)} s`, x(part * view.duration_s / 4), canvas.clientHeight - 8);
+    }
+    if (view.plan) {
+      pen.strokeStyle = PALE; pen.lineWidth = 1.5; pen.setLineDash([5, 4]); pen.beginPath();
+      view.plan.time_s.forEach((time, place) => {
+        const height = yPressure(view.plan.pressure_pa[place]);
+        if (place) pen.lineTo(x(time), height); else pen.moveTo(x(time), height);
+      });
+      pen.stroke(); pen.setLineDash([]);
+    }
+  }
+
+  function line(of, height, colour, width) {
+    pen.strokeStyle = colour; pen.lineWidth = width; pen.lineJoin = pen.lineCap = "round"; pen.beginPath();
+    let isDown = false;
+    for (let place = Math.max(0, drawn - 1); place < points.length; place += 1) {
+      const point = points[place], value = point[of];
+      if (value === null || point[0] < 0) { isDown = false; continue; }  // a gap stays a gap
+      if (isDown) pen.lineTo(x(point[0]), height(value)); else pen.moveTo(x(point[0]), height(value));
+      isDown = true;
+    }
+    pen.stroke();
+  }
+
+  function draw() {
+    if (isDirty && box) {
+      isDirty = false;
+      line(2, yPressure, SOFT, 1.5);
+      line(1, yPosition, BLUE, 3);
+      drawn = points.length;
+    }
+    const now = performance.now(), last = points.at(-1);
+    if (isNew && now - lastTextMs >= 90) {  // ten times a second is what an eye follows
+      isNew = false;
+      lastTextMs = now;
+      $("position").textContent = shown(last[1], length);
+      $("pressure").textContent = shown(last[2], pressure);
+      $("command").textContent = shown(last[3], pressure);
+      if (phase === "playing") $("left").textContent = span(view.duration_s - last[0]);
+    }
+    requestAnimationFrame(draw);
+  }
+
+  const HANDLERS = {
+    samples(data) {
+      data.time_s.forEach((time, place) => points.push([time, data.position_m[place], data.pressure_pa[place], data.command_pa[place]]));
+      isDirty = isNew = points.length > 0;
+    },
+    progress(data) {
+      $("progress").value = data.progress;
+      $("percent").textContent = `${Math.round(100 * data.progress)} %`;
+      if (data.phase !== phase) {
+        phase = data.phase;
+        const words = PHASES[phase] ?? `Analysing: ${phase}`;
+        $("phase").textContent = words;
+        say(words);
+        if (phase !== "playing") $("left").textContent = phase === "ramping" || phase === "checking" ? span(view.duration_s) : "≈ 1\u00a0min";
+      }
+    },
+    state(data) {
+      if (data.state === "analyzing" && !$("stop").dataset.pressed) $("stop-words").textContent = "The motion has ended. The valve is at its safe value.";
+      if (data.state === "queued" || data.state === "analyzing") HANDLERS.progress({ progress: data.progress, phase: data.state });
+    },
+    end(data) {
+      hasEnded = true;
+      $("phase").textContent = `The test has ended: ${data.state}`;
+      say(`The test has ended: ${data.state}. The result follows.`);
+      showResult();
+    },
+  };
+
+  async function showResult() {  // a line that is just lost must not replace the page by the browser's own
+    for (;;) {
+      try { if ((await ask("GET", location.href)).ok) { location.reload(); return; } } catch { /* later */ }
+      await wait(1000);
+    }
+  }
+
+  function take(block) {
+    const fields = {};
+    for (const row of block.split("\n")) {
+      const cut = row.indexOf(": ");
+      if (cut > 0) fields[row.slice(0, cut)] = row.slice(cut + 2);
+    }
+    if (!fields.event || Number(fields.id) <= lastId) return;
+    lastId = Number(fields.id);
+    HANDLERS[fields.event]?.(JSON.parse(fields.data));
+    place.dataset.points = points.length;
+  }
+
+  // A stream by fetch: unlike EventSource it shows the status, the silence, and takes up where it was cut.
+  async function follow() {
+    while (!hasEnded) {
+      const cut = new AbortController();
+      let lastHeard = Date.now();
+      const watch = setInterval(() => { if (!online || Date.now() - lastHeard > SILENT_MS) cut.abort(); }, 500);
+      try {
+        const answer = await fetch(`/tests/${place.dataset.test}/events`, {
+          headers: { Accept: "text/event-stream", "Last-Event-ID": String(lastId) }, signal: cut.signal, cache: "no-store",
+        });
+        if (answer.status === 401) trouble("You are signed out. The test goes on; sign in to see it and to stop it.", true);
+        if (answer.ok) {
+          trouble("");
+          const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
+          let text = "";
+          for (;;) {
+            const { value, done } = await reader.read();
+            if (done) break;
+            lastHeard = Date.now();
+            text += value;
+            const blocks = text.split("\n\n");
+            text = blocks.pop();
+            blocks.forEach(take);
+          }
+        }
+      } catch { /* cut: taken up again below */ } finally { clearInterval(watch); }
+      if (!hasEnded) await wait(1000);
+    }
+  }
+
+  new ResizeObserver(() => { layout(); isDirty = true; }).observe(canvas);
+  layout();
+  draw();
+  follow();
+}

@@ -1,0 +1,53 @@
+// What all parts use: the page, its words and times, and requests to the gateway.
+const $ = (id) => document.getElementById(id);
+const page = document.body.dataset.page;
+const csrf = document.body.dataset.csrf;
+const wait = (ms) => new Promise((done) => setTimeout(done, ms));
+const clock = (ms) => new Date(ms).toLocaleTimeString([], { hour12: false });
+
+function element(name, text = "", className = "") {
+  const made = document.createElement(name);
+  made.textContent = text;
+  if (className) made.className = className;
+  return made;
+}
+
+function span(seconds) {
+  const whole = Math.max(0, Math.round(seconds));
+  return whole < 60 ? `${whole}\u00a0s` : `${Math.floor(whole / 60)}\u00a0min ${whole % 60}\u00a0s`;
+}
+
+async function ask(method, address, { body, headers = {}, limitMs = 10000 } = {}) {
+  const sent = { ...headers };
+  if (csrf && method !== "GET") sent["X-CSRF-Token"] = csrf;
+  if (body !== undefined) sent["Content-Type"] = "application/json";
+  const answer = await fetch(address, {
+    method, headers: sent, body: body === undefined ? undefined : JSON.stringify(body),
+    cache: "no-store", credentials: "same-origin", signal: AbortSignal.timeout(limitMs),
+  });
+  const text = await answer.text();
+  let found = null;
+  try { found = JSON.parse(text); } catch { /* a page, or nothing */ }
+  return { ok: answer.ok, status: answer.status, address: answer.url, text, found };
+}
+
+const signIn = () => `/ui/sign-in?next=${encodeURIComponent(location.pathname)}`;
+
+function trouble(words, isSignedOut = false) {
+  const said = $("trouble-words");
+  if (said.firstChild?.data === words) return;
+  said.textContent = words;
+  if (isSignedOut) {
+    const link = element("a", "Sign in");
+    link.href = signIn();
+    said.append(" ", link);
+  }
+  $("trouble").hidden = !words;
+}
+
+function say(words) { $("said").textContent = words; }
+
+function refusal(answer) {
+  if (answer.status === 401) { trouble("You are signed out. A running test goes on.", true); return "You are signed out."; }
+  return answer.found?.detail ?? `The gateway answered ${answer.status}: try again.`;
+}

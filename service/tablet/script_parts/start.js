@@ -1,0 +1,56 @@
+// Starting: two deliberate steps.
+const ARMED_MS = 20000;
+
+if ($("start")) {
+  const form = $("start"), arm = $("arm"), go = $("go"), words = $("armed-words");
+  let armedUntil = 0, isStarting = false;
+
+  const disarm = (why) => { armedUntil = 0; words.textContent = why; guard(); };
+  guards.push(() => {
+    if (!online) armedUntil = 0;
+    arm.disabled = !online || mayStart !== true || isStarting;
+    go.disabled = !online || mayStart !== true || isStarting || Date.now() > armedUntil;
+  });
+  const summarize = () => {
+    const chosen = form.querySelector("[name=sequence]:checked");
+    $("summary").textContent = chosen ? `${form.dataset.valve} moves over its travel: ${chosen.dataset.words}.` : "No sequence is possible.";
+  };
+  summarize();
+  form.addEventListener("input", () => { summarize(); disarm("Something was changed. Step 2 is locked."); });
+  arm.addEventListener("click", async () => {
+    words.textContent = "Asking the device once more…";
+    await lookAtPermissives();
+    if (mayStart !== true) { disarm("Step 2 is locked: see what is missing."); return; }
+    armedUntil = Date.now() + ARMED_MS;
+    guard();
+  });
+  setInterval(() => {
+    if (!armedUntil || isStarting) return;
+    const left = armedUntil - Date.now();
+    if (left <= 0) disarm("That took too long. Step 2 is locked again.");
+    else words.textContent = `Step 2 is open for ${Math.ceil(left / 1000)} s.`;
+  }, 250);
+  form.addEventListener("submit", async (event) => {
+    event.preventDefault();
+    if (go.disabled) return;
+    isStarting = true;
+    guard();
+    words.textContent = "Starting…";
+    const key = Array.from(crypto.getRandomValues(new Uint8Array(16)), (one) => one.toString(16).padStart(2, "0")).join("");
+    const fields = new FormData(form), body = { valve: form.dataset.valve, sequence: fields.get("sequence") };
+    for (const name of ["label", "permit"]) if (fields.get(name)) body[name] = fields.get(name);
+    for (let attempt = 1; attempt <= 3; attempt += 1) {
+      try {
+        const answer = await ask("POST", "/tests/run", { body, headers: { "Idempotency-Key": key } });
+        if (answer.ok) { location.assign(`/ui/tests/${answer.found.id}`); return; }
+        trouble(refusal(answer));
+        break;
+      } catch {  // the same key: a test that was started already is not started twice
+        trouble(attempt < 3 ? "No answer yet: asking again." : "The gateway did not answer: look at the valve's page whether the test runs.");
+      }
+    }
+    isStarting = false;
+    disarm("Not started. Step 2 is locked.");
+    lookAtPermissives();
+  });
+}

@@ -1,0 +1,25 @@
+// Stop: one press, sent until it is answered.
+$("stop")?.addEventListener("click", async (event) => {
+  const button = event.currentTarget, words = $("stop-words");
+  if (button.dataset.pressed) return;
+  button.dataset.pressed = "yes";
+  button.setAttribute("aria-disabled", "true");
+  words.textContent = "Stop is being sent…";
+  for (;;) {
+    try {
+      const answer = await ask("POST", `/tests/${button.dataset.test}/stop`, { limitMs: online ? 10000 : 2000 });
+      if (answer.ok) {
+        words.textContent = answer.found.safe_confirmed === true ? "Stopped. The valve is at its safe value." : "Stop is received.";
+        if (page !== "running") setTimeout(() => location.reload(), 1500);
+        return;
+      }
+      words.textContent = refusal(answer);
+      if (answer.status < 500) break;
+    } catch {
+      words.textContent = "STOP IS NOT SENT: no connection. Trying on. Use the means at the valve itself.";
+    }
+    await wait(700);
+  }
+  delete button.dataset.pressed;
+  button.removeAttribute("aria-disabled");
+});
