@@ -22,6 +22,7 @@ SEEDS: Final = 3
 NOISES_M: Final = (0.0, 5.0e-6, 20.0e-6, 100.0e-6)
 PERIODS_S: Final = (1.0e-3, 5.0e-3, 10.0e-3, 20.0e-3, 50.0e-3)
 SYMBOLS: Final = ("m", "k", "F_v", "F_c", "F_s")
+TOGETHER: Final = (("m", "F_v", "F_c"), ("k", "F_s"))
 BOUND: Final = "bound"
 
 METHODS: Final[dict[str, Callable[[], Estimator]]] = {
@@ -29,6 +30,7 @@ METHODS: Final[dict[str, Callable[[], Estimator]]] = {
     **{f"method 2 {form}": partial(GarciaEstimator, form=form) for form in Form},
     **{name.replace("_", " "): make for name, make in ESTIMATORS.items() if name not in ("regression", "garcia")},
 }
+HEADINGS: Final = ("1 pub.", "1 corr.", "1 robust", "2 pub.", "2 corr.", "2 robust", "likelihood", BOUND)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +62,7 @@ def errors(condition: Condition) -> dict[tuple[str, str], float]:
 
 
 def run(count: int | None = None) -> list[Table]:
-    """Return one table a valve."""
+    """Return two tables a valve: m, F_v and F_c, which noise hides, and k and F_s, which it does not."""
     seeds = SEEDS if count is None else count
     conditions = [
         Condition(valve, noise_m, period_s, seed)
@@ -70,29 +72,32 @@ def run(count: int | None = None) -> list[Table]:
         for seed in range(seeds)
     ]
     by_condition = dict(zip(conditions, each(errors, conditions, "methods"), strict=True))
-    return [_table(valve, by_condition, seeds) for valve in VALVES]
+    return [table_of(valve, symbols, by_condition, seeds) for valve in VALVES for symbols in TOGETHER]
 
 
-def _table(valve: str, by_condition: dict[Condition, dict[tuple[str, str], float]], seeds: int) -> Table:
+def table_of(
+    valve: str, symbols: tuple[str, ...], by_condition: dict[Condition, dict[tuple[str, str], float]], seeds: int
+) -> Table:
+    """Return one valve's root mean square errors of these symbols: a row a noise and period, a column a method."""
     table = Table(
-        title=f"{valve} valve, 3 x 20 s triangle: rms error in %, {seeds} seeds",
-        caption="In brackets: in how many of the seeds it is given, where not in all. A dash: not given. "
-        "Method 1: regression; method 2: Garcia. The bound: one standard error.",
+        title=f"{valve} valve, 3 x 20 s triangle: rms error of {' / '.join(symbols)} in %, {seeds} seeds",
+        caption="A star: not given in all of the seeds. A dash: in none. "
+        "1: regression; 2: Garcia; pub.: as published. The bound: one standard error.",
         title_justify="left",
     )
-    for heading in ("noise", "period", ""):
-        table.add_column(heading)
-    for heading in (*METHODS, BOUND):
+    table.add_column("noise, period")
+    for heading in HEADINGS:
         table.add_column(heading, justify="right")
     for noise_m in NOISES_M:
         for period_s in PERIODS_S:
             found = [by_condition[Condition(valve, noise_m, period_s, seed)] for seed in range(seeds)]
-            for symbol in SYMBOLS:
-                first = symbol == SYMBOLS[0]
-                labels = (f"{1e6 * noise_m:g} um", f"{1e3 * period_s:g} ms") if first else ("", "")
-                cells = [_cell([one[m, symbol] for one in found if (m, symbol) in one], seeds) for m in METHODS]
-                limit = _cell([one[BOUND, symbol] for one in found], seeds)
-                table.add_row(*labels, symbol, *cells, limit, end_section=symbol == SYMBOLS[-1])
+            cells = [
+                " / ".join(_cell([one[m, symbol] for one in found if (m, symbol) in one], seeds) for symbol in symbols)
+                for m in (*METHODS, BOUND)
+            ]
+            cells = ["-" if set(cell) <= set("- /") else cell for cell in cells]
+            label = f"{1e6 * noise_m:g} um, {1e3 * period_s:g} ms"
+            table.add_row(label, *cells, end_section=period_s == PERIODS_S[-1])
     return table
 
 
@@ -100,5 +105,5 @@ def _cell(given: list[float], seeds: int) -> str:
     if not given:
         return "-"
     rms = float(np.sqrt(np.mean(np.square(given))))
-    size = f"{rms:.0e}" if 0.0 < rms < 1.0e-4 or rms >= 1.0e4 else f"{rms:.2g}" if rms < 100.0 else f"{rms:.0f}"
-    return size if len(given) == seeds else f"{size} ({len(given)})"
+    size = f"{rms:.0f}" if rms >= 10.0 else f"{rms:.2g}" if rms >= 1.0e-3 else f"{rms:.0e}".replace("e-0", "e-")
+    return "0" if rms < 1.0e-9 else size if len(given) == seeds else f"{size}*"
