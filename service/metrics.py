@@ -43,7 +43,7 @@ class PlantCollector(Collector):
         yield entries
 
     def _tests(self) -> Iterator[Metric]:
-        counted = self._parts.store.runs.count_by_state()
+        counted = self._parts.store.state_counts.now()
         unsafe = self._parts.store.runs.count_in_doubt()
         tests = GaugeMetricFamily("breakaway_tests", "tests in the store by state", labels=["state"])
         for state in RunState:

@@ -218,12 +218,6 @@ class RunTable:
             row = connection.execute(query).one_or_none()
         return None if row is None else _run(row)
 
-    def count_by_state(self) -> dict[RunState, int]:
-        """Return how many tests the store has in each state that any of them is in."""
-        with self._engine.connect() as connection:
-            rows = connection.execute(select(TESTS.c.state, func.count()).group_by(TESTS.c.state)).all()
-        return {RunState(state): int(count) for state, count in rows}
-
     def count_in_doubt(self) -> int:
         """Return how many tests left their valve in doubt, not acknowledged; each bars its valve's next."""
         states = VALVE_STATES.c

@@ -25,6 +25,7 @@ from service.store.lock import StoreLock
 from service.store.model_table import ModelTable
 from service.store.run_table import RunTable
 from service.store.schedule_run_table import ScheduleRunTable
+from service.store.state_counts import StateCounts
 from valve.errors import ConfigurationError, InternalError
 from valve.recording import Recording
 from valve.recording_files import file_sha256, write_parquet
@@ -62,6 +63,7 @@ class Store:
         self.schedule_runs = ScheduleRunTable(self._engine)
         self.models = ModelTable(self._engine)
         self.figures = FigureTable(self._engine)
+        self.state_counts = StateCounts(self._engine)
 
     def _lock_gateway(self) -> None:
         if self._engine.dialect.name == "postgresql":

@@ -98,6 +98,23 @@ def test_an_older_database_gets_the_last_test_of_each_valve(database_url: str) -
     migrated.dispose()
 
 
+def test_tests_are_counted_by_their_states_as_they_stand(quick_path: Path, database_url: str) -> None:
+    store = Store(quick_path, database_url)
+    counts = store.state_counts
+    assert counts.now() == {}
+    runs = [store.runs.insert(_run()) for _ in range(3)]
+    assert counts.now() == {RunState.QUEUED: 3}
+    store.runs.save(_completed(runs[0], "N"))
+    store.runs.save(_completed(runs[2], "N"))
+    for _ in range(2):  # the one in the middle holds up what is counted for good
+        assert counts.now() == {RunState.QUEUED: 1, RunState.COMPLETED: 2}
+    store.runs.save(replace(runs[1], state=RunState.FAILED))
+    store.runs.insert(_run("FV-102"))
+    for _ in range(2):
+        assert counts.now() == {RunState.QUEUED: 1, RunState.COMPLETED: 2, RunState.FAILED: 1}
+    store.close()
+
+
 def test_a_check_is_stored_once_and_taken_up_once(quick_path: Path, database_url: str) -> None:
     store = Store(quick_path, database_url)
     checks = store.schedule_runs
