@@ -15,7 +15,7 @@ from estimators.likelihood.input_errors import refit, step_instants, whitened, w
 from estimators.likelihood.input_path import CommandedPath, InputPath, input_path
 from estimators.likelihood.problem import pose
 from estimators.likelihood.search import Found, Hopping, search, searched_again
-from estimators.likelihood.staircase import read_staircase
+from estimators.likelihood.staircase import read_staircase, with_stops
 from estimators.likelihood.write_errors import reweighted
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from valve.nameplate import Action, Nameplate
@@ -47,6 +47,7 @@ class MaximumLikelihoodEstimator:
                 motion = read_staircase(recording, nameplate, motion) or motion
             if isinstance(motion, Outcome):
                 return failed(self.method, motion)
+            motion = with_stops(motion)
             path = input_path(recording, nameplate)
             if isinstance(path, Outcome):
                 return failed(self.method, path)

@@ -11,9 +11,12 @@ import numpy as np
 
 from estimators.base import Outcome
 from estimators.likelihood.level_kernel import level_runs
+from estimators.likelihood.start import breakaway_balance
 from estimators.motion.phases import After, Phases, Stretch
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.motion.rests import Breakaway
+from estimators.motion.static_friction import breakaway_forces
+from estimators.motion.stops import stops_beyond
 from estimators.motion.windowed_slope import windowed_slope
 from estimators.samples import FloatArray, IntArray, Samples, prepare
 from valve.nameplate import Nameplate
@@ -28,6 +31,7 @@ _MORE_STEPS: Final = 2  # times the breakaways that the usual phases have
 _AS_MANY: Final = 0.7  # of them are enough where the jumps are brief
 _BRIEF: Final = 0.3  # of the rests
 _DRIVEN: Final = 0.25  # of a jump: what the force changed by in that time moved the stem, so that it slid
+_ON_STOP: Final = 1.02  # times the largest force at a breakaway, of which a jumping stem shows many
 _CREEPS: Final = 0.3  # of the mean speed about it: a run with so much slope is no rest
 _CLEAR: Final = 25.0
 _MORE_NOISE: Final = 1.3
@@ -93,6 +97,21 @@ def read_staircase(
         moving_mass_kg=nameplate.actuator.moving_mass_kg,
         command_only=recording.force_n is None and recording.pressure_pa is None,
     )
+
+
+def with_stops(motion: RecordedMotion) -> RecordedMotion:
+    """Return the motion with the stops that a stem without uniform motion rested on, by the balance of its breakaways.
+
+    Between two breakaways the force on it goes from one F_s to the other; on a stop it goes on.
+    """
+    samples, phases = motion.samples, motion.phases
+    balance = breakaway_balance(samples, phases)
+    if motion.uniform is not None or motion.stops is not None or balance is None:
+        return motion
+    spring, static_n, preload_n = (float(value) for value in balance)
+    forces = breakaway_forces(samples, phases, spring, preload_n)
+    most_n = static_n if forces is None else max(float(forces.friction_n.max()), static_n)
+    return replace(motion, stops=stops_beyond(samples, phases, (spring, preload_n), most_n, excess=_ON_STOP), shared={})
 
 
 def _slides(motion: RecordedMotion, stretches: list[Stretch]) -> bool:

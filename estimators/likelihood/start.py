@@ -10,10 +10,10 @@ from typing import Final
 
 import numpy as np
 
-from estimators.motion.phases import After
+from estimators.motion.phases import After, Phases
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.motion.static_friction import breakaway_forces
-from estimators.samples import BoolArray, FloatArray
+from estimators.samples import BoolArray, FloatArray, Samples
 
 # Own choices: the masses tried, kg, and the viscous shares of the friction in motion; DV as a share of the speed, and
 # F_s as one of the friction in motion.
@@ -83,15 +83,12 @@ def _from_all_motion(motion: RecordedMotion) -> FirstGuess | None:
 
 def _from_breakaways(motion: RecordedMotion) -> FirstGuess | None:
     """By least squares of F = k x + F_0 +- F_s over the breakaways; the friction in motion is taken as 0.8 of it."""
-    rows = np.array([breakaway.row for breakaway in motion.phases.breakaways], dtype=np.int64)
-    sense = np.array([float(breakaway.direction) for breakaway in motion.phases.breakaways])
-    if rows.size < 4 or np.unique(sense).size < 2:
-        return None
-    rest_m = np.array([breakaway.rest_m for breakaway in motion.phases.breakaways])
-    solved = _solved([rest_m, sense, np.ones(rows.size)], motion.samples.force_n[rows])
-    if solved is None or not (solved[0] > 0.0 and solved[1] > 0.0):
+    solved = breakaway_balance(motion.samples, motion.phases)
+    if solved is None:
         return None
     static_n = float(solved[1])
+    sense = np.array([float(breakaway.direction) for breakaway in motion.phases.breakaways])
+    rest_m = np.array([breakaway.rest_m for breakaway in motion.phases.breakaways])
     # a lightly damped jump is 2 (F_s - F_c)/k long
     jump_m = None
     if motion.uniform is None:
@@ -100,6 +97,17 @@ def _from_breakaways(motion: RecordedMotion) -> FirstGuess | None:
         jump_m = float(np.median(steps_m)) if steps_m.size > 0 else None
     spring, preload_n = float(solved[0]), float(solved[2])
     return FirstGuess(spring, preload_n, 0.8 * static_n, motion.phases.moving_speed, static_n, jump_m)
+
+
+def breakaway_balance(samples: Samples, phases: Phases) -> FloatArray | None:
+    """k, F_s and F_0, shape (3,), by least squares of F = k x + F_0 +- F_s over the breakaways; None for too few."""
+    rows = np.array([breakaway.row for breakaway in phases.breakaways], dtype=np.int64)
+    sense = np.array([float(breakaway.direction) for breakaway in phases.breakaways])
+    if rows.size < 4 or np.unique(sense).size < 2:
+        return None
+    rest_m = np.array([breakaway.rest_m for breakaway in phases.breakaways])
+    solved = _solved([rest_m, sense, np.ones(rows.size)], samples.force_n[rows])
+    return solved if solved is not None and solved[0] > 0.0 and solved[1] > 0.0 else None
 
 
 def _from_all_rows(motion: RecordedMotion) -> FirstGuess | None:

@@ -25,13 +25,24 @@ def find_stops(samples: Samples, phases: Phases, uniform: UniformMotion) -> Trav
     spring, preload = uniform.spring_n_per_m, uniform.preload_n
     forces = breakaway_forces(samples, phases, spring, preload)
     friction = uniform.friction_n if forces is None else max(float(forces.friction_n.max()), uniform.friction_n)
-    limit = _EXCESS * friction + _EXCESS_OF_RANGE * float(np.ptp(samples.force_n)) + 5.0 * samples.force_noise_n
+    return stops_beyond(samples, phases, (spring, preload), friction)
+
+
+def stops_beyond(
+    samples: Samples, phases: Phases, line: tuple[float, float], friction_n: float, *, excess: float = _EXCESS
+) -> TravelStops | None:
+    """Return the stops at the ends of the travel on which the stem rests with |F - k x - F_0| beyond the friction.
+
+    ``line`` are k, N/m, and F_0, N; beyond is ``excess`` times the friction and more.
+    """
+    spring_n_per_m, preload_n = line
+    limit = excess * friction_n + _EXCESS_OF_RANGE * float(np.ptp(samples.force_n)) + 5.0 * samples.force_noise_n
     resting = _resting(samples, phases)
-    excess = samples.force_n - spring * samples.position_m - preload
+    held_n = samples.force_n - spring_n_per_m * samples.position_m - preload_n
     low_m, high_m = float(samples.position_m.min()), float(samples.position_m.max())
     near = _NEAR_THE_END * (high_m - low_m) + 6.0 * samples.position_noise_m
-    on_high = resting & (excess > limit) & (samples.position_m > high_m - near)
-    on_low = resting & (excess < -limit) & (samples.position_m < low_m + near)
+    on_high = resting & (held_n > limit) & (samples.position_m > high_m - near)
+    on_low = resting & (held_n < -limit) & (samples.position_m < low_m + near)
     stops = {}
     if on_high.any():
         stops["high_m"] = float(np.median(samples.position_m[on_high]))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from estimators.base import Status
-from estimators.likelihood.staircase import read_staircase
+from estimators.likelihood.staircase import read_staircase, with_stops
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from tests.estimators.random_valves import random_test
@@ -33,6 +33,23 @@ def test_a_stem_that_jumps_from_rest_to_rest_is_a_staircase() -> None:
     assert motion is not None
     assert motion.uniform is None
     assert len(motion.phases.breakaways) == pytest.approx(49, abs=3)
+
+
+def test_the_stops_that_a_jumping_stem_rests_on_are_found_and_modelled() -> None:
+    test = random_test(2140)  # 103 jumps between two stops; without these no valve explains them
+    estimate, truth = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate), test.truth.by_symbol()
+    assert test.stops is not None
+    assert estimate.status is Status.OK, estimate.message
+    assert estimate.diagnostics["stops_m"] == pytest.approx([test.stops.low_m, test.stops.high_m], abs=test.noise_m)
+    for symbol, percent in (("m", 0.3), ("k", 0.01), ("F_v", 1.0), ("F_c", 0.2), ("F_s", 1.0)):
+        assert estimate.value(symbol) == pytest.approx(truth[symbol], rel=0.01 * percent), symbol
+
+
+def test_a_jumping_stem_that_turns_with_the_force_rests_on_no_stop() -> None:
+    test = random_test(2035)
+    motion = read_staircase(test.recording, test.nameplate, read_motion(test.recording, test.nameplate))
+    assert motion is not None
+    assert with_stops(motion).stops is None
 
 
 def test_the_rough_valve_is_known_at_10_ms_too() -> None:
