@@ -8,6 +8,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from importlib import import_module
 from typing import Any, Final, ParamSpec
 
 Parameters = ParamSpec("Parameters")
@@ -16,8 +17,6 @@ _KEPT_PICTURES: Final = 128  # of at most 40 kB each
 
 
 def _draw(module: str, name: str, arguments: tuple[Any, ...]) -> Any:
-    from importlib import import_module  # noqa: PLC0415
-
     return getattr(import_module(module), name)(*arguments)
 
 

@@ -55,7 +55,7 @@ def test_what_is_metric_already_stays_digit_by_digit() -> None:
 
 @pytest.mark.parametrize(
     ("said", "text"),
-    [("7 um", "7 µm"), ("-4291 um", "-4.291 mm"), ("250 um (240 to 260) of play", "0.2500 mm (0.2400 to 0.2600) of play")],
+    [("7 um", "7 µm"), ("-4291 um", "-4.291 mm"), ("250 um (240 to 260) off", "0.2500 mm (0.2400 to 0.2600) off")],
 )
 def test_a_length_in_micrometres_is_read_in_millimetres_where_it_is_large(said: str, text: str) -> None:
     assert in_units(said, UnitSystem.BAR) == text

@@ -20,6 +20,7 @@ from structlog.testing import capture_logs
 from service.runs.run import Run, RunState
 from service.settings import load_plant
 from service.settings_mqtt import MqttSettings
+from service.store.store import open_store
 from tests.service.conftest import PLANT
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.health.test_health_service import Found
@@ -227,8 +228,6 @@ def test_a_password_is_read_from_its_file_and_tls_takes_its_own_port(quick_path:
 
 def test_a_run_that_is_told_of_is_called_by_the_thread_that_stored_it(quick_path: Path) -> None:
     heard: list[Run] = []
-    from service.store.store import open_store  # noqa: PLC0415
-
     path = quick_path / "plant.toml"
     path.write_text(PLANT, encoding="utf-8")
     store = open_store(load_plant(path).service)
