@@ -20,6 +20,8 @@ _BLIND_S: Final = 1.0  # without a valid position
 _BEYOND: Final = 2  # samples in a row beyond a limit; a single one may be a spike
 _FOLLOWING_S: Final = 0.5  # a PLC's scan and its output card
 _PROMPT: Final = 5  # changed commands in a row that were there at the next look: this output has no lag
+_FOREIGN: Final = 3  # looks at an output that nobody here asked for; one may be a write that the wire changed
+_FOREIGN_WITHIN_S: Final = 2.0
 _PRESSURE_SLACK: Final = 0.05  # of the limits' span: an I/P overshoots and a sensor is not exact
 _DURATION_SLACK_S: Final = 5.0
 
@@ -38,6 +40,7 @@ class AbortRules:
         self._last_error: EquipmentError | None = None
         self._silence_s = max(_SILENCE_S, 2.0 * period_s)
         self._commands: deque[tuple[float, float]] = deque()
+        self._foreign_s: deque[float] = deque(maxlen=_FOREIGN)
         self._stem = StemRules(device.wiring)
         self._watch: PermissiveWatch | None = None
         self.believed = True
@@ -111,6 +114,23 @@ class AbortRules:
             return None
         return DeviceError(f"{self._device.tag}: {broken}: check the valve and its limits")
 
+    def foreign(self, output_pa: float) -> DeviceError | None:
+        """Return why the test must end where an output is, for the third time lately, outside of what it asked for.
+
+        That is somebody else, whose command the next one of ours covers up again: it need not stand to be seen.
+        """
+        now_s, slack_pa = time.monotonic(), self._device.tolerance_pa
+        lately = [pressure_pa for _, pressure_pa in self._commands]
+        if not lately or min(lately) - slack_pa <= output_pa <= max(lately) + slack_pa:
+            return None
+        self._foreign_s.append(now_s)
+        if len(self._foreign_s) < _FOREIGN or now_s - self._foreign_s[0] > _FOREIGN_WITHIN_S:
+            return None
+        return DeviceError(
+            f"{self._device.tag}: {self._commands[-1][1]:g} Pa are commanded and the device shows {output_pa:g} Pa, "
+            f"{_FOREIGN} times within {_FOREIGN_WITHIN_S:g} s: check that nobody else commands it, by another master"
+        )
+
     def _is_asked_for(self, sample: Sample) -> bool:
         """Whether an output is one that was asked for lately; from a device that follows at once, the newest."""
         slack_pa, newest_pa = self._device.tolerance_pa, self._commands[-1][1]
@@ -144,7 +164,7 @@ class AbortRules:
             self._forget_what_is_over(sample)
             return None
         if now_s - self._followed_s <= _FOLLOWING_S:
-            return None
+            return self.foreign(sample.output_pa)
         return DeviceError(
             f"{self._device.tag}: {self._commands[-1][1]:g} Pa are commanded and the device shows "
             f"{sample.output_pa:g} Pa: check that it is in automatic and nobody else commands it"

@@ -16,7 +16,7 @@ from drivers.eye import Eye
 from drivers.outcome import Sample
 from drivers.registers import Block
 from drivers.transport import Exchange
-from drivers.wiring import Bus, Unit, Wired, wire
+from drivers.wiring import Bus, Signal, Unit, Wired, wire
 from valve.errors import BusyError, ConfigurationError, DeviceError, EquipmentError
 
 _SAFE_ATTEMPTS: Final = 3
@@ -203,11 +203,16 @@ class ValveDevice:
         """Take one sample. Raises WireError or DeviceError where there is none: that is a gap."""
         return await self._eye.look(priority=priority)
 
+    async def output_pa(self) -> float:
+        """Read what the device shows as its output, Pa, and nothing else. Raises WireError or DeviceError."""
+        return await self._alone(self._wired.readback)
+
     async def supply_pa(self, sample: Sample) -> float:
         """Air supply, Pa: read at its own place where there is one, otherwise as the sample has it; NaN unknown."""
         signal = self._wired.supply
-        if signal is None:
-            return sample.supply_pa
+        return sample.supply_pa if signal is None else await self._alone(signal)
+
+    async def _alone(self, signal: Signal) -> float:
         block = Block((signal.register,), signal.register.address, signal.register.words, signal.register.table)
         words = (await signal.unit.bus.read(signal.unit.device_id, block)).words
         return signal.register.decode(words)

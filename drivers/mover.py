@@ -80,6 +80,19 @@ class Mover:
             raise fault
         return sample if self.rules.believed else None
 
+    async def glance(self) -> None:
+        """Look between two steps whether the output is still ours; raises where it is, again, somebody else's."""
+        if math.isnan(self.device.in_force_pa):
+            return
+        fault: DeviceError | None = None
+        try:
+            fault = self.rules.foreign(await self.device.output_pa())
+        except EquipmentError as error:
+            self.rules.missed(error)
+        self.require_no_stop()
+        if fault is not None:
+            raise fault
+
     async def ramp_to(self, target_pa: float) -> None:
         """Go from where the output is to ``target_pa`` at no more than the allowed rate, and see it there."""
         pressure_pa = await self._present_output_pa()

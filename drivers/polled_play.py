@@ -14,6 +14,7 @@ from drivers.rows import PolledRows, gap
 from valve.recording import Provenance, Recording
 
 _TELL_PERIOD_S: Final = 0.1  # how often samples are handed on
+_GLANCE_PERIOD_S: Final = 0.1  # how often the output is looked at just before it is commanded anew
 
 
 class PolledPlay:
@@ -29,6 +30,7 @@ class PolledPlay:
         self._on_samples = on_samples
         self._on_share = on_share
         self._rows: PolledRows | None = None
+        self._slot = 0
 
     def recording(self, provenance: Provenance) -> Recording | None:
         """Return what was recorded; None where nothing was."""
@@ -36,27 +38,37 @@ class PolledPlay:
 
     async def play(self, mover: Mover) -> None:
         """Command and look once a slot of a fixed grid; a slot that is missed is not made up for."""
-        start_s = time.monotonic()
-        self._rows = rows = PolledRows(start_s)
-        slot, told_s = 0, start_s
-        while slot < self._course.samples:
-            due_s = start_s + slot * self._course.period_s
+        self._rows = rows = PolledRows(time.monotonic())
+        try:
+            await self._play(mover, rows)
+        except BaseException:
+            self._tell(rows)
+            raise
+
+    async def _play(self, mover: Mover, rows: PolledRows) -> None:
+        period_s, start_s = self._course.period_s, rows.start_s
+        told_s = glanced_s = start_s
+        took_s = 0.0
+        while self._slot < self._course.samples:
+            due_s = start_s + self._slot * period_s
+            if due_s - glanced_s >= _GLANCE_PERIOD_S and 2.0 * took_s < period_s:
+                # Just before its slot, in time that nobody needs: the samples keep their grid.
+                await mover.pause_until(due_s - took_s)
+                await mover.glance()
+                glanced_s = due_s
             await mover.pause_until(due_s)
             begun_s = time.monotonic()
-            try:
-                sample = await mover.step(self._course.pressure_pa(begun_s - start_s))
-            except BaseException:
-                self._tell(rows, slot)
-                raise
+            sample = await mover.step(self._course.pressure_pa(begun_s - start_s))
             now_s = time.monotonic()
+            took_s = now_s - begun_s
             rows.add(sample or gap(begun_s, now_s), mover.device.in_force_pa, mover.written, begun_s - due_s)
-            slot = max(slot + 1, math.floor((now_s - start_s) / self._course.period_s + 0.5))
-            if now_s - told_s >= _TELL_PERIOD_S or slot >= self._course.samples:
+            self._slot = max(self._slot + 1, math.floor((now_s - start_s) / period_s + 0.5))
+            if now_s - told_s >= _TELL_PERIOD_S or self._slot >= self._course.samples:
                 told_s = now_s
-                self._tell(rows, slot)
+                self._tell(rows)
 
-    def _tell(self, rows: PolledRows, slot: int) -> None:
+    def _tell(self, rows: PolledRows) -> None:
         fresh = rows.fresh()
         if fresh is not None:
             self._on_samples(fresh)
-        self._on_share(min(1.0, slot / self._course.samples))
+        self._on_share(min(1.0, self._slot / self._course.samples))

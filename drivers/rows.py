@@ -25,7 +25,7 @@ class PolledRows:
     """Rows of a polled test: each with the intervals in which it was commanded and taken; a failed look is a gap."""
 
     def __init__(self, start_s: float) -> None:
-        self._start_s = start_s
+        self.start_s = start_s
         self._rows: list[tuple[float, ...]] = []
         self._given = 0
 
@@ -35,7 +35,7 @@ class PolledRows:
         ``late_s`` is how long after its slot it began.
         """
         lasted_s = (math.nan, math.nan) if write is None else (write.sent_s, write.received_s)
-        times_s = [at_s - self._start_s for at_s in (sample.time_s, *lasted_s, sample.sent_s, sample.received_s)]
+        times_s = [at_s - self.start_s for at_s in (sample.time_s, *lasted_s, sample.sent_s, sample.received_s)]
         self._rows.append((times_s[0], sample.position_m, sample.pressure_pa, command_pa, *times_s[1:], late_s))
 
     def fresh(self) -> SampleBlock | None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from drivers import polled_play
 from drivers.addresses import MotionLimits, Parity, Point, RtuAddress
 from drivers.device import connect_valve
 from drivers.maps.reference import CaptureState, WatchdogState
@@ -238,7 +239,10 @@ async def test_a_cancelled_test_leaves_the_valve_safe(bench: Bench) -> None:
     assert bench.device.value("run_owner") == 0
 
 
-async def test_an_answer_that_is_lost_is_a_gap_and_the_test_goes_on(bench: Bench) -> None:
+async def test_an_answer_that_is_lost_is_a_gap_and_the_test_goes_on(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(polled_play, "_GLANCE_PERIOD_S", math.inf)  # it is a sample's answer that is to be lost
     slave = bench.device.slave
 
     def lose_one(phase: str) -> None:
@@ -319,6 +323,42 @@ async def test_an_output_that_does_not_follow_ends_the_test(bench: Bench) -> Non
     outcome = await bench.play(triangle(4.0, 1, 10_000.0, 60_000.0))
     assert (outcome.ended, outcome.safe_confirmed) == (Ended.FAILED, False)
     assert "the device shows" in str(outcome.error)
+
+
+async def test_what_another_master_writes_between_two_samples_is_seen_and_ends_the_test(bench: Bench) -> None:
+    foreign: list[asyncio.Task[None]] = []
+
+    async def write_over_it() -> None:
+        while True:  # now and then, for a moment: the next command of ours covers it up before the next sample
+            await asyncio.sleep(0.004)
+            bench.device.output_pa = 90_000.0
+
+    def begin(phase: str) -> None:
+        if phase == "playing" and not foreign:
+            foreign.append(asyncio.get_running_loop().create_task(write_over_it()))
+
+    bench.on_phase = begin
+    outcome = await bench.play(triangle(10.0, 1, 10_000.0, 60_000.0), period_s=0.05)
+    foreign[0].cancel()
+    assert outcome.ended is Ended.FAILED
+    assert "another master" in str(outcome.error)
+
+
+async def test_an_output_that_lags_is_nobody_elses(bench: Bench) -> None:
+    device, at_once, scanned = bench.device, bench.device.move, [0.0]
+
+    def later(pressure_pa: float) -> None:
+        device.moves.append((time.monotonic(), pressure_pa))
+        if pressure_pa == SAFE_PA:
+            at_once(pressure_pa)
+            return
+        asyncio.get_running_loop().call_later(0.15, lambda: setattr(device, "output_pa", pressure_pa))
+        scanned[0] += 1
+
+    device.move = later  # type: ignore[method-assign]  # a PLC's scan and its output card take their time
+    outcome = await bench.play(triangle(2.0, 1, 10_000.0, 60_000.0))
+    assert scanned[0] > 20
+    assert (outcome.ended, outcome.error) == (Ended.COMPLETED, None)
 
 
 async def test_a_watchdog_that_trips_ends_the_test(bench: Bench) -> None:

@@ -178,6 +178,20 @@ async def test_a_master_that_ends_a_capture_by_a_command_ends_the_test(tmp_path:
     assert "ended its capture" in str(outcome.error)
 
 
+@pytest.mark.parametrize("pause_s", [0.01, 0.1])
+async def test_a_master_that_writes_under_our_run_is_told_though_we_write_over_it(
+    tmp_path: Path, pause_s: float
+) -> None:
+    async def meddle(bus: Transport) -> None:
+        while True:
+            await _command(bus, 7, 75_000.0)
+            await asyncio.sleep(pause_s)
+
+    outcome, _ = await _meddled(tmp_path, "polled", meddle)
+    assert outcome.ended is Ended.FAILED
+    assert "another master" in str(outcome.error) or "nobody else commands it" in str(outcome.error), outcome.error
+
+
 async def _take(bus: Transport) -> None:
     await asyncio.sleep(0.5)
     await _claim(bus, 7, Claim.RELEASE)
