@@ -92,7 +92,7 @@ class Runs:
     def _check_gateway(self, tag: str) -> None:
         if not self._plant.is_ours(tag):
             gateway = self._plant.gateway_of(tag)
-            raise ElsewhereError(f"{tag}: gateway {gateway} drives it", gateway, self._plant.gateways[gateway])
+            raise ElsewhereError(f"{tag}: gateway {gateway} drives this valve", gateway, self._plant.gateways[gateway])
 
     async def start(
         self,

@@ -27,6 +27,7 @@ from service.store.database import open_database
 from service.store.schema import TESTS
 from service.store.schema_health import FIGURES
 from service.store.store import open_store
+from tests.plants import bus_text, service_text, valve_text
 from tests.service.databases import postgresql_database, why_no_server
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 
@@ -85,18 +86,10 @@ def _say(text: str) -> None:
 
 
 def _plant_text(valves: int, database: str) -> str:
-    line = f'database = "{database}"\n' if database else ""
-    parts = [f'[service]\nstore = "data"\nport = 0\n{line}']
+    parts = [service_text(f'database = "{database}"' if database else "", store="data")]
+    parts += [bus_text(f"b{bus}", 5020 + bus) for bus in range(BUSES)]
     parts += [
-        f'[[buses]]\nname = "b{bus}"\nkind = "modbus_tcp"\nhost = "10.0.0.{bus + 1}"\nport = 502\n'
-        for bus in range(BUSES)
-    ]
-    parts += [
-        f'[[valves]]\ntag = "FV-{number:04d}"\nsafe_value_pa = 0.0\n'
-        "[valves.actuator]\ndiaphragm_area_m2 = 0.06452\ntravel_m = 0.1016\n"
-        "[valves.limits]\npressure_pa = [0.0, 82737.0]\npressure_rate_pa_per_s = 90000.0\nlongest_test_s = 300.0\n"
-        f'[valves.command]\nbus = "b{number % BUSES}"\ndevice_id = {number // BUSES + 1}\nmap = "reference"\n'
-        '[valves.acquisition]\nmode = "captured"\nperiod_s = 0.001\n'
+        valve_text(f"FV-{number:04d}", f"b{number % BUSES}", number // BUSES + 1, signal=False, rate_pa_per_s=90000.0)
         for number in range(valves)
     ]
     return "".join(parts)

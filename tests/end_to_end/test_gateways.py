@@ -15,46 +15,17 @@ from typing import Any
 import httpx
 
 from service.cli.demo_plant import free_ports
+from tests.plants import bus_text, service_text, valve_text
 from tests.service.databases import postgresql_database
 
 DEADLINE_S = 150.0
-_VALVE = """
-[[valves]]
-tag = "{tag}"
-safe_value_pa = 20000.0
-[valves.actuator]
-diaphragm_area_m2 = 0.06452
-travel_m = 0.1016
-[valves.signal]
-range_ma = [4.0, 20.0]
-range_pa = [0.0, 82737.0]
-[valves.limits]
-pressure_pa = [0.0, 82737.0]
-pressure_rate_pa_per_s = 60000.0
-longest_test_s = 300.0
-[valves.command]
-bus = "{bus}"
-device_id = 1
-map = "reference"
-[valves.acquisition]
-mode = "captured"
-period_s = 0.001
-[valves.watchdog]
-timeout_s = 2.0
+_SIMULATED = """\
 [valves.simulation]
 parameter_set = "nominal"
 position_noise_m = 5.0e-6
 seed = {seed}
 """
-
-
-def _plant(folder: Path, gateway: str, ports: list[int], database: str) -> Path:
-    text = f"""
-[service]
-store = "data"
-port = {ports[0] if gateway == "g1" else ports[1]}
-gateway = "{gateway}"
-database = "{database}"
+_SCHEDULE = """\
 [[schedules]]
 name = "nightly"
 cron = "30 2 1 1 *"
@@ -66,11 +37,18 @@ window_s = 3600.0
 cycles = 1
 period_s = 4.0
 """
-    for number, name in enumerate(("g1", "g2")):
-        text += f'[[gateways]]\nname = "{name}"\nurl = "http://127.0.0.1:{ports[number]}"\n'
-        text += f'[[buses]]\nname = "b{number + 1}"\ngateway = "{name}"\nkind = "modbus_tcp"\nhost = "127.0.0.1"\n'
-        text += f"port = {ports[2 + number]}\ntimeout_s = 2.0\n"
-        text += _VALVE.format(tag=f"FV-{number + 1}", bus=f"b{number + 1}", seed=number + 1)
+
+
+def _plant(folder: Path, gateway: str, ports: list[int], database: str) -> Path:
+    port = ports[0] if gateway == "g1" else ports[1]
+    text = service_text(f'gateway = "{gateway}"\ndatabase = "{database}"', port=port) + _SCHEDULE
+    for number, name in enumerate(("g1", "g2"), start=1):
+        text += f'[[gateways]]\nname = "{name}"\nurl = "http://127.0.0.1:{ports[number - 1]}"\n'
+        text += bus_text(f"b{number}", ports[number + 1], f'gateway = "{name}"\ntimeout_s = 2.0')
+        more = _SIMULATED.format(seed=number)
+        text += valve_text(
+            f"FV-{number}", f"b{number}", safe="20000.0", rate_pa_per_s=60000.0, watchdog_s=2.0, more=more
+        )
     (folder / gateway).mkdir()
     path = folder / gateway / "plant.toml"
     path.write_text(text, encoding="utf-8")

@@ -19,6 +19,7 @@ from simulator.slave import RtuListener, TcpListener
 from simulator.transducer import Transducer
 from tests.faults.proxy import FaultyWire, LineProxy, TcpProxy
 from tests.faults.wire_faults import FaultAt
+from tests.plants import service_text, valve_text
 from valve.parameter_sets import PARAMETER_SETS
 
 TAG: Final = "FV-1"
@@ -110,33 +111,14 @@ async def station(
 
 
 def _plant_text(bus: str, mode: Mode) -> str:
-    return f"""\
-[service]
-store = "store"
-port = 0
-[[buses]]
-name = "bus"
-{bus}timeout_s = {TIMEOUT_S}
-[[valves]]
-tag = "{TAG}"
-safe_value_pa = {SAFE_PA}
-[valves.actuator]
-diaphragm_area_m2 = 0.06452
-travel_m = 0.1016
-[valves.signal]
-range_ma = [4.0, 20.0]
-range_pa = [0.0, 82737.0]
-[valves.limits]
-pressure_pa = [0.0, 82737.0]
-pressure_rate_pa_per_s = 100000.0
-longest_test_s = 300.0
-[valves.command]
-bus = "bus"
-device_id = 1
-map = "reference"
-[valves.acquisition]
-mode = "{mode}"
-period_s = {0.04 if mode == "polled" else 0.002}
-[valves.watchdog]
-timeout_s = {WATCHDOG_S}
-"""
+    line = f'[[buses]]\nname = "bus"\n{bus}timeout_s = {TIMEOUT_S}\n'
+    valve = valve_text(
+        TAG,
+        "bus",
+        safe=str(SAFE_PA),
+        rate_pa_per_s=100000.0,
+        mode=mode,
+        period_s=0.04 if mode == "polled" else 0.002,
+        watchdog_s=WATCHDOG_S,
+    )
+    return service_text(store="store") + line + valve

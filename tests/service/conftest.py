@@ -9,74 +9,42 @@ import httpx
 import pytest
 
 from service.settings import Plant, load_plant
+from tests.plants import bus_text, service_text, valve_text
 from tests.service.databases import postgresql_database
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.running_service import running_service
 
-PLANT = """\
-[service]
-store = "plant-data"
-bind = "127.0.0.1"
-port = 0
-
-[[buses]]
-name = "plc-1"
-kind = "modbus_tcp"
-host = "127.0.0.1"
-port = 5020
-
+GAUGE = """\
 [[buses]]
 name = "gauge-1"
 kind = "serial_gauge"
 serial_port = "/dev/null"
 request = "?\\r"
 pattern = '^(?P<value>[-+]?\\d+\\.\\d+)\\s*mm'
-
-[[valves]]
-tag = "FV-101"
-safe_value_pa = 0.0
-[valves.actuator]
-diaphragm_area_m2 = 0.06452
-travel_m = 0.1016
-[valves.signal]
-range_ma = [4.0, 20.0]
-range_pa = [0.0, 82737.0]
-[valves.limits]
-pressure_pa = [0.0, 82737.0]
-pressure_rate_pa_per_s = 30000.0
-longest_test_s = 300.0
-[valves.command]
-bus = "plc-1"
-device_id = 1
-map = "reference"
-[valves.acquisition]
-mode = "captured"
-period_s = 0.001
-
-[[valves]]
-tag = "FV-102"
-safe_value_pa = "entry"
-[valves.actuator]
-diaphragm_area_m2 = 0.06452
-travel_m = 0.1016
-[valves.limits]
-pressure_pa = [0.0, 82737.0]
-pressure_rate_pa_per_s = 30000.0
-longest_test_s = 300.0
-[valves.command]
-bus = "plc-1"
-device_id = 2
-map = "reference"
+"""
+SEEN_BY_GAUGE = """\
 [valves.position]
 bus = "gauge-1"
-[valves.acquisition]
-mode = "polled"
-period_s = 0.01
-[valves.watchdog]
-timeout_s = 2.0
 [valves.simulation]
 parameter_set = "nominal"
 """
+PLANT = (
+    service_text('bind = "127.0.0.1"')
+    + bus_text("plc-1", 5020)
+    + GAUGE
+    + valve_text("FV-101", "plc-1")
+    + valve_text(
+        "FV-102",
+        "plc-1",
+        2,
+        safe='"entry"',
+        signal=False,
+        mode="polled",
+        period_s=0.01,
+        watchdog_s=2.0,
+        more=SEEN_BY_GAUGE,
+    )
+)
 
 
 @pytest.fixture

@@ -14,28 +14,10 @@ from service.schedules.check import Check
 from service.schedules.nightly import Nightly
 from service.settings import Plant, load_plant
 from service.store.store import Store
+from tests.plants import bus_text, service_text, valve_text
 from tests.service.fake_rig import FakeRig
 from tests.service.stored_runs import runs_of
 
-_VALVE = """
-[[valves]]
-tag = "{tag}"
-safe_value_pa = 0.0
-[valves.actuator]
-diaphragm_area_m2 = 0.06452
-travel_m = 0.1016
-[valves.limits]
-pressure_pa = [0.0, 82737.0]
-pressure_rate_pa_per_s = 30000.0
-longest_test_s = 300.0
-[valves.command]
-bus = "{bus}"
-device_id = {device_id}
-map = "reference"
-[valves.acquisition]
-mode = "captured"
-period_s = 0.001
-"""
 NIGHTLY = """
 [[schedules]]
 name = "nightly"
@@ -52,12 +34,11 @@ valves = ["A1", "A2", "B1"]
 
 def plant_text(more: str = NIGHTLY, service: str = "", gateways: tuple[str, str] = ("", "")) -> str:
     """Return plant.toml of valves A1 and A2 on bus a, B1 on bus b."""
-    text = f'[service]\nstore = "plant-data"\nport = 0\n{service}\n'
+    text = service_text(service)
     for number, (bus, gateway) in enumerate(zip("ab", gateways, strict=True)):
-        text += f'[[buses]]\nname = "{bus}"\nkind = "modbus_tcp"\nhost = "127.0.0.1"\nport = {5020 + number}\n'
-        text += f'gateway = "{gateway}"\n' if gateway else ""
+        text += bus_text(bus, 5020 + number, f'gateway = "{gateway}"' if gateway else "")
     for tag, bus, device_id in (("A1", "a", 1), ("A2", "a", 2), ("B1", "b", 1)):
-        text += _VALVE.format(tag=tag, bus=bus, device_id=device_id)
+        text += valve_text(tag, bus, device_id, signal=False)
     return text + more
 
 

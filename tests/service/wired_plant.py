@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
@@ -14,6 +13,7 @@ from simulator.plant import SimulatedValve
 from simulator.sensor import Sensor
 from simulator.slave import TcpListener
 from simulator.transducer import Transducer
+from tests.plants import bus_text, service_text, valve_text
 from valve.effects import Effect
 from valve.parameter_sets import PARAMETER_SETS
 
@@ -57,43 +57,21 @@ async def wired_plant(
     await plant.start(look_every_s=0.01)
     actuator, signal = valve.nameplate.actuator, valve.nameplate.signal
     assert signal is not None
+    assert actuator.diaphragm_area_m2 is not None
     path = folder / "plant.toml"
-    path.write_text(
-        f"""\
-[service]
-store = "plant-data"
-port = 0
-[[buses]]
-name = "plc-1"
-kind = "modbus_tcp"
-host = "127.0.0.1"
-port = {plant.addresses[0].rpartition(":")[2]}
-timeout_s = 2.0
-[[valves]]
-tag = "{TAG}"
-safe_value_pa = {safe}
-[valves.actuator]
-diaphragm_area_m2 = {actuator.diaphragm_area_m2}
-travel_m = {actuator.travel_m}
-[valves.signal]
-range_ma = {json.dumps(signal.range_ma)}
-range_pa = {json.dumps(signal.range_pa)}
-[valves.limits]
-pressure_pa = {json.dumps(signal.range_pa)}
-pressure_rate_pa_per_s = 60000.0
-longest_test_s = 300.0
-[valves.command]
-bus = "plc-1"
-device_id = 1
-map = "reference"
-[valves.acquisition]
-mode = "{mode}"
-period_s = {period_s}
-[valves.watchdog]
-timeout_s = {watchdog_s}
-""",
-        encoding="utf-8",
+    valve_part = valve_text(
+        TAG,
+        "plc-1",
+        safe=safe,
+        actuator=(actuator.diaphragm_area_m2, actuator.travel_m),
+        pressure_pa=signal.range_pa,
+        rate_pa_per_s=60000.0,
+        mode=mode,
+        period_s=period_s,
+        watchdog_s=watchdog_s,
     )
+    bus = bus_text("plc-1", plant.addresses[0].rpartition(":")[2], "timeout_s = 2.0")
+    path.write_text(service_text() + bus + valve_part, encoding="utf-8")
     try:
         yield path, plant
     finally:
