@@ -9,6 +9,7 @@ import pytest
 
 from estimators.base import Estimate, Outcome, Status
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
+from tests.benchmarks.efficiency import bounds_of
 from tests.estimators.recordings import VALVES, Recorded, paper_triangle, recorded
 from valve.motion import simulate_motion
 from valve.nameplate import Actuator, Nameplate
@@ -17,6 +18,7 @@ from valve.recording import Acquisition, Provenance, Recording
 from valve.waveform import Waveform, multi_rate_triangle, sine, steps, triangle
 
 CAPTURED = Provenance(Acquisition.CAPTURED)
+NOISE_M = 20.0e-6
 MULTI_RATE = multi_rate_triangle([20.0, *[2.0] * 20], 0.0, 82737.0)
 
 
@@ -46,13 +48,16 @@ def test_without_noise_all_but_dv_is_known_to_a_millionth(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["nominal", "rough"])
 def test_noise_leaves_every_value_within_its_interval_and_dv_tied_to_the_static_friction(name: str) -> None:
-    test = recorded(name, noise_m=20.0e-6, seed=3)
+    test = recorded(name, noise_m=NOISE_M, seed=3)
     estimate = estimated(test)
     assert estimate.status is Status.OK
     require_true(estimate, test.truth)
     mass = estimate.parameters["m"]
     assert mass.std_error is not None
-    assert mass.std_error < 0.05 * test.truth.mass_kg
+    # as good as the test allows: the parabola at the bottom is the bound's; towards a larger DV, which m follows, the
+    # valley bends and the likelihood falls to its 95 % limit up to twice as far away
+    bound_kg = bounds_of(replace(test, recording=replace(test.recording, provenance=CAPTURED)), NOISE_M)["m"]
+    assert 0.95 * bound_kg < mass.std_error < 2.0 * bound_kg
     assert estimate.value("DV") is None
     assert "F_s" in estimate.parameters["DV"].note
 
