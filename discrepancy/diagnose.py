@@ -26,7 +26,7 @@ from discrepancy.residuals import show
 from discrepancy.saved_model import SavedModel
 from discrepancy.selection import Choice, choose, excess
 from discrepancy.setting import setting_of
-from discrepancy.significance import misfit, noise_factor
+from discrepancy.significance import LEAST_RMS, misfit, noise_factor, wander
 from estimators.base import Estimate, Outcome
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
@@ -170,7 +170,12 @@ def _of_doubtful_instants(baseline: Fit) -> Diagnosis:
 
 
 def explains(fit: Fit) -> bool:
-    """Whether what a fit leaves may be noise, or so little more that a name for the rest is not missed."""
+    """Whether what a fit leaves may be noise, or so little more that a name for the rest is not missed.
+
+    The plain valve also where what hangs together is less than a cause would have to be.
+    """
+    if not fit.model.causes and misfit(fit) < _LARGEST_MISFIT and wander(fit) < LEAST_RMS:
+        return True
     largest = _LARGEST_FACTORS[min(len(fit.model.causes), len(_LARGEST_FACTORS) - 1)]
     return misfit(fit) < _LARGEST_MISFIT and noise_factor(fit) < largest
 

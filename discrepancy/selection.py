@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Final
 
-from discrepancy.causes.base import Cause, Setting, is_at_bound
+from discrepancy.causes.base import Cause, Setting, is_at_bound, is_trifle
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.screening import Candidate, extended_model, glance, refined, refit, screen
 from discrepancy.setting import setting_of
@@ -239,8 +239,8 @@ def excess(fit: Fit) -> float:
 
 
 def _is_possible(cause: Cause, fit: Fit, setting: Setting) -> bool:
-    values = fit.values
-    return not any(is_at_bound(unknown, values[unknown.name]) for unknown in cause.unknowns(setting))
+    found = [(unknown, fit.values[unknown.name]) for unknown in cause.unknowns(setting)]
+    return not any(is_at_bound(unknown, value) or is_trifle(cause, unknown, value) for unknown, value in found)
 
 
 def _pruned(baseline: Fit, best: Fit, chosen: list[Cause]) -> tuple[Fit, list[Cause]]:

@@ -11,7 +11,9 @@ from estimators.likelihood.intervals import inflation
 # Own choices, from healthy valves and from valves with one hidden effect (docs/diagnosis.md).
 # Some hundred starts are tried: 2 ln(100) = 9 is what the best wins by chance, the rest is for what is not white.
 SURE: Final = 45.0
-_LEAST_RMS: Final = 0.1  # of the noise of one row, that a cause must move all rows by
+_PIECES: Final = (1, 4, 16, 64, 256, 1024)
+_FEWEST_PIECES: Final = 20
+LEAST_RMS: Final = 0.1  # of the noise of one row, that a cause must move all rows by
 # A rival within this is not told apart: 4 standard deviations of the difference.
 NEAR: Final = 16.0
 
@@ -19,6 +21,18 @@ NEAR: Final = 16.0
 def noise_factor(fit: Fit) -> float:
     """Return the variance of the means of pieces of the residuals over that of white noise; 1 or more."""
     return inflation(fit.residual, fit.model.observed.weight) ** 2
+
+
+def wander(fit: Fit) -> float:
+    """Return the rms of what hangs together in the residuals, in noises of one row: the most of any pieces."""
+    residual, most = fit.residual, 0.0
+    for length in _PIECES:
+        pieces = residual.size // length
+        if pieces < _FEWEST_PIECES:
+            break
+        mean = residual[: pieces * length].reshape(pieces, length).mean(axis=1)
+        most = max(most, float(mean @ mean) / pieces - 1.0 / length)
+    return math.sqrt(most * fit.model.observed.count / fit.model.observed.rows)
 
 
 def gain(before: Fit, after: Fit) -> float:
@@ -30,7 +44,7 @@ def gain(before: Fit, after: Fit) -> float:
 
 def is_significant(before: Fit, after: Fit) -> bool:
     """Whether the fall of the misfit is beyond chance, and no trifle beside the noise."""
-    least = _LEAST_RMS**2 * before.model.observed.rows
+    least = LEAST_RMS**2 * before.model.observed.rows
     return gain(before, after) > SURE and before.cost - after.cost > least
 
 

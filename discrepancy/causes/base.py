@@ -128,6 +128,16 @@ def is_at_bound(unknown: Unknown, value: float) -> bool:
     return at > high - margin or (at < low + margin and unknown.lower != 0.0)
 
 
+def is_trifle(cause: Cause, unknown: Unknown, value: float) -> bool:
+    """Whether the strength of a cause, the unknown, is as good as neutral: no test hides less than twice as much."""
+    largest = max(abs(unknown.lower), abs(unknown.upper))
+    return (
+        unknown.name == cause.own(cause.strength)
+        and cause.neutral is not None
+        and abs(value - cause.neutral) < _BOUND_SHARE * largest
+    )
+
+
 def newtons(entry: Fitted) -> str:
     """Return a force with its interval."""
     return f"{_number(entry.value, entry)} N ({_number(entry.low, entry)} to {_number(entry.high, entry)})"

@@ -112,13 +112,22 @@ def _reading_lag_sentence(values: Mapping[str, Fitted], _setting: Setting) -> st
     return f"The position reading lags by {with_interval(values['lag_s'], 1.0e3, 'ms')}."
 
 
+def _reading_lag_starts(setting: Setting) -> list[Values]:
+    """A lag beside the damping as it is, and in its place: on ramps L looks like k L of F_v."""
+    viscous, late_s = setting.values["F_v"], setting.values["F_v"] / setting.values["k"]
+    instead = [{"lag_s": share * late_s, "F_v": (1.0 - share) * viscous} for share in (0.3, 0.6, 0.9)]
+    return [{"lag_s": 0.01, "F_v": viscous}, {"lag_s": 0.1, "F_v": viscous}, *instead]
+
+
 READING_LAG: Final = Cause(
     "position_lag",
     "lag_s",
     (Part("lag_s", step=1.0e-3),),
-    lambda _setting: [{"lag_s": 0.01}, {"lag_s": 0.1}],
+    _reading_lag_starts,
     _reading_lag_sentence,
     "Take the filter out of the position transmitter, or tell its time constant.",
+    is_shy=True,
+    neutral=None,
 )
 
 CHANNELS: Final = (TRANSDUCER_LAG, DEAD_TIME, SATURATION, LEAK, BACKLASH, BOW, READING_LAG)
