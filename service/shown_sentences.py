@@ -12,6 +12,7 @@ from service.shown_units import UnitSystem, shown_unit
 # What sentences name, the SI unit that it is shown by, and how many of that it is.
 _NAMED: Final = {
     "N*s/m": ("N*s/m", 1.0),
+    "N/s": ("N/s", 1.0),
     "kPa/s": ("Pa/s", 1.0e3),
     "Pa/s": ("Pa/s", 1.0),
     "kPa": ("Pa", 1.0e3),
@@ -25,14 +26,16 @@ _NAMED: Final = {
     "N/m": ("N/m", 1.0),
     "N": ("N", 1.0),
 }
+# A mass m in a formula, as in sqrt(2 m DV r), is no metre.
 _NUMBER: Final = r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 _QUANTITY: Final = re.compile(
-    rf"(?<![\w.])(?P<numbers>(?:between\s{_NUMBER}\sand\s)?{_NUMBER}(?:\s(?:to|±)\s{_NUMBER})*)\s"
-    rf"(?P<unit>{'|'.join(map(re.escape, sorted(_NAMED, key=len, reverse=True)))})(?![\w/*·])"
-    rf"(?P<interval>\s\({_NUMBER}\sto\s{_NUMBER}\))?"
+    rf"(?<![\w.])(?<!sqrt\()(?P<numbers>(?:between\s{_NUMBER}\sand\s)?{_NUMBER}(?:\s(?:to|±)\s{_NUMBER})*)\s"
+    rf"(?P<unit>{'|'.join(map(re.escape, sorted(_NAMED, key=len, reverse=True)))})(?![\w/*·]|\s(?:DV|F_))"
+    rf"(?P<interval>\s\((?:{_NUMBER}\sto\s{_NUMBER}|\+{_NUMBER})\))?"
 )
 _EACH: Final = re.compile(rf"(?<![\w.]){_NUMBER}")
 _DIGITS: Final = (3, 4)  # fewest and most that are shown where a unit is changed
+_SMALL: Final = 1.0e-3  # below it a number has five places: inches of a sensor's noise
 _LARGE_UM: Final = 100.0  # from here on metric lengths are read in mm
 
 
@@ -74,4 +77,7 @@ def _in_unit(found: re.Match[str], system: UnitSystem) -> str:
 
 def _converted(number: str, factor: float, more: int) -> str:
     digits = more + len(re.sub(r"e.*|\D", "", number).lstrip("0"))
-    return plus_minus(float(number) * factor, None, digits=min(_DIGITS[1] + more, max(_DIGITS[0], digits)))
+    value = float(number) * factor
+    if 0.0 < abs(value) < _SMALL:
+        return f"{value:.5f}"
+    return plus_minus(value, None, digits=min(_DIGITS[1] + more, max(_DIGITS[0], digits)))

@@ -62,6 +62,7 @@ _PSI: Final = {
     "m/s": ShownUnit("in/s", METRE_PER_INCH),
     "m2": ShownUnit("in²", METRE_PER_INCH**2),
     "N": ShownUnit("lbf", _NEWTON_PER_POUND_FORCE),
+    "N/s": ShownUnit("lbf/s", _NEWTON_PER_POUND_FORCE),
     "N/m": ShownUnit("lbf/in", _NEWTON_PER_POUND_FORCE / METRE_PER_INCH),
     "N*s/m": ShownUnit("lbf·s/in", _NEWTON_PER_POUND_FORCE / METRE_PER_INCH),
     "kg": ShownUnit("lb", _KILOGRAM_PER_POUND),

@@ -132,5 +132,6 @@ def _test(parts: Parts, tag: str, test_id: str | None, label: Label, after: Past
     fitting = [one for one in labelled if after is None or one.at <= after.at]
     if not fitting:
         word = label.value.replace("_", " ")
-        raise NotFoundError(f'{tag}: no completed test is labelled {word}: run one with "label": "{label.value}"')
+        when = "" if after is None else f" up to {after.test_id} as left"
+        raise NotFoundError(f'{tag}: no completed test{when} is labelled {word}: run one with "label": "{label.value}"')
     return fitting[0]

@@ -31,8 +31,9 @@ def test_a_sentence_of_the_drivers_is_read_in_the_chosen_units(
         ("509.58 ± 0.72 N", "114.6 ± 0.162 lbf"),
         ("52.5 N/mm, 612.9 N*s/m", "300 lbf/in, 3.500 lbf·s/in"),
         ("-1.5 mm", "-0.0591 in"),
-        ("noise of 5 um", "noise of 0.000197 in"),
+        ("noise of 5 um", "noise of 0.00020 in"),
         ("0 N", "0 lbf"),
+        ("by 667 N/s, sqrt(2 m DV r) = 1708.6 N (+-0.03)", "by 150 lbf/s, sqrt(2 m DV r) = 384.11 lbf (+-0.00674)"),
         ("640.5 N (638.2 to 642.8) higher", "143.99 lbf (143.47 to 144.51) higher"),
     ],
 )
@@ -42,7 +43,18 @@ def test_ranges_intervals_and_signs_are_taken_along(said: str, text: str) -> Non
 
 @pytest.mark.parametrize(
     "said",
-    ["FV-101: at 12.4 s, 3 of 5 tests", "1 min 5 s", "4 mA", "v1.5 N", "12.00 psi", "0.61 N·s/mm", "1e3 Nm", "5 %, M"],
+    [
+        "FV-101: at 12.4 s, 3 of 5 tests",
+        "1 min 5 s",
+        "4 mA",
+        "v1.5 N",
+        "12.00 psi",
+        "0.61 N·s/mm",
+        "1e3 Nm",
+        "F_s + sqrt(2 m DV r)",
+        "2 m DV",
+        "5 %, M",
+    ],
 )
 def test_what_is_no_quantity_of_ours_is_left_alone(said: str) -> None:
     assert in_units(said, UnitSystem.PSI) == said
