@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
+from estimators.likelihood.command_steps import written_steps
 from estimators.likelihood.pressure_lines import MeasuredPath, measured_path
+from estimators.likelihood.row_timing import position_doubts
 from estimators.motion.phases import After
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.proof.row_blocks import block_firsts, block_means
 from estimators.proof.whole_motion import SOON_S, Corners, Section, WholeMotion
-from estimators.samples import IntArray, Samples
-from valve.recording import Acquisition
+from estimators.samples import FloatArray, IntArray, Samples
+from valve.nameplate import Nameplate
+from valve.recording import Acquisition, Recording
 
 _FEWEST_ROWS: Final = 20
 _DOUBT: Final = 4.0  # times the uncertainty of a breakaway's instant
@@ -40,8 +44,10 @@ def whole_motion(motion: RecordedMotion, left_out_s: Sequence[float] = ()) -> Wh
         if breakaway.time_s in left_out_s:
             parts = [part for whole in parts for part in _without(motion, whole, number, left_out_s)]
     firsts, sections = block_firsts(motion), []
+    tread_s = _tread_s(recording, nameplate)
+    sizes = np.hypot(1.0, _doubts_m(motion, recording, tread_s) / samples.position_noise_m)
     for rows in parts:
-        section = _section(motion, rows, firsts, corners=corners, late=late)
+        section = _section(motion, rows, firsts, sizes, corners=corners, late=late)
         if section is not None:
             sections.append(section)
     if not sections:
@@ -57,7 +63,28 @@ def whole_motion(motion: RecordedMotion, left_out_s: Sequence[float] = ()) -> Wh
         stops=motion.stops,
         force_is_sure=unsure_m <= _KNOWN * samples.position_noise_m,
         breakaway_rate_n_per_s=float(np.median(rates)) if rates.size else 0.0,
+        is_stepped=tread_s > 0.0,
     )
+
+
+def _tread_s(recording: Recording, nameplate: Nameplate) -> float:
+    """How long a polled command usually stayed on a step, s; 0 where it is not known to have gone in steps."""
+    area_m2 = nameplate.actuator.diaphragm_area_m2
+    if recording.command_pa is None or area_m2 is None:
+        return 0.0
+    steps = written_steps(recording, area_m2 * recording.command_pa)
+    return 0.0 if steps is None else float(np.median(np.diff(steps.step_s)))
+
+
+def _doubts_m(motion: RecordedMotion, recording: Recording, tread_s: float) -> FloatArray:
+    """One standard deviation of each position by what is not known of its instant, m, shape (n,).
+
+    A polled command is a staircase, and the force that was read at each of its treads is drawn as a line: a stem that
+    follows at once is anywhere within a tread of it.
+    """
+    samples = motion.samples
+    doubts = position_doubts(recording, samples.time_s, samples.position_m, samples.position_noise_m)
+    return np.hypot(doubts.total_m, np.abs(motion.phases.velocity) * tread_s / math.sqrt(12.0))
 
 
 def _without(motion: RecordedMotion, part: slice, number: int, left_out_s: Sequence[float]) -> list[slice]:
@@ -79,9 +106,12 @@ def _without(motion: RecordedMotion, part: slice, number: int, left_out_s: Seque
 
 
 def _section(
-    motion: RecordedMotion, rows: slice, firsts: IntArray, *, corners: Corners, late: Corners
+    motion: RecordedMotion, rows: slice, firsts: IntArray, sizes: FloatArray, *, corners: Corners, late: Corners
 ) -> Section | None:
-    """The rows from their first rest on, in blocks; None where there is none, or hardly a row after it."""
+    """The rows from their first rest on, in blocks; None where there is none, or hardly a row after it.
+
+    ``sizes`` (n,) are the errors of all rows, that of a polled row's instant included, in the noise's deviations.
+    """
     samples = motion.samples
     if rows.stop - rows.start < _FEWEST_ROWS:
         return None
@@ -93,14 +123,17 @@ def _section(
     middle_s = block_means(time_s - time_s[0], own)
     square_s2 = block_means((time_s - time_s[0]) ** 2, own)
     half_s = np.sqrt(np.clip(square_s2 - middle_s**2, 0.0, None))
-    half_s[np.diff(np.append(own, time_s.size)) == 1] = 0.0
+    lengths = np.diff(np.append(own, time_s.size)).astype(np.float64)
+    half_s[lengths == 1.0] = 0.0
     followed_s = time_s[0] + np.stack([middle_s - half_s, middle_s + half_s], axis=1).ravel()
     return Section(
         corners=_cut(corners, float(time_s[0])),
         late=_cut(late, float(time_s[0])),
         time_s=followed_s,
         position_m=block_means(position_m, own),
-        weight=np.sqrt(np.diff(np.append(own, time_s.size)).astype(np.float64)),
+        rows=lengths,
+        # neighbours' instants may be wrong together: their mean is no surer than one of them
+        weight=np.sqrt(lengths / (1.0 + lengths * (block_means(sizes[begin : rows.stop] ** 2, own) - 1.0))),
         start_m=start_m,
     )
 

@@ -20,6 +20,7 @@ _AGREES: Final = 2.0  # standard errors between a value and where the whole moti
 _LARGEST_RATIO: Final = 1.3  # of what the estimate's own motion leaves to the noise
 _NO_JUMP: Final = 0.01  # F_s - A by A
 _CREEPING: Final = "the stem may have crept below DV, where F_s alone is felt: repeat with a faster ramp"
+_STEPPED: Final = "the polled command went in steps, each of which is faster than DV: capture in the device"
 _JAGGED: Final = 0.01  # of DV: about where a stem slides at it the sum of squares is jagged
 _TOUCHED: Final = ("m", "F_v", "F_c", "F_s", "DV")
 _KEPT: Final = ("k", "F_0")
@@ -61,6 +62,8 @@ def _judged(estimate: Estimate, own: Place, proofs: list[Proof], seen: WholeMoti
             by_delay=float(by_delay[place]),
             scale=scale.get(symbol),
         )
+    if seen.is_stepped and parameters["DV"].value is not None:
+        parameters["DV"] = absent(_STEPPED)
     if _may_creep(estimate, parameters, own, motion):
         parameters["F_c"] = absent(_CREEPING)
     ratio = seen.ratio(own.cost)

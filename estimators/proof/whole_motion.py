@@ -28,14 +28,16 @@ class Section:
     """Blocks of rows without a break, from a rest on: the force's corners (s, N), the same 1 us later, what was seen.
 
     The position is followed at two times a block, ``time_s`` (2 b,), a standard deviation of its rows' times about
-    their mean: the mean of both is that of the block to the third order. ``position_m`` (b,) is the measured mean, and
-    ``weight`` (b,) the square root of the rows.
+    their mean: the mean of both is that of the block to the third order. ``position_m`` (b,) is the measured mean of
+    ``rows`` (b,) rows, and 1 / ``weight`` (b,) its error in one row's noise: the inverse of their root, or more where
+    their instants are in doubt.
     """
 
     corners: Corners
     late: Corners
     time_s: FloatArray
     position_m: FloatArray
+    rows: FloatArray
     weight: FloatArray
     start_m: float
 
@@ -55,7 +57,8 @@ class WholeMotion:
 
     ``delay_sd_s`` is one standard deviation; ``delay_doubt_s`` the same if nothing that the recording says of it holds,
     0 where it is sure. ``force_is_sure``: the force's own noise does nothing to the position that its noise shows.
-    ``breakaway_rate_n_per_s`` is the force's usual rate at a breakaway.
+    ``breakaway_rate_n_per_s`` is the force's usual rate at a breakaway. ``is_stepped``: the force is a polled command's
+    staircase, which is taken for lines.
     """
 
     sections: tuple[Section, ...]
@@ -65,6 +68,7 @@ class WholeMotion:
     stops: TravelStops | None
     force_is_sure: bool
     breakaway_rate_n_per_s: float
+    is_stepped: bool = False
 
     @property
     def blocks(self) -> int:
@@ -74,7 +78,7 @@ class WholeMotion:
     @property
     def rows(self) -> float:
         """Number of rows in them."""
-        return float(sum(section.weight @ section.weight for section in self.sections))
+        return float(sum(section.rows.sum() for section in self.sections))
 
     def ratio(self, cost: float) -> float:
         """What a row leaves, in the noise's standard deviations: a cost of the blocks, and the noise within them."""

@@ -16,6 +16,7 @@ from estimators.proof.proof import place_of, prove
 from estimators.proof.search import motion_seen
 from estimators.proof.whole_motion import SYMBOLS, WholeMotion
 from estimators.samples import FloatArray
+from tests.estimators.likelihood.polled_recordings import written_test
 from tests.estimators.random_valves import random_test
 from tests.estimators.recordings import Recorded, recorded
 from valve.recording import Acquisition, Provenance
@@ -120,3 +121,40 @@ def test_no_value_is_far_outside_what_it_admits_on_a_random_valve(seed: int) -> 
     for estimate in (RegressionEstimator().estimate_motion(motion), GarciaEstimator().estimate_motion(motion)):
         for symbol, true in test.truth.by_symbol().items():
             assert off(estimate, symbol, true) < 6.0, symbol
+
+
+@pytest.mark.parametrize("estimator", BOTH, ids=by_method)
+@pytest.mark.parametrize(("name", "seed"), [("nominal", 1), ("rough", 1), ("rough", 2)])
+def test_a_polled_commands_steps_count_as_errors_and_leave_the_frictions(
+    name: str, seed: int, estimator: Estimator
+) -> None:
+    test = written_test(name, seed)
+    estimate = estimator.estimate(test.recording, test.nameplate)
+    for symbol, share in (("k", 0.002), ("F_c", 0.01), ("F_s", 0.02)):
+        one, true = estimate.parameters[symbol], test.truth.by_symbol()[symbol]
+        assert one.ci95 is not None, symbol
+        assert one.ci95[0] <= true <= one.ci95[1], symbol
+        assert one.ci95[1] - one.ci95[0] < 2.0 * share * true, symbol
+
+
+@pytest.mark.parametrize("estimator", BOTH, ids=by_method)
+def test_a_limit_velocity_is_not_told_from_a_command_in_steps(estimator: Estimator) -> None:
+    """By lines in the steps' place the slips' fit finds a DV, which is 40 times too large."""
+    test = written_test("vendor", 7)
+    assert estimator.estimate(test.recording, test.nameplate).value("DV") is None
+
+
+def test_blocks_of_rows_whose_instants_are_in_doubt_weigh_less() -> None:
+    stepped = written_test("nominal", 1)
+    motion = read_motion(stepped.recording, stepped.nameplate)
+    assert not isinstance(motion, Outcome)
+    seen = motion_seen(motion)
+    assert seen is not None
+    assert seen.is_stepped
+    section = seen.sections[0]
+    assert (section.weight <= np.sqrt(section.rows) * (1.0 + 1.0e-12)).all()
+    assert section.weight.min() < 0.1
+    _, captured = read(recorded("nominal", noise_m=5.0e-6))
+    assert not captured.is_stepped
+    for part in captured.sections:
+        np.testing.assert_allclose(part.weight, np.sqrt(part.rows), rtol=1.0e-12)
