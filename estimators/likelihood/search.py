@@ -109,11 +109,10 @@ def search(
     Of a stem that jumps other starts are followed apart, with the balance of forces of what was found: the classic
     methods have no values for it to start from, and its valley has sills.
     """
-    events = _EVENTS_A_BREAKAWAY * breakaways
-    model = replace(model, events=events)
+    model = with_events(model, breakaways)
     model.corners(trials[0].values)
     budget = Budget.of(model)
-    limited = replace(model, most_events=min(model.most_events, _MORE_EVENTS * (events + 40)))
+    limited = replace(model, most_events=min(model.most_events, _MORE_EVENTS * (model.events + 40)))
     small = compressed(limited)
     stages = _stages(limited, rests, jumps=hopping.jumps)
     whole = budget.left
@@ -174,6 +173,12 @@ def search(
         budget.left / whole,
         not hopping.jumps or _are_as_low(small, ended[0], apart, certificate.ratio),
     )
+
+
+def with_events(model: StemModel, breakaways: int) -> StemModel:
+    """Return the model that follows so many breakaways; of thousands a trial valve may have twice as many."""
+    events = _EVENTS_A_BREAKAWAY * breakaways
+    return replace(model, events=events, most_events=max(model.most_events, 2 * events))
 
 
 def _with_its_balance(model: StemModel, trial: Trial, place: Place) -> Trial:

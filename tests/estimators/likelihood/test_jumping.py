@@ -7,11 +7,15 @@ from typing import cast
 import numpy as np
 import pytest
 
-from estimators.base import Estimate, Status
+from estimators.base import Estimate, Outcome, Status
 from estimators.likelihood import search
+from estimators.likelihood.input_path import input_path
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.pool import Place
+from estimators.likelihood.problem import pose
+from estimators.likelihood.staircase import read_staircase
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
+from estimators.motion.recorded_motion import read_motion
 from tests.estimators.random_valves import random_test
 
 SEED = 2035  # 49 jumps at one rate; a fit behind the sill has F_v wrong by 37 %
@@ -45,6 +49,28 @@ def test_what_only_one_search_came_to_is_not_given(monkeypatch: pytest.MonkeyPat
     for symbol in ("m", "F_v", "F_c", "F_s", "DV"):
         assert estimate.value(symbol) is None, symbol
     assert estimate.value("k") == pytest.approx(random_test(SEED).truth.spring_rate_n_per_m, rel=1.0e-3)
+
+
+def test_a_stem_of_thousands_of_jumps_is_followed() -> None:
+    test = random_test(2215)  # 2294 jumps in a minute
+    motion = read_staircase(test.recording, test.nameplate, read_motion(test.recording, test.nameplate))
+    path = input_path(test.recording, test.nameplate)
+    assert motion is not None
+    assert not isinstance(path, Outcome)
+    problem = pose(motion, path)
+    assert problem is not None
+    model, truth = problem.model, test.truth.by_symbol()
+    values = {
+        **problem.trials[0].values,
+        **truth,
+        "d": truth["F_s"] / truth["F_c"] - 1.0,
+        "x_0": test.initial.position_m,
+    }
+    point = model.coordinates.point(values)
+    assert model.simulate(point) is None
+    followed = search.with_events(model, len(motion.phases.breakaways))
+    assert followed.simulate(point) is not None
+    assert followed.cost(point) < 2.0 * motion.samples.count
 
 
 class _Costs:
