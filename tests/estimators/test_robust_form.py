@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -193,3 +194,20 @@ def test_a_stem_that_slides_at_the_limit_velocity_is_fitted_from_the_start_again
     assert abs(score(estimate, test, "F_v")) < 3.0
     assert abs(score(estimate, test, "F_c")) < 3.0
     assert estimate.residual_rms_m == pytest.approx(noise_m, rel=0.1)
+
+
+@pytest.mark.parametrize("estimator", BOTH, ids=by_method)
+@pytest.mark.parametrize("name", ["nominal", "rough"])
+def test_what_is_known_of_static_friction_beside_the_limit_velocity_is_told(name: str, estimator: Estimator) -> None:
+    """F_s + sqrt(2 m DV r) is known a hundred times better than F_s; it is in the note, in newtons."""
+    test = recorded(name, noise_m=5.0e-6)
+    signal, area_m2 = test.nameplate.signal, test.nameplate.actuator.diaphragm_area_m2
+    assert signal is not None
+    assert area_m2 is not None
+    rate_n_per_s = area_m2 * (signal.range_pa[1] - signal.range_pa[0]) / 10.0
+    truth = test.truth
+    creep_n = np.sqrt(2.0 * truth.mass_kg * truth.limit_velocity_m_per_s * rate_n_per_s)
+    told = re.search(r"= ([\d.]+) N at", estimated(estimator, test).parameters["F_s"].note)
+    assert told is not None
+    assert float(told[1]) == pytest.approx(truth.static_friction_n + creep_n, abs=0.1)
+    assert creep_n > 0.4

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from valve.errors import WaveformError
-from valve.waveform import Waveform, dwell, multi_rate_periods, multi_rate_triangle, sine, steps, triangle
+from valve.waveform import Waveform, diagnostic, dwell, multi_rate_periods, multi_rate_triangle, sine, steps, triangle
 
 pressures = st.floats(-1.0e6, 1.0e6)
 
@@ -206,3 +206,21 @@ def test_dwells_rest_in_the_middle_of_each_ramp() -> None:
 def test_a_shape_that_makes_no_sense_is_refused(make: object, words: str) -> None:
     with pytest.raises(WaveformError, match=words):
         make()  # type: ignore[operator]  # each is a function without arguments
+
+
+@pytest.mark.parametrize("turn_s", [0.0, 0.5, 2.0])
+def test_periods_with_holds_at_their_turns_fit_into_the_time(turn_s: float) -> None:
+    periods_s = multi_rate_periods(2.0, 20.0, 60.0, turn_s)
+    wave = multi_rate_triangle(periods_s, 0.0, 82737.0, turn_s=turn_s)
+    assert wave.duration_s <= 60.0
+    # no further one would fit
+    assert wave.duration_s + 1.3 * 2.0 + 2.0 * turn_s > 60.0
+
+
+@pytest.mark.parametrize("allowed_s", [8.0, 20.0, 40.0, 90.0])
+def test_no_part_of_the_diagnostic_sequence_is_faster_than_the_pressure_may_go(allowed_s: float) -> None:
+    """The loops and the ways to their middle too: each has a limit of its own where ramps must be slow."""
+    rate_pa_per_s = 2.0 * 82737.0 / allowed_s
+    wave = diagnostic(0.0, 82737.0, rate_pa_per_s=rate_pa_per_s, longest_s=3600.0)
+    assert wave.fastest_rate_pa_per_s <= rate_pa_per_s
+    assert wave.range_pa == (0.0, 82737.0)
