@@ -43,11 +43,11 @@ def assess(case: Case) -> Health:
     findings: list[Finding] = [] if stuck is None else [stuck]
     if stuck is None:
         findings += _of_changes(changes, case.limits, case.valve)
-        findings += _of_breakaway(case.analysis, now, case.limits, case.valve)
-        findings += _of_causes(case.analysis, case.baseline)
+        findings += _of_breakaway(case, now)
+        findings += _of_causes(case)
         findings += forecasts(case, trends, changes)
         findings += _not_judged(case.analysis, now, was)
-    notes = () if findings else (_all_well(case.baseline, changes),)
+    notes = tuple(_notes(case, findings, changes))
     return Health(tuple(findings), tuple(changes), tuple(trends), case.baseline, notes)
 
 
@@ -59,7 +59,7 @@ def is_good(analysis: Mapping[str, Any]) -> bool:
 
 def _all_well(baseline: Baseline | None, changes: Sequence[Change]) -> str:
     if baseline is None:
-        return "nothing is out of limits; there is no earlier test to compare with: this one becomes the baseline"
+        return "nothing is out of limits; the first test of this motion: it is the baseline of those that follow"
     compared = sum(one.change is not None for one in changes)
     return (
         f"nothing is out of limits; {compared} figures were compared with the baseline of {baseline.test.at:%Y-%m-%d}"
@@ -100,35 +100,52 @@ def _of_changes(changes: Sequence[Change], limits: HealthLimits, valve: ValveFac
         yield Finding(state, f"{one.sentence()}: {advice}.")
 
 
-def _of_breakaway(
-    analysis: Mapping[str, Any], now: Figures, limits: HealthLimits, valve: ValveFacts
-) -> Iterator[Finding]:
-    """Against the actuator: reversing a stuck stem takes the dead band's pressure, out of all that there is."""
-    dead_band = now.get("dead_band_percent")
-    span = ((analysis.get("signature") or {}).get("span") or {}).get("pressure_pa")
-    if dead_band is None or not span:
+def _of_breakaway(case: Case, now: Figures) -> Iterator[Finding]:
+    """Against the actuator: reversing a stuck stem takes the dead band's pressure, out of all that there is.
+
+    A valve that a person took as its baseline like that is known; it is told of again once half of the margin that was
+    left then is gone.
+    """
+    dead_band, span = now.get("dead_band_percent"), ((case.analysis.get("signature") or {}).get("span") or {})
+    if dead_band is None or not span.get("pressure_pa"):
         return
-    needed_pa = dead_band.value / 100.0 * float(span[1] - span[0])
-    share = 100.0 * needed_pa / valve.available_pa
-    if share > limits.breakaway_share_percent:
+    one_percent_pa = float(span["pressure_pa"][1] - span["pressure_pa"][0]) / 100.0
+    needed_pa, there_pa = dead_band.value * one_percent_pa, case.valve.available_pa
+    share, allowed = 100.0 * needed_pa / there_pa, case.limits.breakaway_share_percent
+    was = None if case.baseline is None else case.baseline.test.figures.get("dead_band_percent")
+    if case.is_chosen and was is not None:
+        allowed = max(allowed, (100.0 + 100.0 * was.value * one_percent_pa / there_pa) / 2.0)
+    if share > allowed:
+        travel, rated_m = now.get("travel_m"), case.valve.rated_travel_m
+        reached = (
+            "" if travel is None else f", and the stem moved {1e3 * travel.value:.3g} of its {1e3 * rated_m:.4g} mm"
+        )
         yield Finding(
             Ne107.OUT_OF_SPECIFICATION,
-            f"Breaking away takes {1e-3 * needed_pa:.3g} kPa, {share:.3g} % of the {1e-3 * valve.available_pa:.4g} kPa "
-            f"that there are, {limits.breakaway_share_percent:.3g} % is allowed: the actuator has hardly any margin.",
+            f"Breaking away takes {1e-3 * needed_pa:.3g} kPa, {share:.3g} % of the {1e-3 * there_pa:.4g} kPa "
+            f"that there are, {allowed:.3g} % is allowed: the actuator has hardly any margin{reached}.",
         )
 
 
-def _of_causes(analysis: Mapping[str, Any], baseline: Baseline | None) -> Iterator[Finding]:
+def _is_small(cause: Mapping[str, Any], case: Case) -> bool:
+    """Whether a cause is within what the limits allow of it: a bench set that is off from the nameplate's by little."""
+    offset = (cause.get("parameters") or {}).get("offset_n")
+    span = (case.analysis.get("signature") or {}).get("span") or {}
+    if cause["cause"] != "spring_preload" or offset is None or not span.get("force_n"):
+        return False
+    return 100.0 * abs(float(offset["value"]) / float(span["force_n"])) <= case.limits.bench_set_percent
+
+
+def _of_causes(case: Case) -> Iterator[Finding]:
     """Causes that the baseline does not have; one that a person chose as the baseline, or accepted, is known."""
-    found = analysis.get("discrepancy") or {}
-    if analysis.get("accepted_model") is not None and found.get("verdict") in ("none", "not_assessed"):
+    found, baseline = case.analysis.get("discrepancy") or {}, case.baseline
+    if case.analysis.get("accepted_model") is not None and found.get("verdict") in ("none", "not_assessed"):
         return
-    chosen = baseline is not None and bool(baseline.set_by)
     known = set(baseline.test.causes) if baseline is not None else set()
     for cause in found.get("causes") or ():
         name = str(cause["cause"])
-        excused = name in known and (chosen or name in _OF_THE_INSTRUMENTS)
-        if excused or (baseline is None and name in _OF_THE_INSTRUMENTS):
+        excused = name in known and (case.is_chosen or name in _OF_THE_INSTRUMENTS)
+        if excused or _is_small(cause, case) or (baseline is None and name in _OF_THE_INSTRUMENTS):
             continue
         fresh = "New since the baseline: " if baseline is not None and name not in known else ""
         yield Finding(Ne107.MAINTENANCE, f"{fresh}{cause['sentence']} {cause['action']}")
@@ -137,6 +154,15 @@ def _of_causes(analysis: Mapping[str, Any], baseline: Baseline | None) -> Iterat
             Ne107.MAINTENANCE,
             "New since the baseline: something that no known cause explains. Run the diagnostic sequence.",
         )
+
+
+def _notes(case: Case, findings: Sequence[Finding], changes: Sequence[Change]) -> Iterator[str]:
+    """Yield what is no reason for a state and still worth a word."""
+    if not findings:
+        yield _all_well(case.baseline, changes)
+    for cause in (case.analysis.get("discrepancy") or {}).get("causes") or ():
+        if _is_small(cause, case):
+            yield f"{cause['sentence']} That is within {case.limits.bench_set_percent:.3g} % of the span."
 
 
 def _not_judged(analysis: Mapping[str, Any], now: Figures, was: Figures | None) -> Iterator[Finding]:

@@ -122,3 +122,8 @@ class Case:
     baseline: Baseline | None = None
     history: tuple[PastTest, ...] = ()
     is_full_stroke: bool = True
+
+    @property
+    def is_chosen(self) -> bool:
+        """Whether a person chose the baseline: then what it shows is known."""
+        return self.baseline is not None and bool(self.baseline.set_by)

@@ -98,33 +98,19 @@ def night(plant: Plant, table: ScheduleRunTable, now: datetime) -> list[NightEnt
 
 
 def _done(check: Check) -> NightEntry:
+    ends_at, state, reason = check.ends_at, check.state, check.reason
     return NightEntry(
-        valve=check.valve,
-        schedule=check.schedule,
-        sequence=check.sequence,
-        gateway=check.gateway,
-        bus=check.bus,
-        due_at=check.due_at,
-        starts_at=None,
-        window_ends_at=check.ends_at,
-        state=check.state,
-        reason=check.reason,
-        test_id=check.test_id,
+        **_shared(check), starts_at=None, window_ends_at=ends_at, state=state, reason=reason, test_id=check.test_id
     )
 
 
 def _planned(check: PlannedCheck) -> NightEntry:
     reason = "" if check.fits else "its turn will come after its window: shorten the tests, or widen the window"
+    starts_at, ends_at, state = check.starts_at, check.window_ends_at, CheckState.PLANNED
     return NightEntry(
-        valve=check.valve,
-        schedule=check.schedule,
-        sequence=check.sequence,
-        gateway=check.gateway,
-        bus=check.bus,
-        due_at=check.due_at,
-        starts_at=check.starts_at,
-        window_ends_at=check.window_ends_at,
-        state=CheckState.PLANNED,
-        reason=reason,
-        test_id=None,
+        **_shared(check), starts_at=starts_at, window_ends_at=ends_at, state=state, reason=reason, test_id=None
     )
+
+
+def _shared(check: Check | PlannedCheck) -> dict[str, Any]:
+    return {name: getattr(check, name) for name in ("valve", "schedule", "sequence", "gateway", "bus", "due_at")}

@@ -110,6 +110,31 @@ def test_a_cause_that_a_person_took_as_the_baseline_is_known_and_one_that_nobody
     assert judged(lag, analysis()).ne107 == "M"
 
 
+def test_a_breakaway_near_the_pressure_is_told_until_a_person_took_it_as_it_is() -> None:
+    found = analysis(dead_band_percent=92.0, travel_m=0.059)
+    for told in (judged(found), judged(found, found)):
+        assert told.ne107 == "S"
+        assert "92 % of the 82.74 kPa" in told.findings[0].sentence
+        assert "the stem moved 59 of its 101.6 mm" in told.findings[0].sentence
+    assert judged(found, found, set_by="anna").ne107 == "N"
+    assert judged(analysis(dead_band_percent=95.9, travel_m=0.059), found, set_by="anna").ne107 == "N"
+    worse = judged(analysis(dead_band_percent=96.1, travel_m=0.059), found, set_by="anna")
+    assert worse.ne107 == "S"
+    assert "96 % is allowed" in worse.findings[0].sentence
+    healthy = judged(found, analysis(travel_m=0.059), set_by="anna")  # it was not like that when it was chosen
+    assert "80 % is allowed" in healthy.findings[0].sentence
+
+
+@pytest.mark.parametrize(("offset_n", "state"), [(-48.0, "N"), (266.0, "N"), (268.0, "M"), (-500.0, "M")])
+def test_a_bench_set_off_from_the_nameplates_counts_beyond_the_limit_for_it(offset_n: float, state: str) -> None:
+    cause = {"cause": "spring_preload", "sentence": "The preload is off.", "action": "Set it."}
+    off = {"offset_n": {"value": offset_n, "ci95": [offset_n - 20.0, offset_n + 20.0], "unit": "N"}}  # 5 % are 267 N
+    health = judged(analysis(discrepancy={"verdict": "named", "causes": [cause | {"parameters": off}]}))
+    assert health.ne107 == state
+    told = "The preload is off. That is within 5 % of the span." if state == "N" else "The preload is off. Set it."
+    assert told in health.to_json()["reasons"]
+
+
 def test_a_figure_of_a_fit_that_failed_says_nothing() -> None:
     found = named()
     found["estimates"] = [{"method": "garcia", "status": "failed", "parameters": {}}]

@@ -1,0 +1,66 @@
+"""The first test of each published valve, measured well: what the service says of a valve that nobody has hurt."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.addresses import MotionLimits
+from service.analysis import analyze_recordings
+from service.health.assess import assess
+from service.health.changes import ValveFacts
+from service.health.figures import figures_of
+from service.health.limits import HealthLimits
+from service.health.results import Baseline, Case, Health, PastTest
+from service.runs.sequences import build_waveform
+from valve.motion import simulate_waveform
+from valve.parameter_sets import PARAMETER_SETS
+from valve.recording import Acquisition, Provenance, Recording
+
+NOW = datetime(2026, 11, 21, 3, 15, tzinfo=UTC)
+SEED = 3
+PERIOD_S, NOISE_M = 0.01, 2.0e-5
+
+
+def _analysis(name: str) -> tuple[dict[str, Any], ValveFacts]:
+    chosen = PARAMETER_SETS[name]
+    actuator, signal = chosen.nameplate.actuator, chosen.nameplate.signal
+    assert signal is not None
+    assert actuator.diaphragm_area_m2 is not None
+    span_pa = signal.range_pa[1] - signal.range_pa[0]
+    limits = MotionLimits(signal.range_pa, pressure_rate_pa_per_s=span_pa, longest_test_s=300.0)
+    waveform = build_waveform("multi_rate", {}, chosen.nameplate, limits)
+    motion = simulate_waveform(chosen.parameters, waveform, actuator.diaphragm_area_m2, PERIOD_S)
+    noise_m = NOISE_M * np.random.default_rng(SEED).standard_normal(motion.position_m.size)
+    recording = Recording(
+        motion.time_s,
+        motion.position_m + noise_m,
+        pressure_pa=waveform.at(motion.time_s),
+        provenance=Provenance(Acquisition.SIMULATED),
+    )
+    return analyze_recordings([recording], chosen.nameplate), ValveFacts(actuator.travel_m, span_pa, span_pa)
+
+
+def _judged(found: dict[str, Any], facts: ValveFacts, baseline: Baseline | None = None) -> Health:
+    return assess(Case(found, NOW, facts, HealthLimits(), baseline))
+
+
+@pytest.mark.parametrize("name", ["vendor", "nominal", "graphite"])
+def test_a_valve_that_has_its_margin_is_normal_from_its_first_test(name: str) -> None:
+    health = _judged(*_analysis(name))
+    assert health.ne107 == "N", health.to_json()["reasons"]
+
+
+def test_the_rough_valve_is_out_of_specification_until_a_person_takes_it_as_it_is() -> None:
+    found, facts = _analysis("rough")
+    first = _judged(found, facts)
+    assert [one.state for one in first.findings] == ["S"], first.findings
+    # 2 F_s = 5338 N of 5338 N that the pressure gives: it can be driven over a part of its travel only.
+    assert "92 % of the 82.74 kPa" in first.findings[0].sentence
+    assert "the stem moved 59" in first.findings[0].sentence
+    known = PastTest("first", NOW, figures_of(found))
+    assert _judged(found, facts, Baseline(known)).ne107 == "S"
+    assert _judged(found, facts, Baseline(known, "anna")).ne107 == "N"
