@@ -10,13 +10,13 @@ from sqlalchemy import func, insert, select, update
 
 from service.runs.acknowledgement import ended_badly
 from service.settings_nightly import Retention
-from service.store.schema import METADATA, TESTS
+from service.store.schema_health import BASELINES
 from service.store.schema_nightly import REMOVED_RECORDINGS
+from service.store.schema_tests import TESTS
 from service.store.store import Store
 
 _LOG = structlog.get_logger(__name__)
 _SWEEP: Final = timedelta(days=7)  # a file whose removal was written down and then cut off is looked for this long
-_BASELINES: Final = "baselines"
 
 
 def remove_old_recordings(store: Store, rule: Retention, now: datetime) -> list[str]:
@@ -26,12 +26,12 @@ def remove_old_recordings(store: Store, rule: Retention, now: datetime) -> list[
     acknowledged, and with ``keep_baselines`` what a valve is compared with and what is labelled as found or as left.
     """
     _sweep(store, now)
-    removed = []
+    removed, baselines = [], _baselines(store) if rule.keep_baselines else set()
     for run_id in _candidates(store, rule, now):
         run = store.runs.get(run_id)
         if ended_badly(run) and run.acknowledged_at is None:
             continue
-        if rule.keep_baselines and (run.label is not None or run_id in _baselines(store)):
+        if rule.keep_baselines and (run.label is not None or run_id in baselines):
             continue
         _remove(store, run_id, f"older than {rule.recordings_days} days, not among the last {rule.keep_last}", now)
         removed.append(run_id)
@@ -54,11 +54,8 @@ def _candidates(store: Store, rule: Retention, now: datetime) -> list[str]:
 
 
 def _baselines(store: Store) -> set[str]:
-    table = METADATA.tables.get(_BASELINES)
-    if table is None:
-        return set()
     with store.engine.connect() as connection:
-        return set(connection.scalars(select(table.c.test_id)))
+        return set(connection.scalars(select(BASELINES.c.test_id)))
 
 
 def _remove(store: Store, run_id: str, rule: str, now: datetime) -> None:

@@ -13,8 +13,8 @@ from sqlalchemy.dialects import postgresql, sqlite
 
 from service.runs.run import Label, Run, RunState
 from service.store.figure_table import write_figures
-from service.store.schema import ANALYSES, TESTS
 from service.store.schema_nightly import VALVE_HEALTHS, VALVE_STATES
+from service.store.schema_tests import ANALYSES, TESTS
 from valve.errors import NotFoundError
 
 #: Stands for the analysis of a run that came from a list: it is many times the rest.

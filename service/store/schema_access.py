@@ -6,7 +6,7 @@ from typing import Final
 
 from sqlalchemy import JSON, Column, ForeignKey, String, Table, Text
 
-from service.store.schema import METADATA, UtcDateTime
+from service.store.schema_base import METADATA, UtcDateTime
 
 USERS: Final = Table(
     "users",

@@ -7,7 +7,7 @@ from typing import Final
 from sqlalchemy import JSON, Boolean, Column, Float, ForeignKey, Index, Integer, String, Table
 
 from service.health.figures import FIGURE_KINDS
-from service.store.schema import METADATA, UtcDateTime
+from service.store.schema_base import METADATA, UtcDateTime
 
 # A row a completed test. ``conditions`` names the motion: only tests of the same motion are compared.
 # Each figure has three columns: itself and the ends of its 95 % interval, SI.

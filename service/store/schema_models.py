@@ -6,7 +6,7 @@ from typing import Final
 
 from sqlalchemy import JSON, Column, Integer, String, Table
 
-from service.store.schema import METADATA, UtcDateTime
+from service.store.schema_base import METADATA, UtcDateTime
 
 # Never changed but by withdrawing: the newest row of a valve that was not withdrawn is its model.
 MODELS: Final = Table(

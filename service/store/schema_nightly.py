@@ -6,7 +6,8 @@ from typing import Final
 
 from sqlalchemy import JSON, Boolean, Column, Float, Index, Integer, String, Table, Text, UniqueConstraint
 
-from service.store.schema import METADATA, TESTS, UtcDateTime
+from service.store.schema_base import METADATA, UtcDateTime
+from service.store.schema_tests import TESTS
 
 # One row a valve and night. ``occurrence`` is the plant's own clock at which it was due, so that an hour which comes
 # twice gives one row.

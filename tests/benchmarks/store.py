@@ -24,8 +24,8 @@ from service.health.figures import FIGURE_KINDS
 from service.server import settle_memory
 from service.settings import Plant, load_plant
 from service.store.database import open_database
-from service.store.schema import TESTS
 from service.store.schema_health import FIGURES
+from service.store.schema_tests import TESTS
 from service.store.store import open_store
 from tests.plants import bus_text, service_text, valve_text
 from tests.service.databases import postgresql_database, why_no_server

@@ -15,7 +15,7 @@ from drivers.outcome import SampleBlock
 from service.runs.run import Run, RunState, checked_run_id, new_run_id
 from service.store.database import open_database
 from service.store.journal import JournalWriter, read_journal, recording_from_journal
-from service.store.schema import METADATA
+from service.store.schema import TABLES, WHOLE
 from service.store.store import Store
 from valve.errors import BusyError, ConfigurationError, NotFoundError
 from valve.recording import Acquisition, Recording
@@ -64,9 +64,10 @@ def test_runs_are_listed_newest_first_by_page_and_valve(quick_path: Path, databa
 
 
 def test_the_migrations_make_exactly_the_described_tables(database_url: str) -> None:
+    assert {table.name for table in TABLES} == set(WHOLE.tables)
     engine = open_database(database_url)
     with engine.connect() as connection:
-        assert compare_metadata(MigrationContext.configure(connection), METADATA) == []
+        assert compare_metadata(MigrationContext.configure(connection), WHOLE) == []
     engine.dispose()
 
 

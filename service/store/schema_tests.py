@@ -1,0 +1,49 @@
+"""Tests, and the analysis of each. Portable SQL only: SQLite by default, PostgreSQL for a plant."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from sqlalchemy import JSON, Boolean, Column, Float, ForeignKey, Integer, String, Table, Text
+
+from service.store.schema_base import METADATA, UtcDateTime
+
+TESTS: Final = Table(
+    "tests",
+    METADATA,
+    Column("number", Integer, primary_key=True, autoincrement=True),
+    Column("id", String(40), nullable=False, unique=True),
+    Column("valve", String(64), nullable=False),
+    Column("sequence", String(64), nullable=False),
+    Column("overrides", JSON, nullable=False),
+    Column("state", String(16), nullable=False, index=True),
+    Column("progress", Float, nullable=False),
+    Column("created_at", UtcDateTime, nullable=False),
+    Column("started_at", UtcDateTime),
+    Column("motion_ended_at", UtcDateTime),
+    Column("finished_at", UtcDateTime),
+    Column("error", Text, nullable=False),
+    Column("safe_confirmed", Boolean),
+    Column("idempotency_key", String(255), unique=True),
+    Column("recording_file", String(255)),
+    Column("recording_sha256", String(64)),
+    Column("quality", JSON(none_as_null=True)),
+    Column("software", String(64), nullable=False),
+    Column("requested_by", String(64), nullable=False, server_default=""),
+    Column("schedule", String(64)),
+    Column("gateway", String(64), nullable=False, server_default=""),
+    Column("label", String(16)),
+    Column("permissives", JSON(none_as_null=True)),
+    Column("acknowledged_at", UtcDateTime),
+    Column("acknowledged_by", String(64)),
+    Column("acknowledgement", Text),
+    sqlite_autoincrement=True,  # a number that fenced a device is never given again, even after a deletion
+)
+
+# Apart from the tests: SQLite reads a row's pages up to the last column that is asked for, and lists need none of this.
+ANALYSES: Final = Table(
+    "analyses",
+    METADATA,
+    Column("number", Integer, ForeignKey("tests.number"), primary_key=True, autoincrement=False),
+    Column("document", JSON, nullable=False),
+)
