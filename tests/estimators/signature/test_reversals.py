@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimators.classic.regression import RegressionEstimator
 from estimators.signature.measure import measure_signature
 from tests.benchmarks.signature import truth
 from tests.estimators.recordings import VALVES, Recorded, recorded
@@ -137,6 +138,11 @@ def test_stick_slip_has_its_branches_at_the_ends_of_the_slips() -> None:
     found = measure_signature(test.recording, test.nameplate)
     truth, whole_n = test.truth, span_n(test)
     assert found.about["stick_slip"]
+    area_m2 = test.nameplate.actuator.diaphragm_area_m2
+    assert area_m2 is not None
+    full_n = truth.preload_n + truth.spring_rate_n_per_m * test.nameplate.actuator.travel_m
+    for end, force_n in zip(found.bench_set, (truth.preload_n, full_n), strict=True):
+        assert end.value == pytest.approx(force_n / area_m2, abs=0.01 * full_n / area_m2)
     assert found.about["slip_m"] == pytest.approx(5.43e-3, rel=2.0e-3)
     assert found.figures["friction_mean_n"].value == pytest.approx(truth.coulomb_friction_n, rel=1.0e-3)
     assert found.figures["spring_rate_n_per_m"].value == pytest.approx(truth.spring_rate_n_per_m, rel=1.0e-4)
@@ -154,3 +160,33 @@ def test_among_several_rates_the_dead_band_is_that_of_the_slowest() -> None:
     test = recorded("nominal", noise_m=5.0e-6, waveform=wave)
     found = measure_signature(test.recording, test.nameplate).figures["dead_band_percent"]
     assert found.value == pytest.approx(true_dead_band_percent(test, triangle(20.0, 2, low_pa, high_pa)), rel=1.0e-3)
+
+
+def test_the_jumps_error_is_that_of_a_difference_whose_parts_are_fitted_together() -> None:
+    """What the friction in motion gains the breakaway loses: S = F_b + F is known better than J = F_b - F."""
+    tests = [recorded("rough", period_s=0.01, noise_m=20.0e-6, seed=seed, jitter=0.1) for seed in range(1, 9)]
+    found = [measure_signature(test.recording, test.nameplate).figures for test in tests]
+    jumps, bands = ([one[name] for one in found] for name in ("slip_jump_percent", "stick_band_percent"))
+    for jump, band in zip(jumps, bands, strict=True):
+        assert jump.std_error is not None
+        assert band.std_error is not None
+        assert jump.std_error > 1.5 * band.std_error
+    scatter = float(np.std([jump.value for jump in jumps if jump.value is not None], ddof=1))
+    assert 0.4 < scatter / float(np.mean([jump.std_error for jump in jumps if jump.std_error is not None])) < 1.6
+
+
+def test_a_bench_set_that_was_not_measured_comes_from_the_parameters() -> None:
+    whole = recorded("graphite", noise_m=5.0e-6)
+    estimate = RegressionEstimator().estimate(whole.recording, whole.nameplate)
+    low_pa, high_pa = signal_range("graphite")
+    up = recorded(
+        "graphite", noise_m=5.0e-6, waveform=Waveform("up", np.array([0.0, 10.0]), np.array([low_pa, high_pa]))
+    )
+    assert measure_signature(up.recording, up.nameplate).bench_set[0].value is None
+    found = measure_signature(up.recording, up.nameplate, [estimate])
+    area_m2, valve = up.nameplate.actuator.diaphragm_area_m2, up.truth
+    assert area_m2 is not None
+    full_n = valve.preload_n + valve.spring_rate_n_per_m * up.nameplate.actuator.travel_m
+    for end, force_n in zip(found.bench_set, (valve.preload_n, full_n), strict=True):
+        assert end.value == pytest.approx(force_n / area_m2, rel=1.0e-3)
+    assert found.sources["bench_set_pa"] == "the parameters by regression"
