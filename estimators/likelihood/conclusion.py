@@ -29,6 +29,10 @@ _NOT_ARRIVED: Final = (
     "repeat with ramps at several rates"
 )
 
+_LIMIT_ALONE: Final = (
+    "below DV the stem is accelerated undamped, above it F_v damps it: where neither m nor F_v shows, a DV near the "
+    "speed of the ramps only stands in for them"
+)
 _ALONE: Final = (
     "the stem jumps, and searches from other starts did not come to as good a fit, so that a better one may be "
     "missing still: repeat with ramps at several rates"
@@ -71,6 +75,8 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         # the jumps are between one and two times (F_s - F_c)/k long, by their damping
         beyond_n = _JUMP_UNSURE * (values["F_s"] - values["F_c"])
         parameters["F_c"] = _parameter("F_c", values, knows, max(least.get("F_c", 0.0), beyond_n))
+    if not (parameters["m"].identifiable or parameters["F_v"].identifiable) and parameters["DV"].identifiable:
+        parameters["DV"] = absent(_LIMIT_ALONE)
     doubt = _NOT_ARRIVED if not is_bottom else "" if found.is_confirmed else _ALONE
     if doubt:
         parameters |= {symbol: absent(doubt) for symbol in _IN_THE_VALLEY if parameters[symbol].identifiable}
