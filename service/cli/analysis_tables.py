@@ -12,6 +12,7 @@ from rich.text import Text
 from service.cli.diagnosis_tables import print_diagnosis
 from service.cli.plain_numbers import plus_minus
 from service.cli.signature_tables import print_signature
+from service.tablet.words import NE107
 from valve.parameters import PARAMETER_SYMBOLS
 
 _NOT_GIVEN: Final = "not identifiable"
@@ -31,7 +32,8 @@ def print_analysis(console: Console, analysis: dict[str, Any]) -> None:
         _print_held_out(console, tried)
     print_diagnosis(console, analysis["discrepancy"])
     health = analysis["health"]
-    _say(console, f"Health: {'; '.join([*filter(None, [health['ne107']]), *health['reasons']])}.")
+    state = [f"{NE107[health['ne107']].words.lower()} (NE 107: {health['ne107']})"] if health["ne107"] else []
+    _say(console, f"Health: {'; '.join([*state, *(reason.rstrip('.') for reason in health['reasons'])])}.")
 
 
 def _say(console: Console, sentence: str) -> None:

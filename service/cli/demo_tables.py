@@ -8,6 +8,7 @@ from typing import Any, Final
 
 from rich import box
 from rich.console import Console
+from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
@@ -25,7 +26,7 @@ _UNKNOWN: Final = "unknown"
 _DIGITS: Final = 5  # of a value without an interval
 _WIDEST: Final = 10  # characters of a value
 _ERROR_PLACES: Final = ((10.0, 3), (100.0, 2))  # after the point, below so many percent: 6 characters
-_INDENT: Final = "  "
+_INDENT: Final = 2  # columns
 _SENTENCE_END: Final = re.compile(r"(?<=\.) (?=[A-Z])")
 _CLAUSE_END: Final = re.compile(r"[:;,](?= )")
 
@@ -84,13 +85,9 @@ def _notes(estimates: list[dict[str, Any]], width: int) -> list[str]:
     """
     symbols: dict[str, list[str]] = {}
     for symbol in PARAMETER_SYMBOLS:
-        missing = [
-            estimate["parameters"][symbol]["note"]
-            for estimate in estimates
-            if symbol in estimate["parameters"] and estimate["parameters"][symbol]["value"] is None
-        ]
-        if missing:
-            symbols.setdefault(_first_sentence(missing[-1]), []).append(symbol)
+        given = [estimate["parameters"][symbol] for estimate in estimates if symbol in estimate["parameters"]]
+        if given and all(parameter["value"] is None for parameter in given):
+            symbols.setdefault(_first_sentence(given[-1]["note"]), []).append(symbol)
     methods: dict[str, list[str]] = {}
     for estimate in estimates:
         said = _first_sentence(estimate["message"])
@@ -129,7 +126,6 @@ def print_test(console: Console, valve: DemoValve, made: dict[str, Any]) -> None
         console.print(f"{valve.tag}: {test['state']}: {test.get('error') or 'no reason given'}", style="bold")
         return
     console.print(_table(valve, made))
-    for note in _notes(test["analysis"]["estimates"], console.width - len(_INDENT)):
-        console.print(Text(f"{_INDENT}{note}"))
-    for line in diagnosis_lines(test["analysis"]["discrepancy"]):
-        console.print(Text(f"{_INDENT}{line}"))
+    notes = _notes(test["analysis"]["estimates"], console.width - _INDENT)
+    for line in [*notes, *diagnosis_lines(test["analysis"]["discrepancy"])]:
+        console.print(Padding(Text(line), (0, 0, 0, _INDENT), expand=False))

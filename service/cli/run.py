@@ -18,6 +18,7 @@ from rich.text import Text
 from service.cli.analysis_tables import print_analysis
 from service.cli.client import service_client
 from service.cli.signals import ended_by_signals
+from service.runs.run import Label
 from valve.errors import MeasurementError, RequestError, WireError
 
 _RECONNECTIONS: Final = 5
@@ -29,9 +30,14 @@ def run(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="How it moves: multi_rate, triangle, sine, steps or dwell. By default multi_rate, or triangle where "
-            "the valve's limits do not allow it.",
+            help="How it moves: multi_rate, triangle, sine, steps, dwell, small_loops, diagnostic, or separating where "
+            "the last diagnosis asks for it. By default multi_rate, or triangle where the limits do not allow it.",
         ),
+    ] = None,
+    *,
+    label: Annotated[Label | None, typer.Option(help="What the test stands for beside a repair.")] = None,
+    permit: Annotated[
+        str | None, typer.Option(metavar="NUMBER", help="The work permit, where the valve demands one.")
     ] = None,
     url: Annotated[
         str, typer.Option(metavar="URL", envvar="BREAKAWAY_URL", help="Address of the service.")
@@ -40,9 +46,9 @@ def run(
         bool, typer.Option("--json", help="Print the test as one JSON object instead of tables.")
     ] = False,
 ) -> None:
-    """Run one test of one valve and print both methods' estimates. Ctrl-C stops the test."""
+    """Run one test of one valve and print the methods' estimates and the diagnosis. Ctrl-C stops the test."""
     with service_client(url) as client, ended_by_signals():
-        location = _start(client, tag, sequence)
+        location = _start(client, {"valve": tag, "sequence": sequence, "label": label, "permit": permit})
         try:
             _watch(client, location, tag)
         except KeyboardInterrupt:
@@ -74,9 +80,9 @@ def _asked(client: httpx.Client, method: str, path: str, body: dict[str, Any] | 
     return content
 
 
-def _start(client: httpx.Client, tag: str, sequence: str | None) -> str:
-    wanted = {} if sequence is None else {"sequence": sequence}
-    test = _asked(client, "POST", "/tests/run", {"valve": tag, **wanted})
+def _start(client: httpx.Client, wanted: dict[str, Any]) -> str:
+    said = {name: value for name, value in wanted.items() if value is not None}
+    test = _asked(client, "POST", "/tests/run", said)
     return f"/tests/{quote(test['id'], safe='')}"
 
 

@@ -45,6 +45,7 @@ class RunSummary(BaseModel):
     valve: str
     sequence: str
     overrides: dict[str, Any]
+    label: Label | None = Field(description="what the test stands for beside a repair; null for a check")
     state: RunState
     progress: float = Field(ge=0.0, le=1.0)
     created_at: datetime

@@ -112,6 +112,17 @@ async def test_run_follows_a_test_to_its_end_and_prints_it(plant_file: Path) -> 
         assert "Traceback" not in err.decode()
 
 
+async def test_run_names_the_permit_and_what_the_test_stands_for(plant_file: Path) -> None:
+    rig = FakeRig(0.2)
+    async with running_service(load_plant(plant_file), rig, FakeAnalyst()) as client:
+        named = ("--permit", "W-17", "--label", "as_left", "--json", "--url", str(client.base_url))
+        process = await asyncio.create_subprocess_exec(*BREAKAWAY, "run", "FV-101", *named, stdout=-1, stderr=-1)
+        out, err = await asyncio.wait_for(process.communicate(), 60.0)
+        assert process.returncode == 0, err.decode()
+        assert json.loads(out)["label"] == "as_left"
+        assert rig.permits == ["W-17"]
+
+
 async def test_run_ends_with_1_when_the_test_fails(plant_file: Path) -> None:
     rig = FakeRig()
     rig.safe_confirmed = False
