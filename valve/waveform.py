@@ -18,13 +18,8 @@ FloatArray = npt.NDArray[np.float64]
 _GOLDEN: Final = (math.sqrt(5.0) - 1.0) / 2.0
 # tests/benchmarks/sequences.py: of 0, 0.3, 0.6 and 1 this has the smallest worst case.
 _PERIOD_SPREAD: Final = 0.3
-_LEAST_RATIO: Final = 1.5  # of the slowest period to the fastest
+LEAST_RATIO: Final = 1.5  # of the slowest period to the fastest
 _LEAST_RATIO_BETWEEN: Final = 4.0  # from where a rate between them is worth its time
-# The diagnostic sequence: one ramp up and down with rests, one small loop, and the way to the loops' middle, s.
-_RESTING_PERIOD_S: Final = 16.0
-_LOOP_S: Final = 12.0
-_LEAD_S: Final = 6.0
-_HALVINGS: Final = 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,13 +89,14 @@ class Waveform:
         return np.asarray(between_pa)
 
 
-def _joined(name: str, corners: Sequence[tuple[float, float]]) -> Waveform:
-    """Waveform from (run_s, pressure_pa) legs: each pressure is reached ``run_s`` after the one before."""
+def joined(name: str, corners: Sequence[tuple[float, float]]) -> Waveform:
+    """Return a waveform from (run_s, pressure_pa) legs: each pressure is reached ``run_s`` after the one before."""
     runs_s, pressures_pa = zip(*corners, strict=True)
     return Waveform(name, np.cumsum(np.array(runs_s)), np.array(pressures_pa))
 
 
-def _require_positive(name: str, subject: str, value: float) -> None:
+def require_positive(name: str, subject: str, value: float) -> None:
+    """Raise WaveformError where the value of this subject is not above 0."""
     if not (math.isfinite(value) and value > 0.0):
         raise WaveformError(f"waveform {name}: {subject} is {value:g}, it must be above 0: correct it")
 
@@ -145,7 +141,7 @@ def multi_rate_triangle(
     if not periods_s:
         raise WaveformError(f"waveform {name}: it has no cycle, give at least 1")
     for period_s in periods_s:
-        _require_positive(name, "the period in s", period_s)
+        require_positive(name, "the period in s", period_s)
     if not low_pa < high_pa:
         raise WaveformError(f"waveform {name}: it goes from {low_pa:g} to {high_pa:g} Pa, the second must be higher")
     _require_not_negative(name, "the hold at a turn in s", turn_s)
@@ -162,7 +158,7 @@ def multi_rate_triangle(
     _require_not_negative(name, "the rest in s", rest_s)
     if rest_s > 0.0:
         legs.append((rest_s, legs[-1][1]))
-    return _joined(name, legs)
+    return joined(name, legs)
 
 
 def multi_rate_periods(
@@ -177,8 +173,8 @@ def multi_rate_periods(
     """
     name = "multi_rate_triangle"
     for subject, value in (("the fastest period", fastest_s), ("the slowest", slowest_s), ("the duration", duration_s)):
-        _require_positive(name, f"{subject} in s", value)
-    if fastest_s * _LEAST_RATIO > slowest_s:
+        require_positive(name, f"{subject} in s", value)
+    if fastest_s * LEAST_RATIO > slowest_s:
         raise WaveformError(
             f"waveform {name}: its fastest period is {fastest_s:.4g} s and its slowest {slowest_s:g} s, hardly "
             "another rate: allow a higher rate, or choose sequence triangle"
@@ -206,8 +202,8 @@ def sine(period_s: float, cycles: float, low_pa: float, high_pa: float, *, corne
 
     The lines leave the sine by at most (pi / corners_per_period)^2 / 4 of the swing: 6e-7 of it by default.
     """
-    _require_positive("sine", "the period in s", period_s)
-    _require_positive("sine", "the number of cycles", cycles)
+    require_positive("sine", "the period in s", period_s)
+    require_positive("sine", "the number of cycles", cycles)
     if corners_per_period < 8:
         raise WaveformError(f"waveform sine: {corners_per_period} corners a period, it needs at least 8: raise them")
     if not low_pa < high_pa:
@@ -219,18 +215,18 @@ def sine(period_s: float, cycles: float, low_pa: float, high_pa: float, *, corne
 
 def steps(levels_pa: Sequence[float], hold_s: float) -> Waveform:
     """Hold each level for ``hold_s``; the change between two is instantaneous."""
-    _require_positive("steps", "the hold in s", hold_s)
+    require_positive("steps", "the hold in s", hold_s)
     if len(levels_pa) < 2:
         raise WaveformError(f"waveform steps: {len(levels_pa)} level, it needs at least 2")
     legs: list[tuple[float, float]] = []
     for level_pa in levels_pa:
         legs += [(0.0, level_pa), (hold_s, level_pa)]
-    return _joined("steps", legs)
+    return joined("steps", legs)
 
 
 def dwell(period_s: float, low_pa: float, high_pa: float, dwells_s: Sequence[float]) -> Waveform:
     """Triangles that rest at the middle of each ramp for one of ``dwells_s`` in turn, going up and going down."""
-    _require_positive("dwell", "the period in s", period_s)
+    require_positive("dwell", "the period in s", period_s)
     if not dwells_s:
         raise WaveformError("waveform dwell: it has no dwell, give at least 1")
     if not low_pa < high_pa:
@@ -238,102 +234,7 @@ def dwell(period_s: float, low_pa: float, high_pa: float, dwells_s: Sequence[flo
     middle_pa, quarter_s = (low_pa + high_pa) / 2.0, period_s / 4.0
     legs = [(0.0, low_pa)]
     for dwell_s in dwells_s:
-        _require_positive("dwell", "a dwell in s", dwell_s)
+        require_positive("dwell", "a dwell in s", dwell_s)
         for end_pa in (high_pa, low_pa):
             legs += [(quarter_s, middle_pa), (dwell_s, middle_pa), (quarter_s, end_pa)]
-    return _joined("dwell", legs)
-
-
-def small_loops(
-    low_pa: float, high_pa: float, swings: Sequence[float], loop_s: float, *, lead_s: float, name: str = "small_loops"
-) -> Waveform:
-    """Loops about the middle, each as far to either side as its share of the range says, there and back in ``loop_s``.
-
-    ``lead_s`` is the way from ``low_pa`` to the middle, and from there back at the end. A stem that turns within the
-    range shows lost motion and what comes before it breaks away, on both sides.
-    """
-    _require_positive(name, "the time of a loop in s", loop_s)
-    _require_positive(name, "the way to the middle in s", lead_s)
-    if not low_pa < high_pa:
-        raise WaveformError(f"waveform {name}: it goes from {low_pa:g} to {high_pa:g} Pa, the second must be higher")
-    if not swings or not all(0.0 < share <= 0.5 for share in swings):
-        raise WaveformError(f"waveform {name}: its swings are {list(swings)}, give shares of the range up to 0.5")
-    middle_pa, range_pa = (low_pa + high_pa) / 2.0, high_pa - low_pa
-    legs = [(0.0, low_pa), (lead_s, middle_pa)]
-    for share in swings:
-        legs += [
-            (loop_s / 4.0, middle_pa + share * range_pa),
-            (loop_s / 2.0, middle_pa - share * range_pa),
-            (loop_s / 4.0, middle_pa),
-        ]
-    return _joined(name, [*legs, (lead_s, low_pa)])
-
-
-def one_after_the_other(name: str, waves: Sequence[Waveform]) -> Waveform:
-    """Return the waveforms as one; each begins where the last ended. Raises WaveformError where one does not."""
-    time_s, pressure_pa = [waves[0].time_s], [waves[0].pressure_pa]
-    for wave in waves[1:]:
-        if wave.pressure_pa[0] != pressure_pa[-1][-1]:
-            raise WaveformError(
-                f"waveform {name}: {wave.name} begins at {wave.pressure_pa[0]:g} Pa and what comes before ends at "
-                f"{pressure_pa[-1][-1]:g} Pa: let them meet"
-            )
-        time_s.append(time_s[-1][-1] + wave.time_s[1:])
-        pressure_pa.append(wave.pressure_pa[1:])
-    return Waveform(name, np.concatenate(time_s), np.concatenate(pressure_pa))
-
-
-def diagnostic(
-    low_pa: float,
-    high_pa: float,
-    *,
-    rate_pa_per_s: float,
-    longest_s: float,
-    slow_s: float = 20.0,
-    fast_s: Sequence[float] = (8.0, 5.0, 3.1, 2.3, 2.7),
-    dwells_s: Sequence[float] = (0.5, 8.0),
-    swings: Sequence[float] = (0.35, 0.23, 0.16),
-) -> Waveform:
-    """Triangles at a slow and at fast rates, then rests at the middle of the ramps, then small loops: 139 s.
-
-    Each part shows what equal triangles hide: rates tell friction that falls with speed and what lags, rests a
-    breakaway that grows with them, small loops lost motion (docs/diagnosis.md). Ramps are no faster than
-    ``rate_pa_per_s``, and all is made shorter where ``longest_s`` asks for it.
-    """
-    name = "diagnostic"
-    _require_positive(name, "the pressure's rate in Pa/s", rate_pa_per_s)
-    _require_positive(name, "the longest time in s", longest_s)
-    # 1e-6 longer, so that rounding does not make it too fast
-    allowed_s = 2.0 * (high_pa - low_pa) / rate_pa_per_s * (1.0 + 1.0e-6)
-
-    def parts(share: float) -> list[Waveform]:
-        def there_and_back(period_s: float, swing: float = 1.0) -> float:
-            return max(share * period_s, swing * allowed_s)
-
-        slow = there_and_back(slow_s)
-        fast = [period_s for period_s in map(there_and_back, fast_s) if period_s * _LEAST_RATIO <= slow]
-        ramp_s = there_and_back(_RESTING_PERIOD_S)
-        loop_s = there_and_back(_LOOP_S, 2.0 * max(swings))
-        return [
-            multi_rate_triangle([slow, *fast], low_pa, high_pa),
-            dwell(ramp_s, low_pa, high_pa, [share * rest_s for rest_s in dwells_s]),
-            small_loops(low_pa, high_pa, swings, loop_s, lead_s=there_and_back(_LEAD_S, 0.25)),
-        ]
-
-    whole = one_after_the_other(name, parts(1.0))
-    if whole.duration_s <= longest_s:
-        return whole
-    shortest: Waveform | None = None
-    low, high = 0.0, 1.0
-    for _ in range(_HALVINGS):  # what a limit of the rate holds does not shrink with the rest
-        share = 0.5 * (low + high)
-        tried = one_after_the_other(name, parts(share))
-        if tried.duration_s <= longest_s:
-            low, shortest = share, tried
-        else:
-            high = share
-    if shortest is None:
-        raise WaveformError(
-            f"waveform {name}: it takes more than {longest_s:g} s at {rate_pa_per_s:g} Pa/s: allow more time"
-        )
-    return shortest
+    return joined("dwell", legs)

@@ -13,20 +13,10 @@ from typing import Annotated, Any, Final
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.addresses import MotionLimits
+from valve.diagnostic_waveform import diagnostic, one_after_the_other, small_loops
 from valve.errors import RequestError, WaveformError
 from valve.nameplate import Nameplate
-from valve.waveform import (
-    Waveform,
-    diagnostic,
-    dwell,
-    multi_rate_periods,
-    multi_rate_triangle,
-    one_after_the_other,
-    sine,
-    small_loops,
-    steps,
-    triangle,
-)
+from valve.waveform import Waveform, dwell, multi_rate_periods, multi_rate_triangle, sine, steps, triangle
 
 # What a test runs that names no sequence, and what it runs where a valve's limits do not allow that.
 DEFAULT_SEQUENCE: Final = "multi_rate"

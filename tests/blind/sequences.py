@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
+from valve.diagnostic_waveform import diagnostic as product_diagnostic
 from valve.waveform import Waveform, dwell, multi_rate_triangle, sine, triangle
-from valve.waveform import diagnostic as product_diagnostic
 
 Draw = Callable[[np.random.Generator, float, float], Waveform]
 _LONGEST_S: Final = 150.0
