@@ -35,6 +35,7 @@ def test_the_unit_waits_longer_than_a_valve_needs_to_get_safe_and_takes_no_right
     keys = dict(re.findall(r"^(\w+)=(.*)$", text, re.MULTILINE))
     assert (keys["Type"], keys["User"], keys["KillMode"]) == ("notify", "breakaway", "mixed")
     assert int(keys["TimeoutStopSec"]) >= 45
+    assert -10 <= int(keys["Nice"]) < 0
     assert keys["CapabilityBoundingSet"] == ""
     assert keys["ProtectSystem"] == "strict"
     assert keys["Restart"] == "on-failure"
