@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -21,6 +21,7 @@ from service.health.judge import health_of
 from service.runs.acknowledgement import ENDED_KEY
 from service.runs.live import MOTION_SHARE, LiveRun
 from service.runs.permission import Permission
+from service.runs.quality import recording_quality
 from service.runs.rig import Order, Rig, Watcher
 from service.runs.room import room_to_json
 from service.runs.run import RunState
@@ -29,7 +30,6 @@ from service.store.journal import JournalWriter
 from service.store.store import Store
 from valve.errors import MeasurementError, ValveError
 from valve.nameplate import Nameplate
-from valve.recording import Recording
 
 _LOG = structlog.get_logger(__name__)
 _SYNC_PERIOD_S: Final = 1.0
@@ -301,15 +301,3 @@ def _reason(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
         return f"the store cannot be written ({error.strerror}): look at its disk"
     return f"{type(error).__name__}: {error}: report it"
-
-
-def recording_quality(recording: Recording, notes: tuple[str, ...]) -> Mapping[str, Any]:
-    """How evenly a recording was sampled, with the driver's notes; None for what it cannot say."""
-    if recording.samples < 2:
-        return {"samples": recording.samples, "notes": list(notes)}
-    quality = {"samples": recording.samples, "gaps": recording.gaps, **asdict(recording.sampling_quality())}
-    numbers = {
-        name: None if isinstance(value, float) and not math.isfinite(value) else value
-        for name, value in quality.items()
-    }
-    return {**numbers, "notes": list(notes)}
