@@ -66,7 +66,8 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
     explained = found.certificate.is_good or (problem.is_noise_free and rms_m < 1.0e-6 * model.range_m)
     if not explained and not found.certificate.is_near and not problem.is_noise_free:
         knows = None
-    least = flat_errors(model, point, noise_factor=factor, jumps=problem.jumps)
+    flatness = flat_errors(model, point, noise_factor=factor, jumps=problem.jumps)
+    least = flatness.least
     if problem.jumps:
         apart = others_apart(model, point, found)
         least = {symbol: max(least.get(symbol, 0.0), apart.get(symbol, 0.0)) for symbol in CHECKED}
@@ -77,6 +78,8 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         parameters["F_c"] = _parameter("F_c", values, knows, max(least.get("F_c", 0.0), beyond_n))
     if not (parameters["m"].identifiable or parameters["F_v"].identifiable) and parameters["DV"].identifiable:
         parameters["DV"] = absent(_LIMIT_ALONE)
+    # without noise the blocks are coarser than the fit
+    is_bottom &= flatness.is_lowest or found.certificate.ratio < EXACT
     doubt = _NOT_ARRIVED if not is_bottom else "" if found.is_confirmed else _ALONE
     if doubt:
         parameters |= {symbol: absent(doubt) for symbol in _IN_THE_VALLEY if parameters[symbol].identifiable}

@@ -95,8 +95,16 @@ def known(model: StemModel, point: FloatArray, ramps: Ramps, *, noise_factor: fl
     )
 
 
-def flat_errors(model: StemModel, point: FloatArray, *, noise_factor: float, jumps: bool) -> dict[str, float]:
-    """Least standard errors of m, F_v, F_c, F_s and DV that the cost itself leaves, far from the point, by symbol.
+@dataclass(frozen=True, slots=True)
+class Flatness:
+    """Least standard errors by symbol that the cost leaves, and whether the point is within its own intervals."""
+
+    least: dict[str, float]
+    is_lowest: bool
+
+
+def flat_errors(model: StemModel, point: FloatArray, *, noise_factor: float, jumps: bool) -> Flatness:
+    """Least standard errors of m, F_v, F_c, F_s and DV that the cost itself leaves, far from the point.
 
     Profile likelihood on blocks of rows: one of them goes on either way, the others follow, and all intervals reach
     whatever costs less than 3.84. The information at the point may be of a kink, or of one bend of a valley; of a stem
@@ -126,7 +134,7 @@ def flat_errors(model: StemModel, point: FloatArray, *, noise_factor: float, jum
             for symbol in CHECKED:
                 far = abs(far_values[symbol] - values[symbol]) / NORMAL_95
                 least[symbol] = max(least.get(symbol, 0.0), far)
-    return least
+    return Flatness(least, start.cost - lowest.cost <= within)
 
 
 def _with_other_stiction(small: StemModel, point: FloatArray, held: tuple[str, ...], budget: Budget) -> Iterator[Place]:

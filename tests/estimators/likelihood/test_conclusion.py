@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from estimators.base import Status
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
+from tests.benchmarks.coverage import scattered_test
 from tests.estimators.random_valves import random_test
 
 
@@ -16,3 +17,15 @@ def test_no_limit_velocity_is_given_of_a_stem_that_shows_neither_its_mass_nor_it
     assert estimate.diagnostics["fitted"]["DV"] > 10.0 * test.truth.limit_velocity_m_per_s
     assert estimate.value("DV") is None
     assert "stands in for them" in estimate.parameters["DV"].note
+
+
+def test_a_fit_that_a_walk_along_its_valley_leaves_behind_is_not_given_as_known() -> None:
+    # its ramps are slower than DV: the true stem creeps in more jumps than can be followed, and a smaller DV fits
+    test, *_ = scattered_test(7)
+    estimate, truth = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate), test.truth
+    assert estimate.status is Status.POOR
+    assert "bottom of its cost" in estimate.message
+    assert estimate.diagnostics["fitted"]["DV"] < 0.8 * truth.limit_velocity_m_per_s
+    for symbol in ("m", "F_v", "F_c", "F_s", "DV"):
+        assert estimate.value(symbol) is None, symbol
+    assert estimate.value("k") is not None
