@@ -12,9 +12,8 @@ from discrepancy.intervals import fitted_values
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.saved_model import SavedModel
 from discrepancy.screening import extended_model
-from discrepancy.selection import excess, is_noise
 from discrepancy.setting import setting_of
-from discrepancy.significance import is_significant
+from discrepancy.significance import excess, is_noise, is_significant
 
 # Own choice: a strength that moved by less than this share has not changed, whatever its interval.
 TOLERANCE: Final = 0.1
@@ -45,10 +44,11 @@ class Standing:
             values = fitted_values(best, cause)
             was, now = self.model.causes[cause.name][cause.strength], values[cause.strength]
             share = 1.0 - excess(best) / max(excess(self.held), excess(best), 1.0e-12)
-            sentence = cause.sentence(values, setting_of(best))
-            if abs(now.value) < TOLERANCE * abs(was.value):
-                sentence = f"What was accepted as {cause.name} is gone."
-            sentence += f" Since its model was accepted {cause.strength} went from {_number(was)} to {_number(now)}."
+            if _is_gone(was, now):
+                sentence = f"What was accepted as {cause.name} is gone: {cause.strength} was {_number(was)}."
+            else:
+                change = f"Since its model was accepted {cause.strength} went from {_number(was)} to {_number(now)}."
+                sentence = f"{cause.sentence(values, setting_of(best))} {change}"
             found.append(Finding(cause.name, sentence, cause.action, values, min(max(share, 0.0), 1.0)))
         return found
 
@@ -90,12 +90,17 @@ def _held(free: Fit, causes: tuple[Cause, ...], accepted: SavedModel) -> Fit:
 def _has_changed(cause: Cause, free: Fit, accepted: SavedModel) -> bool:
     """Whether the strength lies beyond the tolerance and beyond both intervals."""
     was, now = accepted.causes[cause.name][cause.strength], fitted_values(free, cause)[cause.strength]
-    if abs(now.value) < TOLERANCE * abs(was.value):
+    if _is_gone(was, now):
         # what is gone has no place and no width: its interval says nothing, and whether it may be as it was does
         as_it_was = _held(free, (cause,), accepted)
         return not as_it_was.is_followed or is_significant(as_it_was, free)
     moved = abs(now.value - was.value)
     return moved > TOLERANCE * abs(was.value) and moved > was.half_width + now.half_width
+
+
+def _is_gone(was: Fitted, now: Fitted) -> bool:
+    """Whether a strength may be none: next to nothing, or with 0 in its interval."""
+    return abs(now.value) < TOLERANCE * abs(was.value) or now.low <= 0.0 <= now.high
 
 
 def _number(entry: Fitted) -> str:

@@ -24,9 +24,9 @@ from discrepancy.pressure_findings import with_pressure_findings
 from discrepancy.registry import CAUSES
 from discrepancy.residuals import show
 from discrepancy.saved_model import SavedModel
-from discrepancy.selection import Choice, choose, excess
+from discrepancy.selection import Choice, choose
 from discrepancy.setting import setting_of
-from discrepancy.significance import LEAST_RMS, misfit, noise_factor, wander
+from discrepancy.significance import LEAST_RMS, excess, misfit, noise_factor, wander
 from estimators.base import Estimate, Outcome
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
@@ -38,6 +38,8 @@ Progress = Callable[[float, str], None]
 _LARGEST_MISFIT: Final = 1.3
 # Several causes together can mimic one that is not among them: they must leave nothing but noise.
 _LARGEST_FACTORS: Final = (2.5, 4.0, 1.5, 1.5)  # with no cause, one, two and three
+_LARGE: Final = 2.0  # misfit beyond noise
+_NEXT_TO_NOTHING: Final = 0.02  # of it
 _WRONG_UNITS: Final = ((6894.757, "psi"), (1.0e5, "bar"), (1.0e3, "kPa"))
 _NEAR_UNIT: Final = 2.0  # times; psi, kPa and bar are 6.9 apart
 _SCALE_OFF: Final = 2.0  # of the spring rate: no effect of the catalogue goes so far
@@ -116,7 +118,7 @@ def _concluded(
         "tried": [{"cause": name, "gain": gain} for name, gain in choice.tried],
     }
     pictures: dict[str, Any] = {"before": show(baseline), "baseline": baseline, "details": details}
-    if not explains(best):
+    if not explains(best, baseline):
         return Diagnosis(Verdict.UNEXPLAINED, _unexplained_message(choice), **pictures)
     findings = [] if standing is None else standing.findings(best)
     findings += [finding_of(best, baseline, cause) for cause in choice.causes]
@@ -169,15 +171,22 @@ def _of_doubtful_instants(baseline: Fit) -> Diagnosis:
     return Diagnosis(Verdict.NOT_ASSESSED, message, **pictures)
 
 
-def explains(fit: Fit) -> bool:
+def explains(fit: Fit, baseline: Fit | None = None) -> bool:
     """Whether what a fit leaves may be noise, or so little more that a name for the rest is not missed.
 
-    The plain valve also where what hangs together is less than a cause would have to be.
+    The plain valve also where what hangs together is less than a cause would have to be; a single hard cause also where
+    it leaves next to nothing of a ``baseline``'s large misfit, for slips follow the last digits of a fit.
     """
-    if not fit.model.causes and misfit(fit) < _LARGEST_MISFIT and wander(fit) < LEAST_RMS:
+    if misfit(fit) >= _LARGEST_MISFIT:
+        return False
+    causes = len(fit.model.causes)
+    if causes == 0 and wander(fit) < LEAST_RMS:
         return True
-    largest = _LARGEST_FACTORS[min(len(fit.model.causes), len(_LARGEST_FACTORS) - 1)]
-    return misfit(fit) < _LARGEST_MISFIT and noise_factor(fit) < largest
+    if causes == 1 and baseline is not None and CAUSES[fit.model.causes[0]].is_hard:
+        large = excess(baseline)
+        if large > _LARGE and excess(fit) < _NEXT_TO_NOTHING * large:
+            return True
+    return noise_factor(fit) < _LARGEST_FACTORS[min(causes, len(_LARGEST_FACTORS) - 1)]
 
 
 def finding_of(best: Fit, baseline: Fit, cause: Cause) -> Finding:

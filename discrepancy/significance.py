@@ -13,9 +13,12 @@ from estimators.likelihood.intervals import inflation
 SURE: Final = 45.0
 _PIECES: Final = (1, 4, 16, 64, 256, 1024)
 _FEWEST_PIECES: Final = 20
-LEAST_RMS: Final = 0.1  # of the noise of one row, that a cause must move all rows by
+LEAST_RMS: Final = 0.06  # of the noise of one row, that a cause must move all rows by
 # A rival within this is not told apart: 4 standard deviations of the difference.
 NEAR: Final = 16.0
+DONE_MISFIT: Final = 1.15  # misfit, and factor of the noise, below which noise alone may be what is left
+_SETTLED_FACTOR: Final = 2.0
+LARGE_MISFIT: Final = 30.0  # beside which what is left is the fit's own
 
 
 def noise_factor(fit: Fit) -> float:
@@ -51,3 +54,21 @@ def is_significant(before: Fit, after: Fit) -> bool:
 def misfit(fit: Fit) -> float:
     """Mean square residual over that of the noise."""
     return float(fit.residual @ fit.residual) / fit.model.observed.count
+
+
+def is_noise(fit: Fit) -> bool:
+    """Whether noise alone may well explain what a fit leaves."""
+    return misfit(fit) < DONE_MISFIT and noise_factor(fit) < DONE_MISFIT
+
+
+def is_settled(before: Fit, fit: Fit) -> bool:
+    """Whether a fit leaves noise, or so little beside what it took away that what is left is its own."""
+    if is_noise(fit):
+        return True
+    is_small = misfit(fit) < DONE_MISFIT and noise_factor(fit) < _SETTLED_FACTOR
+    return is_small and excess(before) > LARGE_MISFIT
+
+
+def excess(fit: Fit) -> float:
+    """Return the misfit beyond noise, in shares of the noise's own variance."""
+    return max(misfit(fit) - 1.0, 0.0)

@@ -56,7 +56,8 @@ def test_a_stronger_effect_is_named_again_with_what_it_was() -> None:
     (cause,) = found.causes
     assert cause.cause == "local_friction"
     assert cause.parameters["rise_n"].value == pytest.approx(300.0, rel=0.02)
-    assert re.search(r"from 1(49\.9|50|50\.1) N to 300", cause.sentence)
+    # 150 N within the interval of 0.4 N that a valve of this noise gives
+    assert re.search(r"from 1(49\.[6-9]|50|50\.[1-4]) N to 300", cause.sentence)
     gain = found.to_json()["gain"]
     assert gain["rmse_after_m"] < 0.2 * gain["rmse_before_m"]
 

@@ -1,0 +1,115 @@
+"""One round of a forward choice: which causes are fitted, which fits are followed further, and the work of it."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from discrepancy.causes.base import Cause, Setting
+from discrepancy.least_squares import Fit, descend
+from discrepancy.screening import Candidate, refined, refit
+from discrepancy.significance import excess, is_settled
+
+Fits = list[tuple[Cause, Fit]]  # of one round, the lowest first
+
+# The work of a choice in passes of the kernel, of 0.1 to 0.2 us each (discrepancy.model.Tally).
+MOST_WORK: Final = 8.0e7
+CLOSER_WORK: Final = 2.5e7  # of following the lowest further, in each round
+_CAUSE_WORK: Final = 1.5e7  # of one cause, from which on no other start of it is tried
+_USUAL_S: Final = 60.0
+_LONGEST: Final = 2.0  # times as much work, however long the recordings are
+# Polled rows tell causes apart less finely, and an answer on them is wanted within seconds.
+_COARSE_PERIOD_S: Final = 8.0e-3
+_COARSE_SHARE: Final = 0.2
+_POLISHED: Final = 3
+_POLISH: Final = 8
+_REFINED: Final = 4
+_LOWER: Final = 0.999  # of the cost, that following further must come to
+_MUCH_LOWER: Final = 0.8  # and from which on it is followed again
+_REFINEMENTS: Final = 4
+_REFINED_EARLY: Final = 2
+_NEARLY_ALL: Final = 0.2  # of the misfit is left
+_LEAST_PROMISE: Final = 25.0  # of the cost: with less a cause is not worth a fit
+_RIVAL_SHARE: Final = 0.5
+
+
+def share_of_work(fit: Fit) -> float:
+    """Return the work that a choice may take on these recordings, as a share of that on 60 s."""
+    observed = fit.model.observed
+    span_s = sum(float(np.ptp(motion.samples.time_s)) for motion in observed.motions)
+    is_coarse = observed.motions[0].samples.period_s > _COARSE_PERIOD_S
+    return (_COARSE_SHARE if is_coarse else 1.0) * min(max(span_s / _USUAL_S, 1.0), _LONGEST)
+
+
+def refits(best: Fit, candidates: list[Candidate], setting: Setting, most: int, last: float) -> Fits:
+    """Return the fits of the most promising causes and of the hard ones, the lowest first; slow ones are tried last.
+
+    Once one leaves noise alone, only those are tried that promise about as much: its rivals. No fit is begun after
+    ``last`` work.
+    """
+    ordinary = [one for one in candidates if not one.cause.is_hard and not one.cause.is_shy][:most]
+    slow = [one for one in ordinary[1:] if one.cause.is_slow]
+    ordinary = [one for one in ordinary if one not in slow]
+    ordinary += [one for one in candidates if one.cause.is_shy]
+    hard = [one for one in candidates if one.cause.is_hard]
+    fits: Fits = []
+    lowest, explained, promise, early = math.inf, False, 0.0, _REFINED_EARLY
+    for one in [*ordinary, *hard, *slow]:
+        if explained and (
+            one.cause.is_hard or one.cause.is_slow or (one.promise < _RIVAL_SHARE * promise and not one.cause.is_shy)
+        ):
+            continue
+        if best.model.tally.work > last:
+            break
+        fit = refit(best, one, setting, lowest, share_of_work(best) * _CAUSE_WORK)
+        if not fit.is_followed:
+            continue
+        if early > 0 and not is_settled(best, fit) and excess(fit) < _NEARLY_ALL * excess(best):
+            # it is likely the one: if it leaves noise alone, the others need no fit
+            fit, early = refined(fit), early - 1
+        fits.append((one.cause, fit))
+        if fit.cost < lowest:
+            lowest, explained, promise = fit.cost, is_settled(best, fit), one.promise
+    return sorted(fits, key=lambda pair: pair[1].cost)
+
+
+def is_promising(candidate: Candidate, best: Fit) -> bool:
+    """Whether a cause is worth a fit; what one step of a hard cause promises says nothing."""
+    cause = candidate.cause
+    return cause.is_hard or cause.is_shy or candidate.promise * best.cost > _LEAST_PROMISE
+
+
+def polished(fits: Fits) -> Fits:
+    """Return the fits with the lowest of them descended some steps more."""
+    lowest = [(cause, descend(fit, most_steps=_POLISH)) for cause, fit in fits[:_POLISHED]]
+    return sorted([*lowest, *fits[_POLISHED:]], key=lambda pair: pair[1].cost)
+
+
+def closer(best: Fit, fits: Fits, last: float) -> Fits:
+    """Return the fits with the lowest and the hard ones followed further, until one leaves noise alone.
+
+    None is refined after ``last`` work; what does not come lower stays the fit it was.
+    """
+    found: Fits = []
+    for number, (cause, fit) in enumerate(fits):
+        is_worth = number < _REFINED or cause.is_hard
+        explained = any(is_settled(best, one) for _, one in found) or best.model.tally.work > last
+        followed = _followed(best, fit, last) if is_worth and not explained else fit
+        found.append((cause, followed))
+    return sorted(found, key=lambda pair: pair[1].cost)
+
+
+def _followed(best: Fit, fit: Fit, last: float) -> Fit:
+    """Return a fit refined for as long as that leads much lower; the fit itself where it leads nowhere."""
+    for _ in range(_REFINEMENTS):
+        if is_settled(best, fit) or best.model.tally.work > last:
+            break
+        further = refined(fit)
+        if further.cost > _LOWER * fit.cost:
+            break
+        is_slight, fit = further.cost > _MUCH_LOWER * fit.cost, further
+        if is_slight:
+            break
+    return fit
