@@ -25,9 +25,10 @@ def pictures(diagnosis: Diagnosis) -> dict[str, Any] | None:
     """Return small arrays for drawing; None where nothing was fitted.
 
     ``time``: position in m, measured, of the baseline (``before_m``) and of the extended valve (``after_m``, or
-    None); recordings stand one after the other. ``coordinates``: means of the baseline's misfit of force in motion,
-    N, and of what the extended valve makes of it (``part_n``). ``explained``: share of the misfit of position that
-    each coordinate explains beyond noise. ``where`` says where it is largest.
+    None); recordings stand one after the other. ``coordinates``: means of the force in motion, N, that a Karnopp valve
+    misses, and of what the extended valve makes of it (``part_n``); its parameters are the extended fit's where there
+    is one, for a baseline that failed to follow puts its own error beside the cause's. ``explained``: share of the
+    misfit of position that each coordinate explains beyond noise. ``where`` says where it is largest.
     """
     if diagnosis.drawn is not None:
         return dict(diagnosis.drawn)
@@ -42,7 +43,7 @@ def pictures(diagnosis: Diagnosis) -> dict[str, Any] | None:
         shares[entry.coordinate] = max(shares.get(entry.coordinate, 0.0), float(f"{entry.share:.3g}"))
     return {
         "time": _over_time(observed, before_m, after_m),
-        "coordinates": list(_along(baseline, after_m)),
+        "coordinates": list(_along(baseline if extended is None else extended, after_m)),
         "explained": shares,
         "where": diagnosis.before.where,
     }
@@ -74,14 +75,14 @@ def _one_after_the_other(observed: Observed) -> FloatArray:
     return np.concatenate(parts)
 
 
-def _along(baseline: Fit, after_m: FloatArray | None) -> Iterable[dict[str, Any]]:
-    coordinates = coordinates_of(baseline)
-    misfit_n, moving = force_residual(baseline, coordinates)
+def _along(fit: Fit, after_m: FloatArray | None) -> Iterable[dict[str, Any]]:
+    coordinates = coordinates_of(fit)
+    misfit_n, moving = force_residual(fit, coordinates)
     part_n = None
     if after_m is not None:
-        # what the baseline's balance would leave of the extended valve's own motion
-        left_m = baseline.model.observed.position_m - after_m
-        part_n = misfit_n + baseline.values["k"] * left_m
+        # what the balance would leave of the extended valve's own motion
+        left_m = fit.model.observed.position_m - after_m
+        part_n = misfit_n + fit.values["k"] * left_m
     for name, unit in COORDINATE_UNITS.items():
         for way in _WAYS if name == "travel" else ("both",):
             chosen = moving & np.isfinite(coordinates[name]) & np.isfinite(misfit_n)
