@@ -7,7 +7,7 @@ from typing import Final
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-_AT_ONCE: Final = 3  # each is a few milliseconds of the event loop at a time: with three, a sample waits about 10 ms
+_AT_ONCE: Final = 6  # each is a few milliseconds of the event loop at a time: with six, a sample waits about 20 ms
 _LONGEST_TURN_S: Final = 0.1  # who waits for something slow (a report, a file) waits without the turn
 _READS: Final = frozenset({"GET", "HEAD"})
 

@@ -57,9 +57,9 @@ async def test_a_crowd_of_reads_is_answered_a_few_at_a_time_and_a_stop_waits_for
     reads = asked(app, "GET", 20)
     await asyncio.sleep(0)
     await asyncio.sleep(0)
-    assert crowd.under_way == 3
+    assert crowd.under_way == 6
     stop = asked(app, "POST", 1)
-    await until(lambda: crowd.under_way >= 4)
+    await until(lambda: crowd.under_way >= 7)
     crowd.go_on.set()
     await asyncio.gather(*reads, *stop)
     assert crowd.finished == 21
@@ -76,18 +76,18 @@ async def test_streams_whose_answer_has_begun_keep_nobody_waiting() -> None:
 
 async def test_reads_that_wait_for_something_slow_give_their_turn_away() -> None:
     crowd = Crowd()
-    reads = asked(ReadTurns(crowd), "GET", 9)
-    await until(lambda: crowd.under_way == 9)
+    reads = asked(ReadTurns(crowd), "GET", 15)
+    await until(lambda: crowd.under_way == 15)
     for read in reads:
         read.cancel()
     await asyncio.gather(*reads, return_exceptions=True)
-    assert crowd.finished == 9
+    assert crowd.finished == 15
 
 
 async def test_a_reader_who_leaves_while_waiting_takes_no_turn_along() -> None:
     crowd = Crowd()
     app = ReadTurns(crowd)
-    first = asked(app, "GET", 3)
+    first = asked(app, "GET", 6)
     waiting = asked(app, "GET", 5)
     await asyncio.sleep(0)
     for one in waiting:
@@ -95,7 +95,7 @@ async def test_a_reader_who_leaves_while_waiting_takes_no_turn_along() -> None:
     crowd.go_on.set()
     await asyncio.gather(*first, *waiting, return_exceptions=True)
     crowd.go_on.clear()
-    again = asked(app, "GET", 3)
-    await until(lambda: crowd.under_way == 3)
+    again = asked(app, "GET", 6)
+    await until(lambda: crowd.under_way == 6)
     crowd.go_on.set()
     await asyncio.gather(*again)
