@@ -22,7 +22,8 @@ def _polled() -> PolledRows:
     for i in range(20):
         at_s = 100.0 + 0.02 * i
         write = None if i % 5 == 0 else Exchange((), at_s, at_s + 0.003)
-        rows.add(Sample(at_s + 0.004, at_s + 0.007, 0.001 * i, 2.0e4 + i, 2.0e4 + 10.0 * i), 2.0e4 + 10.0 * i, write, 0.0)
+        command_pa = 2.0e4 + 10.0 * i
+        rows.add(Sample(at_s + 0.004, at_s + 0.007, 0.001 * i, 2.0e4 + i, command_pa), command_pa, write, 0.0)
     return rows
 
 
