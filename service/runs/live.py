@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import math
+from collections import OrderedDict
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, Final
 
@@ -15,6 +17,7 @@ _LIVE_PERIOD_S: Final = 0.05  # 20 points a second are more than an eye follows
 _PROGRESS_STEP: Final = 0.005
 # Motion is the greater part of a test, 40 to 150 s; the rest is the analysis, about 20 s of a core.
 MOTION_SHARE: Final = 0.7
+_REMEMBERED_RUNS: Final = 32  # finished runs whose events can still be followed
 
 
 class LiveRun:
@@ -68,6 +71,29 @@ class LiveRun:
         if not self.stop.is_set() and not self.motion_ended.is_set():
             self.stop_reason = reason
             self.stop.set()
+
+
+class LiveRuns:
+    """The runs of this process that are alive, and the last that ended, whose events can still be followed."""
+
+    def __init__(self) -> None:
+        self._runs: OrderedDict[str, LiveRun] = OrderedDict()
+
+    def __iter__(self) -> Iterator[LiveRun]:
+        return iter(self._runs.values())
+
+    def find(self, run_id: str) -> LiveRun | None:
+        """Return a run; None where it is of another process or long over."""
+        return self._runs.get(run_id)
+
+    def begin(self, run: Run) -> LiveRun:
+        """Return a stored run as a live one; the oldest that ended are forgotten."""
+        live = LiveRun(run)
+        self._runs[run.id] = live
+        finished = [key for key, other in self._runs.items() if other.finished.is_set()]
+        for key in finished[: max(0, len(self._runs) - _REMEMBERED_RUNS)]:
+            del self._runs[key]
+        return live
 
 
 def _numbers(values: list[float]) -> list[Any]:

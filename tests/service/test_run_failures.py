@@ -136,7 +136,7 @@ async def test_a_journal_that_takes_long_does_not_hold_up_the_valve(
         return mark_interrupted(*arguments)
 
     monkeypatch.setattr(rig, "go_safe", go_safe)
-    monkeypatch.setattr("service.runs.service.mark_interrupted", slow)
+    monkeypatch.setattr("service.runs.recovery.mark_interrupted", slow)
     runs = runs_of(plant, store, rig)
     await runs.recover()
     await runs.shut_down()

@@ -1,0 +1,109 @@
+"""What stands between a request and a valve: one test a bus, what must hold before it moves, and its intent on disk."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from dataclasses import replace
+from datetime import UTC, datetime
+
+from drivers.permissives import require_met
+from service.bus import BusOwners, Claim
+from service.bus_lock import BusLocks
+from service.runs.acknowledgement import last_end
+from service.runs.permission import Permission, free_disk
+from service.runs.rig import Rig
+from service.runs.run import Run
+from service.settings import Plant, PlantValve
+from service.store.store import Store
+from valve.errors import BusyError, RequestError
+
+
+class Gate:
+    """Lets tests in, one a bus. ``owners`` says who uses which valve. All methods belong to the event loop."""
+
+    def __init__(self, plant: Plant, store: Store, rig: Rig) -> None:
+        self._store = store
+        self._rig = rig
+        self._locks = BusLocks(plant.buses)
+        self.owners = BusOwners(locks=self._locks)
+        self._bus_turns = {name: asyncio.Lock() for name in plant.buses}
+        self._permissions: dict[str, Permission] = {}  # as they were read last, by tag
+        self._storing = asyncio.Lock()
+
+    @contextlib.asynccontextmanager
+    async def turn(self, valve: PlantValve) -> AsyncIterator[None]:
+        """Wait for the buses of a valve as long as somebody only reads there; a test that runs is not waited for."""
+        async with contextlib.AsyncExitStack() as stack:
+            for bus in sorted(valve.buses):
+                await stack.enter_async_context(self._bus_turns[bus])
+            yield
+
+    async def known(self, wanted: Run) -> Run | None:
+        """Return the stored run that a request's key asked for first; None where the request is new.
+
+        Raises RequestError where that key asked for something else.
+        """
+        if wanted.idempotency_key is None:
+            return None
+        known = await asyncio.to_thread(self._store.runs.by_idempotency_key, wanted.idempotency_key)
+        if known is None:
+            return None
+        if (known.valve, known.sequence, known.overrides) != (wanted.valve, wanted.sequence, wanted.overrides):
+            raise RequestError(
+                f"Idempotency-Key {wanted.idempotency_key!r} was used for another request (test {known.id}): "
+                "choose a new key for a new test"
+            )
+        return known
+
+    async def admit(self, wanted: Run, valve: PlantValve, permit: str | None) -> tuple[Run, Claim]:
+        """Claim the valve and store the run that is wanted, in the caller's ``turn``; return it as stored.
+
+        Raises BusyError, PermissiveError and RequestError; then nothing is stored and nothing is claimed.
+        """
+        claim = self.owners.claim(wanted.id, wanted.valve, valve.buses, scheduled=wanted.schedule is not None)
+        try:
+            permission = await self._read_permission(valve, permit)
+            require_met(wanted.valve, permission.permissives)
+            async with self._storing:
+                known = await self.known(wanted)  # of another valve, meanwhile: then it is refused
+                assert known is None
+                wanted = replace(wanted, permissives=permission.to_json())
+                return await asyncio.to_thread(self._store.runs.insert, wanted), claim
+        except BaseException:
+            self.owners.release(claim)
+            raise
+
+    async def claim_when_free(self, run: Run, valve: PlantValve) -> Claim:
+        """Claim the valve of a run that was admitted before; wait for as long as somebody else uses it."""
+        while True:
+            try:
+                async with self.turn(valve):
+                    return self.owners.claim(run.id, run.valve, valve.buses)
+            except BusyError:
+                await asyncio.sleep(0.05)
+
+    async def permission(self, valve: PlantValve, permit: str | None) -> tuple[Permission | None, str]:
+        """Return what must hold before a valve may move, read fresh, and why it is not fresh.
+
+        While a bus of it is used the last ones are returned (None where there are none) with the reason.
+        """
+        tag = valve.nameplate.tag
+        async with self.turn(valve):
+            in_use = self.owners.in_use(tag, valve.buses)
+            if in_use:
+                return self._permissions.get(tag), in_use
+            try:
+                with self._locks.hold(valve.buses):
+                    return await self._read_permission(valve, permit), ""
+            except BusyError as error:
+                return self._permissions.get(tag), str(error)
+
+    async def _read_permission(self, valve: PlantValve, permit: str | None) -> Permission:
+        found = await self._rig.permissives(valve, permit)
+        last = await asyncio.to_thread(self._store.runs.newest, 1, valve=valve.nameplate.tag)
+        disk = await asyncio.to_thread(free_disk, self._store.folder)
+        permission = Permission((*found, disk, last_end(last[0] if last else None)), datetime.now(UTC))
+        self._permissions[valve.nameplate.tag] = permission
+        return permission

@@ -1,0 +1,43 @@
+"""What a process has under way on its event loop, and how that comes to its end."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Coroutine
+from typing import Any, Final, TypeVar
+
+import structlog
+
+Result = TypeVar("Result")
+
+_LOG = structlog.get_logger(__name__)
+_CANCELLED_S: Final = 5.0
+
+
+class Tasks:
+    """The tasks of runs and of recovery; each is kept until it has ended."""
+
+    def __init__(self) -> None:
+        self._tasks: set[asyncio.Task[Any]] = set()
+
+    def spawn(self, work: Coroutine[Any, Any, Result]) -> asyncio.Task[Result]:
+        """Start work that nobody has to wait for."""
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        return task
+
+    async def settled(self) -> None:
+        """Return when all have ended, those included that are started meanwhile."""
+        while self._tasks:
+            await asyncio.wait(set(self._tasks))
+
+    async def end(self, timeout_s: float) -> None:
+        """Wait until all have ended; those that are late are cancelled."""
+        if self._tasks:
+            _, late = await asyncio.wait(set(self._tasks), timeout=timeout_s)
+            for task in late:
+                _LOG.error("a test did not end in time", seconds=timeout_s)
+                task.cancel()
+            if late:  # what is cancelled still sends its valve to safe
+                await asyncio.wait(late, timeout=_CANCELLED_S)
