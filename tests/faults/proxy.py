@@ -20,6 +20,7 @@ from tests.faults.wire_faults import FaultAt, WireFault
 DELAY_S: Final = 0.5  # longer than the deadline of a transaction
 BLACK_HOLE_S: Final = 2.5  # longer than the watchdog
 _MBAP: Final = 6
+_OF_REQUESTS: Final = frozenset(fault for fault in WireFault if fault.name.endswith("_REQUEST"))
 
 
 class FaultyWire:
@@ -47,48 +48,42 @@ class FaultyWire:
             self.reached = True
             self._on_fault()
         match self._now():
-            case WireFault.DROP_REQUEST:
-                return
-            case WireFault.DELAY_REQUEST:
-                asyncio.get_running_loop().call_later(DELAY_S, onward, frame)
-            case WireFault.DOUBLE_REQUEST:
-                onward(frame)
-                asyncio.get_running_loop().call_later(0.01, onward, frame)
-            case WireFault.TRUNCATE_REQUEST:
-                onward(frame[: self._random.randrange(1, len(frame))])
-            case WireFault.FLIP_REQUEST:
-                onward(self._flipped(frame))
             case WireFault.ECHO:
                 back(frame)
             case WireFault.BLACK_HOLE:
                 self._dark = True
                 asyncio.get_running_loop().call_later(BLACK_HOLE_S, setattr, self, "_dark", False)
-            case _:
-                if not self._dark:
-                    onward(frame)
+            case fault:
+                self._carry(frame, onward, fault if fault in _OF_REQUESTS else None)
 
     def answer(self, frame: bytes, back: Callable[[bytes], None]) -> None:
         """Carry one answer."""
         match self._now():
-            case WireFault.DROP_ANSWER:
-                return
-            case WireFault.DELAY_ANSWER:
-                asyncio.get_running_loop().call_later(DELAY_S, back, frame)
-            case WireFault.DOUBLE_ANSWER:
-                back(frame)
-                asyncio.get_running_loop().call_later(0.01, back, frame)
-            case WireFault.TRUNCATE_ANSWER:
-                back(frame[: self._random.randrange(1, len(frame))])
-            case WireFault.FLIP_ANSWER:
-                back(self._flipped(frame))
             case WireFault.RESET:
                 if self.cut is not None:
                     self.cut()
                 else:
                     back(self._random.randbytes(len(frame)))
+            case fault:
+                self._carry(frame, back, None if fault in _OF_REQUESTS else fault)
+
+    def _carry(self, frame: bytes, onward: Callable[[bytes], None], fault: WireFault | None) -> None:
+        """Carry a frame, in whichever direction, as a fault of that direction spoils it."""
+        match fault:
+            case WireFault.DROP_REQUEST | WireFault.DROP_ANSWER:
+                return
+            case WireFault.DELAY_REQUEST | WireFault.DELAY_ANSWER:
+                asyncio.get_running_loop().call_later(DELAY_S, onward, frame)
+            case WireFault.DOUBLE_REQUEST | WireFault.DOUBLE_ANSWER:
+                onward(frame)
+                asyncio.get_running_loop().call_later(0.01, onward, frame)
+            case WireFault.TRUNCATE_REQUEST | WireFault.TRUNCATE_ANSWER:
+                onward(frame[: self._random.randrange(1, len(frame))])
+            case WireFault.FLIP_REQUEST | WireFault.FLIP_ANSWER:
+                onward(self._flipped(frame))
             case _:
                 if not self._dark:
-                    back(frame)
+                    onward(frame)
 
     def _flipped(self, frame: bytes) -> bytes:
         # On TCP the protocol's own header is left alone where flipping it would only be another truncation.
