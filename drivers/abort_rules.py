@@ -40,6 +40,7 @@ class AbortRules:
         self._last_error: EquipmentError | None = None
         self._silence_s = max(_SILENCE_S, 2.0 * period_s)
         self._commands: deque[tuple[float, float]] = deque()
+        self._asked: deque[tuple[float, float]] = deque()  # what an output that lags may still show
         self._foreign_s: deque[float] = deque(maxlen=_FOREIGN)
         self._stem = StemRules(device.wiring)
         self._watch: PermissiveWatch | None = None
@@ -63,7 +64,11 @@ class AbortRules:
 
     def commanded(self, pressure_pa: float) -> None:
         """Note what was asked for, Pa."""
-        self._commands.append((time.monotonic(), pressure_pa))
+        now_s = time.monotonic()
+        self._commands.append((now_s, pressure_pa))
+        self._asked.append((now_s, pressure_pa))
+        while len(self._asked) > 1 and self._asked[1][0] < now_s - _FOLLOWING_S:
+            self._asked.popleft()
 
     def stand_down(self) -> None:
         """Judge no longer whether the stem moves: the pressure goes back because it did not."""
@@ -117,10 +122,11 @@ class AbortRules:
     def foreign(self, output_pa: float) -> DeviceError | None:
         """Return why the test must end where an output is, for the third time lately, outside of what it asked for.
 
-        That is somebody else, whose command the next one of ours covers up again: it need not stand to be seen.
+        That is somebody else, whose command the next one of ours covers up again: it need not stand to be seen. At a
+        turn an output that lags goes through the same values twice, so that what was shown once says nothing.
         """
         now_s, slack_pa = time.monotonic(), self._device.tolerance_pa
-        lately = [pressure_pa for _, pressure_pa in self._commands]
+        lately = [pressure_pa for _, pressure_pa in self._asked]
         if not lately or min(lately) - slack_pa <= output_pa <= max(lately) + slack_pa:
             return None
         self._foreign_s.append(now_s)

@@ -78,8 +78,9 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         parameters["F_c"] = _parameter("F_c", values, knows, max(least.get("F_c", 0.0), beyond_n))
     if not (parameters["m"].identifiable or parameters["F_v"].identifiable) and parameters["DV"].identifiable:
         parameters["DV"] = absent(_LIMIT_ALONE)
-    # without noise the blocks are coarser than the fit
+    # without noise the blocks are coarser than the fit, and the bottom is beyond what is computed
     is_bottom &= flatness.is_lowest or found.certificate.ratio < EXACT
+    is_bottom |= problem.is_noise_free and found.certificate.ratio < 1.0
     doubt = _NOT_ARRIVED if not is_bottom else "" if found.is_confirmed else _ALONE
     if doubt:
         parameters |= {symbol: absent(doubt) for symbol in _IN_THE_VALLEY if parameters[symbol].identifiable}

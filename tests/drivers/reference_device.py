@@ -108,6 +108,8 @@ class ReferenceDevice:
         self.tick()
         if address == 16:
             self._sample()
+        if address == MAP.register("output").address:
+            self.show(output=self.output_pa)
         if address == WINDOW_ADDRESS:
             self._window()
 
