@@ -32,7 +32,7 @@ def _folder() -> tempfile.TemporaryDirectory[str]:
     return tempfile.TemporaryDirectory(dir=memory if os.access(memory, os.W_OK) else None)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")  # a process has one queue of jobs: the tests of other folders want theirs
 def service() -> Iterator[Gateway]:
     """Return a service without sign-in and with three tests of a month in its store."""
     with _folder() as folder, gateway(Path(folder)) as running:
