@@ -93,19 +93,22 @@ def _notes(estimates: list[dict[str, Any]], width: int) -> list[str]:
         said = _first_sentence(estimate["message"])
         if estimate["status"] != "ok" and said and said not in symbols:
             methods.setdefault(said, []).append(" ".join(_METHODS.get(estimate["method"], (estimate["method"],))))
-    lines = [f"{', '.join(owners)}: {reason}" for part in (symbols, methods) for reason, owners in part.items()]
-    return [_on_one_line(line, width) for line in lines]
+    told = [(", ".join(owners), reason) for reason, owners in symbols.items()]
+    for reason, owners in methods.items():
+        told.append((f"all {len(owners)} methods" if len(owners) == len(estimates) > 1 else ", ".join(owners), reason))
+    return [_on_one_line(subject, reason, width) for subject, reason in told]
 
 
 def _first_sentence(text: str) -> str:
     return _SENTENCE_END.split(text)[0].strip()
 
 
-def _on_one_line(text: str, width: int) -> str:
+def _on_one_line(subject: str, reason: str, width: int) -> str:
     """Cut a reason behind its last clause that ends within ``width`` and past its half, or else between words."""
+    text = f"{subject}: {reason}"
     if len(text) <= width:
         return text
-    ends = [match.start() for match in _CLAUSE_END.finditer(text, width // 2, width)]
+    ends = [match.start() for match in _CLAUSE_END.finditer(text, max(width // 2, len(subject) + 1), width)]
     if ends:
         return text[: ends[-1]]
     return f"{text[: width - 1].rsplit(' ', 1)[0]}…"

@@ -76,6 +76,11 @@ def test_each_reason_stands_once_and_on_one_line() -> None:
     ]
 
 
+def test_what_all_methods_say_keeps_its_reason() -> None:
+    lines = printed(*(estimate(name, "poor", LONG) for name in ("regression", "garcia", "maximum_likelihood")))
+    assert "  all 3 methods: The motion of a valve with these values" in "\n".join(lines)
+
+
 @pytest.mark.parametrize(("factor", "said"), [(1.0, "+0.000"), (1.4079, "+40.79"), (26.11, "+2511"), (0.99, "-1.000")])
 def test_the_error_keeps_to_its_column(factor: float, said: str) -> None:
     one = estimate("maximum_likelihood", "ok", "")

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from starlette.types import Message, Receive, Scope, Send
 
-from service.read_turns import ReadTurns
+from service.read_turns import AT_ONCE, ReadTurns
 
 STARTED: Message = {"type": "http.response.start", "status": 200, "headers": []}
 
@@ -54,15 +54,15 @@ async def until(condition: Callable[[], bool]) -> None:
 async def test_a_crowd_of_reads_is_answered_a_few_at_a_time_and_a_stop_waits_for_none_of_them() -> None:
     crowd = Crowd()
     app = ReadTurns(crowd)
-    reads = asked(app, "GET", 20)
+    reads = asked(app, "GET", 2 * AT_ONCE)
     await asyncio.sleep(0)
     await asyncio.sleep(0)
-    assert crowd.under_way == 6
+    assert crowd.under_way == AT_ONCE
     stop = asked(app, "POST", 1)
-    await until(lambda: crowd.under_way >= 7)
+    await until(lambda: crowd.under_way > AT_ONCE)
     crowd.go_on.set()
     await asyncio.gather(*reads, *stop)
-    assert crowd.finished == 21
+    assert crowd.finished == 2 * AT_ONCE + 1
 
 
 async def test_streams_whose_answer_has_begun_keep_nobody_waiting() -> None:
@@ -76,18 +76,18 @@ async def test_streams_whose_answer_has_begun_keep_nobody_waiting() -> None:
 
 async def test_reads_that_wait_for_something_slow_give_their_turn_away() -> None:
     crowd = Crowd()
-    reads = asked(ReadTurns(crowd), "GET", 15)
-    await until(lambda: crowd.under_way == 15)
+    reads = asked(ReadTurns(crowd), "GET", 2 * AT_ONCE)
+    await until(lambda: crowd.under_way == 2 * AT_ONCE)
     for read in reads:
         read.cancel()
     await asyncio.gather(*reads, return_exceptions=True)
-    assert crowd.finished == 15
+    assert crowd.finished == 2 * AT_ONCE
 
 
 async def test_a_reader_who_leaves_while_waiting_takes_no_turn_along() -> None:
     crowd = Crowd()
     app = ReadTurns(crowd)
-    first = asked(app, "GET", 6)
+    first = asked(app, "GET", AT_ONCE)
     waiting = asked(app, "GET", 5)
     await asyncio.sleep(0)
     for one in waiting:
@@ -95,7 +95,7 @@ async def test_a_reader_who_leaves_while_waiting_takes_no_turn_along() -> None:
     crowd.go_on.set()
     await asyncio.gather(*first, *waiting, return_exceptions=True)
     crowd.go_on.clear()
-    again = asked(app, "GET", 6)
-    await until(lambda: crowd.under_way == 6)
+    again = asked(app, "GET", AT_ONCE)
+    await until(lambda: crowd.under_way == AT_ONCE)
     crowd.go_on.set()
     await asyncio.gather(*again)
