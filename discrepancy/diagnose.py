@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from discrepancy.accepted import Standing, stand
 from discrepancy.baseline import fit_baseline
-from discrepancy.causes.base import Cause
+from discrepancy.causes.base import Cause, Fitted
 from discrepancy.causes.friction import ASYMMETRY
 from discrepancy.diagnosis import Diagnosis, Finding, Verdict
 from discrepancy.doubts import doubt
@@ -121,7 +121,14 @@ def _concluded(
     if not explains(best, baseline):
         return Diagnosis(Verdict.UNEXPLAINED, _unexplained_message(choice), **pictures)
     findings = [] if standing is None else standing.findings(best)
-    findings += [finding_of(best, baseline, cause) for cause in choice.causes]
+    own = [finding_of(best, baseline, cause) for cause in choice.causes]
+    if any(may_be_nothing(cause, one.parameters) for cause, one in zip(choice.causes, own, strict=True)):
+        message = (
+            f"{_listed(choice.causes)} would explain the misfit, and its strength is known so badly that it may be "
+            "nothing: no cause is named."
+        )
+        return Diagnosis(Verdict.UNEXPLAINED, message, **pictures)
+    findings += own
     rivals, rival_fits = list(choice.rivals), list(choice.rival_fits)
     offset = preload_offset(best)
     if offset is not None:
@@ -187,6 +194,12 @@ def explains(fit: Fit, baseline: Fit | None = None) -> bool:
         if large > _LARGE and excess(fit) < _NEXT_TO_NOTHING * large:
             return True
     return noise_factor(fit) < _LARGEST_FACTORS[min(causes, len(_LARGEST_FACTORS) - 1)]
+
+
+def may_be_nothing(cause: Cause, parameters: Mapping[str, Fitted]) -> bool:
+    """Whether the interval of a cause's strength holds the value at which it does nothing."""
+    strength = parameters.get(cause.strength)
+    return strength is not None and cause.neutral is not None and strength.low <= cause.neutral <= strength.high
 
 
 def finding_of(best: Fit, baseline: Fit, cause: Cause) -> Finding:

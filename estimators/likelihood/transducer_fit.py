@@ -171,7 +171,9 @@ class _Likelihood:
 
 def _likelihood(rows: _Rows, lag_s: float, delay_s: float) -> _Likelihood:
     """Weigh lags about the best, each with the delays that go with it: a short lag and a dead time hide each other."""
-    least, count = max(rows.cost(lag_s, delay_s), 1.0e-300), rows.time_s.size
+    count = rows.time_s.size
+    rounding = count * (_EXACT * float(np.ptp(rows.force_n))) ** 2
+    least = max(rows.cost(lag_s, delay_s), rounding, 1.0e-300)
     near_s = {lag_s: (delay_s, 0.1 * rows.period_s)}
 
     def delays_of(lag: float) -> tuple[FloatArray, FloatArray]:
