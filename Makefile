@@ -12,13 +12,13 @@ help:  ## this list
 
 $(VENV)/.runtime: requirements.lock pyproject.toml
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@echo "Installing the locked dependencies into $(VENV) (once)"
+	@echo "Installing the locked dependencies into $(VENV) (once)" >&2
 	@$(BIN)/python -m pip install --quiet --require-hashes --requirement requirements.lock
 	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.runtime requirements-dev.lock
-	@echo "Installing the locked tools for the checks into $(VENV) (once)"
+	@echo "Installing the locked tools for the checks into $(VENV) (once)" >&2
 	@$(BIN)/python -m pip install --quiet --require-hashes --requirement requirements-dev.lock
 	@touch $@
 
@@ -37,7 +37,7 @@ test: check  ## the checks, then every test
 bench: $(VENV)/.dev  ## speed and accuracy, as tables; one alone: ARGS="coverage 200"
 	$(BIN)/python -m tests.benchmarks $(ARGS)
 
-faults: $(VENV)/.dev  ## faults on the wire and in the service, judged by the valve's record: ARGS=500 or ARGS=all
+faults: $(VENV)/.dev  ## faults on the wire and in the service, judged by the valve's record: ARGS=500, all, kill
 	$(BIN)/python -m tests.faults $(ARGS)
 
 blind: $(VENV)/.dev  ## hide effects in data and ask for them; a part: ARGS="triangle 60" or ARGS=200

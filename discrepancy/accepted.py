@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Final
 
-from discrepancy.baseline import DYNAMIC, held_fit, refined
+from discrepancy.baseline import DYNAMIC, held_fit
 from discrepancy.causes.base import Cause, Fitted
 from discrepancy.diagnosis import Finding
 from discrepancy.intervals import fitted_values
 from discrepancy.least_squares import Fit, descend, start_fit
+from discrepancy.refining import refined
 from discrepancy.saved_model import SavedModel
 from discrepancy.screening import extended_model
 from discrepancy.setting import setting_of

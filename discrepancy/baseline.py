@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from discrepancy.least_squares import Fit, descend, on, start_fit
+from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.model import Model
 from discrepancy.observed import Observed
 from discrepancy.thinning import thinned
@@ -27,19 +27,17 @@ _FOLLOWED: Final = 3
 _BLURS_S: Final = (1.0, 0.1, 0.0)
 _STEPS: Final = (8, 6, 12)
 STATIC_SCAN: Final = np.concatenate([np.linspace(-0.03, 0.03, 13), np.linspace(-0.3, 0.6, 16)])
-_REFINING_STEPS: Final = 15
-_RESTARTED_SHARES: Final = (0.004, 0.03, 0.15)
-_VISCOUS_FACTORS: Final = np.log([0.3, 0.7, 1.5, 3.0])
+FIRST_RISES: Final = (-0.1, -0.03, 0.03, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3)  # of the friction
 _MASS_RANGE_KG: Final = (1.0e-2, 1.0e3)
 # DV as the likelihood has it: lognormal about 1.5 % of the sliding speed.
-_LIMIT_MEDIAN: Final = 0.015
+LIMIT_MEDIAN: Final = 0.015
 _LIMIT_SD: Final = 1.5
 _FIRST_RISE_SD: Final = 0.3  # of F_s
 # F_v as a share of the friction in motion: from a dry packing's to that of a stem in grease.
 _VISCOUS_MEDIAN: Final = 0.1
 _VISCOUS_SD: Final = 2.0
 DYNAMIC: Final = frozenset({"m", "DV", "first_rise"})  # which wait until the rest has found its place
-_EXPLAINED: Final = 1.2  # rms residual over noise, from which on no other start is tried
+EXPLAINED: Final = 1.2  # rms residual over noise, from which on no other start is tried
 
 
 def baseline_unknowns(observed: Observed, fastest_m_per_s: float, friction_n: float) -> Unknowns:
@@ -68,7 +66,7 @@ def baseline_unknowns(observed: Observed, fastest_m_per_s: float, friction_n: fl
             1.0e-5 * fastest_m_per_s,
             fastest_m_per_s,
             step=1.0e-3,
-            prior=math.log(_LIMIT_MEDIAN * fastest_m_per_s),
+            prior=math.log(LIMIT_MEDIAN * fastest_m_per_s),
             prior_sd=_LIMIT_SD,
         ),
         Unknown(
@@ -136,43 +134,9 @@ def fit_baseline(observed: Observed, estimate: Estimate | None = None) -> Fit | 
         found = _followed(fit)
         if found.is_followed and (best is None or found.cost < best.cost):
             best = found
-        if best is not None and best.cost < _EXPLAINED**2 * observed.count:
+        if best is not None and best.cost < EXPLAINED**2 * observed.count:
             break
     return best
-
-
-def refined(fit: Fit) -> Fit:
-    """Return the fit descended further, with other static frictions and dampings tried, as a jagged cost asks."""
-    best = descend(fit, most_steps=_REFINING_STEPS)
-    for name, factors in (("d", STATIC_SCAN), ("F_v", _VISCOUS_FACTORS)):
-        best = scanned(best, name, factors)
-    best = descend(best, most_steps=_REFINING_STEPS)
-    for share in _RESTARTED_SHARES:
-        if best.cost < _EXPLAINED**2 * best.model.observed.count:
-            break
-        again = on(best.model.thinned(), _restarted(best, share))
-        again = descend(again, most_steps=5, span_s=_BLURS_S[1], held=DYNAMIC)
-        again = descend(on(best.model, scanned(again, "d", STATIC_SCAN)), most_steps=_REFINING_STEPS)
-        best = again if again.cost < best.cost else best
-    return best
-
-
-def _restarted(fit: Fit, viscous_share: float) -> Fit:
-    """Return the fit with mass, damping and limit velocity as one would begin with, the friction in motion kept."""
-    unknowns, values = fit.model.unknowns, dict(fit.values)
-    priors = {entry.name: entry.value(entry.prior) for entry in unknowns.entries if entry.name in {"m", "DV"}}
-    speed = priors["DV"] / _LIMIT_MEDIAN
-    friction_n = values["F_c"] + values["F_v"] * speed
-    static_n = values["F_c"] * (1.0 + values["d"])
-    coulomb_n = (1.0 - viscous_share) * friction_n
-    values |= {
-        **priors,
-        "first_rise": 0.0,
-        "F_v": viscous_share * friction_n / speed,
-        "F_c": coulomb_n,
-        "d": max(static_n / coulomb_n - 1.0, 0.0),
-    }
-    return start_fit(fit.model, unknowns.point(values))
 
 
 def _followed(fit: Fit) -> Fit:
@@ -180,7 +144,7 @@ def _followed(fit: Fit) -> Fit:
     for span_s, steps in zip(_BLURS_S, _STEPS, strict=True):
         found = descend(found, most_steps=steps, span_s=span_s, held=DYNAMIC if span_s > 0.0 else frozenset())
         if span_s == _BLURS_S[-2] and found.is_followed:
-            found = scanned(found, "d", STATIC_SCAN)
+            found = scanned(scanned(found, "d", STATIC_SCAN), "first_rise", FIRST_RISES)
     return found
 
 
@@ -229,7 +193,7 @@ def _guessed(observed: Observed) -> list[dict[str, float]]:
                     "F_c": coulomb_n,
                     "d": max(0.0, static_n / coulomb_n - 1.0),
                     "F_0": guess.preload_n,
-                    "DV": _LIMIT_MEDIAN * guess.speed,
+                    "DV": LIMIT_MEDIAN * guess.speed,
                 }
             )
     return found

@@ -18,6 +18,7 @@ from discrepancy.force_diagnosis import diagnose_forces
 from discrepancy.gain import Gain, held_out_gain, left_out_gain
 from discrepancy.intervals import fitted_values
 from discrepancy.least_squares import Fit
+from discrepancy.line_errors import with_line_errors
 from discrepancy.observed import observe
 from discrepancy.preload import PRELOAD, asymmetry_instead, preload_offset
 from discrepancy.pressure_findings import with_pressure_findings
@@ -90,7 +91,8 @@ def diagnose(
         if unit:
             return Diagnosis(Verdict.NOT_ASSESSED, unit, before=show(baseline), baseline=baseline)
         if observed.doubt_in_noises > _IN_DOUBT:
-            return _of_doubtful_instants(baseline)
+            return with_pressure_findings(_of_doubtful_instants(baseline), baseline, recordings, nameplate, held_out)
+        baseline = with_line_errors(baseline)
         standing = None if accepted is None else stand(baseline, accepted)
         if standing is not None:
             baseline = standing.free
@@ -118,7 +120,7 @@ def _concluded(
         "tried": [{"cause": name, "gain": gain} for name, gain in choice.tried],
     }
     pictures: dict[str, Any] = {"before": show(baseline), "baseline": baseline, "details": details}
-    if not explains(best, baseline):
+    if not (explains(best, baseline) or explains(with_line_errors(best), baseline)):
         return Diagnosis(Verdict.UNEXPLAINED, _unexplained_message(choice), **pictures)
     findings = [] if standing is None else standing.findings(best)
     own = [finding_of(best, baseline, cause) for cause in choice.causes]

@@ -112,7 +112,7 @@ def _swapped(recording: Recording, nameplate: Nameplate, swept_m: float) -> str:
 
 def _too_little(swept_m: float, travel_m: float, position_m: FloatArray) -> str:
     noise_m = float(np.median(np.abs(np.diff(position_m)))) * 1.05  # of white noise, one standard deviation
-    if swept_m >= _LEAST_TRAVEL * travel_m or swept_m < 8.0 * noise_m:
+    if swept_m >= _LEAST_TRAVEL * travel_m or swept_m <= 8.0 * noise_m:
         return ""  # what never moved is told as such
     return (
         f"The travel spans {100.0 * swept_m / travel_m:.2g} %, the diagnosis needs {100.0 * _LEAST_TRAVEL:g} %: "

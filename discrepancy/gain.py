@@ -91,7 +91,7 @@ def left_out_gain(before: Fit, after: Fit) -> Gain | None:
     kept = observed.segments[0].time_s < split_s
     if min(np.count_nonzero(kept), np.count_nonzero(~kept)) < _FEWEST_ROWS:
         return None
-    part = replace(observed, segments=(_first_part(observed.segments[0], split_s),))
+    part = observed.of([_first_part(observed.segments[0], split_s)])
     free = _without_rests(observed)
     errors = []
     for fit in (before, after):
@@ -170,5 +170,4 @@ def _first_part(segment: Segment, split_s: float) -> Segment:
 def _without_rests(observed: Observed) -> Observed:
     """Return what was observed without restarts: a prediction is not told where the stem came to rest."""
     none = np.empty(0)
-    segments = tuple(replace(one, rest_time_s=none, rest_m=none, rest_sense=none) for one in observed.segments)
-    return replace(observed, segments=segments)
+    return observed.of([replace(one, rest_time_s=none, rest_m=none, rest_sense=none) for one in observed.segments])

@@ -13,7 +13,8 @@ from discrepancy.observed import Observed, Segment
 from discrepancy.unknowns import Unknown, Unknowns, valve_of
 from estimators.samples import BoolArray, FloatArray
 from valve.errors import MotionError, ParameterError
-from valve.extended_motion import ExtendedState, ExtendedStem, Rests, input_corners
+from valve.extended_motion import ExtendedStem, input_corners
+from valve.extended_state import ExtendedState, Rests
 from valve.extended_valve import ExtendedValve, SensorPath
 from valve.stem import StemState
 
@@ -88,7 +89,7 @@ class Model:
         simulated_m = self.simulate(point)
         if simulated_m is None or not np.isfinite(simulated_m).all():
             return None
-        return (self.observed.position_m - simulated_m) * self.observed.weight
+        return self.observed.residuals(simulated_m)
 
     def slopes(self, point: FloatArray, here: FloatArray, free: BoolArray | None = None) -> FloatArray:
         """Derivatives of the residuals to the coordinates, shape (p, count), by differences from ``here``.

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Final
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from discrepancy.blocks import Blocks
 from estimators.base import Outcome
-from estimators.likelihood.input_path import InputPath, Nuisance, input_path
+from estimators.likelihood.input_path import CommandedPath, InputPath, MeasuredPath, Nuisance, input_path
 from estimators.likelihood.row_timing import position_doubts, shared_by_rest, still_rows
 from estimators.likelihood.search import measured_rests
 from estimators.likelihood.staircase import read_staircase
@@ -21,6 +21,8 @@ from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from estimators.samples import FloatArray, IntArray, position_noise
 from valve.nameplate import Nameplate
 from valve.recording import Recording
+
+Corners = tuple[FloatArray, FloatArray]  # times, s, and force, N, both shape (n,)
 
 # Own choices, from valves without and with hidden effects (docs/diagnosis.md).
 # Timing that nobody vouches for, as a share of the period: else the few samples of a slip outweigh all others.
@@ -76,6 +78,10 @@ class Observed:
     full_force_n: float
     # what the instants of polled writes and looks leave unknown of positions in motion, rms, over the noise
     doubt_in_noises: float = 0.0
+    # corners of all segments, each changed by one sigma along a direction in which the measured force is uncertain
+    deviations: tuple[tuple[Corners, ...], ...] = ()
+    # of the residuals, shape (count, d), that the force's own errors spread over many blocks; none where it is exact
+    spread: FloatArray | None = None
     # of all blocks: times, positions and weights, 1/m, shape (count,)
     time_s: FloatArray = field(init=False)
     position_m: FloatArray = field(init=False)
@@ -90,11 +96,25 @@ class Observed:
         """Number of blocks."""
         return int(self.time_s.size)
 
+    def of(self, segments: Sequence[Segment]) -> Observed:
+        """Return the same valve's with other segments, whose force is taken as exact."""
+        return replace(self, segments=tuple(segments), deviations=(), spread=None)
+
+    def residuals(self, simulated_m: FloatArray) -> FloatArray:
+        """Measured minus simulated positions, shape (count,), in standard deviations, each independent of the others.
+
+        Errors of the force move many blocks together: with the covariance I + D D' and D = U S V' its inverse root is
+        I - U (1 - 1/sqrt(1 + S^2)) U', and ``spread`` is the root of what is subtracted.
+        """
+        residual = (self.position_m - simulated_m) * self.weight
+        return residual if self.spread is None else residual - self.spread @ (self.spread.T @ residual)
+
 
 def observe(recordings: Sequence[Recording], nameplate: Nameplate) -> Observed | Outcome:
     """Return what these recordings of one valve hold for a fit, or the outcome that says why one does not."""
     segments: list[Segment] = []
     motions: list[RecordedMotion] = []
+    deviations: list[tuple[Corners, ...]] = []
     noises, delay, rows, forces, doubted = [], None, 0, [], 0.0
     for recording in recordings:
         motion = read_motion(recording, nameplate)
@@ -111,8 +131,12 @@ def observe(recordings: Sequence[Recording], nameplate: Nameplate) -> Observed |
         if own_delay is not None and own_delay.prior_sd > _UNKNOWN_DELAY_PERIODS * period_s:
             delay = own_delay
         timing_s = recording.provenance.timing_uncertainty_s or 0.0
-        segments += _segments(motion, path, noise_m, max(timing_s, _TIMING_SHARE * period_s))
-        doubted = max(doubted, _doubt_in_noises(motion, noise_m))
+        own = _segments(motion, path, noise_m, max(timing_s, _TIMING_SHARE * period_s))
+        deviations = [(*one, *(_corners(segment) for segment in own)) for one in deviations]
+        before = [_corners(segment) for segment in segments]
+        deviations += [(*before, *changed) for changed in _deviations(path, own)]
+        segments += own
+        doubted = max(doubted, _doubt_in_noises(motion, path, noise_m))
         motions.append(motion)
         noises.append(noise_m)
         rows += motion.samples.count
@@ -122,8 +146,35 @@ def observe(recordings: Sequence[Recording], nameplate: Nameplate) -> Observed |
     command_only = any(motion.command_only for motion in motions)
     full_force_n = _full_force(nameplate) or max(forces)
     return Observed(
-        tuple(segments), tuple(motions), nameplate, max(noises), rows, command_only, delay, full_force_n, doubted
+        tuple(segments),
+        tuple(motions),
+        nameplate,
+        max(noises),
+        rows,
+        command_only,
+        delay,
+        full_force_n,
+        doubted,
+        tuple(deviations),
     )
+
+
+def _corners(segment: Segment) -> Corners:
+    return segment.corner_s, segment.corner_n
+
+
+def _deviations(path: InputPath, segments: Sequence[Segment]) -> Iterator[tuple[Corners, ...]]:
+    """Corners of these segments of a recording for each direction in which its measured force is uncertain."""
+    if isinstance(path, MeasuredPath):
+        for corner_s, corner_n in path.variations(np.zeros(len(path.nuisances))):
+            yield tuple(_from(float(segment.time_s[0]), corner_s, corner_n) for segment in segments)
+
+
+def _from(begin_s: float, corner_s: FloatArray, corner_n: FloatArray) -> Corners:
+    """Corners after a time, with one at that time itself."""
+    after = corner_s > begin_s
+    begin_n = np.interp(begin_s, corner_s, corner_n)
+    return np.concatenate([[begin_s], corner_s[after]]), np.concatenate([[begin_n], corner_n[after]])
 
 
 def resting_noise(motion: RecordedMotion) -> float:
@@ -152,13 +203,24 @@ def _timing_errors(motion: RecordedMotion, noise_m: float) -> FloatArray:
     return np.asarray(np.sqrt(np.maximum((total_m / share) ** 2 - noise_m**2, 0.0)))
 
 
-def _doubt_in_noises(motion: RecordedMotion, noise_m: float) -> float:
+def _doubt_in_noises(motion: RecordedMotion, path: InputPath, noise_m: float) -> float:
+    """How far the doubt in their instants moves positions in motion, in noises: its root mean square.
+
+    Where the pressure answers the commands by a lag that outlasts a tread, no single write moves the stem, and a late
+    look spoils its own row alone, which weighs by its doubt: what counts is how much the rows still tell, each
+    1/(1 + doubt^2) of one without.
+    """
     if motion.recording is None:
         return 0.0
     samples = motion.samples
     still = still_rows(samples.position_m, samples.position_noise_m)
+    if still.all():
+        return 0.0
     doubts = position_doubts(motion.recording, samples.time_s, samples.position_m, samples.position_noise_m)
-    return 0.0 if still.all() else float(np.sqrt(np.mean(doubts.total_m[~still] ** 2))) / noise_m
+    squares = (doubts.total_m[~still] / noise_m) ** 2
+    if isinstance(path, CommandedPath) and path.fit.lag_s > float(np.median(np.diff(path.step_s))):
+        return math.sqrt(1.0 / float(np.mean(1.0 / (1.0 + squares))) - 1.0)
+    return math.sqrt(float(np.mean(squares)))
 
 
 def _full_force(nameplate: Nameplate) -> float | None:
@@ -192,15 +254,15 @@ def _segments(motion: RecordedMotion, path: InputPath, noise_m: float, timing_s:
         start_m, error_m, velocity = _start(motion, first, noise_m)
         begin_s = float(time_s[0])
         # the stem begins where the first block lies
-        after = corner_s > begin_s
+        own_s, own_n = _from(begin_s, corner_s, corner_n)
         found.append(
             Segment(
                 time_s=time_s,
                 position_m=position_m,
                 weight=1.0 / np.sqrt(variance),
                 rows=counts.astype(np.float64),
-                corner_s=np.concatenate([[begin_s], corner_s[after]]),
-                corner_n=np.concatenate([[np.interp(begin_s, corner_s, corner_n)], corner_n[after]]),
+                corner_s=own_s,
+                corner_n=own_n,
                 rest_time_s=samples.time_s[rest_row[inside]],
                 rest_m=rest_m[inside],
                 rest_sense=rest_sense[inside],

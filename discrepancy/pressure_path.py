@@ -29,6 +29,7 @@ _LAG_STARTS_S: Final = (0.03, 0.3)
 _DELAY_STARTS_S: Final = (0.02, 0.15, 0.6)
 _LIMIT_STARTS: Final = (0.002, 0.03, 0.1)  # of the range, below the highest pressure that is asked for
 _SIGMAS: Final = 4.0
+_FINE_S: Final = 2.0e-3  # of the grid on which a command is followed
 CAUSES: Final = ("transducer_lag", "transducer_dead_time", "supply_saturation", "actuator_leak")
 
 
@@ -74,10 +75,16 @@ class _Rows:
         assert recording.command_pa is not None
         pressure_pa = recording.command_pa if recording.pressure_pa is None else recording.pressure_pa
         known = np.isfinite(recording.command_pa)
-        step_s = min(max(0.5 * recording.sample_period_s, 2.0e-3), 0.02)
+        written_s = _written(recording)
+        step_s = min(max(0.5 * recording.sample_period_s, _FINE_S), 0.02) if written_s is None else _FINE_S
         first_s, last_s = float(recording.time_s[0]), float(recording.time_s[-1])
         grid_s: FloatArray = np.arange(first_s, last_s + step_s, step_s, dtype=np.float64)
-        asked_pa = np.interp(grid_s, recording.time_s[known], recording.command_pa[known])
+        if written_s is None:
+            asked_pa = np.interp(grid_s, recording.time_s[known], recording.command_pa[known])
+        else:
+            known &= np.isfinite(written_s)
+            last = np.searchsorted(written_s[known], grid_s, side="right") - 1
+            asked_pa = recording.command_pa[known][np.clip(last, 0, None)]
         return cls(grid_s, asked_pa, recording.time_s, pressure_pa)
 
     def answer(self, lag_s: float, dead_time_s: float, limit_pa: float) -> FloatArray:
@@ -90,6 +97,14 @@ class _Rows:
             mean = (1.0 - left) * lag_s / step_s
             target = target[0] + lfilter([1.0 - mean, mean - left], [1.0, -left], target - target[0])
         return np.asarray(np.interp(self.time_s - dead_time_s, self.grid_s, target))
+
+
+def _written(recording: Recording) -> FloatArray | None:
+    """Return when each command reached the device, s, shape (n,), where that was recorded: it is held from then on."""
+    if recording.write_sent_s is None or recording.written_s is None:
+        return None
+    middle_s = 0.5 * (recording.write_sent_s + recording.written_s)
+    return middle_s if np.count_nonzero(np.isfinite(middle_s)) >= _FEWEST_ROWS else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,7 +9,8 @@ import numpy as np
 
 from discrepancy.causes.base import Cause, Setting
 from discrepancy.least_squares import Fit, descend
-from discrepancy.screening import Candidate, refined, refit
+from discrepancy.refining import refined
+from discrepancy.screening import Candidate, refit
 from discrepancy.significance import excess, is_settled
 
 Fits = list[tuple[Cause, Fit]]  # of one round, the lowest first
@@ -18,6 +19,7 @@ Fits = list[tuple[Cause, Fit]]  # of one round, the lowest first
 MOST_WORK: Final = 8.0e7
 CLOSER_WORK: Final = 2.5e7  # of following the lowest further, in each round
 _CAUSE_WORK: Final = 1.5e7  # of one cause, from which on no other start of it is tried
+_HARD_WORK: Final = 3.5e7  # that hard causes have to themselves, where the ordinary ones took all
 _USUAL_S: Final = 60.0
 _LONGEST: Final = 2.0  # times as much work, however long the recordings are
 # Polled rows tell causes apart less finely, and an answer on them is wanted within seconds.
@@ -30,7 +32,7 @@ _LOWER: Final = 0.999  # of the cost, that following further must come to
 _MUCH_LOWER: Final = 0.8  # and from which on it is followed again
 _REFINEMENTS: Final = 4
 _REFINED_EARLY: Final = 2
-_NEARLY_ALL: Final = 0.2  # of the misfit is left
+NEARLY_ALL: Final = 0.2  # of the misfit is left
 _LEAST_PROMISE: Final = 25.0  # of the cost: with less a cause is not worth a fit
 _RIVAL_SHARE: Final = 0.5
 
@@ -39,15 +41,19 @@ def share_of_work(fit: Fit) -> float:
     """Return the work that a choice may take on these recordings, as a share of that on 60 s."""
     observed = fit.model.observed
     span_s = sum(float(np.ptp(motion.samples.time_s)) for motion in observed.motions)
-    is_coarse = observed.motions[0].samples.period_s > _COARSE_PERIOD_S
-    return (_COARSE_SHARE if is_coarse else 1.0) * min(max(span_s / _USUAL_S, 1.0), _LONGEST)
+    return (_COARSE_SHARE if _is_coarse(fit) else 1.0) * min(max(span_s / _USUAL_S, 1.0), _LONGEST)
+
+
+def _is_coarse(fit: Fit) -> bool:
+    return fit.model.observed.motions[0].samples.period_s > _COARSE_PERIOD_S
 
 
 def refits(best: Fit, candidates: list[Candidate], setting: Setting, most: int, last: float) -> Fits:
     """Return the fits of the most promising causes and of the hard ones, the lowest first; slow ones are tried last.
 
     Once one leaves noise alone, only those are tried that promise about as much: its rivals. No fit is begun after
-    ``last`` work.
+    ``last`` work, but for the hard ones, whose promise says nothing: they have some of their own, but not on polled
+    rows, which hardly show them, where an ordinary one takes nearly all.
     """
     ordinary = [one for one in candidates if not one.cause.is_hard and not one.cause.is_shy][:most]
     slow = [one for one in ordinary[1:] if one.cause.is_slow]
@@ -55,18 +61,22 @@ def refits(best: Fit, candidates: list[Candidate], setting: Setting, most: int, 
     ordinary += [one for one in candidates if one.cause.is_shy]
     hard = [one for one in candidates if one.cause.is_hard]
     fits: Fits = []
-    lowest, explained, promise, early = math.inf, False, 0.0, _REFINED_EARLY
+    lowest, explained, promise = math.inf, False, 0.0
+    # of polled rows one refinement would take the work of all that was not tried yet
+    early = 0 if _is_coarse(best) else _REFINED_EARLY
     for one in [*ordinary, *hard, *slow]:
         if explained and (
             one.cause.is_hard or one.cause.is_slow or (one.promise < _RIVAL_SHARE * promise and not one.cause.is_shy)
         ):
             continue
-        if best.model.tally.work > last:
-            break
+        is_found = _is_coarse(best) and any(excess(fit) < NEARLY_ALL * excess(best) for _, fit in fits)
+        own = share_of_work(best) * _HARD_WORK if one.cause.is_hard and not is_found else 0.0
+        if best.model.tally.work > last + own:
+            continue
         fit = refit(best, one, setting, lowest, share_of_work(best) * _CAUSE_WORK)
         if not fit.is_followed:
             continue
-        if early > 0 and not is_settled(best, fit) and excess(fit) < _NEARLY_ALL * excess(best):
+        if early > 0 and not is_settled(best, fit) and excess(fit) < NEARLY_ALL * excess(best):
             # it is likely the one: if it leaves noise alone, the others need no fit
             fit, early = refined(fit), early - 1
         fits.append((one.cause, fit))

@@ -9,11 +9,13 @@ from typing import Final
 
 import numpy as np
 
-from discrepancy.baseline import DYNAMIC, STATIC_SCAN, refined, scanned
+from discrepancy.baseline import DYNAMIC, FIRST_RISES, STATIC_SCAN, scanned
 from discrepancy.causes.base import Cause, Setting, Values
+from discrepancy.causes.friction import STRIBECK
+from discrepancy.falling_friction import along_valley
 from discrepancy.least_squares import Fit, blur, descend, on, start_fit
 from discrepancy.model import Model
-from discrepancy.significance import misfit
+from discrepancy.significance import excess, is_noise, misfit
 from discrepancy.sliding import sliding_rows, sliding_starts
 from estimators.samples import FloatArray
 
@@ -27,7 +29,7 @@ _SCALES: Final = (0.5, 0.2)
 _GRID_STEPS: Final = 2
 _GRID_ENDS: Final = 4
 _GRID_FOLLOWED: Final = 27
-_FIRST_RISES: Final = (-0.1, -0.03, 0.03, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3)  # of the friction
+_LIKELY: Final = 0.2  # of the misfit is left, from which on a falling friction's valley is walked
 _FOUND: Final = 1.3  # misfit, below which no other start is tried
 
 
@@ -165,16 +167,21 @@ def refit(fit: Fit, candidate: Candidate, setting: Setting, bar: float = math.in
     if best is None:
         return Fit(whole, fit.point, fit.residual, None, math.inf)
     best = on(whole, best)
-    return best if best.cost > _HOPELESS * bar else descend(best, most_steps=_STEPS[-1])
+    if best.cost > _HOPELESS * bar:
+        return best
+    best = descend(best, most_steps=_STEPS[-1])
+    if cause is STRIBECK and excess(best) < _LIKELY * excess(fit) and not is_noise(best):
+        best = descend(along_valley(best), most_steps=_STEPS[-1])
+    return best
 
 
 def _from_balance(start: Fit) -> Fit | None:
     """Return the fit from a start by the balance of forces, which only breakaways and slips are still wrong of."""
     if not start.is_followed:
         return None
-    tried = scanned(scanned(start, "d", STATIC_SCAN), "first_rise", _FIRST_RISES)
+    tried = scanned(scanned(start, "d", STATIC_SCAN), "first_rise", FIRST_RISES)
     tried = descend(tried, most_steps=_STEPS[1], span_s=BLURS_S[1], held=DYNAMIC)
-    tried = scanned(scanned(tried, "d", STATIC_SCAN), "first_rise", _FIRST_RISES)
+    tried = scanned(scanned(tried, "d", STATIC_SCAN), "first_rise", FIRST_RISES)
     return descend(tried, most_steps=_STEPS[-1])
 
 
@@ -198,4 +205,4 @@ def distinct(starts: Iterable[Values]) -> list[Values]:
     return kept
 
 
-__all__ = ["BLURS_S", "Candidate", "distinct", "extended_model", "refined", "refit", "screen"]
+__all__ = ["BLURS_S", "Candidate", "distinct", "extended_model", "refit", "screen"]

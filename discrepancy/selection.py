@@ -8,8 +8,19 @@ from typing import Final
 
 from discrepancy.causes.base import Cause, Setting, is_at_bound, is_trifle
 from discrepancy.least_squares import Fit, descend, start_fit
-from discrepancy.rounds import CLOSER_WORK, MOST_WORK, Fits, closer, is_promising, polished, refits, share_of_work
-from discrepancy.screening import extended_model, glance, refined, screen
+from discrepancy.refining import refined
+from discrepancy.rounds import (
+    CLOSER_WORK,
+    MOST_WORK,
+    NEARLY_ALL,
+    Fits,
+    closer,
+    is_promising,
+    polished,
+    refits,
+    share_of_work,
+)
+from discrepancy.screening import extended_model, glance, refit, screen
 from discrepancy.setting import setting_of
 from discrepancy.significance import (
     DONE_MISFIT,
@@ -30,12 +41,17 @@ _REFITTED: Final = (9, 6, 5)  # in the first, second and third round
 _SECOND_SHARE: Final = 0.3
 _PRUNING_STEPS: Final = 15
 _LOOK_CLOSER: Final = 2.0  # times the misfit of all causes: one may be needless
+# Causes that shape the same curve, friction or spring force over travel: none is named before the others were tried.
+_KIN: Final = (
+    frozenset({"friction_gradient", "pressure_dependent_friction"}),
+    frozenset({"spring_hardening", "dual_rate_spring", "diaphragm_area_change", "position_nonlinearity"}),
+)
 _WORTH: Final = 12.0  # gain of a short fit, from which on a long one is made
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Choice:
-    """What was chosen: the fits from the baseline on, the last with all ``causes``, and each one's near rivals."""
+    """What was chosen: the fits from the baseline on, the last with all ``causes``, and the first one's near rivals."""
 
     baseline: Fit
     best: Fit
@@ -61,18 +77,69 @@ def choose(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str], 
         other = search.followed(begun, is_closer=True)
         way = other if other.is_done or other.best.cost < way.best.cost else way
     best, chosen = _pruned(baseline, way.best, list(way.chosen))
+    if len(chosen) == len(way.chosen) == 1:
+        best, chosen, way = _beside_kin(baseline, best, chosen[0], way, search)
     tried = tuple((cause.name, gain(baseline, fit)) for cause, fit in search.tried)
     if not chosen:
         # what looked like a cause only showed the baseline a better place
         return Choice(best, best, (), (), (), tried)
+    rivals = _near(best, chosen, way) if len(way.chosen) == len(chosen) else _near(best, chosen, way, baseline)
     return Choice(
         baseline,
         best,
-        tuple(chosen),
-        tuple(cause.name for cause, _ in way.rivals),
-        tuple(fit for _, fit in way.rivals),
+        # the one that has rivals is told first
+        (chosen[-1], *chosen[:-1]) if rivals else tuple(chosen),
+        tuple(cause.name for cause, _ in rivals),
+        tuple(fit for _, fit in rivals),
         tried,
     )
+
+
+def _beside_kin(baseline: Fit, best: Fit, cause: Cause, way: _Way, search: _Search) -> tuple[Fit, list[Cause], _Way]:
+    """Return the lowest of a single cause and its kin, the others its rivals: kin are fitted from where it led.
+
+    Far from the valve's own values the balance of forces promises little of a cause, and it may not have been tried.
+    """
+    fitted = {other.name for other, _ in search.tried}
+    kin = [other for group in _KIN if cause.name in group for other in search.known if other.name in group - fitted]
+    if not kin:
+        return best, [cause], way
+    start = start_fit(baseline.model, baseline.model.unknowns.point(best.values))
+    setting = setting_of(start)
+    fits: Fits = [(cause, best)]
+    for candidate in screen(start, kin, setting):
+        fit = refit(start, candidate, setting)
+        if fit.is_followed and _is_possible(candidate.cause, fit, setting) and is_significant(baseline, fit):
+            fits.append((candidate.cause, fit))
+    fits.sort(key=lambda pair: pair[1].cost)
+    lowest, fit = fits[0]
+    rivals = (*fits[1:], *(pair for pair in way.rivals if pair[0] is not lowest))
+    return fit, [lowest], replace(way, best=fit, chosen=(lowest,), rivals=rivals)
+
+
+def _near(best: Fit, chosen: list[Cause], way: _Way, pruned_from: Fit | None = None) -> Fits:
+    """Return what explains as well as the last chosen cause, the others being in the valve too.
+
+    Where causes were dropped since, from ``pruned_from`` on, each rival has to do without them as well.
+    """
+    if chosen[-1] not in way.chosen[-1:]:
+        return []
+    found: Fits = []
+    for cause, whole in way.rivals:
+        causes = [*chosen[:-1], cause]
+        fit = whole if pruned_from is None else _with_causes(pruned_from, whole, causes)
+        if fit.is_followed and fit.cost - best.cost < NEAR * noise_factor(best):
+            found.append((cause, fit))
+    return found
+
+
+def _with_causes(baseline: Fit, fit: Fit, causes: list[Cause]) -> Fit:
+    """Return the fit with these causes and no others, descended from where ``fit`` has them."""
+    model, setting = baseline.model, setting_of(fit)
+    for cause in causes:
+        model = extended_model(model, cause, setting)
+    model = replace(model, held={**model.held, **_held(fit, causes)})
+    return descend(start_fit(model, model.unknowns.point(fit.values)), most_steps=_PRUNING_STEPS)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +156,7 @@ class _Search:
     """The forward choices from one baseline: what each round tried is kept for the next that comes by."""
 
     def __init__(self, known: list[Cause], last: float, tell: Callable[[float, str], None]) -> None:
-        self._known, self._last, self._tell = known, last, tell
+        self.known, self._last, self._tell = known, last, tell
         self._rounds: list[tuple[Fit, Fits]] = []
 
     @property
@@ -102,7 +169,7 @@ class _Search:
         tally = way.best.model.tally
         while len(way.chosen) < MOST_CAUSES and not way.is_done:
             number = len(way.chosen)
-            if tally.work > self._last:
+            if tally.work > self._last and not (is_closer and number == 0 and self._has_nearly_all(way.best)):
                 break
             self._tell(number / MOST_CAUSES, "trying further causes" if number else "trying one cause after the other")
             fits = self._round(way)
@@ -114,13 +181,17 @@ class _Search:
             way = further
         return way
 
+    def _has_nearly_all(self, best: Fit) -> bool:
+        """Whether the first round has a cause that leaves next to nothing: it is followed whatever was spent."""
+        return bool(self.tried) and excess(self.tried[0][1]) < NEARLY_ALL * excess(best)
+
     def _round(self, way: _Way) -> Fits:
         for at, kept in self._rounds:
             if at is way.best:
                 return kept
         best, number = way.best, len(way.chosen)
         setting = setting_of(best)
-        left = [cause for cause in self._known if cause not in way.chosen and (number == 0 or not cause.is_hard)]
+        left = [cause for cause in self.known if cause not in way.chosen and (number == 0 or not cause.is_hard)]
         candidates = [one for one in screen(best, left, setting) if is_promising(one, best)]
         if is_noise(best):
             candidates = [one for one in candidates if gain(best, glance(best, one, setting)) > _WORTH]
@@ -136,13 +207,10 @@ def _taken(way: _Way, fits: Fits) -> _Way | None:
     if not found or not is_significant(best, found[0][1]):
         return None
     cause, fit = found[0]
-    rivals: Fits = []
-    if way.chosen:
-        if 1.0 - excess(fit) / max(excess(best), 1.0e-9) < _SECOND_SHARE and misfit(best) > DONE_MISFIT:
-            return None
-    else:
-        near = NEAR * noise_factor(fit)
-        rivals = [pair for pair in found[1:] if pair[1].cost - fit.cost < near and is_significant(best, pair[1])]
+    if way.chosen and 1.0 - excess(fit) / max(excess(best), 1.0e-9) < _SECOND_SHARE and misfit(best) > DONE_MISFIT:
+        return None
+    near = NEAR * noise_factor(fit)
+    rivals = [pair for pair in found[1:] if pair[1].cost - fit.cost < near and is_significant(best, pair[1])]
     return _Way(fit, (*way.chosen, cause), tuple(rivals), is_settled(best, fit))
 
 
@@ -155,11 +223,7 @@ def _pruned(baseline: Fit, best: Fit, chosen: list[Cause]) -> tuple[Fit, list[Ca
     """Drop the causes without which the rest does as well, once it has found its place."""
     for cause in list(chosen):
         others = [other for other in chosen if other is not cause]
-        model, setting = baseline.model, setting_of(best)
-        for other in others:
-            model = extended_model(model, other, setting)
-        fit = start_fit(replace(model, held={**model.held, **_held(best, others)}), model.unknowns.point(best.values))
-        fit = descend(fit, most_steps=_PRUNING_STEPS)
+        fit = _with_causes(baseline, best, others)
         if fit.is_followed and not is_significant(fit, best) and misfit(fit) < _LOOK_CLOSER * misfit(best):
             best, chosen = fit, others
         elif fit.is_followed and misfit(fit) < _LOOK_CLOSER * misfit(best):

@@ -75,18 +75,16 @@ def separating_test(
 
     None where none of ``planned`` tells them apart, or nothing is to be told apart.
     """
-    area_m2 = best[1].model.observed.nameplate.actuator.diaphragm_area_m2
-    if area_m2 is None or not rivals:
+    if best[1].model.observed.nameplate.actuator.diaphragm_area_m2 is None or not rivals:
         return None
     glanced: list[tuple[float, float, int, Planned]] = []
     for one in planned:
-        least = min(_discrimination(best[1], fit, one.waveform, area_m2, _GLANCE_STEPS) for _, fit in rivals)
+        least = min(_discrimination(best[1], fit, one.waveform, _GLANCE_STEPS) for _, fit in rivals)
         if least > ENOUGH:
             glanced.append((min(least, _PLENTY), -one.waveform.duration_s, len(glanced), one))
     found: list[tuple[float, float, int, Planned, float]] = []
     for rank, (_, _, _, one) in enumerate(sorted(glanced, reverse=True)[:_LOOKED_AT]):
-        pairs = [(best[1], fit) for _, fit in rivals] + [(fit, best[1]) for _, fit in rivals]
-        least = min(_discrimination(true, rival, one.waveform, area_m2, _STEPS) for true, rival in pairs)
+        least = expected_discrimination(best[1], [fit for _, fit in rivals], one.waveform)
         found.append((min(least, _PLENTY), -one.waveform.duration_s, -rank, one, least))
         if least > _PLENTY:
             break
@@ -99,18 +97,29 @@ def separating_test(
     return SeparatingTest(chosen.name, dict(chosen.overrides), chosen.waveform.duration_s, names, least)
 
 
-def _discrimination(true: Fit, rival: Fit, waveform: Waveform, area_m2: float, steps: int) -> float:
+def expected_discrimination(best: Fit, rivals: Sequence[Fit], waveform: Waveform) -> float:
+    """Least cost by which a test tells the best explanation from its rivals, and them from it, in units of noise's.
+
+    Each in turn is simulated on the waveform, and the other fitted to that motion and to what was recorded.
+    """
+    pairs = [(best, rival) for rival in rivals] + [(rival, best) for rival in rivals]
+    return min(_discrimination(true, rival, waveform, _STEPS) for true, rival in pairs)
+
+
+def _discrimination(true: Fit, rival: Fit, waveform: Waveform, steps: int) -> float:
     """Cost that the rival keeps above the true one on what was recorded and on the new test; 0 where it cannot move."""
     observed = true.model.observed
-    segment = _planned_segment(true, waveform, area_m2)
+    area_m2 = observed.nameplate.actuator.diaphragm_area_m2
+    segment = None if area_m2 is None else _planned_segment(true, waveform, area_m2)
     if segment is None:
         return 0.0
-    both = replace(observed, segments=(*observed.segments, segment))
+    both = observed.of((*observed.segments, segment))
     fit = start_fit(replace(rival.model, observed=both, thin=None), rival.point)
     if not fit.is_followed:
         return 0.0
     fit = descend(fit, most_steps=steps)
-    return max(fit.cost - true.cost, 0.0) / noise_factor(true)
+    own = start_fit(replace(true.model, observed=observed.of(observed.segments), thin=None), true.point)
+    return max(fit.cost - own.cost, 0.0) / noise_factor(true)
 
 
 def _planned_segment(true: Fit, waveform: Waveform, area_m2: float) -> Segment | None:
@@ -151,4 +160,4 @@ def _planned_segment(true: Fit, waveform: Waveform, area_m2: float) -> Segment |
 
 
 def _alone(observed: Observed, segment: Segment) -> Observed:
-    return replace(observed, segments=(segment,))
+    return observed.of([segment])

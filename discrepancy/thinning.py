@@ -16,7 +16,7 @@ _MERGED: Final = 4  # blocks of more than one row each
 
 def thinned(observed: Observed) -> Observed:
     """Return the recordings with up to four blocks in one; rows that stand alone, where it is fast, stay alone."""
-    return replace(observed, segments=tuple(_thinned(segment) for segment in observed.segments))
+    return replace(observed, segments=tuple(_thinned(segment) for segment in observed.segments), spread=None)
 
 
 def _thinned(segment: Segment) -> Segment:

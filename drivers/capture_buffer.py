@@ -11,8 +11,9 @@ import numpy.typing as npt
 
 from drivers.capabilities import Capture
 from drivers.course import Course
+from drivers.crc import words_crc16
 from drivers.faults import CorruptBlockError, IllegalFunctionError
-from drivers.registers import Kind, Register, Table, words_crc16
+from drivers.registers import Kind, Register, Table
 from drivers.transport import Exchange
 from drivers.wiring import Unit
 from valve.errors import DeviceError, WaveformError, WireError

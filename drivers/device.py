@@ -10,9 +10,11 @@ from collections.abc import Mapping
 from typing import Final
 
 from drivers.addresses import ValveWiring
-from drivers.capabilities import Fence, Watchdog
+from drivers.capabilities import Fence
 from drivers.capture_buffer import CaptureBuffer
+from drivers.device_watchdog import DeviceWatchdog
 from drivers.eye import Eye
+from drivers.identity import require_identity
 from drivers.outcome import Sample
 from drivers.registers import Block
 from drivers.transport import Exchange
@@ -42,13 +44,12 @@ class ValveDevice:
         places = {"manual": wired.manual, "interlock": wired.interlock, "supply": wired.supply}
         #: Which of manual, interlock and supply are read at a place of their own, which a sample does not show.
         self.conditions_elsewhere = frozenset(name for name, place in places.items() if place is not None)
-        self._heartbeat = 0
-        self._fed_s = -math.inf
         self.tolerance_pa = max(
             _TOLERANCE_SHARE * (wiring.limits.pressure_pa[1] - wiring.limits.pressure_pa[0]),
             2.0 * wired.command.register.resolution,
             2.0 * wired.readback.register.resolution,
         )
+        self._watchdog = DeviceWatchdog(wiring.tag, self.unit, wiring.watchdog.timeout_s, self.tolerance_pa)
         capture = self.unit.map.capture
         self.buffer = None if capture is None else CaptureBuffer(wiring.tag, self.unit, capture)
 
@@ -75,7 +76,7 @@ class ValveDevice:
     @property
     def has_watchdog(self) -> bool:
         """Whether the device has a watchdog and the wiring says how long it waits."""
-        return self.unit.map.watchdog is not None and self.wiring.watchdog.timeout_s is not None
+        return self._watchdog.is_used
 
     # ---- who and whose
 
@@ -89,24 +90,8 @@ class ValveDevice:
                 f"{self.tag}: map {self.unit.map.name} has no watchdog: say watchdog.waived = the reason to go without"
             )
         for unit in self._wired.units:
-            await self._identify(unit)
+            await require_identity(self.tag, unit)
         return ", ".join(f"{unit.map.name} ({unit.subject})" for unit in self._wired.units)
-
-    async def _identify(self, unit: Unit) -> None:
-        for check in (unit.map.canary, unit.map.version):
-            if check is None:
-                continue
-            block = unit.map.block(check.register)
-            words = (await unit.bus.read(unit.device_id, block)).words
-            value = block.decode(words)[check.register]
-            if not check.accepts(value):
-                rule = "excludes" if check.differs else "expects"
-                raise DeviceError(
-                    f"{self.tag}: {unit.subject} shows {value:.12g} in {check.register}, map {unit.map.name} "
-                    f"{rule} {check.expected:.12g}: another device answers, correct device_id or map"
-                )
-            if check is unit.map.canary and not check.differs:
-                unit.bus.set_canary(unit.device_id, block, words)
 
     async def take_ownership(self, run_number: int) -> None:
         """Fence the device: no other run's blocks count. Nothing is written where the map has no fence.
@@ -153,49 +138,15 @@ class ValveDevice:
 
     async def arm_watchdog(self) -> None:
         """Set the safe value and the timeout, and read both back. Raises DeviceError where they do not stick."""
-        watchdog, timeout_s = self.unit.map.watchdog, self.wiring.watchdog.timeout_s
-        if watchdog is None or timeout_s is None:
-            return
-        self._heartbeat = round(await self.unit.value(watchdog.heartbeat))
-        await self._write_watchdog(watchdog, timeout_s)
-        shown = await self.unit.values(watchdog.timeout, watchdog.state, watchdog.safe_value)
-        if (
-            shown[watchdog.state] != watchdog.armed
-            or abs(shown[watchdog.timeout] - timeout_s) > self.unit.map.register(watchdog.timeout).resolution
-            or not abs(shown[watchdog.safe_value] - self.safe_value_pa) <= self.tolerance_pa
-        ):
-            raise DeviceError(
-                f"{self.tag}: {timeout_s:g} s and {self.safe_value_pa:g} Pa were written to the watchdog of "
-                f"{self.unit.subject} and it is not armed with them: check the device"
-            )
+        await self._watchdog.arm(self.run_number, self.safe_value_pa)
 
     async def disarm_watchdog(self) -> None:
         """Switch the watchdog off. Raises DeviceError where it stays on."""
-        watchdog = self.unit.map.watchdog
-        if watchdog is None or not self.has_watchdog:
-            return
-        await self._write_watchdog(watchdog, 0.0)
-        if await self.unit.value(watchdog.state) == watchdog.armed:
-            raise DeviceError(f"{self.tag}: the watchdog of {self.unit.subject} stays armed after it was switched off")
+        await self._watchdog.disarm(self.run_number, self.safe_value_pa)
 
     async def feed_watchdog(self) -> None:
         """Change the heartbeat where nothing has fed the watchdog for a quarter of its timeout."""
-        watchdog, timeout_s = self.unit.map.watchdog, self.wiring.watchdog.timeout_s
-        if watchdog is None or timeout_s is None or time.monotonic() - self._fed_s < 0.25 * timeout_s:
-            return
-        await self._write_watchdog(watchdog, timeout_s)
-
-    async def _write_watchdog(self, watchdog: Watchdog, timeout_s: float) -> None:
-        self._heartbeat = (self._heartbeat + 1) & 0xFFFF
-        exchange = await self.unit.write(
-            {
-                watchdog.run: self.run_number,
-                watchdog.timeout: timeout_s,
-                watchdog.heartbeat: self._heartbeat,
-                watchdog.safe_value: self.safe_value_pa,
-            }
-        )
-        self._fed_s = exchange.sent_s
+        await self._watchdog.feed(self.run_number, self.safe_value_pa)
 
     # ---- look and move
 
@@ -257,7 +208,7 @@ class ValveDevice:
             return None
         self.in_force_pa, self._asked_pa = math.nan, value_pa
         exchange = await self._write_command(words, priority)
-        self.in_force_pa, self._fed_s = value_pa, exchange.sent_s
+        self.in_force_pa, self._watchdog.fed_s = value_pa, exchange.sent_s
         return exchange
 
     def adopt(self, sample: Sample) -> None:

@@ -8,9 +8,10 @@ from collections.abc import Coroutine, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from drivers.crc import words_crc16
 from drivers.faults import CorruptBlockError, StaleSampleError
 from drivers.outcome import Sample
-from drivers.registers import Block, words_crc16
+from drivers.registers import Block
 from drivers.serial_gauge import SerialGauge
 from drivers.transport import Exchange
 from drivers.wiring import Signal, Unit, Wired, read_blocks

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
+from drivers.crc import crc16
 from drivers.faults import BadAnswerError, refusal
-from drivers.registers import MAX_READ_WORDS, MAX_WRITE_WORDS, Table, bytes_to_words, crc16
+from drivers.registers import MAX_READ_WORDS, MAX_WRITE_WORDS, Table, bytes_to_words
 from valve.errors import ConfigurationError
 
 READ_HOLDING: Final = 3

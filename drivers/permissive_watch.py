@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from typing import Final
 
@@ -81,7 +80,7 @@ class PermissiveWatch:
 
     def _bad_supply(self, supply_pa: float) -> bool:
         limits = self._device.wiring.permissives.supply_pa
-        return limits is not None and (math.isnan(supply_pa) or not limits[0] <= supply_pa <= limits[1])
+        return limits is not None and not limits[0] <= supply_pa <= limits[1]  # an unknown supply is a bad one too
 
     def _error(self, lost: str) -> DeviceError:
         return DeviceError(f"{self._device.tag}: permissive lost: {_REASONS[lost]}")

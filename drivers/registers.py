@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Final
 
-from drivers.capabilities import Capture, Fence, LiveBlock, Role, Watchdog
 from valve.errors import ConfigurationError, DeviceError, ParameterError
 
 MAX_READ_WORDS: Final = 125  # Modbus Application Protocol 1.1b3, 6.3
@@ -210,118 +209,3 @@ class Block:
         if any(word is None for word in words):
             raise ConfigurationError(f"block at {self.address}: a register between them is missing, write it too")
         return [word for word in words if word is not None]
-
-
-@dataclass(frozen=True, slots=True)
-class GoldenFrame:
-    """A request and its answer on a serial line, CRC included, as the manual prints them, with what they mean."""
-
-    request: bytes
-    answer: bytes
-    values: dict[str, float]
-    source: str
-
-
-@dataclass(frozen=True, slots=True)
-class Canary:
-    """A register whose value proves which device answers, or (``differs``) which one does not."""
-
-    register: str
-    expected: float
-    differs: bool = False
-
-    def accepts(self, value: float) -> bool:
-        """Whether this value is one that the device would show."""
-        return (value != self.expected) if self.differs else (value == self.expected)
-
-
-@dataclass(frozen=True, slots=True)
-class RegisterMap:
-    """What one kind of device keeps where. ``source`` cites the manual page.
-
-    ``roles`` names the register that serves a role where the wiring names none; ``readbacks`` tells for a command
-    register where the device shows what it really asks for. Raises ConfigurationError where registers overlap, share
-    a name, or a name stands for none.
-    """
-
-    name: str
-    source: str
-    registers: tuple[Register, ...]
-    canary: Canary | None = None
-    golden: tuple[GoldenFrame, ...] = ()
-    version: Canary | None = None
-    roles: Mapping[Role, str] = field(default_factory=dict)
-    readbacks: Mapping[str, str] = field(default_factory=dict)
-    fence: Fence | None = None
-    watchdog: Watchdog | None = None
-    live: LiveBlock | None = None
-    capture: Capture | None = None
-    has_read_write: bool = False  # function 23
-    is_positioner: bool = False  # its command is a position of the stem
-    number: str | None = None  # where it shows the number that its installer gave it
-
-    def __post_init__(self) -> None:
-        taken: dict[tuple[Table, int], str] = {}
-        names: set[str] = set()
-        for register in self.registers:
-            if register.name in names:
-                raise ConfigurationError(f"register map {self.name}: {register.name} stands in it twice, rename one")
-            names.add(register.name)
-            for address in range(register.address, register.address + register.words):
-                other = taken.setdefault((register.table, address), register.name)
-                if other != register.name:
-                    raise ConfigurationError(
-                        f"register map {self.name}: {other} and {register.name} overlap at {register.table} "
-                        f"address {address}, move one"
-                    )
-        mentioned = [check.register for check in (self.canary, self.version) if check is not None]
-        mentioned += [] if self.number is None else [self.number]
-        for name in (*mentioned, *self.roles.values(), *self.readbacks, *self.readbacks.values()):
-            self.register(name)
-
-    def register(self, name: str) -> Register:
-        """Return the register of this name. Raises ConfigurationError where there is none."""
-        for register in self.registers:
-            if register.name == name:
-                return register
-        known = ", ".join(register.name for register in self.registers)
-        raise ConfigurationError(f"register map {self.name}: no register {name!r}; there are {known}")
-
-    def block(self, *names: str) -> Block:
-        """Return the one transaction that covers these registers.
-
-        Raises ConfigurationError where they stand in different tables or too far apart.
-        """
-        chosen = tuple(self.register(name) for name in names)
-        tables = {register.table for register in chosen}
-        if len(tables) != 1:
-            raise ConfigurationError(f"register map {self.name}: {', '.join(names)} stand in different tables")
-        start = min(register.address for register in chosen)
-        words = max(register.address + register.words for register in chosen) - start
-        if words > MAX_READ_WORDS:
-            raise ConfigurationError(
-                f"register map {self.name}: {', '.join(names)} span {words} words, one read carries {MAX_READ_WORDS}"
-            )
-        return Block(chosen, start, words, tables.pop())
-
-
-def _crc_of_byte(byte: int) -> int:
-    for _ in range(8):
-        byte = (byte >> 1) ^ 0xA001 if byte & 1 else byte >> 1
-    return byte
-
-
-_CRC_OF_BYTE: Final = tuple(_crc_of_byte(byte) for byte in range(256))
-
-
-def crc16(data: bytes) -> int:
-    """CRC-16/MODBUS of ``data`` (Modbus over Serial Line 1.02, 6.2.2): polynomial 0xA001, start 0xFFFF."""
-    crc = 0xFFFF
-    for byte in data:
-        crc = (crc >> 8) ^ _CRC_OF_BYTE[(crc ^ byte) & 0xFF]
-    return crc
-
-
-def words_crc16(words: Sequence[int]) -> int:
-    """CRC-16/MODBUS of words in wire order (high byte first)."""
-    return crc16(words_to_bytes(words))

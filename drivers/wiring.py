@@ -10,7 +10,8 @@ from drivers.capabilities import Role
 from drivers.maps import register_map
 from drivers.permissive_rules import Contact, PermissiveRules
 from drivers.points import Point
-from drivers.registers import MAX_READ_WORDS, Block, Register, RegisterMap, Table
+from drivers.register_map import RegisterMap
+from drivers.registers import MAX_READ_WORDS, Block, Register, Table
 from drivers.serial_gauge import SerialGauge
 from drivers.transport import Exchange, Transport
 from valve.errors import ConfigurationError

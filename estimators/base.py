@@ -15,6 +15,9 @@ from valve.recording import Recording
 NORMAL_95: Final = 1.959964  # two-sided 95 % of the normal distribution
 # A 95 % interval wider than +-30 % of the value is no knowledge of it (the contract's limit of identifiability).
 LARGEST_RELATIVE_HALF_WIDTH: Final = 0.30
+# Own choices: the fewest complete rows that can hold a cycle, and that a noise can be told by.
+FEWEST_SAMPLES: Final = 40
+FEWEST_TOGETHER: Final = 8
 
 
 class Status(StrEnum):
@@ -42,7 +45,10 @@ class Outcome(StrEnum):
         "repeat with a full cycle, up and down."
     )
     STOP_INSIDE_SWEEP = "The stem ran into a travel stop inside the sweep; what was measured on the stop is left out."
-    TOO_FEW_SAMPLES = "The recording has too few complete samples: repeat with a longer test or a higher rate."
+    TOO_FEW_SAMPLES = (
+        f"The recording has too few complete samples, at least {FEWEST_SAMPLES} are needed and {FEWEST_TOGETHER} of "
+        "them without a gap between: repeat with a longer test or a higher rate."
+    )
     RATE_TOO_LOW = "The sampling rate is too low to follow the stem: sample faster, or capture in the device."
     TRANSIENTS_NOT_RESOLVED = (
         "The sampling rate is too low to follow the stem from breakaway to steady motion: "

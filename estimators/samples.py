@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from estimators.base import Outcome
+from estimators.base import FEWEST_SAMPLES, FEWEST_TOGETHER, Outcome
 from valve.errors import RecordingError
 from valve.nameplate import Nameplate
 from valve.recording import Recording
@@ -17,9 +17,8 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
-# Own choices: a longest step within a run (one missed slot is a gap), and the fewest rows that can hold a cycle.
+# Own choice: a longest step within a run (one missed slot is a gap).
 _LONGEST_STEP_PERIODS: Final = 1.75
-_FEWEST_SAMPLES: Final = 40
 _LARGEST_POSITION_M: Final = 1.0e3
 _LARGEST_FORCE_N: Final = 1.0e9
 _ENOUGH_DIFFERENCES: Final = 20_000  # for a median to within 1 %
@@ -61,7 +60,7 @@ def prepare(recording: Recording, nameplate: Nameplate) -> Samples | Outcome:
         return Outcome.NO_DIAPHRAGM_AREA
     present = np.isfinite(recording.position_m) & np.isfinite(force_n)
     rows = np.flatnonzero(present)
-    if rows.size < _FEWEST_SAMPLES:
+    if rows.size < FEWEST_SAMPLES:
         return Outcome.TOO_FEW_SAMPLES
     time_s, position_m, force_n = recording.time_s[rows], recording.position_m[rows], force_n[rows]
     if max(abs(float(position_m.max())), abs(float(position_m.min()))) > _LARGEST_POSITION_M:
@@ -73,7 +72,7 @@ def prepare(recording: Recording, nameplate: Nameplate) -> Samples | Outcome:
     broken = (np.diff(rows) > 1) | (step_s > _LONGEST_STEP_PERIODS * period_s)
     firsts = np.concatenate([[0], np.flatnonzero(broken) + 1])
     lengths = np.diff(np.concatenate([firsts, [rows.size]]))
-    if period_s <= 0.0 or int(lengths.max()) < 8:
+    if period_s <= 0.0 or int(lengths.max()) < FEWEST_TOGETHER:
         return Outcome.TOO_FEW_SAMPLES
     run_first = np.repeat(firsts, lengths)
     run_last = run_first + np.repeat(lengths, lengths) - 1

@@ -9,11 +9,13 @@ import numpy as np
 
 from estimators.base import Estimate, Outcome
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
+from estimators.motion.stroke import stroke_m
 from estimators.registry import estimate_all
 from estimators.samples import position_noise
 from estimators.signature.measure import measure_signature
 from estimators.steps.response import step_figures
 from service.diagnosis import NOT_YET, assess, not_assessed
+from service.scale_note import scale_note
 from valve.errors import MotionError, ParameterError, RecordingError
 from valve.motion import simulate_recording
 from valve.nameplate import Nameplate
@@ -79,6 +81,8 @@ def analyze_recordings(
         room=room,
         progress=lambda share, phase: tell(_ESTIMATED + (_DIAGNOSED - _ESTIMATED) * share, phase),
     )
+    note = scale_note(analysis, nameplate)
+    analysis["notes"] = [note] if note else []
     tell(1.0, "done")
     return analysis
 
@@ -121,6 +125,7 @@ def recording_summary(recording: Recording) -> dict[str, Any]:
         "gaps": recording.gaps,
         "position_noise_m": position_noise_m(recording),
         "position_range_m": _position_range(recording),
+        "stroke_m": stroke_m(recording),
         "acquisition": str(recording.provenance.acquisition),
         "channels": [name for name in CHANNELS if getattr(recording, name) is not None],
         "sampling": None,

@@ -5,34 +5,44 @@ from __future__ import annotations
 import asyncio
 import os
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
 from service.analysis_pool import WORKER, AnalysisPool
+from valve.errors import InternalError
 from valve.nameplate import Nameplate
 
 _MOST_WORKERS: Final = 4  # each holds about 300 MB
 
 
 class AnalysisCrew:
-    """As many workers as there are cores, at most four; the first starts at once, the others when they are needed.
+    """As many workers as there are cores, at most four; they start one after the other as soon as the crew starts.
 
-    They run at a lower priority than the service, so a core that polls is not held up by them.
+    What a worker loads, while valves move, makes their samples late, and the others find compiled what the first one
+    compiled. They run at a lower priority than the service, so a core that polls is not held up by them.
     """
 
     def __init__(self, workers: int | None = None, *, command: Sequence[str] = WORKER) -> None:
         count = workers if workers is not None else min(os.cpu_count() or 1, _MOST_WORKERS)
         self._members = [AnalysisPool(command=command) for _ in range(count)]
         self._jobs = [0] * count
+        self._warming: asyncio.Task[None] | None = None
 
     @property
     def worker_pids(self) -> list[int | None]:
-        """Process id of each worker, None where it has not been needed yet."""
+        """Process id of each worker, None where it has not started yet."""
         return [member.worker_pid for member in self._members]
 
     async def start(self) -> None:
-        """Start the first worker; it warms up while the caller goes on."""
+        """Start the first worker; it warms up while the caller goes on, then the others."""
         await self._members[0].start()
+        self._warming = asyncio.create_task(self._warm())
+
+    async def _warm(self) -> None:
+        for member in self._members:
+            with suppress(InternalError):  # the log has its last words; a job starts it anew and says why it cannot
+                await member.warm()
 
     async def analyze(
         self,
@@ -63,4 +73,7 @@ class AnalysisCrew:
 
     async def close(self) -> None:
         """End every worker, also in the middle of a job."""
+        if self._warming is not None:
+            self._warming.cancel()
+            await asyncio.gather(self._warming, return_exceptions=True)
         await asyncio.gather(*(member.close() for member in self._members))

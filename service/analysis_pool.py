@@ -16,6 +16,7 @@ from typing import Any, Final
 
 import structlog
 
+from service.allowance import Allowance
 from valve import errors
 from valve.errors import InternalError, ValveError
 from valve.nameplate import Nameplate
@@ -26,6 +27,7 @@ WORKER: Final = (sys.executable, "-m", "service.analysis_worker")
 _LOG = structlog.get_logger(__name__)
 _START_LIMIT_S: Final = 300.0  # compiling everything once on a slow machine
 _END_LIMIT_S: Final = 2.0
+_NICENESS: Final = 10  # below the service, whose sampling must not wait
 _LOOK_ONLY: Final = os.WEXITED | os.WNOHANG | os.WNOWAIT
 # A second thread of the linear algebra gains nothing on small matrices and takes a core from the polling.
 _ONE_THREAD: Final = {"OPENBLAS_NUM_THREADS": "1"}
@@ -46,7 +48,8 @@ class AnalysisPool:
 
     ``start`` begins to load and compile at once; ``analyze`` waits for it. A worker that crashes or takes longer
     than ``time_limit_s`` fails its job with InternalError and is replaced at the next one. Where that happens after
-    the estimates, or the diagnosis takes longer than ``diagnosis_limit_s``, the answer is the estimates alone.
+    the estimates, or the diagnosis takes longer than ``diagnosis_limit_s``, the answer is the estimates alone. Both
+    count the worker's processor time.
     ``command`` starts a process that speaks as ``service.analysis_worker`` does.
     """
 
@@ -69,6 +72,11 @@ class AnalysisPool:
         """Start the worker; it warms up while the caller goes on."""
         async with self._turn:
             await self._started()
+
+    async def warm(self) -> None:
+        """Return when the worker is ready for a job, started where there is none. Raises InternalError."""
+        async with self._turn:
+            await self._readied(await self._started())
 
     async def close(self) -> None:
         """End the worker, also in the middle of a job; nothing is left behind and no job is taken any more."""
@@ -151,26 +159,32 @@ class AnalysisPool:
         self._worker = await asyncio.create_subprocess_exec(
             *self._command, stdin=PIPE, stdout=PIPE, limit=_LONGEST_ANSWER_BYTES, env=os.environ | _ONE_THREAD
         )
+        with suppress(ProcessLookupError):  # by its owner: loading its libraries alone takes seconds of a core
+            own = os.getpriority(os.PRIO_PROCESS, 0)
+            os.setpriority(os.PRIO_PROCESS, self._worker.pid, own + _NICENESS)  # the system takes 19 for more
         _LOG.info("analysis worker started", pid=self._worker.pid)
         return self._worker
+
+    async def _readied(self, worker: Process) -> None:
+        if not self._ready:
+            await self._next(worker, [Allowance(worker.pid, _START_LIMIT_S)], "start")
+            self._ready = True
 
     async def _answer(self, worker: Process, job: dict[str, Any], progress: Progress | None) -> dict[str, Any]:
         waited = self._ready
         if not waited:
             if progress is not None:
                 progress(0.0, "getting the analysis ready")
-            await self._next(worker, _START_LIMIT_S, "start")
-            self._ready = True
+            await self._readied(worker)
         assert worker.stdin is not None
         with suppress(ConnectionError):  # a worker that died shows when its answer is read
             worker.stdin.write(json.dumps(job).encode() + b"\n")
             await worker.stdin.drain()
-        now_s = asyncio.get_running_loop().time
-        deadline_s = now_s() + self._time_limit_s
+        allowances = [Allowance(worker.pid, self._time_limit_s)]
         estimated: dict[str, Any] | None = None
         while True:
             try:
-                answer = await self._next(worker, max(deadline_s - now_s(), 0.0), "analyse")
+                answer = await self._next(worker, allowances, "analyse")
             except _WorkerEndedError as error:
                 if waited:
                     raise _DiedWaitingError(str(error)) from error
@@ -184,7 +198,7 @@ class AnalysisPool:
             waited = False
             if "estimated" in answer:
                 estimated = dict(answer["estimated"])
-                deadline_s = min(deadline_s, now_s() + self._diagnosis_limit_s)
+                allowances.append(Allowance(worker.pid, self._diagnosis_limit_s))
                 continue
             if "progress" not in answer:
                 return answer
@@ -198,18 +212,21 @@ class AnalysisPool:
         message = f"The diagnosis failed ({reason}): the estimates stand; report it with the recording."
         return {"analysis": {**estimated, "discrepancy": {**estimated["discrepancy"], "message": message}}}
 
-    async def _next(self, worker: Process, limit_s: float, what: str) -> dict[str, Any]:
+    def _too_long(self, what: str) -> str:
+        if what == "start":
+            return f"was not ready within {_START_LIMIT_S:g} s: look at the log and report it"
+        return f"took more than {self._time_limit_s:g} s and was ended: shorten the recording, or report it"
+
+    async def _next(self, worker: Process, allowances: Sequence[Allowance], what: str) -> dict[str, Any]:
         assert worker.stdout is not None
-        try:
-            async with asyncio.timeout(limit_s):
-                line = await worker.stdout.readline()
-        except TimeoutError:
-            raise InternalError(
-                f"analysis: the worker took more than {self._time_limit_s:g} s and was ended: "
-                "shorten the recording, or report it"
-                if what == "analyse"
-                else f"analysis: the worker was not ready within {limit_s:g} s: look at the log and report it"
-            ) from None
+        line = None
+        while line is None:
+            left_s = min(one.left_s() for one in allowances)
+            if left_s <= 0.0:
+                raise InternalError(f"analysis: the worker {self._too_long(what)}")
+            with suppress(TimeoutError):
+                async with asyncio.timeout(left_s):
+                    line = await worker.stdout.readline()
         if not line.endswith(b"\n"):
             with suppress(TimeoutError):
                 async with asyncio.timeout(_END_LIMIT_S):

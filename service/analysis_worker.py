@@ -16,7 +16,7 @@ import os
 import signal
 import sys
 from pathlib import Path
-from typing import Any, Final, TextIO
+from typing import Any, TextIO
 
 from service.analysis import analyze_recordings
 from service.nameplates import nameplate_from_mapping
@@ -24,13 +24,10 @@ from service.warm_up import warm_up
 from valve.errors import ValveError
 from valve.recording_files import read_recording
 
-_NICENESS: Final = 10  # below the service, whose sampling must not wait
-
 
 def main() -> None:
     """Work until standard input closes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in a terminal reaches the whole group: the owner decides
-    os.nice(_NICENESS)
     with os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8") as answers:
         os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a library prints is no answer
         warm_up()

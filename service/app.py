@@ -38,7 +38,7 @@ from service.read_turns import ReadTurns
 from service.recordings.conversion import Converter
 from service.recordings.routes import router as recording_routes
 from service.report.routes import router as report_routes
-from service.runs.life import Analyst
+from service.runs.analyst import Analyst
 from service.runs.rig import Rig
 from service.runs.routes import router as test_routes
 from service.runs.safety_routes import router as safety_routes
@@ -57,7 +57,8 @@ _DESCRIPTION: Final = """\
 Vendor-neutral control-valve diagnostics: drives a valve through a test over Modbus and estimates its friction.
 
 This service is not a safety function and never writes to a safety-instrumented device.
-Errors are problem documents (RFC 9457, application/problem+json)."""
+Errors are problem documents (RFC 9457, application/problem+json).
+Every number is in SI units (m, Pa, N, s), in the words of a problem document too, unless a request names `units`."""
 
 
 RIGHT_KEY: Final = "x-breakaway-right"

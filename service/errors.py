@@ -15,6 +15,7 @@ from starlette.exceptions import HTTPException
 
 from service.access.needs import ForbiddenError, NotSignedInError
 from service.access.throttle import ThrottledError
+from service.spelling import known_keys, unknown_key
 from valve.errors import (
     BusyError,
     ConfigurationError,
@@ -30,6 +31,7 @@ from valve.errors import (
 )
 
 PROBLEM_TYPE: Final = "application/problem+json"
+_BODY_KEY_DEPTH: Final = 2  # ("body", key): a key of the body itself, whose model the route knows
 _LOG = structlog.get_logger(__name__)
 
 # The nearest ancestor that stands here counts.
@@ -116,13 +118,22 @@ def _invalid_request(request: Request, error: Exception) -> ProblemResponse:
         raise error
     # What was sent is not repeated: it may be huge, not a number, or no valid text.
     errors = [
-        {"where": _printable(".".join(str(part) for part in one["loc"])), "reason": _printable(one["msg"])}
+        {"where": _printable(".".join(str(part) for part in one["loc"])), "reason": _printable(_reason(request, one))}
         for one in error.errors()[:20]
     ]
     detail = "; ".join(f"{one['where']}: {one['reason']}" for one in errors)
     return problem(
         HTTPStatus.UNPROCESSABLE_ENTITY, f"{detail}: correct the request", instance=request.url.path, errors=errors
     )
+
+
+def _reason(request: Request, one: Mapping[str, Any]) -> str:
+    """Return what is wrong with one value; of an unknown key of the body also which key was meant."""
+    if one["type"] != "extra_forbidden" or len(one["loc"]) != _BODY_KEY_DEPTH:
+        return str(one["msg"])
+    field = getattr(request.scope.get("route"), "body_field", None)
+    known = [] if field is None else known_keys(field.field_info.annotation)
+    return unknown_key(str(one["loc"][-1]), known)
 
 
 def _unexpected(request: Request, error: Exception) -> ProblemResponse:

@@ -13,6 +13,8 @@ from itertools import islice
 from typing import Any, Final
 
 _KEPT_EVENTS: Final = 4096  # 5 minutes of progress and samples at 10 a second each
+_GATHERED_S: Final = 0.1  # an eye sees no more often; each time costs a write to every watcher
+_AT_ONCE: Final = frozenset({"state", "end"})
 _MOST_AT_ONCE: Final = 256  # about 60 kB: the event loop is not held up by who begins to watch late
 
 
@@ -25,9 +27,9 @@ class Event:
     data: Mapping[str, Any]
 
     @cached_property
-    def text(self) -> str:
+    def wire(self) -> bytes:
         """The event as a stream of server-sent events has it; made once, however many watch."""
-        return f"id: {self.id}\nevent: {self.kind}\ndata: {json.dumps(self.data, allow_nan=False)}\n\n"
+        return f"id: {self.id}\nevent: {self.kind}\ndata: {json.dumps(self.data, allow_nan=False)}\n\n".encode()
 
 
 class EventLog:
@@ -40,13 +42,17 @@ class EventLog:
         self._events: deque[Event] = deque(maxlen=_KEPT_EVENTS)
         self._latest = 0
         self._changed = asyncio.Event()
+        self._waking: asyncio.TimerHandle | None = None
         self.closed = False
 
     def append(self, kind: str, data: Mapping[str, Any]) -> None:
-        """Add an event and wake all readers."""
+        """Add an event; readers hear of a change of state at once, of others at most ten times a second."""
         self._latest += 1
         self._events.append(Event(self._latest, kind, data))
-        self._wake()
+        if kind in _AT_ONCE:
+            self._wake()
+        elif self._waking is None:
+            self._waking = asyncio.get_running_loop().call_later(_GATHERED_S, self._wake)
 
     def close(self) -> None:
         """Say that nothing more will come."""
@@ -54,6 +60,9 @@ class EventLog:
         self._wake()
 
     def _wake(self) -> None:
+        if self._waking is not None:
+            self._waking.cancel()
+            self._waking = None
         changed, self._changed = self._changed, asyncio.Event()
         changed.set()
 

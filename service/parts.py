@@ -12,7 +12,7 @@ from service.figures.drawer import Drawer
 from service.health.staleness import Staleness
 from service.meters import Meters
 from service.recordings.conversion import Converter
-from service.runs.life import Analyst
+from service.runs.analyst import Analyst
 from service.runs.service import Runs
 from service.schedules.nightly import Nightly
 from service.settings import Plant
@@ -37,8 +37,8 @@ class Parts:
     drawer: Drawer = field(default_factory=Drawer)
 
 
-def parts_of(request: Request) -> Parts:
-    """Return the parts of the service that got this request."""
+async def parts_of(request: Request) -> Parts:
+    """Return the parts of the service that got this request; a coroutine, as FastAPI calls a function in a thread."""
     parts = request.app.state.parts
     assert isinstance(parts, Parts)
     return parts

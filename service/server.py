@@ -16,6 +16,7 @@ from fastapi import FastAPI
 
 from service.app import create_app
 from service.audit.log import AuditLog
+from service.http_protocol import BoundedHttp
 from service.parts import Parts
 from service.settings import Plant, ServiceSettings
 from service.store.store import open_store
@@ -105,6 +106,7 @@ def serve_plant(plant: Plant) -> None:
         config = uvicorn.Config(
             app,
             loop="uvloop",
+            http=BoundedHttp,
             lifespan="on",
             ws="none",
             log_config=None,

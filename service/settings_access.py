@@ -5,14 +5,13 @@ from __future__ import annotations
 import ssl
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.runs.sequences import SEQUENCES
+from service.secret_file import secret_fault
 from service.settings_errors import Findings
-
-_OTHERS: Final = 0o077
 
 
 class AccessSection(BaseModel):
@@ -104,12 +103,10 @@ def _check_tls(findings: Findings, certificate: Path | None, tls_key: Path | Non
         return
     if certificate is None or tls_key is None:
         return
+    fault = secret_fault(tls_key)
+    if fault is not None:
+        findings.add(("service", "tls_key"), str(tls_key), fault.reason, fault.remedy)
     try:
-        mode = tls_key.stat().st_mode & 0o777
-        if mode & _OTHERS:
-            findings.add(
-                ("service", "tls_key"), str(tls_key), f"others may read it (mode {mode:o})", "chmod 600 that file"
-            )
         ssl.create_default_context(ssl.Purpose.CLIENT_AUTH).load_cert_chain(certificate, tls_key, password="")
     except (OSError, ssl.SSLError) as error:
         reason = error.strerror or type(error).__name__

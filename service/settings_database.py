@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import stat
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 from sqlalchemy import URL, make_url
 from sqlalchemy.exc import ArgumentError
 
-from valve.errors import ConfigurationError
+from service.secret_file import read_secret
 
 if TYPE_CHECKING:
     from service.settings_errors import Findings
@@ -37,26 +36,11 @@ class DatabaseAddress:
         url = make_url(self.url)
         if "client_encoding" not in url.query:  # a server whose own is SQL_ASCII would answer in bytes
             url = url.update_query_dict({"client_encoding": "utf8"})
-        password = environment.get(PASSWORD_VARIABLE) if self.password_file is None else _secret(self.password_file)
+        if self.password_file is None:
+            password = environment.get(PASSWORD_VARIABLE)
+        else:
+            password = read_secret(self.password_file, "service.database_password_file")
         return url.set(password=password) if password else url
-
-
-def _secret(path: Path) -> str:
-    try:
-        mode = stat.S_IMODE(path.stat().st_mode)
-        if mode & 0o077:
-            raise ConfigurationError(
-                f"{path}: service.database_password_file may be read by others (mode {mode:04o}): chmod 600 it"
-            )
-        password = path.read_text(encoding="utf-8").strip()
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is no text"
-        raise ConfigurationError(
-            f"{path}: service.database_password_file cannot be read ({reason}): name a file that holds the password"
-        ) from None
-    if not password:
-        raise ConfigurationError(f"{path}: service.database_password_file is empty: write the password into it")
-    return password
 
 
 def database_address(

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import tomllib
-from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
+from service.spelling import known_keys, nearest
 from valve.errors import ConfigurationError, ValveError
 
 Key = tuple[str | int, ...]
@@ -54,15 +53,9 @@ def _written(key: Key) -> str:
     return text.lstrip(".") or "the file"
 
 
-def _known_keys(kind: Any) -> list[str]:
-    if is_dataclass(kind):
-        return [one.name for one in fields(kind)]
-    return list(kind.model_fields) if isinstance(kind, type) and issubclass(kind, BaseModel) else []
-
-
 def _spelling(word: str, known: list[str]) -> str:
-    close = difflib.get_close_matches(word, known, n=1)
-    return f"write {close[0]}" if close else f"remove it; known here are {', '.join(known)}"
+    close = nearest(word, known)
+    return f"write {close}" if close else f"remove it; known here are {', '.join(known)}"
 
 
 class Findings:
@@ -114,7 +107,7 @@ class Findings:
     def _note(self, outer: Key, one: ErrorDetails, kind: Any) -> None:
         key = (*outer, *(part for part in one["loc"] if part != "part"))
         if one["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-            self.add(key, one["input"], "this key is unknown", _spelling(str(key[-1]), _known_keys(kind)))
+            self.add(key, one["input"], "this key is unknown", _spelling(str(key[-1]), known_keys(kind)))
         elif one["type"] in ("missing", "missing_argument"):
             self._lines.append(f"{self._file}: {_written(key)}: it is missing: add it")
         else:

@@ -11,10 +11,9 @@ from typing import Annotated, Any, Final
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from service.secret_file import read_secret, secret_fault
 from service.settings_errors import Findings
-from valve.errors import ConfigurationError
 
-_OTHERS: Final = 0o077
 _PLAIN_PORT: Final = 1883  # both as registered with IANA
 _TLS_PORT: Final = 8883
 
@@ -48,18 +47,7 @@ class MqttSettings:
 
     def password(self) -> str | None:
         """Return the password. Raises ConfigurationError; no message holds it."""
-        if self.password_file is None:
-            return None
-        try:
-            text = self.password_file.read_text(encoding="utf-8").strip()
-        except (OSError, UnicodeDecodeError) as error:
-            reason = getattr(error, "strerror", None) or "it is no text"
-            raise ConfigurationError(
-                f"{self.password_file}: mqtt.password_file cannot be read ({reason}): name a file that holds it"
-            ) from None
-        if not text:
-            raise ConfigurationError(f"{self.password_file}: mqtt.password_file is empty: write the password into it")
-        return text
+        return None if self.password_file is None else read_secret(self.password_file, "mqtt.password_file")
 
     def tls_context(self) -> ssl.SSLContext | None:
         """Return how the broker is proven: by ``ca_file``, else by the certificates that this machine trusts."""
@@ -77,8 +65,9 @@ def mqtt_settings(findings: Findings, raw: Mapping[str, Any] | None, folder: Pat
     if (section.username is None) != (password is None):
         missing = "username" if section.username is None else "password_file"
         findings.add(("mqtt", missing), None, "a sign-in needs a name and a password", "give both keys, or neither")
-    if password is not None:
-        _check_secret(findings, password)
+    fault = None if password is None else secret_fault(password)
+    if fault is not None:
+        findings.add(("mqtt", "password_file"), str(password), fault.reason, fault.remedy)
     if section.username is not None and not section.tls and not _is_loopback(section.host):
         findings.add(
             ("mqtt", "tls"), False, f"the password would cross the network to {section.host} unencrypted", "tls = true"
@@ -91,17 +80,6 @@ def mqtt_settings(findings: Findings, raw: Mapping[str, Any] | None, folder: Pat
         return None
     port = section.port or (_TLS_PORT if section.tls else _PLAIN_PORT)
     return MqttSettings(section.host, port, section.prefix, section.username, password, section.tls, authority)
-
-
-def _check_secret(findings: Findings, path: Path) -> None:
-    key = ("mqtt", "password_file")
-    try:
-        mode = path.stat().st_mode & 0o777
-    except OSError as error:
-        findings.add(key, str(path), f"it cannot be read ({error.strerror})", "name a file that holds the password")
-        return
-    if mode & _OTHERS:
-        findings.add(key, str(path), f"others may read it (mode {mode:o})", "chmod 600 that file")
 
 
 def _check_authority(findings: Findings, path: Path) -> None:

@@ -76,7 +76,7 @@ _SYSTEMS: Final = {
 
 def shown_unit(si_unit: str, system: UnitSystem) -> ShownUnit:
     """Return the unit in which a person reads a quantity of this SI unit; others (s, %) are shown as they are."""
-    return _SYSTEMS[system].get(si_unit, ShownUnit({"percent": "%"}.get(si_unit, si_unit), 1.0))
+    return _SYSTEMS[system].get(si_unit, ShownUnit({"percent": "%", "1": ""}.get(si_unit, si_unit), 1.0))
 
 
 def quantity(value_si: float | None, si_unit: str, system: UnitSystem, digits: int = 4) -> str:
@@ -84,7 +84,7 @@ def quantity(value_si: float | None, si_unit: str, system: UnitSystem, digits: i
     if value_si is None:
         return "–"
     unit = shown_unit(si_unit, system)
-    return f"{plus_minus(unit.shown(value_si), None, digits=digits)} {unit.name}"
+    return f"{plus_minus(unit.shown(value_si), None, digits=digits)} {unit.name}".rstrip()
 
 
 def measured(
@@ -95,4 +95,4 @@ def measured(
         return quantity(value_si, si_unit, system)
     unit = shown_unit(si_unit, system)
     half = max(ci95[1] - value_si, value_si - ci95[0])
-    return f"{plus_minus(unit.shown(value_si), unit.shown(half))} {unit.name}"
+    return f"{plus_minus(unit.shown(value_si), unit.shown(half))} {unit.name}".rstrip()

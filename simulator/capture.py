@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from drivers.crc import words_crc16
 from drivers.maps.reference import MISSING_SAMPLE, WINDOW_CHANNELS, WINDOW_SAMPLES, CaptureState
-from drivers.registers import words_crc16
 from simulator.plant import SAMPLES_A_CAPTURE, Samples, SimulatedValve
 
 FloatArray = npt.NDArray[np.float64]

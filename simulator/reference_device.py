@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from drivers.crc import words_crc16
 from drivers.maps.reference import (
     CORNER_CAPACITY,
     CORNER_WORDS,
@@ -20,7 +21,6 @@ from drivers.maps.reference import (
     Claim,
     WatchdogState,
 )
-from drivers.registers import words_crc16
 from simulator.capture import SAMPLE_CAPACITY, SHORTEST_PERIOD_S, Capture, capture_ranges
 from simulator.faults import FaultKind
 from simulator.plant import SoftwareValve

@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 
+from drivers.crc import words_crc16
 from drivers.maps.reference import (
     CANARY_VALUE,
     CORNER_CAPACITY,
@@ -25,7 +26,7 @@ from drivers.maps.reference import (
     Claim,
     StatusBit,
 )
-from drivers.registers import Table, words_crc16
+from drivers.registers import Table
 from simulator.capture import (
     SAMPLE_CAPACITY,
     framed_window,

@@ -10,7 +10,8 @@ from typing import Final, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from valve.extended_motion import ExtendedState, ExtendedStem
+from valve.extended_motion import ExtendedStem
+from valve.extended_state import ExtendedState
 from valve.extended_valve import ExtendedValve
 from valve.motion import StemIntegrator, StemState, simulate_motion
 from valve.parameters import TravelStops, ValveParameters

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from typing import Final, Protocol
 
-from drivers.registers import Kind, Register, RegisterMap, Table
+from drivers.register_map import RegisterMap
+from drivers.registers import Kind, Register, Table
 from simulator.faults import FaultKind
 from simulator.plant import SoftwareValve
 from simulator.record import Event, Happening

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from drivers.maps import advantech_adam_6024, fisher_easy_drive, moxa_iologik, reference
-from drivers.registers import RegisterMap
+from drivers.register_map import RegisterMap
 from valve.errors import ConfigurationError
 
 REGISTER_MAPS: Final[dict[str, RegisterMap]] = {

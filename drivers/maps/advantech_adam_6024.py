@@ -9,7 +9,8 @@ from __future__ import annotations
 from typing import Final
 
 from drivers.capabilities import Role
-from drivers.registers import GoldenFrame, Register, RegisterMap
+from drivers.register_map import GoldenFrame, RegisterMap
+from drivers.registers import Register
 
 _INPUT_CODES: Final = 65535  # 16 bits over the configured range
 _OUTPUT_CODES: Final = 4095  # 12 bits over the configured range

@@ -13,7 +13,8 @@ from __future__ import annotations
 from typing import Final
 
 from drivers.capabilities import Role
-from drivers.registers import Canary, GoldenFrame, Register, RegisterMap
+from drivers.register_map import Canary, GoldenFrame, RegisterMap
+from drivers.registers import Register
 
 _TEST_VALUE: Final = 45964.0  # 0xB38C
 

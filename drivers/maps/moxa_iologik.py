@@ -9,7 +9,8 @@ from __future__ import annotations
 from typing import Final
 
 from drivers.capabilities import Role
-from drivers.registers import GoldenFrame, Kind, Register, RegisterMap, Table, WordOrder
+from drivers.register_map import GoldenFrame, RegisterMap
+from drivers.registers import Kind, Register, Table, WordOrder
 
 _AMPERE: Final = 1.0e-3  # the module counts milliamperes
 _MANUAL: Final = "Moxa ioLogik E1200 Series User's Manual, appendix A, Modbus/TCP default address mappings"

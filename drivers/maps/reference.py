@@ -14,7 +14,8 @@ from enum import IntEnum
 from typing import Final
 
 from drivers.capabilities import Capture, CaptureStates, Fence, LiveBlock, Role, Watchdog
-from drivers.registers import Canary, GoldenFrame, Kind, Register, RegisterMap
+from drivers.register_map import Canary, GoldenFrame, RegisterMap
+from drivers.registers import Kind, Register
 
 CANARY_VALUE: Final = 0x42574159  # "BWAY" in ASCII
 CORNERS_ADDRESS: Final = 1000  # the corner table: 4 words a corner (time us u32, pressure Pa f32)

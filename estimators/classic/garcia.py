@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
-
-import numpy as np
+from typing import Any, ClassVar
 
 from estimators.base import Estimate, Form, Outcome, absent, failed
+from estimators.classic.classic_estimator import ClassicEstimator
 from estimators.classic.conclusion import conclude
 from estimators.classic.friction_parameters import friction_parameters, has_stiction
 from estimators.classic.garcia_points import published_points
@@ -17,20 +16,17 @@ from estimators.classic.slip_fit import fit_slips
 from estimators.classic.transients import Setting, judge_transients
 from estimators.linear_fit import LinearFit
 from estimators.motion.balance import Balance, viscous_bounds
-from estimators.motion.recorded_motion import RecordedMotion, read_motion
+from estimators.motion.recorded_motion import RecordedMotion
 from estimators.motion.static_friction import BreakawayForces, breakaway_forces
 from estimators.motion.uniform_motion import UniformMotion
-from estimators.proof.proven import proven
 from estimators.slips.search import AFTER_THE_BALANCE
 from estimators.slips.settling import viscous_from_settling
-from valve.nameplate import Nameplate
-from valve.recording import Recording
 
 _NO_LIMIT_VELOCITY = "the method does not give it; on ramps of one speed it cannot be told from F_s"
 
 
 @dataclass(frozen=True, slots=True)
-class GarciaEstimator:
+class GarciaEstimator(ClassicEstimator):
     """Method 2: k and F_c from uniform motion, F_s from breakaways, m and F_v from slips, by balances of forces.
 
     As published each comes from the two or three points of its equations and there is no preload. The corrected
@@ -38,26 +34,16 @@ class GarciaEstimator:
     valve without stiction (no slip jump) m and F_v come from the ends of the ramps, as far as these show them.
     """
 
-    form: Form = Form.ROBUST
-    method: str = "garcia"
+    method: ClassVar[str] = "garcia"
 
-    def estimate(self, recording: Recording, nameplate: Nameplate) -> Estimate:
-        """Return the estimate; odd recordings give a named outcome."""
-        return self.estimate_motion(read_motion(recording, nameplate))
-
-    def estimate_motion(self, motion: RecordedMotion | Outcome) -> Estimate:
-        """Return the estimate from what ``read_motion`` returned."""
-        if isinstance(motion, Outcome):
-            return failed(self.method, motion)
-        with np.errstate(all="ignore"):
-            if motion.uniform is None:
-                return failed(self.method, motion.uniform_outcome or Outcome.NO_UNIFORM_MOTION)
-            if self.form is Form.PUBLISHED and motion.has_preload:
-                return failed(self.method, Outcome.PRELOAD_IGNORED)
-            if self.form is Form.PUBLISHED:
-                return self._published(motion, motion.uniform)
-            found = self._corrected(motion, motion.uniform)
-            return proven(found, motion) if self.form is Form.ROBUST else found
+    def _found(self, motion: RecordedMotion) -> Estimate:
+        if motion.uniform is None:
+            return failed(self.method, motion.uniform_outcome or Outcome.NO_UNIFORM_MOTION)
+        if self.form is not Form.PUBLISHED:
+            return self._corrected(motion, motion.uniform)
+        if motion.has_preload:
+            return failed(self.method, Outcome.PRELOAD_IGNORED)
+        return self._published(motion, motion.uniform)
 
     def _corrected(self, motion: RecordedMotion, uniform: UniformMotion) -> Estimate:
         balance = Balance.of(uniform, self.form, motion.action)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from estimators.base import Estimate, Form, Outcome, absent, failed
+from estimators.classic.classic_estimator import ClassicEstimator
 from estimators.classic.conclusion import conclude
 from estimators.classic.differences import without_bias
 from estimators.classic.friction_parameters import friction_parameters
@@ -21,15 +22,13 @@ from estimators.classic.threshold_sweep import ThresholdSweep
 from estimators.classic.transients import Setting, is_resolved, judge_transients
 from estimators.linear_fit import LinearFit
 from estimators.motion.balance import Balance, heaviest_mass_kg, viscous_bounds
-from estimators.motion.recorded_motion import RecordedMotion, read_motion
+from estimators.motion.recorded_motion import RecordedMotion
 from estimators.motion.static_friction import BreakawayForces, breakaway_forces, published_breakaway_forces
 from estimators.motion.uniform_motion import UniformMotion
-from estimators.proof.proven import proven
 from estimators.slips.search import AFTER_THE_BALANCE, ALL_AT_ONCE
 from estimators.slips.settling import viscous_from_settling
 from valve.errors import ParameterError
-from valve.nameplate import Action, Nameplate
-from valve.recording import Recording
+from valve.nameplate import Action
 
 
 class StaticFriction(StrEnum):
@@ -61,7 +60,7 @@ class _FirstStep:
 
 
 @dataclass(frozen=True, slots=True)
-class RegressionEstimator:
+class RegressionEstimator(ClassicEstimator):
     """Method 1 in its three steps: F = m a + F_v v + F_c sgn v + k x by least squares above a threshold of speed.
 
     ``thresholds`` is S and ``parts`` Z of Eq. (7). ``threshold`` fixes s; without it the threshold is the one with
@@ -70,13 +69,13 @@ class RegressionEstimator:
     ``preload`` adds a constant to Eq. (4): by default in the corrected form only.
     """
 
-    form: Form = Form.ROBUST
+    method: ClassVar[str] = "regression"
+
     thresholds: int = 1200
     parts: int = 1500
     threshold: int | None = None
     preload: bool | None = None
     static_friction: StaticFriction = StaticFriction.BREAKAWAY
-    method: str = "regression"
 
     def __post_init__(self) -> None:
         if not 1 <= self.thresholds <= self.parts:
@@ -93,22 +92,15 @@ class RegressionEstimator:
     def _fits_preload(self) -> bool:
         return self.form is not Form.PUBLISHED if self.preload is None else self.preload
 
-    def estimate(self, recording: Recording, nameplate: Nameplate) -> Estimate:
-        """Return the estimate; odd recordings give a named outcome."""
-        return self.estimate_motion(read_motion(recording, nameplate))
+    @property
+    def is_judged(self) -> bool:
+        """Whether the whole motion judges the estimate: neither that as published nor that at a given threshold."""
+        return self.form is Form.ROBUST and self.threshold is None
 
-    def estimate_motion(self, motion: RecordedMotion | Outcome) -> Estimate:
-        """Return the estimate from what ``read_motion`` returned."""
-        if isinstance(motion, Outcome):
-            return failed(self.method, motion)
-        with np.errstate(all="ignore"):
-            found = self._estimate(motion)
-            return proven(found, motion) if self.form is Form.ROBUST and self.threshold is None else found
-
-    def _estimate(self, motion: RecordedMotion) -> Estimate:
+    def _found(self, motion: RecordedMotion) -> Estimate:
         if motion.has_preload and not self._fits_preload:
             return failed(self.method, Outcome.PRELOAD_IGNORED)
-        if self.form is Form.ROBUST and self.threshold is None and self._fits_preload and motion.uniform is not None:
+        if self.is_judged and self._fits_preload and motion.uniform is not None:
             start = Balance.of(motion.uniform, self.form, motion.action)
             robust = robust_estimate(self.method, motion, start, ALL_AT_ONCE, None)
             if motion.uniform.viscous_n_s_per_m is not None and (robust is None or robust.value("F_v") is None):

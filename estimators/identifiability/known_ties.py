@@ -9,9 +9,10 @@ from typing import Final
 from estimators.identifiability.ties import INPUT_TIMES, Quantities, Tie
 
 SEVERAL_RATES: Final = "ramps at several rates tell them apart (sequence multi_rate)"
+BOTH_WAYS: Final = "a stroke and its way back tell them apart (sequence triangle)"
 MEASURE: Final = "measure the pressure at the actuator"
 _ALIKE: Final = 0.3  # a speed or rate that a tie implies, against those of the test
-_LEFT: Final = 0.3  # of F_s's error, where the effective breakaway force is what is known
+_LEFT: Final = 0.3  # of a friction's error, where a sum of forces is what is known
 
 
 def _sliding_friction(symbol: str, other: str, known: Quantities) -> Tie | None:
@@ -65,6 +66,25 @@ def effective_breakaway(symbol: str, other: str, known: Quantities) -> Tie | Non
     )
 
 
+def _friction_one_way(symbol: str, other: str, known: Quantities) -> Tie | None:
+    """F + F_0 or F - F_0: friction and preload add up, or cancel, where the stem moves in one direction only."""
+    force = other if symbol == "F_0" else symbol
+    sense = math.copysign(1.0, float(known.best(force, ["F_0"])[0][0]))
+    error = known.error({force: 1.0, "F_0": sense})
+    if error > _LEFT * known.error({force: 1.0}):
+        return None
+    return Tie(
+        (symbol, other),
+        known.correlation(force, "F_0"),
+        f"{force} {'+' if sense > 0.0 else '-'} F_0",
+        known.value(force) + sense * known.value("F_0"),
+        error,
+        "N",
+        BOTH_WAYS,
+        f"friction {'and' if sense > 0.0 else 'less'} preload in the one direction that shows",
+    )
+
+
 def _lagging_friction(symbol: str, other: str, known: Quantities) -> Tie | None:
     """F + r T: an input that is late by T looks like friction on ramps of the force rate r."""
     force, late = (symbol, other) if other in INPUT_TIMES else (other, symbol)
@@ -87,6 +107,7 @@ def _lagging_friction(symbol: str, other: str, known: Quantities) -> Tie | None:
 KNOWN_TIES: Final[dict[frozenset[str], Callable[[str, str, Quantities], Tie | None]]] = {
     frozenset(("F_c", "F_v")): _sliding_friction,
     frozenset(("F_s", "DV")): effective_breakaway,
+    **{frozenset((force, "F_0")): _friction_one_way for force in ("F_c", "F_s")},
     **{frozenset((force, late)): _lagging_friction for force in ("F_c", "F_s") for late in INPUT_TIMES},
 }
 

@@ -60,13 +60,15 @@ def _several(symbol: str, partners: Sequence[str], known: Quantities) -> Tie:
     if len(partners) == 1:
         correlation = known.correlation(symbol, partners[0])
     value = known.value(symbol) + float(weights @ np.array([known.value(partner) for partner in partners]))
-    terms = "".join(
-        f" {'+' if weight >= 0.0 else '-'} {abs(weight):.4g} {partner}"
-        for weight, partner in zip(weights, partners, strict=True)
-    )
+    terms = "".join(_term(float(weight), partner) for weight, partner in zip(weights, partners, strict=True))
     times = [partner for partner in (symbol, *partners) if partner in INPUT_TIMES]
     remedy = f"{MEASURE}, and use sequence multi_rate" if times else "sequence multi_rate moves the stem in more ways"
     return Tie((symbol, *partners), correlation, symbol + terms, value, error, _unit(symbol), remedy)
+
+
+def _term(weight: float, symbol: str) -> str:
+    size = f"{abs(weight):.4g}"
+    return f" {'+' if weight >= 0.0 else '-'} {symbol if size == '1' else f'{size} {symbol}'}"
 
 
 def _unit(symbol: str) -> str:

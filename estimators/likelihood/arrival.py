@@ -7,15 +7,18 @@ from typing import Final
 
 import numpy as np
 
+from estimators.likelihood.all_rows import EXACT
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.descent import descend
-from estimators.likelihood.search import EXACT, Found
+from estimators.likelihood.pool import Place, distinct
+from estimators.likelihood.search import Found, certified
 from estimators.samples import FloatArray
 
 # A bottom is left by less than two standard errors in all; a narrow, bent valley of m, F_v, F_c and DV by far more.
 _LARGEST_GAIN: Final = 4.0
 _FURTHER_STEPS: Final = 30
 _FURTHER_SHARE: Final = 0.3  # of the budget
+_LOWER: Final = 1.0  # of the cost
 _SMALLEST_SHARE: Final = 1.0e-12  # of the largest eigenvalue: below it a direction is not seen at all
 
 
@@ -50,3 +53,21 @@ def arrived(found: Found) -> tuple[Found, bool]:
         simulations = found.simulations + further.simulations
         found = replace(found, point=further.point, cost=further.cost, simulations=simulations)
     return found, left_to_gain(found) < _LARGEST_GAIN
+
+
+def led_to(found: Found, point: FloatArray) -> Found | None:
+    """Return the fit at the bottom that ``point`` (p,) leads to, with the old one beside it; None if it is no lower."""
+    model = found.model
+    most = Budget.of(model).most_at_once(model, _FURTHER_SHARE)
+    further = descend(model, point, most_steps=_FURTHER_STEPS, most_simulations=most)
+    if not further.cost < found.cost - _LOWER:
+        return None
+    best = Place(further.point, further.cost)
+    return replace(
+        found,
+        point=further.point,
+        cost=further.cost,
+        certificate=certified(model, further.point),
+        others=tuple(distinct(model, [best, Place(found.point, found.cost), *found.others])[1:]),
+        simulations=found.simulations + further.simulations,
+    )

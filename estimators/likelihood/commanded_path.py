@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -11,9 +11,10 @@ import numpy as np
 from estimators.likelihood.command_steps import stair_corners, within_signal, write_lead_s, written_steps
 from estimators.likelihood.lag_kernel import lagged
 from estimators.likelihood.nuisance import Nuisance
-from estimators.likelihood.pressure_lines import Corners, delay_prior_s
+from estimators.likelihood.pressure_lines import delay_prior_s
 from estimators.likelihood.row_timing import look_doubts_s
 from estimators.likelihood.stair_kernel import stair_answer
+from estimators.likelihood.stretches import Corners
 from estimators.likelihood.transducer_fit import TransducerFit, fit_transducer
 from estimators.samples import FloatArray
 from valve.nameplate import Nameplate
@@ -45,16 +46,18 @@ class CommandedPath:
     noise_n: float
     breaks_s: FloatArray
     write_doubt_s: FloatArray
+    is_stepped: bool = field(init=False)  # the force steps at each write, without a lag that is seen
+    _plain: Corners = field(init=False)  # before the dead time
+
+    def __post_init__(self) -> None:
+        stepped = self.fit.lag_s < _STEP * float(np.median(np.diff(self.step_s)))
+        object.__setattr__(self, "is_stepped", stepped)
+        object.__setattr__(self, "_plain", self._drawn(self.fit.linear))
 
     @property
     def nuisances(self) -> tuple[Nuisance, ...]:
         """The delay of the position against the force."""
         return (self.delay,)
-
-    @property
-    def is_stepped(self) -> bool:
-        """Whether the force steps at each write, without a lag that is seen."""
-        return self.fit.lag_s < _STEP * float(np.median(np.diff(self.step_s)))
 
     def rewritten(self, late_s: FloatArray) -> CommandedPath:
         """Return the path of writes that are later by ``late_s``, shape (k,); none overtakes the next."""
@@ -62,7 +65,7 @@ class CommandedPath:
 
     def corners(self, values: FloatArray) -> Corners:
         """Corner times, s, and force, N, shape (n,), for this delay."""
-        time_s, force_n = self._drawn(self.fit.linear)
+        time_s, force_n = self._plain
         return self._led(time_s + self.fit.dead_time_s + float(values[0]), force_n)
 
     def variations(self, values: FloatArray) -> Iterator[Corners]:
@@ -72,7 +75,7 @@ class CommandedPath:
         """
         for change in self.fit.root:
             linear = self.fit.linear + change[:3]
-            time_s, force_n = self._drawn(linear if self.is_stepped else self.fit.linear)
+            time_s, force_n = self._drawn(linear) if self.is_stepped else self._plain
             lag_s = self.fit.lag_s
             if not self.is_stepped:
                 lag_s = max(lag_s + float(change[3]), 0.5 * lag_s)

@@ -23,6 +23,8 @@ _BENT: Final = 0.1  # of the noise, from one row to the next
 _ABOUT: Final = 3  # rows
 _MOVES: Final = 4.0  # standard deviations from one row to the next
 LEAST_NOISE: Final = 1.0e-6  # of the range: what is not searched more closely
+_LOST: Final = 2.0e-4  # of what all rows tell along one direction of the unknowns, by one block
+_SEEN: Final = 1.0e-12  # of the largest eigenvalue: below it a direction is not seen at all
 
 
 def in_parts(model: StemModel, rests: Restarts, spacing: int) -> StemModel:
@@ -51,16 +53,20 @@ def in_parts(model: StemModel, rests: Restarts, spacing: int) -> StemModel:
     )
 
 
-def compressed(model: StemModel, *, least_noise: float = LEAST_NOISE) -> StemModel:
+def compressed(model: StemModel, *, least_noise: float = LEAST_NOISE, keeping: FloatArray | None = None) -> StemModel:
     """Return the model of the means of blocks within which the measured position is straight.
 
     A block of n rows has the weight sqrt(n) of one: on a straight line its mean tells as much of the level there as
     all its rows. Transients keep their rows as far as the noise allows to see them bend; a position without noise
     is searched as if it had ``least_noise`` of its range, for its bottom is reached on all rows.
+    What the noise hides of one corner, all corners together may show: with a point ``keeping``, shape (p,), the blocks
+    are halved until they tell what all rows tell of the unknowns there.
     """
     if model.time_s.size < 2:
         return model
     weight, edges = _blocks(model, least_noise)
+    if keeping is not None:
+        edges = _informed(model, keeping, weight, edges)
     first = edges[:-1]
     share = np.add.reduceat(weight * weight, first)
     held = np.where(share > 0.0, share, 1.0)
@@ -108,6 +114,33 @@ def _blocks(model: StemModel, least_noise: float) -> tuple[FloatArray, IntArray]
         if edges.size <= max(_MOST_BLOCKS, _BLOCKS_AN_EVENT * model.events):
             break
     return weight, edges
+
+
+def _informed(model: StemModel, point: FloatArray, weight: FloatArray, edges: IntArray) -> IntArray:
+    """Edges with every block halved that loses more than its share of the information at ``point``, shape (p,).
+
+    With the slopes scaled to unit information, rows q, a block keeps (sum w q)^2 / sum w^2 of its sum of q^2.
+    """
+    slopes = model.slopes(point, one_sided=True)
+    if slopes is None or model.spread is not None:
+        return edges
+    slopes *= np.divide(weight, model.weight, out=np.zeros_like(weight), where=model.weight > 0.0)
+    size = np.sqrt(np.einsum("ij,ij->i", slopes, slopes) + model.coordinates.prior_weight)
+    size[size == 0.0] = 1.0
+    slopes /= size[:, None]
+    normal = slopes @ slopes.T + np.diag(model.coordinates.prior_weight / size**2)
+    values, directions = np.linalg.eigh(normal)
+    is_seen = values > _SEEN * values[-1]
+    unit = (directions[:, is_seen] / np.sqrt(values[is_seen])).T @ slopes
+    sums = np.concatenate([unit * weight, np.stack([np.einsum("ij,ij->j", unit, unit), weight * weight])])
+    sums = np.concatenate([np.zeros((sums.shape[0], 1)), np.cumsum(sums, axis=1)], axis=1)
+    while True:
+        own = np.diff(sums[:, edges], axis=1)
+        kept = np.square(own[:-2]).sum(axis=0) / np.where(own[-1] > 0.0, own[-1], 1.0)
+        lossy = np.flatnonzero((own[-2] - kept > _LOST) & (np.diff(edges) > 1))
+        if lossy.size == 0:
+            return edges
+        edges = np.union1d(edges, (edges[lossy] + edges[lossy + 1]) // 2)
 
 
 def _mean(weight: FloatArray, value: FloatArray, first: IntArray, share: FloatArray) -> FloatArray:

@@ -3,20 +3,33 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 
-from estimators.base import Estimate, Outcome, ParameterEstimate, Status, absent, in_order, measured, offset_estimate
+from estimators.base import (
+    NORMAL_95,
+    Estimate,
+    Outcome,
+    ParameterEstimate,
+    Status,
+    absent,
+    in_order,
+    measured,
+    offset_estimate,
+)
 from estimators.identifiability.bound import Knowledge
-from estimators.likelihood.arrival import arrived
+from estimators.likelihood.all_rows import EXACT
+from estimators.likelihood.arrival import arrived, led_to
 from estimators.likelihood.delay import DELAY, Weighed, at_one_instant, delayed, says_nothing, weigh
-from estimators.likelihood.intervals import CHECKED, Ramps, flat_errors, inflation, known, natural_values
+from estimators.likelihood.intervals import CHECKED, Flatness, Ramps, flat_errors, inflation, known, natural_values
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.optima import others_apart, with_others
 from estimators.likelihood.problem import Problem
-from estimators.likelihood.search import EXACT, Found
+from estimators.likelihood.search import Found, certified
 from estimators.motion.recorded_motion import RecordedMotion
+from estimators.samples import FloatArray
 from valve.parameters import PARAMETER_SYMBOLS
 
 _SURE_OF_DELAY: Final = 0.99
@@ -24,6 +37,7 @@ _SAME: Final = 0.1  # speeds and rates that differ by less are one
 _SLOW_SAMPLING_S: Final = 2.0e-3
 _IN_THE_VALLEY: Final = ("m", "F_v", "F_c", "F_s", "DV")
 _JUMP_UNSURE: Final = 0.5
+_LED: Final = 2  # times to what a walk along the valley finds lower
 _NOT_ARRIVED: Final = (
     "the fit did not come to the bottom of its cost, a narrow valley of m, F_v, F_c, F_s and DV: "
     "repeat with ramps at several rates"
@@ -41,24 +55,23 @@ _ALONE: Final = (
 
 def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found) -> Estimate:
     """Return the estimate: ok where the fit explains the recording and all but DV and a hidden m is known."""
-    period_s = motion.samples.period_s
-    found, is_bottom = arrived(found)
-    searched = found.model
+    assessed, is_led = _assessed(motion, problem, found), False
+    for _ in range(_LED):
+        if assessed.flatness.is_lowest or assessed.found.certificate.ratio < EXACT:
+            break
+        led = led_to(assessed.found, assessed.flatness.lowest)
+        if led is None:
+            break
+        assessed, is_led = _assessed(motion, problem, led), True
+        if problem.jumps or assessed.creeps:
+            break
+    found, weighed, factor, flatness = assessed.found, assessed.weighed, assessed.factor, assessed.flatness
+    knows = assessed.knows
+    # of a comb of minima one that was left for a lower one may have a lower one still
+    is_bottom = assessed.is_bottom and not (is_led and (problem.jumps or assessed.creeps))
+    model, point = weighed.model, weighed.point
     noise_m = problem.noise_m * found.noise_factor
-    residual = searched.residuals(found.point)
-    if residual is None:
-        raise RuntimeError("the fitted valve cannot be followed any more")  # it was, in the search
-    factor, ramps = inflation(residual, searched.weight), ramps_of(motion)
-    if says_nothing(problem.model, period_s) and found.certificate.ratio >= EXACT:
-        weighed = weigh(delayed(searched, problem.model), searched, found.point, ramps, factor)
-    else:
-        weighed = Weighed(searched, found.point, known(searched, found.point, ramps, noise_factor=factor), 0.0)
-    model, point, knows = weighed.model, weighed.point, weighed.knows
-    residual = model.residuals(point)
-    if residual is None:
-        raise RuntimeError("the fitted valve cannot be followed any more")
-    if knows is not None:
-        knows = with_others(weighed.model, knows, found, ramps, factor)
+    residual = _residuals(model, point)
     values = natural_values(model, point)
     if knows is not None:
         values = dict(zip(knows.symbols, knows.values, strict=True))
@@ -66,18 +79,22 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
     explained = found.certificate.is_good or (problem.is_noise_free and rms_m < 1.0e-6 * model.range_m)
     if not explained and not found.certificate.is_near and not problem.is_noise_free:
         knows = None
-    flatness = flat_errors(model, point, noise_factor=factor, jumps=problem.jumps)
     least = flatness.least
     if problem.jumps:
         apart = others_apart(model, point, found)
         least = {symbol: max(least.get(symbol, 0.0), apart.get(symbol, 0.0)) for symbol in CHECKED}
+        rates = ramps_of(motion).rates_n_per_s
+        if len(rates) == 1:
+            # ramps of one rate show F_s + sqrt(2 m DV rate) alone; which DV it is only the count of jumps seems to tell
+            least["DV"] = values["DV"]
+            raised_n = math.sqrt(2.0 * values["m"] * values["DV"] * rates[0])
+            least["F_s"] = math.hypot(least["F_s"], raised_n / NORMAL_95)
     parameters = {symbol: _parameter(symbol, values, knows, least.get(symbol, 0.0)) for symbol in PARAMETER_SYMBOLS}
     if problem.jumps and knows is not None and not parameters["F_v"].identifiable:
         # the jumps are between one and two times (F_s - F_c)/k long, by their damping
         beyond_n = _JUMP_UNSURE * (values["F_s"] - values["F_c"])
         parameters["F_c"] = _parameter("F_c", values, knows, max(least.get("F_c", 0.0), beyond_n))
-    if not (parameters["m"].identifiable or parameters["F_v"].identifiable) and parameters["DV"].identifiable:
-        parameters["DV"] = absent(_LIMIT_ALONE)
+    parameters = without_lone_limit(parameters)
     # without noise the blocks are coarser than the fit, and the bottom is beyond what is computed
     is_bottom &= flatness.is_lowest or found.certificate.ratio < EXACT
     is_bottom |= problem.is_noise_free and found.certificate.ratio < 1.0
@@ -120,6 +137,57 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         "stand_ins": {symbol: values[symbol] for symbol, entry in complete.items() if entry.value is None},
     }
     return Estimate(method, status, " ".join(sentences), rms_m, complete, diagnostics)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Assessed:
+    """A fit, what is known at it, and whether it is where its cost is lowest."""
+
+    found: Found
+    is_bottom: bool
+    factor: float
+    weighed: Weighed
+    knows: Knowledge | None
+    flatness: Flatness
+    creeps: bool
+
+
+def _assessed(motion: RecordedMotion, problem: Problem, found: Found) -> _Assessed:
+    """Go down from the fit if it is on a slope, weigh a delay and the other places, and walk along its valley."""
+    period_s = motion.samples.period_s
+    found, is_bottom = arrived(found)
+    searched = found.model
+    factor, ramps = inflation(_residuals(searched, found.point), searched.weight), ramps_of(motion)
+    if says_nothing(problem.model, period_s) and found.certificate.ratio >= EXACT:
+        weighed = weigh(delayed(searched, problem.model), searched, found.point, ramps, factor)
+        if weighed.weight > _SURE_OF_DELAY:
+            # the fit that is given is the delayed one: the other may misfit wherever the stem accelerates
+            found = replace(found, certificate=certified(weighed.model, weighed.point))
+    else:
+        weighed = Weighed(searched, found.point, known(searched, found.point, ramps, noise_factor=factor), 0.0)
+    knows = weighed.knows
+    if knows is not None:
+        knows = with_others(weighed.model, knows, found, ramps, factor)
+    model, point = weighed.model, weighed.point
+    values = model.coordinates.values(point)
+    # a ramp slower than DV is followed in jumps, however small
+    creeps = values["DV"] * values["k"] > min(ramps.rates_n_per_s, default=math.inf)
+    flatness = flat_errors(model, point, noise_factor=factor, jumps=problem.jumps, creeps=creeps)
+    return _Assessed(found, is_bottom, factor, weighed, knows, flatness, creeps)
+
+
+def _residuals(model: StemModel, point: FloatArray) -> FloatArray:
+    residual = model.residuals(point)
+    if residual is None:
+        raise RuntimeError("the fitted valve cannot be followed any more")  # it was, in the search
+    return residual
+
+
+def without_lone_limit(parameters: dict[str, ParameterEstimate]) -> dict[str, ParameterEstimate]:
+    """Return the parameters without a DV that only stands in for m and F_v, of which neither shows."""
+    if parameters["m"].identifiable or parameters["F_v"].identifiable or not parameters["DV"].identifiable:
+        return parameters
+    return parameters | {"DV": absent(_LIMIT_ALONE)}
 
 
 def searched_model(problem: Problem, period_s: float) -> StemModel:

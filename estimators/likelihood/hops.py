@@ -8,6 +8,7 @@ from itertools import product
 from typing import Final
 
 from estimators.likelihood.model import StemModel
+from estimators.likelihood.transducer_path import LAG
 from estimators.samples import FloatArray
 
 # Own choices: factors of one parameter, the others changed so that what the test shows best stays as it is.
@@ -19,6 +20,8 @@ _DAMPINGS: Final = (0.03, 0.1, 0.3, 0.8)
 _NEAR_DAMPINGS: Final = (0.6, 0.8, 1.25, 1.6)  # of the own: what a walk along the valley cannot pass a sill for
 _LIMITS_OF_JUMPS: Final = (0.02, 0.15, 1.0, 5.0)
 _RATIOS: Final = (0.8, 1.25, 0.6)
+_LAG_SHARES: Final = (0.98, 0.5, 0.02)  # of lag + F_v/k
+_LAG_RATIOS: Final = (0.02, 0.1)  # F_s/F_c - 1, beside the own: a lag's corners look like stiction
 
 
 def ratio_kept(here: dict[str, float], other: dict[str, float], rate_n_per_s: float) -> float:
@@ -77,6 +80,11 @@ def hops(model: StemModel, point: FloatArray, speed_m_per_s: float, *, jumps: bo
         yield with_viscous(factor * here["F_v"], m=factor * here["m"])
     for factor in _RATIOS:
         yield at(d=factor * here["d"] if here["d"] > 0.0 else factor - 0.5)
+    if LAG in here:
+        # two lags in series, that of the I/P and F_v/k of an overdamped stem, may change places but for friction
+        both_s = here[LAG] + here["F_v"] / here["k"]
+        for share, ratio in product(_LAG_SHARES, (here["d"], *_LAG_RATIOS)):
+            yield at(F_v=(1.0 - share) * both_s * here["k"], d=ratio, **{LAG: share * both_s})
     # small DV and large DV change places with F_v
     for factor in (0.1, 10.0):
         yield with_viscous(here["F_v"] / 3.0, DV=factor * here["DV"])

@@ -20,7 +20,7 @@ from estimators.samples import FloatArray
 PREFIX: Final = "input_"
 # Own choices: directions whose one sigma moves all positions together by less do not matter; the most that are fitted.
 _LEAST_EFFECT: Final = 0.05
-_MOST: Final = 40
+_MOST: Final = 100
 _STEP_SHARE: Final = 0.05  # of the range, within one period: steeper than any ramp
 _STEPS: Final = 12
 _LAST_STEPS: Final = 3

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Protocol
+from functools import lru_cache
+from typing import Final, Protocol
 
 from estimators.base import Outcome
 from estimators.likelihood.commanded_path import CommandedPath, commanded_path
@@ -14,6 +15,9 @@ from estimators.samples import FloatArray
 from valve.errors import RecordingError
 from valve.nameplate import Nameplate
 from valve.recording import Recording
+
+# Methods, diagnosis and its gain ask for the same recordings in turn: one, its held-out ones, and some that are joined.
+_KEPT: Final = 6
 
 
 class InputPath(Protocol):
@@ -38,11 +42,13 @@ class InputPath(Protocol):
         ...
 
 
+@lru_cache(maxsize=_KEPT)
 def input_path(recording: Recording, nameplate: Nameplate) -> InputPath | Outcome:
     """Return the actuator force of a recording, or the outcome that says why there is none.
 
     A measured force or pressure, ``MeasuredPath``, or ``CommandedPath`` where it is the answer to the commands of a
-    polled test; without either the command through an I/P, ``TransducerPath``.
+    polled test; without either the command through an I/P, ``TransducerPath``. The last few are kept: a recording
+    never changes, so that whoever asks again for this very one with an equal nameplate gets the same path.
     """
     try:
         force_n = recording.actuator_force_n(nameplate)

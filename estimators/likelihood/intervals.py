@@ -17,7 +17,7 @@ from estimators.likelihood.compression import compressed
 from estimators.likelihood.descent import descend
 from estimators.likelihood.model import STEP, StemModel
 from estimators.likelihood.pool import Place
-from estimators.likelihood.valley import WALKED, walk
+from estimators.likelihood.valley import FARTHEST, WALKED, along, walk
 from estimators.samples import FloatArray
 
 _PIECES: Final = (1, 4, 16, 64, 256, 1024)
@@ -25,6 +25,12 @@ _FEWEST_PIECES: Final = 20
 _FAINT: Final = 0.1  # of a standard deviation that a unit of a coordinate moves all samples together
 _LARGER_STEP: Final = 1.0e-3
 _FOLLOWING_STEPS: Final = 10
+_FARTHER: Final = 3  # times a factor of 10, where the cost has not risen there
+_STRIDE: Final = 0.6  # of a logarithm
+_ALL_THE_WAY: Final = 0.99
+_TOOTHED: Final = ("F_v", "DV")
+_TEETH_SIGMAS: Final = (-30.0, -10.0, 10.0, 30.0)
+_LONGEST_TOOTH: Final = 0.4  # of a logarithm
 _OTHER_STICTION: Final = ((0.25, 0.0), (0.7, 0.0), (1.0, 0.05), (1.0, 0.4))  # factors of F_s/F_c - 1, and added to it
 _FEW_INPUTS: Final = 6  # errors of the input that follow too
 CHECKED: Final = ("m", "F_v", "F_c", "F_s", "DV")
@@ -97,20 +103,28 @@ def known(model: StemModel, point: FloatArray, ramps: Ramps, *, noise_factor: fl
 
 @dataclass(frozen=True, slots=True)
 class Flatness:
-    """Least standard errors by symbol that the cost leaves, and whether the point is within its own intervals."""
+    """Least standard errors by symbol that the cost leaves, and whether the point is within its own intervals.
+
+    ``lowest`` is the point (p,) at which the walks found the lowest cost.
+    """
 
     least: dict[str, float]
     is_lowest: bool
+    lowest: FloatArray
 
 
-def flat_errors(model: StemModel, point: FloatArray, *, noise_factor: float, jumps: bool) -> Flatness:
+def flat_errors(
+    model: StemModel, point: FloatArray, *, noise_factor: float, jumps: bool, creeps: bool = False
+) -> Flatness:
     """Least standard errors of m, F_v, F_c, F_s and DV that the cost itself leaves, far from the point.
 
     Profile likelihood on blocks of rows: one of them goes on either way, the others follow, and all intervals reach
     whatever costs less than 3.84. The information at the point may be of a kink, or of one bend of a valley; of a stem
-    that ``jumps`` the valley has sills, so that more is believed possible.
+    that ``jumps`` the valley has sills, so that more is believed possible. One that ``creeps``, slower than DV, moves
+    in jumps too, though they be smaller than the noise: their number makes a comb of minima, and it is looked whether
+    the next teeth are lower.
     """
-    small = compressed(model)
+    small = compressed(model, keeping=point)
     inputs = tuple(name for name in model.coordinates.names if name.startswith("input_"))
     held = inputs if len(inputs) > _FEW_INPUTS else ()
     budget = Budget.limited(min(Budget.of(small).whole, _MOST_WORK))
@@ -119,11 +133,13 @@ def flat_errors(model: StemModel, point: FloatArray, *, noise_factor: float, jum
     start = Place(near.point, near.cost)
     within = (_WITHIN_SILLS if jumps else _WITHIN_95) * noise_factor**2
     walks = [
-        [start, *walk(small, start, name, sense, budget=budget, held=held, largest_rise=2.0 * within).places]
+        [start, *_walked(small, start, name, sense, budget=budget, held=held, within=within)]
         for name, sense in product(WALKED, (-1, 1))
     ]
     if not jumps:
         walks += [[start, place] for place in _with_other_stiction(small, start.point, held, budget)]
+    if creeps:
+        walks.append([start, *_next_teeth(small, start.point, held, budget)])
     # blocks have another bottom than all rows, and a walk may find it lower
     lowest = min((place for places in walks for place in places), key=lambda place: place.cost)
     values = natural_values(model, lowest.point)
@@ -135,7 +151,40 @@ def flat_errors(model: StemModel, point: FloatArray, *, noise_factor: float, jum
                 far = abs(far_values[symbol] - values[symbol]) / NORMAL_95
                 least[symbol] = max(least.get(symbol, 0.0), far)
     # the blocks of a staircase's rows, weighted by their instants, have a bottom apart from that of all rows
-    return Flatness(least, model.stepped or start.cost - lowest.cost <= within)
+    return Flatness(least, model.stepped or start.cost - lowest.cost <= within, lowest.point)
+
+
+def _walked(
+    small: StemModel,
+    start: Place,
+    name: str,
+    sense: int,
+    *,
+    budget: Budget,
+    held: tuple[str, ...],
+    within: float,
+) -> list[Place]:
+    """Places of a walk until the cost has risen: an unknown that hardly shows goes on in strides, far off."""
+    number = small.coordinates.names.index(name)
+    places = walk(small, start, name, sense, budget=budget, held=held, largest_rise=2.0 * within).places
+    for _ in range(_FARTHER):
+        rise = places[-1].cost - start.cost if places else math.inf
+        if rise > within or abs(float(places[-1].point[number] - start.point[number])) < _ALL_THE_WAY * FARTHEST:
+            break
+        on = walk(
+            small,
+            places[-1],
+            name,
+            sense,
+            budget=budget,
+            held=held,
+            largest_rise=2.0 * within - rise,
+            longest=_STRIDE,
+        )
+        places += on.places
+        if not on.places:
+            break
+    return places
 
 
 def _with_other_stiction(small: StemModel, point: FloatArray, held: tuple[str, ...], budget: Budget) -> Iterator[Place]:
@@ -148,6 +197,21 @@ def _with_other_stiction(small: StemModel, point: FloatArray, held: tuple[str, .
             found = descend(small, other, most_steps=_FOLLOWING_STEPS, held=("d", *held), arrived=0.1, one_sided=True)
             budget.spend(small, found.simulations)
             yield Place(found.point, found.cost)
+
+
+def _next_teeth(small: StemModel, point: FloatArray, held: tuple[str, ...], budget: Budget) -> Iterator[Place]:
+    """Yield where descents end that begin many standard errors off along the valley, beyond its sills."""
+    names = small.coordinates.names
+    moving = [number for number, name in enumerate(names) if name not in held]
+    for name, sigmas in product(_TOOTHED, _TEETH_SIGMAS):
+        tangent = along(small, point, names.index(name), moving)
+        if tangent is None or budget.left < 0.0:
+            break
+        step = float(np.clip(sigmas * tangent[1], -_LONGEST_TOOTH, _LONGEST_TOOTH))
+        trial = point + step * tangent[0]
+        found = descend(small, trial, most_steps=_FOLLOWING_STEPS, held=held, arrived=0.1, one_sided=True)
+        budget.spend(small, found.simulations)
+        yield Place(found.point, found.cost)
 
 
 def _within(lowest: float, places: list[Place], rise: float) -> list[FloatArray]:

@@ -14,6 +14,7 @@ from valve.kernel.modes import FOLLOWED
 from valve.kernel.sampling import even_period
 
 _MOST_EVENTS: Final = 4_000  # a test has some hundred; more is a trial valve that chatters
+NO_NOISE: Final = 1.0e-9  # of a position that is computed and not measured, as a share of its range
 STEP: Final = 1.0e-6  # of differences, in the coordinates
 # Ranges of the position per unit of a coordinate: a difference beyond this straddles a slip more or less.
 _LARGEST_SLOPE: Final = 3.0e3

@@ -12,7 +12,7 @@ import numpy as np
 from estimators.likelihood.coordinates import Coordinate, Coordinates, linear, logarithmic
 from estimators.likelihood.input_path import CommandedPath, InputPath
 from estimators.likelihood.level_kernel import level_runs
-from estimators.likelihood.model import Restarts, StemModel
+from estimators.likelihood.model import NO_NOISE, Restarts, StemModel
 from estimators.likelihood.nuisance import Nuisance
 from estimators.likelihood.row_timing import PositionDoubts, position_doubts, shared_by_rest, still_rows
 from estimators.likelihood.search import measured_rests
@@ -20,8 +20,7 @@ from estimators.likelihood.start import Trial, first_guesses, resting_rows, tria
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import BoolArray, FloatArray, IntArray, Samples
 
-# Own choices. Noise of a position that is computed and not measured, as a share of its range.
-_NO_NOISE: Final = 1.0e-9
+# Own choices.
 _SURELY_LESS: Final = 0.8
 _ENOUGH_AT_REST: Final = 16  # rows of one rest
 _REST_ENDS: Final = 3
@@ -32,7 +31,10 @@ _STILL_ROWS: Final = 3  # fewer before the first motion: the recording begins in
 _LIMIT_MEDIAN: Final = 0.015
 _LIMIT_SD: Final = 1.5
 _FASTEST: Final = 0.9  # quantile of the speeds in motion
+# m: lognormal, as wide as the masses that there are, so that one that does not show is not taken to where it is nothing
 _MASSES_KG: Final = (1.0e-2, 1.0e3)
+_MASS_MEDIAN_KG: Final = math.sqrt(_MASSES_KG[0] * _MASSES_KG[1])
+_MASS_SD: Final = math.log(_MASSES_KG[1] / _MASSES_KG[0]) / math.sqrt(12.0)
 _LARGEST_STICTION: Final = 100.0  # F_s/F_c - 1
 _STAIRCASE: Final = 6  # breakaways from which on jumps tell more than the balance of all motion
 _MOSTLY_STEPS: Final = 0.85
@@ -68,7 +70,7 @@ def pose(motion: RecordedMotion, path: InputPath) -> Problem | None:
     if jumps:
         guesses = jumping
     range_m, range_n = float(np.ptp(samples.position_m)), float(np.ptp(samples.force_n))
-    noise_m = max(_rounded_noise(samples, _noise(motion)), _NO_NOISE * range_m)
+    noise_m = max(_rounded_noise(samples, _noise(motion)), NO_NOISE * range_m)
     moving = np.zeros(samples.count, dtype=np.bool_)
     for stretch in phases.stretches:
         moving[stretch.rows] = True
@@ -106,7 +108,7 @@ def pose(motion: RecordedMotion, path: InputPath) -> Problem | None:
 
 def _valve(range_n: float, fastest: float) -> list[Coordinate]:
     return [
-        logarithmic("m", *_MASSES_KG),
+        logarithmic("m", *_MASSES_KG, median=_MASS_MEDIAN_KG, sd=_MASS_SD),
         logarithmic("k", 1.0e-3, 1.0e12),
         logarithmic("F_v", 1.0e-9 * range_n / fastest, 1.0e3 * range_n / fastest),
         logarithmic("F_c", 1.0e-7 * range_n, range_n),

@@ -9,10 +9,10 @@ from typing import Final
 
 import numpy as np
 
+from estimators.likelihood.all_rows import MOST_PLACES, NEAR, exactly, on_all_rows
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.certificate import Certificate, certify
-from estimators.likelihood.compression import LEAST_NOISE, bent_rows, compressed, in_parts
-from estimators.likelihood.descent import descend
+from estimators.likelihood.compression import bent_rows, compressed, in_parts
 from estimators.likelihood.hops import hops
 from estimators.likelihood.model import Restarts, StemModel
 from estimators.likelihood.pool import Place, chosen_trials, distinct, followed_from, halved, ranked
@@ -22,12 +22,9 @@ from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import FloatArray
 
 # Own choices.
-EXACT: Final = 0.1  # of the noise: only without noise, and then nothing can be better
 _HOP_STEPS: Final = ((30, 2), (8, 5), (3, 8))  # how many are followed, and for how many steps
 _SCAN_STEPS: Final = 7
 _LAST_SHARE: Final = 0.15  # of the budget
-_ON_ALL_ROWS: Final = 0.6  # of the budget, for one descent
-_MOST_OVERDRAWN: Final = 0.3  # of the budget: then no other place is followed on all rows
 _SECOND_SHARE: Final = 0.6  # of the budget, more of it, for starts that are followed apart
 _FIRST_STARTS: Final = 20  # which the first search follows
 _AS_LOW: Final = 9.0  # of the cost, times the misfit's square
@@ -37,19 +34,15 @@ _REFILL: Final = 0.35  # of the budget, where what was found is not enough
 _VALLEY_STEPS: Final = 30  # F_v, F_c and DV of jumps lie in a narrow valley
 _HOP_ROUNDS: Final = 3
 _BETTER: Final = 1.0  # of the cost: a hop that gains less is at the same place
-_NEAR: Final = 25.0  # of the cost: a place that may be the right one
-_MOST_PLACES: Final = 4
 _MORE_SEARCHES: Final = 2  # where the best does not explain the recording
-_EXACT_NOISE: Final = 1.0e-12  # of the range
-_FINE_STEPS: Final = 120  # without noise: the valley of DV and F_s is narrow and bent
-_LAST_STEPS: Final = 20
-_NEARLY: Final = 0.1  # of the cost: from where on differences have to be good
 _SURELY_LESS: Final = 0.8  # of the noise: it was overestimated
 _SCAN: Final = np.concatenate([np.linspace(-0.05, 0.05, 21), np.linspace(-0.4, 0.8, 13)])  # of F_s
 _USUAL: Final = 2  # models, where there are few rests
 _SPACING: Final = 4
 _EVENTS_A_BREAKAWAY: Final = 3
 _MORE_EVENTS: Final = 10  # times the measured stem's: a trial valve that chatters
+_FEW_EVENTS: Final = 40
+_MOST_HIDDEN: Final = 12_000  # followed in 3 ms
 _STILL_SIGMAS: Final = 4.0
 _LEAST_REST_ROWS: Final = 3
 
@@ -112,7 +105,7 @@ def search(
     model = with_events(model, breakaways)
     model.corners(trials[0].values)
     budget = Budget.of(model)
-    limited = replace(model, most_events=min(model.most_events, _MORE_EVENTS * (model.events + 40)))
+    limited = replace(model, most_events=min(model.most_events, _MORE_EVENTS * (model.events + _FEW_EVENTS)))
     small = compressed(limited)
     stages = _stages(limited, rests, jumps=hopping.jumps)
     whole = budget.left
@@ -136,31 +129,31 @@ def search(
     if not places:
         return None
     factor = 1.0
-    ended = _on_all_rows(model, places, budget)
+    ended = on_all_rows(model, places, budget)
     if not ended:
         return None
     certificate = certified(model, ended[0].point)
     # rows of unequal weights leave less than their errors where these repeat: that is no noise taken too large
     is_even = float(np.ptp(model.weight[model.weight > 0.0])) == 0.0
-    if is_even and EXACT < certificate.ratio < _SURELY_LESS:
+    if is_even and exactly(model) < certificate.ratio < _SURELY_LESS:
         # the differences saw the motion as noise: what the best fit leaves is nearer to it
         factor = certificate.ratio
         model = replace(model, weight=model.weight / factor)
         small = compressed(replace(model, most_events=limited.most_events))
         budget.left = max(budget.left, _REFILL * whole)
         again = [Place(place.point, small.cost(place.point)) for place in places]
-        ended = _on_all_rows(model, _hopped(small, distinct(small, again), hopping, budget, whole), budget)
+        ended = on_all_rows(model, _hopped(small, distinct(small, again), hopping, budget, whole), budget)
         certificate = certified(model, ended[0].point)
     for _ in range(_MORE_SEARCHES):
-        if certificate.is_good or certificate.ratio < EXACT:
+        if certificate.is_good or certificate.ratio < exactly(model):
             break
         budget.left = max(budget.left, _REFILL * whole)
         known = [Place(place.point, small.cost(place.point)) for place in [*ended, *places]]
-        more = [_hopped(small, [place], hopping, budget, whole) for place in distinct(small, known)[:_MOST_PLACES]]
+        more = [_hopped(small, [place], hopping, budget, whole) for place in distinct(small, known)[:MOST_PLACES]]
         places = distinct(small, [place for some in more for place in some])
-        ended = _on_all_rows(model, places, budget) or ended
+        ended = on_all_rows(model, places, budget) or ended
         certificate = certified(model, ended[0].point)
-    others = tuple(place for place in ended[1:] if place.cost < ended[0].cost + _NEAR)
+    others = tuple(place for place in ended[1:] if place.cost < ended[0].cost + NEAR)
     return Found(
         model,
         ended[0].point,
@@ -176,9 +169,14 @@ def search(
 
 
 def with_events(model: StemModel, breakaways: int) -> StemModel:
-    """Return the model that follows so many breakaways; of thousands a trial valve may have twice as many."""
+    """Return the model that follows so many breakaways, and the many more that a trial valve may have.
+
+    Jumps that are smaller than the noise are not among the measured ones, so that the true valve may have ten times
+    as many events; of thousands it may have twice as many.
+    """
     events = _EVENTS_A_BREAKAWAY * breakaways
-    return replace(model, events=events, most_events=max(model.most_events, 2 * events))
+    hidden = min(_MORE_EVENTS * (events + _FEW_EVENTS), _MOST_HIDDEN)
+    return replace(model, events=events, most_events=max(model.most_events, hidden, 2 * events))
 
 
 def _with_its_balance(model: StemModel, trial: Trial, place: Place) -> Trial:
@@ -276,31 +274,6 @@ def _followed(small: StemModel, places: list[Place], steps: int, budget: Budget,
         if math.isfinite(followed.cost):
             found.append(followed)
     return found
-
-
-def _on_all_rows(model: StemModel, places: list[Place], budget: Budget) -> list[Place]:
-    """Descend on all rows from the places that may be the lowest; cheapest first."""
-    ended: list[Place] = []
-    finest = compressed(model, least_noise=_EXACT_NOISE)
-    is_exact = float(model.weight.max()) * model.range_m > 1.0 / LEAST_NOISE
-    for number, place in enumerate(places[:_MOST_PLACES]):
-        is_far = number > 0 and place.cost > places[0].cost + 2.0 * _NEAR
-        if is_far or (ended and ended[0].cost < EXACT**2 * model.time_s.size):
-            break
-        most = budget.most_at_once(finest, 1.0)
-        point = place.point
-        if is_exact:
-            point = descend(finest, place.point, most_steps=_FINE_STEPS, most_simulations=most).point
-        if ended and budget.left < -_MOST_OVERDRAWN * budget.whole:
-            break
-        most = budget.most_at_once(model, _ON_ALL_ROWS)
-        near = descend(model, point, most_steps=_LAST_STEPS, one_sided=True, arrived=_NEARLY, most_simulations=most)
-        rest = most - near.simulations
-        found = descend(model, near.point, most_steps=_LAST_STEPS, most_simulations=rest)
-        budget.spend(model, near.simulations + found.simulations)
-        if math.isfinite(found.cost):
-            ended.append(Place(found.point, found.cost))
-    return distinct(model, ended)
 
 
 def _with_scanned_friction(model: StemModel, place: Place, budget: Budget) -> Place:

@@ -10,7 +10,7 @@ between two writes. The other three are linear.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -20,12 +20,14 @@ from estimators.likelihood.stair_kernel import stair_answer
 from estimators.samples import BoolArray, FloatArray, position_noise, resolution
 
 _FEWEST_ROWS: Final = 40
+_SINGULAR: Final = 1.0e-12
 _LONGEST_LAG_S: Final = 3.0
 _LONGEST_DELAY_S: Final = 5.0
 # Own choices, tried on triangles polled at 10 to 50 ms behind lags of 0 to 1 s.
 _LAGS: Final = 9
 _DELAYS: Final = 25
 _GRID: Final = 11
+_COARSE_ROWS: Final = 1000  # as many tell a lag and a delay to a tenth of a period
 _CLOSER: Final = 14  # times that the grid is drawn anew
 _HELD: Final = 18.0  # of chi square: the grid holds the likelihood where its edge is worse by more
 _FILLED: Final = 0.3  # of the grid's length in both directions: then it is close enough
@@ -66,23 +68,25 @@ class _Rows:
     period_s: float
 
     def columns(self, lag_s: float, delay_s: float) -> FloatArray:
-        """Offset's, gain's and swing's columns, shape (n, 3), the gain's about the staircase's mean."""
+        """Offset's, gain's and swing's columns as rows, shape (3, n), the gain's about the staircase's mean."""
         at_s = self.time_s - (delay_s - lag_s)
         answer = stair_answer(self.step_s, self.level_n, at_s, lag_s)
         # a swing that is over within a row or two cannot be told from an odd row
         is_seen = lag_s > _SEEN_PERIODS * self.period_s
         left = np.exp(-np.maximum(at_s - self.step_s[0], 0.0) / lag_s) if is_seen else np.zeros(at_s.size)
-        return np.column_stack([np.ones(at_s.size), answer - float(self.level_n.mean()), left])
+        return np.stack([np.ones(at_s.size), answer - float(self.level_n.mean()), left])
 
     def solved(self, lag_s: float, delay_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Linear parameters, shape (3,), their inverse normal matrix and the residual, shape (n,)."""
         columns = self.columns(lag_s, delay_s)
-        size = np.linalg.norm(columns, axis=0)
+        size = np.sqrt(np.einsum("ij,ij->i", columns, columns))
         size[size == 0.0] = 1.0
-        scaled = columns / size
-        inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1.0e-12, hermitian=True)
-        linear = inverse @ (scaled.T @ self.force_n) / size
-        return linear, inverse / np.outer(size, size), self.force_n - columns @ linear
+        columns /= size[:, None]
+        information, directions = np.linalg.eigh(columns @ columns.T)
+        told = information > _SINGULAR * information[-1]
+        inverse = (directions[:, told] / information[told]) @ directions[:, told].T
+        share = inverse @ (columns @ self.force_n)
+        return share / size, inverse / np.outer(size, size), self.force_n - share @ columns
 
     def cost(self, lag_s: float, delay_s: float) -> float:
         """Sum of squares left, N^2; infinite where lag or dead time cannot be."""
@@ -113,15 +117,21 @@ def fit_transducer(
     kept = _inliers(rows.solved(lag_s, delay_s)[2], resolution(np.sort(force_n)))
     rows = _Rows(step_s, level_n, time_s[kept], force_n[kept], *wire)
     lag_s, delay_s = _nearest(rows, lag_s, delay_s)
+    # where the best leaves more than noise the likelihood, which takes most of the work, tells nothing
+    if rows.time_s.size < (1.0 - _MOST_OUTLIERS) * time_s.size or not _is_noise(rows, lag_s, delay_s):
+        return None
     found = _likelihood(rows, lag_s, delay_s)
     lag_s, delay_s = found.mean
-    residual = rows.solved(lag_s, delay_s)[2]
-    if rows.time_s.size < (1.0 - _MOST_OUTLIERS) * time_s.size or not _is_noise(rows, residual):
+    if not _is_noise(rows, lag_s, delay_s):
         return None
+    residual = rows.solved(lag_s, delay_s)[2]
     return _concluded(rows, found, float(np.sqrt(residual @ residual / max(residual.size - 5, 1))))
 
 
 def _coarse(rows: _Rows) -> tuple[float, float]:
+    """Lag and delay of the least cost of some of the rows, to a tenth of a period."""
+    every = max(1, rows.time_s.size // _COARSE_ROWS)
+    rows = replace(rows, time_s=rows.time_s[::every].copy(), force_n=rows.force_n[::every].copy())
     lags = np.concatenate([[0.0], np.geomspace(0.25 * rows.period_s, _LONGEST_LAG_S, _LAGS)])
     best = (float("inf"), 0.0, 0.0)
     for lag_s in lags:
@@ -175,21 +185,17 @@ def _likelihood(rows: _Rows, lag_s: float, delay_s: float) -> _Likelihood:
     rounding = count * (_EXACT * float(np.ptp(rows.force_n))) ** 2
     least = max(rows.cost(lag_s, delay_s), rounding, 1.0e-300)
     near_s = {lag_s: (delay_s, 0.1 * rows.period_s)}
+    delays: dict[float, tuple[FloatArray, FloatArray]] = {}
 
-    def delays_of(lag: float) -> tuple[FloatArray, FloatArray]:
+    def chi_of(lag: float) -> float:
         start_s, half_s = near_s[min(near_s, key=lambda other: abs(other - lag))]
 
         def chi(delay: float) -> float:
             return (rows.cost(lag, delay) - least) / least * count + rows.prior(lag, delay)
 
-        found_s, square = _held(chi, start_s - half_s, start_s + half_s, -np.inf)
+        delays[lag] = found_s, square = _held(chi, start_s - half_s, start_s + half_s, -np.inf)
         weight = np.exp(-0.5 * (square - square.min()))
-        middle_s = float(weight @ found_s / weight.sum())
-        near_s[lag] = middle_s, 0.6 * float(np.ptp(found_s))
-        return found_s, square
-
-    def chi_of(lag: float) -> float:
-        found_s, square = delays_of(lag)
+        near_s[lag] = float(weight @ found_s / weight.sum()), 0.6 * float(np.ptp(found_s))
         best = float(square.min())
         sum_s = float(np.exp(-0.5 * (square - best)).sum()) * float(found_s[1] - found_s[0])
         return best - 2.0 * float(np.log(max(sum_s, 1.0e-300)))
@@ -198,7 +204,7 @@ def _likelihood(rows: _Rows, lag_s: float, delay_s: float) -> _Likelihood:
     lags, square = _held(chi_of, max(lag_s - reach_s, 0.0), lag_s + reach_s, 0.0)
     parts = []
     for lag, own in zip(lags, np.exp(-0.5 * (square - square.min())), strict=True):
-        found_s, chi = delays_of(float(lag))
+        found_s, chi = delays[float(lag)]
         share = np.exp(-0.5 * (chi - chi.min()))
         parts.append((np.full(found_s.size, lag), found_s, own * share / share.sum()))
     grid_lag, grid_delay, weight = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -221,8 +227,9 @@ def _held(chi: Callable[[float], float], low: float, high: float, floor: float) 
     return at, square
 
 
-def _is_noise(rows: _Rows, residual: FloatArray) -> bool:
-    """Whether this is white and no more than the pressure's own noise."""
+def _is_noise(rows: _Rows, lag_s: float, delay_s: float) -> bool:
+    """Whether what is left there is white and no more than the pressure's own noise."""
+    residual = rows.solved(lag_s, delay_s)[2]
     noise_n = position_noise(rows.time_s, rows.force_n, np.zeros(rows.time_s.size, dtype=np.int64))
     rms_n = float(np.sqrt(np.mean(residual**2)))
     if rms_n <= _EXACT * float(np.ptp(rows.force_n)):

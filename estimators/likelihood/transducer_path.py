@@ -12,11 +12,13 @@ from estimators.base import Outcome
 from estimators.likelihood.command_steps import stair_corners, within_signal, written_steps
 from estimators.likelihood.lag_kernel import lagged
 from estimators.likelihood.nuisance import Nuisance
-from estimators.likelihood.pressure_lines import Corners, KnownCorners, Stretch, find_stretches, held_together
+from estimators.likelihood.pressure_lines import held_together
+from estimators.likelihood.stretches import Corners, KnownCorners, Stretch, find_stretches
 from estimators.samples import FloatArray, position_noise
 from valve.nameplate import Nameplate
 from valve.recording import Recording
 
+LAG: Final = "transducer_lag_s"
 _TOLERANCE: Final = 1.0e-6  # of the span: what the straight lines leave an exponential by, and no less than
 _OF_THE_NOISE: Final = 0.05  # of the position's noise, as a share of the travel: finer lines show in no row
 _LARGEST_TOLERANCE: Final = 1.0e-4
@@ -25,6 +27,7 @@ _OF_A_TREAD: Final = 0.25  # as the most: the answer to a step that is over befo
 _STEP: Final = 0.02  # of a tread: what a shorter lag gives is a step, later by the lag
 _MANY_STEPS: Final = 50
 _ROWS_A_STEP: Final = 4  # a ramp that is played in steps: each is real, and the lag rounds it
+_CHANGES_A_CORNER: Final = 10  # as many rows at uneven times do not meet a line by chance
 # An I/P with a small volume behind it; the fit starts from here where nothing better is known.
 _LAG_START_S: Final = 0.1
 _DEAD_TIME_START_S: Final = 0.02
@@ -84,8 +87,9 @@ def transducer_path(recording: Recording, nameplate: Nameplate, asked_n: FloatAr
     """Return the force that a recorded command gives; ``asked_n``, shape (n,), is the command times the area.
 
     A ramp that is played in steps of at least 4 rows stays a staircase, which the lag rounds, and so does one that was
-    polled, whose rows are its writes; another one of shorter steps, or of a converter's, becomes its line. The command
-    is cut off where the nameplate's signal ends and an I/P saturates: at 3.8 and 20.5 mA of a 4 to 20 mA signal.
+    polled, whose rows are its writes; another one of shorter steps, or of a converter's, becomes its line, and so does
+    one that was read from a line, whatever polled it. The command is cut off where the nameplate's signal ends and an
+    I/P saturates: at 3.8 and 20.5 mA of a 4 to 20 mA signal.
     """
     followed_n = within_signal(asked_n, nameplate)
     found = find_stretches(recording, followed_n, _ROWS_A_STEP)
@@ -93,18 +97,32 @@ def transducer_path(recording: Recording, nameplate: Nameplate, asked_n: FloatAr
         return found
     stretches, breaks_s, _ = found
     steps = written_steps(recording, followed_n)
-    if steps is not None:
+    if steps is not None and not _is_read(recording, followed_n, stretches):
         stretches = (KnownCorners(*stair_corners(steps.step_s, steps.level_n, float(recording.time_s[-1]))),)
         breaks_s = np.empty((0, 2))
     period_s = recording.sample_period_s
     nuisances = (
-        Nuisance("transducer_lag_s", _LAG_START_S, _SCALE_S, 0.0, _LONGEST_S, float("inf")),
+        Nuisance(LAG, _LAG_START_S, _SCALE_S, 0.0, _LONGEST_S, float("inf")),
         # the command's own time stamps may be late by up to a period
         Nuisance("transducer_dead_time_s", _DEAD_TIME_START_S, _SCALE_S, -period_s, _LONGEST_S, float("inf")),
     )
     span_n = float(np.nanmax(asked_n) - np.nanmin(asked_n))
     tolerance = _tolerance(recording, nameplate.actuator.travel_m)
     return TransducerPath(stretches, nuisances, breaks_s, span_n, tolerance)
+
+
+def _is_read(recording: Recording, asked_n: FloatArray, stretches: tuple[Stretch, ...]) -> bool:
+    """Whether a polled command, shape (n,), N, was read at its rows' times from a signal that runs on between them.
+
+    A command that is written is computed before its row, now sooner and now later: on lines of the rows' own uneven
+    times it does not lie to rounding. Where the requests' times are recorded the rows are our writes.
+    """
+    if recording.sent_s is not None or recording.is_evenly_sampled:
+        return False
+    if not all(isinstance(stretch, KnownCorners) for stretch in stretches):
+        return False
+    changes = int(np.count_nonzero(np.diff(asked_n[np.isfinite(asked_n)])))
+    return changes > _CHANGES_A_CORNER * sum(stretch.corners()[0].size for stretch in stretches)
 
 
 def _tolerance(recording: Recording, travel_m: float) -> float:

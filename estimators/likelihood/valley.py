@@ -30,7 +30,7 @@ _STEPS: Final = 6  # of the others' descent
 _FOLLOWED: Final = 0.2  # of the cost
 _AT_ONCE: Final = 0.5  # of the budget, for one descent
 _MOST: Final = 14  # steps of a walk
-_FARTHEST: Final = 2.3  # of a logarithm, 10 times
+FARTHEST: Final = 2.3  # of a logarithm, 10 times
 _LEAST_SHARE: Final = 1.0e-13
 
 
@@ -82,10 +82,12 @@ def walk(
     reserve: float = 0.0,
     held: tuple[str, ...] = (),
     largest_rise: float = _LARGEST_RISE,
+    longest: float = _LONGEST,
 ) -> Walk:
     """Follow the unknown ``name`` upwards or downwards from a low place until the cost has risen or it is far off.
 
-    It ends too where no more than ``reserve`` of the budget is left.
+    It ends too where no more than ``reserve`` of the budget is left. No step of the logarithm is longer than
+    ``longest``.
     """
     number = model.coordinates.names.index(name)
     moving = [other for other, own in enumerate(model.coordinates.names) if own not in held]
@@ -96,12 +98,12 @@ def walk(
     for _ in range(_MOST):
         if budget.left - budget.price(model, simulations) < reserve:
             break
-        along = _along(model, here.point, number, moving)
+        way = along(model, here.point, number, moving)
         simulations += len(moving) + 2
-        if along is None:
+        if way is None:
             break
-        tangent, sigma = along
-        length = min(max(_FIRST_SIGMAS * sigma, _SHORTEST), _LONGEST) if math.isnan(length) else length
+        tangent, sigma = way
+        length = min(max(_FIRST_SIGMAS * sigma, _SHORTEST), longest) if math.isnan(length) else length
         reached: Place | None = None
         while length >= _SHORTEST:
             trial = np.clip(here.point + sense * length * tangent, lower, upper)
@@ -118,14 +120,14 @@ def walk(
         places.append(reached)
         here, lowest = reached, min(lowest, reached.cost)
         far = abs(float(reached.point[number] - start.point[number])) + 1.0e-6
-        if reached.cost > lowest + largest_rise or far > _FARTHEST:
+        if reached.cost > lowest + largest_rise or far >= FARTHEST:
             break
-        length = min(_LONGER * length, _LONGEST, _FARTHEST - far)
+        length = min(_LONGER * length, longest, FARTHEST - far)
     budget.spend(model, simulations)
     return Walk(places, simulations)
 
 
-def _along(model: StemModel, point: FloatArray, number: int, moving: list[int]) -> tuple[FloatArray, float] | None:
+def along(model: StemModel, point: FloatArray, number: int, moving: list[int]) -> tuple[FloatArray, float] | None:
     """Change of all unknowns, shape (p,), while one goes on by 1 and the others follow, and its standard error."""
     slopes = model.slopes(point, moving, one_sided=True)
     if slopes is None:

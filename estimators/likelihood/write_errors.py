@@ -125,7 +125,9 @@ def _settled(doubted: _Doubted, first: _Weighed) -> _Weighed:
     """Descend and weigh anew until it changes nothing more; the likeliest on the way."""
     best, now = first, first
     for _ in range(_ROUNDS):
-        again = doubted.weighed(descend(now.model, now.point, most_steps=_DESCENT_STEPS).point)
+        # the weights move more than the differences' sides: the last descent takes both
+        lower = descend(now.model, now.point, most_steps=_DESCENT_STEPS, one_sided=True)
+        again = doubted.weighed(lower.point)
         if again is None:
             break
         gain, now = now.unlikeliness - again.unlikeliness, again

@@ -86,9 +86,11 @@ def figure(found: Measured, *, scale: float = 0.0, note: str = "", reason: str =
     if not (math.isfinite(found.value) and math.isfinite(found.std_error)):
         return absent(reason or "the data do not determine it")
     half = found.half_width
-    limit = LARGEST_RELATIVE_HALF_WIDTH * max(abs(found.value), scale)
-    if half > limit:
-        return absent(f"known to +-{half:.2g} about {found.value:.3g} only: {reason or 'repeat with more cycles'}")
+    size = max(abs(found.value), scale)
+    if half > LARGEST_RELATIVE_HALF_WIDTH * size:
+        known = f"known to +-{100.0 * half / size:.0f} % only" if size > 0.0 else "not told from nothing"
+        limit = f"the limit is {100.0 * LARGEST_RELATIVE_HALF_WIDTH:g} %"
+        return absent(f"{known}, {limit}: {reason or 'repeat with more cycles'}")
     return ParameterEstimate(found.value, found.std_error, (found.value - half, found.value + half), True, note)
 
 

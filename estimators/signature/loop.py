@@ -37,6 +37,12 @@ _NO_COMMON_TRAVEL: Final = (
 )
 _UNVARIED: Final = "no variation over the travel beyond the noise"
 _LARGEST_SHARE_OF_STROKE: Final = 0.3  # of the longest one among the rates: a shorter one is no central stroke
+_BENT: Final = (
+    "the two branches share too little travel in settled motion, and they are no straight lines: "
+    "repeat with a larger amplitude, and see what the diagnosis says"
+)
+_STRAIGHT: Final = 3.0  # noises, that rows may lie off the lines
+_STRAIGHT_SHARE: Final = 0.01  # own choice, of the friction: so far off the lines still tell it
 _MODEL_SHARE: Final = 1.0e-6  # of the friction: what is left of transients in the uniform motion
 
 
@@ -83,6 +89,8 @@ def without_common_travel(motion: RecordedMotion, uniform: UniformMotion, namepl
     """Signature where the branches lie beside each other: friction as if it were the same all over the travel."""
     if motion.action is Action.DOUBLE:
         return nothing(_NO_COMMON_TRAVEL, span=span_of(nameplate, None))
+    if _are_bent(motion, uniform):
+        return dead_band_alone(motion, nameplate, _BENT)
     spring, friction, preload, full = _straight_lines(motion, uniform, nameplate.actuator.travel_m)
     span = span_of(nameplate, spring)
     straight = f"{_NO_COMMON_TRAVEL.partition(':')[0]}: straight lines through each were used"
@@ -103,6 +111,13 @@ def without_common_travel(motion: RecordedMotion, uniform: UniformMotion, namepl
         "curve": branch_curve(motion, None, nameplate),
     }
     return signature_of(figures, bench_set(nameplate, preload, full, span), span, about)
+
+
+def _are_bent(motion: RecordedMotion, uniform: UniformMotion) -> bool:
+    """Whether the rows lie off the straight lines by more than noise: a slope through them is no spring rate."""
+    samples = motion.samples
+    noise_n = math.hypot(samples.force_noise_n, uniform.spring_n_per_m * samples.position_noise_m)
+    return uniform.residual_rms_n > math.hypot(_STRAIGHT * noise_n, _STRAIGHT_SHARE * uniform.friction_n)
 
 
 def _straight_lines(

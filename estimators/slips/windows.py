@@ -91,7 +91,7 @@ def slip_windows(motion: RecordedMotion, spring_n_per_m: float) -> SlipWindows |
         return None
     sizes = [one[1].size for one in made]
     told = np.array([one[4] for one in made])
-    rest_error_m, undithered = _grid_error(motion.samples)
+    rest_error_m, undithered = grid_error(motion.samples)
     return SlipWindows(
         slips=np.array([one[0] for one in made]),
         first=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64),
@@ -109,7 +109,7 @@ def slip_windows(motion: RecordedMotion, spring_n_per_m: float) -> SlipWindows |
     )
 
 
-def _grid_error(samples: Samples) -> tuple[float, bool]:
+def grid_error(samples: Samples) -> tuple[float, bool]:
     """Error of a mean position at rest by the sensor's grid, m, and whether noise is too small to hide the grid.
 
     Gaussian noise s dithers a grid of steps q: the mean's error falls from q / sqrt(12) with exp(-2 (pi s / q)^2).

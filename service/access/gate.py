@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import hmac
 import ipaddress
+from functools import lru_cache
 from http import HTTPStatus
 from http.cookies import CookieError, SimpleCookie
 from typing import Final
@@ -166,18 +167,21 @@ def _require_own_origin(headers: Headers, encrypted: bool) -> None:
 
 def _require_local_host(headers: Headers) -> None:
     """Refuse a name that somebody's DNS points at this machine: its pages would be of our origin."""
-    host = headers.get("host", "")
-    name = urlsplit(f"//{host}").hostname or ""
-    try:
-        local = ipaddress.ip_address(name).is_loopback
-    except ValueError:
-        local = name == "localhost"
-    if not local:
+    if not _is_local(headers.get("host", "")):
         raise _Refusal(
             HTTPStatus.FORBIDDEN,
             "without sign-in this service answers to localhost and loopback addresses alone: use http://127.0.0.1, "
             'or set service.access = "sign-in"',
         )
+
+
+@lru_cache(maxsize=64)  # a browser sends the same with every request
+def _is_local(host: str) -> bool:
+    name = urlsplit(f"//{host}").hostname or ""
+    try:
+        return ipaddress.ip_address(name).is_loopback
+    except ValueError:
+        return name == "localhost"
 
 
 def _with_headers(send: Send, tls: bool) -> Send:

@@ -28,7 +28,7 @@ class Needs:
 
     right: Right | None
 
-    def __call__(self, request: Request) -> Principal | None:
+    async def __call__(self, request: Request) -> Principal | None:  # a function would be called in a thread
         """Return who asks. Raises NotSignedInError, ForbiddenError."""
         principal: Principal | None = getattr(request.state, "principal", None)
         if self.right is None:
@@ -56,7 +56,7 @@ def needs(right: Right) -> Any:
 OPEN_TO_ALL: Final = Depends(Needs(None))
 
 
-def principal_of(request: Request) -> Principal:
+async def principal_of(request: Request) -> Principal:
     """Return who asks, on a route that needs a right."""
     principal = request.state.principal
     assert isinstance(principal, Principal)

@@ -31,9 +31,9 @@ _Password = Annotated[str, Field(min_length=1, max_length=LONGEST_PASSWORD)]
 _RoleName = Annotated[Role, Field(strict=False)]
 
 
-def access_of_request(request: Request) -> Access:
+async def access_of_request(request: Request) -> Access:
     """Return the access to the service that got this request."""
-    return parts_of(request).access
+    return (await parts_of(request)).access
 
 
 AccessOf = Annotated[Access, Depends(access_of_request)]
@@ -249,7 +249,7 @@ async def list_tokens(access: AccessOf) -> TokenList:
 @router.post("/tokens", status_code=HTTPStatus.CREATED)
 async def create_token(request: Request, wanted: TokenRequest, asks: Asks, access: AccessOf) -> NewToken:
     """Create a machine token. Its secret is in this answer and nowhere else."""
-    unknown = sorted(set(wanted.valves or ()) - set(parts_of(request).plant.valves))
+    unknown = sorted(set(wanted.valves or ()) - set((await parts_of(request)).plant.valves))
     if unknown:
         raise NotFoundError(f"valve {unknown[0]!r} is unknown: GET /valves lists all")
     token, secret = await asyncio.to_thread(

@@ -31,6 +31,8 @@ def print_analysis(console: Console, analysis: dict[str, Any]) -> None:
     for tried in analysis.get("held_out", []):
         _print_held_out(console, tried)
     print_diagnosis(console, analysis["discrepancy"])
+    for note in analysis.get("notes", []):
+        _say(console, f"Note: {note}")
     health = analysis["health"]
     state = [f"{NE107[health['ne107']].words.lower()} (NE 107: {health['ne107']})"] if health["ne107"] else []
     _say(console, f"Health: {'; '.join([*state, *(reason.rstrip('.') for reason in health['reasons'])])}.")

@@ -41,7 +41,8 @@ def diagnosis_lines(discrepancy: dict[str, Any]) -> list[str]:
     ]
     rivals = discrepancy.get("not_told_apart_from")
     if rivals:
-        lines.append(f"It could as well be: {', '.join(_plain(name) for name in rivals)}.")
+        first = _plain(discrepancy["causes"][0]["cause"])
+        lines.append(f"Instead of {first} it could as well be: {', '.join(_plain(name) for name in rivals)}.")
     gains = discrepancy.get("gains") or [discrepancy.get("gain")]
     lines += [_gain(gain) for gain in gains if gain is not None]
     separating = discrepancy.get("separating_test")

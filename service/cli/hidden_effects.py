@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import difflib
-
 from service.settings_errors import Findings, Key
+from service.spelling import nearest
 from valve.effects import EFFECTS, Effect, ValveScale, effect_from_values
 from valve.errors import ParameterError, ValveError
 from valve.extended_valve import ExtendedValve
@@ -23,8 +22,8 @@ def check_effect(given: dict[str, str | float], key: Key, findings: Findings) ->
         if cause is None:
             findings.add(key, given, "its cause is missing", f"choose one of {known}")
             return
-        close = difflib.get_close_matches(str(cause), EFFECTS, n=1)
-        remedy = f"write {close[0]}" if close else f"choose one of {known}"
+        close = nearest(str(cause), EFFECTS)
+        remedy = f"write {close}" if close else f"choose one of {known}"
         findings.add((*key, "cause"), cause, "this cause is unknown", remedy)
         return
     for name, value in given.items():

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import ipaddress
-import json
+from http import HTTPStatus
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 from urllib.parse import quote
 
 import typer
 
+from service.cli.client import service_client
 from service.cli.output import STANDARD_OUTPUT, write_json
+from service.cli.overrides import read_overrides
 from valve.errors import NotFoundError, RequestError
 
 if TYPE_CHECKING:
@@ -25,7 +27,10 @@ def plan(  # noqa: PLR0917 - typer takes options by position
     config: Annotated[Path, typer.Option("--config", metavar="FILE", help="The plant file.", show_default=False)],
     sequence: Annotated[
         str,
-        typer.Option(metavar="NAME", help="One of multi_rate, triangle, sine, steps, dwell; all compares them."),
+        typer.Option(
+            metavar="NAME",
+            help="One of multi_rate, triangle, sine, steps, dwell, small_loops, diagnostic; all compares them.",
+        ),
     ] = ALL,
     override: Annotated[
         list[str] | None,
@@ -53,7 +58,9 @@ def plan(  # noqa: PLR0917 - typer takes options by position
     plant = load_plant(config)
     if tag not in plant.valves:
         raise NotFoundError(f"valve {tag[:64]!r} is unknown: {config.name} has {', '.join(plant.valves)}")
-    overrides = _overrides(override or [], sequence)
+    if override and sequence == ALL:
+        raise RequestError("--override changes one sequence, and all are compared: name it by --sequence")
+    overrides = read_overrides(override or ())
     from service.expected_valve import expected_valve
     from service.planning import plan_document, plan_sequence
     from service.runs.sequences import SEQUENCES
@@ -79,36 +86,23 @@ def plan(  # noqa: PLR0917 - typer takes options by position
         raise RequestError(document["sequences"][0]["message"])
 
 
-def _overrides(pairs: list[str], sequence: str) -> dict[str, Any]:
-    """Return KEY=VALUE pairs with their values read as JSON. Raises RequestError."""
-    if pairs and sequence == ALL:
-        raise RequestError("--override changes one sequence, and all are compared: name it by --sequence")
-    overrides: dict[str, Any] = {}
-    for pair in pairs:
-        key, separator, text = pair.partition("=")
-        try:
-            overrides[key.strip()] = json.loads(text)
-        except ValueError:
-            separator = ""
-        if not separator:
-            raise RequestError(f"--override {pair!r}: write it as KEY=NUMBER or KEY=[NUMBER, ...]: cycles=2")
-    return overrides
-
-
 def _last_test(plant: Plant, tag: str, url: str | None) -> tuple[dict[str, Any] | None, str]:
     """Return the valve's last completed test as the service has it, or None and why."""
     import httpx
 
     if url is None:
-        address = ipaddress.ip_address(plant.service.bind)
+        address, scheme = ipaddress.ip_address(plant.service.bind), "https" if plant.service.access.tls_key else "http"
         # a service that listens on every address also listens on this machine's own
         host = "127.0.0.1" if address.is_unspecified else str(address)
-        url = f"http://[{host}]:{plant.service.port}" if address.version == 6 else f"http://{host}:{plant.service.port}"
+        url = f"{scheme}://{f'[{host}]' if address.version == 6 else host}:{plant.service.port}"
     try:
-        answer = httpx.get(f"{url.rstrip('/')}/valves/{quote(tag, safe='')}", timeout=_TIMEOUT_S)
+        with service_client(url) as client:
+            answer = client.get(f"/valves/{quote(tag, safe='')}", timeout=_TIMEOUT_S)
         content = answer.json() if answer.is_success else None
-    except (httpx.HTTPError, httpx.InvalidURL, ValueError):
+    except (httpx.HTTPError, ValueError):
         return None, f"no service at {url} to ask for its last test"
+    if answer.status_code in (HTTPStatus.UNAUTHORIZED, HTTPStatus.FORBIDDEN):
+        return None, f"the service at {url} tells its last test to nobody without a token that may see it"
     if not isinstance(content, dict) or "last_result" not in content:
         return None, f"the service at {url} does not know the valve"
     last = content["last_result"]

@@ -27,14 +27,18 @@ def write_report(target: str, recordings: Sequence[Path], nameplate: Path, analy
     """Write the report of an analysis. Raises RequestError where the file cannot be written."""
     from service.nameplates import read_nameplate
     from service.report.source import ReportSource
+    from service.report.valve_facts import nameplate_facts
     from service.report.written import report_html, report_pdf
+    from service.shown_units import UnitSystem
     from valve.recording_files import file_sha256
 
     facts = [(f"Recording {path.name}, SHA-256", file_sha256(path)) for path in recordings]
     facts += [("Nameplate", nameplate.name), ("Software", f"breakaway {version('breakaway')}")]
     facts += [("Analysis", str(analysis["schema"])), ("Written", f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC")]
     names = ", ".join(path.name for path in recordings)
-    source = ReportSource(read_nameplate(nameplate).tag, f"recording {names}", analysis, tuple(facts))
+    valve = read_nameplate(nameplate)
+    told = tuple(nameplate_facts(valve, UnitSystem.SI))
+    source = ReportSource(valve.tag, f"recording {names}", analysis, tuple(facts), valve=told)
     write = report_pdf if Path(target).suffix.lower() == ".pdf" else report_html
     try:
         Path(target).write_bytes(write(source))

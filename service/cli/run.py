@@ -17,6 +17,7 @@ from rich.text import Text
 
 from service.cli.analysis_tables import print_analysis
 from service.cli.client import service_client
+from service.cli.overrides import read_overrides
 from service.cli.signals import ended_by_signals
 from service.runs.run import Label
 from valve.errors import MeasurementError, RequestError, WireError
@@ -35,6 +36,9 @@ def run(
         ),
     ] = None,
     *,
+    override: Annotated[
+        list[str] | None, typer.Option(metavar="KEY=VALUE", help="Change the sequence: cycles=2. Repeat it.")
+    ] = None,
     label: Annotated[Label | None, typer.Option(help="What the test stands for beside a repair.")] = None,
     permit: Annotated[
         str | None, typer.Option(metavar="NUMBER", help="The work permit, where the valve demands one.")
@@ -47,8 +51,10 @@ def run(
     ] = False,
 ) -> None:
     """Run one test of one valve and print the methods' estimates and the diagnosis. Ctrl-C stops the test."""
+    wanted = {"valve": tag, "sequence": sequence, "label": label, "permit": permit}
+    overrides = read_overrides(override or ())
     with service_client(url) as client, ended_by_signals():
-        location = _start(client, {"valve": tag, "sequence": sequence, "label": label, "permit": permit})
+        location = _start(client, wanted | {"overrides": overrides or None})
         try:
             _watch(client, location, tag)
         except KeyboardInterrupt:

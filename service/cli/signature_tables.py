@@ -104,7 +104,7 @@ def _band_rows(signature: dict[str, Any]) -> list[tuple[str, str, str, str]]:
 
 def _where(signature: dict[str, Any]) -> str:
     """From what, over which stroke, at which speed, and what 100 % is."""
-    parts = [f"Signature {signature['from'] or 'not measured'}"]
+    parts = [f"Signature {_origin(signature['from'])}"]
     stroke = signature.get("central_stroke_m")
     if stroke is not None:
         parts.append(f"over {1e3 * stroke[0]:.1f} to {1e3 * stroke[1]:.1f} mm of travel")
@@ -123,6 +123,13 @@ def _where(signature: dict[str, Any]) -> str:
         return f"{sentence}. 100 % is {span['force_n']:.4g} N ({span['from']})."
     low_pa, high_pa = span["pressure_pa"]
     return f"{sentence}. 100 % is {1e-3 * (high_pa - low_pa):.4g} kPa ({span['from']})."
+
+
+def _origin(told: str | None) -> str:
+    """How the figures came about, to follow the word signature: measured, taken from the parameters, or both."""
+    if told is None:
+        return "not measured"
+    return " and ".join(one if one.startswith("measured") else f"taken from {one}" for one in told.split("; "))
 
 
 def _reasons(signature: dict[str, Any]) -> list[str]:

@@ -149,18 +149,20 @@ def _of_causes(case: Case) -> Iterator[Finding]:
             continue
         fresh = "New since the baseline: " if baseline is not None and name not in known else ""
         yield Finding(Ne107.MAINTENANCE, f"{fresh}{cause['sentence']} {cause['action']}")
-    if found.get("verdict") == "unexplained" and baseline is not None and baseline.test.verdict in ("none", "named"):
-        yield Finding(
-            Ne107.MAINTENANCE,
-            "New since the baseline: something that no known cause explains. Run the diagnostic sequence.",
-        )
+    accounted = baseline is not None and baseline.test.verdict not in ("none", "named")
+    if found.get("verdict") == "unexplained" and not (accounted and case.is_chosen):
+        fresh = "New since the baseline: something" if baseline is not None and not accounted else "Something"
+        yield Finding(Ne107.MAINTENANCE, f"{fresh} that no known cause explains. Run the diagnostic sequence.")
 
 
 def _notes(case: Case, findings: Sequence[Finding], changes: Sequence[Change]) -> Iterator[str]:
     """Yield what is no reason for a state and still worth a word."""
     if not findings:
         yield _all_well(case.baseline, changes)
-    for cause in (case.analysis.get("discrepancy") or {}).get("causes") or ():
+    found = case.analysis.get("discrepancy") or {}
+    if found.get("verdict") == "not_assessed" and found.get("message"):
+        yield f"Causes were not looked for. {found['message']}"
+    for cause in found.get("causes") or ():
         if _is_small(cause, case):
             yield f"{cause['sentence']} That is within {case.limits.bench_set_percent:.3g} % of the span."
 

@@ -103,7 +103,7 @@ def _of_signature(analysis: Mapping[str, Any]) -> Iterator[tuple[str, Figure]]:
             if figure is not None:
                 yield key, figure
     recording = analysis.get("recording") or {}
-    reached = recording.get("position_range_m")
+    reached = recording.get("stroke_m")
     if reached:
         travel_m, noise_m = float(reached[1] - reached[0]), recording.get("position_noise_m")
         reach_m = None if noise_m is None else _PEAKS * noise_m

@@ -18,7 +18,8 @@ from service.health.trend_view import TrendView, trends_of_tests
 from service.json_body import JsonRoute
 from service.parts import Parts, parts_of
 from service.problems import PROBLEMS
-from service.runs.run import Label, RunState
+from service.runs.own_test import completed_test_of
+from service.runs.run import Label
 from valve.errors import NotFoundError, RequestError
 
 router = APIRouter(prefix="/valves", tags=["health"], responses=PROBLEMS, route_class=JsonRoute)
@@ -91,12 +92,9 @@ async def set_baseline(tag: str, wanted: BaselineRequest, parts: PartsOf, asks: 
     """Make a completed test the baseline: what it shows is how this valve is; later tests are held against it."""
     parts.runs.valve(tag)
     require_covers(asks, tag)
-    run = await parts.runs.get(wanted.test)
-    if run.valve != tag:
-        raise RequestError(f"test {run.id} is one of {run.valve}, not of {tag}: choose a test of this valve")
-    known = await asyncio.to_thread(parts.store.figures.get, run.id)
-    if run.state is not RunState.COMPLETED or known is None:
-        raise RequestError(f"test {run.id} is {run.state.value} and has no figures: choose a completed test")
+    run = await completed_test_of(parts.runs, tag, wanted.test)
+    if await asyncio.to_thread(parts.store.figures.get, run.id) is None:
+        raise RequestError(f"test {run.id} has no figures: choose another completed test")
     await asyncio.to_thread(parts.audit.append, "baseline.set", who=asks.name, valve=tag, test=run.id)
     baseline = await asyncio.to_thread(parts.store.figures.set_baseline, run, asks.name)
     assert baseline is not None, "its figures were just read"

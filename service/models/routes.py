@@ -15,7 +15,7 @@ from service.access.principal import Right
 from service.json_body import JsonRoute
 from service.parts import Parts, parts_of
 from service.problems import PROBLEMS
-from service.runs.run import RunState
+from service.runs.own_test import completed_test_of
 from service.store.model_table import AcceptedModel
 from valve.errors import NotFoundError, RequestError
 
@@ -65,12 +65,8 @@ async def accept_model(tag: str, wanted: ModelRequest, parts: PartsOf, asks: Ask
     """Accept the extended model of a completed test: later tests of the valve are judged against it."""
     parts.runs.valve(tag)
     require_covers(asks, tag)
-    run = await parts.runs.get(wanted.test)
-    if run.valve != tag:
-        raise RequestError(f"test {run.id} is one of {run.valve}, not of {tag}: choose a test of this valve")
-    if run.state is not RunState.COMPLETED or run.analysis is None:
-        raise RequestError(f"test {run.id} is {run.state.value}: accept the model of a completed test")
-    discrepancy = run.analysis.get("discrepancy") or {}
+    run = await completed_test_of(parts.runs, tag, wanted.test)
+    discrepancy = (run.analysis or {}).get("discrepancy") or {}
     model = discrepancy.get("extended_model")
     if model is None:
         verdict = str(discrepancy.get("verdict", "not_assessed")).replace("_", " ")

@@ -10,6 +10,7 @@ from service.figures.loop import loop_picture
 from service.figures.methods import all_estimates, methods_picture
 from service.figures.misfit import coordinate_picture, time_picture
 from service.figures.trend import trends_picture
+from service.next_step import most_telling, next_step
 from service.report.source import ReportSource
 from service.report.summary import summary_of
 from service.shown_sentences import all_in_units
@@ -83,14 +84,20 @@ def document_of(source: ReportSource) -> dict[str, Any]:
             "gain": _gain(diagnosis.gain, system),
             "where": str(((analysis.get("discrepancy") or {}).get("misfit") or {}).get("where") or ""),
             "separating": _separating(diagnosis.separating_test),
+            "next": next_step(analysis, source.sequence),
+            "notes": [str(note) for note in analysis.get("notes") or ()],
         },
         "sampling": [{"name": name, "value": value} for name, value in _sampling(analysis, system)],
         "permissives": [_permissive(one) for one in source.permissives],
         "comparison": list(source.comparison),
     }
     pictures = {name: _drawn(picture) for name, picture in _pictures(source) if picture is not None}
-    facts = [{"name": name, "value": value} for name, value in source.facts]
-    return {**all_in_units(document, system), "facts": facts, "pictures": pictures}
+    told = {
+        key: [{"name": name, "value": value} for name, value in rows]
+        for key, rows in (("facts", source.facts), ("valve", source.valve))
+    }
+    front = [name for name in _front(analysis, pictures) if name in pictures]
+    return {**all_in_units(document, system), **told, "pictures": pictures, "front": front}
 
 
 def _fitted(analysis: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -116,6 +123,14 @@ def _pictures(source: ReportSource) -> Iterator[tuple[str, Picture | None]]:
     yield "time", time_picture(pictures, system)
     if diagnosis_of(analysis).verdict != "none":  # it would draw noise
         yield "coordinate", coordinate_picture(pictures, system)
+
+
+def _front(analysis: Mapping[str, Any], drawn: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the pictures of page one: the trend, or the signature of a first test, and the misfit where one is."""
+    first = "trend" if "trend" in drawn else "loop"
+    if diagnosis_of(analysis).verdict in ("none", "not_assessed"):
+        return (first,)
+    return first, "time" if most_telling(analysis) is None or "coordinate" not in drawn else "coordinate"
 
 
 def _gain(gain: Mapping[str, Any] | None, system: UnitSystem) -> str:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import datetime
 from typing import Any
 
 from service.health.comparison import compare
 from service.health.judge import facts_of
 from service.report.source import ReportSource
+from service.report.valve_facts import nameplate_facts, wiring_facts
 from service.runs.run import Label, Run
 from service.settings import PlantValve
 from service.shown_units import UnitSystem
 from service.store.store import Store
 from service.tablet.history import past_of
-from service.tablet.rendering import moment
 
 
 def source_of(store: Store, run: Run, valve: PlantValve | None, system: UnitSystem) -> ReportSource:
@@ -31,12 +32,25 @@ def source_of(store: Store, run: Run, valve: PlantValve | None, system: UnitSyst
         tuple((run.permissives or {}).get("permissives") or ()),
         tuple(_comparison(store, run, valve)),
         system,
+        _of_valve(valve, system),
+        run.sequence,
     )
+
+
+def _of_valve(valve: PlantValve | None, system: UnitSystem) -> tuple[tuple[str, str], ...]:
+    if valve is None:
+        return ()
+    return (*nameplate_facts(valve.nameplate, system), *wiring_facts(valve.wiring, valve.health, system))
+
+
+def _instant(at: datetime | None) -> str:
+    """Return an instant by the gateway's clock with its zone: a report is read elsewhere, and years later."""
+    return "–" if at is None else f"{at.astimezone():%Y-%m-%d %H:%M %Z}"
 
 
 def _subject(run: Run) -> str:
     label = "" if run.label is None else f", {run.label.value.replace('_', ' ')}"
-    return f"test of {moment(run.created_at)}, {run.sequence.replace('_', ' ')}{label}"
+    return f"test of {_instant(run.created_at)}, {run.sequence.replace('_', ' ')}{label}"
 
 
 def _facts(run: Run, baseline: str | None) -> list[tuple[str, str]]:
@@ -44,9 +58,11 @@ def _facts(run: Run, baseline: str | None) -> list[tuple[str, str]]:
     accepted = (run.analysis or {}).get("accepted_model")
     facts = [
         ("Test", run.id),
+        ("Label", None if run.label is None else run.label.value.replace("_", " ")),
+        ("Work permit", (run.permissives or {}).get("permit")),
         ("Asked for by", run.requested_by or "local"),
         ("Schedule", run.schedule),
-        ("Began, ended", f"{moment(run.started_at)}, {moment(run.motion_ended_at)}"),
+        ("Began, ended", f"{_instant(run.started_at)}, {_instant(run.motion_ended_at)}"),
         ("Motion", run.sequence + "".join(f", {key} {value}" for key, value in sorted(run.overrides.items()))),
         ("Safe value read back", {True: "yes", False: "NO", None: "nothing moved"}[run.safe_confirmed]),
         ("Notes of the driver", "; ".join(str(note) for note in quality.get("notes") or ()) or None),

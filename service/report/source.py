@@ -14,7 +14,8 @@ from service.shown_units import UnitSystem
 class ReportSource:
     """A test's result with what stands around it; all of it plain, so that another process can draw it.
 
-    ``facts`` are the provenance: names and values. ``baseline`` is the signature that the loop is drawn over.
+    ``facts`` are the provenance: names and values. ``baseline`` is the signature that the loop is drawn over. ``valve``
+    is its nameplate and limits as names and values, ``sequence`` the one that the test played, None where unknown.
     """
 
     tag: str
@@ -26,3 +27,5 @@ class ReportSource:
     permissives: tuple[Mapping[str, Any], ...] = ()
     comparison: tuple[str, ...] = ()
     system: UnitSystem = field(default=UnitSystem.SI)
+    valve: tuple[tuple[str, str], ...] = ()
+    sequence: str | None = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from service.next_step import next_step
 from service.report.source import ReportSource
 from service.shown_units import measured, quantity
 from service.tablet.results import diagnosis_of
@@ -34,7 +35,7 @@ def summary_of(source: ReportSource) -> dict[str, Any]:
         "state_words": "Not assessed" if shown is None else shown.words,
         "reasons": [_sentence(reason) for reason in health.get("reasons") or ()],
         "diagnosis": _diagnosis(source.analysis, health.get("reasons") or ()),
-        "actions": _actions(source.analysis),
+        "actions": _actions(source),
         "key_figures": _key_figures(source),
     }
 
@@ -52,9 +53,10 @@ def _diagnosis(analysis: Mapping[str, Any], reasons: Sequence[str]) -> str:
     return "" if sentences and not left and found.verdict == "named" else " ".join([found.headline, *left])
 
 
-def _actions(analysis: Mapping[str, Any]) -> list[str]:
-    causes = (analysis.get("discrepancy") or {}).get("causes") or ()
-    return list(dict.fromkeys(str(cause["action"]) for cause in causes))
+def _actions(source: ReportSource) -> list[str]:
+    causes = (source.analysis.get("discrepancy") or {}).get("causes") or ()
+    actions = [*(str(cause["action"]) for cause in causes), next_step(source.analysis, source.sequence)]
+    return [action for action in dict.fromkeys(actions) if action]
 
 
 def _key_figures(source: ReportSource) -> list[dict[str, str]]:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
+
+import structlog
 
 from drivers.permissives import require_met
 from service.bus import BusOwners, Claim
@@ -17,7 +19,21 @@ from service.runs.rig import Rig
 from service.runs.run import Run
 from service.settings import Plant, PlantValve
 from service.store.store import Store
-from valve.errors import BusyError, RequestError
+from valve.errors import BusyError, PermissiveError, RequestError
+
+_LOG = structlog.get_logger(__name__)
+
+
+@contextlib.contextmanager
+def _refusals_logged(wanted: Run) -> Iterator[None]:
+    """Leave a line where a person's test is refused; a scheduled one is tried again and says how that ended."""
+    try:
+        yield
+    except (BusyError, PermissiveError) as error:
+        if wanted.schedule is None:
+            by = wanted.requested_by
+            _LOG.warning("test refused", valve=wanted.valve, sequence=wanted.sequence, by=by, reason=str(error))
+        raise
 
 
 class Gate:
@@ -62,6 +78,10 @@ class Gate:
 
         Raises BusyError, PermissiveError and RequestError; then nothing is stored and nothing is claimed.
         """
+        with _refusals_logged(wanted):
+            return await self._admitted(wanted, valve, permit)
+
+    async def _admitted(self, wanted: Run, valve: PlantValve, permit: str | None) -> tuple[Run, Claim]:
         claim = self.owners.claim(wanted.id, wanted.valve, valve.buses, scheduled=wanted.schedule is not None)
         try:
             permission = await self._read_permission(valve, permit)
@@ -104,6 +124,6 @@ class Gate:
         found = await self._rig.permissives(valve, permit)
         last = await asyncio.to_thread(self._store.runs.newest, 1, valve=valve.nameplate.tag)
         disk = await asyncio.to_thread(free_disk, self._store.folder)
-        permission = Permission((*found, disk, last_end(last[0] if last else None)), datetime.now(UTC))
+        permission = Permission((*found, disk, last_end(last[0] if last else None)), datetime.now(UTC), permit)
         self._permissions[valve.nameplate.tag] = permission
         return permission

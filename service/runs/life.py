@@ -8,8 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
-from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import structlog
 
@@ -17,19 +16,16 @@ from drivers.outcome import Ended, PlayOutcome, SampleBlock
 from drivers.permissives import Permissive
 from service.audit.log import AuditError, AuditLog
 from service.bus import BusOwners, Claim
-from service.health.judge import health_of
 from service.runs.acknowledgement import ENDED_KEY
+from service.runs.analyst import Analyst, assessed
 from service.runs.live import MOTION_SHARE, LiveRun
 from service.runs.permission import Permission
 from service.runs.quality import recording_quality
 from service.runs.rig import Order, Rig, Watcher
-from service.runs.room import room_to_json
 from service.runs.run import RunState
-from service.runs.separating import TOGETHER
 from service.store.journal import JournalWriter
 from service.store.store import Store
 from valve.errors import MeasurementError, ValveError
-from valve.nameplate import Nameplate
 
 _LOG = structlog.get_logger(__name__)
 _SYNC_PERIOD_S: Final = 1.0
@@ -41,27 +37,6 @@ NOT_CONFIRMED: Final = "SAFE STATE NOT CONFIRMED: go and look at the valve"
 
 
 OnSamples = Callable[[str, SampleBlock], None]  # a valve's tag and samples of it that were written down
-
-
-class Analyst(Protocol):
-    """Analyses a stored recording somewhere else than on the event loop."""
-
-    async def analyze(
-        self,
-        recording_path: Path,
-        nameplate: Nameplate,
-        progress: Callable[[float, str], None] | None = None,
-        *,
-        together: Sequence[Path] = (),
-        held_out: Sequence[tuple[str, Path]] = (),
-        accepted: Mapping[str, Any] | None = None,
-        room: Mapping[str, float] | None = None,
-    ) -> dict[str, Any]:
-        """Return the analysis object; ``progress`` is told the share done, 0 to 1. Raises ValveError.
-
-        ``together`` are other recordings of the same valve, ``held_out`` named ones that are not fitted, ``accepted``
-        is the extended model that somebody accepted for this valve, ``room`` what a further test of it may use.
-        """
 
 
 class Life:
@@ -166,7 +141,7 @@ class Life:
         if outcome.recording is not None:
             name, sha256 = await asyncio.to_thread(self._store.write_recording, self._live.run.id, outcome.recording)
             changes |= {"recording_file": name, "recording_sha256": sha256}
-            changes["quality"] = recording_quality(outcome.recording, outcome.notes)
+            changes["quality"] = await asyncio.to_thread(recording_quality, outcome.recording, outcome.notes)
         else:
             changes["quality"] = {"samples": 0, "notes": list(outcome.notes)}
         changes["quality"] |= {ENDED_KEY: outcome.ended.value, "writes": outcome.writes}
@@ -190,25 +165,12 @@ class Life:
             self._store.journal_path(self._live.run.id).unlink(missing_ok=True)
 
     async def _analyze(self, analyst: Analyst) -> None:
-        run, valve = self._live.run, self._order.valve
+        run = self._live.run
         self._on_analysis(0.0, "analyzing")
         try:
-            accepted = await asyncio.to_thread(self._store.models.current, run.valve)
-            analysis = await analyst.analyze(
-                self._store.recording_path(run.id),
-                valve.nameplate,
-                self._on_analysis,
-                together=[self._store.recording_path(other) for other in self._together],
-                accepted=None if accepted is None else accepted.model,
-                room=room_to_json(valve.nameplate, valve.wiring.limits, run.overrides),
+            analysis = await assessed(
+                analyst, run, self._order, self._store, together=self._together, progress=self._on_analysis
             )
-            if self._together:
-                played = {"sequence": self._order.sequence, "tests": list(self._together)}
-                analysis = {**analysis, TOGETHER: played}
-            if accepted is not None:
-                analysis = {**analysis, "accepted_model": {"number": accepted.number, "test": accepted.test}}
-            health = await asyncio.to_thread(health_of, self._store.figures, valve, run, analysis)
-            analysis = {**analysis, "health": health}
         except ValveError as error:
             await self._end(RunState.FAILED, f"the recording is stored, its analysis failed: {error}")
         else:
@@ -243,7 +205,7 @@ class Life:
             raise MeasurementError(
                 f"{run.valve}: the journal cannot be written ({error}): nothing was moved"
             ) from error
-        shown = Permission(self._permissives, datetime.now(UTC)).to_json()
+        shown = Permission(self._permissives, datetime.now(UTC), self._order.permit).to_json()
         details = {"sequence": run.sequence, "run_number": run.number, "device": device, "permissives": shown}
         await self._in_audit("motion.armed", {**details, "entry_pa": self._entry_pa, "permit": self._order.permit})
         of_service = [one for one in (run.permissives or {}).get("permissives", []) if one["name"] in _OF_SERVICE]

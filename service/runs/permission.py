@@ -16,10 +16,11 @@ LEAST_FREE_BYTES: Final = 200_000_000
 
 @dataclass(frozen=True, slots=True)
 class Permission:
-    """The permissives of one valve as they were read at an instant."""
+    """The permissives of one valve as they were read at an instant, with the work permit that was named, if any."""
 
     permissives: tuple[Permissive, ...]
     read_at: datetime
+    permit: str | None = None
 
     @property
     def may_start(self) -> bool:
@@ -29,7 +30,8 @@ class Permission:
     def to_json(self) -> dict[str, Any]:
         """Return it as the store and the interface have it."""
         shown = [one.to_json() for one in self.permissives]
-        return {"read_at": self.read_at.isoformat(), "may_start": self.may_start, "permissives": shown}
+        about = {"read_at": self.read_at.isoformat(), "may_start": self.may_start, "permit": self.permit}
+        return {**about, "permissives": shown}
 
 
 def free_disk(folder: Path) -> Permissive:

@@ -116,15 +116,15 @@ async def watch_test(
     after = int(last_event_id) if last_event_id is not None and last_event_id.isdecimal() else 0
     events = await parts.runs.follow(test_id, after)
     return StreamingResponse(
-        _as_text(events),
+        _as_stream(events),
         media_type="text/event-stream",
         headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
     )
 
 
-async def _as_text(events: AsyncIterator[tuple[Event, ...]]) -> AsyncIterator[str]:
+async def _as_stream(events: AsyncIterator[tuple[Event, ...]]) -> AsyncIterator[bytes]:
     async for fresh in events:
-        yield "".join(event.text for event in fresh) or ": waiting\n\n"
+        yield b"".join(event.wire for event in fresh) or b": waiting\n\n"
 
 
 @router.get(

@@ -8,11 +8,13 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Annotated, Any, Final
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.addresses import MotionLimits
+from service.spelling import fault_of
 from valve.diagnostic_waveform import diagnostic, one_after_the_other, small_loops
 from valve.errors import RequestError, WaveformError
 from valve.nameplate import Nameplate
@@ -251,6 +253,7 @@ def choose_waveform(
         return Choice(FALLBACK_SEQUENCE, waveform, f"the valve's limits do not allow {DEFAULT_SEQUENCE}: {error}")
 
 
+@lru_cache(maxsize=8192)  # a plant's valves: what they may do is asked with every look at one
 def default_of(nameplate: Nameplate, limits: MotionLimits) -> tuple[str | None, str]:
     """Return the sequence of a test that names none, or None, and why it is not the usual one."""
     try:
@@ -270,12 +273,11 @@ def build_waveform(name: str, overrides: Mapping[str, Any], nameplate: Nameplate
     try:
         sequence = SEQUENCES[name].model_validate(dict(overrides))
     except ValidationError as error:
-        known = ", ".join(SEQUENCES[name].model_fields)
-        reasons = "; ".join(
-            f"{'.'.join(str(part) for part in one['loc'])[:80]}: {one['msg'][0].lower()}{one['msg'][1:]}"
-            for one in error.errors(include_url=False, include_input=False)[:10]
-        )
-        raise RequestError(f"overrides of sequence {name}: {reasons}: correct them; it knows {known}") from None
+        known = list(SEQUENCES[name].model_fields)
+        reasons = "; ".join(fault_of(one, known) for one in error.errors(include_url=False)[:10])
+        raise RequestError(
+            f"overrides of sequence {name}: {reasons}: correct them; it knows {', '.join(known)}"
+        ) from None
     room = room_of(nameplate, limits)
     room = replace(
         room,

@@ -13,8 +13,9 @@ import structlog
 from service.audit.log import AuditLog
 from service.events import Event
 from service.runs.acknowledgement import acknowledged, ended_badly
+from service.runs.analyst import Analyst
 from service.runs.gate import Gate
-from service.runs.life import Analyst, Life, OnSamples
+from service.runs.life import Life, OnSamples
 from service.runs.live import LiveRun, LiveRuns
 from service.runs.permission import Permission
 from service.runs.recovery import Recovery

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
@@ -111,6 +111,13 @@ class FigureTable:
         with self._engine.connect() as connection:
             rows = connection.execute(query.order_by(FIGURES.c.number.desc()).limit(limit)).all()
         return [_past(row) for row in rows]
+
+    def friction_mean_n(self, numbers: Sequence[int]) -> dict[int, float]:
+        """Return the mean friction, N, of tests by their numbers, of those that have one."""
+        mean_n = FIGURES.c.friction_mean_n
+        query = select(FIGURES.c.number, mean_n).where(FIGURES.c.number.in_(numbers), mean_n.is_not(None))
+        with self._engine.connect() as connection:
+            return {row.number: row.friction_mean_n for row in connection.execute(query)}
 
     def baseline(self, valve: str, conditions: str | None = None) -> Baseline | None:
         """Return the baseline of a valve's motion; without a motion the one that was set last."""

@@ -12,8 +12,10 @@ from fastapi import APIRouter, Depends, Request, Response
 from service.figures.loop import loop_svg
 from service.figures.methods import all_estimates, methods_svg
 from service.figures.misfit import coordinate_svg, time_svg
+from service.figures.trace import trace_svg
 from service.figures.trend import trends_svg
 from service.parts import Parts, parts_of
+from service.recordings.place import recording_of
 from service.runs.run import Run
 from service.tablet.history import past_of
 from service.tablet.rendering import units_of
@@ -51,8 +53,11 @@ _OF_A_TEST: Final[dict[str, tuple[Callable[..., str | None], Callable[[Run], Any
 async def figure_of_test(
     request: Request, test_id: str, name: str, parts: PartsOf, _visitor: VisitorOf, baseline: str | None = None
 ) -> Response:
-    """Draw one picture of a test: loop, methods, time, coordinate."""
+    """Draw one picture of a test: loop, methods, time, coordinate, trace."""
     run, system = await parts.runs.get(test_id), units_of(request)
+    if name == "trace":
+        file = str(recording_of(run, parts.plant, parts.store))
+        return _svg(await parts.drawer.svg((run.id, name, system, run.recording_sha256), trace_svg, file, system))
     if name == "loop":
         behind = None if baseline in (None, run.id) else await parts.runs.get(str(baseline))
         key = (run.id, name, system, baseline)

@@ -42,6 +42,7 @@ def _environment() -> Environment:
         loader=FileSystemLoader(_HERE / "templates"),
         autoescape=True,
         undefined=StrictUndefined,
+        auto_reload=False,  # else each template's file is looked at with every page
         trim_blocks=True,
         lstrip_blocks=True,
     )

@@ -15,6 +15,7 @@ from fastapi.responses import RedirectResponse
 
 from service.figures.methods import all_estimates, can_compare
 from service.health.results import PastTest
+from service.next_step import next_step
 from service.parts import Parts, parts_of
 from service.runs.acknowledgement import needs_acknowledgement
 from service.runs.run import Run
@@ -48,7 +49,7 @@ class SignInNeededError(Exception):
     """Nobody is signed in: the page of signing in is shown instead."""
 
 
-def _visitor(request: Request) -> Visitor:
+async def _visitor(request: Request) -> Visitor:
     visitor = visitor_of(request)
     if visitor is None:
         raise SignInNeededError
@@ -176,7 +177,7 @@ async def test_page(request: Request, test_id: str, parts: PartsOf, visitor: Vis
         live = await asyncio.to_thread(_live, parts, run, units_of(request))
         return page(request, "running.html", visitor, {**shared, "live": live})
     past = await asyncio.to_thread(past_of, parts.store, run.valve, parts.plant.valves.get(run.valve), run)
-    return page(request, "result.html", visitor, {**shared, **_result(request, run, past)})
+    return page(request, "result.html", visitor, {**shared, **_result(request, parts, run, past)})
 
 
 def _missing(request: Request, visitor: Visitor, error: NotFoundError) -> Response:
@@ -252,7 +253,7 @@ def _live(parts: Parts, run: Run, system: UnitSystem) -> dict[str, Any]:
     }
 
 
-def _result(request: Request, run: Run, past: ValvePast) -> dict[str, Any]:
+def _result(request: Request, parts: Parts, run: Run, past: ValvePast) -> dict[str, Any]:
     system, analysis, health = units_of(request), run.analysis, _health(run)
     baseline = None if past.baseline is None or past.baseline.id == run.id else past.baseline.analysis
     shown: dict[str, Any] = {
@@ -265,12 +266,13 @@ def _result(request: Request, run: Run, past: ValvePast) -> dict[str, Any]:
         "figure_query": _query(past, system),
     }
     if analysis is None:
-        return shown
+        return shown | {"has_trace": run.recording_file is not None and parts.store.recording_path(run.id).is_file()}
     pictures = (analysis.get("discrepancy") or {}).get("pictures") or {}
     diagnosis = diagnosis_of(analysis)
     return shown | {
         "diagnosis": diagnosis,
         "separating_words": _separating_words(diagnosis.separating_test),
+        "next_words": next_step(analysis, run.sequence),
         "has_pictures": bool(pictures.get("time")),
         "has_coordinates": bool(pictures.get("coordinates")) and diagnosis.verdict != "none",
         "has_comparison": can_compare(all_estimates(analysis)),

@@ -53,16 +53,13 @@ def valve_rows(parts: Parts, tags: Sequence[str], due: Mapping[str, datetime]) -
     """Return a row a valve, in this order; reads the database, so callers use a thread."""
     heads = parts.store.runs.valve_heads(tags)
     rows = [_row(parts, tag, heads.get(tag), due.get(tag)) for tag in tags]
+    completed = {tag: head.completed_number for tag, head in heads.items() if head.completed_number is not None}
+    asked = [completed[row.tag] for row in rows if row.friction_n is None and row.tag in completed]
+    measured_n = parts.store.figures.friction_mean_n(asked) if asked else {}
     return [
-        row if row.friction_n is not None else replace(row, friction_n=_measured_friction(parts, row.tag))
+        row if row.friction_n is not None else replace(row, friction_n=measured_n.get(completed.get(row.tag, 0)))
         for row in rows
     ]
-
-
-def _measured_friction(parts: Parts, tag: str) -> float | None:
-    run = parts.store.runs.last_completed(tag)
-    signature = None if run is None or run.analysis is None else run.analysis.get("signature")
-    return None if not signature else signature.get("friction_mean_n")
 
 
 def _row(parts: Parts, tag: str, head: ValveHead | None, due: datetime | None) -> ValveRow:

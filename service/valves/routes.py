@@ -14,13 +14,16 @@ from pydantic import BaseModel, Field
 
 from service.access.needs import needs
 from service.access.principal import Right
+from service.health.results import PastTest
 from service.health.trend_view import TrendView, trends_of_tests
 from service.parts import Parts, parts_of
 from service.problems import PROBLEMS
 from service.runs.acknowledgement import alarm_of
+from service.runs.run import Run
 from service.runs.sequences import SEQUENCES, default_of
 from service.runs.views import RunSummary, RunView, summary, view
 from service.store.run_table import ValveHead
+from service.store.store import Store
 
 router = APIRouter(prefix="/valves", tags=["valves"], responses=PROBLEMS)
 PartsOf = Annotated[Parts, Depends(parts_of)]
@@ -96,15 +99,14 @@ async def list_valves(
     return Response(listed.model_dump_json(), media_type="application/json")  # it was validated as it was made
 
 
-@router.get("/{tag:path}", dependencies=[needs(Right.VIEW)])
-async def get_valve(tag: str, parts: PartsOf) -> ValveView:
+@router.get("/{tag:path}", dependencies=[needs(Right.VIEW)], response_model=ValveView)
+async def get_valve(tag: str, parts: PartsOf) -> Response:
     """Return one valve with its last completed test."""
     valve = parts.runs.valve(tag)
-    heads = await asyncio.to_thread(parts.store.runs.valve_heads, [tag])
-    result = await asyncio.to_thread(parts.store.runs.last_completed, tag)
+    head, result, past = await asyncio.to_thread(_stored, parts.store, tag)
     default, reason = default_of(valve.nameplate, valve.wiring.limits)
-    return ValveView(
-        **_summary(parts, tag, heads.get(tag)),
+    shown = ValveView(
+        **_summary(parts, tag, head),
         nameplate=asdict(valve.nameplate),
         limits=asdict(valve.wiring.limits),
         safe_value_pa=valve.wiring.safe_value_pa,
@@ -112,5 +114,13 @@ async def get_valve(tag: str, parts: PartsOf) -> ValveView:
         default_sequence=default,
         default_sequence_reason=reason,
         last_result=None if result is None else view(result),
-        trend=trends_of_tests(await asyncio.to_thread(parts.store.figures.newest, tag, _TREND_TESTS)),
+        trend=trends_of_tests(past),
     )
+    return Response(shown.model_dump_json(), media_type="application/json")  # it was validated as it was made
+
+
+def _stored(store: Store, tag: str) -> tuple[ValveHead | None, Run | None, list[PastTest]]:
+    """Return a valve's last test, its last completed one and the figures of the newest; reads the database."""
+    head = store.runs.valve_heads([tag]).get(tag)
+    result = store.runs.last_completed(tag) if head is not None and head.completed_number is not None else None
+    return head, result, [] if result is None else store.figures.newest(tag, _TREND_TESTS)

@@ -23,6 +23,7 @@ from tests.benchmarks import (
     method_table,
     motion,
     random_valves,
+    separating,
     sequences,
     signature,
     simulator,
@@ -34,6 +35,7 @@ BENCHMARKS: Final[dict[str, Callable[[], Table | list[Table]]]] = {
     "classic_methods": classic_methods.run,
     "extended_motion": extended_motion.run,
     "motion": motion.run,
+    "separating": separating.run,
     "sequences": sequences.run,
     "simulator": simulator.run,
 }

@@ -10,7 +10,8 @@ from rich.table import Table
 from tests.benchmarks.timing import median_s, shown
 from tests.valve.extended_reference import integrate
 from valve.effects import EFFECTS, ValveScale, with_effects
-from valve.extended_motion import ExtendedState, ExtendedStem, input_corners, simulate_extended
+from valve.extended_motion import ExtendedStem, input_corners, simulate_extended
+from valve.extended_state import ExtendedState
 from valve.extended_valve import ExtendedValve
 from valve.motion import StemState, simulate_motion
 from valve.parameter_sets import PARAMETER_SETS, ParameterSet

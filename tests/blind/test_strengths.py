@@ -13,7 +13,8 @@ from tests.blind.plant import Course, followed
 from tests.blind.short_courses import NOISE_M, QUICK, course_with, plant_of, short_wave
 from tests.blind.strengths import LARGEST, STRENGTHS, Swept
 from valve.effects import EFFECTS
-from valve.extended_motion import ExtendedState, simulate_extended
+from valve.extended_motion import simulate_extended
+from valve.extended_state import ExtendedState
 from valve.extended_valve import ExtendedValve
 from valve.recording import FloatArray
 from valve.stem import StemState

@@ -45,6 +45,7 @@ class Tablet:
 
     def press(self, css: str) -> None:
         self.until(lambda: self.see(css).is_enabled(), f"{css} can be pressed")
+        self.run("document.querySelector(arguments[0]).scrollIntoView({block: 'center'})", css)  # as a hand does
         self.see(css).click()
 
     def write(self, css: str, words: str) -> None:

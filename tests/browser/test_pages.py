@@ -129,3 +129,21 @@ def test_an_analysis_of_another_version_is_shown_as_far_as_it_goes(service: Gate
     assert "Causes were not looked for" in service.client.get(f"/ui/tests/{run.id}").text
     assert service.client.get(f"/ui/figures/tests/{run.id}/loop.svg").status_code == 404
     assert service.client.get(f"/ui/valves/{TAG}").status_code == 200
+
+
+def test_a_test_that_nothing_explains_leads_to_the_next_one(service: Gateway) -> None:
+    run = store_test(service, 41.0, 612.0)
+    assert run.analysis is not None
+    found = {**run.analysis["discrepancy"], "verdict": "unexplained", "causes": [], "gain": None}
+    service.parts.store.runs.save(replace(run, analysis={**run.analysis, "discrepancy": found}))
+    page = service.client.get(f"/ui/tests/{run.id}").text
+    assert "Repeat with the sequence diagnostic" in page
+    assert f'href="/ui/valves/{TAG}/start?sequence=diagnostic"' in page
+
+
+def test_the_notes_of_an_analysis_stand_beside_its_diagnosis(service: Gateway) -> None:
+    run = store_test(service, 42.0, 612.0)
+    note = "The moving mass is 2 times the nameplate's 1.36 kg."
+    service.parts.store.runs.save(replace(run, analysis={**(run.analysis or {}), "notes": [note]}))
+    assert "The moving mass is 2 times" in service.client.get(f"/ui/tests/{run.id}").text
+    assert "The moving mass is 2 times" in service.client.get(f"/tests/{run.id}/report?format=html").text

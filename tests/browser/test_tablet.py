@@ -61,6 +61,8 @@ def test_a_technician_starts_watches_and_stops_a_test(service: Gateway, browser:
     browser.until(lambda: abs(service.asked_pa() - before_pa) > 1000.0, "the valve is driven")
     browser.press("#stop")
     browser.until_reads("#state", "Stopped")
+    shown = "return document.querySelector('[src*=\"trace.svg\"]')?.naturalWidth ?? 0"
+    browser.until(lambda: browser.run(shown), "what was measured until then is drawn", 60.0)
     assert service.asked_pa() == pytest.approx(SAFE_PA, abs=100.0)
     assert service.client.get(f"/tests/{test_id}").json()["state"] == "stopped"
 
@@ -157,6 +159,21 @@ def test_a_stop_without_a_network_is_sent_as_soon_as_there_is_one(service: Gatew
     browser.find_the_network()
     browser.until_reads("#state", "Stopped")
     assert service.asked_pa() == pytest.approx(SAFE_PA, abs=100.0)
+
+
+@pytest.mark.parametrize("size", [LANDSCAPE, PORTRAIT])
+def test_both_steps_of_a_start_are_seen_without_scrolling(
+    service: Gateway, browser: Tablet, size: tuple[int, int]
+) -> None:
+    browser.turn(size)
+    browser.open(f"{service.url}/ui/valves/{TAG}/start")
+    browser.until(lambda: browser.see("#arm").is_enabled(), "the first step is open")
+    place = "return document.querySelector(arguments[0]).getBoundingClientRect().toJSON()"
+    first, second, what = (browser.run(place, css) for css in ("#arm", "#go", "#summary"))
+    for box in (first, second, what):
+        assert 0 <= box["top"] < box["bottom"] <= size[1]
+    assert second["left"] - first["right"] > LEAST_TARGET_PX / 2  # no finger lies on both
+    browser.turn(LANDSCAPE)
 
 
 @pytest.mark.parametrize("size", [LANDSCAPE, PORTRAIT])

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
+from sqlalchemy import event
 
 from service.health.staleness import Staleness
 from service.parts import Parts
@@ -64,6 +65,19 @@ def test_valves_are_listed_worst_first(parts: Parts) -> None:
     assert [row.condition for row in rows] == list(conditions.values())
     assert rows[1].reason == "the stem is stuck"
     assert {row.tag: row.friction_n for row in rows}["XV-1"] == FRICTION_N
+
+
+def test_a_longer_list_asks_the_database_no_more_often(parts: Parts) -> None:
+    for number in range(1, 7):
+        _tested(parts, f"XV-{number}", "N")
+    asked: list[str] = []
+    event.listen(parts.store.engine, "before_cursor_execute", lambda *given: asked.append(given[2]))
+    counts = []
+    for tags in (["XV-1"], list(parts.plant.valves)):
+        asked.clear()
+        valve_rows(parts, tags, {})
+        counts.append(len(asked))
+    assert counts[0] == counts[1]
 
 
 def test_an_unconfirmed_safe_state_stands_above_everything_until_it_is_acknowledged(parts: Parts) -> None:

@@ -123,3 +123,14 @@ def test_a_pressure_in_the_wrong_unit_is_told() -> None:
     found = diagnose([wrong], case.nameplate)
     assert found.verdict is Verdict.NOT_ASSESSED
     assert "bar" in found.message
+
+
+@pytest.mark.parametrize("name", ["graphite", "vendor"])
+def test_friction_that_rises_with_travel_and_with_pressure_are_not_told_apart(name: str) -> None:
+    """Over full strokes the pressure goes with the travel: neither is a name, whichever fits closer by chance."""
+    gradient = effect_from_values("friction_gradient", {"gradient_n_per_m": 196.5, "reference_m": 0.0508})
+    found = diagnosed(hidden(name, gradient, seed=1))
+    assert found.verdict in {Verdict.AMBIGUOUS, Verdict.UNEXPLAINED, Verdict.NONE}
+    if found.verdict is Verdict.AMBIGUOUS:
+        named = {found.causes[0].cause, *found.not_told_apart_from}
+        assert named == {"friction_gradient", "pressure_dependent_friction"}

@@ -52,6 +52,32 @@ def test_two_causes_of_the_path_are_told_apart() -> None:
     assert {name for name, _ in found.causes} == {"transducer_lag", "actuator_leak"}
 
 
+def test_a_command_that_is_written_every_20_ms_is_held_until_the_next() -> None:
+    """Taken for a line it would add half a period to the lag."""
+    period_s, lag_s, step_s = 2.0e-2, 0.1, 1.0e-4
+    written_s: FloatArray = np.arange(int(WAVE.duration_s / period_s), dtype=np.float64) * period_s
+    command_pa = WAVE.at(written_s)
+    held_pa = np.repeat(command_pa, round(period_s / step_s))
+    pressure_pa = held_pa.copy()
+    for row in range(1, held_pa.size):
+        pressure_pa[row] += (pressure_pa[row - 1] - held_pa[row]) * np.exp(-step_s / lag_s)
+    # the pressure is read half-way to the next write
+    looked = np.arange(written_s.size) * round(period_s / step_s) + 100
+    recording = Recording(
+        time_s=written_s + 100 * step_s,
+        position_m=0.0 * written_s,
+        command_pa=command_pa,
+        pressure_pa=pressure_pa[looked] + 15.0 * np.random.default_rng(1).standard_normal(written_s.size),
+        write_sent_s=written_s - 1.0e-3,
+        written_s=written_s + 1.0e-3,
+    )
+    found = read_pressure_path([recording])
+    assert found is not None
+    assert [name for name, _ in found.causes] == ["transducer_lag"]
+    entry = found.causes[0][1]
+    assert entry.low < lag_s < entry.high
+
+
 def test_a_prompt_transducer_and_a_gauge_with_a_zero_have_no_cause() -> None:
     plain = recorded(InputPath(lag_s=0.01))
     assert plain.pressure_pa is not None
@@ -75,3 +101,14 @@ def test_a_valve_behind_a_slow_transducer_is_named_for_it_alone_and_predicted_fr
     assert found.verdict is Verdict.NAMED
     assert [finding.cause for finding in found.causes] == ["transducer_dead_time"]
     assert found.gains[0].to_json()["rmse_after_m"] < 0.3 * found.gains[0].to_json()["rmse_before_m"]
+
+
+def test_a_slow_transducer_is_named_also_where_the_instants_leave_the_stem_in_doubt(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("discrepancy.diagnose._IN_DOUBT", -1.0)  # the path is read from pressures, not from positions
+    case = hidden("nominal", seed=2)
+    assert case.recording.pressure_pa is not None
+    early_pa = np.interp(case.recording.time_s + 0.2, case.recording.time_s, case.recording.pressure_pa)
+    found = diagnose([replace(case.recording, command_pa=early_pa)], case.nameplate)
+    assert [finding.cause for finding in found.causes] == ["transducer_dead_time"]

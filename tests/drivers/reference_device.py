@@ -7,6 +7,7 @@ import struct
 import time
 from collections.abc import Callable
 
+from drivers.crc import words_crc16
 from drivers.maps.reference import (
     CANARY_VALUE,
     CORNERS_ADDRESS,
@@ -19,7 +20,6 @@ from drivers.maps.reference import (
     StatusBit,
     WatchdogState,
 )
-from drivers.registers import words_crc16
 from tests.drivers.slave import RawSlave
 
 SPAN_PA = 100_000.0

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable, Coroutine
 from dataclasses import dataclass, field
 
-from drivers.registers import crc16
+from drivers.crc import crc16
 
 
 @dataclass(frozen=True)

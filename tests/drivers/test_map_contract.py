@@ -10,17 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.capabilities import Role
+from drivers.crc import crc16
 from drivers.maps import REGISTER_MAPS, register_map
-from drivers.registers import (
-    Block,
-    GoldenFrame,
-    Kind,
-    Register,
-    RegisterMap,
-    Table,
-    WordOrder,
-    crc16,
-)
+from drivers.register_map import GoldenFrame, RegisterMap
+from drivers.registers import Block, Kind, Register, Table, WordOrder
 from valve.errors import ConfigurationError, ParameterError
 
 MAPS = list(REGISTER_MAPS.values())

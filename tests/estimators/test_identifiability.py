@@ -153,6 +153,32 @@ def test_three_parameters_tied_only_together_are_told_together() -> None:
     assert "measure the pressure" in tie.separated_by
 
 
+@pytest.mark.parametrize(("sense", "sign", "word"), [(1.0, "+", "and"), (-1.0, "-", "less")])
+def test_friction_and_preload_of_one_direction_are_told_as_their_sum_or_difference(
+    sense: float, sign: str, word: str
+) -> None:
+    travel_m = np.linspace(0.0, 0.1, 400)
+    columns = np.stack([np.full(400, sense), travel_m, np.ones(400)], axis=1)
+    columns[0, 2] += 1.0e-3  # and one row tells the two apart, badly
+    known = knowledge(["F_c", "k", "F_0"], [1000.0, 5.0e4, 200.0], line_information(columns))
+    tie = known.ties("F_c")
+    assert tie is not None
+    assert tie.combination == f"F_c {sign} F_0"
+    assert f"friction {word} preload" in tie.sentence
+    assert "way back" in tie.sentence
+    assert tie.value == pytest.approx(1000.0 + sense * 200.0)
+    assert tie.std_error < 0.01 * known.std_error("F_c")
+
+
+def test_a_combination_does_not_say_once_a_symbol() -> None:
+    columns = np.ones((400, 1)) * np.array([[1.0, 1.0, 500.0]])
+    known = knowledge(["F_c", "F_0", "transducer_lag_s"], [1400.0, 600.0, 0.5], line_information(columns))
+    tie = known.ties("F_c")
+    assert tie is not None
+    assert " 1 F_0" not in tie.combination
+    assert "F_0" in tie.combination
+
+
 def test_an_unusual_pair_is_told_by_its_best_known_combination() -> None:
     random = np.random.default_rng(5)
     columns = random.standard_normal((200, 1)) * np.array([[1.0, 0.002]])

@@ -9,7 +9,7 @@ import pytest
 
 from estimators.base import Estimate, Outcome, Status
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
-from tests.benchmarks.efficiency import bounds_of
+from tests.benchmarks.efficiency import Case, bounds_of, phased
 from tests.estimators.recordings import VALVES, Recorded, paper_triangle, recorded
 from valve.motion import simulate_motion
 from valve.nameplate import Actuator, Nameplate
@@ -44,6 +44,24 @@ def test_without_noise_all_but_dv_is_known_to_a_millionth(name: str) -> None:
     for symbol in ("m", "k", "F_v", "F_c", "F_s"):
         assert estimate.value(symbol) == pytest.approx(test.truth.by_symbol()[symbol], rel=1.0e-6), symbol
     assert estimate.value("F_0") == pytest.approx(test.truth.preload_n, abs=1.0e-3)
+
+
+@pytest.mark.parametrize("name", ["nominal", "rough"])
+def test_without_noise_corners_between_the_samples_cost_no_accuracy(name: str) -> None:
+    test = phased(Case(name, "triangle", 0.0, 1))
+    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    assert estimate.status is Status.OK, estimate.message
+    for symbol in ("m", "k", "F_v", "F_c", "F_s"):
+        assert estimate.value(symbol) == pytest.approx(test.truth.by_symbol()[symbol], rel=1.0e-6), symbol
+
+
+def test_a_position_precise_to_nanometres_is_followed_to_the_bottom_of_its_valley() -> None:
+    test = phased(Case("nominal", "triangle", 1.0e-8, 1))
+    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    assert estimate.status is Status.OK, estimate.message
+    require_true(estimate, test.truth)
+    for symbol in ("m", "F_v", "F_c", "F_s"):
+        assert estimate.value(symbol) == pytest.approx(test.truth.by_symbol()[symbol], rel=1.0e-4), symbol
 
 
 @pytest.mark.parametrize("name", ["nominal", "rough"])

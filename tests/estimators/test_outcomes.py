@@ -10,6 +10,7 @@ import pytest
 from estimators.base import Estimate, Estimator, Form, Outcome, Status
 from estimators.classic.garcia import GarciaEstimator
 from estimators.classic.regression import RegressionEstimator
+from estimators.samples import prepare
 from tests.estimators.recordings import SYMBOLS, Recorded, recorded
 from valve.nameplate import Action, Actuator, Nameplate
 from valve.parameters import TravelStops
@@ -106,6 +107,17 @@ def test_too_few_samples(estimator: Estimator) -> None:
     test = recorded("nominal", period_s=0.01)
     empty = dataclasses.replace(test.recording, position_m=np.full(test.recording.samples, np.nan))
     require_nothing_but(estimator.estimate(empty, test.nameplate), Outcome.TOO_FEW_SAMPLES)
+
+
+@pytest.mark.parametrize(("kept", "every", "enough"), [(39, 1, False), (40, 1, True), (400, 8, False)])
+def test_the_fewest_samples_are_those_that_the_message_names(kept: int, every: int, enough: bool) -> None:
+    test = recorded("nominal", period_s=0.01)
+    few = test.recording.rows(slice(0, kept))
+    if every > 1:
+        few = dataclasses.replace(few, position_m=np.where(np.arange(kept) % every, few.position_m, np.nan))
+    found = prepare(few, test.nameplate)
+    assert (found is not Outcome.TOO_FEW_SAMPLES) == enough
+    assert "at least 40 are needed and 8 of them without a gap between" in Outcome.TOO_FEW_SAMPLES
 
 
 def test_a_rate_that_is_too_low() -> None:

@@ -1,4 +1,7 @@
-"""``make faults``: the long version, with progress and a table. ARGS="500" runs so many, ARGS="all" every one."""
+"""``make faults``: the long version, with progress and a table.
+
+ARGS="500" runs so many by chance, ARGS="all" every fault at every transaction, ARGS="kill term" these at every one.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from typing import Final
 
 from service.bus_lock import FOLDER_VARIABLE
 from tests.faults.bench import Case, run_case
-from tests.faults.cases import every_case, some_cases
+from tests.faults.cases import FAULTS, every_case, some_cases
 from tests.faults.judge import Verdict
 
 _AT_ONCE: Final = 6  # a case mostly waits: for its waveform, for a watchdog
@@ -67,16 +70,27 @@ def _print(table: dict[str, Counter[str]]) -> None:
     print(f"{'all':18s}" + "".join(f"{total[name]:15d}" for name in columns))
 
 
+def _wanted(words: list[str]) -> list[Case]:
+    """Return the cases that words ask for. Raises ValueError for a word that is no fault and no number."""
+    names = {str(fault): fault for fault in FAULTS}
+    if words == ["all"]:
+        return list(every_case())
+    if all(word.isdigit() for word in words):
+        count, seed = (*map(int, words), 1)[:2] if words else (200, 1)
+        return list(islice(every_case(1 + count // 6000), count)) if count > 4000 else some_cases(count, seed)
+    for word in words:
+        if word not in names:
+            raise ValueError(f"{word!r} is no fault: choose from {', '.join(names)}, all, or give a number")
+    return [case for case in every_case() if case.fault is not None and str(case.fault.fault) in words]
+
+
 def main() -> int:
-    """Run what the arguments ask for; 1 where a verdict is bad."""
-    wanted = sys.argv[1] if len(sys.argv) > 1 else "200"
-    seed = int(sys.argv[2]) if len(sys.argv) > 2 else 1
-    if wanted == "all":
-        cases = list(every_case())
-    elif int(wanted) > 4000:
-        cases = list(islice(every_case(1 + int(wanted) // 6000), int(wanted)))
-    else:
-        cases = some_cases(int(wanted), seed)
+    """Run what the arguments ask for; 1 where a verdict is bad, 2 for a word that means nothing."""
+    try:
+        cases = _wanted(sys.argv[1:])
+    except ValueError as error:
+        print(error)
+        return 2
     return 1 if asyncio.run(_run(cases)) else 0
 
 

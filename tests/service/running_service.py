@@ -10,7 +10,8 @@ import httpx
 import uvicorn
 
 from service.app import create_app
-from service.runs.life import Analyst
+from service.http_protocol import BoundedHttp
+from service.runs.analyst import Analyst
 from service.runs.rig import Rig
 from service.settings import Plant
 
@@ -19,7 +20,7 @@ from service.settings import Plant
 async def running_service(plant: Plant, rig: Rig | None, analyst: Analyst | None) -> AsyncIterator[httpx.AsyncClient]:
     """Serve a plant on a free port and hand out a client of it."""
     app = create_app(plant, rig=rig, analyst=analyst)
-    config = uvicorn.Config(app, host="127.0.0.1", port=0, log_config=None, lifespan="on", ws="none")
+    config = uvicorn.Config(app, host="127.0.0.1", port=0, log_config=None, lifespan="on", ws="none", http=BoundedHttp)
     server = uvicorn.Server(config)
     serving = asyncio.create_task(server.serve())
     while not server.started:

@@ -1,21 +1,40 @@
 from __future__ import annotations
 
 import asyncio
+import sys
+from pathlib import Path
 
 from service.analysis_crew import AnalysisCrew
-from tests.service.test_analysis_pool import PLATE, WORKER, alive
+from tests.service.test_analysis_pool import PLATE, WORKER, alive, until
 
 
 async def test_jobs_that_come_together_are_done_side_by_side_and_others_by_the_first_worker() -> None:
     crew = AnalysisCrew(2, command=WORKER)
     await crew.start()
-    assert [pid is None for pid in crew.worker_pids] == [False, True]
     alone = [(await crew.analyze(name, PLATE))["pid"] for name in ("a.csv", "b.csv")]
     assert alone == [crew.worker_pids[0]] * 2
-    assert crew.worker_pids[1] is None
     together = await asyncio.gather(*(crew.analyze(name, PLATE) for name in ("a.csv", "b.csv", "c.csv")))
     assert [answer["of"] for answer in together] == ["a.csv", "b.csv", "c.csv"]
     assert {answer["pid"] for answer in together} == set(crew.worker_pids)
+    await crew.close()
+
+
+async def test_the_workers_start_one_after_the_other_before_they_are_needed(tmp_path: Path) -> None:
+    """Each says in a file when it starts and, a moment later, that it is ready."""
+    said = tmp_path / "said"
+    script = f"""
+import sys, time
+def say(word):
+    with open({str(said)!r}, "a") as file: print(word, file=file)
+say("starts"); time.sleep(0.2); say("ready")
+print('{{"ready": true}}', flush=True)
+sys.stdin.read()
+"""
+    crew = AnalysisCrew(2, command=(sys.executable, "-c", script))
+    await crew.start()
+    assert [pid is None for pid in crew.worker_pids] == [False, True]
+    await until(lambda: said.exists() and said.read_text(encoding="utf-8").count("ready") == 2)
+    assert said.read_text(encoding="utf-8").split() == ["starts", "ready"] * 2
     await crew.close()
 
 

@@ -53,6 +53,14 @@ async def until(true: Callable[[], bool]) -> None:
             await asyncio.sleep(0.01)
 
 
+async def test_a_worker_is_below_the_service_before_it_has_loaded_anything() -> None:
+    slow = (sys.executable, "-c", "import time; time.sleep(600)")
+    async with AnalysisPool(command=slow) as pool:
+        assert pool.worker_pid is not None
+        own = os.getpriority(os.PRIO_PROCESS, 0)
+        assert os.getpriority(os.PRIO_PROCESS, pool.worker_pid) > own
+
+
 async def test_one_worker_answers_one_job_after_the_other() -> None:
     told: list[tuple[float, str]] = []
     async with AnalysisPool(command=WORKER) as pool:

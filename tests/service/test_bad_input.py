@@ -93,7 +93,7 @@ WAVES: dict[str, tuple[dict[str, Any], list[str]]] = {
     "too steep": ({"overrides": {"period_s": 1.0}}, ["165474 Pa/s", "60000 Pa/s", "longer period"]),
     "a step": ({"sequence": "steps"}, ["60000 Pa/s", "allow steps"]),
     "too long": ({"overrides": {"cycles": 100}}, ["2000 s", "300 s", "fewer cycles"]),
-    "in bar": ({"overrides": {"high_pa": "0.8 bar"}}, ["high_pa", "valid number", "correct"]),
+    "in bar": ({"overrides": {"high_pa": "0.8 bar"}}, ["high_pa is '0.8 bar'", "valid number", "correct"]),
     "unknown": ({"sequence": "waltz"}, ["'waltz'", "triangle"]),
 }
 

@@ -8,6 +8,7 @@ import statistics
 import subprocess
 import sys
 import time
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,11 @@ def test_help_names_every_command_and_loads_none_of_them() -> None:
     for command in COMMANDS:
         assert command in answer.stdout
     assert answer.stdout.splitlines()[-1] == "[]"
+
+
+def test_the_version_is_told() -> None:
+    answer = called("--version")
+    assert (answer.returncode, answer.stdout) == (0, f"breakaway {version('breakaway')}\n")
 
 
 def test_help_comes_at_once() -> None:
@@ -121,6 +127,17 @@ async def test_run_names_the_permit_and_what_the_test_stands_for(plant_file: Pat
         assert process.returncode == 0, err.decode()
         assert json.loads(out)["label"] == "as_left"
         assert rig.permits == ["W-17"]
+
+
+async def test_run_hands_overrides_on(plant_file: Path) -> None:
+    async with running_service(load_plant(plant_file), FakeRig(0.2), FakeAnalyst()) as client:
+        given = ("--sequence", "triangle", "--override", "cycles=1", "--override", "period_s=8.0")
+        process = await asyncio.create_subprocess_exec(
+            *BREAKAWAY, "run", "FV-101", *given, "--json", "--url", str(client.base_url), stdout=-1, stderr=-1
+        )
+        out, err = await asyncio.wait_for(process.communicate(), 60.0)
+        assert process.returncode == 0, err.decode()
+        assert json.loads(out)["overrides"] == {"cycles": 1, "period_s": 8.0}
 
 
 async def test_run_ends_with_1_when_the_test_fails(plant_file: Path) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import asyncio
 import json
 import signal
 import socket
@@ -12,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from service.cli.simulate import simulate
+from service.cli.simulate import _serve, simulate
 from service.cli.simulated_plant import plant_from_settings
 from service.settings import load_plant
 from simulator.gauge import Gauge
@@ -132,6 +133,21 @@ def test_a_valve_hides_the_effects_that_its_file_lists(tmp_path: Path) -> None:
 def test_a_simulation_that_cannot_be_is_refused_in_words(tmp_path: Path, more: str, said: str) -> None:
     with pytest.raises(ConfigurationError, match=said):
         plant_from_settings(load_plant(write(tmp_path, valve("A", more=more))))
+
+
+async def test_an_idle_valve_goes_on_without_a_log_so_that_the_first_read_need_not_wait_for_its_past(
+    tmp_path: Path,
+) -> None:
+    plant = plant_from_settings(
+        load_plant(write(tmp_path, valve("A", more=hiding('cause = "presliding", strength = 1.0'))))
+    )
+    looked = asyncio.Event()
+    plant.valves["A"].before_advance = lambda _to_s: looked.set()
+    serving = asyncio.create_task(_serve(plant, None))
+    await asyncio.wait_for(looked.wait(), 20.0)
+    serving.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await serving
 
 
 @pytest.fixture

@@ -36,7 +36,7 @@ def test_a_named_cause_is_told_with_what_to_do_what_it_gains_and_what_else_it_co
     for words in (
         "several causes would explain it",
         "local friction: Friction is 210 N higher between 61 and 66 % travel. What to do: Look at the stem there.",
-        "It could as well be: presliding.",
+        "Instead of local friction it could as well be: presliding.",
         "Gain on sine.csv: the simulation misses by 25 um rms with it in the model, by 3 mm without, 100 % of what",
         "To tell them apart: run the sequence diagnostic (138 s).",
         "160 to 260",

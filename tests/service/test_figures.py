@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from service.figures.canvas import svg_text
 from service.figures.methods import methods_picture
 from service.figures.misfit import time_picture
+from service.figures.trace import trace_picture
 from service.shown_units import UnitSystem
+from valve.recording import Recording
 
 
 def _estimates(preload_n: float, half_n: float) -> list[dict[str, Any]]:
@@ -22,6 +26,27 @@ def _estimates(preload_n: float, half_n: float) -> list[dict[str, Any]]:
         }
         for method, friction_n, offset_n in (("regression", 1000.0, preload_n), ("garcia", 1001.0, 2.0 * preload_n))
     ]
+
+
+def test_a_trace_of_many_samples_keeps_the_one_that_stands_out_and_its_holes() -> None:
+    time_s = np.linspace(0.0, 59.999, 60_000)
+    position_m = np.full(time_s.size, 0.05)
+    position_m[31_234] = 0.09
+    position_m[10_000:20_000] = np.nan
+    recording = Recording(time_s, position_m, command_pa=np.linspace(0.0, 8.0e4, time_s.size))
+    picture = trace_picture(recording, UnitSystem.SI)
+    above, below = picture.figure.axes
+    drawn_s, drawn = (np.asarray(one, dtype=np.float64) for one in above.get_lines()[0].get_data())
+    assert drawn.size < 2000
+    assert np.nanmax(drawn) > 1.5 * np.nanmin(drawn)
+    assert np.isnan(drawn[(drawn_s > 10.1) & (drawn_s < 19.9)]).all()
+    assert [line.get_label() for line in below.get_lines()] == ["command"]
+    assert "60000 samples" in picture.description
+
+
+def test_a_trace_without_a_single_position_says_so() -> None:
+    recording = Recording(np.array([0.0, 1.0]), np.full(2, np.nan), command_pa=np.zeros(2))
+    assert "never measured" in trace_picture(recording, UnitSystem.SI).description
 
 
 def test_a_parameter_that_may_be_zero_is_not_drawn_in_percent() -> None:

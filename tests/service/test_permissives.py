@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import os
 from pathlib import Path
 
 import httpx
 import pytest
+from structlog.testing import capture_logs
 
 from drivers.outcome import PlayOutcome
 from drivers.permissives import Permissive
-from service.bus_lock import BusLocks
+from service.bus_lock import FOLDER_VARIABLE, BusLocks
 from service.runs import permission
 from service.runs.rig import Order, Watcher
 from service.settings import load_plant
@@ -62,6 +64,21 @@ async def test_a_missing_permissive_answers_423_and_stores_nothing(plant_file: P
         assert (await client.post("/tests/run", json=ORDER)).status_code == 202
 
 
+async def test_a_refused_start_leaves_a_line_in_the_log(plant_file: Path) -> None:
+    plant, rig = load_plant(plant_file), FakeRig()
+    rig.shown = (IN_AUTOMATIC,)
+    async with running_service(plant, rig, FakeAnalyst()) as client:
+        with capture_logs() as logs:
+            assert (await client.post("/tests/run", json={**ORDER, "sequence": "triangle"})).status_code == 423
+            with BusLocks(plant.buses).hold(["plc-1"]):
+                assert (await client.post("/tests/run", json=ORDER)).status_code == 409
+    refused = [line for line in logs if line["event"] == "test refused"]
+    assert [(line["valve"], line["log_level"]) for line in refused] == [("FV-101", "warning")] * 2
+    assert refused[0]["sequence"] == "triangle"
+    assert "put it in manual" in refused[0]["reason"]
+    assert "another process" in refused[1]["reason"]
+
+
 async def test_a_permit_reaches_the_rig_and_the_permissives_stay_with_the_test(plant_file: Path) -> None:
     rig = FakeRig()
     async with running_service(load_plant(plant_file), rig, FakeAnalyst()) as client:
@@ -70,6 +87,7 @@ async def test_a_permit_reaches_the_rig_and_the_permissives_stay_with_the_test(p
         assert body["state"] == "completed", body["error"]
         assert rig.permits == ["W-17"]
         assert rig.orders[0].permit == "W-17"
+        assert body["permissives"]["permit"] == "W-17"
         kept = {one["name"]: one["met"] for one in body["permissives"]["permissives"]}
         assert kept == {"loop_in_manual": True, "disk": True, "last_test": True}
 
@@ -177,6 +195,23 @@ def test_buses_are_locked_all_or_none(plant_file: Path) -> None:
         one.take(["gauge-1", "plc-1"])
     with other.hold(["gauge-1", "plc-1"]):
         pass
+
+
+def test_a_lock_that_is_taken_anew_writes_nothing_to_the_disk(
+    plant_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "locks"))
+    (tmp_path / "locks").mkdir()
+    locks = BusLocks(load_plant(plant_file).buses)
+    with locks.hold(["plc-1"]):
+        (file,) = (tmp_path / "locks").iterdir()
+    os.utime(file, ns=(1, 1))
+    with locks.hold(["plc-1"]):
+        assert file.read_text(encoding="ascii").strip() == str(os.getpid())
+    assert file.stat().st_mtime_ns == 1
+    file.write_text("7\n", encoding="ascii")
+    with locks.hold(["plc-1"]):
+        assert file.read_text(encoding="ascii").strip() == str(os.getpid())
 
 
 def test_a_map_that_shows_no_manual_mode_must_say_how_a_test_is_permitted(plant_file: Path) -> None:

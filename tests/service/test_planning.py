@@ -118,11 +118,11 @@ def test_the_terminal_compares_all_sequences_in_80_columns() -> None:
 def test_the_service_is_asked_for_the_last_test(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[str] = []
 
-    def get(url: str, timeout: float) -> httpx.Response:
-        asked.append(url)
+    def get(client: httpx.Client, path: str, **_: object) -> httpx.Response:
+        asked.append(f"{client.base_url}".rstrip("/") + path)
         return httpx.Response(200, json={"last_result": last_test()})
 
-    monkeypatch.setattr(httpx, "get", get)
+    monkeypatch.setattr(httpx.Client, "get", get)
     answer = CliRunner().invoke(app, ["plan", "FV-101", "--config", str(EXAMPLE), "--json"])
     document = json.loads(answer.stdout)
     assert asked == ["http://127.0.0.1:8321/valves/FV-101"]
@@ -133,6 +133,23 @@ def test_the_service_is_asked_for_the_last_test(monkeypatch: pytest.MonkeyPatch)
     assert by_name["multi_rate"]["parameters"]["m"]["half_width_percent"] < 3.0
     known = by_name["triangle"]["parameters"]["DV"]["known_instead"]
     assert known["value"] == pytest.approx(2669.4, abs=0.1)
+
+
+def test_a_service_that_wants_a_token_is_not_said_to_know_nothing_of_the_valve(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("BREAKAWAY_TOKEN", "bw_1_secret")
+    sent: list[str] = []
+
+    def get(client: httpx.Client, _path: str, **_: object) -> httpx.Response:
+        sent.append(client.headers["Authorization"])
+        return httpx.Response(401, json={})
+
+    monkeypatch.setattr(httpx.Client, "get", get)
+    answer = CliRunner().invoke(app, ["plan", "FV-101", "--config", str(EXAMPLE), "--sequence", "triangle", "--json"])
+    assert sent == ["Bearer bw_1_secret"]
+    assert "without a token" in answer.stdout
+    assert "does not know the valve" not in answer.stdout
 
 
 @pytest.mark.parametrize(

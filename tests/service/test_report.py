@@ -6,6 +6,8 @@ import re
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,7 @@ import pytest
 from service.cli import main
 from service.report.document import document_of
 from service.report.source import ReportSource
+from service.report.valve_facts import nameplate_facts
 from service.report.written import report_html, report_pdf
 from service.settings import load_plant
 from service.shown_units import UnitSystem
@@ -22,6 +25,7 @@ from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.problem import assert_problem
 from tests.service.recordings import NAMEPLATE_TOML, triangle_test
 from tests.service.running_service import running_service
+from valve.nameplate import Action, Actuator, Nameplate, Signal
 from valve.recording_files import file_sha256, write_parquet
 
 RUN = {"valve": "FV-101", "sequence": "triangle"}
@@ -100,6 +104,58 @@ def test_the_report_is_read_in_the_units_that_were_chosen() -> None:
     assert document_of(source(system=UnitSystem.PSI))["summary"]["key_figures"][0]["value"] == "137.58 ± 0.45 lbf"
 
 
+def test_a_test_that_nothing_explains_says_what_to_do_next(tmp_path: Path) -> None:
+    analysis = made_analysis(ne107="M")
+    analysis["discrepancy"] |= {"verdict": "unexplained", "causes": [], "gain": None}
+    made = ReportSource("FV-1", "x", analysis, (), sequence="triangle")
+    (said,) = document_of(made)["summary"]["actions"]
+    assert said.startswith("Repeat with the sequence diagnostic")
+    assert "stem, packing and seat where the misfit is largest" in said, "travel explains nine tenths of it"
+    assert "captures" in said, "it was polled"
+    page = report_html(made).decode()
+    assert page.count("Repeat with the sequence diagnostic") == 2
+    if shutil.which("pdftotext"):
+        assert "Repeat with the sequence diagnostic" in words_of(report_pdf(made), tmp_path)
+    again = document_of(replace(made, sequence="diagnostic"))["diagnosis"]["next"]
+    assert again.startswith("Repeat the sequence diagnostic: what comes again")
+    analysis["discrepancy"]["pictures"]["explained"] = {"travel": 0.3, "time": 0.2}
+    assert "look" not in document_of(made)["diagnosis"]["next"], "no coordinate explains most of it"
+
+
+def test_page_one_draws_the_signature_and_the_misfit_where_there_is_no_trend() -> None:
+    document = document_of(source())
+    assert document["front"] == ["loop", "coordinate"]
+    html = report_html(source()).decode()
+    first, behind = html.split("For the engineer")
+    assert (first.count("<svg"), behind.count("<svg")) == (2, 2)
+    healthy = made_analysis(ne107="N")
+    healthy["discrepancy"] |= {"verdict": "none", "causes": []}
+    assert document_of(ReportSource("FV-1", "x", healthy, ()))["front"] == ["loop"]
+    healthy["signature"]["curve"] = None
+    assert document_of(ReportSource("FV-1", "x", healthy, ()))["front"] == []
+
+
+def test_the_nameplate_is_told_in_the_units_that_were_chosen() -> None:
+    plate = Nameplate(
+        "FV-1",
+        Actuator(0.1016, 0.06452, moving_mass_kg=1.36, bench_set_pa=(20_684.0, 103_421.0)),
+        Signal((4.0, 20.0), (0.0, 82_737.0)),
+    )
+    assert dict(nameplate_facts(plate, UnitSystem.PSI)) == {
+        "Rated travel": "4.000 in",
+        "Action": "spring-opposed",
+        "Diaphragm area": "100.0 in²",
+        "Moving mass": "2.998 lb",
+        "Bench set": "3.000 psi to 15.00 psi, a spring rate of 300.0 lbf/in",
+        "Signal": "4 to 20 mA for 0 psi to 12.00 psi",
+    }
+    double = Nameplate("FV-1", Actuator(0.05, action=Action.DOUBLE))
+    assert dict(nameplate_facts(double, UnitSystem.SI)) == {
+        "Rated travel": "50.00 mm",
+        "Action": "double-acting, no spring",
+    }
+
+
 async def test_the_service_gives_pdf_or_html_as_it_is_asked(plant_file: Path) -> None:
     class Found(FakeAnalyst):
         async def analyze(self, *args: Any, **others: Any) -> dict[str, Any]:
@@ -107,7 +163,8 @@ async def test_the_service_gives_pdf_or_html_as_it_is_asked(plant_file: Path) ->
             return made_analysis()
 
     async with running_service(load_plant(plant_file), FakeRig(), Found()) as client:
-        run = (await client.post("/tests/run", json=RUN, headers={"Prefer": "wait=10"})).json()
+        order = {**RUN, "label": "as_left", "permit": "W-17"}
+        run = (await client.post("/tests/run", json=order, headers={"Prefer": "wait=10"})).json()
         address = f"/tests/{run['id']}/report"
         pdf = await client.get(address)
         assert (pdf.headers["content-type"], pdf.content[:5]) == ("application/pdf", b"%PDF-")
@@ -116,6 +173,12 @@ async def test_the_service_gives_pdf_or_html_as_it_is_asked(plant_file: Path) ->
         assert html.headers["content-security-policy"].startswith("default-src 'none'")
         assert run["recording"]["sha256"] in html.text
         assert "loop in manual" in html.text
+        pairs = dict(re.findall(r'<th scope="row">([^<]*)</th><td class="mark">([^<]*)</td>', html.text))
+        assert (pairs["Label"], pairs["Work permit"]) == ("as left", "W-17")
+        assert (pairs["Safe value"], pairs["Diaphragm area"]) == ("0 kPa", "645.2 cm²")
+        assert pairs["A test may use"].startswith("0 kPa to 82.74 kPa, changes of ")
+        zone = datetime.now().astimezone().strftime("%Z")
+        assert re.search(rf"test of \d{{4}}-\d\d-\d\d \d\d:\d\d {re.escape(zone)}, triangle, as left", html.text)
         linked = re.search(r'href="(/tests/[^"]+)"', html.text)
         assert linked is not None
         assert (await client.get(linked.group(1).replace("&amp;", "&"))).content[:5] == b"%PDF-"
@@ -148,3 +211,4 @@ def test_the_command_writes_the_report_of_a_recording(
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert file_sha256(tmp_path / "triangle.parquet") in text
     assert "FV-101 was measured; its health was not assessed." in text
+    assert "Rated travel" in text

@@ -247,6 +247,21 @@ async def test_a_bad_body_is_refused_and_nothing_moves(client: httpx.AsyncClient
     assert (await client.get("/tests")).json()["tests"] == []
 
 
+async def test_a_wrong_key_is_told_with_the_right_one_and_a_wrong_value_with_its_limit(
+    client: httpx.AsyncClient, rig: FakeRig
+) -> None:
+    for body, parts in (
+        ({"sequnce": "triangle"}, ["body.sequnce: this key is unknown, did you mean sequence?"]),
+        ({"host": "10.0.0.1"}, ["body.host: this key is unknown, known here are valve, sequence, overrides"]),
+        ({"overrides": {"cycle": 2}, "sequence": "triangle"}, ["cycle: this key is unknown, did you mean cycles?"]),
+        ({"overrides": {"cycles": 2000}, "sequence": "triangle"}, ["cycles is 2000:", "less than or equal to 1000"]),
+        ({"overrides": {"low_pa": "9" * 500}}, ["low_pa is '99", "999...: input should be a valid number"]),
+    ):
+        assert_problem(await client.post("/tests/run", json={"valve": "FV-101", **body}), 422, *parts)
+    assert_problem(await client.post("/valves/FV-101/model", json={"tests": "x"}), 422, "did you mean test?")
+    assert rig.orders == []
+
+
 async def test_a_body_that_does_not_say_its_length_is_cut_too(client: httpx.AsyncClient) -> None:
     async def endless() -> AsyncIterator[bytes]:
         for _ in range(100):

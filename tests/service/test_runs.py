@@ -163,6 +163,31 @@ async def test_a_log_is_followed_by_many_each_from_where_it_wants() -> None:
     assert [await reader for reader in readers] == [[1, 2, 3], [2, 3], [1, 2, 3]]
 
 
+async def test_samples_that_come_close_together_reach_a_watcher_together_and_a_change_of_state_at_once() -> None:
+    log = EventLog()
+    seen: list[list[str]] = []
+
+    async def watch() -> None:
+        async for events in log.follow(idle_s=5.0):
+            seen.append([event.kind for event in events])  # noqa: PERF401  - each as it comes
+
+    watching = asyncio.create_task(watch())
+    await asyncio.sleep(0)
+    log.append("samples", {})
+    await asyncio.sleep(0)
+    log.append("samples", {})
+    async with asyncio.timeout(5.0):
+        while not seen:  # noqa: ASYNC110  # it is looked at from outside
+            await asyncio.sleep(0.001)
+    log.append("samples", {})
+    log.append("state", {})
+    for _ in range(3):
+        await asyncio.sleep(0)
+    assert seen == [["samples", "samples"], ["samples", "state"]]
+    log.close()
+    await watching
+
+
 async def test_a_quiet_log_says_that_it_lives() -> None:
     log = EventLog()
     async for events in log.follow(idle_s=0.01):

@@ -18,6 +18,7 @@ from service.shown_units import UnitSystem, measured, quantity
         (52_538.0, "N/m", UnitSystem.PSI, "300.0 lbf/in"),
         (22.4, "percent", UnitSystem.PSI, "22.40 %"),
         (None, "N", UnitSystem.SI, "–"),
+        (0.02, "1", UnitSystem.PSI, "0.02000"),
     ],
 )
 def test_an_si_value_is_read_in_the_chosen_units(value: float | None, unit: str, system: UnitSystem, text: str) -> None:

@@ -64,6 +64,24 @@ def test_a_step_test_says_what_was_resolved() -> None:
     assert "…" not in out
 
 
+@pytest.mark.parametrize(
+    ("origin", "sentence"),
+    [
+        ("measured on the recording", "Signature measured on the recording"),
+        ("the parameters by regression", "Signature taken from the parameters by regression"),
+        (
+            "measured on the recording; the parameters by maximum likelihood",
+            "Signature measured on the recording and taken from the parameters by maximum likelihood",
+        ),
+    ],
+)
+def test_where_the_signature_comes_from_is_a_sentence(origin: str, sentence: str) -> None:
+    signature = measure_signature(triangle_test(0.002, noise_m=5.0e-6), PLATE).to_json() | {"from": origin}
+    console = Console(width=200, record=True, file=StringIO())
+    print_signature(console, signature)
+    assert sentence in console.export_text()
+
+
 def test_a_valve_that_never_moved_has_one_reason_and_no_table() -> None:
     out = printed(at_rest())
     assert "Signature (" not in out

@@ -12,7 +12,8 @@ from simulator.transducer import Transducer
 from tests.simulator.plants import POSITION_SPAN_M, RANGE_PA, valve
 from valve.effects import EFFECTS, Effect, ValveScale, with_effects
 from valve.errors import ParameterError
-from valve.extended_motion import ExtendedState, simulate_extended
+from valve.extended_motion import simulate_extended
+from valve.extended_state import ExtendedState
 from valve.extended_valve import ExtendedValve
 from valve.motion import StemState
 from valve.parameter_sets import parameter_set

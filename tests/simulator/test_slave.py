@@ -13,7 +13,8 @@ import pytest
 import serial
 from pymodbus.client import AsyncModbusTcpClient
 
-from drivers.registers import Kind, Register, RegisterMap, Table, WordOrder
+from drivers.register_map import RegisterMap
+from drivers.registers import Kind, Register, Table, WordOrder
 from simulator.assembly import SimulatedChannel, SimulatedPlant, SimulatedUnit, reference_unit
 from simulator.clock import ManualClock, RunningClock
 from simulator.faults import Fault, FaultKind

@@ -11,14 +11,8 @@ import pytest
 from tests.valve.extended_reference import integrate
 from tests.valve.random_valves import DURATION_S, KINDS, random_valve
 from valve.errors import MotionError, ParameterError, WaveformError
-from valve.extended_motion import (
-    ExtendedState,
-    ExtendedStem,
-    Rests,
-    input_corners,
-    simulate_extended,
-    simulate_extended_batch,
-)
+from valve.extended_motion import ExtendedStem, input_corners, simulate_extended, simulate_extended_batch
+from valve.extended_state import ExtendedState, Rests
 from valve.extended_valve import (
     AreaSlots,
     Curve,

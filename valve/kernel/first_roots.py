@@ -94,20 +94,29 @@ def slip_end(c, w2, DV, s, v, a, push, horizon):
 
 
 @kernel
+def newton_step(tau, above, slope, lo, hi):
+    """Return (next time, bracket) of a search in [lo, hi] for where a quantity falls through zero; it is ``above``.
+
+    Newton's step, ``slope`` being the quantity's rate, or half the bracket where that leaves it.
+    """
+    if above > 0.0:
+        lo = tau
+    else:
+        hi = tau
+    guess = tau - above / slope if slope != 0.0 else math.inf
+    if not lo <= guess <= hi:
+        guess = 0.5 * (lo + hi)
+    return guess, lo, hi
+
+
+@kernel
 def stop_time(c, w2, x, v, a, r, stop, heading, early, late):
     """Time in [early, late], over which the stem moves towards ``heading``, at which it is at ``stop``."""
     lo, hi, tau = early, late, early
     for _ in range(200):
         _rate, S, S1, S2 = impulse_response(tau, c, w2)
         miss = stop - (x + v * tau + a * S1 + r * S2)
-        if heading * miss > 0.0:
-            lo = tau
-        else:
-            hi = tau
-        speed = v + a * S + r * S1
-        guess = tau + miss / speed if speed != 0.0 else math.inf
-        if not lo <= guess <= hi:
-            guess = 0.5 * (lo + hi)
+        guess, lo, hi = newton_step(tau, heading * miss, -heading * (v + a * S + r * S1), lo, hi)
         if abs(guess - tau) <= 4.0e-16 * late:
             return guess
         tau = guess

@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from valve.kernel.compiled import kernel
+from valve.kernel.force_line import force_line
 from valve.kernel.mode_steps import band_step, rest_end, slide_end, slip_step
 from valve.kernel.modes import BAND, FOLLOWED, ROOT_NOT_FOUND, SLIDE, SLIP, STOPPED, STUCK, TOO_MANY_EVENTS, regime
 from valve.kernel.sampling import BLOCK, first_at_or_after, sample_marks, sample_motion, sample_straight
@@ -36,17 +37,12 @@ def follow(
     if mode == STUCK and v == 0.0 and (x >= high or x <= low):
         mode = STOPPED
     for i in range(n):
-        start, last = corner_time[i], i == n - 1
+        start = corner_time[i]
         if start > end_time:
             break
-        stop = end_time if last else min(corner_time[i + 1], end_time)
-        if stop == start:
-            # of a step only the far side counts, and at the very end only where there was a step
-            if (not last and corner_time[i + 1] == start) or i == 0 or corner_time[i - 1] < start:
-                continue
-            slope = 0.0
-        else:
-            slope = 0.0 if last else (corner_force[i + 1] - corner_force[i]) / (corner_time[i + 1] - start)
+        counts, stop, slope = force_line(corner_time, corner_force, i, end_time)
+        if not counts:
+            continue
         span, tau, ended = stop - start, 0.0, True
         while ended:
             force = corner_force[i] + slope * tau

@@ -10,14 +10,24 @@ form, as in valve.kernel.follow. All slots neutral, nothing is added and the mot
 from __future__ import annotations
 
 import math
-from typing import Final
 
 import numpy as np
 
 from valve.kernel.bristles import bristle_rest
 from valve.kernel.compiled import kernel
+from valve.kernel.force_line import force_line
 from valve.kernel.loaded_rest import rest_length
 from valve.kernel.loaded_slip import GLANCE_S, loaded_slip
+from valve.kernel.loaded_steps import (
+    LONGEST_FOLLOWED_S,
+    acting_rate,
+    even_part,
+    linear_slip,
+    loaded_band,
+    longest_steps,
+    slide_step,
+    slip_part,
+)
 from valve.kernel.loads import (
     coulomb_level,
     drag_at,
@@ -26,19 +36,16 @@ from valve.kernel.loads import (
     is_neutral_in_motion,
     load,
     static_level,
-    vibration_rate,
     zone,
 )
-from valve.kernel.mode_steps import band_step, slide_end, slip_step
 from valve.kernel.modes import FOLLOWED, ROOT_NOT_FOUND, SLIDE, SLIP, STOPPED, STUCK, TOO_MANY_EVENTS, regime
-from valve.kernel.sensing import displayed, sampled, sense
+from valve.kernel.sensing import displayed, sampled, sampled_rest, sense
 from valve.kernel.slots import (
     AT_V,
     AT_X,
     BOW,
     BRISTLE,
     D_V,
-    DWELL_RISE,
     ELAPSED,
     EXTRA,
     F_0,
@@ -63,12 +70,7 @@ from valve.kernel.slots import (
     VIBRATION_RATE,
     VISCOUS_ASYMMETRY,
     K,
-    M,
 )
-
-EVEN_SHARE: Final = 0.05  # of the speed, by which the stem's swing may still change it where a slide is even
-FEATURE_SHARE: Final = 0.1  # of the shortest length over which a slot's force bends, that one sub-step covers
-LONGEST_FOLLOWED_S: Final = 1.0e-3  # sub-step of a sensor that lags or has play, and of bristles
 
 
 @kernel
@@ -83,15 +85,14 @@ def follow_extended(
     sub-steps of a slip whose slots are not neutral, and of a stem whose bristles give. ``passes`` is the number of
     steps that it took, the measure of its work.
     """
-    m, DV = q[M], q[D_V]
+    DV = q[D_V]
     x, v, mode, extra = state[AT_X], state[AT_V], int(state[IN_MODE]), state[EXTRA]
     never_moved, rest_from, bristle = state[NEVER_MOVED] != 0.0, state[REST_SINCE], state[BRISTLE]
     clock = state[ELAPSED] - corner_time[0]  # from the corners' times to the slots' own
     low = q[LOW] if q[LOW_RATE] == math.inf else -math.inf
     high = q[HIGH] if q[HIGH_RATE] == math.inf else math.inf
     linear, finest, elastic = is_neutral_in_motion(q), finest_feature(q), q[PRESLIDING] > 0.0
-    following = q[POSITION_LAG] > 0.0 or q[PLAY] > 0.0
-    sensing = following or q[GAIN] != 1.0 or q[BOW] != 0.0
+    sensing = q[POSITION_LAG] > 0.0 or q[PLAY] > 0.0 or q[GAIN] != 1.0 or q[BOW] != 0.0
     if sensing and math.isnan(state[PLAYED]):
         state[PLAYED], state[SHOWN] = x, displayed(q, x)
         state[LAGGED] = state[SHOWN]
@@ -105,18 +106,13 @@ def follow_extended(
     if mode == STUCK and v == 0.0 and (x >= high or x <= low):
         mode = STOPPED
     for i in range(n):
-        start, last = corner_time[i], i == n - 1
+        start = corner_time[i]
         if start > end_time:
             break
-        stop = end_time if last else min(corner_time[i + 1], end_time)
         fresh = fresh or (i > 0 and corner_time[i - 1] == start)
-        if stop == start:
-            # of a step only the far side counts, and at the very end only where there was a step
-            if (not last and corner_time[i + 1] == start) or i == 0 or corner_time[i - 1] < start:
-                continue
-            slope = 0.0
-        else:
-            slope = 0.0 if last else (corner_force[i + 1] - corner_force[i]) / (corner_time[i + 1] - start)
+        counts, stop, slope = force_line(corner_time, corner_force, i, end_time)
+        if not counts:
+            continue
         # tau is kept beside the time: their difference would be rounded, and times a steep slope that is a force
         now_s, tau, going = start, 0.0, True
         while going:
@@ -159,20 +155,10 @@ def follow_extended(
                     if mode == STUCK and elastic and abs(bristle) < static:
                         now = STUCK
                     else:
-                        push = slope * area + vibration_rate(q, t)
-                        if not linear and abs(abs(v) - DV) <= 1.0e-9 * DV:
-                            # on the edge of the band all rates along the motion decide
-                            net_end, more_end, _area = load(
-                                q, curves, x + v * GLANCE_S, t + GLANCE_S, force + slope * GLANCE_S
-                            )
-                            gain = net_end - net - heading * (coulomb_level(q, heading, more_end) - coulomb)
-                            push = gain / GLANCE_S + rate * v
-                        elif v == 0.0 and (not linear or q[DWELL_RISE] != 0.0):
-                            # and where static friction gives way, its own too
-                            net_end, more_end, _area = load(q, curves, x, t + GLANCE_S, force + slope * GLANCE_S)
-                            then = extra_static(q, t + GLANCE_S - rest_from, never_moved) if resting else extra
-                            gain = net_end - net - side * (static_level(q, side, more_end, then) - static)
-                            push = gain / GLANCE_S
+                        push = acting_rate(
+                            q, curves, linear, x, v, t, force, slope, area, net, side, heading, rate, coulomb,
+                            static, extra, resting, rest_from, never_moved,
+                        )  # fmt: skip
                         now, s = regime(rate, viscous, drag, static, DV, low, high, x, v, net, push, rounding)
                     if (n_events == most_events and now != mode) or pieces > most_events:
                         state[AT_X], state[AT_V], state[IN_MODE] = x, v, mode
@@ -219,31 +205,16 @@ def follow_extended(
                 most = min(longest, LONGEST_FOLLOWED_S)
                 if q[VIBRATION] != 0.0:
                     most = min(most, 0.1 / q[VIBRATION_RATE])
-                if left > most:
-                    left /= math.ceil(left / most - 1.0e-6)
+                left = even_part(left, most)
                 dwell, ended, x_next, v_next, bristle = bristle_rest(
                     q, curves, x, bristle, t, force, slope, t - rest_from, never_moved, left
                 )
                 elastic_v = (x_next - x) / dwell if dwell > 0.0 else 0.0
             else:
                 if rate != rate_before:
-                    rate_before, most_there = rate, (math.inf if linear else longest)
-                    if following:
-                        most_there = min(most_there, LONGEST_FOLLOWED_S)
-                    if q[VIBRATION] != 0.0:
-                        most_there = min(most_there, 0.2 / q[VIBRATION_RATE])
-                    swing = 1.2 * math.sqrt(m / rate) if rate > 0.0 and not linear else math.inf
-                most = most_there
-                if most > swing:
-                    now_drag = drag_at(q, coulomb, highest, v)
-                    # an even slide needs no step as short as the stem's own swing
-                    if mode != SLIP or abs(net - s * now_drag - viscous * v) * swing > EVEN_SHARE * m * abs(v):
-                        most = swing
-                if abs(v) * most > FEATURE_SHARE * finest:
-                    most = FEATURE_SHARE * finest / abs(v)
-                if left > most:
-                    # even parts: no sliver is left at the end
-                    left /= math.ceil(left / most - 1.0e-6)
+                    rate_before = rate
+                    most_there, swing = longest_steps(q, linear, rate, longest)
+                left = slip_part(q, s, v, mode == SLIP, net, coulomb, highest, viscous, most_there, swing, finest, left)
                 if left <= 0.0 and mode == SLIP and not linear:
                     # a step at the very end: only what the stem is in is told anew
                     dwell, ended, x_next, v_next = 0.0, False, x, v
@@ -254,38 +225,21 @@ def follow_extended(
                     )  # fmt: skip
                     left, loaded = dwell, not ended
                 elif mode == SLIP:
-                    a, w2 = (net - s * drag - viscous * v) / m, rate / m
-                    if abs(v) <= DV * (1.0 + 1.0e-12):
-                        v, a = s * max(abs(v), DV), s * max(s * a, 0.0)
-                    dwell, ended, x_next, v_next = slip_step(
-                        viscous / m, w2, DV, low, high, s, x, v, a, slope / m - w2 * v, slope / m, left,
-                        rising if s > 0.0 else falling,
-                    )  # fmt: skip
+                    dwell, ended, x_next, v_next, v = linear_slip(
+                        q, s, x, v, net, slope, drag, viscous, rate, low, high, left, rising if s > 0.0 else falling
+                    )
                     if math.isnan(dwell):
                         state[AT_X], state[AT_V], state[IN_MODE] = x, v, mode
                         return ROOT_NOT_FOUND, n_events, passes
                 elif mode == SLIDE:
-                    v, along = s * DV, slope
-                    if not linear and left > 0.0:
-                        net_end, more_end, _area = load(q, curves, x + s * DV * left, t + left, force + slope * left)
-                        gain = s * (net_end - net) - static_level(q, s, more_end, 0.0) + static
-                        along = s * (gain / left + rate * DV)
-                    dwell, ended, x_next, v_next = slide_end(
-                        rate, viscous, drag, static, DV, low, high, s, x, net, along, left
+                    dwell, ended, x_next, v_next = slide_step(
+                        q, curves, linear, s, x, t, force, slope, net, rate, viscous, drag, static, low, high, left
                     )
                 else:
-                    along = slope
-                    while not linear and left > 0.0:
-                        net_end, more_end, _area = load(q, curves, x, t + left, force + slope * left)
-                        along = (net_end - net - s * (static_level(q, s, more_end, beyond) - static)) / left
-                        if s * net - static > rounding or s * (along - rate * v) > 0.0 or left <= GLANCE_S:
-                            break
-                        # it has just begun to grow: a chord over less of it says so too
-                        left *= 0.5
-                    a, w2 = (net - s * static) / m, rate / m
-                    dwell, ended, x_next, v_next = band_step(
-                        m, w2, static, DV, low, high, s, x, v, a, along / m - w2 * v, net, along, left
-                    )
+                    dwell, ended, x_next, v_next, left = loaded_band(
+                        q, curves, linear, s, x, v, t, force, slope, net, rate, static, beyond, low, high,
+                        rounding, left,
+                    )  # fmt: skip
             pieces += ended
             fresh = ended
             # where two modes touch, each may hand over to the other for ever: time goes on all the same
@@ -300,14 +254,10 @@ def follow_extended(
             else:
                 tau, after_s = until - start, until
             if held:
-                while out < n_out and out_time[out] < after_s:
-                    settled = state[SHOWN] if sensing else x
-                    if q[POSITION_LAG] > 0.0:
-                        settled += (state[LAGGED] - settled) * math.exp((now_s - out_time[out]) / q[POSITION_LAG])
-                    out = sampled(
-                        out, x, settled, 0.0, mode, corner_force[i] + slope * (out_time[out] - start),
-                        out_x, out_sensed, out_v, out_mode, out_force,
-                    )  # fmt: skip
+                out = sampled_rest(
+                    out, after_s, out_time, q, state, sensing, x, mode, now_s, start, corner_force[i], slope,
+                    out_x, out_sensed, out_v, out_mode, out_force,
+                )  # fmt: skip
             if sensing:
                 sense(q, state, x_next, after_s - now_s)
             x, v, now_s = x_next, v_next, after_s

@@ -13,7 +13,7 @@ import math
 from typing import Final
 
 from valve.kernel.compiled import kernel
-from valve.kernel.first_roots import stop_time
+from valve.kernel.first_roots import newton_step, stop_time
 from valve.kernel.loads import coulomb_level, drag_at, load, static_level
 from valve.kernel.response import impulse_response
 from valve.kernel.slots import D_V, STRIBECK, VIBRATION, VIBRATION_PHASE, VIBRATION_RATE, M
@@ -29,18 +29,11 @@ SHORTEST_STEP_S: Final = 1.0e-9
 @kernel
 def turning_time(c, w2, a, r, late):
     """Time in [0, late] at which the acceleration passes zero; it does so once there."""
-    lo, hi, tau = 0.0, late, 0.5 * late
+    lo, hi, tau, s = 0.0, late, 0.5 * late, math.copysign(1.0, a)
     for _ in range(100):
         rate, S, S1, _unused = impulse_response(tau, c, w2)
         now = a * rate + r * S
-        if now * a > 0.0:
-            lo = tau
-        else:
-            hi = tau
-        jerk = r - w2 * (a * S + r * S1) - c * now
-        guess = tau - now / jerk if jerk != 0.0 else math.inf
-        if not lo < guess < hi:
-            guess = 0.5 * (lo + hi)
+        guess, lo, hi = newton_step(tau, s * now, s * (r - w2 * (a * S + r * S1) - c * now), lo, hi)
         if abs(guess - tau) <= 4.0e-16 * late:
             return guess
         tau = guess
@@ -54,14 +47,7 @@ def speed_time(c, w2, v, a, r, s, speed, early, late):
     for _ in range(100):
         rate, S, S1, _unused = impulse_response(tau, c, w2)
         over = s * (v + a * S + r * S1) - speed
-        if over > 0.0:
-            lo = tau
-        else:
-            hi = tau
-        now = s * (a * rate + r * S)
-        guess = tau - over / now if now != 0.0 else math.inf
-        if not lo < guess < hi:
-            guess = 0.5 * (lo + hi)
+        guess, lo, hi = newton_step(tau, over, s * (a * rate + r * S), lo, hi)
         if abs(guess - tau) <= 4.0e-16 * late:
             return guess
         tau = guess

@@ -41,3 +41,23 @@ def sampled(i, x, sensed, v, mode, force, out_x, out_sensed, out_v, out_mode, ou
     """Write one output and return the number of the next."""
     out_x[i], out_sensed[i], out_v[i], out_mode[i], out_force[i] = x, sensed, v, mode, force
     return i + 1
+
+
+@kernel
+def sampled_rest(
+    i, until, out_time, q, state, sensing, x, mode, since, start, force, slope,
+    out_x, out_sensed, out_v, out_mode, out_force,
+):  # fmt: skip
+    """Write the outputs before ``until`` of a stem that rests at x; return the number of the next.
+
+    ``state`` is the sensor's at the time ``since``; the force goes straight from ``force`` at ``start``.
+    """
+    while i < out_time.size and out_time[i] < until:
+        settled = state[SHOWN] if sensing else x
+        if q[POSITION_LAG] > 0.0:
+            settled += (state[LAGGED] - settled) * math.exp((since - out_time[i]) / q[POSITION_LAG])
+        i = sampled(
+            i, x, settled, 0.0, mode, force + slope * (out_time[i] - start),
+            out_x, out_sensed, out_v, out_mode, out_force,
+        )  # fmt: skip
+    return i

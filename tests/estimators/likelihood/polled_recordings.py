@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.samples import FloatArray
+from simulator.transducer import lagged
 from valve.motion import simulate_motion
 from valve.nameplate import Nameplate
 from valve.parameter_sets import PARAMETER_SETS
@@ -40,9 +41,17 @@ def converted(values: FloatArray, low: float, high: float) -> FloatArray:
 
 
 def written_test(
-    valve: str, seed: int, *, period_s: float = 0.02, noise_m: float = 2.0e-6, ramp_s: float = 10.0, cycles: int = 2
+    valve: str,
+    seed: int,
+    *,
+    period_s: float = 0.02,
+    noise_m: float = 2.0e-6,
+    ramp_s: float = 10.0,
+    cycles: int = 2,
+    lag_s: float = 0.0,
+    pressure_noise_pa: float = 0.6,
 ) -> WrittenTest:
-    """A triangle over the whole range, on an I/P without lag."""
+    """A triangle over the whole range, on an I/P without lag or with one."""
     random = np.random.default_rng(seed)
     chosen = PARAMETER_SETS[valve]
     actuator, signal = chosen.nameplate.actuator, chosen.nameplate.signal
@@ -72,15 +81,21 @@ def written_test(
         [[-1.0, acting[0]], np.column_stack([acting, np.append(acting[1:], taken[-1] + 1.0)]).ravel()]
     )
     stair_pa = np.concatenate([[low_pa, low_pa], np.repeat(command, 2)])
+    acting_pa = stair_pa
+    if lag_s > 0.0:
+        stair_s, acting_pa = lagged(stair_s, stair_pa, low_pa, lag_s)
     motion = simulate_motion(
-        chosen.parameters, stair_s, actuator.diaphragm_area_m2 * stair_pa, taken, initial=StemState(0.0, 0.0)
+        chosen.parameters, stair_s, actuator.diaphragm_area_m2 * acting_pa, taken, initial=StemState(0.0, 0.0)
     )
+    shown_pa = command if lag_s == 0.0 else np.interp(taken, stair_s, acting_pa)
     noisy_m = motion.position_m + noise_m * random.standard_normal(taken.size)
     exchange_s = received - sent
     recording = Recording(
         0.5 * (sent + received),
         converted(noisy_m, -0.05 * actuator.travel_m, 1.05 * actuator.travel_m),
-        pressure_pa=converted(command + 0.6 * random.standard_normal(taken.size), low_pa + 0.4, high_pa + 0.4),
+        pressure_pa=converted(
+            shown_pa + pressure_noise_pa * random.standard_normal(taken.size), low_pa + 0.4, high_pa + 0.4
+        ),
         command_pa=command,
         sent_s=sent,
         received_s=received,

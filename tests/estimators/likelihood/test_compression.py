@@ -6,9 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimators.base import Outcome
 from estimators.likelihood.block_kernel import straight_blocks
 from estimators.likelihood.certificate import certify
+from estimators.likelihood.compression import compressed
+from estimators.likelihood.conclusion import searched_model
+from estimators.likelihood.input_path import input_path
+from estimators.likelihood.model import StemModel
+from estimators.likelihood.problem import pose
 from estimators.likelihood.staircase import find_rests
+from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from estimators.samples import FloatArray, IntArray, Samples, prepare
 from tests.estimators.recordings import recorded
 
@@ -60,3 +67,29 @@ def test_a_misfit_in_transients_alone_spoils_the_certificate() -> None:
     weight = np.ones(20_000)
     assert certify(residual, weight, bends).is_good
     assert not certify(np.where(bends, 1.8 * residual, residual), weight, bends).is_good
+
+
+def error_of_mass(model: StemModel, point: FloatArray) -> float:
+    slopes = model.slopes(point)
+    assert slopes is not None
+    covariance = np.linalg.inv(slopes @ slopes.T + np.diag(model.coordinates.prior_weight))
+    return float(np.sqrt(covariance[0, 0]))
+
+
+def test_blocks_that_keep_a_point_tell_what_all_rows_tell_there() -> None:
+    # m/F_v is two rows long: the noise hides each bend, and all of them together show the mass
+    test = recorded("vendor", noise_m=20.0e-6, seed=8)
+    motion, path = read_motion(test.recording, test.nameplate), input_path(test.recording, test.nameplate)
+    assert isinstance(motion, RecordedMotion)
+    assert not isinstance(path, Outcome)
+    problem = pose(motion, path)
+    assert problem is not None
+    model = searched_model(problem, motion.samples.period_s)
+    truth = test.truth.by_symbol()
+    values = problem.trials[0].values | {name: truth[name] for name in ("m", "k", "F_v", "F_c", "F_0", "DV")}
+    point = model.coordinates.point(values | {"d": 0.05})
+    told = error_of_mass(model, point)
+    assert error_of_mass(compressed(model), point) > 1.2 * told
+    kept = compressed(model, keeping=point)
+    assert error_of_mass(kept, point) < 1.02 * told
+    assert kept.time_s.size < 0.05 * model.time_s.size

@@ -51,8 +51,10 @@ def test_what_only_one_search_came_to_is_not_given(monkeypatch: pytest.MonkeyPat
     assert estimate.value("k") == pytest.approx(random_test(SEED).truth.spring_rate_n_per_m, rel=1.0e-3)
 
 
-def test_a_stem_of_thousands_of_jumps_is_followed() -> None:
-    test = random_test(2215)  # 2294 jumps in a minute
+# 2294 jumps in a minute; 227 seen, and ten times as many that the noise hides
+@pytest.mark.parametrize("seed", [2215, 2133])
+def test_a_stem_of_thousands_of_jumps_is_followed(seed: int) -> None:
+    test = random_test(seed)
     motion = read_staircase(test.recording, test.nameplate, read_motion(test.recording, test.nameplate))
     path = input_path(test.recording, test.nameplate)
     assert motion is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -135,6 +136,24 @@ def test_a_ramp_of_short_steps_becomes_a_line(step_s: float, period_s: float, bi
     expected_pa = closed_form(wanted_s - late_s, TRIANGLE.time_s, TRIANGLE.pressure_pa, 0.1)
     assert path.corners(np.array([0.1, 0.0]))[0].size < 30_000
     assert pressure(path, (0.1, 0.0), wanted_s) == pytest.approx(expected_pa, abs=2.0e-4 * SPAN_PA)
+
+
+def test_a_polled_command_that_was_read_from_a_line_is_that_line() -> None:
+    slot_s = np.arange(1201, dtype=np.float64) * 0.05
+    time_s = slot_s + np.random.default_rng(4).uniform(0.0, 0.01, slot_s.size)
+    provenance = Provenance(acquisition=Acquisition.POLLED, requested_period_s=0.05)
+    read = Recording(time_s, np.zeros(time_s.size), command_pa=TRIANGLE.at(time_s), provenance=provenance)
+    path = input_path(read, NAMEPLATE)
+    assert isinstance(path, TransducerPath)
+    wanted_s = np.linspace(1.0, 59.0, 5801)
+    expected_pa = closed_form(wanted_s, TRIANGLE.time_s, TRIANGLE.pressure_pa, 0.1)
+    assert pressure(path, (0.1, 0.0), wanted_s) == pytest.approx(expected_pa, abs=1.0e-5 * SPAN_PA)
+    # computed at its slot, looked at some time later: each row is a write
+    written = input_path(replace(read, command_pa=TRIANGLE.at(slot_s)), NAMEPLATE)
+    told = input_path(replace(read, sent_s=time_s - 1.0e-3), NAMEPLATE)
+    for stairs in (written, told):
+        assert isinstance(stairs, TransducerPath)
+        assert stairs.corners(np.zeros(2))[0].size > 2 * time_s.size
 
 
 def test_a_commanded_sine_is_lagged_as_a_sine() -> None:

@@ -102,7 +102,7 @@ def test_a_walk_follows_a_bend_that_a_straight_step_leaves() -> None:
 
 
 def test_the_intervals_reach_along_the_whole_bend(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("estimators.likelihood.intervals.compressed", lambda model: model)
+    monkeypatch.setattr("estimators.likelihood.intervals.compressed", lambda model, **_: model)
     model = banana()
     start = model.position_m[[0, 2, 1, 3, 4, 5, 6]]
     least = flat_errors(model, start, noise_factor=1.0, jumps=False).least

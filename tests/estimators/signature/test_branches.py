@@ -10,6 +10,9 @@ import pytest
 from estimators.signature.figures import FIELDS, Signature
 from estimators.signature.measure import measure_signature
 from tests.estimators.recordings import VALVES, Recorded, recorded
+from valve.effects import EFFECTS, ValveScale, with_effects
+from valve.extended_motion import simulate_extended
+from valve.extended_valve import ExtendedValve
 from valve.nameplate import Action, Actuator, Nameplate
 from valve.parameter_sets import parameter_set
 from valve.parameters import TravelStops
@@ -265,3 +268,22 @@ def test_a_short_stroke_gives_the_dead_band_alone() -> None:
     assert found.figures["dead_band_percent"].value == pytest.approx(58.7, abs=0.2)
     assert found.figures["friction_min_n"].value is None
     assert found.figures["friction_min_n"].note
+
+
+def test_branches_that_are_bent_and_share_no_travel_give_no_slope_through_them() -> None:
+    plain = recorded("nominal", period_s=0.002)
+    pressure_pa, area_m2 = plain.recording.pressure_pa, plain.nameplate.actuator.diaphragm_area_m2
+    assert pressure_pa is not None
+    assert area_m2 is not None
+    scale = ValveScale.of(plain.truth, travel_m=plain.nameplate.actuator.travel_m, full_force_n=5338.0)
+    spot = EFFECTS["local_friction"].of_strength(2.0, scale)
+    time_s = plain.recording.time_s
+    valve = with_effects(ExtendedValve(plain.truth), [spot])
+    position_m = simulate_extended(valve, time_s, area_m2 * pressure_pa, time_s).position_m
+    noise_m = np.random.default_rng(1).normal(0.0, 5.0e-6, time_s.size)
+    found = measure_signature(replace(plain.recording, position_m=position_m + noise_m), plain.nameplate)
+    for name in ("friction_mean_n", "spring_rate_n_per_m"):
+        assert found.figures[name].value is None
+        assert "no straight lines" in found.figures[name].note
+    assert found.bench_set[0].value is None
+    assert found.figures["dead_band_percent"].value is not None

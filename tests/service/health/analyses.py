@@ -48,7 +48,7 @@ def analysis(
     }
     return {
         "schema": "breakaway/analysis/1",
-        "recording": {"position_range_m": [0.0, travel_m], "position_noise_m": 1.0e-5},
+        "recording": {"stroke_m": [0.0, travel_m], "position_noise_m": 1.0e-5},
         "estimates": [],
         "discrepancy": {"verdict": "none", "causes": []},
         "signature": signature,

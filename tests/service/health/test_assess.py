@@ -42,6 +42,8 @@ def judged(
         (analysis(travel_m=0.08), "S", "what blocks the stroke"),
         (analysis(travel_m=0.03), "F", "what blocks the stroke"),
         (analysis(travel_m=0.0005), "F", "a stuck stem"),
+        (analysis(travel_m=0.0020), "F", "a stuck stem"),  # rated 101.6 mm: 2 % are 2.03 mm
+        (analysis(travel_m=0.0021), "F", "what blocks the stroke"),
         (analysis(dead_band_percent=92.0), "S", "92 % of the 82.74 kPa"),
         (named(), "M", "New since the baseline: Friction is 260 N higher"),
         (analysis(discrepancy={"verdict": "unexplained", "causes": []}), "M", "no known cause explains"),
@@ -94,6 +96,20 @@ def test_limits_are_the_valves_own() -> None:
     assert judged(analysis(friction_n=560.0), analysis(), limits=replace(LIMITS, friction_up_percent=10.0)).ne107 == "M"
     with pytest.raises(ConfigurationError, match="friction_up_percent is 0"):
         HealthLimits(friction_up_percent=0.0)
+
+
+def test_what_no_cause_explains_is_told_from_the_first_test_on_until_a_person_takes_it_as_it_is() -> None:
+    odd = analysis(discrepancy={"verdict": "unexplained", "causes": []})
+    assert judged(odd).ne107 == "M"
+    assert judged(odd, odd).ne107 == "M"
+    assert judged(odd, odd, set_by="anna").ne107 == "N"
+
+
+def test_a_test_that_was_not_diagnosed_says_why_beside_what_is_within_limits() -> None:
+    blind = analysis(discrepancy={"verdict": "not_assessed", "message": "The travel spans 0.5 %.", "causes": []})
+    health = judged(blind, analysis()).to_json()
+    assert health["ne107"] == "N"
+    assert health["reasons"][1] == "Causes were not looked for. The travel spans 0.5 %."
 
 
 def test_a_cause_that_a_person_took_as_the_baseline_is_known_and_one_that_nobody_chose_is_not() -> None:

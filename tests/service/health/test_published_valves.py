@@ -60,7 +60,7 @@ def test_the_rough_valve_is_out_of_specification_until_a_person_takes_it_as_it_i
     assert [one.state for one in first.findings] == ["S"], first.findings
     # 2 F_s = 5338 N of 5338 N that the pressure gives: it can be driven over a part of its travel only.
     assert "92 % of the 82.74 kPa" in first.findings[0].sentence
-    assert "the stem moved 59" in first.findings[0].sentence
+    assert "the stem moved 16.4 of its 101.6 mm" in first.findings[0].sentence
     known = PastTest("first", NOW, figures_of(found))
     assert _judged(found, facts, Baseline(known)).ne107 == "S"
     assert _judged(found, facts, Baseline(known, "anna")).ne107 == "N"

@@ -10,7 +10,8 @@ import pytest
 
 from tests.valve.extended_reference import integrate
 from valve.effects import EFFECTS, ValveScale
-from valve.extended_motion import ExtendedState, simulate_extended
+from valve.extended_motion import simulate_extended
+from valve.extended_state import ExtendedState
 from valve.extended_valve import ExtendedValve
 from valve.parameter_sets import parameter_set
 from valve.stem import StemState

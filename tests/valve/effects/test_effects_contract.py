@@ -10,7 +10,8 @@ import pytest
 
 from valve.effects import EFFECTS, ValveScale, effect_from_values, with_effects
 from valve.errors import NotFoundError, ParameterError
-from valve.extended_motion import ExtendedMotion, ExtendedState, simulate_extended
+from valve.extended_motion import ExtendedMotion, simulate_extended
+from valve.extended_state import ExtendedState
 from valve.extended_valve import ExtendedValve
 from valve.parameter_sets import parameter_set
 from valve.stem import StemState

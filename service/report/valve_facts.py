@@ -1,0 +1,59 @@
+"""What is known of a valve before it is measured, and how far a test may go: the nameplate in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+from drivers.addresses import MotionLimits, ValveWiring
+from service.health.limits import HealthLimits
+from service.shown_units import UnitSystem, quantity
+from valve.nameplate import Action, Nameplate
+
+_ACTIONS: Final = {Action.SPRING: "spring-opposed", Action.DOUBLE: "double-acting, no spring"}
+
+
+def nameplate_facts(nameplate: Nameplate, system: UnitSystem) -> Iterator[tuple[str, str]]:
+    """Yield name and value of what the nameplate says; what it does not say is left out."""
+    actuator, signal = nameplate.actuator, nameplate.signal
+    yield "Rated travel", quantity(actuator.travel_m, "m", system)
+    yield "Action", _ACTIONS[actuator.action]
+    if actuator.diaphragm_area_m2 is not None:
+        yield "Diaphragm area", quantity(actuator.diaphragm_area_m2, "m2", system)
+    if actuator.moving_mass_kg is not None:
+        yield "Moving mass", quantity(actuator.moving_mass_kg, "kg", system)
+    if actuator.bench_set_pa is not None:
+        rate = nameplate.nominal_spring_rate_n_per_m
+        implied = "" if rate is None else f", a spring rate of {quantity(rate, 'N/m', system)}"
+        yield "Bench set", _between(actuator.bench_set_pa, system) + implied
+    if signal is not None:
+        low_ma, high_ma = signal.range_ma
+        yield "Signal", f"{low_ma:g} to {high_ma:g} mA for {_between(signal.range_pa, system)}"
+
+
+def wiring_facts(wiring: ValveWiring, health: HealthLimits, system: UnitSystem) -> Iterator[tuple[str, str]]:
+    """Yield name and value of the safe value, of what a test may do to the valve and of how far it may change."""
+    safe_pa = wiring.safe_value_pa
+    yield "Safe value", "the pressure before the test" if safe_pa == "entry" else quantity(safe_pa, "Pa", system)
+    yield "A test may use", _limits(wiring.limits, system)
+    if wiring.limits.position_m is not None:
+        low, high = (quantity(end_m, "m", system) for end_m in wiring.limits.position_m)
+        yield "The stem may be", f"between {low} and {high}"
+    acquisition = wiring.acquisition
+    yield "Acquisition", f"{acquisition.mode.value}, a sample each {1e3 * acquisition.period_s:.4g} ms"
+    allowed = (
+        f"friction {health.friction_up_percent:g} % up and {health.friction_down_percent:g} % down, spring rate "
+        f"{health.spring_rate_percent:g} %, bench set {health.bench_set_percent:g} % of the pressure's span, travel "
+        f"{health.travel_lost_percent:g} % of the rated one"
+    )
+    yield "May change by", allowed
+
+
+def _limits(limits: MotionLimits, system: UnitSystem) -> str:
+    steps = "steps too" if limits.steps_allowed else "no steps"
+    rate = quantity(limits.pressure_rate_pa_per_s, "Pa/s", system)
+    return f"{_between(limits.pressure_pa, system)}, changes of {rate}, {steps}; {limits.longest_test_s:g} s at most"
+
+
+def _between(span_pa: tuple[float, float], system: UnitSystem) -> str:
+    return f"{quantity(span_pa[0], 'Pa', system)} to {quantity(span_pa[1], 'Pa', system)}"

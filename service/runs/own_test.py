@@ -1,0 +1,20 @@
+"""The test of a valve that somebody names to make something of it: a baseline, an accepted model."""
+
+from __future__ import annotations
+
+from service.runs.run import Run, RunState
+from service.runs.service import Runs
+from valve.errors import RequestError
+
+
+async def completed_test_of(runs: Runs, tag: str, run_id: str) -> Run:
+    """Return a completed test of this valve, with its analysis.
+
+    Raises NotFoundError where there is no such test, RequestError where it is another valve's or not completed.
+    """
+    run = await runs.get(run_id)
+    if run.valve != tag:
+        raise RequestError(f"test {run.id} is one of {run.valve}, not of {tag}: choose a test of this valve")
+    if run.state is not RunState.COMPLETED or run.analysis is None:
+        raise RequestError(f"test {run.id} is {run.state.value}: choose a completed test")
+    return run

@@ -1,0 +1,95 @@
+"""A friction that falls with speed: its fit is found along a valley, and looked for whatever the other causes took."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, Final
+
+import numpy as np
+import pytest
+
+from discrepancy import rounds
+from discrepancy.baseline import fit_baseline
+from discrepancy.causes.friction import LOCAL, STRIBECK
+from discrepancy.falling_friction import SPEED
+from discrepancy.least_squares import Fit, descend, start_fit
+from discrepancy.observed import Observed, observe
+from discrepancy.refining import refined
+from discrepancy.screening import Candidate, extended_model, refit
+from discrepancy.setting import setting_of
+from discrepancy.significance import misfit
+from tests.blind.cases import blind_case
+
+# Where short fits from the grid of starts end on this case: F_c is a third high, F_v 60 % low, v_s a third low.
+STUCK = {
+    "m": 1.5818, "k": 195880.0, "F_v": 20199.0, "F_c": 866.69, "d": 0.24857, "F_0": 2138.1, "DV": 1.1523e-4,
+    "first_rise": 147.09, SPEED: 2.2031e-3,
+}  # fmt: skip
+
+
+def test_walks_along_the_speed_lead_a_fit_out_of_the_valley_in_which_steps_of_all_unknowns_stop() -> None:
+    case = blind_case(7036, "triangle")
+    observed = observe(case.recordings, case.nameplate)
+    assert isinstance(observed, Observed)
+    baseline = fit_baseline(observed)
+    assert baseline is not None
+    setting = setting_of(baseline)
+    model = extended_model(baseline.model, STRIBECK, setting)
+    stuck = descend(start_fit(model, model.unknowns.point({**baseline.values, **STUCK})), most_steps=12)
+    assert misfit(stuck) > 2.0
+    start = {name: stuck.values[name] for name in ("F_c", "F_v", "d", "DV")}
+    start[STRIBECK.strength] = stuck.values[SPEED]
+    found = refit(baseline, Candidate(STRIBECK, (start,), 0.5), setting)
+    assert misfit(found) < 1.15
+    assert found.values[SPEED] == pytest.approx(case.hidden[0].parameters["speed_m_per_s"], rel=0.15)
+    assert found.values["F_c"] == pytest.approx(case.truth.parameters.coulomb_friction_n, rel=0.15)
+
+
+def test_a_hard_cause_is_tried_where_the_ordinary_ones_took_all_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried = []
+
+    def refit(fit: Any, candidate: Candidate, *_rest: Any) -> Any:
+        tried.append(candidate.cause.name)
+        return replace(fit, cost=float("inf"))
+
+    monkeypatch.setattr(rounds, "refit", refit)
+    monkeypatch.setattr(rounds, "share_of_work", lambda _fit: 1.0)
+    monkeypatch.setattr(rounds, "_is_coarse", lambda _fit: False)
+    last = 1.0e8
+
+    def tried_at(work: float) -> Sequence[str]:
+        tried.clear()
+        model: Any = SimpleNamespace(tally=SimpleNamespace(work=work))
+        best = Fit(model, np.zeros(1), np.zeros(1), None, 1.0)
+        candidates = [Candidate(cause, ({},), 0.5) for cause in (LOCAL, STRIBECK)]
+        rounds.refits(best, candidates, setting=SimpleNamespace(), most=9, last=last)  # type: ignore[arg-type]
+        return list(tried)
+
+    assert tried_at(0.5 * last) == ["local_friction", "stribeck_friction"]
+    assert tried_at(1.2 * last) == ["stribeck_friction"]
+    assert tried_at(2.0 * last) == []
+
+
+# Where the first short fits end on this case with the command alone: the stem is five times as heavy as the valve's,
+# and what the mass takes of the slips is missing in the fall of the friction.
+HEAVY: Final = {
+    "m": 8.128, "k": 41700.0, "F_v": 1012.0, "F_c": 1692.0, "d": 0.2491, "F_0": 168.6, "DV": 1.261e-3,
+    "first_rise": 6.685e-3, SPEED: 8.843e-3,
+}  # fmt: skip
+
+
+def test_a_fit_follows_the_mass_back_to_the_nameplates_where_a_heavy_stem_stood_in_for_the_fall_of_friction() -> None:
+    case = blind_case(7001, "command")
+    observed = observe(case.recordings, case.nameplate)
+    assert isinstance(observed, Observed)
+    baseline = fit_baseline(observed)
+    assert baseline is not None
+    model = extended_model(baseline.model, STRIBECK, setting_of(baseline))
+    stuck = descend(start_fit(model, model.unknowns.point({**baseline.values, **HEAVY})), most_steps=12)
+    assert misfit(stuck) > 1.8
+    found = refined(stuck)
+    assert misfit(found) < 1.2
+    assert found.values["m"] == pytest.approx(case.truth.parameters.mass_kg, rel=0.4)
+    assert found.values[SPEED] == pytest.approx(case.hidden[0].parameters["speed_m_per_s"], rel=0.25)
