@@ -23,10 +23,11 @@ _UNRESTS: Final = 3.0  # a position that is this many times the unrest at entry 
 _PRESSURE_MOVED: Final = 0.01  # of the limits' span
 _SAME_BITS: Final = 20  # looks in a row with the very same value: a sensor whose noise was seen shows others
 _SPIKE_SHARE: Final = 0.05  # of the travel, there and back between three looks
+_SPIKE_WAYS: Final = 2.0  # and so many times the way that the stem went meanwhile
 _STANDS_S: Final = 1.0  # after so much pressure: a step is there before damping and I/P let the stem follow
 _SPIKES: Final = 3
 _SPIKES_WITHIN_S: Final = 2.0
-_STRUCK_SHARE: Final = 0.05  # of the limits' span between two looks: a step of the pressure
+_STRUCK_SHARE: Final = 0.05  # of the limits' span between two looks and off the ramp so far: a step of the pressure
 _RINGS_S: Final = 4.0  # after a step a stem with next to no friction swings for so long; F_v of 3 N*s/m on 1.4 kg does
 _OUTSIDE: Final = 3  # looks in a row
 
@@ -56,7 +57,7 @@ class StemRules:
         self._outputs: tuple[float, float] = (math.inf, -math.inf)  # since the pressure moved last
         self._same = self._outside = self._off_band = 0
         self._enough_s = self._unfollowed_s = math.inf  # since when the pressure, or the output, changed by enough
-        self._recent: deque[tuple[float, float]] = deque(maxlen=3)
+        self._recent: deque[tuple[float, float, float]] = deque(maxlen=3)  # time, position, pressure
         self._spikes_s: deque[float] = deque(maxlen=_SPIKES)
         self._struck_s = -math.inf
 
@@ -102,15 +103,19 @@ class StemRules:
 
     def _spiking(self, sample: Sample) -> DeviceError | None:
         acting_pa = sample.pressure_pa if math.isfinite(sample.pressure_pa) else sample.output_pa
-        if self._recent and abs(acting_pa - self._recent[-1][1]) > _STRUCK_SHARE * self._span_pa:
-            self._struck_s = sample.sent_s
-        self._recent.append((sample.position_m, acting_pa))
-        rings = sample.sent_s - self._struck_s < _RINGS_S
-        if self._range_m is None or len(self._recent) < 3 or rings:
+        self._recent.append((sample.sent_s, sample.position_m, acting_pa))
+        if len(self._recent) < 3:
             return None
-        (first_m, first_pa), (middle_m, middle_pa), (last_m, last_pa) = self._recent
+        (first_s, first_m, first_pa), (middle_s, middle_m, middle_pa), (last_s, last_m, last_pa) = self._recent
+        before = abs(middle_pa - first_pa), middle_s - first_s
+        now = abs(last_pa - middle_pa), last_s - middle_s
+        if _beyond_ramp(before, now) > _STRUCK_SHARE * self._span_pa:
+            self._struck_s = last_s
+        if self._range_m is None or last_s - self._struck_s < _RINGS_S:
+            return None
         spike_m = _SPIKE_SHARE * (self._range_m[1] - self._range_m[0])
-        there_and_back = min(abs(middle_m - first_m), abs(middle_m - last_m)) > spike_m > 2.0 * abs(last_m - first_m)
+        away_m = min(abs(middle_m - first_m), abs(middle_m - last_m))
+        there_and_back = away_m > max(spike_m, _SPIKE_WAYS * abs(last_m - first_m))
         # A pressure that goes one way moves no stem there and back.
         if there_and_back and min(first_pa, last_pa) <= middle_pa <= max(first_pa, last_pa):
             self._spikes_s.append(sample.sent_s)
@@ -183,3 +188,12 @@ class StemRules:
             f"{self._tag}: {swept} and the stem did not break away from {position_m:g} m, a healthy one moves within "
             f"{self._breakaway_pa:.4g} Pa: the stem is stuck, look at packing, seat and actuator"
         )
+
+
+def _beyond_ramp(before: tuple[float, float], now: tuple[float, float]) -> float:
+    """Return by how much the faster of two changes (amount, time) exceeds a ramp as fast as the slower one.
+
+    A step of the pressure stands out so; a ramp that is looked at late does not, nor does its turn.
+    """
+    (slower, slower_s), (faster, faster_s) = sorted((before, now), key=lambda change: change[0] / max(change[1], 1e-9))
+    return faster - slower * faster_s / max(slower_s, 1e-9)

@@ -151,6 +151,20 @@ def test_after_a_step_of_the_pressure_a_stem_may_swing_for_four_seconds() -> Non
     assert ended(rules(), range(240), spikes(0.06, late), stepped(0.06, at=10)) is not None
 
 
+@pytest.mark.parametrize(("size", "ends_at"), [(0.31, 10), (0.29, None)])
+def test_spikes_are_seen_on_a_fast_ramp_and_between_late_looks_too(size: float, ends_at: int | None) -> None:
+    begun, late_s = rules(), 0.08  # 6 % of the span and of the travel from look to look, there and back
+    for look in range(30):
+        share = 0.06 * min(look, 30 - look)
+        position_m = TRAVEL_M * (share + size * (look % 3 == 0))
+        fault = begun.fault(Sample(look * late_s, look * late_s, position_m, share * SPAN_PA, share * SPAN_PA))
+        if fault is not None:
+            assert "to and fro" in str(fault)
+            assert look == ends_at
+            return
+    assert ends_at is None
+
+
 @pytest.mark.parametrize(
     ("asked", "drifted", "ends"), [(0.76, 0.009, True), (0.74, 0.009, False), (0.76, 0.011, False)]
 )
