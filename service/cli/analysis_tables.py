@@ -12,6 +12,7 @@ from rich.text import Text
 from service.cli.diagnosis_tables import print_diagnosis
 from service.cli.plain_numbers import plus_minus
 from service.cli.signature_tables import print_signature
+from service.next_step import next_step
 from service.tablet.words import NE107
 from valve.parameters import PARAMETER_SYMBOLS
 
@@ -21,8 +22,11 @@ _SENTENCE_END: Final = re.compile(r"(?<=\.) (?=[A-Z])")
 _WIDE: Final = 140  # columns of the terminal from which each parameter's meaning has room
 
 
-def print_analysis(console: Console, analysis: dict[str, Any]) -> None:
-    """Print the recording's quality, the methods beside each other, what is missing and why, and the rest."""
+def print_analysis(console: Console, analysis: dict[str, Any], sequence: str | None = None) -> None:
+    """Print the recording's quality, the methods beside each other, what is missing and why, and the rest.
+
+    ``sequence`` is the one that the test played, None where nobody knows.
+    """
     _print_recording(console, analysis["recording"])
     console.print(_parameters(analysis["estimates"], wide=console.width >= _WIDE))
     for reason in reasons(analysis["estimates"]):
@@ -31,6 +35,8 @@ def print_analysis(console: Console, analysis: dict[str, Any]) -> None:
     for tried in analysis.get("held_out", []):
         _print_held_out(console, tried)
     print_diagnosis(console, analysis["discrepancy"])
+    if what_next := next_step(analysis, sequence):
+        _say(console, f"Next: {what_next}")
     for note in analysis.get("notes", []):
         _say(console, f"Note: {note}")
     health = analysis["health"]

@@ -134,4 +134,4 @@ def _events(client: httpx.Client, location: str, last: str) -> Iterator[tuple[st
 def _print_test(console: Console, test: dict[str, Any]) -> None:
     left = "its safe value, read back" if test["safe_confirmed"] else "SAFE STATE NOT CONFIRMED"
     console.print(Text(f"{test['valve']}: {test['sequence']}, test {test['id']}, valve left at {left}"))
-    print_analysis(console, test["analysis"])
+    print_analysis(console, test["analysis"], test["sequence"])

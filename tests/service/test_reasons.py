@@ -46,10 +46,9 @@ def test_a_reason_of_both_methods_stands_there_once_without_what_the_table_shows
     ]
 
 
-def test_a_terminal_of_80_columns_breaks_no_cell_of_the_table() -> None:
-    console = Console(width=80, record=True, file=StringIO())
+def _analysis(discrepancy: dict[str, Any]) -> dict[str, Any]:
     step_test = recorded(steps([0.0, 40_000.0, 43_000.0, 60_000.0, 10_000.0], 2.0), 0.01, 5.0e-6)
-    analysis = {
+    return {
         "recording": {
             "samples": 1201,
             "duration_s": 60.0,
@@ -64,12 +63,27 @@ def test_a_terminal_of_80_columns_breaks_no_cell_of_the_table() -> None:
             **measure_signature(triangle_test(0.002), NOMINAL.nameplate).to_json(),
             "steps": step_figures(step_test, NOMINAL.nameplate),
         },
-        "discrepancy": {"verdict": "not_assessed"},
+        "discrepancy": discrepancy,
         "health": {"ne107": None, "reasons": ["not assessed"]},
     }
-    print_analysis(console, analysis)
+
+
+def test_a_terminal_of_80_columns_breaks_no_cell_of_the_table() -> None:
+    console = Console(width=80, record=True, file=StringIO())
+    print_analysis(console, _analysis({"verdict": "not_assessed"}))
     lines = console.export_text().splitlines()
     rows = [line for line in lines if line.startswith("│ ") and "[" in line]
     assert [row.split()[1] for row in rows] == list(PARAMETER_SYMBOLS)
     assert sum(line.count("not identifiable") for line in lines) == 5
     assert not any("…" in line for line in lines)
+
+
+def test_a_test_that_no_cause_explains_says_what_to_do_next_and_a_note_stands_below() -> None:
+    console = Console(width=200, record=True, file=StringIO())
+    note = "The moving mass is 2 times the nameplate's 1.36 kg. Check both."
+    unexplained = {"verdict": "unexplained", "pictures": {"explained": {"speed": 0.7}}}
+    print_analysis(console, _analysis(unexplained) | {"notes": [note]}, "diagnostic")
+    text = console.export_text()
+    assert "Next: Repeat the sequence diagnostic: what comes again at the same place is the valve's own" in text
+    assert "look at packing and guide" in text
+    assert f"Note: {note}" in text
