@@ -37,7 +37,11 @@ class PolledPlay:
         return None if self._rows is None else self._rows.recording(provenance)
 
     async def play(self, mover: Mover) -> None:
-        """Command and look once a slot of a fixed grid; a slot that is missed is not made up for."""
+        """Command and look once a slot of a fixed grid; a slot that is missed is not made up for.
+
+        One that has begun is taken late as long as a sample fits in what is left of it (of a slow device: while half
+        of it is left), no sooner than half a slot after the sample before.
+        """
         self._rows = rows = PolledRows(time.monotonic())
         try:
             await self._play(mover, rows)
@@ -48,7 +52,7 @@ class PolledPlay:
     async def _play(self, mover: Mover, rows: PolledRows) -> None:
         period_s, start_s = self._course.period_s, rows.start_s
         told_s = glanced_s = start_s
-        took_s = 0.0
+        begun_s, took_s, quickest_s = -math.inf, 0.0, 0.5 * period_s
         while self._slot < self._course.samples:
             due_s = start_s + self._slot * period_s
             if due_s - glanced_s >= _GLANCE_PERIOD_S and 2.0 * took_s < period_s:
@@ -56,13 +60,15 @@ class PolledPlay:
                 await mover.pause_until(due_s - took_s)
                 await mover.glance()
                 glanced_s = due_s
-            await mover.pause_until(due_s)
+            # Half a slot apart also after a delay: a device's own scan may be as slow as that.
+            await mover.pause_until(max(due_s, begun_s + 0.5 * period_s))
             begun_s = time.monotonic()
             sample = await mover.step(self._course.pressure_pa(begun_s - start_s))
             now_s = time.monotonic()
             took_s = now_s - begun_s
+            quickest_s = min(quickest_s, took_s)
             rows.add(sample or gap(begun_s, now_s), mover.device.in_force_pa, mover.written, begun_s - due_s)
-            self._slot = max(self._slot + 1, math.floor((now_s - start_s) / period_s + 0.5))
+            self._slot = max(self._slot + 1, math.floor((now_s + quickest_s - start_s) / period_s))
             if now_s - told_s >= _TELL_PERIOD_S or self._slot >= self._course.samples:
                 told_s = now_s
                 self._tell(rows)

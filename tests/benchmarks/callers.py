@@ -1,8 +1,8 @@
 """Tablets that look and programs that ask, as a process of its own that costs little beside the service.
 
 ``python -m tests.benchmarks.callers`` takes one line of JSON on standard input (``port``, ``tests``, ``tablets``,
-``requests_per_s``), calls until standard input closes, and answers with one line: ``answers_s``, ``failed``,
-``events``, ``bytes``, ``used_s``.
+``requests_per_s``, ``device``: the port of one that no test uses), calls until standard input closes, and answers with
+one line: ``answers_s``, ``failed``, ``events``, ``bytes``, ``device_s``, ``used_s``.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from functools import partial
 from typing import Any, Final, cast
 
 import uvloop
+
+from tests.benchmarks.device_probe import probe
 
 _HEADERS_END: Final = b"\r\n\r\n"
 _LENGTH: Final = b"content-length:"
@@ -152,15 +154,22 @@ async def _call(wanted: dict[str, Any]) -> dict[str, Any]:
         tablets.append(tablet)
     paths = ["/valves", "/valves/FV-3", "/tests", tests[0], "/healthz", "/", tests[-1], "/valves/FV-9"]
     callers = Callers(port)
-    asking = asyncio.create_task(callers.run([_get(path, port) for path in paths], float(wanted["requests_per_s"])))
+    device_s: list[float] = []
+    calling = [asyncio.create_task(probe(int(wanted["device"]), device_s))]
+    if wanted["requests_per_s"]:
+        requests = [_get(path, port) for path in paths]
+        calling.append(asyncio.create_task(callers.run(requests, float(wanted["requests_per_s"]))))
     await ended
-    asking.cancel()
-    await asyncio.gather(asking, return_exceptions=True)
+    for one in calling:
+        one.cancel()
+    ends = await asyncio.gather(*calling, return_exceptions=True)
+    assert all(isinstance(end, asyncio.CancelledError) for end in ends), ends
     return {
         "answers_s": callers.answers_s,
         "failed": callers.failed + sum(one.failed for one in tablets),
         "events": sum(one.events for one in tablets),
         "bytes": sum(one.bytes for one in tablets),
+        "device_s": device_s,
     }
 
 

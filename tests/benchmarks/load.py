@@ -23,6 +23,7 @@ from rich.table import Table
 from service.cli.demo_plant import free_ports
 from service.cli.demo_processes import DemoProcess, demo_processes, wait_until_ready
 from tests.benchmarks.processor import machine_used_s, used_by_role_s
+from tests.benchmarks.slots import lateness_s, missed_in_answers
 from valve.recording import Recording
 from valve.recording_files import recording_from_bytes
 
@@ -61,6 +62,7 @@ class _Looked:
     """What the tablets and the other callers met, and who used the processor meanwhile."""
 
     answers_s: list[float] = field(default_factory=list)
+    device_s: list[float] = field(default_factory=list)  # answers of a device that no test uses
     failed: int = 0
     events: int = 0
     used_s: Mapping[str, float] = field(default_factory=dict)  # processor time by role
@@ -75,11 +77,12 @@ def run(seconds: int | None) -> list[Table]:
         title=f"{VALVES} valves at once on {VALVES} buses at {1.0 / PERIOD_S:.0f} Hz",
         caption=f"asked: lateness p99 < {1e3 * LATENESS_S:.0f} ms, no slot missed because of the load, answers p99 < "
         f"{1e3 * ANSWER_S:.0f} ms; {TABLETS} live views, {REQUESTS_PER_S} requests/s by the clock; "
-        "under load the quiet tests are still being analysed",
+        "under load the quiet tests are still being analysed; in answers: missed behind a sample that mostly waited "
+        "for its device's answers, behind the others the service was late",
     )
     beyond = f"over {1e3 * LATENESS_S:.0f} ms, %"
     lateness, answers = ("late p50, ms", "p99, ms", "p99.9, ms", beyond), ("p50, ms", "p99, ms", "failed")
-    for name in ("", "samples", *lateness, "missed", "ms a sample", "events", "answers", *answers):
+    for name in ("", "samples", *lateness, "missed", "in answers", "ms a sample", "events", "answers", *answers):
         table.add_column(name, justify="left" if not name else "right")
     shares = Table(
         title="Processor time by role, cores",
@@ -87,8 +90,11 @@ def run(seconds: int | None) -> list[Table]:
     )
     for name in ("", *ROLES, "other", "idle"):
         shares.add_column(name, justify="left" if not name else "right")
+    devices = Table(title="Answers of a device that no test uses, as the callers see them")
+    for name in ("", "answers", "p50, ms", "p99, ms", "p99.9, ms", "longest, ms"):
+        devices.add_column(name, justify="left" if not name else "right")
     with tempfile.TemporaryDirectory() as folder:
-        ports = free_ports(1 + VALVES)
+        ports = free_ports(2 + VALVES)
         config = Path(folder) / "plant.toml"
         text = f'[service]\nstore = "store"\nport = {ports[0]}\n'
         text += "".join(
@@ -96,24 +102,27 @@ def run(seconds: int | None) -> list[Table]:
         )
         config.write_text(text, encoding="utf-8")
         with demo_processes(config) as processes:
-            asyncio.run(wait_until_ready(f"http://127.0.0.1:{ports[0]}", processes, VALVES))
+            asyncio.run(wait_until_ready(f"http://127.0.0.1:{ports[0]}", processes, VALVES + 1))
             _as_elsewhere(processes[0].process.pid)
             for name, loaded in (("quiet", False), ("under load", True)):
-                recordings, looked = asyncio.run(_phase(ports[0], motion_s, loaded, processes))
+                recordings, looked = asyncio.run(_phase(ports, motion_s, loaded, processes))
                 table.add_row(name, *_row(recordings, looked))
+                devices.add_row(name, *_device_row(looked))
                 shares.add_row(name, *_shares(looked))
-    return [table, shares]
+    return [table, devices, shares]
 
 
 def _row(recordings: Sequence[Recording], looked: _Looked) -> list[str]:
     late_s = np.concatenate([lateness_s(one, PERIOD_S) for one in recordings])
     missed = sum(one.sampling_quality().missed_slots for one in recordings)
+    in_answers = sum(missed_in_answers(one, PERIOD_S) for one in recordings)
     late = (f"{1e3 * np.quantile(late_s, share):.1f}" for share in (0.5, 0.99, 0.999))
     row = [
         f"{late_s.size:,}",
         *late,
         f"{100.0 * looked.beyond:.2f}",
         str(missed),
+        str(in_answers),
         f"{1e3 * looked.used_s['service'] / late_s.size:.2f}",
     ]
     if not looked.answers_s:
@@ -122,29 +131,14 @@ def _row(recordings: Sequence[Recording], looked: _Looked) -> list[str]:
     return [*row, f"{looked.events:,}", f"{len(looked.answers_s):,}", *answers, str(looked.failed)]
 
 
+def _device_row(looked: _Looked) -> list[str]:
+    shares = (0.5, 0.99, 0.999, 1.0)
+    return [f"{len(looked.device_s):,}", *(f"{1e3 * np.quantile(looked.device_s, share):.1f}" for share in shares)]
+
+
 def _shares(looked: _Looked) -> list[str]:
     cores = [looked.used_s[role] / looked.lasted_s for role in (*ROLES, "other")]
     return [f"{share:.2f}" for share in (*cores, (os.cpu_count() or 1) - sum(cores))]
-
-
-def lateness_s(recording: Recording, period_s: float) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Return how long after its slot each sample's first transaction began, s; its slot is as polled play chooses.
-
-    Polled play looks at the clock a little after the answer that is recorded. Where its choice differed therefore is
-    seen: a slot that is over when the sample before has ended begins at once, and this one waited for the next.
-    """
-    sent_s, written_s, received_s = recording.sent_s, recording.write_sent_s, recording.received_s
-    assert sent_s is not None
-    assert written_s is not None
-    assert received_s is not None
-    begun_s = np.fmin(written_s, sent_s)
-    late, slot, ended_s = np.empty(sent_s.size), 0, -math.inf
-    for index, began_s in enumerate(begun_s.tolist()):
-        slot += slot * period_s <= ended_s and (slot + 1) * period_s <= began_s
-        late[index] = began_s - slot * period_s
-        ended_s = float(received_s[index])
-        slot = max(slot + 1, math.floor(ended_s / period_s + 0.5))
-    return late
 
 
 async def _counted(client: httpx.AsyncClient) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -160,9 +154,9 @@ async def _counted(client: httpx.AsyncClient) -> np.ndarray[Any, np.dtype[np.flo
 
 
 async def _phase(
-    port: int, motion_s: int, loaded: bool, processes: Sequence[DemoProcess]
+    ports: Sequence[int], motion_s: int, loaded: bool, processes: Sequence[DemoProcess]
 ) -> tuple[list[Recording], _Looked]:
-    looked = _Looked()
+    looked, port = _Looked(), ports[0]
     async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=30.0) as client:
         before = await _counted(client)
         overrides = {"cycles": 1, "period_s": float(motion_s)}
@@ -175,7 +169,7 @@ async def _phase(
         for answer in asked:
             assert answer.status_code == 202, answer.text
         tests = [answer.json()["href"] for answer in asked]
-        async with _accounted(processes, looked), _called(port, tests, looked) if loaded else contextlib.nullcontext():
+        async with _accounted(processes, looked), _called(ports, tests, looked, loaded=loaded):
             for test in tests:  # one after the other: who measures must cost little
                 await asyncio.wait_for(_moved(client, test), _MOVED_S + motion_s)
         parquet = {"Accept": "application/vnd.apache.parquet"}
@@ -198,14 +192,15 @@ async def _accounted(processes: Sequence[DemoProcess], looked: _Looked) -> Async
 
 
 @contextlib.asynccontextmanager
-async def _called(port: int, tests: Sequence[str], looked: _Looked) -> AsyncIterator[None]:
-    """Let tablets look and others ask, from a process of their own, until the context ends."""
+async def _called(ports: Sequence[int], tests: Sequence[str], looked: _Looked, *, loaded: bool) -> AsyncIterator[None]:
+    """Let tablets look and others ask, from a process of their own, until the context ends; one device always is."""
     callers = await asyncio.create_subprocess_exec(
         sys.executable, "-m", "tests.benchmarks.callers", stdin=subprocess.PIPE, stdout=subprocess.PIPE, limit=2**24
     )
     assert callers.stdin is not None
     assert callers.stdout is not None
-    wanted = {"port": port, "tests": tests, "tablets": TABLETS, "requests_per_s": REQUESTS_PER_S}
+    asked = {"tablets": TABLETS, "requests_per_s": REQUESTS_PER_S} if loaded else {"tablets": 0, "requests_per_s": 0}
+    wanted = {"port": ports[0], "device": ports[-1], "tests": tests, **asked}
     _as_elsewhere(callers.pid)
     callers.stdin.write(json.dumps(wanted).encode() + b"\n")
     try:
@@ -215,6 +210,7 @@ async def _called(port: int, tests: Sequence[str], looked: _Looked) -> AsyncIter
         said = json.loads(await callers.stdout.readline())
         await callers.wait()
     looked.answers_s, looked.failed, looked.events = said["answers_s"], said["failed"], said["events"]
+    looked.device_s = said["device_s"]
     looked.used_s = {"callers": said["used_s"]}
 
 

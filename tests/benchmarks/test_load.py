@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tests.benchmarks.callers import Tablet
-from tests.benchmarks.load import lateness_s
+from tests.benchmarks.slots import lateness_s, missed_in_answers
 from valve.recording import Recording
 
 
@@ -23,6 +23,18 @@ def test_a_sample_is_late_by_what_it_began_after_its_slot() -> None:
 def test_a_late_sample_begins_at_once_and_skips_the_slots_that_are_over() -> None:
     recording = _recording([0.0, 0.075, 0.0801], [0.004, 0.079, 0.084])
     np.testing.assert_allclose(lateness_s(recording, 0.02), [0.0, 0.055, 0.0001], atol=1.0e-12)
+
+
+def test_a_slot_that_began_during_a_delay_is_taken_late() -> None:
+    recording = _recording([0.0, 0.036, 0.046], [0.004, 0.038, 0.048])
+    np.testing.assert_allclose(lateness_s(recording, 0.02), [0.0, 0.016, 0.006], atol=1.0e-12)
+
+
+def test_a_missed_slot_is_the_answers_or_the_services_fault_by_where_the_time_went() -> None:
+    answers = _recording([0.0, 0.02, 0.0631], [0.004, 0.063, 0.067])
+    assert missed_in_answers(answers, 0.02) == 1
+    service = _recording([0.0, 0.059, 0.069], [0.004, 0.063, 0.073])
+    assert missed_in_answers(service, 0.02) == 0
 
 
 def test_a_slot_that_was_given_up_after_the_answer_came_makes_no_later_sample_late() -> None:
