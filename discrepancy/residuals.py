@@ -10,7 +10,7 @@ import numpy as np
 
 from discrepancy.least_squares import Fit
 from discrepancy.model import simulated
-from discrepancy.observed import Segment
+from discrepancy.observed import Observed, Segment
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import BoolArray, FloatArray
 
@@ -115,25 +115,31 @@ def force_residual(fit: Fit, coordinates: dict[str, FloatArray]) -> tuple[FloatA
     inertia_n = values["m"] * coordinates["acceleration"]
     position_m = fit.model.observed.position_m
     left_n = coordinates["force"] - values["k"] * position_m - values["F_0"] - friction_n - inertia_n
-    moving = speed > 0.3 * float(np.quantile(speed, 0.75)) if speed.size else speed > 0.0
-    return left_n, np.asarray(moving)
+    return left_n, speed > 0.3 * usual_speed(coordinates)
+
+
+def usual_speed(coordinates: dict[str, FloatArray]) -> float:
+    """Return the speed that a quarter of the blocks in motion exceed, m/s: rests, however long, do not count."""
+    speed = coordinates["speed"]
+    moving = coordinates["moving"] > 0.0
+    return float(np.quantile(speed[moving] if moving.any() else speed, 0.75)) if speed.size else 0.0
 
 
 def coordinates_of(fit: Fit) -> dict[str, FloatArray]:
-    """Return what a misfit may depend on, each in all blocks, shape (count,), with velocity and acceleration."""
+    """Return what a misfit may depend on, each in all blocks, shape (count,), with what goes with it."""
     observed = fit.model.observed
-    parts = [_of_segment(segment, motion) for segment, motion in _paired(fit)]
+    parts = [_of_segment(segment, motion) for segment, motion in paired(observed)]
     joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     joined["travel"], joined["time"] = observed.position_m, observed.time_s
     return joined
 
 
-def _paired(fit: Fit) -> list[tuple[Segment, RecordedMotion]]:
+def paired(observed: Observed) -> list[tuple[Segment, RecordedMotion]]:
     """Each segment with the recording that it is of: in time order, those of one recording begin after another."""
     found: list[tuple[Segment, RecordedMotion]] = []
     number = 0
-    motions = fit.model.observed.motions
-    for segment in fit.model.observed.segments:
+    motions = observed.motions
+    for segment in observed.segments:
         if segment.elapsed_s == 0.0 and found:
             number = min(number + 1, len(motions) - 1)
         found.append((segment, motions[number]))
@@ -147,6 +153,9 @@ def _of_segment(segment: Segment, motion: RecordedMotion) -> dict[str, FloatArra
     later = np.interp(time_s + 0.5 * span_s, samples.time_s, phases.velocity)
     earlier = np.interp(time_s - 0.5 * span_s, samples.time_s, phases.velocity)
     rest_s = np.full(time_s.size, math.nan)
+    moving = np.zeros(time_s.size)
+    for stretch in phases.stretches:
+        moving[slice(*np.searchsorted(time_s, samples.time_s[[stretch.first, stretch.last]]))] = 1.0
     ends = np.array([stretch.last for stretch in phases.stretches])
     for breakaway in phases.breakaways:
         before = ends[ends < breakaway.row]
@@ -158,6 +167,8 @@ def _of_segment(segment: Segment, motion: RecordedMotion) -> dict[str, FloatArra
         "velocity": velocity,
         "acceleration": (later - earlier) / span_s,
         "speed": np.abs(velocity),
+        "moving": moving,  # 1 in a stretch of motion, 0 at rest
+        "force rate": np.interp(time_s, samples.time_s, phases.force_rate),
         "time at rest": rest_s,
     }
 

@@ -18,11 +18,15 @@ from discrepancy.least_squares import Fit
 from discrepancy.residuals import coordinates_of
 from estimators.samples import FloatArray
 
-_STEADY_SHARE: Final = 0.5  # of the median speed in motion: slower is a start or an end
-_NOT_FASTER: Final = 2.0  # than it: beyond is a slip
+_SLOWER: Final = 0.5  # of the speed at which the force leads the stem: slower is a start or an end
+_FASTER: Final = 2.0  # than it: beyond is a slip
 _FEWEST_ROWS: Final = 200
+_FEWEST_SHARE: Final = 0.2  # of the blocks in motion
 _MARGIN: Final = 12  # blocks about a start or an end of steady motion
 _LEAST: Final = 1.0e-12
+_FEWEST_BREAKAWAYS: Final = 4
+_EARLY: Final = 0.25
+_RATES_APART: Final = 1.5  # times: the fast ramps' speed over the slow ones', from which on F_v is told from F_c
 _VISCOUS_SHARE: Final = 0.05  # of the friction in motion
 
 
@@ -66,17 +70,15 @@ def _place(rows: Sliding, own: Values) -> FloatArray:
 
 
 def sliding_rows(fit: Fit) -> Sliding | None:
-    """Return the rows of steady motion; None where there are too few, as in a stick-slip."""
+    """Return the rows of steady motion; None where there are too few, and in a stick-slip."""
     at = coordinates_of(fit)
-    speed = at["speed"]
-    in_motion = speed > _STEADY_SHARE * float(np.quantile(speed, 0.75))
-    if not in_motion.any():
-        return None
-    usual = float(np.median(speed[in_motion]))
-    steady = (speed > _STEADY_SHARE * usual) & (speed < _NOT_FASTER * usual)
+    moving, speed = at["moving"] > 0.0, at["speed"]
+    # a stem that slides follows the ramp at F'/k, whichever rate the ramp has
+    ramp = np.abs(at["force rate"]) / fit.values["k"]
+    steady = moving & (speed > _SLOWER * ramp) & (speed < _FASTER * ramp)
     held = np.convolve((~steady).astype(np.float64), np.ones(2 * _MARGIN + 1), mode="same") > 0.5
     rows = np.flatnonzero(~held)
-    if rows.size < max(_FEWEST_ROWS, 0.2 * speed.size):
+    if rows.size < max(_FEWEST_ROWS, _FEWEST_SHARE * np.count_nonzero(moving)):
         return None
     velocity = at["velocity"][rows]
     return Sliding(at["travel"][rows], velocity, np.sign(velocity), at["force"][rows], at["time"][rows])
@@ -107,7 +109,7 @@ def sliding_starts(
             if best is None or share > best[0]:
                 best = (share, start, column)
         if best is not None:
-            values = _values(rows, fit, cause, best[1], best[2])
+            values = _values(rows, fit, cause, (best[1], cause.held(setting)), best[2])
             if values is not None:
                 found[cause.name] = (best[0], values)
     return found
@@ -117,8 +119,12 @@ def _without(basis: FloatArray, column: FloatArray) -> FloatArray:
     return np.asarray(column - basis @ (basis.T @ column))
 
 
-def _values(rows: Sliding, fit: Fit, cause: Cause, start: Values, column: FloatArray) -> Values | None:
-    """Values of the cause and of the valve by a fit of all of them; None where they are no valve's."""
+def _values(rows: Sliding, fit: Fit, cause: Cause, begun: tuple[Values, Values], column: FloatArray) -> Values | None:
+    """Values of the cause and of the valve by a fit of all of them; None where they are no valve's.
+
+    ``begun``: the start of the cause, and what of it is held.
+    """
+    start, held = begun
     columns = np.column_stack([rows.base, column])
     scale = np.linalg.norm(columns, axis=0)
     solved = np.linalg.lstsq(columns / scale, rows.force_n, rcond=1.0e-9)[0] / scale
@@ -126,14 +132,19 @@ def _values(rows: Sliding, fit: Fit, cause: Cause, start: Values, column: FloatA
     own = fit.values
     if not (spring > 0.0 and coulomb_n > 0.0):
         return None
-    # one rate of ramps cannot tell F_v from F_c: both, and what goes with them, begin anew
-    speed = float(np.median(np.abs(rows.velocity)))
+    pace = np.abs(rows.velocity)
+    speed = float(np.median(pace))
     kinetic_n = coulomb_n + viscous * speed
     if kinetic_n <= 0.0:
         return None
-    coulomb_n = (1.0 - _VISCOUS_SHARE) * kinetic_n
-    # the breakaway's excess over F_c stays: F_s at the reversals shifts with F_c
-    excess_n = own["F_c"] * own["d"]
+    slow, fast = np.quantile(pace, (0.1, 0.9))
+    if fast < _RATES_APART * slow or viscous <= 0.0:
+        # one rate of ramps cannot tell F_v from F_c: both, and what goes with them, begin anew
+        coulomb_n, viscous = (1.0 - _VISCOUS_SHARE) * kinetic_n, _VISCOUS_SHARE * kinetic_n / speed
+    static_n = _static_friction(fit, cause, {**held, **start}, (spring, preload_n, strength))
+    if static_n is None:
+        # the breakaway's excess over F_c stays: F_s at the reversals shifts with F_c
+        static_n = coulomb_n + own["F_c"] * own["d"]
     priors = {one.name: one.value(one.prior) for one in fit.model.unknowns.entries if one.name in {"m", "DV"}}
     strength = strength / spring if cause.name in _TIMES_K else strength
     return {
@@ -143,7 +154,25 @@ def _values(rows: Sliding, fit: Fit, cause: Cause, start: Values, column: FloatA
         "F_0": preload_n,
         **priors,
         "F_c": coulomb_n,
-        "F_v": _VISCOUS_SHARE * kinetic_n / speed,
-        "d": excess_n / coulomb_n,
+        "F_v": viscous,
+        "d": max(static_n / coulomb_n - 1.0, 0.0),
         "first_rise": 0.0,
     }
+
+
+def _static_friction(fit: Fit, cause: Cause, own: Values, found: tuple[float, float, float]) -> float | None:
+    """F_s, N, that the balance with k, F_0 and the cause's strength ``found`` needs at breakaway; None for too few.
+
+    A low quantile over all breakaways: the first is harder than the others, and on a fast ramp they are seen late.
+    """
+    spring, preload_n, strength = found
+    needed: list[float] = []
+    for motion in fit.model.observed.motions:
+        samples, breakaways = motion.samples, motion.phases.breakaways
+        place = np.array([one.row for one in breakaways], dtype=np.int64)
+        sense = np.array([float(one.direction) for one in breakaways])
+        rest_m = np.array([one.rest_m for one in breakaways])
+        rows = Sliding(rest_m, np.zeros(place.size), sense, samples.force_n[place], samples.time_s[place])
+        left_n = rows.force_n - spring * rest_m - preload_n - strength * COLUMNS[cause.name](rows, own)
+        needed += (sense * left_n).tolist()
+    return float(np.quantile(needed, _EARLY)) if len(needed) >= _FEWEST_BREAKAWAYS else None

@@ -57,12 +57,15 @@ def hidden(
         signal=Signal(range_ma=(4.0, 20.0), range_pa=(0.0, FULL_PA)),
     )
     low_pa = preload_n / AREA_M2
-    fitted = _recorded(valve, triangle(cycle_s, 2, low_pa, FULL_PA), period_s, noise_m, seed)
-    held_out = _recorded(valve, sine(8.0, 1, low_pa, 0.9 * FULL_PA), period_s, noise_m, seed + 1000)
+    fitted = recorded_of(valve, triangle(cycle_s, 2, low_pa, FULL_PA), period_s, noise_m, seed)
+    held_out = recorded_of(valve, sine(8.0, 1, low_pa, 0.9 * FULL_PA), period_s, noise_m, seed + 1000)
     return Hidden(fitted, held_out, nameplate, valve)
 
 
-def _recorded(valve: ExtendedValve, wave: Waveform, period_s: float, noise_m: float, seed: int) -> Recording:
+def recorded_of(
+    valve: ExtendedValve, wave: Waveform, period_s: float = PERIOD_S, noise_m: float = 20.0e-6, seed: int = 0
+) -> Recording:
+    """Record this valve under a command, by the integration."""
     _stem_m, sensed_m = integrate(valve, wave.time_s, AREA_M2 * wave.pressure_pa, wave.duration_s, period_s, STEP_S)
     time_s = np.arange(sensed_m.size, dtype=np.float64) * period_s
     noise = noise_m * np.random.default_rng(seed).standard_normal(time_s.size)

@@ -1,0 +1,37 @@
+"""Where the search begins: the balance of forces in steady motion, at whichever rates the stem slides."""
+
+from __future__ import annotations
+
+import pytest
+
+from discrepancy.baseline import fit_baseline
+from discrepancy.observed import Observed, observe
+from discrepancy.registry import CAUSES
+from discrepancy.setting import setting_of
+from discrepancy.sliding import sliding_rows, sliding_starts
+from tests.discrepancy.hidden import AREA_M2, FULL_PA, hidden, recorded_of
+from valve.diagnostic_waveform import diagnostic
+from valve.effects import effect_from_values
+
+
+def test_a_sequence_of_many_rates_and_long_rests_gives_size_damping_and_static_friction() -> None:
+    made = hidden(
+        "nominal", effect_from_values("diaphragm_area_change", {"slope_per_m": 0.4, "reference_m": 0.05}), seed=1
+    )
+    p = made.valve.parameters
+    wave = diagnostic(p.preload_n / AREA_M2, FULL_PA, rate_pa_per_s=FULL_PA, longest_s=100.0)
+    observed = observe([recorded_of(made.valve, wave, seed=1)], made.nameplate)
+    assert isinstance(observed, Observed)
+    fit = fit_baseline(observed)
+    assert fit is not None
+    rows = sliding_rows(fit)
+    assert rows is not None, "most blocks are at rest"
+    share, start = sliding_starts(rows, fit, list(CAUSES.values()), setting_of(fit))["diaphragm_area_change"]
+    assert share > 0.9
+    # the fit's area is that at its own reference
+    grown = 1.0 + 0.4 * (setting_of(fit).at(0.5) - 0.05)
+    assert start["slope_per_m"] == pytest.approx(0.4 / grown, rel=0.05)
+    assert start["k"] == pytest.approx(p.spring_rate_n_per_m / grown, rel=0.02)
+    assert start["F_v"] == pytest.approx(p.viscous_friction_n_s_per_m / grown, rel=0.1)
+    static_n = start["F_c"] * (1.0 + start["d"])
+    assert static_n == pytest.approx(p.static_friction_n / grown, rel=0.03)
