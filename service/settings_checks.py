@@ -109,7 +109,7 @@ def check_schedules(
     approved: Collection[str] | None,
 ) -> None:
     """Note every schedule that is not approved, and every valve that cannot or must not follow what one asks of it."""
-    by_tag = {nameplate.tag: (nameplate, wiring.limits) for nameplate, wiring in valves}
+    by_tag = {nameplate.tag: (nameplate, wiring) for nameplate, wiring in valves}
     for index, schedule in enumerate(schedules):
         if approved is not None and schedule.sequence not in approved:
             findings.add(
@@ -119,7 +119,15 @@ def check_schedules(
                 "choose one of them, or approve it",
             )
         for tag in schedule.valves:
-            nameplate, limits = by_tag[tag]
+            nameplate, wiring = by_tag[tag]
+            if wiring.permissives.permit:
+                findings.add(
+                    ("schedules", index, "valves"),
+                    tag,
+                    f"{tag}: its tests need a work permit, and a schedule names none: every check would be skipped",
+                    "take the valve out of the schedule and its groups, or its permissives.permit away",
+                )
+            limits = wiring.limits
             try:
                 check_waveform(tag, build_waveform(schedule.sequence, schedule.overrides, nameplate, limits), limits)
             except ValveError as error:

@@ -23,6 +23,7 @@ from service.runs.run import Label
 from valve.errors import MeasurementError, RequestError, WireError
 
 _RECONNECTIONS: Final = 5
+_ENDED: Final = {"failed": "failed", "stopped": "was stopped", "interrupted": "was interrupted"}
 
 
 def run(
@@ -65,7 +66,7 @@ def run(
     if as_json:
         sys.stdout.write(json.dumps(test, indent=2) + "\n")
     if test["state"] != "completed":
-        raise MeasurementError(f"{tag}: the test is {test['state']}: {test['error']}")
+        raise MeasurementError(f"{tag}: the test {_ENDED.get(test['state'], 'is ' + test['state'])}: {_reason(test)}")
     if not as_json:
         _print_test(Console(), test)
 
@@ -129,6 +130,10 @@ def _events(client: httpx.Client, location: str, last: str) -> Iterator[tuple[st
             elif "data" in fields:
                 yield fields["id"], fields["event"], json.loads(fields["data"])
                 fields = {}
+
+
+def _reason(test: dict[str, Any]) -> str:
+    return str(test["error"] or "no reason given").removeprefix(f"{test['valve']}: ")
 
 
 def _print_test(console: Console, test: dict[str, Any]) -> None:

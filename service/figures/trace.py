@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.axes import Axes
 
 from service.figures.canvas import BLUE, INK, SOFT, Picture, settings, sheet, svg_text, tidy
 from service.shown_units import UnitSystem, quantity, shown_unit
@@ -11,6 +12,7 @@ from valve.recording import Recording
 from valve.recording_files import read_recording
 
 _MOST_POINTS = 1200  # two a pixel of the page
+_LEAST_SPAN_M = 1.0e-3  # that the position's axis shows: the noise of a stem that stood still is no motion
 
 
 def trace_picture(recording: Recording, system: UnitSystem) -> Picture:
@@ -22,6 +24,7 @@ def trace_picture(recording: Recording, system: UnitSystem) -> Picture:
         figure = sheet(7.2, 4.4)
         above, below = figure.subplots(2, 1, sharex=True)
         above.plot(time_s, recording.position_m[rows] / length.in_si, color=INK, linewidth=1.4)
+        _widen(above, length.in_si)
         tidy(above, y=f"position, {length.name}")
         for name, values_pa, line, colour in (
             ("command", recording.command_pa, "--", SOFT),
@@ -38,6 +41,13 @@ def trace_picture(recording: Recording, system: UnitSystem) -> Picture:
 def trace_svg(file: str, system: UnitSystem) -> str:
     """Return the picture of a recording's file as SVG text. Raises what reading it raises."""
     return svg_text(trace_picture(read_recording(file), system))
+
+
+def _widen(axes: Axes, unit_m: float) -> None:
+    low, high = axes.get_ylim()
+    lacking = _LEAST_SPAN_M / unit_m - (high - low)
+    if lacking > 0.0:
+        axes.set_ylim(low - 0.5 * lacking, high + 0.5 * lacking)
 
 
 def _drawn(position_m: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:

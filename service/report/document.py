@@ -22,6 +22,7 @@ from service.tablet.results import (
     method_names,
     missing_reasons,
     parameter_rows,
+    told_once,
 )
 from service.tablet.words import FIGURES
 
@@ -41,6 +42,8 @@ def document_of(source: ReportSource) -> dict[str, Any]:
     """Return the report: every text as it is read, and the pictures as SVG that needs no font and no other file."""
     analysis, system = source.analysis, source.system
     diagnosis, fitted = diagnosis_of(analysis), dict(_fitted(analysis))
+    baseline = None if source.baseline is None else {"signature": source.baseline}
+    rows, figures_missing = told_once(figure_rows(analysis, baseline))
     document = {
         "tag": source.tag,
         "subject": source.subject,
@@ -66,8 +69,9 @@ def document_of(source: ReportSource) -> dict[str, Any]:
                 "was": quantity(row.was, row.unit, system),
                 "note": row.note or fitted.get(row.words) or row.tells,
             }
-            for row in figure_rows(analysis, None if source.baseline is None else {"signature": source.baseline})
+            for row in rows
         ],
+        "figures_missing": [{"what": names, "why": reason} for names, reason in figures_missing],
         "steps": _steps(analysis, system),
         "diagnosis": {
             "headline": diagnosis.headline,

@@ -50,12 +50,19 @@ def _diagnosis(analysis: Mapping[str, Any], reasons: Sequence[str]) -> str:
     found = diagnosis_of(analysis)
     sentences = [str(cause["sentence"]) for cause in found.causes]
     left = [one for one in sentences if not any(one in reason for reason in reasons)]
-    return "" if sentences and not left and found.verdict == "named" else " ".join([found.headline, *left])
+    is_told = sentences and not left and found.verdict == "named"
+    if is_told or any(found.headline in reason for reason in reasons):
+        return " ".join(left)
+    return " ".join([found.headline, *left])
 
 
 def _actions(source: ReportSource) -> list[str]:
     causes = (source.analysis.get("discrepancy") or {}).get("causes") or ()
-    actions = [*(str(cause["action"]) for cause in causes), next_step(source.analysis, source.sequence)]
+    actions = [
+        *(str(cause["action"]) for cause in causes),
+        next_step(source.analysis, source.sequence),
+        *(str(note) for note in source.analysis.get("notes") or ()),  # each ends with what to check
+    ]
     return [action for action in dict.fromkeys(actions) if action]
 
 

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from service.figures.trend import Trend, TrendPoint
 from service.health.changes import allowed
 from service.health.figures import FIGURE_KINDS, Figure
 from service.health.judge import facts_of
 from service.health.results import Baseline, PastTest
+from service.runs.acknowledgement import needs_acknowledgement
 from service.runs.run import Run
 from service.settings import PlantValve
 from service.store.figure_table import conditions_of
 from service.store.store import Store
+from service.tablet.words import STATES
 
 _TREND_TESTS: Final = 40
 _TRENDS: Final = ("friction_mean_n", "spring_rate_n_per_m", "bench_low_pa", "dead_band_percent")
@@ -81,3 +83,28 @@ def past_of(store: Store, tag: str, valve: PlantValve | None, run: Run | None = 
         held,
         valve,
     )
+
+
+def history_row(run: Run, test: PastTest | None) -> dict[str, Any]:
+    """Return a test as the valve's page lists it."""
+    friction = None if test is None else test.figures.get("friction_mean_n") or test.figures.get("friction_coulomb_n")
+    return {
+        "id": run.id,
+        "at": run.created_at,
+        "label": "" if run.label is None else run.label.value.replace("_", " "),
+        "sequence": run.sequence.replace("_", " "),
+        "state": STATES[run.state],
+        "is_bad": needs_acknowledgement(run),
+        "friction_n": None if friction is None else friction.value,
+        "friction_ci95": None if friction is None else friction.ci95,
+        "diagnosis": _diagnosis_words(test),
+    }
+
+
+def _diagnosis_words(test: PastTest | None) -> str:
+    if test is None:
+        return "–"
+    if test.causes:
+        cause = test.causes[0].replace("_", " ")
+        return f"{cause}, or another" if test.verdict == "ambiguous" else cause
+    return {"none": "nothing beyond the noise", "unexplained": "unexplained"}.get(test.verdict, "–")

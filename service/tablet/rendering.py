@@ -53,6 +53,13 @@ def _environment() -> Environment:
     return environment
 
 
+def compile_templates() -> None:
+    """Compile every template, so that no page is the first of its kind."""
+    environment = _environment()
+    for name in environment.list_templates():
+        environment.get_template(name)
+
+
 @cache
 def static_address(name: str) -> str:
     """Return the address of a static file, which changes with its content: a browser may keep it for ever."""
@@ -67,10 +74,11 @@ def units_of(request: Request) -> UnitSystem:
 
 
 def moment(at: datetime | None) -> str:
-    """Return an instant by its schedule's clock with the zone, else by the gateway's own; a dash for none."""
+    """Return an instant with its zone, by its schedule's clock or else the gateway's own; a dash for none."""
     if at is None:
         return "–"
-    return f"{at:%Y-%m-%d %H:%M %Z}" if isinstance(at.tzinfo, ZoneInfo) else f"{at.astimezone():%Y-%m-%d %H:%M}"
+    own = at if isinstance(at.tzinfo, ZoneInfo) else at.astimezone()
+    return f"{own:%Y-%m-%d %H:%M %Z}"
 
 
 def duration(seconds: float | None) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from service.figures.methods import METHOD_WORDS, all_estimates
@@ -125,6 +125,24 @@ def figure_rows(analysis: Mapping[str, Any], baseline: Mapping[str, Any] | None)
     ]
     rows += _bench_rows(signature, old)
     return [row for row in rows if row.value is not None or row.note]
+
+
+def told_once(rows: Sequence[FigureRow]) -> tuple[list[FigureRow], list[tuple[str, str]]]:
+    """Return the rows, and each reason why several figures are not given once, after the figures' names.
+
+    A row that would show nothing but such a reason is left out.
+    """
+    whose: dict[str, list[str]] = {}
+    for row in rows:
+        if row.value is None:
+            whose.setdefault(row.note, []).append(row.words)
+    several = {note: "; ".join(words) for note, words in whose.items() if len(words) > 1}
+    shown = [
+        replace(row, note="") if row.value is None and row.note in several else row
+        for row in rows
+        if row.value is not None or row.was is not None or row.note not in several
+    ]
+    return shown, [(names, note) for note, names in several.items()]
 
 
 def _bench_rows(signature: Mapping[str, Any], old: Mapping[str, Any]) -> list[FigureRow]:

@@ -14,13 +14,12 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import RedirectResponse
 
 from service.figures.methods import all_estimates, can_compare
-from service.health.results import PastTest
 from service.next_step import next_step
 from service.parts import Parts, parts_of
 from service.runs.acknowledgement import needs_acknowledgement
 from service.runs.run import Run
 from service.shown_units import UnitSystem, quantity, shown_unit
-from service.tablet.history import ValvePast, past_of
+from service.tablet.history import ValvePast, history_row, past_of
 from service.tablet.night import due_checks, night_of
 from service.tablet.plans import AROUND_S, approved_plans, planned_line, plans_of, waveform_of
 from service.tablet.rendering import page, units_of
@@ -32,6 +31,7 @@ from service.tablet.results import (
     missing_reasons,
     parameter_rows,
     recording_facts,
+    told_once,
 )
 from service.tablet.valve_rows import valve_conditions, valve_rows
 from service.tablet.visitor import Visitor, sign_in_address, visitor_of
@@ -118,6 +118,7 @@ async def start_page(request: Request, tag: str, parts: PartsOf, visitor: Visito
         "tag": tag,
         "busy_with": parts.runs.user_of(tag),
         "travel_m": valve.nameplate.actuator.travel_m,
+        "needs_permit": valve.wiring.permissives.permit,
         "plans": approved_plans(await asyncio.to_thread(plans_of, valve, parts.store), approved),
         "wanted": request.query_params.get("sequence"),
         "around_s": AROUND_S,
@@ -160,7 +161,7 @@ async def valve_page(request: Request, tag: str, parts: PartsOf, visitor: Visito
         "safe_words": _safe_words(valve.wiring.safe_value_pa, system),
         "acquisition": f"{valve.wiring.acquisition.mode.value}, every {1e3 * valve.wiring.acquisition.period_s:g} ms",
         "buses": ", ".join(sorted(valve.buses)),
-        "history": [_history_row(parts.runs.as_it_stands(run), figures.get(run.id)) for run in past.newest[:_HISTORY]],
+        "history": [history_row(parts.runs.as_it_stands(run), figures.get(run.id)) for run in past.newest[:_HISTORY]],
     }
     return page(request, "valve.html", visitor, values)
 
@@ -207,29 +208,6 @@ def _safe_words(safe_value_pa: float | str, system: UnitSystem) -> str:
     return quantity(safe_value_pa, "Pa", system)
 
 
-def _history_row(run: Run, test: PastTest | None) -> dict[str, Any]:
-    friction = None if test is None else test.figures.get("friction_mean_n") or test.figures.get("friction_coulomb_n")
-    return {
-        "id": run.id,
-        "at": run.created_at,
-        "label": "" if run.label is None else run.label.value.replace("_", " "),
-        "sequence": run.sequence.replace("_", " "),
-        "state": STATES[run.state],
-        "is_bad": needs_acknowledgement(run),
-        "friction_n": None if friction is None else friction.value,
-        "friction_ci95": None if friction is None else friction.ci95,
-        "diagnosis": _diagnosis_words(test),
-    }
-
-
-def _diagnosis_words(test: PastTest | None) -> str:
-    if test is None:
-        return "–"
-    if test.causes:
-        return test.causes[0].replace("_", " ")
-    return {"none": "nothing beyond the noise", "unexplained": "unexplained"}.get(test.verdict, "–")
-
-
 def _live(parts: Parts, run: Run, system: UnitSystem) -> dict[str, Any]:
     """Return what the live trace needs besides the events: its scales, and the pressure as it is planned."""
     units = {
@@ -269,6 +247,7 @@ def _result(request: Request, parts: Parts, run: Run, past: ValvePast) -> dict[s
         return shown | {"has_trace": run.recording_file is not None and parts.store.recording_path(run.id).is_file()}
     pictures = (analysis.get("discrepancy") or {}).get("pictures") or {}
     diagnosis = diagnosis_of(analysis)
+    shown_rows, figures_missing = told_once(figure_rows(analysis, baseline))
     return shown | {
         "diagnosis": diagnosis,
         "separating_words": _separating_words(diagnosis.separating_test),
@@ -278,7 +257,8 @@ def _result(request: Request, parts: Parts, run: Run, past: ValvePast) -> dict[s
         "has_comparison": can_compare(all_estimates(analysis)),
         "has_model": bool((analysis.get("discrepancy") or {}).get("extended_model")),
         "has_loop": bool((analysis.get("signature") or {}).get("curve")),
-        "figure_rows": figure_rows(analysis, baseline),
+        "figure_rows": shown_rows,
+        "figures_missing": figures_missing,
         "parameter_rows": parameter_rows(analysis),
         "methods": method_names(analysis),
         "missing": missing_reasons(analysis),

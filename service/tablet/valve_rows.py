@@ -89,7 +89,7 @@ def _reason(condition: Condition, last: Run | None, health: Mapping[str, Any]) -
     """Return one sentence on why the valve stands as it does; empty where there is nothing to say."""
     if condition.code in ("alarm", "bad") and last is not None:
         return last.error
-    if condition.code in ("F", "S", "M"):
+    if condition.code in ("F", "S", "C", "M") and condition.code == health.get("ne107"):  # under test is C, too
         return str(next(iter(health.get("reasons") or ()), ""))
     return ""
 

@@ -147,3 +147,23 @@ def test_the_notes_of_an_analysis_stand_beside_its_diagnosis(service: Gateway) -
     service.parts.store.runs.save(replace(run, analysis={**(run.analysis or {}), "notes": [note]}))
     assert "The moving mass is 2 times" in service.client.get(f"/ui/tests/{run.id}").text
     assert "The moving mass is 2 times" in service.client.get(f"/tests/{run.id}/report?format=html").text
+
+
+def test_a_reason_that_several_figures_share_is_told_once(service: Gateway) -> None:
+    run = store_test(service, 43.0, 612.0)
+    reason, analysis = "the branches share too little travel", run.analysis or {}
+    not_given = dict.fromkeys(("friction_mean_n", "friction_max_n", "spring_rate_n_per_m"))
+    signature = {**analysis["signature"], **not_given, "notes": dict.fromkeys(not_given, reason), "curve": None}
+    service.parts.store.runs.save(replace(run, analysis={**analysis, "signature": signature}))
+    page = service.client.get(f"/ui/tests/{run.id}").text
+    assert page.count(reason) == 1
+    assert "<strong>Friction, mean; Friction, highest; Spring rate:</strong>" in page
+    assert "This recording shows no signature" in page
+    report = service.client.get(f"/tests/{run.id}/report?format=html").text
+    assert report.count(reason) == 1
+
+
+def test_every_instant_is_told_with_its_zone(service: Gateway) -> None:
+    for page in ("/", f"/ui/valves/{TAG}", _address(service, "TEST")):
+        text = service.client.get(page).text
+        assert not re.findall(r"\d{4}-\d\d-\d\d \d\d:\d\d(?! [A-Z+-])", text), page

@@ -67,6 +67,16 @@ def test_valves_are_listed_worst_first(parts: Parts) -> None:
     assert {row.tag: row.friction_n for row in rows}["XV-1"] == FRICTION_N
 
 
+def test_a_valve_that_could_not_be_judged_says_why_and_one_under_test_does_not(parts: Parts) -> None:
+    for tag in ("XV-6", "XV-7"):  # XV-7 is under test now
+        _tested(parts, tag, "C")
+    rows = valve_rows(parts, ["XV-6", "XV-7"], {})
+    assert [row.condition.code for row in rows] == ["C", "C"]
+    assert rows[0].reason.startswith("Friction rose")
+    _tested(parts, "XV-7", "N")
+    assert valve_rows(parts, ["XV-7"], {})[0].reason == ""
+
+
 def test_a_longer_list_asks_the_database_no_more_often(parts: Parts) -> None:
     for number in range(1, 7):
         _tested(parts, f"XV-{number}", "N")

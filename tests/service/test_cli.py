@@ -150,6 +150,8 @@ async def test_run_ends_with_1_when_the_test_fails(plant_file: Path) -> None:
         _, err = await asyncio.wait_for(process.communicate(), 60.0)
         assert process.returncode == 1
         assert "SAFE STATE NOT CONFIRMED" in err.decode()
+        assert err.decode().startswith("breakaway: FV-101: the test failed: ")
+        assert err.decode().count("FV-101: ") == 1
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

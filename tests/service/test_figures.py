@@ -44,6 +44,15 @@ def test_a_trace_of_many_samples_keeps_the_one_that_stands_out_and_its_holes() -
     assert "60000 samples" in picture.description
 
 
+def test_the_noise_of_a_stem_that_stood_still_is_not_drawn_as_motion() -> None:
+    time_s = np.linspace(0.0, 10.0, 1001)
+    still = Recording(time_s, 2.0e-6 * np.sin(900.0 * time_s), command_pa=np.zeros(time_s.size))
+    for system in UnitSystem:
+        low, high = trace_picture(still, system).figure.axes[0].get_ylim()
+        drawn = trace_picture(still, system).figure.axes[0].get_lines()[0].get_ydata()
+        assert np.ptp(np.asarray(drawn, dtype=np.float64)) < 0.01 * (high - low)
+
+
 def test_a_trace_without_a_single_position_says_so() -> None:
     recording = Recording(np.array([0.0, 1.0]), np.full(2, np.nan), command_pa=np.zeros(2))
     assert "never measured" in trace_picture(recording, UnitSystem.SI).description

@@ -53,6 +53,17 @@ def test_page_one_says_what_a_supervisor_needs() -> None:
     assert summary["key_figures"][0] == {"name": "Friction", "value": "612.0 ± 2.0 N", "beside": ""}
 
 
+def test_page_one_has_the_note_on_a_nameplate_that_is_wrong_and_no_sentence_twice() -> None:
+    note = "The moving mass is 2 times the nameplate's 1.36 kg. Check both."
+    analysis = made_analysis(ne107="N") | {"notes": [note]}
+    reason = "Causes were not looked for. Too few samples."
+    analysis["discrepancy"] = {"verdict": "not_assessed", "message": "Too few samples."}
+    analysis["health"]["reasons"] = [reason]
+    summary = document_of(ReportSource("FV-1", "x", analysis, ()))["summary"]
+    assert summary["actions"] == [note]
+    assert (summary["reasons"], summary["diagnosis"]) == ([reason], "")
+
+
 def test_both_forms_say_the_same(tmp_path: Path) -> None:
     html = re.sub(r"\s+", " ", re.sub(r"<svg.*?</svg>|<[^>]+>", " ", report_html(source()).decode(), flags=re.DOTALL))
     pdf = report_pdf(source())
