@@ -16,6 +16,7 @@ from fastapi import FastAPI
 
 from service.app import create_app
 from service.audit.log import AuditLog
+from service.first_use import use_once
 from service.http_protocol import BoundedHttp
 from service.parts import Parts
 from service.settings import Plant, ServiceSettings
@@ -100,6 +101,7 @@ def serve_plant(plant: Plant) -> None:
         store = open_store(plant.service)
         AuditLog(store.folder / "audit", plant.service.gateway or "gateway")  # one that is broken is said here
         app = create_app(plant, store=store)
+        use_once(app)
         access = plant.service.access
         if not access.sign_in and not access.loopback:
             _LOG.warning("no sign-in: whoever reaches this address may move valves", bind=plant.service.bind)
