@@ -11,13 +11,13 @@ import numpy as np
 
 from tests.blind.kinds import KINDS, Kind
 from tests.blind.oddities import ODDITIES, Oddity, drawn_oddity
-from tests.blind.plant import SETTLING_S, STEPS, VALVES, Course, Plant, drawn_drive, drawn_plant, followed
+from tests.blind.plant import SETTLING_S, STEPS, VALVES, Course, Plant, drawn_drive, drawn_plant, followed, reached
 from tests.blind.plant import followed_oddly as oddly
 from tests.blind.sequences import drawn_waveform, from_rest, held_out_sine
-from tests.blind.strengths import STRENGTHS, Acquired, Expected, drawn_factor, expected
+from tests.blind.strengths import STOPS, STRENGTHS, Acquired, Expected, Swept, drawn_factor, expected
 from valve.effects import Effect, with_effects
 from valve.errors import ParameterError
-from valve.extended_valve import ExtendedValve, FrictionSlots
+from valve.extended_valve import ExtendedValve, FrictionSlots, SensorPath
 from valve.nameplate import Nameplate
 from valve.recording import Acquisition, FloatArray, Provenance, Recording
 from valve.waveform import Waveform
@@ -27,6 +27,8 @@ HELD_OUT: Final = "held-out sine"
 _CAPTURED_S: Final = 1.0e-3
 _POLLED_S: Final = 20.0e-3
 _FIRST_RISE: Final = 0.2  # of F_s, at most, by which half of the first breakaways are harder
+_MOST_PLACES: Final = 6
+_AT_STOP_M: Final = 2.0e-5
 _ZERO_M: Final = 50.0e-6  # of the position channel, at most
 
 
@@ -63,6 +65,9 @@ class BlindCase:
     oracle_rmse_m: float
     changed_m: float
     truth: ExtendedValve = field(repr=False)
+
+
+Drawn = tuple[HiddenCause, Effect]
 
 
 def blind_case(seed: int, kind: str, *, factor: float | None = None, noise_m: float | None = None) -> BlindCase:
@@ -138,13 +143,39 @@ class _Hiding:
             others = [str(name) for name in rng.permutation([cause for cause in causes if cause != first])]
             drawn = [self._hidden(name, rng, large, factor) for name in (first, *others[: wanted - 1])]
             try:
+                drawn = self._with_stops_met(healthy, drawn)
                 return tuple(entry for entry, _ in drawn), with_effects(healthy, [effect for _, effect in drawn])
             except ParameterError:
                 continue  # two that fill the same slot
 
-    def _hidden(
-        self, cause: str, rng: np.random.Generator, large: bool, factor: float | None
-    ) -> tuple[HiddenCause, Effect]:
+    def _with_stops_met(self, healthy: ExtendedValve, drawn: list[Drawn]) -> list[Drawn]:
+        """What was drawn, its stops counted from the places that the stem comes to: else it may never meet one.
+
+        A sticking stem turns before the end of what its force could sweep, and need not come back to where it began.
+        """
+        if not any(entry.cause in STOPS for entry, _ in drawn):
+            return drawn
+        wave = self.waves[0]
+        stops = [entry for entry, _ in drawn if entry.cause in STOPS]
+        placed: dict[str, Drawn] = {entry.cause: (entry, effect) for entry, effect in drawn if entry not in stops}
+        for _ in range(_MOST_PLACES):
+            valve = replace(with_effects(healthy, [effect for _, effect in placed.values()]), sensor=SensorPath())
+            low_m, high_m = reached(self.course(valve, wave, None))
+            swept = replace(self.plant.swept(wave), low_m=low_m, high_m=high_m)
+            # a stem that begins at a stop steps elsewhere than one that does not
+            missed = [one for one in stops if one.cause not in placed or not _is_met(placed[one.cause][0], swept)]
+            if not missed:
+                break
+            placed |= {one.cause: self._drawn(one, swept) for one in missed}
+        return [placed[entry.cause] for entry, _ in drawn]
+
+    @staticmethod
+    def _drawn(entry: HiddenCause, swept: Swept) -> Drawn:
+        """A stop of this strength, which has no shape to draw."""
+        effect = STRENGTHS[entry.cause].effect(entry.strength, swept, np.random.default_rng(0))
+        return replace(entry, parameters=effect.values()), effect
+
+    def _hidden(self, cause: str, rng: np.random.Generator, large: bool, factor: float | None) -> Drawn:
         times = drawn_factor(rng, large=large)
         times = times if factor is None else factor
         strength = times * STRENGTHS[cause].smallest
@@ -169,6 +200,13 @@ class _Hiding:
             if answer in answers:
                 return answer
         return Expected.NONE
+
+
+def _is_met(stop: HiddenCause, swept: Swept) -> bool:
+    place_m = stop.parameters["position_m"]
+    if stop.cause == "travel_stop_low":
+        return swept.low_m < place_m + _AT_STOP_M
+    return swept.high_m > place_m - _AT_STOP_M
 
 
 @dataclass(frozen=True, slots=True)

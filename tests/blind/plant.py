@@ -125,6 +125,13 @@ class Course:
         return np.interp(time_s, self.force_time_s, self.force_n)
 
 
+def reached(course: Course) -> tuple[float, float]:
+    """The lowest place that a stem comes to after it left its first one, and the highest, m."""
+    low_m, high_m = float(course.sensed_m.min()), float(course.sensed_m.max())
+    left = int(np.argmax(course.sensed_m >= 0.5 * (low_m + high_m)))
+    return float(course.sensed_m[left:].min()), high_m
+
+
 def acting_force(path: InputPath, wave: Waveform, area_m2: float) -> tuple[FloatArray, FloatArray]:
     """Corners of the actuator force from SETTLING_S before the record, on the integration's clock.
 

@@ -259,6 +259,8 @@ STRENGTHS: Final[dict[str, Hidden]] = {
     )
 }
 
+STOPS: Final = ("travel_stop_low", "travel_stop_high")
+
 
 def drawn_factor(rng: np.random.Generator, *, large: bool) -> float:
     """A strength in units of its cause's smallest: medium ones up to MEDIUM, large ones from there to LARGEST."""

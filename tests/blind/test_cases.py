@@ -113,6 +113,24 @@ def test_a_case_is_always_the_same_and_no_two_are(monkeypatch: pytest.MonkeyPatc
     assert not np.array_equal(other.recordings[0].position_m[:50], first.recordings[0].position_m[:50])
 
 
+@pytest.mark.parametrize(("kind", "stop"), [("triangle", "travel_stop_low"), ("pair", "travel_stop_low")])
+def test_a_stem_comes_to_the_stop_that_is_hidden_from_elsewhere(
+    kind: str, stop: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tests.blind.cases.STEPS", Steps(1.0e-4, 1.0e-3))
+    causes = KINDS[kind].causes
+    for turn in range(5 if kind == "triangle" else 2):
+        case = blind_case(causes.index(stop) + turn * len(causes), kind, noise_m=1.0e-6)
+        if any(one.cause.startswith("position_") for one in case.hidden):
+            continue  # the reading is not the stem's place
+        place_m = next(one for one in case.hidden if one.cause == stop).parameters["position_m"]
+        position_m = case.recordings[0].position_m
+        left = int(np.argmax(position_m > 0.5 * (position_m.min() + position_m.max())))
+        # the channel's zero is off by up to 50 um
+        at_stop = np.abs(position_m[left:] - place_m) < 60.0e-6
+        assert np.count_nonzero(at_stop) > 100, f"{case.seed} {case.valve}: 0.1 s there"
+
+
 @pytest.mark.usefixtures("unmoved")
 @pytest.mark.parametrize("kind", KINDS)
 def test_each_kind_writes_down_what_it_says(kind: str) -> None:
