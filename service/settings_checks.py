@@ -55,7 +55,10 @@ def check_wiring(
         others = {commanded.setdefault(word, wiring.tag) for word in _commanded_words(wiring.command)} - {wiring.tag}
         for other in sorted(others):
             findings.add(
-                (*key, "command"), wiring.tag, f"valve {other} is commanded by the same register", "correct one"
+                (*key, "command"),
+                f"{wiring.command.bus}, device_id {wiring.command.device_id}",
+                f"{wiring.tag} would move {other}, which is commanded by the same register",
+                "correct one: its bus, device_id or register",
             )
         _check_limits(findings, (*key, "limits", "pressure_pa"), nameplate, wiring)
         check_permissives(findings, key, wiring)
@@ -124,7 +127,7 @@ def check_schedules(
                 findings.add(
                     ("schedules", index, "valves"),
                     tag,
-                    f"{tag}: its tests need a work permit, and a schedule names none: every check would be skipped",
+                    "its tests need a work permit, and a schedule names none: every check would be skipped",
                     "take the valve out of the schedule and its groups, or its permissives.permit away",
                 )
             limits = wiring.limits

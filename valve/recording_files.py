@@ -119,7 +119,7 @@ def _write_durably(data: bytes, path: Path) -> None:
             os.close(folder)
     except OSError as error:
         partial.unlink(missing_ok=True)
-        raise RecordingError(f"{path}: it cannot be written: {error.strerror}") from None
+        raise RecordingError(f"{path}: it cannot be written: {error.strerror}") from error
 
 
 def _recording(

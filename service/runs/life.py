@@ -11,6 +11,7 @@ from functools import partial
 from typing import Any, Final
 
 import structlog
+from sqlalchemy.exc import OperationalError
 
 from drivers.outcome import Ended, PlayOutcome, SampleBlock
 from drivers.permissives import Permissive
@@ -75,7 +76,7 @@ class Life:
                 await self._analyze(analyst)
         except Exception as error:  # noqa: BLE001  - here a test's failure is stored
             _LOG.error("test failed unexpectedly", test=self._live.run.id, exc_info=error)
-            await self._rescue(rig, _reason(error))
+            await self._rescue(rig, "; ".join(text for text in (self._disk_error, _reason(error)) if text))
         finally:
             if self._journal is not None:
                 self._journal.close()
@@ -260,6 +261,10 @@ class Life:
 
 
 def _reason(error: Exception) -> str:
-    if isinstance(error, OSError) and error.strerror:
-        return f"the store cannot be written ({error.strerror}): look at its disk"
+    cause = error.__cause__ if isinstance(error, ValveError) else error  # a file that could not be written
+    told = cause.strerror if isinstance(cause, OSError) else None
+    if isinstance(cause, OperationalError):
+        told = str(cause.orig)
+    if told:
+        return f"the store cannot be written ({told}): look at its disk; what was sampled is stored at the next start"
     return f"{type(error).__name__}: {error}: report it"

@@ -6,6 +6,7 @@ import asyncio
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -76,15 +77,17 @@ async def test_a_disk_that_fails_stops_the_test_and_keeps_what_was_written(
             raise OSError(28, "No space left on device")
         write(self, block)
 
-    def no_room(*_: Any) -> tuple[str, str]:
+    def no_room(*_: Any, **__: Any) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(JournalWriter, "append", failing)
-    monkeypatch.setattr(store, "write_recording", no_room)
+    monkeypatch.setattr(Path, "replace", no_room)  # as every file is written: whole, then given its name
     run = await runs.start("FV-101", "triangle", {})
     ended = await runs.wait(run.id, 10.0)
     assert ended.state is RunState.FAILED
     assert "No space left on device): look at its disk" in ended.error
+    assert "samples can no longer be written (No space left on device): the test was stopped" in ended.error
+    assert "report it" not in ended.error
     assert store.journal_path(run.id).exists()
     monkeypatch.undo()
     keep_journals_of_ended_runs(store)

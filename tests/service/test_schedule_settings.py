@@ -51,7 +51,7 @@ def test_a_schedule_that_cannot_be_is_refused_at_the_start(quick_path: Path, was
 
 def test_a_schedule_of_a_valve_that_needs_a_permit_is_refused_for_no_schedule_has_one(tmp_path: Path) -> None:
     text = plant_text().replace("[valves.acquisition]", "[valves.permissives]\npermit = true\n[valves.acquisition]", 1)
-    with pytest.raises(ConfigurationError, match=r'schedules\[0\]\.valves = "A1": A1: its tests need a work permit'):
+    with pytest.raises(ConfigurationError, match=r'schedules\[0\]\.valves = "A1": its tests need a work permit'):
         _load(tmp_path, text)
 
 
