@@ -19,7 +19,7 @@ import httpx
 from service.cli.signals import ENDING_SIGNALS
 from valve.errors import InternalError
 
-_START_TIMEOUT_S: Final = 60.0  # a first start compiles the kernels: 6 s on an idle machine, more on a busy one
+_START_TIMEOUT_S: Final = 180.0  # a first start compiles the kernels: 6 s on an idle machine, more on a busy one
 _END_S: Final = 15.0  # the service brings its valves to their safe values first
 
 

@@ -15,6 +15,7 @@ from drivers.registers import Block, Register, Table
 from drivers.transport import Transport
 from tests.drivers.conftest import TIMEOUT_S, WORST_LATENCY_S
 from tests.drivers.slave import Fault, RawSlave, SerialPort, TcpPort
+from tests.stopwatch import Stopwatch
 from valve.errors import ConfigurationError, DeviceError, ValveError, WireError
 
 
@@ -47,10 +48,11 @@ async def test_a_write_that_is_not_answered_goes_out_once(bus: Transport, slave:
 
 async def test_a_silent_slave_costs_no_more_than_the_deadline(bus: Transport, slave: RawSlave) -> None:
     slave.always = Fault(drop=True)
-    start_s = time.monotonic()
+    start_s, watch = time.monotonic(), Stopwatch()
     with pytest.raises(NoAnswerError, match="no answer within"):
         await read(bus, 1)
-    assert TIMEOUT_S <= time.monotonic() - start_s < 2 * TIMEOUT_S
+    assert time.monotonic() - start_s >= TIMEOUT_S
+    assert watch.own_s < 2 * TIMEOUT_S
 
 
 async def test_a_late_answer_never_becomes_the_next_one(bus: Transport, slave: RawSlave) -> None:
@@ -222,10 +224,10 @@ async def test_a_connection_that_breaks_is_noticed_at_once_and_mended(
     tcp: Transport, slave: RawSlave, tcp_port: TcpPort
 ) -> None:
     slave.faults.append(Fault(hang_up=True))
-    start_s = time.monotonic()
+    watch = Stopwatch()
     with pytest.raises(ConnectionLostError):
         await read(tcp, 100)
-    assert time.monotonic() - start_s < TIMEOUT_S
+    assert watch.own_s < TIMEOUT_S
     assert await read(tcp, 200) == (200,)
     assert tcp_port.connections == 2
 
@@ -241,11 +243,11 @@ async def test_a_black_hole_fails_every_request_within_its_deadlines(tcp_port: T
     slave.always = Fault(drop=True)
     bus = Transport(TcpAddress("plc", "127.0.0.1", tcp_port.port, timeout_s=TIMEOUT_S))
     await bus.open()
-    start_s = time.monotonic()
+    watch = Stopwatch()
     for _ in range(3):
         with pytest.raises(WireError):
             await read(bus, 1)
-    assert time.monotonic() - start_s < 5 * TIMEOUT_S, "three deadlines, and none of them twice"
+    assert watch.own_s < 5 * TIMEOUT_S, "three deadlines, and none of them twice"
     await bus.close()
 
 

@@ -3,28 +3,42 @@
 from __future__ import annotations
 
 import json
+import resource
 import subprocess
 import sys
-import time
+from datetime import datetime
 from typing import Any
 
 import pytest
 
-# The contract grants `breakaway demo --once` 90 s on a machine of its own; here other tests run beside it, and its
-# analyses stand back behind them.
-TIME_LIMIT_S = 180.0
+# The contract grants `breakaway demo --once` 90 s on a machine of its own. Here other tests run beside it: what counts
+# is how long its valves moved and half of the processor time of all its processes, as on two cores that are its own.
+TIME_LIMIT_S = 90.0
+CORES = 2
+HANGS_S = 900.0
 
 
 @pytest.fixture(scope="module")
 def demonstration() -> dict[str, Any]:
-    began_s = time.monotonic()
+    before_s = _processor_time_of_children_s()
     command = [sys.executable, "-m", "service.cli", "demo", "--once", "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=1.5 * TIME_LIMIT_S, check=False)
-    took_s = time.monotonic() - began_s
+    done = subprocess.run(command, capture_output=True, text=True, timeout=HANGS_S, check=False)
+    used_s = _processor_time_of_children_s() - before_s
     assert done.returncode == 0, done.stderr[-3000:]
     answer: dict[str, Any] = json.loads(done.stdout)
-    answer["took_s"] = took_s
+    moved_s = max(_moved_s(made["test"]) for made in answer["valves"])
+    answer["took_s"] = moved_s + used_s / CORES
     return answer
+
+
+def _processor_time_of_children_s() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def _moved_s(test: dict[str, Any]) -> float:
+    began, ended = (datetime.fromisoformat(test[name]) for name in ("created_at", "motion_ended_at"))
+    return (ended - began).total_seconds()
 
 
 def _error_percent(made: dict[str, Any], method: str, symbol: str) -> float:

@@ -21,6 +21,7 @@ from simulator.record import Happening
 from tests.service.fake_rig import FakeAnalyst
 from tests.service.running_service import running_service
 from tests.service.wired_plant import SAFE_PA, TAG, asked_pa, wired_plant
+from tests.stopwatch import Stopwatch
 from valve.recording import Acquisition
 from valve.recording_files import read_recording
 
@@ -72,9 +73,9 @@ async def test_stop_on_real_wires_reaches_the_valve_within_a_second(quick_path: 
             return asked_pa(plant) > 29_000.0
 
         await until(moving, 20.0, "the motion")
-        started_s = time.monotonic()
+        watch = Stopwatch()
         body = (await client.post(f"{location}/stop")).json()
-        assert time.monotonic() - started_s < 1.0
+        assert watch.own_s < 1.0
         assert asked_pa(plant) == pytest.approx(SAFE_PA, abs=10.0)
         assert body["safe_confirmed"] is True
 
