@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
 from service.analysis_pool import WORKER, AnalysisPool
+from service.polling import Polling
 from valve.errors import InternalError
 from valve.nameplate import Nameplate
 
@@ -20,13 +21,24 @@ class AnalysisCrew:
     """As many workers as there are cores, at most four; they start one after the other as soon as the crew starts.
 
     What a worker loads, while valves move, makes their samples late, and the others find compiled what the first one
-    compiled. They run at a lower priority than the service, so a core that polls is not held up by them.
+    compiled. They run at a lower priority than the service, so a core that polls is not held up by them. While a valve
+    is polled no job begins that would leave it less than a core of its own, where there are two; one always may.
     """
 
-    def __init__(self, workers: int | None = None, *, command: Sequence[str] = WORKER) -> None:
-        count = workers if workers is not None else min(os.cpu_count() or 1, _MOST_WORKERS)
+    def __init__(
+        self,
+        workers: int | None = None,
+        *,
+        command: Sequence[str] = WORKER,
+        polling: Polling | None = None,
+        cores: int | None = None,
+    ) -> None:
+        self._cores = cores or os.cpu_count() or 1
+        count = workers if workers is not None else min(self._cores, _MOST_WORKERS)
         self._members = [AnalysisPool(command=command) for _ in range(count)]
         self._jobs = [0] * count
+        self._polling = polling or Polling()
+        self._closed = False
         self._warming: asyncio.Task[None] | None = None
 
     @property
@@ -55,11 +67,9 @@ class AnalysisCrew:
         accepted: Mapping[str, Any] | None = None,
         room: Mapping[str, float] | None = None,
     ) -> dict[str, Any]:
-        """Return the analysis object, made by the worker with the fewest jobs; else as ``AnalysisPool.analyze``."""
-        chosen = min(range(len(self._members)), key=self._jobs.__getitem__)
-        self._jobs[chosen] += 1
-        try:
-            return await self._members[chosen].analyze(
+        """Return the analysis object, made by the first worker that is free; else as ``AnalysisPool.analyze``."""
+        async with self._free_member() as member:
+            return await member.analyze(
                 recording_path,
                 nameplate,
                 progress,
@@ -68,11 +78,30 @@ class AnalysisCrew:
                 accepted=accepted,
                 room=room,
             )
+
+    @asynccontextmanager
+    async def _free_member(self) -> AsyncIterator[AnalysisPool]:
+        """Wait for a worker, and for a core that no valve needs; one that was closed is free and refuses its job."""
+        while sum(self._jobs) >= self._places and not self._closed:
+            await self._polling.change()
+        chosen = min(range(len(self._members)), key=self._jobs.__getitem__)
+        self._jobs[chosen] += 1
+        try:
+            yield self._members[chosen]
         finally:
             self._jobs[chosen] -= 1
+            self._polling.tell()
+
+    @property
+    def _places(self) -> int:
+        """How many jobs may be under way now."""
+        count = len(self._members)
+        return min(count, max(1, self._cores - 1)) if self._polling.goes_on else count
 
     async def close(self) -> None:
         """End every worker, also in the middle of a job."""
+        self._closed = True
+        self._polling.tell()
         if self._warming is not None:
             self._warming.cancel()
             await asyncio.gather(self._warming, return_exceptions=True)

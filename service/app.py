@@ -33,6 +33,7 @@ from service.metrics import router as metrics_routes
 from service.models.routes import router as model_routes
 from service.mqtt.publisher import mqtt_of
 from service.parts import Parts
+from service.polling import Polling
 from service.problems import Problem
 from service.read_turns import ReadTurns
 from service.recordings.conversion import Converter
@@ -85,12 +86,13 @@ def create_app(
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         opened = store if store is not None else await asyncio.to_thread(open_store, plant.service)
-        pool = AnalysisCrew() if analyst is None else None
+        polling = Polling()
+        pool = AnalysisCrew(polling=polling) if analyst is None else None
         converter = Converter()
         chosen = pool if pool is not None else analyst
         assert chosen is not None
         audit = await asyncio.to_thread(AuditLog, opened.folder / "audit", plant.service.gateway or "gateway")
-        chosen_rig = rig or WiredRig(plant.buses, software)
+        chosen_rig = rig or WiredRig(plant.buses, software, polling)
         meters = Meters(plant)
         opened.runs.listen(meters.note)
         runs = Runs(plant, opened, chosen_rig, chosen, software=software, audit=audit, on_samples=meters.note_samples)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import AsyncIterator, Mapping
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager, nullcontext
 from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Final
 
 import structlog
 
-from drivers.addresses import BusAddress
+from drivers.addresses import BusAddress, Mode
 from drivers.device import ValveDevice, connect_valve
 from drivers.outcome import PlayOutcome
 from drivers.permissives import UNREACHABLE, Permissive, read_permissives
@@ -20,6 +20,7 @@ from drivers.sequence import play_sequence
 from drivers.waveform_check import check_waveform
 from drivers.wiring import Bus
 from service.bus import make_bus
+from service.polling import Polling
 from service.runs.rig import Order, Watcher
 from service.settings import PlantValve
 from valve.errors import BusyError, EquipmentError
@@ -34,9 +35,10 @@ _SAFE_PAUSE_S: Final = 1.0
 class WiredRig:
     """Drives the valves of a plant over its buses. The caller sees to it that a bus has one user."""
 
-    def __init__(self, addresses: Mapping[str, BusAddress], software: str) -> None:
+    def __init__(self, addresses: Mapping[str, BusAddress], software: str, polling: Polling | None = None) -> None:
         self._addresses = addresses
         self._software = software
+        self._polling = polling or Polling()
 
     def check(self, valve: PlantValve, waveform: Waveform) -> None:
         """Refuse what this valve must not do. Raises WaveformError."""
@@ -62,6 +64,8 @@ class WiredRig:
 
     async def play(self, order: Order, watcher: Watcher, stop: asyncio.Event) -> PlayOutcome:
         """Play a waveform; however it ends, the valve is sent to its safe value. Raises ValveError before motion."""
+        sampling = order.valve.wiring.acquisition
+        polled = self._polling.motion() if sampling.mode is Mode.POLLED else nullcontext()
         async with self._connected(order.valve) as device:
             provenance = Provenance(
                 tag=order.valve.nameplate.tag,
@@ -69,22 +73,22 @@ class WiredRig:
                 started_at=datetime.now(UTC).isoformat(),
                 software=self._software,
             )
-            sampling = order.valve.wiring.acquisition
-            return await play_sequence(
-                device,
-                order.waveform,
-                mode=sampling.mode,
-                period_s=sampling.period_s,
-                run_number=order.run_number,
-                stop=stop,
-                on_samples=watcher.on_samples,
-                on_progress=watcher.on_progress,
-                limits=order.valve.wiring.limits,
-                provenance=provenance,
-                on_ready=watcher.on_ready,
-                permit=order.permit,
-                on_permissives=watcher.on_permissives,
-            )
+            with polled:
+                return await play_sequence(
+                    device,
+                    order.waveform,
+                    mode=sampling.mode,
+                    period_s=sampling.period_s,
+                    run_number=order.run_number,
+                    stop=stop,
+                    on_samples=watcher.on_samples,
+                    on_progress=watcher.on_progress,
+                    limits=order.valve.wiring.limits,
+                    provenance=provenance,
+                    on_ready=watcher.on_ready,
+                    permit=order.permit,
+                    on_permissives=watcher.on_permissives,
+                )
 
     async def go_safe(self, valve: PlantValve, run_number: int, entry_pa: float | None) -> bool:
         """Send a valve that a dead process left alone to its safe value; True where that was read back."""

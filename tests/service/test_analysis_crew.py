@@ -4,8 +4,12 @@ import asyncio
 import sys
 from pathlib import Path
 
+import pytest
+
 from service.analysis_crew import AnalysisCrew
+from service.polling import Polling
 from tests.service.test_analysis_pool import PLATE, WORKER, alive, until
+from valve.errors import InternalError
 
 
 async def test_jobs_that_come_together_are_done_side_by_side_and_others_by_the_first_worker() -> None:
@@ -51,3 +55,42 @@ async def test_a_hanging_job_leaves_the_other_worker_to_others_and_ends_with_the
     assert not any(alive(pid) for pid in pids)
     await asyncio.gather(hanging, return_exceptions=True)
     assert hanging.exception() is not None
+
+
+@pytest.mark.parametrize(("cores", "workers", "at_once"), [(1, 1, 1), (2, 2, 1), (4, 4, 3), (8, 4, 4)])
+async def test_while_a_valve_is_polled_the_analyses_leave_it_a_core(cores: int, workers: int, at_once: int) -> None:
+    polling = Polling()
+    crew = AnalysisCrew(workers, command=WORKER, polling=polling, cores=cores)
+    with polling.motion():
+        jobs = [asyncio.create_task(crew.analyze("hang", PLATE)) for _ in range(workers + 1)]
+        await _settled()
+        assert sum(crew._jobs) == at_once
+        assert max(crew._jobs) == 1
+    await _settled()
+    assert crew._jobs == [1] * workers
+    await crew.close()
+    assert all(isinstance(end, InternalError) for end in await asyncio.gather(*jobs, return_exceptions=True))
+
+
+async def test_a_job_that_waited_for_the_polling_begins_when_the_one_before_has_ended() -> None:
+    polling = Polling()
+    crew = AnalysisCrew(2, command=WORKER, polling=polling, cores=2)
+    with polling.motion():
+        answers = await asyncio.gather(*(crew.analyze(name, PLATE) for name in ("a.csv", "b.csv", "c.csv")))
+    assert [answer["of"] for answer in answers] == ["a.csv", "b.csv", "c.csv"]
+    assert {answer["pid"] for answer in answers} == {crew.worker_pids[0]}
+    await crew.close()
+
+
+async def test_two_motions_that_overlap_are_one_time_of_polling() -> None:
+    polling = Polling()
+    with polling.motion():
+        with polling.motion():
+            assert polling.goes_on
+        assert polling.goes_on
+    assert not polling.goes_on
+
+
+async def _settled() -> None:
+    for _ in range(10):
+        await asyncio.sleep(0)
