@@ -21,6 +21,7 @@ COMMANDS: Final = {
     "simulate": "The valves of a plant file as Modbus slaves.",
     "run": "One test of one valve through the REST interface of a running service.",
     "stop": "Stop a test, or whatever test uses a valve: it goes to its safe value at once.",
+    "acknowledge": "Say that somebody looked at a valve whose test ended badly.",
     "schedule": "The coming night valve by valve, or a schedule run at once.",
     "plan": "What a test would tell of a valve, by sequence, before anything moves.",
     "analyze": "Estimates from recordings that exist already, with no service or device.",

@@ -5,11 +5,11 @@ from __future__ import annotations
 import ipaddress
 import os
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import httpx
 
-from valve.errors import ConfigurationError, RequestError
+from valve.errors import ConfigurationError, RequestError, WireError
 
 TOKEN_VARIABLE: Final = "BREAKAWAY_TOKEN"
 TOKEN_FILE_VARIABLE: Final = "BREAKAWAY_TOKEN_FILE"
@@ -35,6 +35,23 @@ def service_client(url: str) -> httpx.Client:
     if parsed.scheme == "http" and not _is_local(parsed.host):
         raise RequestError(f"--url {url}: the token would cross the network unencrypted: use https")
     return httpx.Client(base_url=url, timeout=_TIMEOUT, headers={"Authorization": f"Bearer {token}"})
+
+
+def asked(client: httpx.Client, method: str, path: str, body: dict[str, Any] | None = None) -> dict[str, Any]:
+    """Return what the service answers as JSON. Raises WireError where it does not, RequestError where it refuses."""
+    try:
+        answer = client.request(method, path, json=body)
+    except httpx.HTTPError as error:
+        raise WireError(
+            f"{client.base_url}: no answer ({error}): start it by breakaway serve, or name it by --url"
+        ) from None
+    try:
+        content: dict[str, Any] = answer.json()
+    except ValueError:
+        raise WireError(f"{client.base_url}: its answer is no JSON ({answer.status_code}): is it breakaway?") from None
+    if answer.is_error:
+        raise RequestError(str(content.get("detail", f"status {answer.status_code}")))
+    return content
 
 
 def own_token() -> str | None:

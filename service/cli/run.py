@@ -16,11 +16,11 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.text import Text
 
 from service.cli.analysis_tables import print_analysis
-from service.cli.client import service_client
+from service.cli.client import asked, service_client
 from service.cli.overrides import read_overrides
 from service.cli.signals import ended_by_signals
 from service.runs.run import Label
-from valve.errors import MeasurementError, RequestError, WireError
+from valve.errors import MeasurementError, WireError
 
 _RECONNECTIONS: Final = 5
 _ENDED: Final = {"failed": "failed", "stopped": "was stopped", "interrupted": "was interrupted"}
@@ -59,10 +59,10 @@ def run(
         try:
             _watch(client, location, tag)
         except KeyboardInterrupt:
-            stopped = _asked(client, "POST", f"{location}/stop")
+            stopped = asked(client, "POST", f"{location}/stop")
             state = "the valve is at its safe value" if stopped["safe_confirmed"] else "SAFE STATE NOT CONFIRMED"
             raise MeasurementError(f"{tag}: the test was stopped on request, {state}") from None
-        test = _asked(client, "GET", location)
+        test = asked(client, "GET", location)
     if as_json:
         sys.stdout.write(json.dumps(test, indent=2) + "\n")
     if test["state"] != "completed":
@@ -71,25 +71,9 @@ def run(
         _print_test(Console(), test)
 
 
-def _asked(client: httpx.Client, method: str, path: str, body: dict[str, Any] | None = None) -> dict[str, Any]:
-    try:
-        answer = client.request(method, path, json=body)
-    except httpx.HTTPError as error:
-        raise WireError(
-            f"{client.base_url}: no answer ({error}): start it by breakaway serve, or name it by --url"
-        ) from None
-    try:
-        content: dict[str, Any] = answer.json()
-    except ValueError:
-        raise WireError(f"{client.base_url}: its answer is no JSON ({answer.status_code}): is it breakaway?") from None
-    if answer.is_error:
-        raise RequestError(str(content.get("detail", f"status {answer.status_code}")))
-    return content
-
-
 def _start(client: httpx.Client, wanted: dict[str, Any]) -> str:
     said = {name: value for name, value in wanted.items() if value is not None}
-    test = _asked(client, "POST", "/tests/run", said)
+    test = asked(client, "POST", "/tests/run", said)
     return f"/tests/{quote(test['id'], safe='')}"
 
 

@@ -51,12 +51,12 @@ def acknowledged(run: Run, who: str, note: str) -> Run:
 
 def last_end(run: Run | None) -> Permissive:
     """Return the permissive that the last test of a valve is."""
-    name, limit = "last_test", "ended well, or acknowledged"
+    name, limit = "last_test", "one that ended well or was acknowledged"
     if run is None:
         return Permissive(name, True, "none yet", limit)
     if not needs_acknowledgement(run):
         value = f"{run.id} {run.state.value}" + (", acknowledged" if run.acknowledged_at is not None else "")
         return Permissive(name, True, value, limit)
-    remedy = f"acknowledge first: look at the valve, then POST /tests/{run.id}/acknowledge with a note"
+    remedy = f"acknowledge first: look at the valve, then say so on its page, or by breakaway acknowledge {run.valve}"
     unsafe = ", SAFE STATE NOT CONFIRMED" if run.safe_confirmed is False else ""
     return Permissive(name, False, f"{run.id} {run.state.value}{unsafe}", limit, remedy)

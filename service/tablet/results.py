@@ -185,7 +185,7 @@ def recording_facts(run: Run) -> list[tuple[str, str]]:
         ("Samples", f"{summary['samples']}, {summary.get('gaps', 0)} missing" if "samples" in summary else None),
         ("Taken", f"{summary['acquisition']}, {summary['duration_s']:.4g} s" if "acquisition" in summary else None),
         ("Rate", None if not sampling else f"{sampling['rate_hz']:.4g} Hz, {sampling['missed_slots']} slots missed"),
-        ("Position noise", None if noise_m is None else f"{1e6 * noise_m:.3g} µm rms"),
+        ("Position noise", None if noise_m is None else f"{_noise(noise_m)} rms"),
         ("Safe value read back", {True: "yes", False: "NO", None: "nothing moved"}[run.safe_confirmed]),
         ("Asked for by", run.requested_by or None),
         ("Schedule", run.schedule),
@@ -194,3 +194,7 @@ def recording_facts(run: Run) -> list[tuple[str, str]]:
         ("Test", run.id),
     ]
     return [(name, value) for name, value in facts if value]
+
+
+def _noise(noise_m: float) -> str:
+    return f"{1e6 * noise_m:.3g} µm" if noise_m < 1.0e-3 else f"{1e3 * noise_m:.3g} mm"

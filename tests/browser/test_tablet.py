@@ -232,6 +232,7 @@ def test_a_person_signs_in_and_out_and_a_lost_session_stops_no_test(guarded_serv
     browser.driver.delete_all_cookies()
     browser.press("#stop")
     browser.until_reads("#trouble", "You are signed out")
+    browser.until_reads("#stop-words", "STOP IS NOT SENT: you are signed out. Sign in above, then press Stop again.")
     browser.press("#trouble a")
     browser.write("[name=name]", "anna")
     browser.write("[name=password]", "a long enough password")

@@ -13,8 +13,12 @@ $("stop")?.addEventListener("click", async (event) => {
         if (page !== "running") setTimeout(() => location.reload(), 1500);
         return;
       }
-      words.textContent = refusal(answer);
-      if (answer.status < 500) break;
+      const why = `STOP IS NOT SENT: ${refusal(answer).replace(/^You/, "you").replace(/\.$/, "")}.`;
+      if (answer.status < 500) {
+        words.textContent = `${why} ${answer.status === 401 ? "Sign in above, then press Stop again. " : ""}Use the means at the valve itself.`;
+        break;
+      }
+      words.textContent = `${why} Trying on. Use the means at the valve itself.`;
     } catch {
       words.textContent = "STOP IS NOT SENT: no connection. Trying on. Use the means at the valve itself.";
     }
