@@ -11,10 +11,11 @@ import numpy as np
 from estimators.base import Estimate, Outcome, failed, measured
 from estimators.likelihood.conclusion import conclude, searched_model
 from estimators.likelihood.force_recording import estimate_force_recording
+from estimators.likelihood.hopping import Hopping
 from estimators.likelihood.input_errors import refit, step_instants, whitened, with_input_errors
 from estimators.likelihood.input_path import CommandedPath, InputPath, input_path
 from estimators.likelihood.problem import pose
-from estimators.likelihood.search import Found, Hopping, search, searched_again
+from estimators.likelihood.search import Found, search, searched_again
 from estimators.likelihood.staircase import read_staircase, with_stops
 from estimators.likelihood.write_errors import reweighted
 from estimators.motion.recorded_motion import RecordedMotion, read_motion

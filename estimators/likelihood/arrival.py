@@ -10,6 +10,7 @@ import numpy as np
 from estimators.likelihood.all_rows import EXACT
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.descent import descend
+from estimators.likelihood.model import STEP
 from estimators.likelihood.pool import Place, distinct
 from estimators.likelihood.search import Found, certified
 from estimators.samples import FloatArray
@@ -19,17 +20,18 @@ _LARGEST_GAIN: Final = 4.0
 _FURTHER_STEPS: Final = 30
 _FURTHER_SHARE: Final = 0.3  # of the budget
 _LOWER: Final = 1.0  # of the cost
+_COARSER: Final = (1.0e-4, 1.0e-3)  # steps of differences that smooth what many hidden jumps make of the cost
 _SMALLEST_SHARE: Final = 1.0e-12  # of the largest eigenvalue: below it a direction is not seen at all
 
 
-def left_to_gain(found: Found) -> float:
+def left_to_gain(found: Found, difference: float = STEP) -> float:
     """Fall of the cost that the full step promises, all unknowns but those at a bound free.
 
     The intervals are those of the parabola about the point; where the step promises much, the point is not its bottom
-    and they say nothing.
+    and they say nothing. ``difference`` is the step of the derivatives' differences.
     """
     model, point = found.model, found.point
-    residual, slopes = model.residuals(point), model.slopes(point)
+    residual, slopes = model.residuals(point), model.slopes(point, steps=np.full(point.size, difference))
     if residual is None or slopes is None:
         return float("inf")
     weight = model.coordinates.prior_weight
@@ -44,14 +46,23 @@ def left_to_gain(found: Found) -> float:
 
 
 def arrived(found: Found) -> tuple[Found, bool]:
-    """Return the fit, led further where it had not arrived, and whether it is at the bottom now."""
+    """Return the fit, led further where it had not arrived, and whether it is at the bottom now.
+
+    Each jump that a change of the unknowns adds makes a kink of the cost: where finer differences see nothing but
+    kinks, coarser ones lead on and judge.
+    """
     if found.certificate.ratio < EXACT or left_to_gain(found) < _LARGEST_GAIN:
         return found, True
     most = Budget.of(found.model).most_at_once(found.model, _FURTHER_SHARE)
-    further = descend(found.model, found.point, most_steps=_FURTHER_STEPS, most_simulations=most)
-    if further.cost < found.cost:
-        simulations = found.simulations + further.simulations
-        found = replace(found, point=further.point, cost=further.cost, simulations=simulations)
+    for difference in (STEP, *_COARSER):
+        further = descend(
+            found.model, found.point, most_steps=_FURTHER_STEPS, most_simulations=most, difference=difference
+        )
+        if further.cost < found.cost:
+            simulations = found.simulations + further.simulations
+            found = replace(found, point=further.point, cost=further.cost, simulations=simulations)
+        if left_to_gain(found, difference) < _LARGEST_GAIN:
+            return found, True
     return found, left_to_gain(found) < _LARGEST_GAIN
 
 

@@ -13,6 +13,7 @@ _A_ROW: Final = 0.04
 _AN_EVENT: Final = 0.25
 _A_CORNER: Final = 0.09
 _AT_LEAST: Final = 150.0e3
+_AT_LEAST_OF_JUMPS: Final = 600.0e3  # few rows show as many places of a stem that jumps as many do
 _A_MEASURED_ROW: Final = 20.0
 _MANY_EVENTS: Final = 75  # in a recording of which the budget is twice as large, and so on
 _MOST_TIMES: Final = 4.0
@@ -33,13 +34,14 @@ class Budget:
     starts: int = 0
 
     @classmethod
-    def of(cls, model: StemModel) -> Budget:
-        """Return the budget for this recording, all its rows given."""
+    def of(cls, model: StemModel, *, jumps: bool = False) -> Budget:
+        """Return the budget for this recording, all its rows given; ``jumps``: of a stem that sticks and slips."""
         times = min(1.0 + model.events / _MANY_EVENTS, _MOST_TIMES)
         usual = times * (_AT_LEAST + _A_MEASURED_ROW * model.time_s.size)
         # as many simulations of a force with many corners, up to a limit
         few = _A_CALL + _AN_EVENT * model.events
         usual *= min(1.0 + _A_CORNER * model.corner_count / few, _MORE_FOR_CORNERS)
+        usual = max(usual, _AT_LEAST_OF_JUMPS) if jumps else usual
         whole = min(max(usual, min(_FEWEST * _each(model), _LONGEST_FEW)), _LONGEST)
         return cls(whole, whole)
 

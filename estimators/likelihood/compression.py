@@ -19,6 +19,8 @@ _MOST_RESTS: Final = 96
 _FEWEST_PARTS: Final = 4
 _MOST_BLOCKS: Final = 3000
 _BLOCKS_AN_EVENT: Final = 4
+_OUTLYING: Final = 10.0  # times the median of the parts' mean squares
+_MOST_OUTLYING: Final = 0.3  # of the parts
 _BENT: Final = 0.1  # of the noise, from one row to the next
 _ABOUT: Final = 3  # rows
 _MOVES: Final = 4.0  # standard deviations from one row to the next
@@ -84,6 +86,22 @@ def compressed(model: StemModel, *, least_noise: float = LEAST_NOISE, keeping: F
         section_row=np.searchsorted(first, model.section_row).astype(np.int64),
         restarts=restarts,
     )
+
+
+def without_outliers(model: StemModel, point: FloatArray) -> StemModel:
+    """Return the model without the parts that are far worse than most at this point (p,); whole motions as they are.
+
+    The noise of the rest that a part begins anew at may add a jump at its end or take one off, which counts more than
+    all other parts together, at the true valve too.
+    """
+    residual = None if model.restarts is None else model.residuals(point)
+    if model.restarts is None or residual is None:
+        return model
+    edges = np.unique(np.concatenate([[0], model.restarts.row, [model.time_s.size]]))
+    rows = np.diff(edges)
+    mean = np.add.reduceat(residual * residual, edges[:-1]) / rows
+    limit = max(_OUTLYING * float(np.median(mean)), float(np.quantile(mean, 1.0 - _MOST_OUTLYING)))
+    return replace(model, weight=np.where(np.repeat(mean > limit, rows), 0.0, model.weight))
 
 
 def bent_rows(simulated_m: FloatArray, weight: FloatArray) -> BoolArray:

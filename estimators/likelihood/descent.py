@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from estimators.likelihood.model import StemModel
+from estimators.likelihood.model import STEP, StemModel
 from estimators.samples import FloatArray
 
 # Own choice: what counts as arrived.
@@ -35,11 +35,12 @@ def descend(
     arrived: float = _ARRIVED,
     one_sided: bool = False,
     most_simulations: float = math.inf,
+    difference: float = STEP,
 ) -> Descent:
     """Return the lowest point reached from ``start`` (p,) within ``most_steps`` evaluations of the derivatives.
 
     It has arrived where a step gains less than ``arrived`` of the cost. One-sided differences cost half as much. It
-    ends soon after ``most_simulations``.
+    ends soon after ``most_simulations``. ``difference`` is the step of the derivatives' differences.
     """
     names = model.coordinates.names
     moving = [number for number, name in enumerate(names) if name not in held]
@@ -53,10 +54,11 @@ def descend(
         return Descent(point, float("inf"), simulations, False)
     cost = float(residual @ residual) + model.prior_cost(point)
     damping, growth = 1.0e-3, 2.0
+    differences = np.full(point.size, difference)
     for _ in range(most_steps):
         if simulations > most_simulations:
             break
-        slopes = model.slopes(point, moving, one_sided=one_sided)
+        slopes = model.slopes(point, moving, differences, one_sided=one_sided)
         simulations += (1 if one_sided else 2) * len(moving) + 1
         if slopes is None:
             break

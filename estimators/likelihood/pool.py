@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from estimators.likelihood.budget import Budget
+from estimators.likelihood.compression import without_outliers
 from estimators.likelihood.descent import Descent, descend
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.start import Trial
@@ -26,6 +27,8 @@ _COARSE: Final = 0.3  # of the cost: a step that gains less can wait
 _COMPARED: Final = ("m", "F_v", "F_c", "d", "DV")
 _AT_LEAST: Final = 3  # are followed in any case
 _RESERVE: Final = 0.35  # of the budget, for what comes after
+_LOWER_LIMIT: Final = 3.0  # times lower, where a stem cannot be followed, and
+_LOWERED: Final = 6  # so often
 _MOVING_AT_FIRST: Final = ("m", "k", "F_v", "F_c", "d", "F_0")
 
 
@@ -63,9 +66,13 @@ def ranked(model: StemModel, trials: list[Trial], budget: Budget) -> list[Place]
 
 
 def halved(models: list[StemModel], places: list[Place], budget: Budget) -> list[Place]:
-    """Follow many places for a few steps, the better of them for more; in each round on the next of the models."""
+    """Follow many places for a few steps, the better of them for more; in each round on the next of the models.
+
+    Of the models' parts without those that are far worse than most at the best place.
+    """
     whole = budget.left
-    for number, model in enumerate(models):
+    for number, own in enumerate(models):
+        model = without_outliers(own, places[0].point) if places else own
         kept, steps = _KEPT[min(number, len(_KEPT) - 1)], _STEPS[min(number, len(_STEPS) - 1)]
         names = model.coordinates.names
         held = tuple(name for name in names if name not in _MOVING_AT_FIRST) if number == 0 else ()
@@ -73,11 +80,26 @@ def halved(models: list[StemModel], places: list[Place], budget: Budget) -> list
         for place in places[:kept]:
             if len(followed) >= _AT_LEAST and not budget.allows(_RESERVE, whole):
                 break
-            found = followed_from(model, place.point, steps, budget, held=held)
+            found = followed_from(model, _followable(model, place.point, budget), steps, budget, held=held)
             if math.isfinite(found.cost):
                 followed.append(found)
         places = distinct(model, followed, _SAME_YET if number < len(models) - 1 else _SAME)
     return places
+
+
+def _followable(model: StemModel, point: FloatArray, budget: Budget) -> FloatArray:
+    """Return the point (p,), with a lower DV where the stem cannot be followed: below DV it chatters.
+
+    Begun anew at each rest it may be followed, and through all of them not, although all else is right.
+    """
+    number = model.coordinates.names.index("DV")
+    lowered = point.copy()
+    for _ in range(_LOWERED):
+        budget.spend(model, 1)
+        if math.isfinite(model.cost(lowered)):
+            return lowered
+        lowered[number] -= math.log(_LOWER_LIMIT)
+    return point
 
 
 def followed_from(

@@ -26,6 +26,8 @@ _ENOUGH_AT_REST: Final = 16  # rows of one rest
 _REST_ENDS: Final = 3
 _START_ROWS: Final = 50
 _OUT_OF_BALANCE: Final = 6.0  # standard deviations
+_FIRST_ROWS: Final = 6
+_SPEEDS: Final = 3.0  # times what these rows show: between two of them it may be faster
 _STILL_ROWS: Final = 3  # fewer before the first motion: the recording begins in it
 # DV: lognormal about 1.5 % of the fastest ramp's sliding speed, and never above that speed.
 _LIMIT_MEDIAN: Final = 0.015
@@ -78,11 +80,11 @@ def pose(motion: RecordedMotion, path: InputPath) -> Problem | None:
     section_row = np.concatenate([[0], np.searchsorted(samples.time_s, path.breaks_s[:, 1])]).astype(np.int64)
     others = _section_values(motion, section_row) | _stop_values(motion)
     others |= {nuisance.name: nuisance.start for nuisance in path.nuisances}
-    units = {"x": range_m, "v": fastest, "low": range_m, "high": range_m}
     coordinates = Coordinates(
         (
             *_valve(range_n, fastest),
-            *(linear(name, units[name.split("_")[0]]) for name in others if name.split("_")[0] in units),
+            *(linear(name, range_m) for name in others if name in ("low", "high") or name[0] == "x"),
+            *(_first_speed(motion, name, others[name], section_row, fastest) for name in others if name[0] == "v"),
             *(_input(nuisance) for nuisance in path.nuisances),
         )
     )
@@ -145,6 +147,20 @@ def _section_values(motion: RecordedMotion, section_row: IntArray) -> dict[str, 
             is_off = off_m > _OUT_OF_BALANCE * motion.samples.position_noise_m + 1.0e-9 * abs(level_m)
             values[f"x_{number}"] = float(position_m[row]) if is_off else level_m
     return values
+
+
+def _first_speed(
+    motion: RecordedMotion, name: str, speed_m_per_s: float, section_row: IntArray, fastest: float
+) -> Coordinate:
+    """The velocity v_j of section j, known beforehand as far as the first rows of the section show how fast it goes.
+
+    An overdamped stem forgets it before the next row: it would stand for nothing, and go anywhere.
+    """
+    samples, row = motion.samples, int(section_row[int(name.split("_")[1])])
+    first = slice(row, row + _FIRST_ROWS)
+    shown = np.abs(np.diff(samples.position_m[first])) / np.diff(samples.time_s[first])
+    most = max(fastest, abs(speed_m_per_s), float(shown.max(initial=0.0)))
+    return linear(name, fastest, centre=speed_m_per_s, sd=_SPEEDS * most)
 
 
 def _stop_values(motion: RecordedMotion) -> dict[str, float]:

@@ -12,8 +12,8 @@ import numpy as np
 from estimators.likelihood.all_rows import MOST_PLACES, NEAR, exactly, on_all_rows
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.certificate import Certificate, certify
-from estimators.likelihood.compression import bent_rows, compressed, in_parts
-from estimators.likelihood.hops import hops
+from estimators.likelihood.compression import bent_rows, compressed, in_parts, without_outliers
+from estimators.likelihood.hopping import LAST_SHARE, Hopping, hopped, with_scanned_friction
 from estimators.likelihood.model import Restarts, StemModel
 from estimators.likelihood.pool import Place, chosen_trials, distinct, followed_from, halved, ranked
 from estimators.likelihood.start import Trial
@@ -22,21 +22,17 @@ from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import FloatArray
 
 # Own choices.
-_HOP_STEPS: Final = ((30, 2), (8, 5), (3, 8))  # how many are followed, and for how many steps
 _SCAN_STEPS: Final = 7
-_LAST_SHARE: Final = 0.15  # of the budget
+_THROUGH_SHARE: Final = 0.5  # of the budget, for the whole motion of many jumps
+_CONFIRMING_SHARE: Final = 0.3  # of the budget, more of it, for a search that did not come as far as the other
 _SECOND_SHARE: Final = 0.6  # of the budget, more of it, for starts that are followed apart
 _FIRST_STARTS: Final = 20  # which the first search follows
 _AS_LOW: Final = 9.0  # of the cost, times the misfit's square
 _RANKING_SHARE: Final = 0.2  # of the budget
-_LED_OF_JUMPS: Final = 2  # places that are led down: the valley of jumps has sills
 _REFILL: Final = 0.35  # of the budget, where what was found is not enough
-_VALLEY_STEPS: Final = 30  # F_v, F_c and DV of jumps lie in a narrow valley
-_HOP_ROUNDS: Final = 3
-_BETTER: Final = 1.0  # of the cost: a hop that gains less is at the same place
+_LOWER: Final = 1.0  # of the cost
 _MORE_SEARCHES: Final = 2  # where the best does not explain the recording
 _SURELY_LESS: Final = 0.8  # of the noise: it was overestimated
-_SCAN: Final = np.concatenate([np.linspace(-0.05, 0.05, 21), np.linspace(-0.4, 0.8, 13)])  # of F_s
 _USUAL: Final = 2  # models, where there are few rests
 _SPACING: Final = 4
 _EVENTS_A_BREAKAWAY: Final = 3
@@ -84,14 +80,6 @@ def measured_rests(motion: RecordedMotion) -> Restarts:
     return Restarts(np.array(row, dtype=np.int64), np.array(position_m, dtype=np.float64))
 
 
-@dataclass(frozen=True, slots=True)
-class Hopping:
-    """What a hop has to know: the usual sliding speed, and whether the stem jumps from rest to rest."""
-
-    speed_m_per_s: float
-    jumps: bool
-
-
 def search(
     model: StemModel, trials: list[Trial], rests: Restarts, *, breakaways: int, hopping: Hopping
 ) -> Found | None:
@@ -104,7 +92,7 @@ def search(
     """
     model = with_events(model, breakaways)
     model.corners(trials[0].values)
-    budget = Budget.of(model)
+    budget = Budget.of(model, jumps=hopping.jumps)
     limited = replace(model, most_events=min(model.most_events, _MORE_EVENTS * (model.events + _FEW_EVENTS)))
     small = compressed(limited)
     stages = _stages(limited, rests, jumps=hopping.jumps)
@@ -124,8 +112,9 @@ def search(
         apart = found.lowest(starts, second)[:1]
         budget.simulations += second.simulations
         budget.starts += second.starts
-        alone, places = places[:1], distinct(small, [*places, *apart])
-        apart = [*alone, *apart] if alone and apart else []
+        apart = [*places[:1], *apart] if places and apart else []
+        apart = _confirmed(small, apart, Budget.limited(_CONFIRMING_SHARE * whole))
+        places = distinct(small, [*places, *apart])
     if not places:
         return None
     factor = 1.0
@@ -142,16 +131,20 @@ def search(
         small = compressed(replace(model, most_events=limited.most_events))
         budget.left = max(budget.left, _REFILL * whole)
         again = [Place(place.point, small.cost(place.point)) for place in places]
-        ended = on_all_rows(model, _hopped(small, distinct(small, again), hopping, budget, whole), budget)
+        ended = on_all_rows(model, hopped(small, distinct(small, again), hopping, budget, whole), budget)
         certificate = certified(model, ended[0].point)
     for _ in range(_MORE_SEARCHES):
         if certificate.is_good or certificate.ratio < exactly(model):
             break
         budget.left = max(budget.left, _REFILL * whole)
         known = [Place(place.point, small.cost(place.point)) for place in [*ended, *places]]
-        more = [_hopped(small, [place], hopping, budget, whole) for place in distinct(small, known)[:MOST_PLACES]]
+        more = [hopped(small, [place], hopping, budget, whole) for place in distinct(small, known)[:MOST_PLACES]]
         places = distinct(small, [place for some in more for place in some])
         ended = on_all_rows(model, places, budget) or ended
+        certificate = certified(model, ended[0].point)
+    is_confirmed = not hopping.jumps
+    if hopping.jumps and certificate.is_good and apart:
+        ended, is_confirmed = _at_one_bottom(model, ended, apart, _CONFIRMING_SHARE * whole, budget)
         certificate = certified(model, ended[0].point)
     others = tuple(place for place in ended[1:] if place.cost < ended[0].cost + NEAR)
     return Found(
@@ -164,7 +157,7 @@ def search(
         budget.starts,
         budget.simulations,
         budget.left / whole,
-        not hopping.jumps or _are_as_low(small, ended[0], apart, certificate.ratio),
+        is_confirmed,
     )
 
 
@@ -191,6 +184,34 @@ def _with_its_balance(model: StemModel, trial: Trial, place: Place) -> Trial:
     return replace(trial, values=own | tried | {"F_c": coulomb_n})
 
 
+def _confirmed(small: StemModel, apart: list[Place], budget: Budget) -> list[Place]:
+    """Return the places of searches apart, those that are not as low as the lowest led down their valley.
+
+    A search may end on the slope for want of work, which says nothing about another bottom.
+    """
+    lowest = min((place.cost for place in apart), default=0.0)
+    return [led_down(small, place, budget, 0.0) if place.cost > lowest + _AS_LOW else place for place in apart]
+
+
+def _at_one_bottom(
+    model: StemModel, ended: list[Place], apart: list[Place], each: float, budget: Budget
+) -> tuple[list[Place], bool]:
+    """Lead the best and the places of searches apart down, and tell whether they come to one bottom.
+
+    On blocks that tell what all rows tell at the best, with so much work ``each``: few rows of a jump each, which
+    coarser blocks leave out, tell of DV and F_v. Where that leads lower, the places of all rows are those from there.
+    """
+    fine = compressed(model, keeping=ended[0].point)
+    # the lower of the searches apart is where the best on all rows comes from
+    points = [ended[0].point, *(place.point for place in distinct(fine, apart)[1:])]
+    led = [led_down(fine, Place(point, fine.cost(point)), Budget.limited(each), 0.0) for point in points]
+    lowest = min(led, key=lambda place: place.cost)
+    if lowest.cost < fine.cost(ended[0].point) - _LOWER:
+        budget.left = max(budget.left, 0.0)
+        ended = distinct(model, [*on_all_rows(model, [lowest], budget), *ended])
+    return ended, _are_as_low(fine, ended[0], led, certified(model, ended[0].point).ratio)
+
+
 def _are_as_low(small: StemModel, best: Place, apart: list[Place], ratio: float) -> bool:
     """Whether each search of its own came to a place as low as the best, within what the noise leaves open."""
     rise = _AS_LOW * max(1.0, ratio**2)
@@ -214,10 +235,13 @@ class _Searching:
         begun = stages[:3] if begins_anew else [*stages, small]
         places = halved(begun, first, budget)
         if not begins_anew:
-            places += [_with_scanned_friction(small, place, budget) for place in places[:2]]
-        places = _hopped(begun[-1], distinct(small, places), hopping, budget, whole)
+            places += [with_scanned_friction(small, place, budget) for place in places[:2]]
+        reserve = _THROUGH_SHARE if begins_anew else LAST_SHARE
+        last = without_outliers(begun[-1], places[0].point) if places else begun[-1]
+        places = [Place(place.point, last.cost(place.point)) for place in places]
+        places = hopped(last, distinct(small, places), hopping, budget, whole, reserve=reserve)
         if begins_anew:
-            places = _hopped(small, halved([*stages[3:], small], places, budget), hopping, budget, whole)
+            places = hopped(small, halved([*stages[3:], small], places, budget), hopping, budget, whole)
         return places
 
 
@@ -240,55 +264,8 @@ def searched_again(small: StemModel, found: Found, hopping: Hopping) -> FloatArr
     budget.left *= _REFILL
     starts = [found.point, *(place.point for place in found.others)]
     places = [followed_from(small, point, _SCAN_STEPS, budget) for point in starts]
-    ended = _hopped(small, distinct(small, places), hopping, budget, budget.left)
+    ended = hopped(small, distinct(small, places), hopping, budget, budget.left)
     return ended[0].point if ended else found.point
-
-
-def _hopped(small: StemModel, places: list[Place], hopping: Hopping, budget: Budget, whole: float) -> list[Place]:
-    """Hop from the best place until none is lower, and return all that were found, cheapest first."""
-    for _ in range(_HOP_ROUNDS):
-        if not places or not budget.allows(_LAST_SHARE, whole):
-            break
-        best = places[0]
-        found = [Place(point, 0.0) for point in hops(small, best.point, hopping.speed_m_per_s, jumps=hopping.jumps)]
-        for kept, steps in _HOP_STEPS:
-            found = distinct(small, _followed(small, found[:kept], steps, budget, fine=kept < 5))
-        places = distinct(small, [*places, *found])
-        lowest = [followed_from(small, place.point, _VALLEY_STEPS, budget, fine=True) for place in places[:2]]
-        places = distinct(small, [*lowest, *places])
-        if places[0].cost > best.cost - _BETTER:
-            break
-    if places:
-        led = places[: _LED_OF_JUMPS if hopping.jumps else 1]
-        places = distinct(small, [*(led_down(small, one, budget, _LAST_SHARE * whole) for one in led), *places])
-    return places
-
-
-def _followed(small: StemModel, places: list[Place], steps: int, budget: Budget, *, fine: bool) -> list[Place]:
-    """Follow these places for so many steps, as many of them as the budget lets."""
-    found: list[Place] = []
-    for place in places:
-        if budget.left < 0.0:
-            break
-        followed = followed_from(small, place.point, steps, budget, fine=fine)
-        if math.isfinite(followed.cost):
-            found.append(followed)
-    return found
-
-
-def _with_scanned_friction(model: StemModel, place: Place, budget: Budget) -> Place:
-    """Scan F_s on the cost of the position, which has one minimum in it, and descend from there."""
-    number = model.coordinates.names.index("d")
-    ratio = 1.0 + place.point[number]
-    best = place
-    for share in _SCAN:
-        trial = place.point.copy()
-        trial[number] = max(0.0, ratio * (1.0 + share) - 1.0)
-        cost = model.cost(trial)
-        if cost < best.cost:
-            best = Place(trial, cost)
-    budget.spend(model, _SCAN.size)
-    return place if best is place else followed_from(model, best.point, _SCAN_STEPS, budget)
 
 
 def certified(model: StemModel, point: FloatArray) -> Certificate:

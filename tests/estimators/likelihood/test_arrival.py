@@ -9,9 +9,10 @@ import pytest
 from estimators.base import Outcome
 from estimators.likelihood.arrival import arrived, left_to_gain
 from estimators.likelihood.conclusion import searched_model
+from estimators.likelihood.hopping import Hopping
 from estimators.likelihood.input_path import input_path
 from estimators.likelihood.problem import pose
-from estimators.likelihood.search import Found, Hopping, search
+from estimators.likelihood.search import Found, search
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from tests.estimators.recordings import recorded
 

@@ -1,0 +1,91 @@
+"""From a low place of the cost to where it may be as low, again and again, and down the valley from there."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from estimators.likelihood.budget import Budget
+from estimators.likelihood.hops import hops
+from estimators.likelihood.model import StemModel
+from estimators.likelihood.pool import Place, distinct, followed_from
+from estimators.likelihood.valley import led_down
+
+# Own choices.
+_HOP_STEPS: Final = ((30, 2), (8, 5), (3, 8))  # how many are followed, and for how many steps
+_SCAN_STEPS: Final = 7
+LAST_SHARE: Final = 0.15  # of the budget
+_LED_OF_JUMPS: Final = 2  # places that are led down: the valley of jumps has sills
+_VALLEY_STEPS: Final = 30  # F_v, F_c and DV of jumps lie in a narrow valley
+_HOP_ROUNDS: Final = 3
+_BETTER: Final = 1.0  # of the cost: a hop that gains less is at the same place
+_SCAN: Final = np.concatenate([np.linspace(-0.05, 0.05, 21), np.linspace(-0.4, 0.8, 13)])  # of F_s
+
+
+@dataclass(frozen=True, slots=True)
+class Hopping:
+    """What a hop has to know: the usual sliding speed, and whether the stem jumps from rest to rest."""
+
+    speed_m_per_s: float
+    jumps: bool
+
+
+def hopped(
+    small: StemModel,
+    places: list[Place],
+    hopping: Hopping,
+    budget: Budget,
+    whole: float,
+    *,
+    reserve: float = LAST_SHARE,
+) -> list[Place]:
+    """Hop from the best place until none is lower, and return all that were found, cheapest first.
+
+    No round begins where less than the ``reserve`` of the ``whole`` budget is left.
+    """
+    for _ in range(_HOP_ROUNDS):
+        if not places or not budget.allows(reserve, whole):
+            break
+        best = places[0]
+        found = [Place(point, 0.0) for point in hops(small, best.point, hopping.speed_m_per_s, jumps=hopping.jumps)]
+        for kept, steps in _HOP_STEPS:
+            found = distinct(small, _followed(small, found[:kept], steps, budget, fine=kept < 5))
+        places = distinct(small, [*places, *found])
+        lowest = [followed_from(small, place.point, _VALLEY_STEPS, budget, fine=True) for place in places[:2]]
+        places = distinct(small, [*lowest, *places])
+        if places[0].cost > best.cost - _BETTER:
+            break
+    if places:
+        led = places[: _LED_OF_JUMPS if hopping.jumps else 1]
+        places = distinct(small, [*(led_down(small, one, budget, reserve * whole) for one in led), *places])
+    return places
+
+
+def _followed(small: StemModel, places: list[Place], steps: int, budget: Budget, *, fine: bool) -> list[Place]:
+    """Follow these places for so many steps, as many of them as the budget lets."""
+    found: list[Place] = []
+    for place in places:
+        if budget.left < 0.0:
+            break
+        followed = followed_from(small, place.point, steps, budget, fine=fine)
+        if math.isfinite(followed.cost):
+            found.append(followed)
+    return found
+
+
+def with_scanned_friction(model: StemModel, place: Place, budget: Budget) -> Place:
+    """Scan F_s on the cost of the position, which has one minimum in it, and descend from there."""
+    number = model.coordinates.names.index("d")
+    ratio = 1.0 + place.point[number]
+    best = place
+    for share in _SCAN:
+        trial = place.point.copy()
+        trial[number] = max(0.0, ratio * (1.0 + share) - 1.0)
+        cost = model.cost(trial)
+        if cost < best.cost:
+            best = Place(trial, cost)
+    budget.spend(model, _SCAN.size)
+    return place if best is place else followed_from(model, best.point, _SCAN_STEPS, budget)
