@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from discrepancy.beginning import beginning, last_motion
 from discrepancy.blocks import Blocks
 from estimators.base import Outcome
 from estimators.likelihood.input_path import CommandedPath, InputPath, MeasuredPath, Nuisance, input_path
@@ -27,14 +28,12 @@ Corners = tuple[FloatArray, FloatArray]  # times, s, and force, N, both shape (n
 # Own choices, from valves without and with hidden effects (docs/diagnosis.md).
 # Timing that nobody vouches for, as a share of the period: else the few samples of a slip outweigh all others.
 _TIMING_SHARE: Final = 0.2
-_START_ROWS: Final = 50
 _STEPS_A_TURN: Final = 3.0  # rests for each turn of the force, from which on the motion is a stick-slip
 _NO_NOISE: Final = 1.0e-7  # of the travel: a position without noise is still only as good as its model
 _MAY_BE_A_STAIRCASE: Final = (Outcome.NEVER_MOVED, Outcome.NO_UNIFORM_MOTION)
 _ENOUGH_AT_REST: Final = 100
 _ROUNDING: Final = 1.0e-9  # of the force's range
 _SURELY_LESS: Final = 0.8
-_OUT_OF_BALANCE: Final = 6.0  # standard deviations
 _UNKNOWN_DELAY_PERIODS: Final = 0.05  # a delay between the channels known better than this is not fitted
 
 
@@ -47,6 +46,9 @@ class Segment:
     ``corner_s`` and ``corner_n`` draw the force, straight between corners; with a command it is the force asked for.
     The rests are those of a stick-slip, at which a simulated stem begins anew; none elsewhere. ``rest_sense`` is the
     direction in which the stem came to each.
+
+    ``start_sense`` is the direction of the last motion up to the start, 0 where the stem has not moved; where it rests
+    there, it rests since ``rest_since_s``, counted as ``elapsed_s`` is, from the start of the recording.
     """
 
     time_s: FloatArray
@@ -62,6 +64,8 @@ class Segment:
     start_error_m: float
     start_velocity: float
     elapsed_s: float
+    start_sense: float = 0.0
+    rest_since_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -251,8 +255,9 @@ def _segments(motion: RecordedMotion, path: InputPath, noise_m: float, timing_s:
         # what writes leave unknown is the same for the rows of a block
         variance += np.add.reduceat(instants_m[own] ** 2, edges - first) / counts
         inside = (rest_row >= first) & (rest_row < end)
-        start_m, error_m, velocity = _start(motion, first, noise_m)
+        start_m, error_m, velocity = beginning(motion, first, noise_m)
         begin_s = float(time_s[0])
+        sense, since_s = last_motion(motion, first)
         # the stem begins where the first block lies
         own_s, own_n = _from(begin_s, corner_s, corner_n)
         found.append(
@@ -270,6 +275,8 @@ def _segments(motion: RecordedMotion, path: InputPath, noise_m: float, timing_s:
                 start_error_m=error_m,
                 start_velocity=velocity,
                 elapsed_s=begin_s - float(samples.time_s[0]),
+                start_sense=sense,
+                rest_since_s=since_s,
             )
         )
     return found
@@ -286,20 +293,6 @@ def _flat_where_held(corner_n: FloatArray) -> FloatArray:
         if abs(held_n[row] - held_n[row - 1]) <= least_n:
             held_n[row] = held_n[row - 1]
     return held_n
-
-
-def _start(motion: RecordedMotion, first: int, noise_m: float) -> tuple[float, float, float]:
-    """Position at a row, its error and the velocity there; at rest the mean of the rows before the first motion."""
-    position_m = motion.samples.position_m
-    coming = [stretch.first for stretch in motion.phases.stretches if stretch.last >= first]
-    still = (coming[0] if coming else position_m.size) - first
-    if still < 3:
-        return float(position_m[first]), noise_m, float(motion.phases.velocity[first : first + 3].mean())
-    own_m = position_m[first : first + min(still, _START_ROWS)]
-    if abs(float(position_m[first]) - float(own_m.mean())) > _OUT_OF_BALANCE * noise_m:
-        # out of balance the stem leaves its first position before the second sample or so
-        return float(position_m[first]), noise_m, 0.0
-    return float(own_m.mean()), noise_m / math.sqrt(own_m.size), 0.0
 
 
 def _stick_slip_rests(motion: RecordedMotion) -> tuple[IntArray, FloatArray, FloatArray]:

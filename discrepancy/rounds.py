@@ -56,7 +56,7 @@ def refits(best: Fit, candidates: list[Candidate], setting: Setting, most: int, 
     rows, which hardly show them, where an ordinary one takes nearly all.
     """
     ordinary = [one for one in candidates if not one.cause.is_hard and not one.cause.is_shy][:most]
-    slow = [one for one in ordinary[1:] if one.cause.is_slow]
+    slow = [one for one in ordinary[1:] if one.cause.is_slow and one.promise < _RIVAL_SHARE * ordinary[0].promise]
     ordinary = [one for one in ordinary if one not in slow]
     ordinary += [one for one in candidates if one.cause.is_shy]
     hard = [one for one in candidates if one.cause.is_hard]
@@ -71,6 +71,8 @@ def refits(best: Fit, candidates: list[Candidate], setting: Setting, most: int, 
             continue
         is_found = _is_coarse(best) and any(excess(fit) < NEARLY_ALL * excess(best) for _, fit in fits)
         own = share_of_work(best) * _HARD_WORK if one.cause.is_hard and not is_found else 0.0
+        if one.cause.is_slow and not _is_coarse(best):
+            own = share_of_work(best) * _CAUSE_WORK
         if best.model.tally.work > last + own:
             continue
         fit = refit(best, one, setting, lowest, share_of_work(best) * _CAUSE_WORK)

@@ -9,12 +9,14 @@ from typing import Final
 
 import numpy as np
 
+from discrepancy import periodic
 from discrepancy.baseline import DYNAMIC, FIRST_RISES, STATIC_SCAN, scanned
 from discrepancy.causes.base import Cause, Setting, Values
 from discrepancy.causes.friction import STRIBECK
 from discrepancy.falling_friction import along_valley
 from discrepancy.least_squares import Fit, blur, descend, on, start_fit
 from discrepancy.model import Model
+from discrepancy.periodic import has_place
 from discrepancy.significance import excess, is_noise, misfit
 from discrepancy.sliding import sliding_rows, sliding_starts
 from estimators.samples import FloatArray
@@ -53,25 +55,27 @@ def screen(fit: Fit, causes: Iterable[Cause], setting: Setting) -> list[Candidat
     rows = sliding_rows(fit)
     by_force = {} if rows is None else sliding_starts(rows, fit, causes, setting)
     for cause in causes:
+        seen = list(zip(spaces, blurs, strict=True))[-1 if cause.is_periodic else 0 :]
         tried: list[tuple[float, Values]] = []
         for start in cause.starts(setting):
             residual = _with(fit, cause, start, setting)
             if residual is None:
                 continue
-            if cause.neutral is None:
-                promises = [space.direct(over(residual)) for space, over in zip(spaces, blurs, strict=True)]
+            if cause.neutral is None or has_place(start, fit.values):
+                promises = [space.direct(over(residual)) for space, over in seen]
                 tried.append((max(promises), start))
                 continue
             change = residual - fit.residual
             unknown = next(entry for entry in cause.unknowns(setting) if entry.name == cause.own(cause.strength))
             low, high = unknown.lower / start[cause.strength], unknown.upper / start[cause.strength]
-            for space, over in zip(spaces, blurs, strict=True):
+            for space, over in seen:
                 promise, factor = space.along(over(change), min(low, high), max(low, high))
                 tried.append((promise, {**start, cause.strength: factor * start[cause.strength]}))
         if tried:
             tried.sort(key=lambda entry: -entry[0])
             most = _GRID_FOLLOWED if cause.is_hard else _STARTS_FOLLOWED
-            starts = tuple(distinct(start for _, start in tried)[:most])
+            ranked = [start for _, start in tried]
+            starts = tuple(_of_all_periods(fit, ranked) if cause.is_periodic else distinct(ranked)[:most])
             share, balanced = by_force.get(cause.name, (0.0, None))
             found.append(Candidate(cause, starts, max(tried[0][0], share), balanced))
     return sorted(found, key=lambda candidate: -candidate.promise)
@@ -141,6 +145,8 @@ def refit(fit: Fit, candidate: Candidate, setting: Setting, bar: float = math.in
     last = fit.model.tally.work + most
     cause = candidate.cause
     whole = extended_model(fit.model, cause, setting)
+    if cause.is_periodic:
+        return _of_periods(fit, whole, candidate, last)
     model = whole.thinned()
     best: Fit | None = None
     if candidate.balanced is not None:
@@ -173,6 +179,25 @@ def refit(fit: Fit, candidate: Candidate, setting: Setting, bar: float = math.in
     if cause is STRIBECK and excess(best) < _LIKELY * excess(fit) and not is_noise(best):
         best = descend(along_valley(best), most_steps=_STEPS[-1])
     return best
+
+
+def _of_all_periods(fit: Fit, starts: list[Values]) -> list[Values]:
+    """Return the starts that are a place of their own, and of the others the one that promises most at a frequency."""
+    places = [start for start in starts if has_place(start, fit.values)]
+    kept: list[Values] = []
+    for start in starts:
+        if start not in places and all(
+            not math.isclose(start["frequency_hz"], other["frequency_hz"], rel_tol=1.0e-4) for other in kept
+        ):
+            kept.append(start)
+    return [*places, *kept]
+
+
+def _of_periods(fit: Fit, model: Model, candidate: Candidate, last: float) -> Fit:
+    """Return the fit with a periodic cause."""
+    starts = [(start, start_fit(model, _point(fit, model, candidate.cause, start))) for start in candidate.starts]
+    found = periodic.followed(starts, candidate.cause, last)
+    return Fit(model, fit.point, fit.residual, None, math.inf) if found is None else found
 
 
 def _from_balance(start: Fit) -> Fit | None:

@@ -6,6 +6,7 @@ import math
 from typing import Final
 
 from discrepancy.least_squares import Fit
+from discrepancy.registry import CAUSES
 from estimators.likelihood.intervals import inflation
 
 # Own choices, from healthy valves and from valves with one hidden effect (docs/diagnosis.md).
@@ -14,6 +15,8 @@ SURE: Final = 45.0
 _PIECES: Final = (1, 4, 16, 64, 256, 1024)
 _FEWEST_PIECES: Final = 20
 LEAST_RMS: Final = 0.06  # of the noise of one row, that a cause must move all rows by
+# A gauge's noise makes a stem wander, and at no single frequency: half of that is enough of a periodic force.
+_LEAST_LINE_RMS: Final = 0.03
 # A rival within this is not told apart: 4 standard deviations of the difference.
 NEAR: Final = 16.0
 DONE_MISFIT: Final = 1.15  # misfit, and factor of the noise, below which noise alone may be what is left
@@ -47,7 +50,9 @@ def gain(before: Fit, after: Fit) -> float:
 
 def is_significant(before: Fit, after: Fit) -> bool:
     """Whether the fall of the misfit is beyond chance, and no trifle beside the noise."""
-    least = LEAST_RMS**2 * before.model.observed.rows
+    added = set(after.model.causes) - set(before.model.causes)
+    is_line = bool(added) and all(CAUSES[name].is_periodic for name in added)
+    least = (_LEAST_LINE_RMS if is_line else LEAST_RMS) ** 2 * before.model.observed.rows
     return gain(before, after) > SURE and before.cost - after.cost > least
 
 

@@ -95,6 +95,7 @@ class Cause:
     is_hard: bool = False  # its starts are a grid that must be followed some way before the best is seen
     is_shy: bool = False  # usual tests show little of it, and others mimic that: always tried beside them
     is_slow: bool = False  # its motions take ten times as long: not tried once another leaves noise alone
+    is_periodic: bool = False  # it moves the stem to and fro: blurred residuals say nothing of it
     neutral: float | None = 0.0  # of the strength; None where the start does not grow out of the baseline
 
     def unknowns(self, setting: Setting) -> tuple[Unknown, ...]:

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from discrepancy.causes.base import Cause, Fitted, Part, Setting, Values, strongest_frequencies, with_interval
+from discrepancy.shaking import lines, shaken_breakaways
 
 
 def _hardening_sentence(values: Mapping[str, Fitted], setting: Setting) -> str:
@@ -133,16 +134,42 @@ HIGH_STOP: Final = Cause(
 
 
 def _vibration_starts(setting: Setting) -> list[Values]:
-    time_s = setting.observed.time_s
-    found = strongest_frequencies(time_s, setting.residual_m, 3)
+    """Starts by the lines in the misfit, by the forces at the breakaways, and by the steps' own frequency."""
+    observed, own = setting.observed, setting.values
+    starts: list[Values] = []
+    # a heavy stem and a wide band of rest may stand in for what shakes
+    anew = {"DV": 0.015 * setting.sliding_m_per_s, "m": observed.motions[0].moving_mass_kg or own["m"]}
+    static_n = own["F_c"] * (1.0 + own["d"])
+    for line in lines(observed, setting.residual_m, 3):
+        force_n, phase_rad = line.force(own["m"], own["k"], own["F_v"])
+        linear = {"force_n": force_n, "frequency_hz": line.frequency_hz, "phase_rad": phase_rad}
+        start = {**linear, **anew}
+        # the breakaways that were seen had the force's help, and the stops its speed
+        start["d"] = (static_n + force_n) / own["F_c"] - 1.0
+        start["DV"] = max(own["DV"] - line.amplitude_m_per_s, start["DV"])
+        starts += [linear, start]
+    for shaken in shaken_breakaways(observed, 3):
+        starts.append(
+            {
+                "force_n": shaken.force_n,
+                "frequency_hz": shaken.frequency_hz,
+                "phase_rad": shaken.phase_rad,
+                "k": shaken.spring_n_per_m,
+                "F_0": shaken.preload_n,
+                "d": max(shaken.static_n / own["F_c"] - 1.0, 0.0),
+                **anew,
+            }
+        )
     # where each period of the force lets the stem slip, its steps show the frequency better than the misfit
-    found += strongest_frequencies(time_s, np.gradient(setting.observed.position_m, time_s), 2)
+    time_s = observed.time_s
+    found = strongest_frequencies(time_s, np.gradient(observed.position_m, time_s), 2)
     force_n = 0.002 * setting.scale.full_force_n
-    return [
+    starts += [
         {"force_n": force_n, "frequency_hz": frequency_hz, "phase_rad": phase_rad}
         for frequency_hz in found
         for phase_rad in (-2.3, -0.8, 0.8, 2.3)
     ]
+    return starts
 
 
 def _vibration_sentence(values: Mapping[str, Fitted], _setting: Setting) -> str:
@@ -158,6 +185,7 @@ VIBRATION: Final = Cause(
     _vibration_sentence,
     "Look for what shakes at this frequency: a pump, flow past the plug, a loose bracket.",
     is_slow=True,
+    is_periodic=True,
 )
 
 FORCES: Final = (HARDENING, KNEE, AREA, LOW_STOP, HIGH_STOP, FLOW, VIBRATION)

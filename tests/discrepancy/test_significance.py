@@ -34,13 +34,14 @@ class _Observed:
 
 
 class _Model:
-    def __init__(self, rows: int) -> None:
+    def __init__(self, rows: int, causes: tuple[str, ...]) -> None:
         self.observed = _Observed(rows)
+        self.causes = causes
 
 
-def fit_of(residual: FloatArray, *, rows: int = COUNT, cost: float | None = None) -> Fit:
+def fit_of(residual: FloatArray, *, rows: int = COUNT, cost: float | None = None, causes: tuple[str, ...] = ()) -> Fit:
     """A fit that leaves these residuals of ``rows`` rows; its cost is their sum of squares where none is given."""
-    model = cast("Model", cast("Any", _Model(rows)))
+    model = cast("Model", cast("Any", _Model(rows, causes)))
     return Fit(model, np.zeros(1), residual, None, float(residual @ residual) if cost is None else cost)
 
 
@@ -76,6 +77,14 @@ def test_a_sure_fall_must_move_all_rows_by_six_hundredths_of_their_noise(
     rows = 1_000_000
     before = fit_of(white, rows=rows, cost=5000.0 + share**2 * rows)
     assert is_significant(before, fit_of(white, rows=rows, cost=5000.0)) == counts
+
+
+@pytest.mark.parametrize(("share", "counts"), [(0.029, False), (0.031, True)])
+def test_half_of_that_is_enough_of_a_periodic_force(white: FloatArray, share: float, counts: bool) -> None:
+    rows = 1_000_000
+    before = fit_of(white, rows=rows, cost=5000.0 + share**2 * rows)
+    assert is_significant(before, fit_of(white, rows=rows, cost=5000.0, causes=("vibration",))) == counts
+    assert not is_significant(before, fit_of(white, rows=rows, cost=5000.0, causes=("flow_force",)))
 
 
 @pytest.mark.parametrize(("scale", "noise"), [(1.14, True), (1.16, False)])

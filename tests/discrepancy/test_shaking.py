@@ -1,0 +1,78 @@
+"""A periodic force: found by its line in the misfit, by the breakaways that it lets go, and fitted without blurring."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from discrepancy.baseline import fit_baseline
+from discrepancy.causes.forces import VIBRATION
+from discrepancy.least_squares import Fit
+from discrepancy.observed import Observed, observe
+from discrepancy.screening import refit, screen
+from discrepancy.setting import setting_of
+from discrepancy.shaking import Line, lines, shaken_breakaways
+from discrepancy.significance import is_significant, misfit
+from tests.blind.cases import BlindCase, blind_case
+
+made = cache(blind_case)
+
+
+def fitted(case: BlindCase) -> tuple[Observed, Fit]:
+    observed = observe(case.recordings, case.nameplate)
+    assert isinstance(observed, Observed)
+    baseline = fit_baseline(observed)
+    assert baseline is not None
+    return observed, baseline
+
+
+def test_steps_that_lock_to_a_third_of_the_frequency_give_it_away_by_the_forces_at_their_breakaways() -> None:
+    case = made(7601, "triangle")
+    hidden, valve = case.hidden[0].parameters, case.truth.parameters
+    observed, baseline = fitted(case)
+    found = shaken_breakaways(observed, 3)
+    assert found[0].frequency_hz == pytest.approx(hidden["frequency_hz"], abs=5.0e-3)
+    assert found[0].force_n == pytest.approx(hidden["force_n"], rel=0.1)
+    assert found[0].phase_rad == pytest.approx(hidden["phase_rad"], abs=0.3)
+    assert found[0].spring_n_per_m == pytest.approx(valve.spring_rate_n_per_m, rel=1.0e-3)
+    assert found[0].static_n == pytest.approx(valve.static_friction_n, rel=0.01)
+    setting = setting_of(baseline)
+    (candidate,) = screen(baseline, [VIBRATION], setting)
+    fit = refit(baseline, candidate, setting)
+    assert misfit(fit) < 1.1
+    assert fit.values["vibration.force_n"] == pytest.approx(hidden["force_n"], rel=0.05)
+
+
+def test_a_line_of_three_micrometres_under_fifty_of_noise_is_a_cause() -> None:
+    case = made(7328, "triangle")
+    hidden = case.hidden[0].parameters
+    _, baseline = fitted(case)
+    setting = setting_of(baseline)
+    (candidate,) = screen(baseline, [VIBRATION], setting)
+    fit = refit(baseline, candidate, setting)
+    assert is_significant(baseline, fit)
+    assert fit.values["vibration.frequency_hz"] == pytest.approx(hidden["frequency_hz"], abs=0.01)
+    assert fit.values["vibration.force_n"] == pytest.approx(hidden["force_n"], rel=0.3)
+
+
+def test_a_line_in_the_misfit_is_found_with_its_frequency_phase_and_amplitude() -> None:
+    case = made(7328, "triangle")
+    observed = observe(case.recordings, case.nameplate)
+    assert isinstance(observed, Observed)
+    noise_m = np.random.default_rng(1).normal(0.0, 1.0, observed.count) / observed.weight
+    wave_m = 8.0e-6 * np.sin(2.0 * math.pi * 11.37 * observed.time_s + 0.6)
+    (line,) = lines(observed, noise_m + wave_m, 1)
+    assert line.frequency_hz == pytest.approx(11.37, abs=4.0e-3)
+    middle_s = float(observed.time_s.mean())
+    off_rad = line.phase_rad - 0.6 + math.tau * (line.frequency_hz - 11.37) * middle_s
+    assert math.remainder(off_rad, math.tau) == pytest.approx(0.0, abs=0.2)
+    assert line.amplitude_m == pytest.approx(8.0e-6, rel=0.15)
+
+
+def test_the_force_behind_a_line_is_what_mass_spring_and_damper_make_of_it() -> None:
+    force_n, phase_rad = Line(1.0 / math.tau, 0.25, 2.0e-3).force(3.0, 1003.0, 1000.0)
+    assert force_n == pytest.approx(2.0e-3 * 1000.0 * math.sqrt(2.0))
+    assert phase_rad == pytest.approx(0.25 + math.pi / 4.0)
