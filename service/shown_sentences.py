@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import Any, Final
 
-from service.cli.plain_numbers import plus_minus
+from service.cli.plain_numbers import as_read, plus_minus
 from service.shown_units import UnitSystem, shown_unit
 
 # What sentences name, the SI unit that it is shown by, and how many of that it is.
@@ -44,9 +44,9 @@ def in_units(text: str, system: UnitSystem) -> str:
 
     ``it stood at 0.0485455 m`` becomes ``it stood at 48.55 mm``, or ``1.911 in``. A number whose unit stays is left
     as it is, a small length (um) too where lengths are metric. An interval in brackets goes with
-    its value.
+    its value. ``+-`` becomes ``±``, and ``1.2e+02`` 120.
     """
-    return _QUANTITY.sub(lambda found: _in_unit(found, system), text)
+    return as_read(_QUANTITY.sub(lambda found: _in_unit(found, system), text))
 
 
 def all_in_units(content: Any, system: UnitSystem) -> Any:

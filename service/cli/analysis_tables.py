@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from service.cli.diagnosis_tables import print_diagnosis
-from service.cli.plain_numbers import plus_minus
+from service.cli.plain_numbers import as_read, plus_minus
 from service.cli.signature_tables import print_signature
 from service.next_step import next_step
 from service.tablet.words import NE107
@@ -45,7 +45,7 @@ def print_analysis(console: Console, analysis: dict[str, Any], sequence: str | N
 
 
 def _say(console: Console, sentence: str) -> None:
-    console.print(Text(sentence))
+    console.print(Text(as_read(sentence)))
 
 
 def _print_recording(console: Console, recording: dict[str, Any]) -> None:

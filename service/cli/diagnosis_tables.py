@@ -8,6 +8,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from service.cli.plain_numbers import as_read
+
 _VERDICTS: Final = {
     "none": "nothing beyond the noise: the simulation explains this recording",
     "named": "named",
@@ -20,7 +22,7 @@ _VERDICTS: Final = {
 def print_diagnosis(console: Console, discrepancy: dict[str, Any], indent: str = "") -> None:
     """Print the verdict, each cause with what to do, what it gains, what else it could be and how to tell."""
     for line in diagnosis_lines(discrepancy):
-        console.print(Text(f"{indent}{line}"))
+        console.print(Text(f"{indent}{as_read(line)}"))
     if discrepancy.get("causes"):
         console.print(_parameters(discrepancy["causes"]))
     model = discrepancy.get("extended_model")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any, Final
 
 _MOST_DIGITS: Final = 12  # after the point
+_POWER: Final = re.compile(r"(?<![\w.])-?\d(?:\.\d+)?e\+0[1-5](?![\w.])")
 
 
 def plus_minus(value: float, half_width: float | None, *, digits: int = 4) -> str:
@@ -37,3 +39,8 @@ def _plain(value: float, digits: int) -> str:
         return f"{value:.{digits}g}"
     places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
     return f"{value:.{places}f}"
+
+
+def as_read(sentence: str) -> str:
+    """Return a sentence with ``1.2e+02`` as 120 and ``+-`` as ``±``."""
+    return _POWER.sub(lambda found: f"{float(found.group()):.0f}", sentence).replace("+-", "±")

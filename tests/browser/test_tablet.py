@@ -252,8 +252,10 @@ def test_a_valve_that_needs_a_permit_is_started_with_its_number(permit_service: 
     browser.open(f"{permit_service.url}/ui/valves/{TAG}/start")
     browser.until_reads("#permissives", "Enter the work permit's number")
     assert not browser.see("#arm").is_enabled()
+    assert browser.text("#armed-words") == "Both steps are locked. See what is missing"
     browser.write("#permit", "W-17")
     browser.press("#arm")
+    browser.until_reads("#armed-words", "Step 2 is open")
     browser.press("#go")
     browser.until(lambda: "/ui/tests/" in browser.driver.current_url, "the running test is shown")
     test_id = browser.driver.current_url.rpartition("/")[2]

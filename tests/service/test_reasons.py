@@ -87,3 +87,4 @@ def test_a_test_that_no_cause_explains_says_what_to_do_next_and_a_note_stands_be
     assert "Next: Repeat the sequence diagnostic: what comes again at the same place is the valve's own" in text
     assert "look at packing and guide" in text
     assert f"Note: {note}" in text
+    assert "garcia, m: known to ±55 % only" in text

@@ -33,7 +33,7 @@ def test_a_sentence_of_the_drivers_is_read_in_the_chosen_units(
         ("-1.5 mm", "-0.0591 in"),
         ("noise of 5 um", "noise of 0.00020 in"),
         ("0 N", "0 lbf"),
-        ("by 667 N/s, sqrt(2 m DV r) = 1708.6 N (+-0.03)", "by 150 lbf/s, sqrt(2 m DV r) = 384.11 lbf (+-0.00674)"),
+        ("by 667 N/s, sqrt(2 m DV r) = 1708.6 N (+-0.03)", "by 150 lbf/s, sqrt(2 m DV r) = 384.11 lbf (±0.00674)"),
         ("640.5 N (638.2 to 642.8) higher", "143.99 lbf (143.47 to 144.51) higher"),
     ],
 )
@@ -80,3 +80,10 @@ def test_every_text_of_a_document_is_changed_and_nothing_else() -> None:
         "value": 3.0,
         "none": None,
     }
+
+
+def test_a_person_reads_no_powers_of_ten_where_a_plain_number_does() -> None:
+    said = "known to +-302 % only, 2.58e+04 standard deviations, 1.2e+02 times the noise, F_s = 8.5e+03 N"
+    shown = "known to ±302 % only, 25800 standard deviations, 120 times the noise, F_s = 8500 N"
+    assert in_units(said, UnitSystem.SI) == shown
+    assert in_units("test 1e+03x and 3e+12", UnitSystem.SI) == "test 1e+03x and 3e+12"

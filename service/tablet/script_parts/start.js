@@ -10,6 +10,12 @@ if ($("start")) {
     if (!online) armedUntil = 0;
     arm.disabled = !online || mayStart !== true || isStarting;
     go.disabled = !online || mayStart !== true || isStarting || Date.now() > armedUntil;
+    const isTold = Boolean(words.querySelector("a"));
+    if (mayStart !== false) { if (isTold) words.textContent = "Step 2 is locked."; return; }
+    if (isTold) return;
+    const link = element("a", "See what is missing");  // upright, the list lies below the sequences
+    link.href = "#h-permits";
+    words.replaceChildren("Both steps are locked. ", link);
   });
   const summarize = () => {
     const chosen = form.querySelector("[name=sequence]:checked");
@@ -20,7 +26,7 @@ if ($("start")) {
   arm.addEventListener("click", async () => {
     words.textContent = "Asking the device once more…";
     await lookAtPermissives();
-    if (mayStart !== true) { disarm("Step 2 is locked: see what is missing."); return; }
+    if (mayStart !== true) { disarm("Step 2 is locked."); return; }
     armedUntil = Date.now() + ARMED_MS;
     guard();
   });
