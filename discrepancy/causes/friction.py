@@ -173,7 +173,20 @@ DWELL: Final = Cause(
 
 
 def _presliding_starts(setting: Setting) -> list[Values]:
-    return [{"deflection_m": share * setting.scale.travel_m} for share in (3.0e-4, 1.0e-3, 4.0e-3)]
+    """Starts from the valve as it is, and a grid of deflection and damping with the friction in motion kept.
+
+    Where friction is small beside what yields, a wide DV and a large F_v stand in for it, so both begin anew.
+    """
+    own, speed, travel_m = setting.values, setting.sliding_m_per_s, setting.scale.travel_m
+    total_n = own["F_c"] + own["F_v"] * speed
+    anew = {"DV": 0.015 * speed, "first_rise": 0.0, "m": setting.observed.motions[0].moving_mass_kg or own["m"]}
+    starts: list[Values] = [{"deflection_m": share * travel_m} for share in (3.0e-4, 1.0e-3, 4.0e-3)]
+    for share, viscous in product((1.0e-3, 3.0e-3, 8.0e-3), (0.02, 0.15, 0.4)):
+        coulomb_n = (1.0 - viscous) * total_n
+        d = max(own["F_c"] * (1.0 + own["d"]) / coulomb_n - 1.0, 0.0)
+        viscous_n = viscous * total_n / speed
+        starts.append({"deflection_m": share * travel_m, "F_c": coulomb_n, "F_v": viscous_n, "d": d, **anew})
+    return starts
 
 
 def _presliding_sentence(values: Mapping[str, Fitted], _setting: Setting) -> str:
