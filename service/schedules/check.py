@@ -55,3 +55,20 @@ class Check:
     def ends_at(self) -> datetime:
         """The last instant at which its test may start."""
         return self.due_at + timedelta(seconds=self.window_s)
+
+    @property
+    def key(self) -> str:
+        """Under which its test is asked for: a check that is taken up twice has one test."""
+        return f"nightly {self.id} of {self.schedule} {self.occurrence}"
+
+    def missed(self, now: datetime) -> str:
+        """Say that nobody looked at the clock in time."""
+        return (
+            f"no service looked at the clock within {self.window_s:g} s of {self.due_at:%Y-%m-%d %H:%M} UTC "
+            f"(it is {now:%Y-%m-%d %H:%M} UTC): nothing was moved"
+        )
+
+    def too_late(self, reason: str) -> str:
+        """Say that its window has ended, and what was in the way."""
+        because = f": {reason}" if reason else ": its turn did not come"
+        return f"its window of {self.window_s:g} s ended at {self.ends_at:%H:%M} UTC{because}"

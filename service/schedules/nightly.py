@@ -180,7 +180,7 @@ class Nightly:
             if stored is None:
                 continue  # it was queued before: a doubled firing, or a look that was cut off
             checks.append(stored)
-            reason = _missed(check, self._clock()) if missed else await self._overlap(stored)
+            reason = check.missed(self._clock()) if missed else await self._overlap(stored)
             if reason:
                 await self._end(stored, CheckState.SKIPPED, reason)
             else:
@@ -227,7 +227,7 @@ class Nightly:
         while not self._closing.is_set():
             busy = self._runs.why_not_scheduled(check.valve)
             if self._clock() > check.ends_at:
-                return await self._end(check, CheckState.SKIPPED, _too_late(check, busy or reason))
+                return await self._end(check, CheckState.SKIPPED, check.too_late(busy or reason))
             if not busy:
                 waits = await self._attempt(check)
                 if waits is None:
@@ -253,7 +253,7 @@ class Nightly:
         requester = Requester(f"schedule {check.schedule}"[:64], RequesterKind.SCHEDULE)
         try:
             run = await self._runs.start(
-                check.valve, check.sequence, check.overrides, _key(check), requester=requester, schedule=check.schedule
+                check.valve, check.sequence, check.overrides, check.key, requester=requester, schedule=check.schedule
             )
         except BusyError as error:
             await asyncio.to_thread(self._table.put_back, check.id, self._process)
@@ -282,7 +282,7 @@ class Nightly:
     async def _note_cut_off(self, check: Check) -> None:
         """Write down the end of a check whose process died: with its test's, where that came to one."""
         state, reason = CheckState.INTERRUPTED, "the service ended while this check was under way: nothing is resumed"
-        run = await asyncio.to_thread(self._known.by_idempotency_key, _key(check))
+        run = await asyncio.to_thread(self._known.by_idempotency_key, check.key)
         if run is not None:
             await asyncio.to_thread(self._table.note_test, check.id, run.id)
             if run.state.finished:
@@ -293,19 +293,3 @@ class Nightly:
         await asyncio.to_thread(partial(self._table.end, check.id, state, reason, self._clock()))
         _LOG.info("check ended", valve=check.valve, schedule=check.schedule, state=state.value, reason=reason)
         return state.value
-
-
-def _key(check: Check) -> str:
-    return f"nightly {check.id} of {check.schedule} {check.occurrence}"
-
-
-def _missed(check: Check, now: datetime) -> str:
-    return (
-        f"no service looked at the clock within {check.window_s:g} s of {check.due_at:%Y-%m-%d %H:%M} UTC "
-        f"(it is {now:%Y-%m-%d %H:%M} UTC): nothing was moved"
-    )
-
-
-def _too_late(check: Check, reason: str) -> str:
-    because = f": {reason}" if reason else ": its turn did not come"
-    return f"its window of {check.window_s:g} s ended at {check.ends_at:%H:%M} UTC{because}"
