@@ -22,6 +22,7 @@ _FEWEST_ROWS: Final = 4
 _ROWS_OF_A_RAMP: Final = 40
 _SPEEDS_APART: Final = 0.2  # speeds that differ by less than this share of their median count as one
 _PLATEAU: Final = 0.97
+_SURELY: Final = 3.0  # standard deviations of a curvature
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,13 +129,14 @@ def fit_uniform_motion(samples: Samples, phases: Phases, action: Action) -> Unif
 def _fit(
     samples: Samples, action: Action, rows: BoolArray, parts: list[tuple[Stretch, slice]]
 ) -> UniformMotion | Outcome:
-    sense, speed = np.zeros(samples.count), np.zeros(samples.count)
+    sense, speed, drift = np.zeros(samples.count), np.zeros(samples.count), np.zeros(samples.count)
     speeds = []
     for stretch, part in parts:
         sense[part] = stretch.direction
         time_s = samples.time_s[part] - samples.time_s[part].mean()
         speeds.append(abs(float(time_s @ samples.position_m[part]) / float(time_s @ time_s)))
         speed[part] = speeds[-1]
+        drift[part] = stretch.direction * _speed_drift(time_s, samples.position_m[part], samples.position_noise_m)
     directions = frozenset(stretch.direction for stretch, _ in parts)
     reference = float(np.median(speeds))
     several = max(speeds) - min(speeds) > _SPEEDS_APART * reference
@@ -155,7 +157,11 @@ def _fit(
     found = dict(zip(names, coefficients, strict=False))
     covariance = np.zeros((3, 3))
     places = [("k", "A", "F_0").index(name) for name in names]
-    covariance[np.ix_(places, places)] = fit.covariance[: len(names), : len(names)]
+    most = 0.5 * float(np.ptp(samples.force_n)) if len(directions) == 1 else abs(float(found["A"]))
+    known = fit.covariance
+    if action is not Action.DOUBLE:
+        known = known + _by_drift(np.stack(matrix, axis=1)[rows], (sense * drift)[rows], most / reference)
+    covariance[np.ix_(places, places)] = known[: len(names), : len(names)]
     viscous = (float(coefficients[-1]), float(np.sqrt(fit.covariance[-1, -1]))) if several else None
     one_way = next(iter(directions)) if len(directions) == 1 else 0
     return UniformMotion(
@@ -169,3 +175,27 @@ def _fit(
         rows=rows,
         residual_rms_n=fit.residual_rms,
     )
+
+
+def _speed_drift(time_s: FloatArray, position_m: FloatArray, noise_m: float) -> FloatArray:
+    """How the velocity of a part goes on from its mean, m/s, shape (n,), by a parabola; 0 where noise may be all of it.
+
+    ``time_s`` (n,) are about their mean.
+    """
+    bend = time_s * time_s
+    bend = bend - bend.mean()
+    bend -= time_s * float(time_s @ bend) / float(time_s @ time_s)
+    size = float(bend @ bend)
+    if size <= 0.0:
+        return np.zeros(time_s.size)
+    curvature = float(bend @ position_m) / size
+    sure = max(0.0, curvature * curvature - _SURELY**2 * noise_m**2 / size)
+    return np.asarray(2.0 * np.copysign(np.sqrt(sure), curvature) * time_s)
+
+
+def _by_drift(matrix: FloatArray, drift: FloatArray, most_viscous: float) -> FloatArray:
+    """Covariance, (p, p), by F_v times speeds that drift, (n,): F_v is anything from 0 to A/v, and no column has it."""
+    if not drift.any() or not np.isfinite(most_viscous):
+        return np.zeros((matrix.shape[1], matrix.shape[1]))
+    moved = np.linalg.lstsq(matrix, drift, rcond=None)[0] * most_viscous / np.sqrt(3.0)
+    return np.asarray(np.outer(moved, moved))
