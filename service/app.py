@@ -86,7 +86,7 @@ def create_app(
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         opened = store if store is not None else await asyncio.to_thread(open_store, plant.service)
-        polling = Polling()
+        polling = app.state.polling = Polling()
         pool = AnalysisCrew(polling=polling) if analyst is None else None
         converter = Converter()
         chosen = pool if pool is not None else analyst

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import threading
 import time
 from dataclasses import replace
 
@@ -13,6 +14,7 @@ from drivers.addresses import MotionLimits, Parity, Point, RtuAddress
 from drivers.device import connect_valve
 from drivers.maps.reference import CaptureState, WatchdogState
 from drivers.outcome import Ended, SampleBlock
+from drivers.polled_play import PolledPlay
 from drivers.transport import Transport
 from tests.drivers.bench import LIMITS, SAFE_PA, WAVE, WIRING, Bench, until
 from tests.drivers.conftest import TIMEOUT_S
@@ -20,7 +22,7 @@ from tests.drivers.reference_device import METRE_PER_PA, SPAN_PA, ReferenceDevic
 from tests.drivers.slave import Fault, RawSlave, SerialPort
 from tests.stopwatch import Stopwatch
 from valve.errors import BusyError, ConfigurationError, DeviceError, WaveformError, WireError
-from valve.recording import Acquisition
+from valve.recording import Acquisition, Provenance, Recording
 from valve.waveform import Waveform, steps, triangle
 
 
@@ -455,6 +457,21 @@ async def test_a_map_that_cannot_capture_says_so(slave: RawSlave, tcp: Transport
     bench = Bench(ReferenceDevice(slave), connect_valve(wiring, {"bus": tcp}))
     with pytest.raises(ConfigurationError, match="cannot capture"):
         await bench.play(mode="captured")
+
+
+async def test_a_recording_is_put_together_beside_the_event_loop_on_which_other_valves_are_polled(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made, on_loop = PolledPlay.recording, []
+
+    def recording(self: PolledPlay, provenance: Provenance) -> Recording | None:
+        on_loop.append(threading.current_thread() is threading.main_thread())
+        return made(self, provenance)
+
+    monkeypatch.setattr(PolledPlay, "recording", recording)
+    outcome = await bench.play()
+    assert outcome.recording is not None
+    assert on_loop == [False]
 
 
 async def test_samples_arrive_while_the_test_runs(bench: Bench) -> None:
