@@ -19,6 +19,7 @@ BoolArray = npt.NDArray[np.bool_]
 
 # Own choice: a longest step within a run (one missed slot is a gap).
 _LONGEST_STEP_PERIODS: Final = 1.75
+_LARGEST_FORCE_STEP: Final = 0.04  # own choice, of the force's range, from row to row: with more nothing is followed
 _LARGEST_POSITION_M: Final = 1.0e3
 _LARGEST_FORCE_N: Final = 1.0e9
 _ENOUGH_DIFFERENCES: Final = 20_000  # for a median to within 1 %
@@ -74,6 +75,9 @@ def prepare(recording: Recording, nameplate: Nameplate) -> Samples | Outcome:
     lengths = np.diff(np.concatenate([firsts, [rows.size]]))
     if period_s <= 0.0 or int(lengths.max()) < FEWEST_TOGETHER:
         return Outcome.TOO_FEW_SAMPLES
+    # of ramps at several rates the slow ones tell; of a test in steps most rows change nothing
+    if float(np.quantile(np.abs(np.diff(force_n)), 0.25)) > _LARGEST_FORCE_STEP * float(np.ptp(force_n)):
+        return Outcome.RATE_TOO_LOW
     run_first = np.repeat(firsts, lengths)
     run_last = run_first + np.repeat(lengths, lengths) - 1
     return Samples(

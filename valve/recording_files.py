@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -18,10 +19,11 @@ from valve.plausibility import (
     require_plausible_position,
     require_plausible_pressure,
 )
-from valve.recording import CHANNELS, INTERVAL_CHANNELS, FloatArray, Provenance, Recording
+from valve.recording import CHANNELS, INTERVAL_CHANNELS, Acquisition, FloatArray, Provenance, Recording
 
 _PARQUET_MAGIC: Final = b"PAR1"
 _PARQUET_SUFFIXES: Final = (".parquet", ".pq")
+_POLLED_COLUMNS: Final = frozenset(INTERVAL_CHANNELS)  # a write and a look a row: nothing else has them
 _LARGEST_FILE_BYTES: Final = 2**31  # 10 hours of 1 kHz are 1 GB of CSV; more is no test of a valve
 
 
@@ -138,6 +140,8 @@ def _recording(
         _require_plausible(columns, nameplate, source)
     if "command_ma" in columns:
         columns["command_pa"] = _command_pa(columns.pop("command_ma"), nameplate, source)
+    if provenance.acquisition is Acquisition.FILE and columns.keys() >= _POLLED_COLUMNS:
+        provenance = replace(provenance, acquisition=Acquisition.POLLED)  # a CSV does not say it otherwise
     return Recording(**columns, provenance=provenance)
 
 

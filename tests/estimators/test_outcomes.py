@@ -15,7 +15,7 @@ from tests.estimators.recordings import SYMBOLS, Recorded, recorded
 from valve.nameplate import Action, Actuator, Nameplate
 from valve.parameters import TravelStops
 from valve.recording import Recording
-from valve.waveform import Waveform, sine, steps, triangle
+from valve.waveform import Waveform, multi_rate_triangle, sine, steps, triangle
 
 BOTH: list[Estimator] = [RegressionEstimator(), GarciaEstimator()]
 
@@ -126,6 +126,23 @@ def test_a_rate_that_is_too_low() -> None:
     regression = estimated(RegressionEstimator(), test)
     assert regression.status is not Status.OK
     assert "sampling rate is too low" in regression.message
+
+
+@pytest.mark.parametrize(("period_s", "enough"), [(0.5, False), (0.38, True)])
+def test_rows_between_which_the_force_goes_more_than_4_percent_of_its_range_follow_nothing(
+    period_s: float, enough: bool
+) -> None:
+    """Of 0.5 s on ramps of 10 s a vibration of 0.95 Hz was made, and of the stem that it never moved."""
+    test = recorded("nominal", period_s=period_s, waveform=triangle(20.0, 2, 0.0, 82737.0))
+    assert (prepare(test.recording, test.nameplate) is not Outcome.RATE_TOO_LOW) == enough
+
+
+@pytest.mark.parametrize(
+    "waveform", [steps([0.0, 40000.0, 82737.0], 5.0), multi_rate_triangle([20.0] + [2.0] * 20, 0.0, 82737.0)]
+)
+def test_steps_and_fast_ramps_beside_slow_ones_are_no_lack_of_rows(waveform: Waveform) -> None:
+    test = recorded("nominal", period_s=0.05, waveform=waveform)
+    assert not isinstance(prepare(test.recording, test.nameplate), Outcome)
 
 
 @pytest.mark.parametrize("estimator", BOTH, ids=by_method)

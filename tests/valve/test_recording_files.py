@@ -161,7 +161,15 @@ def test_provenance_and_exchange_times_come_back(tmp_path: Path) -> None:
     assert_same(read, written)
     assert read.gaps == 0
     write_csv(written, tmp_path / "a.csv")
-    assert_same(read_recording(tmp_path / "a.csv"), written)
+    read = read_recording(tmp_path / "a.csv")
+    assert_same(read, written)
+    assert read.provenance == Provenance(Acquisition.POLLED)  # the times of the writes say so
+
+
+def test_a_csv_without_the_times_of_writes_does_not_say_how_it_was_taken(tmp_path: Path) -> None:
+    time_s = ticks(5, 0.01)
+    write_csv(Recording(time_s, time_s, force_n=time_s, sent_s=time_s, received_s=time_s + 0.001), tmp_path / "a.csv")
+    assert read_recording(tmp_path / "a.csv").provenance == Provenance()
 
 
 def test_write_parquet_returns_the_sha256_of_the_file(tmp_path: Path) -> None:
