@@ -14,7 +14,7 @@ from rich.text import Text
 
 from service.cli.demo_plant import DemoValve
 from service.cli.diagnosis_tables import diagnosis_lines
-from service.cli.plain_numbers import half_width
+from service.cli.plain_numbers import as_read, half_width
 from valve.parameters import PARAMETER_SYMBOLS
 
 _METHODS: Final = {
@@ -131,4 +131,4 @@ def print_test(console: Console, valve: DemoValve, made: dict[str, Any]) -> None
     console.print(_table(valve, made))
     notes = _notes(test["analysis"]["estimates"], console.width - _INDENT)
     for line in [*notes, *diagnosis_lines(test["analysis"]["discrepancy"])]:
-        console.print(Padding(Text(line), (0, 0, 0, _INDENT), expand=False))
+        console.print(Padding(Text(as_read(line)), (0, 0, 0, _INDENT), expand=False))
