@@ -70,7 +70,7 @@ def test_each_reason_stands_once_and_on_one_line() -> None:
     )
     notes = [line for line in lines if line.startswith("  ") and ": " in line]
     assert notes == [
-        "  DV: known to +-290 % only, the limit is 30 %: it is tied to F_s",
+        "  DV: known to ±290 % only, the limit is 30 %: it is tied to F_s",
         "  method 1 regression, method 2 garcia: The motion of a valve with these…",
         "  Diagnosis: not assessed. Nothing was looked for.",
     ]
