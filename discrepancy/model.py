@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 
-from discrepancy.observed import Observed, Segment
+from discrepancy.observed import Observed
+from discrepancy.sensed_places import rests_of, start_state
 from discrepancy.unknowns import Unknown, Unknowns, valve_of
 from estimators.samples import BoolArray, FloatArray
 from valve.errors import MotionError, ParameterError
 from valve.extended_motion import ExtendedStem, input_corners
-from valve.extended_state import ExtendedState, Rests
-from valve.extended_valve import ExtendedValve, SensorPath
-from valve.stem import StemState
+from valve.extended_valve import ExtendedValve
 
 _MOST_EVENTS: Final = 20_000
 _LONGEST_SUB_STEP_S: Final = 1.0e-2
@@ -128,32 +126,10 @@ def simulated(
             corner_s[0] = segment.time_s[0]
         if observed.command_only and not valve.input.is_neutral:
             corner_s, corner_n = input_corners(valve.input, corner_s, corner_n, float(segment.time_s[-1]))
-        stops = valve.stops
-        start_m = values.get(f"x_{number}", segment.start_m)
-        low_m = stops.low_m if math.isinf(stops.low_rate_n_per_m) else -math.inf
-        high_m = stops.high_m if math.isinf(stops.high_rate_n_per_m) else math.inf
-        start = StemState(min(max(start_m, low_m), high_m), segment.start_velocity)
-        state = ExtendedState(start, elapsed_s=segment.elapsed_s, rest_since_s=segment.elapsed_s)
-        rests = _rests(segment, valve.sensor)
+        state = start_state(segment, values.get(f"x_{number}", segment.start_m), valve)
+        rests = rests_of(segment, valve.sensor)
         sensed_m, passes = stem.sensed(state, corner_s, corner_n, segment.time_s, rests=rests)
         parts.append(sensed_m)
         if tally is not None:
             tally.passes += passes
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
-
-
-def _rests(segment: Segment, sensor: SensorPath) -> Rests | None:
-    """Places of the stem at the measured rests: what the sensor makes of a position is taken back."""
-    if segment.rest_time_s.size == 0:
-        return None
-    shown = segment.rest_m
-    if sensor.gain != 1.0:
-        shown = sensor.gain_reference_m + (shown - sensor.gain_reference_m) / sensor.gain
-    if sensor.bow_m != 0.0:
-        place = shown
-        for _ in range(3):
-            u = (place - sensor.bow_low_m) / sensor.bow_span_m
-            place = shown - 4.0 * sensor.bow_m * u * (1.0 - u)
-        shown = place
-    # the play's lever follows behind the stem
-    return Rests(segment.rest_time_s, shown + 0.5 * sensor.play_m * segment.rest_sense)

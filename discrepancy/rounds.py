@@ -57,8 +57,8 @@ def refits(best: Fit, candidates: list[Candidate], setting: Setting, most: int, 
     """
     ordinary = [one for one in candidates if not one.cause.is_hard and not one.cause.is_shy][:most]
     slow = [one for one in ordinary[1:] if one.cause.is_slow and one.promise < _RIVAL_SHARE * ordinary[0].promise]
-    ordinary = [one for one in ordinary if one not in slow]
-    ordinary += [one for one in candidates if one.cause.is_shy]
+    # shy ones in their place: last of all, one that takes most of the misfit found the work used up
+    ordinary = [one for one in candidates if one.cause.is_shy or (one in ordinary and one not in slow)]
     hard = [one for one in candidates if one.cause.is_hard]
     fits: Fits = []
     lowest, explained, promise = math.inf, False, 0.0

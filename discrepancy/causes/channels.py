@@ -113,10 +113,15 @@ def _reading_lag_sentence(values: Mapping[str, Fitted], _setting: Setting) -> st
 
 
 def _reading_lag_starts(setting: Setting) -> list[Values]:
-    """A lag beside the damping as it is, and in its place: on ramps L looks like k L of F_v."""
+    """A lag beside the damping as it is, and in its place: on ramps L looks like k L of F_v.
+
+    Where the stem starts and stops a lag looks like mass too, so that in its place the nameplate's mass begins anew.
+    """
     viscous, late_s = setting.values["F_v"], setting.values["F_v"] / setting.values["k"]
-    instead = [{"lag_s": share * late_s, "F_v": (1.0 - share) * viscous} for share in (0.3, 0.6, 0.9)]
-    return [{"lag_s": 0.01, "F_v": viscous}, {"lag_s": 0.1, "F_v": viscous}, *instead]
+    mass_kg = setting.observed.motions[0].moving_mass_kg or setting.values["m"]
+    instead = [{"lag_s": share * late_s, "F_v": (1.0 - share) * viscous, "m": mass_kg} for share in (0.3, 0.6, 0.9)]
+    own = {"F_v": viscous, "m": setting.values["m"]}
+    return [{"lag_s": 0.01, **own}, {"lag_s": 0.1, **own}, *instead]
 
 
 READING_LAG: Final = Cause(

@@ -1,0 +1,58 @@
+"""Where the stem is where a sensor was read: what the sensor makes of a position is taken back."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from discrepancy.observed import Segment
+from estimators.samples import FloatArray
+from valve.extended_state import ExtendedState, Rests
+from valve.extended_valve import ExtendedValve, SensorPath
+from valve.stem import StemState
+
+
+def start_state(segment: Segment, shown_m: float, valve: ExtendedValve) -> ExtendedState:
+    """Return the state in which this valve begins a segment whose first reading, without noise, is ``shown_m``.
+
+    After a gap the stem has moved before: its first breakaway is over, and a play's lever trails where it came from.
+    """
+    sensor, velocity = valve.sensor, segment.start_velocity
+    settled_m = shown_m + velocity * sensor.lag_s
+    played_m = float(_followed(np.array([settled_m]), sensor)[0])
+    stem_m = played_m + 0.5 * sensor.play_m * segment.start_sense
+    stops = valve.stops
+    low_m = stops.low_m if math.isinf(stops.low_rate_n_per_m) else -math.inf
+    high_m = stops.high_m if math.isinf(stops.high_rate_n_per_m) else math.inf
+    has_moved = segment.start_sense != 0.0
+    return ExtendedState(
+        StemState(min(max(stem_m, low_m), high_m), velocity),
+        elapsed_s=segment.elapsed_s,
+        rest_since_s=segment.rest_since_s,
+        never_moved=not has_moved,
+        sensor_m=(played_m, settled_m, shown_m) if has_moved else None,
+    )
+
+
+def rests_of(segment: Segment, sensor: SensorPath) -> Rests | None:
+    """Return the places of the stem at the measured rests of a segment; None where it has none."""
+    if segment.rest_time_s.size == 0:
+        return None
+    # the play's lever follows behind the stem
+    followed_m = _followed(segment.rest_m, sensor)
+    return Rests(segment.rest_time_s, followed_m + 0.5 * sensor.play_m * segment.rest_sense)
+
+
+def _followed(shown_m: FloatArray, sensor: SensorPath) -> FloatArray:
+    """Positions of the lever that the sensor shows as ``shown_m``, m, shape (n,), once it has settled."""
+    straight = shown_m
+    if sensor.gain != 1.0:
+        straight = sensor.gain_reference_m + (shown_m - sensor.gain_reference_m) / sensor.gain
+    if sensor.bow_m == 0.0:
+        return straight
+    place = straight
+    for _ in range(3):
+        u = (place - sensor.bow_low_m) / sensor.bow_span_m
+        place = straight - 4.0 * sensor.bow_m * u * (1.0 - u)
+    return place

@@ -1,0 +1,52 @@
+"""In which order causes are fitted, and from where."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from discrepancy import rounds
+from discrepancy.baseline import fit_baseline
+from discrepancy.causes.channels import READING_LAG
+from discrepancy.least_squares import Fit
+from discrepancy.observed import Observed, observe
+from discrepancy.registry import CAUSES
+from discrepancy.screening import Candidate
+from discrepancy.setting import setting_of
+from tests.discrepancy.hidden import hidden
+
+
+@pytest.fixture(scope="module")
+def plain() -> Fit:
+    case = hidden("nominal", seed=1)
+    observed = observe([case.recording], case.nameplate)
+    assert isinstance(observed, Observed)
+    fit = fit_baseline(observed)
+    assert fit is not None
+    return fit
+
+
+def test_a_shy_cause_that_promises_most_is_fitted_before_the_work_is_used_up(
+    plain: Fit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fitted: list[str] = []
+
+    def noted(fit: Fit, candidate: Candidate, *_others: Any) -> Fit:
+        fitted.append(candidate.cause.name)
+        return replace(fit, cost=math.inf)
+
+    monkeypatch.setattr(rounds, "refit", noted)
+    promised = {"position_lag": 0.7, "friction_gradient": 0.1, "spring_hardening": 0.05, "position_backlash": 0.01}
+    candidates = [Candidate(CAUSES[name], (), promise) for name, promise in promised.items()]
+    rounds.refits(plain, candidates, setting_of(plain), 9, math.inf)
+    assert fitted == list(promised)
+
+
+def test_a_lag_in_place_of_damping_begins_with_the_nameplates_mass(plain: Fit) -> None:
+    setting = setting_of(plain)
+    heavy = replace(setting, values={**setting.values, "m": 96.0})
+    masses = {start["m"] for start in READING_LAG.starts(heavy)}
+    assert masses == {96.0, setting.observed.nameplate.actuator.moving_mass_kg}
