@@ -48,7 +48,10 @@ def export(  # noqa: PLR0917 - typer takes options by position
         start = None if since is None else since.replace(tzinfo=UTC)
         chosen = tests or runs.ended_since(start, valve=valve)
         if not chosen:
-            raise NotFoundError(f"no test with a recording since {since or 'ever'} for {valve or 'any valve'}")
+            if valve is not None and valve not in plant.valves:
+                raise NotFoundError(f"--valve {valve}: no valve has this tag: choose one of {', '.join(plant.valves)}")
+            told = "" if since is None else f" since {since:%Y-%m-%d %H:%M} UTC"
+            raise NotFoundError(f"{valve or 'any valve'}: the store has no test with a recording{told}: test it first")
         _make(out)
         for run_id in chosen:
             try:

@@ -20,6 +20,8 @@ from service.cli.client import asked, service_client
 from service.cli.overrides import read_overrides
 from service.cli.signals import ended_by_signals
 from service.runs.run import Label
+from service.shown_sentences import in_units
+from service.shown_units import UnitSystem
 from valve.errors import MeasurementError, WireError
 
 _RECONNECTIONS: Final = 5
@@ -117,7 +119,7 @@ def _events(client: httpx.Client, location: str, last: str) -> Iterator[tuple[st
 
 
 def _reason(test: dict[str, Any]) -> str:
-    return str(test["error"] or "no reason given").removeprefix(f"{test['valve']}: ")
+    return in_units(str(test["error"] or "no reason given").removeprefix(f"{test['valve']}: "), UnitSystem.SI)
 
 
 def _print_test(console: Console, test: dict[str, Any]) -> None:

@@ -275,9 +275,9 @@ def build_waveform(name: str, overrides: Mapping[str, Any], nameplate: Nameplate
     except ValidationError as error:
         known = list(SEQUENCES[name].model_fields)
         reasons = "; ".join(fault_of(one, known) for one in error.errors(include_url=False)[:10])
-        raise RequestError(
-            f"overrides of sequence {name}: {reasons}: correct them; it knows {', '.join(known)}"
-        ) from None
+        listed = f"; it knows {', '.join(known)}"
+        told = "" if listed.removeprefix("; it knows ") in reasons else listed
+        raise RequestError(f"overrides of sequence {name}: {reasons}: correct them{told}") from None
     room = room_of(nameplate, limits)
     room = replace(
         room,

@@ -17,19 +17,20 @@ from service.cli import COMMANDS
 from service.settings import load_plant
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.running_service import running_service
+from valve.errors import DeviceError
 
 BREAKAWAY = (sys.executable, "-m", "service.cli")
 
 
 def called(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([*BREAKAWAY, *arguments], capture_output=True, text=True, timeout=60, check=False)
+    return subprocess.run([*BREAKAWAY, *arguments], capture_output=True, text=True, timeout=300, check=False)
 
 
 def test_help_names_every_command_and_loads_none_of_them() -> None:
     code = "import sys; sys.argv = ['breakaway', '--help']\nfrom service.cli import main\ntry:\n    main()\n"
     code += "except SystemExit as end:\n    assert end.code == 0\n"
     code += "print(sorted(set(sys.modules) & {'numpy', 'numba', 'fastapi', 'httpx', 'sqlalchemy', 'pymodbus'}))\n"
-    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=300, check=True)
     for command in COMMANDS:
         assert command in answer.stdout
     assert answer.stdout.splitlines()[-1] == "[]"
@@ -99,7 +100,7 @@ def test_a_plant_file_that_cannot_be_read_is_the_same_sentence_everywhere(
     command: str, file: str, tmp_path: Path
 ) -> None:
     answer = subprocess.run(
-        [*BREAKAWAY, command, "--config", file], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+        [*BREAKAWAY, command, "--config", file], cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False
     )
     assert answer.returncode == 1
     assert answer.stderr.startswith("breakaway: ")
@@ -143,6 +144,18 @@ async def test_run_hands_overrides_on(plant_file: Path) -> None:
         out, err = await asyncio.wait_for(process.communicate(), 60.0)
         assert process.returncode == 0, err.decode()
         assert json.loads(out)["overrides"] == {"cycles": 1, "period_s": 8.0}
+
+
+async def test_why_a_test_failed_is_told_in_units_that_people_read(plant_file: Path) -> None:
+    rig = FakeRig()
+    rig.break_at, rig.failure = 0.5, DeviceError("FV-101: it moved by 8.141e+04 Pa and stood at 0.0485455 m")
+    async with running_service(load_plant(plant_file), rig, FakeAnalyst()) as client:
+        process = await asyncio.create_subprocess_exec(
+            *BREAKAWAY, "run", "FV-101", "--url", str(client.base_url), stdout=-1, stderr=-1
+        )
+        _, err = await asyncio.wait_for(process.communicate(), 60.0)
+        assert process.returncode == 1
+        assert "it moved by 81.41 kPa and stood at 48.55 mm" in err.decode()
 
 
 async def test_run_ends_with_1_when_the_test_fails(plant_file: Path) -> None:

@@ -102,6 +102,17 @@ def test_the_tests_of_a_valve_since_a_date_are_exported(plant_file: Path) -> Non
     store.close()
 
 
+def test_an_export_of_nothing_says_whether_the_tag_or_the_time_is_wrong(plant_file: Path) -> None:
+    store = Store(plant_file.parent / "plant-data")
+    _stored(store)
+    store.close()
+    out = ("--out", str(plant_file.parent / "out"))
+    with pytest.raises(ValveError, match=r"--valve XX: no valve has this tag: choose one of A1, A2, B1"):
+        _export(plant_file, "--valve", "XX", *out)
+    with pytest.raises(ValveError, match=r"A2: the store has no test with a recording since 2099-01-01 00:00 UTC"):
+        _export(plant_file, "--valve", "A2", "--since", "2099-01-01", *out)
+
+
 def test_a_recording_that_was_changed_is_not_exported(plant_file: Path) -> None:
     store = Store(plant_file.parent / "plant-data")
     run = _stored(store)

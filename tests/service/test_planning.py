@@ -158,6 +158,10 @@ def test_a_service_that_wants_a_token_is_not_said_to_know_nothing_of_the_valve(
         (["FV-9"], "FV-9"),
         (["FV-101", "--sequence", "waltz"], "waltz"),
         (["FV-101", "--sequence", "triangle", "--override", "cycle=2"], "it knows low_pa"),
+        (
+            ["FV-101", "--sequence", "triangle", "--override", "speed=2"],
+            "speed: this key is unknown, known here are low_pa, high_pa, period_s, cycles: correct them\n",
+        ),
         (["FV-101", "--sequence", "triangle", "--override", "cycles:2"], "KEY=NUMBER"),
         (["FV-101", "--override", "cycles=2"], "name it by --sequence"),
         (["FV-101", "--sequence", "triangle", "--override", "period_s=2"], "limits.pressure_rate_pa_per_s"),
@@ -166,7 +170,7 @@ def test_a_service_that_wants_a_token_is_not_said_to_know_nothing_of_the_valve(
 def test_a_request_that_cannot_be_planned_ends_with_one_sentence(arguments: list[str], words: str) -> None:
     answer = planned(*arguments, "--config", str(EXAMPLE))
     assert isinstance(answer.exception, RequestError)
-    assert words in str(answer.exception)
+    assert words in f"{answer.exception}\n"
 
 
 def test_an_override_changes_the_one_sequence() -> None:
