@@ -55,7 +55,7 @@ class Tablet:
     def run(self, script: str, *arguments: Any) -> Any:
         return self.driver.execute_script(script, *arguments)
 
-    def until(self, done: Callable[[], Any], what: str, timeout_s: float = 10.0) -> Any:
+    def until(self, done: Callable[[], Any], what: str, timeout_s: float = 30.0) -> Any:
         """Wait until ``done`` returns something true."""
         deadline = time.monotonic() + timeout_s
         while time.monotonic() < deadline:
@@ -65,7 +65,7 @@ class Tablet:
             time.sleep(0.05)
         raise AssertionError(f"{what}: not within {timeout_s:g} s; the page says: {self.text('body')[:600]}")
 
-    def until_reads(self, css: str, words: str, timeout_s: float = 10.0) -> None:
+    def until_reads(self, css: str, words: str, timeout_s: float = 30.0) -> None:
         self.until(lambda: words.lower() in self.text(css).lower(), f"{css} reads {words!r}", timeout_s)
 
     def lose_the_network(self) -> None:

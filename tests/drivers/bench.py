@@ -66,7 +66,7 @@ class Bench:
 
 
 async def until(condition: Callable[[], bool]) -> None:
-    """Wait for a condition, 10 s at most."""
-    async with asyncio.timeout(10.0):
+    """Wait for a condition, a minute at most."""
+    async with asyncio.timeout(60.0):
         while not condition():  # noqa: ASYNC110  - it is looked at from outside, nothing would set an event
             await asyncio.sleep(0.01)

@@ -92,7 +92,7 @@ async def night(plant: Plant, store: Store, rig: FakeRig, clock: Clock) -> Async
         await nightly.close()
 
 
-async def until(store: Store, done: Callable[[list[Check]], bool], deadline_s: float = 10.0) -> list[Check]:
+async def until(store: Store, done: Callable[[list[Check]], bool], deadline_s: float = 60.0) -> list[Check]:
     """Return all checks of the store once they satisfy ``done``."""
     ends = asyncio.get_running_loop().time() + deadline_s
     while True:

@@ -30,7 +30,7 @@ async def running_service(plant: Plant, rig: Rig | None, analyst: Analyst | None
         await asyncio.sleep(0.005)
     port = server.servers[0].sockets[0].getsockname()[1]
     try:
-        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=20.0) as client:
+        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=120.0) as client:
             yield client
     finally:
         server.should_exit = True

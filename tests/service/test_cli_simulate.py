@@ -176,7 +176,7 @@ def test_the_command_serves_says_so_logs_and_ends_cleanly_on_a_signal(
         for pdu in (struct.pack(">BHHBIH", 16, 36, 3, 6, 9, 1), struct.pack(">BHHBIf", 16, 32, 4, 8, 9, 5.0e4)):
             connection.sendall(struct.pack(">HHHB", 1, 0, len(pdu) + 1, 1) + pdu)
             assert connection.recv(64)[7] == 16
-    deadline = time.monotonic() + 10.0
+    deadline = time.monotonic() + 60.0
     lines: list[dict[str, object]] = []
     while time.monotonic() < deadline and not any(line.get("position_m", 0.0) != 0.0 for line in lines):
         time.sleep(0.05)
@@ -185,7 +185,7 @@ def test_the_command_serves_says_so_logs_and_ends_cleanly_on_a_signal(
     assert [(line["tag"], line["run"], line["pressure_pa"]) for line in commanded] == [("A", 9, 5.0e4)]
     assert any(line.get("position_m", 0.0) != 0.0 for line in lines)
     process.send_signal(number)
-    assert process.wait(10.0) == 0
+    assert process.wait(120.0) == 0
     assert process.stderr is not None
     assert process.stderr.read() == ""
     assert not (folder / "line").is_symlink()

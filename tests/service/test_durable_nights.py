@@ -34,7 +34,7 @@ def _service(plant_file: Path, duration_s: float, *more: str) -> Iterator[subpro
             process.kill()
 
 
-def _until(engine: Engine, done: Callable[[list[Check]], bool], deadline_s: float = 40.0) -> dict[str, Check]:
+def _until(engine: Engine, done: Callable[[list[Check]], bool], deadline_s: float = 120.0) -> dict[str, Check]:
     ends_s = time.monotonic() + deadline_s
     while True:
         checks = ScheduleRunTable(engine).between(*ENDS)
@@ -72,14 +72,14 @@ def test_a_killed_night_resumes_nothing_and_goes_on_with_what_waited(plant_file:
         _ready(first)
         begun = _until(engine, lambda checks: sum(check.test_id is not None for check in checks) == 2)
         first.send_signal(signal.SIGKILL)
-        first.wait(10.0)
+        first.wait(120.0)
     assert begun["A2"].state is CheckState.QUEUED
     with _service(plant_file, 0.05) as second:
         _ready(second)
         checks = _until(engine, lambda found: all(check.state.ended for check in found))
         time.sleep(1.5)  # three polls of the queue: a job that is taken up again would be by now
         second.send_signal(signal.SIGTERM)
-        assert second.wait(20.0) == 0
+        assert second.wait(120.0) == 0
     assert {tag: check.state.value for tag, check in checks.items()} == {
         "A1": "interrupted",
         "A2": "completed",

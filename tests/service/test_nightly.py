@@ -23,12 +23,15 @@ def _all_ended(checks: list[Check], count: int = 3) -> bool:
 
 
 async def test_at_its_time_every_valve_is_checked_one_at_a_time_on_a_bus_and_buses_at_once(quick_path: Path) -> None:
-    plant, store, rig, clock = night_plant(quick_path), Store(quick_path / "s"), FakeRig(0.3), Clock(BEFORE)
+    plant, store, rig, clock = night_plant(quick_path), Store(quick_path / "s"), FakeRig(10.0), Clock(BEFORE)
     async with night(plant, store, rig, clock) as (nightly, runs):
         await nightly.look()
         assert rig.orders == []
         clock.now = DUE + timedelta(seconds=20)
         nightly.look_now()
+        await until(store, lambda _: len(rig.orders) == 2)
+        assert {order.valve.nameplate.tag for order in rig.orders} == {"A1", "B1"}
+        rig.duration_s = 0.3
         checks = await until(store, _all_ended)
         assert [check.state for check in checks] == [CheckState.COMPLETED] * 3
         tests = {check.valve: await runs.get(str(check.test_id)) for check in checks}
@@ -126,13 +129,14 @@ async def test_a_check_whose_turn_comes_after_the_window_is_skipped_with_the_rea
 
 
 async def test_somebody_who_waits_goes_before_the_next_check_of_the_night(quick_path: Path) -> None:
-    plant, store, rig, clock = night_plant(quick_path), Store(quick_path / "s"), FakeRig(0.3), Clock(BEFORE)
+    plant, store, rig, clock = night_plant(quick_path), Store(quick_path / "s"), FakeRig(10.0), Clock(BEFORE)
     async with night(plant, store, rig, clock) as (nightly, runs):
         clock.now = DUE
         await nightly.look()
         await until(store, lambda found: any(c.valve == "A1" and c.test_id for c in found))
         with pytest.raises(BusyError, match="leave the bus to you"):
             await runs.start("A2", "triangle", {})
+        rig.duration_s = 0.3
         await until(store, lambda found: any(c.valve == "A1" and c.state.ended for c in found))
         await asyncio.sleep(0.3)  # the next check would have begun by now
         assert store.schedule_runs.latest("nightly")[1].state is CheckState.QUEUED

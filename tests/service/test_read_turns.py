@@ -46,7 +46,7 @@ def asked(app: ReadTurns, method: str, count: int) -> list[asyncio.Task[None]]:
 
 
 async def until(condition: Callable[[], bool]) -> None:
-    async with asyncio.timeout(10.0):
+    async with asyncio.timeout(60.0):
         while not condition():  # noqa: ASYNC110  - it is looked at from outside
             await asyncio.sleep(0.001)
 

@@ -22,7 +22,7 @@ RUN = {"valve": "FV-101"}
 LONG_S = 30.0
 
 
-async def finished(client: httpx.AsyncClient, location: str, within_s: float = 10.0) -> dict[str, Any]:
+async def finished(client: httpx.AsyncClient, location: str, within_s: float = 60.0) -> dict[str, Any]:
     deadline_s = time.monotonic() + within_s
     while time.monotonic() < deadline_s:
         body: dict[str, Any] = (await client.get(location)).json()

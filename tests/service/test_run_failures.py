@@ -134,7 +134,7 @@ async def test_a_journal_that_takes_long_does_not_hold_up_the_valve(
         return True
 
     def slow(*arguments: Any) -> Run:
-        safe.wait(10.0)
+        safe.wait(120.0)
         order.append("marked")
         return mark_interrupted(*arguments)
 

@@ -109,8 +109,8 @@ def test_a_second_process_on_the_same_store_is_refused(quick_path: Path) -> None
     answers: multiprocessing.Queue[str] = context.Queue()
     process = context.Process(target=_try_to_open, args=(quick_path, answers))
     process.start()
-    answer = answers.get(timeout=30)
-    process.join(timeout=30)
+    answer = answers.get(timeout=120)
+    process.join(timeout=120)
     assert "another service" in answer
     store.close()
     Store(quick_path).close()

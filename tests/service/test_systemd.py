@@ -61,7 +61,7 @@ def test_a_service_manager_hears_ready_then_a_beat_then_the_end(quick_path: Path
                 while heard == b"WATCHDOG=1":
                     heard = line.recv(100)
                 assert heard == b"STOPPING=1"
-                assert process.wait(30.0) == 0
+                assert process.wait(120.0) == 0
             finally:
                 process.kill()
 

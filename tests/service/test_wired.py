@@ -72,7 +72,7 @@ async def test_stop_on_real_wires_reaches_the_valve_within_a_second(quick_path: 
         async def moving() -> bool:
             return asked_pa(plant) > 29_000.0
 
-        await until(moving, 20.0, "the motion")
+        await until(moving, 60.0, "the motion")
         watch = Stopwatch()
         body = (await client.post(f"{location}/stop")).json()
         assert watch.own_s < 1.0
@@ -106,7 +106,7 @@ async def served(config: Path) -> AsyncIterator[tuple[asyncio.subprocess.Process
             assert process.returncode is None, log.read_text()
             return "listening" in log.read_text()[start:]
 
-        await until(listening, 60.0, "the start of the service")
+        await until(listening, 180.0, "the start of the service")
         url = re.findall(r"http://127\.0\.0\.1:\d+", log.read_text()[start:])[-1]
         async with httpx.AsyncClient(base_url=url, timeout=30.0) as client:
 
@@ -116,7 +116,7 @@ async def served(config: Path) -> AsyncIterator[tuple[asyncio.subprocess.Process
                 except httpx.TransportError:
                     return False
 
-            await until(healthy, 30.0, "the first answer")
+            await until(healthy, 120.0, "the first answer")
             yield process, client
     finally:
         if process.returncode is None:
@@ -131,7 +131,7 @@ async def test_sigterm_stops_the_test_and_leaves_the_valve_safe(quick_path: Path
         async def moving() -> bool:
             return asked_pa(plant) > 29_000.0
 
-        await until(moving, 30.0, "the motion")
+        await until(moving, 60.0, "the motion")
         watching = asyncio.create_task(client.get(f"{location}/events"))
         await asyncio.sleep(0.1)
         process.send_signal(signal.SIGTERM)
@@ -157,7 +157,7 @@ async def test_after_kill_9_the_test_is_interrupted_its_samples_are_kept_and_the
             async def recorded() -> bool:
                 return sum(entry.stat().st_size for entry in journals.iterdir()) > 5_000
 
-            await until(recorded, 30.0, "a journal with samples")
+            await until(recorded, 60.0, "a journal with samples")
             process.kill()
             await process.wait()
         assert asked_pa(plant) > 29_000.0
@@ -166,7 +166,7 @@ async def test_after_kill_9_the_test_is_interrupted_its_samples_are_kept_and_the
             async def safe() -> bool:
                 return (await client.get(location)).json()["safe_confirmed"] is True
 
-            await until(safe, 20.0, "the confirmation of the safe value")
+            await until(safe, 60.0, "the confirmation of the safe value")
             body = (await client.get(location)).json()
             assert body["state"] == "interrupted"
             assert "sent to its safe value" in body["error"]

@@ -23,7 +23,7 @@ from valve.parameter_sets import parameter_set
 RANGE_PA: Final = (0.0, 82737.0)
 POSITION_SPAN_M: Final = (-0.005, 0.107)
 PRESSURE_SPAN_PA: Final = (-4000.0, 87000.0)
-DEADLINE_S: Final = 5.0
+DEADLINE_S: Final = 60.0
 
 LIVE, LIVE_WORDS = 16, 13
 RUN_NUMBER, CLAIM, RUN_OWNER, WATCHDOG, SAFE, WATCHDOG_STATE = 32, 36, 40, 44, 48, 50

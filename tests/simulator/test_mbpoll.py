@@ -23,7 +23,7 @@ async def mbpoll(*arguments: str) -> dict[int, str]:
     process = await asyncio.create_subprocess_exec(
         "mbpoll", "-q", "-1", "-B", *arguments, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.STDOUT
     )
-    async with asyncio.timeout(10.0):
+    async with asyncio.timeout(60.0):
         output, _ = await process.communicate()
     text = output.decode()
     assert process.returncode == 0, text
