@@ -12,6 +12,7 @@ import numpy as np
 
 from discrepancy.beginning import beginning, last_motion
 from discrepancy.blocks import Blocks
+from discrepancy.pauses import pauses
 from estimators.base import Outcome
 from estimators.likelihood.input_path import CommandedPath, InputPath, MeasuredPath, Nuisance, input_path
 from estimators.likelihood.row_timing import position_doubts, shared_by_rest, still_rows
@@ -297,11 +298,11 @@ def _flat_where_held(corner_n: FloatArray) -> FloatArray:
 
 def _stick_slip_rests(motion: RecordedMotion) -> tuple[IntArray, FloatArray, FloatArray]:
     """Rows, positions and directions of arrival of the measured rests of a stick-slip; none where it slides."""
-    posed = all_rests(motion)
-    turns = max(1, len(motion.phases.corners))
-    if posed[0].size <= _STEPS_A_TURN * turns:
-        return np.empty(0, dtype=np.int64), np.empty(0), np.empty(0)
-    return posed
+    fewest = _STEPS_A_TURN * max(1, len(motion.phases.corners))
+    for posed in (all_rests(motion), pauses(motion)):
+        if posed[0].size > fewest:
+            return posed
+    return np.empty(0, dtype=np.int64), np.empty(0), np.empty(0)
 
 
 def all_rests(motion: RecordedMotion) -> tuple[IntArray, FloatArray, FloatArray]:

@@ -20,7 +20,7 @@ class Presliding(Effect):
     source: ClassVar[str] = "P. R. Dahl: A solid friction model, Aerospace Corporation TOR-0158(3107-18)-1 (1968)"
     parameters: ClassVar[tuple[EffectParameter, ...]] = (
         EffectParameter(
-            "deflection_m", "delta", "m", "F_s over the stiffness of the bristles", 0.0, 0.001, 0.01, Per.TRAVEL
+            "deflection_m", "delta", "m", "F_s over the stiffness of the bristles", 0.0, 0.001, 0.04, Per.TRAVEL
         ),
     )
 
