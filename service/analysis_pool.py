@@ -17,6 +17,7 @@ from typing import Any, Final
 import structlog
 
 from service.allowance import Allowance
+from service.priority import NICENESS
 from valve import errors
 from valve.errors import InternalError, ValveError
 from valve.nameplate import Nameplate
@@ -27,7 +28,6 @@ WORKER: Final = (sys.executable, "-m", "service.analysis_worker")
 _LOG = structlog.get_logger(__name__)
 _START_LIMIT_S: Final = 300.0  # compiling everything once on a slow machine
 _END_LIMIT_S: Final = 2.0
-_NICENESS: Final = 10  # below the service, whose sampling must not wait
 _LOOK_ONLY: Final = os.WEXITED | os.WNOHANG | os.WNOWAIT
 # A second thread of the linear algebra gains nothing on small matrices and takes a core from the polling.
 _ONE_THREAD: Final = {"OPENBLAS_NUM_THREADS": "1"}
@@ -161,7 +161,7 @@ class AnalysisPool:
         )
         with suppress(ProcessLookupError):  # by its owner: loading its libraries alone takes seconds of a core
             own = os.getpriority(os.PRIO_PROCESS, 0)
-            os.setpriority(os.PRIO_PROCESS, self._worker.pid, own + _NICENESS)  # the system takes 19 for more
+            os.setpriority(os.PRIO_PROCESS, self._worker.pid, own + NICENESS)  # the system takes 19 for more
         _LOG.info("analysis worker started", pid=self._worker.pid)
         return self._worker
 

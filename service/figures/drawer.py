@@ -1,4 +1,7 @@
-"""Pictures drawn in another process, and the last of them kept: the event loop and its neighbours keep their time."""
+"""Pictures drawn in another process, and the last of them kept: the event loop and its neighbours keep their time.
+
+That process runs at a lower priority: loading what draws takes seconds of a core, which a polled valve may need.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,8 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from importlib import import_module
 from typing import Any, Final, ParamSpec
+
+from service.priority import stand_back
 
 Parameters = ParamSpec("Parameters")
 
@@ -57,7 +62,7 @@ class Drawer:
 
     def _workers(self) -> ProcessPoolExecutor:
         if self._pool is None:
-            self._pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
+            self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), stand_back)
         return self._pool
 
     async def close(self) -> None:

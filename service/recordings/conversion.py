@@ -1,4 +1,4 @@
-"""Recordings as CSV, made in another process: the event loop and its neighbours keep their time."""
+"""Recordings as CSV, made in another process of lower priority: the event loop and its neighbours keep their time."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import asyncio
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+
+from service.priority import stand_back
 
 
 def _csv(path: Path) -> bytes:
@@ -24,7 +26,7 @@ class Converter:
     async def csv(self, path: Path) -> bytes:
         """Return a stored recording as CSV. Raises RecordingError where the file is damaged."""
         if self._pool is None:
-            self._pool = ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn"))
+            self._pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), stand_back)
         return await asyncio.get_running_loop().run_in_executor(self._pool, _csv, path)
 
     async def close(self) -> None:
