@@ -73,6 +73,11 @@ async def accept_model(tag: str, wanted: ModelRequest, parts: PartsOf, asks: Ask
         raise RequestError(
             f"test {run.id} has no extended model (diagnosis: {verdict}): accept that of a test with a named cause"
         )
+    if discrepancy.get("verdict") == "ambiguous":
+        raise RequestError(
+            f"test {run.id} does not tell its cause from {', '.join(discrepancy.get('not_told_apart_from') or ())}: "
+            "run the sequence separating first, and accept the model of a test with a named cause"
+        )
     details = {"test": run.id, "causes": sorted(model["causes"])}
     await asyncio.to_thread(
         parts.audit.append, "model.accepted", who=asks.name, valve=tag, test=run.id, details=details

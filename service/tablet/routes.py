@@ -255,7 +255,8 @@ def _result(request: Request, parts: Parts, run: Run, past: ValvePast) -> dict[s
         "has_pictures": bool(pictures.get("time")),
         "has_coordinates": bool(pictures.get("coordinates")) and diagnosis.verdict != "none",
         "has_comparison": can_compare(all_estimates(analysis)),
-        "has_model": bool((analysis.get("discrepancy") or {}).get("extended_model")),
+        "has_model": diagnosis.verdict != "ambiguous"
+        and bool((analysis.get("discrepancy") or {}).get("extended_model")),
         "has_loop": bool((analysis.get("signature") or {}).get("curve")),
         "figure_rows": shown_rows,
         "figures_missing": figures_missing,

@@ -74,6 +74,17 @@ async def test_only_a_completed_test_of_the_valve_with_a_model_can_be_accepted(
     assert_problem(await client.post("/valves/FV-9/model", json={"test": run["id"]}), 404, "FV-9")
 
 
+async def test_a_cause_that_is_not_told_from_others_is_not_accepted(
+    client: httpx.AsyncClient, analyst: FakeAnalyst
+) -> None:
+    rivals = ["friction_asymmetry", "presliding"]
+    analyst.discrepancy = {"verdict": "ambiguous", "extended_model": MODEL, "not_told_apart_from": rivals}
+    run = await run_test(client)
+    answer = await client.post("/valves/FV-101/model", json={"test": run["id"]})
+    assert_problem(answer, 422, "from friction_asymmetry, presliding: run the sequence separating first")
+    assert "Judge later tests" not in (await client.get(f"/ui/tests/{run['id']}")).text
+
+
 async def test_accepting_and_taking_back_stand_in_the_audit_log(
     client: httpx.AsyncClient, analyst: FakeAnalyst, plant: Plant
 ) -> None:
