@@ -222,10 +222,11 @@ def _promising(fit: Fit, model: Model, candidate: Candidate) -> list[FloatArray]
 
 
 def distinct(starts: Iterable[Values]) -> list[Values]:
-    """Return starts without those that differ by less than a percent from one before."""
+    """Return starts without those that differ by less than a percent from one before; of other unknowns is another."""
     kept: list[Values] = []
     for start in starts:
-        if not any(all(math.isclose(start[name], other[name], rel_tol=0.01) for name in start) for other in kept):
+        alike = (other for other in kept if other.keys() == start.keys())
+        if not any(all(math.isclose(start[name], other[name], rel_tol=0.01) for name in start) for other in alike):
             kept.append(start)
     return kept
 

@@ -14,7 +14,7 @@ from discrepancy.causes.channels import READING_LAG
 from discrepancy.least_squares import Fit
 from discrepancy.observed import Observed, observe
 from discrepancy.registry import CAUSES
-from discrepancy.screening import Candidate
+from discrepancy.screening import Candidate, distinct
 from discrepancy.setting import setting_of
 from tests.discrepancy.hidden import hidden
 
@@ -50,3 +50,9 @@ def test_a_lag_in_place_of_damping_begins_with_the_nameplates_mass(plain: Fit) -
     heavy = replace(setting, values={**setting.values, "m": 96.0})
     masses = {start["m"] for start in READING_LAG.starts(heavy)}
     assert masses == {96.0, setting.observed.nameplate.actuator.moving_mass_kg}
+
+
+def test_starts_of_other_unknowns_are_not_alike() -> None:
+    first, more, near = {"force_n": 10.0}, {"force_n": 10.0, "F_c": 40.0}, {"force_n": 10.01}
+    assert distinct([first, more, near]) == [first, more]
+    assert distinct([more, first]) == [more, first]
