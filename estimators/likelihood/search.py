@@ -142,7 +142,8 @@ def search(
         places = distinct(small, [place for some in more for place in some])
         ended = on_all_rows(model, places, budget) or ended
         certificate = certified(model, ended[0].point)
-    is_confirmed = not hopping.jumps
+    # a delay that comes in later may be what the best does not explain: then as far as the coarser blocks tell
+    is_confirmed = not hopping.jumps or _are_as_low(small, ended[0], apart, certificate.ratio)
     if hopping.jumps and certificate.is_good and apart:
         ended, is_confirmed = _at_one_bottom(model, ended, apart, _CONFIRMING_SHARE * whole, budget)
         certificate = certified(model, ended[0].point)
