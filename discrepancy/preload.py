@@ -68,5 +68,5 @@ def asymmetry_instead(fit: Fit) -> Fit | None:
     found = refit(held, Candidate(ASYMMETRY, (start,), 1.0), setting)
     if not found.is_followed or found.cost - fit.cost > NEAR * noise_factor(fit):
         return None
-    at_bound = any(is_at_bound(one, found.values[one.name]) for one in ASYMMETRY.unknowns(setting))
+    at_bound = any(is_at_bound(ASYMMETRY, one, found.values[one.name]) for one in ASYMMETRY.unknowns(setting))
     return None if at_bound else found

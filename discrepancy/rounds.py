@@ -56,7 +56,8 @@ def refits(best: Fit, candidates: list[Candidate], setting: Setting, most: int, 
     rows, which hardly show them, where an ordinary one takes nearly all.
     """
     ordinary = [one for one in candidates if not one.cause.is_hard and not one.cause.is_shy][:most]
-    slow = [one for one in ordinary[1:] if one.cause.is_slow and one.promise < _RIVAL_SHARE * ordinary[0].promise]
+    clear = math.inf if _is_coarse(best) or not ordinary else _RIVAL_SHARE * ordinary[0].promise
+    slow = [one for one in ordinary[1:] if one.cause.is_slow and one.promise < clear]
     # shy ones in their place: last of all, one that takes most of the misfit found the work used up
     ordinary = [one for one in candidates if one.cause.is_shy or (one in ordinary and one not in slow)]
     hard = [one for one in candidates if one.cause.is_hard]

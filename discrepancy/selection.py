@@ -174,6 +174,9 @@ class _Search:
             self._tell(number / MOST_CAUSES, "trying further causes" if number else "trying one cause after the other")
             fits = self._round(way)
             if is_closer:
+                # what ends at a bound is no name, and must not keep the others from being followed
+                setting = setting_of(way.best)
+                fits = sorted(fits, key=lambda pair: not _is_possible(pair[0], pair[1], setting))
                 fits = closer(way.best, fits, tally.work + share_of_work(way.best) * CLOSER_WORK)
             further = _taken(way, fits)
             if further is None:
@@ -216,7 +219,7 @@ def _taken(way: _Way, fits: Fits) -> _Way | None:
 
 def _is_possible(cause: Cause, fit: Fit, setting: Setting) -> bool:
     found = [(unknown, fit.values[unknown.name]) for unknown in cause.unknowns(setting)]
-    return not any(is_at_bound(unknown, value) or is_trifle(cause, unknown, value) for unknown, value in found)
+    return not any(is_at_bound(cause, unknown, value) or is_trifle(cause, unknown, value) for unknown, value in found)
 
 
 def _pruned(baseline: Fit, best: Fit, chosen: list[Cause]) -> tuple[Fit, list[Cause]]:

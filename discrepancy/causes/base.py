@@ -121,12 +121,13 @@ class Cause:
         return {self.own(name): value for name, value in values.items()}
 
 
-def is_at_bound(unknown: Unknown, value: float) -> bool:
-    """Whether a value is a bound's and not the data's; a strength of 0 is no bound."""
+def is_at_bound(cause: Cause, unknown: Unknown, value: float) -> bool:
+    """Whether a value is a bound's and not the data's; a strength of 0 is no bound, a place at 0 is one."""
     low, high = unknown.coordinate(unknown.lower), unknown.coordinate(unknown.upper)
     at = unknown.coordinate(value)
     margin = _BOUND_SHARE * (high - low)
-    return at > high - margin or (at < low + margin and unknown.lower != 0.0)
+    may_be_least = unknown.lower == 0.0 and unknown.name == cause.own(cause.strength)
+    return at > high - margin or (at < low + margin and not may_be_least)
 
 
 def is_trifle(cause: Cause, unknown: Unknown, value: float) -> bool:
