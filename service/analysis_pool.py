@@ -17,7 +17,7 @@ from typing import Any, Final
 import structlog
 
 from service.allowance import Allowance
-from service.priority import NICENESS
+from service.priority import ANALYSIS
 from valve import errors
 from valve.errors import InternalError, ValveError
 from valve.nameplate import Nameplate
@@ -161,7 +161,7 @@ class AnalysisPool:
         )
         with suppress(ProcessLookupError):  # by its owner: loading its libraries alone takes seconds of a core
             own = os.getpriority(os.PRIO_PROCESS, 0)
-            os.setpriority(os.PRIO_PROCESS, self._worker.pid, own + NICENESS)  # the system takes 19 for more
+            os.setpriority(os.PRIO_PROCESS, self._worker.pid, own + ANALYSIS)  # the system takes 19 for more
         _LOG.info("analysis worker started", pid=self._worker.pid)
         return self._worker
 

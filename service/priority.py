@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 from typing import Final
 
-NICENESS: Final = 10  # beside a busy service a tenth of a core is left to it, on a free core all of it
+ANALYSIS: Final = 10  # niceness: beside a busy service a tenth of a core is left to it, of a free core all
+AWAITED: Final = 5  # a third: somebody looks at a page until its pictures are there
 
 
 def stand_back() -> None:
-    """Lower the priority of this process, before it loads anything."""
-    os.nice(NICENESS)
+    """Lower the priority of this process, which makes what somebody waits for, before it loads anything."""
+    os.nice(AWAITED)

@@ -23,6 +23,7 @@ from tests.faults.station import ORDER, WATCHDOG_S, Carrier, Mode, station
 from tests.faults.wire_faults import FaultAt, ServiceFault
 
 _PATIENCE_S: Final = 60.0
+_ATTEMPTS: Final = 5
 _CONTEXT: Final = multiprocessing.get_context("forkserver")
 _CONTEXT.set_forkserver_preload(["tests.faults.victim"])
 
@@ -46,7 +47,22 @@ def _template() -> Path:
 
 
 async def run_case(case: Case, folder: Path) -> tuple[Verdict, int]:
-    """Run a case in an empty folder; the verdict and how many transactions the test had."""
+    """Run a case in an empty folder; the verdict and how many transactions the test had.
+
+    A test that was refused before its fault came, as a machine without a core to spare opens no bus in time, says
+    nothing of the fault: it is run again, a few times.
+    """
+    for attempt in range(_ATTEMPTS):
+        place = folder / f"attempt-{attempt}"
+        place.mkdir()
+        verdict, transactions = await _run_once(case, place)
+        struck = case.fault is not None and transactions > case.fault.index
+        if verdict.outcome != "refused" or struck or not verdict.good:
+            break
+    return verdict, transactions
+
+
+async def _run_once(case: Case, folder: Path) -> tuple[Verdict, int]:
     shutil.copytree(_template(), folder / "store")
     process: list[BaseProcess] = []
     fault = case.fault

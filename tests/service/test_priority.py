@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from service.figures.drawer import Drawer
+from service.priority import ANALYSIS, AWAITED
 from service.recordings.conversion import Converter
 from valve.errors import RecordingError
 
@@ -18,7 +19,12 @@ def _own_priority() -> str:
 
 @pytest.fixture
 def lower() -> int:
-    return min(19, os.getpriority(os.PRIO_PROCESS, 0) + 10)
+    own = os.getpriority(os.PRIO_PROCESS, 0)
+    return min(19, own + AWAITED)
+
+
+def test_what_somebody_waits_for_goes_before_the_analyses() -> None:
+    assert 0 < AWAITED < ANALYSIS
 
 
 async def test_pictures_are_drawn_below_the_service(lower: int) -> None:
