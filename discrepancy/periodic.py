@@ -8,7 +8,7 @@ from typing import Final
 
 from discrepancy.baseline import STATIC_SCAN, scanned
 from discrepancy.causes.base import Cause, Values
-from discrepancy.least_squares import Fit, descend
+from discrepancy.least_squares import Fit, descend, start_fit
 
 # Own choices, from valves with a hidden vibration (docs/diagnosis.md).
 _BLUR_S: Final = 0.1  # while the force itself is held
@@ -17,6 +17,11 @@ _STEPS: Final = 4
 _FOLLOWED: Final = 2
 _LAST_STEPS: Final = 15
 _SHAPED: Final = frozenset({"k", "F_0"})  # what the forces at the breakaways tell beside the periodic one
+_FACTORS: Final = (1.3, 1.0 / 1.3)  # of the force, in a walk
+_MISSES: Final = 2  # steps of it that lead hardly lower, in a row, after which it ends
+_LOWER: Final = 0.9  # of the cost
+_CLEARLY: Final = 0.5  # of the cost at any other frequency: this one it is, and a walk worth its work
+_SAME: Final = 0.01  # frequencies
 _FOUND: Final = 1.3  # misfit, below which no other start is tried
 
 
@@ -45,4 +50,32 @@ def followed(starts: Sequence[tuple[Values, Fit]], cause: Cause, most: float) ->
         short.append(descend(tried, most_steps=_STEPS))
     short.sort(key=lambda one: one.cost)
     found = [descend(one, most_steps=_LAST_STEPS) for one in short[:_FOLLOWED] if math.isfinite(one.cost)]
-    return min(found, key=lambda one: one.cost, default=None)
+    best = min(found, key=lambda one: one.cost, default=None)
+    if best is None:
+        return None
+    at_hz = cause.own("frequency_hz")
+    others = [one.cost for one in short if abs(math.log(one.values[at_hz] / best.values[at_hz])) > _SAME]
+    return along_strength(best, cause) if best.cost < _CLEARLY * min(others, default=0.0) else best
+
+
+def along_strength(fit: Fit, cause: Cause) -> Fit:
+    """Return the fit led along its force, with which static friction and phase go where the steps are locked.
+
+    There all breakaways come at nearly the same phase: what they tell is F_s less what the force gives then.
+    """
+    model, name = fit.model, cause.own(cause.strength)
+    best = fit
+    for factor in _FACTORS:
+        here, misses = best, 0
+        while misses < _MISSES and best.cost > _FOUND * model.observed.count:
+            values = here.values
+            values["d"] += (factor - 1.0) * values[name] / values["F_c"]
+            values[name] *= factor
+            here = scanned(start_fit(model, model.unknowns.point(values)), "d", STATIC_SCAN)
+            here = descend(here, most_steps=_BLURRED_STEPS, held=frozenset({name}))
+            here = descend(here, most_steps=_STEPS)
+            if not here.is_followed:
+                break
+            misses = 0 if here.cost < _LOWER * best.cost else misses + 1
+            best = here if here.cost < best.cost else best
+    return best

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from functools import cache
+from typing import Final
 
 import numpy as np
 import pytest
 
 from discrepancy.baseline import fit_baseline
 from discrepancy.causes.forces import VIBRATION
-from discrepancy.least_squares import Fit
+from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.observed import Observed, observe
-from discrepancy.screening import refit, screen
+from discrepancy.periodic import along_strength
+from discrepancy.screening import extended_model, refit, screen
 from discrepancy.setting import setting_of
 from discrepancy.shaking import Line, lines, shaken_breakaways
 from discrepancy.significance import is_significant, misfit
@@ -76,3 +78,22 @@ def test_the_force_behind_a_line_is_what_mass_spring_and_damper_make_of_it() -> 
     force_n, phase_rad = Line(1.0 / math.tau, 0.25, 2.0e-3).force(3.0, 1003.0, 1000.0)
     assert force_n == pytest.approx(2.0e-3 * 1000.0 * math.sqrt(2.0))
     assert phase_rad == pytest.approx(0.25 + math.pi / 4.0)
+
+
+# About where short fits end on this case: static friction stands in for half of the force, as all its breakaways come
+# at nearly the same phase.
+HALF: Final = {
+    "m": 1.2, "k": 63311.0, "F_v": 800.0, "F_c": 1850.0, "d": 0.195, "F_0": 451.83, "DV": 2.0e-4, "first_rise": 191.0,
+    "vibration.force_n": 50.0, "vibration.frequency_hz": 17.4212, "vibration.phase_rad": 1.4,
+}  # fmt: skip
+
+
+def test_a_walk_along_the_force_leads_out_of_the_valley_where_static_friction_stands_in_for_it() -> None:
+    case = made(8063, "triangle")
+    _, baseline = fitted(case)
+    model = extended_model(baseline.model, VIBRATION, setting_of(baseline))
+    stuck = descend(start_fit(model, model.unknowns.point({**baseline.values, **HALF})), most_steps=12)
+    assert misfit(stuck) > 1000.0
+    found = along_strength(stuck, VIBRATION)
+    assert misfit(found) < 0.01 * misfit(stuck)
+    assert found.values["vibration.force_n"] == pytest.approx(case.hidden[0].parameters["force_n"], rel=0.3)
