@@ -60,6 +60,9 @@ def refits(best: Fit, candidates: list[Candidate], setting: Setting, most: int, 
     slow = [one for one in ordinary[1:] if one.cause.is_slow and one.promise < clear]
     # shy ones in their place: last of all, one that takes most of the misfit found the work used up
     ordinary = [one for one in candidates if one.cause.is_shy or (one in ordinary and one not in slow)]
+    # quick ones first: with others before them the work of polled rows is used up
+    quick = [one for one in ordinary if one.cause.is_quick and one.promise > _RIVAL_SHARE * ordinary[0].promise]
+    ordinary = [*quick, *(one for one in ordinary if one not in quick)]
     hard = [one for one in candidates if one.cause.is_hard]
     fits: Fits = []
     lowest, explained, promise = math.inf, False, 0.0

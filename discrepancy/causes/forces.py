@@ -120,6 +120,7 @@ LOW_STOP: Final = Cause(
     "Look at the seat and at what may lie on it, and at the stroke's adjustment.",
     held=lambda _setting: {"rate_n_per_m": 0.0},
     neutral=None,
+    is_quick=True,
 )
 HIGH_STOP: Final = Cause(
     "travel_stop_high",
@@ -130,6 +131,7 @@ HIGH_STOP: Final = Cause(
     "Look at the limit screw or handwheel and at what may lie in the body.",
     held=lambda _setting: {"rate_n_per_m": 0.0},
     neutral=None,
+    is_quick=True,
 )
 
 
