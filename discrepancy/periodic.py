@@ -49,7 +49,10 @@ def followed(starts: Sequence[tuple[Values, Fit]], cause: Cause, most: float) ->
         tried = descend(tried, most_steps=_STEPS, held=own)
         short.append(descend(tried, most_steps=_STEPS))
     short.sort(key=lambda one: one.cost)
-    found = [descend(one, most_steps=_LAST_STEPS) for one in short[:_FOLLOWED] if math.isfinite(one.cost)]
+    found: list[Fit] = []
+    for one in short[:_FOLLOWED]:
+        if one.is_followed and not (found and one.model.tally.work > most):
+            found.append(descend(one, most_steps=_LAST_STEPS))
     best = min(found, key=lambda one: one.cost, default=None)
     if best is None:
         return None

@@ -20,6 +20,7 @@ MOST_WORK: Final = 8.0e7
 CLOSER_WORK: Final = 2.5e7  # of following the lowest further, in each round
 _CAUSE_WORK: Final = 1.5e7  # of one cause, from which on no other start of it is tried
 _HARD_WORK: Final = 3.5e7  # that hard causes have to themselves, where the ordinary ones took all
+_UNCLEAR_SHARE: Final = 0.3  # of that, for a slow one that promises little
 _USUAL_S: Final = 60.0
 _LONGEST: Final = 2.0  # times as much work, however long the recordings are
 # Polled rows tell causes apart less finely, and an answer on them is wanted within seconds.
@@ -79,7 +80,8 @@ def refits(best: Fit, candidates: list[Candidate], setting: Setting, most: int, 
             own = share_of_work(best) * _CAUSE_WORK
         if best.model.tally.work > last + own:
             continue
-        fit = refit(best, one, setting, lowest, share_of_work(best) * _CAUSE_WORK)
+        work = _UNCLEAR_SHARE * _CAUSE_WORK if one in slow else _CAUSE_WORK
+        fit = refit(best, one, setting, lowest, share_of_work(best) * work)
         if not fit.is_followed:
             continue
         if early > 0 and not is_settled(best, fit) and excess(fit) < NEARLY_ALL * excess(best):
