@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import Any, Final
 
-from service.cli.plain_numbers import as_read, plus_minus
+from service.plain_numbers import as_read, plus_minus
 from service.shown_units import UnitSystem, shown_unit
 
 # What sentences name, the SI unit that it is shown by, and how many of that it is.

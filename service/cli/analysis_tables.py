@@ -10,9 +10,9 @@ from rich.table import Table
 from rich.text import Text
 
 from service.cli.diagnosis_tables import print_diagnosis
-from service.cli.plain_numbers import as_read, plus_minus
 from service.cli.signature_tables import print_signature
 from service.next_step import next_step
+from service.plain_numbers import as_read, plus_minus
 from service.tablet.words import NE107
 from valve.parameters import PARAMETER_SYMBOLS
 

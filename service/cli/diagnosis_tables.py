@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from service.cli.plain_numbers import as_read
+from service.plain_numbers import as_read
 
 _VERDICTS: Final = {
     "none": "nothing beyond the noise: the simulation explains this recording",
