@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Final
@@ -12,9 +12,10 @@ import numpy as np
 
 from discrepancy.beginning import beginning, last_motion
 from discrepancy.blocks import Blocks
+from discrepancy.force_corners import Corners, corners_from, deviations_of, flat_where_held
 from discrepancy.pauses import pauses
 from estimators.base import Outcome
-from estimators.likelihood.input_path import CommandedPath, InputPath, MeasuredPath, Nuisance, input_path
+from estimators.likelihood.input_path import CommandedPath, InputPath, Nuisance, input_path
 from estimators.likelihood.row_timing import position_doubts, shared_by_rest, still_rows
 from estimators.likelihood.search import measured_rests
 from estimators.likelihood.staircase import read_staircase
@@ -24,8 +25,6 @@ from estimators.samples import FloatArray, IntArray, position_noise
 from valve.nameplate import Nameplate
 from valve.recording import Recording
 
-Corners = tuple[FloatArray, FloatArray]  # times, s, and force, N, both shape (n,)
-
 # Own choices, from valves without and with hidden effects (docs/diagnosis.md).
 # Timing that nobody vouches for, as a share of the period: else the few samples of a slip outweigh all others.
 _TIMING_SHARE: Final = 0.2
@@ -33,7 +32,6 @@ _STEPS_A_TURN: Final = 3.0  # rests for each turn of the force, from which on th
 _NO_NOISE: Final = 1.0e-7  # of the travel: a position without noise is still only as good as its model
 _MAY_BE_A_STAIRCASE: Final = (Outcome.NEVER_MOVED, Outcome.NO_UNIFORM_MOTION)
 _ENOUGH_AT_REST: Final = 100
-_ROUNDING: Final = 1.0e-9  # of the force's range
 _SURELY_LESS: Final = 0.8
 _UNKNOWN_DELAY_PERIODS: Final = 0.05  # a delay between the channels known better than this is not fitted
 
@@ -139,7 +137,9 @@ def observe(recordings: Sequence[Recording], nameplate: Nameplate) -> Observed |
         own = _segments(motion, path, noise_m, max(timing_s, _TIMING_SHARE * period_s))
         deviations = [(*one, *(_corners(segment) for segment in own)) for one in deviations]
         before = [_corners(segment) for segment in segments]
-        deviations += [(*before, *changed) for changed in _deviations(path, own)]
+        deviations += [
+            (*before, *changed) for changed in deviations_of(path, [float(segment.time_s[0]) for segment in own])
+        ]
         segments += own
         doubted = max(doubted, _doubt_in_noises(motion, path, noise_m))
         motions.append(motion)
@@ -166,20 +166,6 @@ def observe(recordings: Sequence[Recording], nameplate: Nameplate) -> Observed |
 
 def _corners(segment: Segment) -> Corners:
     return segment.corner_s, segment.corner_n
-
-
-def _deviations(path: InputPath, segments: Sequence[Segment]) -> Iterator[tuple[Corners, ...]]:
-    """Corners of these segments of a recording for each direction in which its measured force is uncertain."""
-    if isinstance(path, MeasuredPath):
-        for corner_s, corner_n in path.variations(np.zeros(len(path.nuisances))):
-            yield tuple(_from(float(segment.time_s[0]), corner_s, corner_n) for segment in segments)
-
-
-def _from(begin_s: float, corner_s: FloatArray, corner_n: FloatArray) -> Corners:
-    """Corners after a time, with one at that time itself."""
-    after = corner_s > begin_s
-    begin_n = np.interp(begin_s, corner_s, corner_n)
-    return np.concatenate([[begin_s], corner_s[after]]), np.concatenate([[begin_n], corner_n[after]])
 
 
 def resting_noise(motion: RecordedMotion) -> float:
@@ -237,7 +223,7 @@ def _segments(motion: RecordedMotion, path: InputPath, noise_m: float, timing_s:
     samples, phases = motion.samples, motion.phases
     neutral = np.zeros(len(path.nuisances))
     corner_s, corner_n = path.corners(neutral)
-    corner_n = _flat_where_held(corner_n)
+    corner_n = flat_where_held(corner_n)
     starts = [0, *(int(row) for row in np.searchsorted(samples.time_s, path.breaks_s[:, 1])), samples.count]
     firsts = Blocks(samples, phases, noise_m)
     rest_row, rest_m, rest_sense = _stick_slip_rests(motion)
@@ -260,7 +246,7 @@ def _segments(motion: RecordedMotion, path: InputPath, noise_m: float, timing_s:
         begin_s = float(time_s[0])
         sense, since_s = last_motion(motion, first)
         # the stem begins where the first block lies
-        own_s, own_n = _from(begin_s, corner_s, corner_n)
+        own_s, own_n = corners_from(begin_s, corner_s, corner_n)
         found.append(
             Segment(
                 time_s=time_s,
@@ -281,19 +267,6 @@ def _segments(motion: RecordedMotion, path: InputPath, noise_m: float, timing_s:
             )
         )
     return found
-
-
-def _flat_where_held(corner_n: FloatArray) -> FloatArray:
-    """Return the force at corners, shape (n,), equal where a hold's line is tilted by rounding alone.
-
-    A stem that rests on the edge of F_s = F_c would break away again and again on a slope of 1e-12 N/s.
-    """
-    held_n = corner_n.copy()
-    least_n = _ROUNDING * float(np.ptp(corner_n)) if corner_n.size else 0.0
-    for row in range(1, held_n.size):
-        if abs(held_n[row] - held_n[row - 1]) <= least_n:
-            held_n[row] = held_n[row - 1]
-    return held_n
 
 
 def _stick_slip_rests(motion: RecordedMotion) -> tuple[IntArray, FloatArray, FloatArray]:
