@@ -22,6 +22,8 @@ from drivers.wiring import Bus, Signal, Unit, Wired, wire
 from valve.errors import BusyError, ConfigurationError, DeviceError, EquipmentError
 
 _SAFE_ATTEMPTS: Final = 3
+_APART_SHARE: Final = 0.1  # of the limits' span, by which a gauge and an I/P may differ
+_LOOK_PAUSE_S: Final = 0.1
 _SAFE_DEADLINE_S: Final = 6.0  # then only the device's own watchdog can act, and the outcome says "not confirmed"
 _SETTLING_S: Final = 0.6  # a PLC's scan and its output card; the valve may take longer, the command may not
 _SETTLED_READS: Final = 2  # a slave that wakes up may still carry out an older write: one fitting read is too few
@@ -272,6 +274,21 @@ class ValveDevice:
                     return False
                 await asyncio.sleep(_READ_PAUSE_S)
         return True
+
+    async def pressure_apart(self, within_s: float) -> float:
+        """Return the actuator's pressure, Pa, where it is not at the safe value after so long; NaN where it is.
+
+        NaN too where nothing measures it. Raises EquipmentError where the device does not answer.
+        """
+        low_pa, high_pa = self.wiring.limits.pressure_pa
+        until_s = time.monotonic() + within_s
+        while True:
+            pressure_pa = (await self.read()).pressure_pa
+            if not abs(pressure_pa - self.safe_value_pa) > _APART_SHARE * (high_pa - low_pa):
+                return math.nan
+            if time.monotonic() > until_s:
+                return pressure_pa
+            await asyncio.sleep(_LOOK_PAUSE_S)
 
 
 def connect_valve(wiring: ValveWiring, buses: Mapping[str, Bus]) -> ValveDevice:

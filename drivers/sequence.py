@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import replace
 
@@ -29,6 +30,7 @@ OnProgress = Callable[[float, str], None]
 OnReady = Callable[[float, str], Awaitable[None]]
 OnPermissives = Callable[[tuple[Permissive, ...]], None]
 
+_FOLLOWED_S = 5.0  # own choice: the slowest published I/P (0.93 s) is there within half of it
 _RELEASE_ATTEMPTS = 3  # it moves nothing, so it may be repeated
 _PLAY_FROM, _PLAY_TO, _POLLED_TO = 0.05, 0.8, 0.95  # shares of the progress
 
@@ -180,8 +182,25 @@ class _Play:
             await _to_the_end(self._abandon())
             raise
         safe = await self._let_go(safe)
+        if safe and ended is Ended.FAILED:
+            error = await self._told_without_effect(error)
         self._on_progress(1.0, "ended")
         return PlayOutcome(recording, ended, safe, error, tuple(self._notes), self._device.writes)
+
+    async def _told_without_effect(self, error: ValveError | None) -> ValveError | None:
+        """Return the error, with the pressure where it does not follow the device to the safe value.
+
+        What the device shows is what it asks of the I/P; an I/P that has run away, or lost its air, does not do it.
+        """
+        device = self._device
+        with contextlib.suppress(EquipmentError):
+            stays_pa = await device.pressure_apart(_FOLLOWED_S)
+            if math.isfinite(stays_pa):
+                return DeviceError(
+                    f"{error}; the device shows its safe value of {device.safe_value_pa:.4g} Pa, and the actuator's "
+                    f"pressure stays at {stays_pa:.4g} Pa: keep away from the valve, and look at its I/P and air supply"
+                )
+        return error
 
     async def _abandon(self) -> None:
         await self._let_go(await self._device.go_safe())

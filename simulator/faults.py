@@ -22,6 +22,7 @@ class FaultKind(StrEnum):
     RESTART = "restart"  # at the start the device restarts: outputs low, owner, watchdog and capture lost
     IGNORED_WRITES = "ignored_writes"  # writes are acknowledged and not executed
     PRESSURE_STUCK = "pressure_stuck"  # the I/P holds the actuator's pressure, whatever is asked
+    PRESSURE_RUNAWAY = "pressure_runaway"  # the I/P drives the actuator to ``amount`` Pa, whatever is asked
     SENSOR_SPIKES = "sensor_spikes"  # every third reading of the position is ``amount`` m too much
     LOOP_IN_AUTOMATIC = "loop_in_automatic"  # the device's status no longer says that the loop is in manual
     INTERLOCK = "interlock"  # the device's status says that an interlock is active

@@ -245,7 +245,10 @@ class SoftwareValve:
             return None
         time_s, asked_pa = self.asked.between(start_s - dead_s, start_s + duration_s - dead_s)
         after_s, target_pa = limited(time_s - time_s[0], asked_pa, self._reaching_pa)
-        target_pa = self.settings.acting.leaking(target_pa)
+        runaway = self.fault(FaultKind.PRESSURE_RUNAWAY)
+        target_pa = (
+            self.settings.acting.leaking(target_pa) if runaway is None else np.full_like(target_pa, runaway.amount)
+        )
         # Local times: the clock may have run for days, and the difference of two such times is rounded.
         after_s[-1] = duration_s
         after_s, pressure_pa = lagged(after_s, target_pa, self.pressure_pa, self.settings.acting.lag_s)
@@ -265,6 +268,9 @@ class SoftwareValve:
         """Whether the pressure asked for and that at the actuator stay as they are."""
         if self.fault(FaultKind.PRESSURE_STUCK) is not None:
             return True
+        runaway = self.fault(FaultKind.PRESSURE_RUNAWAY)
+        if runaway is not None:
+            return self.pressure_pa == runaway.amount
         target_pa = self.settings.acting.settled_pa(self.asked.at(from_s), self._reaching_pa)
         if not self.asked.is_held_from(from_s):
             return False

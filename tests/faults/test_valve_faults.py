@@ -145,6 +145,23 @@ async def test_each_fault_of_valve_air_sensor_and_device_ends_the_test_safely_an
         assert any(words in str(outcome.error) for words in said.split("|")), (fault, outcome.error)
 
 
+@pytest.mark.parametrize("mode", ["polled", "captured"])
+async def test_an_ip_that_runs_away_ends_the_test_and_the_valve_is_told_to_be_where_nobody_sent_it(mode: str) -> None:
+    outcome, plant = await played(Fault(FaultKind.PRESSURE_RUNAWAY, 1.5, amount=1.1 * SPAN_PA), mode=mode)
+    require_safe(outcome, plant)  # what the device was told: more cannot be done from here
+    assert outcome.ended is Ended.FAILED
+    assert "is outside 0 to 82737 Pa" in str(outcome.error)
+    assert "the actuator's pressure stays at" in str(outcome.error)
+    assert "keep away from the valve" in str(outcome.error)
+    assert plant.records[TAG].track.pressure_pa[-1] == pytest.approx(1.1 * SPAN_PA)
+
+
+async def test_a_failed_test_whose_valve_goes_to_its_safe_value_says_nothing_of_the_pressure() -> None:
+    outcome, _ = await played(Fault(FaultKind.INTERLOCK, 1.5))
+    assert outcome.ended is Ended.FAILED
+    assert "pressure stays" not in str(outcome.error)
+
+
 @pytest.mark.parametrize("kind", [FaultKind.LOOP_IN_AUTOMATIC, FaultKind.INTERLOCK, FaultKind.AIR_LOST])
 async def test_a_missing_permissive_keeps_the_valve_where_it_is(kind: FaultKind) -> None:
     with pytest.raises(PermissiveError, match="nothing was moved"):
