@@ -80,7 +80,8 @@ def lines(observed: Observed, residual_m: FloatArray, most: int) -> list[Line]:
     # what drifts fills the low frequencies: each line is judged against its neighbours
     wide = _FINER * max(5, count // 200)
     floor = np.convolve(power, np.ones(wide) / wide, mode="same")
-    allowed = (frequency_hz > LOWEST_HZ) & (frequency_hz < min(HIGHEST_HZ, 0.5 / step_s))
+    allowed = (frequency_hz > LOWEST_HZ) & (frequency_hz < HIGHEST_HZ)
+    allowed[-1] = False  # half the rate of the blocks: no line has two sides there
     contrast = np.where(allowed, power / (floor + 1.0e-300), 0.0)
     found = _highest(np.asarray(frequency_hz, np.float64), contrast, _APART / (count * step_s), most)
     step_hz = float(frequency_hz[1])

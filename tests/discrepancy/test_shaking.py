@@ -16,7 +16,7 @@ from discrepancy.observed import Observed, observe
 from discrepancy.periodic import along_strength
 from discrepancy.screening import extended_model, refit, screen
 from discrepancy.setting import setting_of
-from discrepancy.shaking import Line, lines, shaken_breakaways
+from discrepancy.shaking import Line, lines, shaken_breakaways, slot_clock
 from discrepancy.significance import is_significant, misfit
 from tests.blind.cases import BlindCase, blind_case
 
@@ -72,6 +72,17 @@ def test_a_line_in_the_misfit_is_found_with_its_frequency_phase_and_amplitude() 
     off_rad = line.phase_rad - 0.6 + math.tau * (line.frequency_hz - 11.37) * middle_s
     assert math.remainder(off_rad, math.tau) == pytest.approx(0.0, abs=0.2)
     assert line.amplitude_m == pytest.approx(8.0e-6, rel=0.15)
+
+
+def test_what_alternates_from_block_to_block_is_no_line() -> None:
+    """Half the rate of the blocks is the last frequency of the spectrum, below 60 Hz where blocks are long."""
+    observed = observe(made(7403, "healthy").recordings, made(7403, "healthy").nameplate)
+    assert isinstance(observed, Observed)
+    clock_s = slot_clock(observed)
+    step_s = float(np.median(np.diff(clock_s)))
+    assert 0.5 / step_s < 60.0
+    alternating_m = 1.0e-5 * np.cos(math.pi * np.round(clock_s / step_s))
+    assert all(line.frequency_hz < 0.501 / step_s for line in lines(observed, alternating_m, 3))
 
 
 def test_the_force_behind_a_line_is_what_mass_spring_and_damper_make_of_it() -> None:
