@@ -13,6 +13,7 @@ import numpy as np
 from discrepancy.beginning import beginning, last_motion
 from discrepancy.blocks import Blocks
 from discrepancy.force_corners import Corners, corners_from, deviations_of, flat_where_held
+from discrepancy.pace import speeds
 from discrepancy.pauses import pauses
 from estimators.base import Outcome
 from estimators.likelihood.input_path import CommandedPath, InputPath, Nuisance, input_path
@@ -237,7 +238,7 @@ def _segments(motion: RecordedMotion, path: InputPath, noise_m: float, timing_s:
         counts = np.diff(np.concatenate([edges, [end]]))
         time_s = np.add.reduceat(samples.time_s[own], edges - first) / counts
         position_m = np.add.reduceat(samples.position_m[own], edges - first) / counts
-        speed = np.add.reduceat(np.abs(phases.velocity[own]), edges - first) / counts
+        speed = np.add.reduceat(speeds(motion)[own], edges - first) / counts
         variance = (noise_m**2 + (speed * timing_s) ** 2) / counts
         # what writes leave unknown is the same for the rows of a block
         variance += np.add.reduceat(instants_m[own] ** 2, edges - first) / counts

@@ -41,6 +41,7 @@ _FEW_EVENTS: Final = 40
 _MOST_HIDDEN: Final = 12_000  # followed in 3 ms
 _STILL_SIGMAS: Final = 4.0
 _LEAST_REST_ROWS: Final = 3
+_SHORTEST_REST: Final = 0.03  # of the median one: what looks still for so short a time is the end of a jump
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,9 +67,10 @@ def measured_rests(motion: RecordedMotion) -> Restarts:
     """Return where the measured stem surely rests between motions: its noise there is that of the sensor."""
     samples, stretches = motion.samples, motion.phases.stretches
     row, position_m = [], []
-    for before, after in pairwise(stretches):
-        first, last = before.last + 1, after.first - 1
-        if last - first + 1 < _LEAST_REST_ROWS:
+    between = [(before.last + 1, after.first - 1) for before, after in pairwise(stretches)]
+    usual = float(np.median([last - first + 1 for first, last in between])) if between else 0.0
+    for first, last in between:
+        if last - first + 1 < max(_LEAST_REST_ROWS, _SHORTEST_REST * usual):
             continue
         own_m = samples.position_m[first : last + 1]
         half = own_m.size // 2
