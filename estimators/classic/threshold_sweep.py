@@ -104,6 +104,9 @@ def _solved(sums: FloatArray, rows: IntArray, scale: FloatArray, noise: FloatArr
     correlation = normal / (norm[:, :, None] * norm[:, None, :])
     enough = (rows > width + 3) & (diagonal > 0.0).all(axis=1)
     safe = np.where(enough[:, None, None], correlation + _ROUNDING * np.eye(width), np.eye(width))
+    # of regressors that are one to the last digit the pivot may be 0 all the same
+    enough &= np.linalg.det(safe) > 0.0
+    safe[~enough] = np.eye(width)
     inverse = np.linalg.inv(safe)
     inflation = np.einsum("sii->si", inverse)
     determined = enough & (inflation > 0.0).all(axis=1) & (inflation < 1.0 / LEAST_INDEPENDENCE**2).all(axis=1)
