@@ -42,7 +42,7 @@ STATES: Final = {
 }
 
 VERDICTS: Final = {
-    "none": "Nothing is wrong beyond the noise.",
+    "none": "Nothing beyond the noise: the simulation explains this test.",
     "named": "Cause found.",
     "ambiguous": "More than one cause fits.",
     "unexplained": "Something is wrong that no known cause explains.",
