@@ -34,6 +34,7 @@ from service.models.routes import router as model_routes
 from service.mqtt.publisher import mqtt_of
 from service.parts import Parts
 from service.polling import Polling
+from service.precedence import Precedence
 from service.problems import Problem
 from service.read_turns import ReadTurns
 from service.recordings.conversion import Converter
@@ -73,9 +74,16 @@ class Health(BaseModel):
 
 
 def create_app(
-    plant: Plant, *, store: Store | None = None, rig: Rig | None = None, analyst: Analyst | None = None
+    plant: Plant,
+    *,
+    store: Store | None = None,
+    rig: Rig | None = None,
+    analyst: Analyst | None = None,
+    precedence: Precedence | None = None,
 ) -> FastAPI:
     """Return the service of a plant; ``rig`` and ``analyst`` stand in for the wires and the analysis in tests.
+
+    ``precedence`` is what the event loop's thread takes while a valve is polled.
 
     The application owns ``store`` and closes it. Without one it opens the plant's own when it starts: BusyError
     where another process has it.
@@ -86,7 +94,7 @@ def create_app(
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         opened = store if store is not None else await asyncio.to_thread(open_store, plant.service)
-        polling = app.state.polling = Polling()
+        polling = app.state.polling = Polling(precedence)
         pool = AnalysisCrew(polling=polling) if analyst is None else None
         converter = Converter()
         chosen = pool if pool is not None else analyst

@@ -17,6 +17,7 @@ from service.access.needs import needs
 from service.access.principal import Right
 from service.mqtt.metrics import BrokerCollector
 from service.parts import Parts, parts_of
+from service.precedence import Precedence
 from service.problems import PROBLEMS
 from service.runs.run import RunState
 from service.store.conditions import valve_standings
@@ -90,6 +91,21 @@ class PlantCollector(Collector):
         yield from (busy, stale, last, result, health)
 
 
+class PrecedenceCollector(Collector):
+    """Whether the thread that polls comes before other work."""
+
+    def __init__(self, precedence: Precedence) -> None:
+        self._precedence = precedence
+
+    def collect(self) -> Iterator[Metric]:
+        """Yield the one family."""
+        yield GaugeMetricFamily(
+            "breakaway_polling_precedence",
+            "1 where the system allows the thread that polls real-time precedence",
+            float(self._precedence.allowed),
+        )
+
+
 @router.get(
     "/metrics",
     response_class=Response,
@@ -101,6 +117,8 @@ async def metrics(request: Request, parts: Annotated[Parts, Depends(parts_of)]) 
     registry = CollectorRegistry(auto_describe=False)
     registry.register(PROCESS_COLLECTOR)
     registry.register(PlantCollector(parts))
+    if request.app.state.polling.precedence is not None:
+        registry.register(PrecedenceCollector(request.app.state.polling.precedence))
     if request.app.state.mqtt is not None:
         registry.register(BrokerCollector(request.app.state.mqtt))
     counted = await asyncio.to_thread(generate_latest, registry)

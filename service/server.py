@@ -20,6 +20,7 @@ from service.first_use import use_once
 from service.http_protocol import BoundedHttp
 from service.parts import Parts
 from service.polling import Polling
+from service.precedence import Precedence
 from service.settings import Plant, ServiceSettings
 from service.store.store import open_store
 from service.systemd import ServiceManager
@@ -116,8 +117,10 @@ def serve_plant(plant: Plant) -> None:
     with _listen(plant.service) as listener:
         store = open_store(plant.service)
         AuditLog(store.folder / "audit", plant.service.gateway or "gateway")  # one that is broken is said here
-        app = create_app(plant, store=store)
+        precedence = Precedence()
+        app = create_app(plant, store=store, precedence=precedence)
         use_once(app)
+        precedence.try_once()
         access = plant.service.access
         if not access.sign_in and not access.loopback:
             _LOG.warning("no sign-in: whoever reaches this address may move valves", bind=plant.service.bind)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from functools import partial
 from typing import Final
 
 from rich import box
@@ -45,6 +46,7 @@ COUNTED: Final[dict[str, Callable[[int | None], Table | list[Table]]]] = {
     "coverage": coverage.run,
     "efficiency": efficiency.run,
     "load": load.run,
+    "load_ordinary": partial(load.run, ordinary=True),
     "method_table": method_table.run,
     "random_valves": random_valves.run,
     "signature": signature.run,

@@ -23,6 +23,7 @@ from rich.table import Table
 from service.cli.demo_plant import free_ports
 from service.cli.demo_processes import DemoProcess, demo_processes, wait_until_ready
 from tests.benchmarks.processor import machine_used_s, used_by_role_s
+from tests.benchmarks.scheduling import CALLERS, DEVICES, as_elsewhere, refuse_precedence
 from tests.benchmarks.slots import lateness_s, missed_in_answers
 from valve.recording import Recording
 from valve.recording_files import recording_from_bytes
@@ -70,9 +71,14 @@ class _Looked:
     beyond: float = math.nan  # share of the samples that began later than asked
 
 
-def run(seconds: int | None) -> list[Table]:
-    """Return lateness, missed slots and answers, quiet and under load; a number is that of seconds of motion."""
+def run(seconds: int | None, *, ordinary: bool = False) -> list[Table]:
+    """Return lateness, missed slots and answers, quiet and under load; a number is that of seconds of motion.
+
+    The service has real-time precedence where the system allows it, as deployed, unless it is to be ``ordinary``.
+    """
     motion_s = MOTION_S if seconds is None else seconds
+    if ordinary:
+        refuse_precedence()
     table = Table(
         title=f"{VALVES} valves at once on {VALVES} buses at {1.0 / PERIOD_S:.0f} Hz",
         caption=f"asked: lateness p99 < {1e3 * LATENESS_S:.0f} ms, no slot missed because of the load, answers p99 < "
@@ -103,8 +109,9 @@ def run(seconds: int | None) -> list[Table]:
         config.write_text(text, encoding="utf-8")
         with demo_processes(config) as processes:
             asyncio.run(wait_until_ready(f"http://127.0.0.1:{ports[0]}", processes, VALVES + 1))
-            _as_elsewhere(processes[0].process.pid)
-            for name, loaded in (("quiet", False), ("under load", True)):
+            as_elsewhere(processes[0].process.pid, DEVICES)
+            kind = "precedence" if asyncio.run(_has_precedence(ports[0])) else "ordinary"
+            for name, loaded in ((f"quiet, {kind}", False), (f"under load, {kind}", True)):
                 recordings, looked = asyncio.run(_phase(ports, motion_s, loaded, processes))
                 table.add_row(name, *_row(recordings, looked))
                 devices.add_row(name, *_device_row(looked))
@@ -139,6 +146,11 @@ def _device_row(looked: _Looked) -> list[str]:
 def _shares(looked: _Looked) -> list[str]:
     cores = [looked.used_s[role] / looked.lasted_s for role in (*ROLES, "other")]
     return [f"{share:.2f}" for share in (*cores, (os.cpu_count() or 1) - sum(cores))]
+
+
+async def _has_precedence(port: int) -> bool:
+    async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=30.0) as client:
+        return "\nbreakaway_polling_precedence 1.0" in (await client.get("/metrics")).text
 
 
 async def _counted(client: httpx.AsyncClient) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -201,7 +213,7 @@ async def _called(ports: Sequence[int], tests: Sequence[str], looked: _Looked, *
     assert callers.stdout is not None
     asked = {"tablets": TABLETS, "requests_per_s": REQUESTS_PER_S} if loaded else {"tablets": 0, "requests_per_s": 0}
     wanted = {"port": ports[0], "device": ports[-1], "tests": tests, **asked}
-    _as_elsewhere(callers.pid)
+    as_elsewhere(callers.pid, CALLERS)
     callers.stdin.write(json.dumps(wanted).encode() + b"\n")
     try:
         yield
@@ -212,13 +224,6 @@ async def _called(ports: Sequence[int], tests: Sequence[str], looked: _Looked, *
     looked.answers_s, looked.failed, looked.events = said["answers_s"], said["failed"], said["events"]
     looked.device_s = said["device_s"]
     looked.used_s = {"callers": said["used_s"]}
-
-
-def _as_elsewhere(pid: int) -> None:
-    """Let a process never wait for a core, where the system lets us: it stands for machines of their own."""
-    with contextlib.suppress(PermissionError):
-        for thread in Path(f"/proc/{pid}/task").iterdir():
-            os.sched_setscheduler(int(thread.name), os.SCHED_RR, os.sched_param(1))
 
 
 async def _moved(client: httpx.AsyncClient, test: str) -> None:

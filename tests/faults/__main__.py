@@ -1,15 +1,20 @@
 """``make faults``: the long version, with progress and a table.
 
-ARGS="500" runs so many by chance, ARGS="all" every fault at every transaction, ARGS="kill term" these at every one.
+ARGS="500" runs so many by chance, ARGS="all" every fault at every transaction, ARGS="kill term" these at every one,
+ARGS="wire" those of the wire. ARGS="10000 keep=faults.jsonl for=600" writes every verdict down, begins no case after
+600 s and goes on from there when it is asked again.
 """
 
 from __future__ import annotations
 
 import asyncio
+import os
 import sys
 import tempfile
 import time
 from collections import Counter, defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Final
@@ -18,84 +23,109 @@ from service.bus_lock import FOLDER_VARIABLE
 from tests.faults.bench import Case, run_case
 from tests.faults.cases import FAULTS, every_case, some_cases
 from tests.faults.judge import Verdict
+from tests.faults.kept import KeptVerdicts, name_of
+from tests.faults.wire_faults import WireFault
 
-_AT_ONCE: Final = 6  # a case mostly waits: for its waveform, for a watchdog
 _COUNTS: Final = ("unsafe", "unreported", "lost_samples", "wrong_values", "late_writes", "doubled_writes")
+_OUTCOMES: Final = ("completed", "failed", "stopped", "interrupted", "refused", "silent")
+_TOLD_EVERY: Final = 20
 
 
-async def _run(cases: list[Case]) -> int:
-    table: dict[str, Counter[str]] = defaultdict(Counter)
-    waiting = iter(cases)
-    done, bad, began_s = 0, 0, time.monotonic()
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """What the arguments ask for; ``at_once``: a case mostly waits, for its waveform or for a watchdog."""
 
-    async def work() -> None:
-        nonlocal done, bad
-        for case in waiting:
-            with tempfile.TemporaryDirectory(prefix="breakaway-fault-") as folder:
-                verdict, transactions = await run_case(case, Path(folder))
-            done += 1
-            bad += not verdict.good
-            _note(table, case, verdict)
-            if not verdict.good:
-                print(
-                    f"BAD {case.carrier} {case.mode} {case.fault}: {verdict} ({transactions} transactions)", flush=True
-                )
-            if done % 20 == 0 or done == len(cases):
-                each_s = (time.monotonic() - began_s) / done
-                print(
-                    f"{done} of {len(cases)} faults, {bad} bad, {each_s * (len(cases) - done):.0f} s left", flush=True
-                )
-
-    await asyncio.gather(*(work() for _ in range(_AT_ONCE)))
-    _print(table)
-    return bad
+    cases: Sequence[Case]
+    keep: Path | None = None
+    for_s: float = float("inf")
+    at_once: int = 6
 
 
-def _note(table: dict[str, Counter[str]], case: Case, verdict: Verdict) -> None:
-    row = table[f"{case.fault.fault if case.fault else 'none'}"]
-    row["cases"] += 1
-    row[verdict.outcome] += 1
-    for name in _COUNTS:
-        row[name] += getattr(verdict, name)
+def asked_for(words: Sequence[str]) -> _Asked:
+    """Return what words ask for. Raises ValueError for one that is no fault, no number and no setting."""
+    settings = dict(word.split("=", 1) for word in words if "=" in word)
+    unknown = settings.keys() - {"keep", "for", "at_once"}
+    if unknown:
+        raise ValueError(f"{sorted(unknown)[0]!r} is no setting: choose from keep, for, at_once")
+    return _Asked(
+        _cases([word for word in words if "=" not in word]),
+        Path(settings["keep"]) if "keep" in settings else None,
+        float(settings.get("for", "inf")),
+        int(settings.get("at_once", 6)),
+    )
 
 
-def _print(table: dict[str, Counter[str]]) -> None:
-    outcomes = ("completed", "failed", "stopped", "interrupted", "refused", "silent")
-    columns = ("cases", *outcomes, *_COUNTS)
-    print(f"{'fault':18s}" + "".join(f"{name:>15s}" for name in columns))
-    total: Counter[str] = Counter()
-    for fault, row in sorted(table.items()):
-        print(f"{fault:18s}" + "".join(f"{row[name]:15d}" for name in columns))
-        total += row
-    print(f"{'all':18s}" + "".join(f"{total[name]:15d}" for name in columns))
-
-
-def _wanted(words: list[str]) -> list[Case]:
-    """Return the cases that words ask for. Raises ValueError for a word that is no fault and no number."""
-    names = {str(fault): fault for fault in FAULTS}
-    if words == ["all"]:
-        return list(every_case())
+def _cases(words: list[str]) -> list[Case]:
+    names = {str(fault): [fault] for fault in FAULTS}
+    names["wire"], names["all"] = list(WireFault), list(FAULTS)
     if all(word.isdigit() for word in words):
         count, seed = (*map(int, words), 1)[:2] if words else (200, 1)
         return list(islice(every_case(1 + count // 6000), count)) if count > 4000 else some_cases(count, seed)
     for word in words:
         if word not in names:
-            raise ValueError(f"{word!r} is no fault: choose from {', '.join(names)}, all, or give a number")
-    return [case for case in every_case() if case.fault is not None and str(case.fault.fault) in words]
+            raise ValueError(f"{word!r} is no fault: choose from {', '.join(names)}, or give a number")
+    wanted = {fault for word in words for fault in names[word]}
+    return [case for case in every_case() if case.fault is not None and case.fault.fault in wanted]
+
+
+async def _run(asked: _Asked) -> int:
+    kept = KeptVerdicts(asked.keep)
+    waiting = iter([case for case in asked.cases if kept.of(case) is None])
+    known = sum(kept.of(case) is not None for case in asked.cases)
+    done, began_s = 0, time.monotonic()
+
+    async def work() -> None:
+        nonlocal done
+        for case in waiting:
+            if time.monotonic() - began_s > asked.for_s:
+                return
+            with tempfile.TemporaryDirectory(prefix="breakaway-fault-") as folder:
+                verdict, transactions = await run_case(case, Path(folder))
+            kept.add(case, verdict)
+            done += 1
+            if not verdict.good:
+                print(f"BAD {name_of(case)}: {verdict} ({transactions} transactions)", flush=True)
+            left = len(asked.cases) - known - done
+            if done % _TOLD_EVERY == 0 or not left:
+                bad = sum(not verdict.good for verdict in _verdicts(asked, kept))
+                left_s = (time.monotonic() - began_s) / done * left
+                print(f"{known + done} of {len(asked.cases)} faults, {bad} bad, {left_s:.0f} s left", flush=True)
+
+    await asyncio.gather(*(work() for _ in range(asked.at_once)))
+    _print(asked.cases, kept)
+    return sum(not verdict.good for verdict in _verdicts(asked, kept))
+
+
+def _verdicts(asked: _Asked, kept: KeptVerdicts) -> list[Verdict]:
+    return [verdict for case in asked.cases if (verdict := kept.of(case)) is not None]
+
+
+def _print(cases: Sequence[Case], kept: KeptVerdicts) -> None:
+    table: dict[str, Counter[str]] = defaultdict(Counter)
+    for case in cases:
+        verdict = kept.of(case)
+        if verdict is not None:
+            row = table[str(case.fault.fault) if case.fault else "none"]
+            row.update({"cases": 1, verdict.outcome: 1} | {name: getattr(verdict, name) for name in _COUNTS})
+    columns = ("cases", *_OUTCOMES, *_COUNTS)
+    total: Counter[str] = Counter()
+    for row in table.values():
+        total.update(row)
+    print(f"{'fault':18s}" + "".join(f"{name:>15s}" for name in columns))
+    for fault, row in [*sorted(table.items()), ("all", total)]:
+        print(f"{fault:18s}" + "".join(f"{row[name]:15d}" for name in columns))
 
 
 def main() -> int:
     """Run what the arguments ask for; 1 where a verdict is bad, 2 for a word that means nothing."""
     try:
-        cases = _wanted(sys.argv[1:])
+        asked = asked_for(sys.argv[1:])
     except ValueError as error:
         print(error)
         return 2
-    return 1 if asyncio.run(_run(cases)) else 0
+    return 1 if asyncio.run(_run(asked)) else 0
 
 
 if __name__ == "__main__":
-    import os
-
     os.environ[FOLDER_VARIABLE] = tempfile.mkdtemp(prefix="breakaway-locks-")
     sys.exit(main())

@@ -23,11 +23,15 @@ FAULTS: Final[tuple[WireFault | ServiceFault, ...]] = (*ServiceFault, *WireFault
 
 
 def every_case(rounds: int = 1) -> Iterator[Case]:
-    """Every fault at every transaction on every way, ``rounds`` times with other bits and cuts."""
+    """Every fault at every transaction on every way, ``rounds`` times with other bits and cuts.
+
+    The ways take turns: the first quarter meets each fault at each transaction once.
+    """
     for seed in range(rounds):
-        for index in range(TRANSACTIONS):
-            for carrier, mode in WAYS:
-                for fault in FAULTS:
+        for turn in range(len(WAYS)):
+            for index in range(TRANSACTIONS):
+                for number, fault in enumerate(FAULTS):
+                    carrier, mode = WAYS[(number + index + turn) % len(WAYS)]
                     yield Case(carrier, mode, FaultAt(fault, index, seed=1000 * seed + index))
 
 

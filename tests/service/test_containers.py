@@ -12,6 +12,7 @@ import yaml
 from sqlalchemy import make_url
 
 from drivers.addresses import TcpAddress
+from service.precedence import LOOP
 from service.settings import Plant, load_plant
 from service.settings_database import PASSWORD_VARIABLE
 from service.settings_nightly import GATEWAY_VARIABLE
@@ -126,6 +127,11 @@ def test_the_image_runs_without_privileges_and_installs_by_hash(compose: dict[st
         if name != "database":  # it drops its rights by itself, which needs some at the start
             assert service["cap_drop"] == ["ALL"]
         assert service["security_opt"] == ["no-new-privileges:true"]
+
+
+def test_the_file_for_precedence_gives_every_gateway_the_limit_and_nobody_else() -> None:
+    text = (PROJECT / "deploy" / "compose" / "precedence.yml").read_text(encoding="utf-8")
+    assert yaml.safe_load(text)["services"] == {name: {"ulimits": {"rtprio": LOOP}} for name in GATEWAYS}
 
 
 def test_every_package_of_the_project_is_in_the_image() -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from service.precedence import LOOP
 from service.systemd import ServiceManager
 from tests.service.conftest import PLANT
 
@@ -38,6 +39,8 @@ def test_the_unit_waits_longer_than_a_valve_needs_to_get_safe_and_takes_no_right
     assert -10 <= int(keys["Nice"]) < 0
     assert keys["CapabilityBoundingSet"] == ""
     assert keys["ProtectSystem"] == "strict"
+    assert keys["LimitRTPRIO"] == str(LOOP)
+    assert (keys["RestrictRealtime"], "CPUSchedulingPolicy" in keys) == ("false", False)
     assert keys["Restart"] == "on-failure"
 
 

@@ -1,0 +1,122 @@
+"""Real-time precedence of this process: while a valve is polled from here, and where the system allows it.
+
+A thread of ``SCHED_RR`` gets a core before everything that is not real-time (sched(7)), other programs and the analyses
+among it. The event loop's thread comes first and the others of this process behind it: with none of it they would keep
+the loop waiting, as whoever holds the interpreter's lock and gets no core holds it for long (benchmark ``load``: 1085
+of 16,000 slots missed on two busy cores instead of 10). What a thread starts is ordinary until it is met here, a
+process for ever (``SCHED_RESET_ON_FORK``). The system allows it by ``RLIMIT_RTPRIO`` (``LimitRTPRIO`` of a unit,
+``ulimits`` of a container) or ``CAP_SYS_NICE``.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import resource
+import signal
+import sys
+import threading
+from pathlib import Path
+from types import FrameType
+from typing import Final
+
+import structlog
+
+_LOG = structlog.get_logger(__name__)
+LOOP: Final = 2  # of 1 to 99: before what is not real-time, behind most others that are
+BESIDE: Final = 1
+_LONGEST_SPIN_S: Final = 1.0  # a burst of the loop takes milliseconds; a device's watchdog waits longer as a rule
+_RENEWED_S: Final = 0.25  # threads come and go
+_SUPPORTED: Final = sys.platform == "linux"
+
+
+class Precedence:
+    """Taken and given back by the event loop's thread, which must be the main one.
+
+    A thread that works for a second without ever waiting loses it for all (``RLIMIT_RTTIME``); they get it back once
+    the event loop turns. One that hangs leaves its core to whoever ends it.
+    """
+
+    def __init__(self) -> None:
+        self._allowed = False
+        self._spun_told = False
+        self._renewing: asyncio.Task[None] | None = None
+
+    @property
+    def allowed(self) -> bool:
+        """Whether the system allowed it when it was last asked."""
+        return self._allowed
+
+    def try_once(self) -> None:
+        """Take it and give it back, so that the log says at the start whether it can be had."""
+        if _SUPPORTED:
+            signal.signal(signal.SIGXCPU, self._spun)
+        self._take()
+        self._give_back()
+        if self._allowed:
+            _LOG.info("polling has precedence", policy="SCHED_RR", priority=LOOP)
+        else:
+            _LOG.warning(
+                "polling has no precedence: other work may make samples late",
+                remedy=f"allow real-time scheduling: LimitRTPRIO={LOOP} in the unit, ulimits rtprio of the container",
+            )
+
+    def begin(self) -> None:
+        """Take it until ``end``; where it is refused nothing changes. Called in the event loop."""
+        self._take()
+        if self._allowed and self._renewing is None:
+            self._spun_told = False
+            self._renewing = asyncio.get_running_loop().create_task(self._renew())
+
+    def end(self) -> None:
+        """Let every thread be as ordinary as before."""
+        if self._renewing is not None:
+            self._renewing.cancel()
+            self._renewing = None
+            self._give_back()
+
+    async def _renew(self) -> None:
+        while True:
+            await asyncio.sleep(_RENEWED_S)
+            self._take()
+
+    def _take(self) -> None:
+        if not _SUPPORTED:
+            return
+        hard = resource.getrlimit(resource.RLIMIT_RTTIME)[1]
+        spin_us = round(1e6 * _LONGEST_SPIN_S)
+        # Set anew each time: the system puts it up by a second with each signal.
+        soft = spin_us if hard == resource.RLIM_INFINITY else min(spin_us, hard)
+        resource.setrlimit(resource.RLIMIT_RTTIME, (soft, hard))
+        loop_thread = threading.main_thread().native_id
+        try:
+            for thread in _threads():
+                _schedule(thread, os.SCHED_RR, LOOP if thread == loop_thread else BESIDE)
+        except PermissionError:
+            self._allowed = False
+        else:
+            self._allowed = True
+
+    def _give_back(self) -> None:
+        with contextlib.suppress(PermissionError):  # where it never was allowed
+            for thread in _threads():
+                _schedule(thread, os.SCHED_OTHER, 0)
+
+    def _spun(self, _signal: int, _frame: FrameType | None) -> None:
+        self._give_back()
+        if not self._spun_told:
+            self._spun_told = True
+            _LOG.error("a thread kept its core for a second: no precedence until the event loop turns")
+
+
+def _threads() -> list[int]:
+    return [int(thread.name) for thread in Path("/proc/self/task").iterdir()]
+
+
+def _schedule(thread: int, policy: int, priority: int) -> None:
+    """Schedule a thread so, unless it is so already or has ended."""
+    wanted = policy | os.SCHED_RESET_ON_FORK
+    with contextlib.suppress(ProcessLookupError):
+        if os.sched_getscheduler(thread) != wanted or os.sched_getparam(thread).sched_priority != priority:
+            os.sched_setscheduler(thread, wanted, os.sched_param(priority))
