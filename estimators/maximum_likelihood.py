@@ -12,10 +12,10 @@ from estimators.base import Estimate, Outcome, failed, measured
 from estimators.likelihood.conclusion import conclude, searched_model
 from estimators.likelihood.force_recording import estimate_force_recording
 from estimators.likelihood.hopping import Hopping
-from estimators.likelihood.input_errors import refit, step_instants, whitened, with_input_errors
+from estimators.likelihood.input_errors import refit, searched_anew, step_instants, with_input_errors
 from estimators.likelihood.input_path import CommandedPath, InputPath, input_path
-from estimators.likelihood.problem import pose
-from estimators.likelihood.search import Found, search, searched_again
+from estimators.likelihood.problem import Problem, pose
+from estimators.likelihood.search import Found, search
 from estimators.likelihood.staircase import read_staircase, with_stops
 from estimators.likelihood.write_errors import reweighted
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
@@ -66,12 +66,14 @@ class MaximumLikelihoodEstimator:
             return failed(self.method, Outcome.UNPHYSICAL)
         if isinstance(path, CommandedPath) and path.is_stepped:
             found = reweighted(found, path, motion, problem)
-        found = self._with_input_errors(motion, path, found, hopping)
+        found = self._with_input_errors(motion, path, found, hopping, problem)
         estimate = conclude(self.method, motion, problem, found)
         return _as_its_treads_tell(estimate, path) if isinstance(path, CommandedPath) and path.is_stepped else estimate
 
     @staticmethod
-    def _with_input_errors(motion: RecordedMotion, path: InputPath, found: Found, hopping: Hopping) -> Found:
+    def _with_input_errors(
+        motion: RecordedMotion, path: InputPath, found: Found, hopping: Hopping, problem: Problem
+    ) -> Found:
         """Search again and refit with the errors of the measured input as unknowns, where they matter."""
         # a command is known; its corners are as many as its lag asks for, so they have no fixed directions
         if found.certificate.ratio > _WORTH_REFINING or motion.command_only:
@@ -83,7 +85,7 @@ class MaximumLikelihoodEstimator:
         widened = with_input_errors(model, found.point, chain(changed, stepped))
         if not widened.deviations:
             return found
-        point = searched_again(whitened(model, widened, found.point), found, hopping)
+        point = searched_anew(model, widened, found, hopping, problem)
         return refit(widened, found, point)
 
 

@@ -9,12 +9,16 @@ from typing import Final
 
 import numpy as np
 
+from estimators.likelihood.budget import Budget
+from estimators.likelihood.certificate import LARGEST_RATIO
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.coordinates import Coordinates, linear
 from estimators.likelihood.descent import descend
+from estimators.likelihood.hopping import Hopping, hopped
 from estimators.likelihood.model import Corners, StemModel
-from estimators.likelihood.pool import Place
-from estimators.likelihood.search import Found, certified
+from estimators.likelihood.pool import Place, chosen_trials, distinct, halved, ranked
+from estimators.likelihood.problem import Problem
+from estimators.likelihood.search import Found, certified, searched_again, stages_of
 from estimators.samples import FloatArray
 
 PREFIX: Final = "input_"
@@ -22,6 +26,9 @@ PREFIX: Final = "input_"
 _LEAST_EFFECT: Final = 0.05
 _MOST: Final = 100
 _STEP_SHARE: Final = 0.05  # of the range, within one period: steeper than any ramp
+_RANKING_SHARE: Final = 0.2  # of the budget
+_REFILL: Final = 0.35  # of the budget, for the hops from each place
+_MOST_HOPPED: Final = 4  # places
 _STEPS: Final = 12
 _LAST_STEPS: Final = 3
 
@@ -57,9 +64,38 @@ def whitened(model: StemModel, widened: StemModel, point: FloatArray) -> StemMod
     Errors D e, e of unit variance, beside white noise have the covariance I + D D^T; with D = U S V^T its inverse root
     is I - U (1 - 1/sqrt(1 + S^2)) U^T. D is taken at ``point`` (p,).
     """
-    small = compressed(model)
+    return _eliminated(compressed(model), widened, point)
+
+
+def searched_anew(model: StemModel, widened: StemModel, found: Found, hopping: Hopping, problem: Problem) -> FloatArray:
+    """Return the lowest point (p,) on blocks with the input's errors eliminated linearly; hops from the best places.
+
+    Where the fit without these errors does not explain the recording, they have decided which place was the lowest,
+    and m, F_v and DV stand in for them: then all trial values are followed once more.
+    """
+    small = whitened(model, widened, found.point)
+    if found.certificate.is_good or hopping.jumps:
+        return searched_again(small, found, hopping)
+    stages = [_eliminated(stage, widened, found.point) for stage in stages_of(model, problem.rests, jumps=False)]
+    budget = Budget.of(model)
+    most = budget.most_simulations(stages[0], _RANKING_SHARE)
+    first = ranked(stages[0], chosen_trials(problem.trials, most), budget)
+    places = halved([*stages, small], first, budget)
+    known = [Place(point, small.cost(point)) for point in (found.point, *(place.point for place in found.others))]
+    places = distinct(small, [*places, *known])
+    whole, best = budget.whole, places[0]
+    for place in places[:_MOST_HOPPED]:
+        budget.left = max(budget.left, _REFILL * whole)
+        best = min(best, *hopped(small, [place], hopping, budget, whole), key=lambda one: one.cost)
+        if best.cost < LARGEST_RATIO**2 * small.time_s.size:
+            break
+    return best.point
+
+
+def _eliminated(small: StemModel, widened: StemModel, point: FloatArray) -> StemModel:
+    """Return this model of blocks with the errors that ``widened`` has as unknowns eliminated linearly."""
     here = small.simulate(point)
-    corner_s, force_n = model.corners(model.coordinates.values(point))
+    corner_s, force_n = small.corners(small.coordinates.values(point))
     columns: list[FloatArray] = []
     for late_s, more_n in widened.deviations:
         moved = replace(small, path=_Moved((corner_s + late_s, force_n + more_n))).simulate(point)

@@ -23,6 +23,7 @@ from estimators.samples import BoolArray, FloatArray
 # Own choices, tried on triangles, multi-rate triangles and steps behind lags of 0.02 to 1 s at 1-50 ms.
 _PRUNINGS: Final = 16
 _LEAST_SIGMAS: Final = 4.5  # of its error: an event that is smaller is none
+_SURE_LAG: Final = 4.0  # of its errors: a shorter one may be none, and lines that meet sharply say it better
 _CHI_SIGMAS: Final = 5.0
 _HOPELESS_SIGMAS: Final = 60.0  # before the events have settled
 _LEAST_SIZES: Final = (0.3, 0.05, 0.0)  # of the largest event's
@@ -120,6 +121,8 @@ def _with_events(
         settled = bool(kept.all())
         parameters, steps = _without(parameters, steps, kept)
     else:
+        return None
+    if not float(parameters[3]) > _SURE_LAG * math.sqrt(float(inverse[3, 3])):
         return None
     variances, directions = np.linalg.eigh(inverse)
     root = (directions * np.sqrt(np.clip(variances, 0.0, None))).T

@@ -18,7 +18,9 @@ _PRICE: Final = 1.3
 _BLOCKS: Final = 8000
 _LARGEST_BLOCK: Final = 8
 _FEWEST_ROWS: Final = 3
+_LINE: Final = 2  # coefficients
 _SIGMAS: Final = 6.0  # a difference of slopes or of values beyond it is one
+_SIGMAS_OF_LINES: Final = 3.0  # of slopes: two lines do not pass smoothly into each other, they would be one
 _NEWTON_ROUNDS: Final = 6
 _SETTLED: Final = 1.0e-13  # of the time: the crossing of two lines after one round
 _EDGE_ROUNDS: Final = 4
@@ -148,13 +150,15 @@ class _Apart:
         """How piece i meets the next one, when, and how far a corner may be from there.
 
         ``variance_s`` is the noise's variance times the period. Rows on the wrong side of a corner for a time d
-        cost (bend d)^2 d / 3 / variance_s of squares: an edge is found to where that is a few dozens.
+        cost (bend d)^2 d / 3 / variance_s of squares: an edge is found to where that is a few dozens. A line of a few
+        rows has a slope that is hardly known: that it meets another line smoothly is no finding.
         """
         at_s, apart_s = float(self.joint_s[i]), float(self.reach_s[i])
         one, two = self.end(i, at_s), self.end(i + 1, at_s)
         gap, bend = one[0] - two[0], two[1] - one[1]
         gap_error, bend_error = math.hypot(one[2], two[2]), math.hypot(one[3], two[3])
-        if abs(bend) > _SIGMAS * bend_error:
+        are_lines = max(int(self.degree[i]), int(self.degree[i + 1])) <= 1
+        if abs(bend) > (_SIGMAS_OF_LINES if are_lines else _SIGMAS) * bend_error:
             edge_error_s = math.cbrt(3.0 * _EDGE_SQUARES * variance_s / bend**2)
             near_s = 0.6 * apart_s + _SIGMAS * gap_error / abs(bend) + edge_error_s
             near_s = min(near_s, max(0.9 * float(min(self.half_s[i], self.half_s[i + 1])), 0.6 * apart_s))
@@ -175,6 +179,10 @@ def _fitted_apart(time_s: FloatArray, value: FloatArray, noise: float, edges: In
     for i in range(count):
         size = min(int(degree[i]) + 1, int(edges[i + 1] - edges[i]))
         inverse = np.linalg.pinv(factors[i, :size, :size])
+        if size == _LINE and float(inverse[1] @ factors[i, :2, 4]) ** 2 < price * (noise * float(inverse[1, 1])) ** 2:
+            # a slope that is not worth its price is none: that of a hold of three rows is hardly known
+            size, degree[i] = 1, 0
+            inverse = np.linalg.pinv(factors[i, :1, :1])
         coefficient[i, :size] = inverse @ factors[i, :size, 4]
         directions, sizes, _ = np.linalg.svd(inverse)
         root = np.zeros((size, 4))
@@ -276,7 +284,7 @@ def _span(
     begin, end = int(edges[first]), int(edges[last + 1])
     node_s = np.concatenate([time_s[[begin]], apart.joint_s[first:last], time_s[[end - 1]]])
     node_s, degree, coefficient, root = smooth_span(
-        time_s[begin:end], value[begin:end], node_s, apart.degree[first : last + 1], noise
+        time_s[begin:end], value[begin:end], node_s, np.maximum(apart.degree[first : last + 1], 1), noise
     )
     inside = np.searchsorted(time_s[begin:end], node_s[1:-1])
     rows = np.diff(np.concatenate([[0], inside, [end - begin]]))

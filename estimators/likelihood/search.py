@@ -97,7 +97,7 @@ def search(
     budget = Budget.of(model, jumps=hopping.jumps)
     limited = replace(model, most_events=min(model.most_events, _MORE_EVENTS * (model.events + _FEW_EVENTS)))
     small = compressed(limited)
-    stages = _stages(limited, rests, jumps=hopping.jumps)
+    stages = stages_of(limited, rests, jumps=hopping.jumps)
     whole = budget.left
     first = ranked(stages[0], chosen_trials(trials, budget.most_simulations(stages[0], _RANKING_SHARE)), budget)
     if not first:
@@ -248,7 +248,7 @@ class _Searching:
         return places
 
 
-def _stages(model: StemModel, rests: Restarts, *, jumps: bool) -> list[StemModel]:
+def stages_of(model: StemModel, rests: Restarts, *, jumps: bool) -> list[StemModel]:
     """Models begun anew at each rest, twice, and, where there are many, at fewer and fewer of them.
 
     Over many jumps the simulated stem falls out of step with the measured one unless it is nearly right already.

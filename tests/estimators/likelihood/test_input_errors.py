@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from estimators.base import Status
 from estimators.likelihood.input_errors import with_input_errors
 from estimators.likelihood.input_path import MeasuredPath, input_path
 from estimators.likelihood.problem import pose
+from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from tests.estimators.random_valves import random_test
 
@@ -25,3 +27,15 @@ def test_every_line_of_a_noisy_pressure_is_unknown_where_it_matters() -> None:
     at = problem.model.coordinates.point(problem.trials[0].values | truth | stiction | {"delay_s": 0.0})
     widened = with_input_errors(problem.model, at, path.variations(np.zeros(1)))
     assert len(widened.deviations) >= 60
+
+
+def test_the_search_is_begun_anew_where_the_errors_of_the_pressure_decide_which_place_is_the_lowest() -> None:
+    # 50 ms, a few rows of ringing at each corner: without these errors nine times the mass fits better than the truth
+    test = random_test(2467)
+    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    assert estimate.status is Status.OK, estimate.message
+    for symbol in ("m", "F_v", "F_c", "F_s"):
+        entry, truth = estimate.parameters[symbol], test.truth.by_symbol()[symbol]
+        assert entry.value is not None
+        assert entry.std_error is not None
+        assert abs(entry.value - truth) < 4.0 * entry.std_error < 0.5 * truth

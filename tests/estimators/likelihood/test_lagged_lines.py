@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from estimators.likelihood.lagged_lines import LaggedLines, lagged_lines
+from estimators.likelihood.pieces import Joint, fit_pieces
 from estimators.samples import FloatArray
 from simulator import transducer
 from valve.waveform import Waveform, multi_rate_triangle, sine, steps, triangle
@@ -76,3 +77,22 @@ def test_two_lags_in_a_row_are_not_taken_for_one() -> None:
     fit = lagged_lines(time_s, measured_pa, NOISE_PA)
     off_pa = 0.0 if fit is None else float(np.abs(np.interp(time_s, *fit.corners()) - measured_pa).max())
     assert fit is None or off_pa < 6.0 * NOISE_PA
+
+
+def test_a_hold_of_a_few_rows_meets_its_ramp_at_a_corner() -> None:
+    # 0.15 s at 50 ms: the slope of three rows is hardly known; taken for a smooth passage, lag and swing explained it
+    wave = WAVES["triangle"]
+    time_s = np.arange(1200, dtype=np.float64) * 0.05
+    true_pa = np.interp(time_s, 0.157 + wave.time_s, wave.pressure_pa)
+    for seed in range(20):
+        measured_pa = true_pa + NOISE_PA * np.random.default_rng(seed).standard_normal(time_s.size)
+        assert (fit_pieces(time_s, measured_pa, NOISE_PA).joint == Joint.CORNER).all(), seed
+
+
+def test_a_lag_that_is_no_longer_than_its_error_is_none() -> None:
+    wave = WAVES["triangle"]
+    time_s = np.arange(6000, dtype=np.float64) * 0.01
+    true_pa = np.interp(time_s, wave.time_s, wave.pressure_pa)
+    for seed in range(4):
+        measured_pa = true_pa + NOISE_PA * np.random.default_rng(seed).standard_normal(time_s.size)
+        assert lagged_lines(time_s, measured_pa, NOISE_PA) is None, seed
