@@ -37,16 +37,23 @@ _EACH: Final = re.compile(rf"(?<![\w.]){_NUMBER}")
 _DIGITS: Final = (3, 4)  # fewest and most that are shown where a unit is changed
 _SMALL: Final = 1.0e-3  # below it a number has five places: inches of a sensor's noise
 _LARGE_UM: Final = 100.0  # from here on metric lengths are read in mm
+_IN_UM: Final = {"um": 1.0, "m": 1.0e6}  # what is written in mm was large to whoever wrote it
 
 
 def in_units(text: str, system: UnitSystem) -> str:
     """Return a sentence with its lengths, pressures and forces in the units of ``system``.
 
     ``it stood at 0.0485455 m`` becomes ``it stood at 48.55 mm``, or ``1.911 in``. A number whose unit stays is left
-    as it is, a small length (um) too where lengths are metric. An interval in brackets goes with
+    as it is; a small length is read in µm where lengths are metric. An interval in brackets goes with
     its value. ``+-`` becomes ``±``, and ``1.2e+02`` 120.
     """
     return as_read(_QUANTITY.sub(lambda found: _in_unit(found, system), text))
+
+
+def as_sentence(text: str) -> str:
+    """Return ``text`` with a capital at its begin and a stop at its end; "" stays."""
+    text = text.strip()
+    return text[:1].upper() + text[1:] + ("" if not text or text.endswith((".", "!", "?")) else ".")
 
 
 def all_in_units(content: Any, system: UnitSystem) -> Any:
@@ -66,13 +73,20 @@ def _in_unit(found: re.Match[str], system: UnitSystem) -> str:
     unit = shown_unit(si_unit, system)
     if unit.name == named:
         return found.group()
-    if named == "um" and unit.name == "mm" and all(abs(float(one)) < _LARGE_UM for one in _EACH.findall(numbers)):
-        return f"{numbers} µm{interval}"
+    if unit.name == "mm" and named in _IN_UM:
+        largest_um = _IN_UM[named] * max(abs(float(one)) for one in _EACH.findall(numbers))
+        if largest_um < _LARGE_UM and (largest_um > 0.0 or named == "um"):
+            shown, between = (_in_um(text, _IN_UM[named]) for text in (numbers, interval))
+            return f"{shown} µm{between}"
     more = 1 if interval else 0  # so that the ends of a narrow interval still differ
     shown, between = (
         _EACH.sub(lambda one: _converted(one.group(), in_si / unit.in_si, more), text) for text in (numbers, interval)
     )
     return f"{shown} {unit.name}{between}"
+
+
+def _in_um(numbers: str, factor: float) -> str:
+    return numbers if factor == 1.0 else _EACH.sub(lambda one: f"{factor * float(one.group()):.3g}", numbers)
 
 
 def _converted(number: str, factor: float, more: int) -> str:

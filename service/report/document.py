@@ -92,7 +92,7 @@ def document_of(source: ReportSource) -> dict[str, Any]:
             "notes": [str(note) for note in analysis.get("notes") or ()],
         },
         "sampling": [{"name": name, "value": value} for name, value in _sampling(analysis, system)],
-        "permissives": [_permissive(one) for one in source.permissives],
+        "permissives": [permissive_row(one) for one in source.permissives],
         "comparison": list(source.comparison),
     }
     pictures = {name: _drawn(picture) for name, picture in _pictures(source) if picture is not None}
@@ -181,7 +181,7 @@ def _sampling(analysis: Mapping[str, Any], system: UnitSystem) -> Iterator[tuple
         yield "Rate achieved", f"{sampling['rate_hz']:.4g} Hz, {sampling['missed_slots']} slots missed"
         yield (
             "Jitter",
-            f"{_jitter(sampling['jitter_rms_s'])}, longest period {1e3 * sampling['largest_period_s']:.4g} ms",
+            f"{jitter_words(sampling['jitter_rms_s'])}, longest period {1e3 * sampling['largest_period_s']:.4g} ms",
         )
     if recording.get("channels"):
         yield "Channels", ", ".join(recording["channels"])
@@ -193,11 +193,13 @@ def _sampling(analysis: Mapping[str, Any], system: UnitSystem) -> Iterator[tuple
                 yield f"Held out: {one['file']}, {method.replace('_', ' ')}", f"{quantity(rmse_m, 'm', system, 3)} rms"
 
 
-def _jitter(jitter_s: float) -> str:
+def jitter_words(jitter_s: float) -> str:
+    """Return how uneven a recording was sampled, s rms, in milliseconds."""
     return f"{1e3 * jitter_s:.3g} ms rms" if jitter_s >= _LEAST_JITTER_S else "below 0.001 ms rms"
 
 
-def _permissive(one: Mapping[str, Any]) -> dict[str, str]:
+def permissive_row(one: Mapping[str, Any]) -> dict[str, str]:
+    """Return a permissive as it was read before the motion, in words."""
     met = {True: "met", False: "NOT met", None: "not known"}[one.get("met")]
     name = str(one.get("name", "")).replace("_", " ")
     return {"name": name, "met": met, "value": str(one.get("value", "")), "limit": str(one.get("limit", ""))}

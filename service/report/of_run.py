@@ -6,15 +6,21 @@ from collections.abc import Mapping
 from datetime import datetime
 from typing import Any
 
+from service.ending import ending_of
 from service.health.comparison import compare
 from service.health.judge import facts_of
+from service.recordings.place import recording_of
+from service.report.ended import EndedSource
 from service.report.source import ReportSource
-from service.report.valve_facts import nameplate_facts, wiring_facts
+from service.report.valve_facts import nameplate_facts, safe_value_words, wiring_facts
 from service.runs.run import Label, Run
-from service.settings import PlantValve
+from service.settings import Plant, PlantValve
+from service.shown_sentences import as_sentence
 from service.shown_units import UnitSystem
 from service.store.store import Store
 from service.tablet.history import past_of
+from service.tablet.words import STATES
+from valve.errors import ValveError
 
 
 def source_of(store: Store, run: Run, valve: PlantValve | None, system: UnitSystem) -> ReportSource:
@@ -34,6 +40,35 @@ def source_of(store: Store, run: Run, valve: PlantValve | None, system: UnitSyst
         system,
         _of_valve(valve, system),
         run.sequence,
+    )
+
+
+def ended_source_of(plant: Plant, store: Store, run: Run, system: UnitSystem) -> EndedSource:
+    """Return what the report of a finished test without a result is made of; reads the database and blocks."""
+    valve = plant.valves.get(run.valve)
+    newest = store.runs.newest(1, valve=run.valve)
+    file, no_file = None, ""
+    if run.recording_file is not None:
+        try:
+            file = str(recording_of(run, plant, store))
+        except ValveError as error:  # another gateway has it, or nobody has it any more
+            no_file = as_sentence(str(error))
+    return EndedSource(
+        run.valve,
+        _subject(run),
+        STATES[run.state],
+        ending_of(
+            run,
+            later=newest[0] if newest and newest[0].id != run.id else None,
+            safe_words="" if valve is None else safe_value_words(valve.wiring.safe_value_pa, system),
+        ),
+        file,
+        no_file,
+        run.quality or {},
+        tuple(_facts(run, None)),
+        tuple((run.permissives or {}).get("permissives") or ()),
+        system,
+        _of_valve(valve, system),
     )
 
 

@@ -1,4 +1,4 @@
-"""``/tests/{id}/report``: the report of a completed test."""
+"""``/tests/{id}/report``: the report of a test that has ended."""
 
 from __future__ import annotations
 
@@ -14,8 +14,11 @@ from service.access.principal import Right
 from service.parts import Parts, parts_of
 from service.problems import PROBLEMS
 from service.recordings.formats import qualities
-from service.report.of_run import source_of
+from service.report.ended import EndedSource
+from service.report.of_run import ended_source_of, source_of
+from service.report.source import ReportSource
 from service.report.written import report_html, report_pdf
+from service.runs.run import Run
 from service.shown_units import UnitSystem
 from service.tablet.rendering import units_of
 from valve.errors import NotFoundError
@@ -46,19 +49,25 @@ async def get_report(
     wanted: Annotated[Literal["pdf", "html"] | None, Query(alias="format", description="stands above Accept")] = None,
     units: Annotated[UnitSystem | None, Query(description="what it is read in; SI by default")] = None,
 ) -> Response:
-    """Return the report of a completed test: PDF, or HTML where `Accept` prefers it."""
+    """Return the report of a test that has ended, with a result or without: PDF, or HTML where `Accept` prefers it."""
     kind = wanted or _preferred(request.headers.get("accept", "*/*"))
     run = await parts.runs.get(test_id)
-    if run.analysis is None:
-        raise NotFoundError(f"test {run.id} has no report (it is {run.state.value}): choose a completed test")
+    if not run.state.finished:
+        raise NotFoundError(f"test {run.id} has no report yet (it is {run.state.value}): ask again when it has ended")
     system = units or units_of(request)
-    source = await asyncio.to_thread(source_of, parts.store, run, parts.plant.valves.get(run.valve), system)
+    source = await asyncio.to_thread(_source, parts, run, system)
     if kind == "html":
         address = f"/tests/{run.id}/report?format=pdf&units={system.value}"
         return Response(await parts.drawer.document(report_html, source, address), headers=_HEADERS, media_type=_HTML)
     data = await parts.drawer.document(report_pdf, source)
     disposition = {"Content-Disposition": f'inline; filename="{run.id}.pdf"'}
     return Response(data, headers=_HEADERS | disposition, media_type=_PDF)
+
+
+def _source(parts: Parts, run: Run, system: UnitSystem) -> ReportSource | EndedSource:
+    if run.analysis is None:
+        return ended_source_of(parts.plant, parts.store, run, system)
+    return source_of(parts.store, run, parts.plant.valves.get(run.valve), system)
 
 
 def _preferred(accept: str) -> Literal["pdf", "html"]:

@@ -7,7 +7,8 @@ from typing import Any, Final
 
 from service.next_step import next_step
 from service.report.source import ReportSource
-from service.shown_units import measured, quantity
+from service.shown_sentences import as_sentence
+from service.shown_units import UnitSystem, measured, quantity
 from service.tablet.results import diagnosis_of
 from service.tablet.words import NE107
 
@@ -33,16 +34,11 @@ def summary_of(source: ReportSource) -> dict[str, Any]:
         "verdict": f"{source.tag} {_VERDICTS.get(state or '', _NOT_ASSESSED)}",
         "state": state or "–",
         "state_words": "Not assessed" if shown is None else shown.words,
-        "reasons": [_sentence(reason) for reason in health.get("reasons") or ()],
+        "reasons": [as_sentence(reason) for reason in health.get("reasons") or ()],
         "diagnosis": _diagnosis(source.analysis, health.get("reasons") or ()),
         "actions": _actions(source),
-        "key_figures": _key_figures(source),
+        "key_figures": key_figures(source.analysis, source.system),
     }
-
-
-def _sentence(text: str) -> str:
-    text = text.strip()
-    return text[:1].upper() + text[1:] + ("" if text.endswith((".", "!")) else ".")
 
 
 def _diagnosis(analysis: Mapping[str, Any], reasons: Sequence[str]) -> str:
@@ -66,17 +62,18 @@ def _actions(source: ReportSource) -> list[str]:
     return [action for action in dict.fromkeys(actions) if action]
 
 
-def _key_figures(source: ReportSource) -> list[dict[str, str]]:
-    signature, system = source.analysis.get("signature") or {}, source.system
+def key_figures(analysis: Mapping[str, Any], system: UnitSystem) -> list[dict[str, str]]:
+    """Return what a crew wants first, as texts: friction, how it stands against the baseline, its trend, dead band."""
+    signature = analysis.get("signature") or {}
     rows = []
-    friction = _friction(source)
+    friction = _friction(analysis)
     if friction is not None:
         value, ci95 = friction
         rows.append(
-            {"name": "Friction", "value": measured(value, ci95, "N", system), "beside": _of_span(source, value)}
+            {"name": "Friction", "value": measured(value, ci95, "N", system), "beside": _of_span(analysis, value)}
         )
-    rows += [{"name": "Friction against the baseline", "value": text, "beside": ""} for text in _against(source)]
-    rows += [{"name": "Trend of friction", "value": text, "beside": ""} for text in _trend(source)]
+    rows += [{"name": "Friction against the baseline", "value": text, "beside": ""} for text in _against(analysis)]
+    rows += [{"name": "Trend of friction", "value": text, "beside": ""} for text in _trend(analysis, system)]
     if signature.get("dead_band_percent") is not None:
         rows.append(
             {
@@ -88,28 +85,28 @@ def _key_figures(source: ReportSource) -> list[dict[str, str]]:
     return rows
 
 
-def _friction(source: ReportSource) -> tuple[float, Any] | None:
+def _friction(analysis: Mapping[str, Any]) -> tuple[float, Any] | None:
     """Mean friction of the loop; where it has none the Coulomb friction that health found."""
-    signature = source.analysis.get("signature") or {}
+    signature = analysis.get("signature") or {}
     if signature.get("friction_mean_n") is not None:
         interval = (signature.get("intervals") or {}).get("friction_mean_n") or {}
         return signature["friction_mean_n"], interval.get("ci95")
-    for change in (source.analysis.get("health") or {}).get("changes") or ():
+    for change in (analysis.get("health") or {}).get("changes") or ():
         if change["name"] in _FRICTION and change["now"] is not None:
             return change["now"], None
-    model = (source.analysis.get("discrepancy") or {}).get("extended_model")
+    model = (analysis.get("discrepancy") or {}).get("extended_model")
     found = None if model is None else model["parameters"].get("F_c")
     return None if found is None or found.get("value") is None else (found["value"], found.get("ci95"))
 
 
-def _of_span(source: ReportSource, friction_n: float) -> str:
-    span = (source.analysis.get("signature") or {}).get("span") or {}
+def _of_span(analysis: Mapping[str, Any], friction_n: float) -> str:
+    span = (analysis.get("signature") or {}).get("span") or {}
     force_n = span.get("force_n")
     return "" if not force_n else f"{100.0 * friction_n / force_n:.3g} % of span"
 
 
-def _against(source: ReportSource) -> list[str]:
-    for change in (source.analysis.get("health") or {}).get("changes") or ():
+def _against(analysis: Mapping[str, Any]) -> list[str]:
+    for change in (analysis.get("health") or {}).get("changes") or ():
         if change["name"] in _FRICTION and change["change"] is not None and change["was"]:
             percent = 100.0 * abs(change["change"] / change["was"])
             way = "up" if change["change"] > 0.0 else "down"
@@ -119,13 +116,13 @@ def _against(source: ReportSource) -> list[str]:
     return []
 
 
-def _trend(source: ReportSource) -> list[str]:
-    for trend in (source.analysis.get("health") or {}).get("trends") or ():
+def _trend(analysis: Mapping[str, Any], system: UnitSystem) -> list[str]:
+    for trend in (analysis.get("health") or {}).get("trends") or ():
         if trend["name"] in _FRICTION:
             low, high = trend["ci95"]
             if low <= 0.0 <= high:
                 return [f"steady over {trend['tests']} tests"]
-            moved = quantity(abs(trend["per_day"]) * _MONTH_DAYS, "N", source.system, 2)
+            moved = quantity(abs(trend["per_day"]) * _MONTH_DAYS, "N", system, 2)
             way = "rising" if trend["per_day"] > 0.0 else "falling"
             at = trend["reaches_limit_at"]
             return [f"{way} by {moved} a month" + ("" if at is None else f", at its limit about {at[:10]}")]

@@ -33,8 +33,7 @@ def nameplate_facts(nameplate: Nameplate, system: UnitSystem) -> Iterator[tuple[
 
 def wiring_facts(wiring: ValveWiring, health: HealthLimits, system: UnitSystem) -> Iterator[tuple[str, str]]:
     """Yield name and value of the safe value, of what a test may do to the valve and of how far it may change."""
-    safe_pa = wiring.safe_value_pa
-    yield "Safe value", "the pressure before the test" if safe_pa == "entry" else quantity(safe_pa, "Pa", system)
+    yield "Safe value", safe_value_words(wiring.safe_value_pa, system)
     yield "A test may use", _limits(wiring.limits, system)
     if wiring.limits.position_m is not None:
         low, high = (quantity(end_m, "m", system) for end_m in wiring.limits.position_m)
@@ -47,6 +46,13 @@ def wiring_facts(wiring: ValveWiring, health: HealthLimits, system: UnitSystem) 
         f"{health.travel_lost_percent:g} % of the rated one"
     )
     yield "May change by", allowed
+
+
+def safe_value_words(safe_value_pa: float | str, system: UnitSystem) -> str:
+    """Return where a valve goes however its test ends."""
+    if isinstance(safe_value_pa, str):
+        return {"entry": "the pressure before the test"}.get(safe_value_pa, safe_value_pa)
+    return quantity(safe_value_pa, "Pa", system)
 
 
 def _limits(limits: MotionLimits, system: UnitSystem) -> str:

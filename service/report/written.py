@@ -15,6 +15,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from service.report.document import document_of
+from service.report.ended import EndedSource, ended_document
 from service.report.source import ReportSource
 
 _TEMPLATES: Final = Path(__file__).parent / "templates"
@@ -33,27 +34,36 @@ def _environment() -> Environment:
     )
 
 
-def report_html(source: ReportSource, pdf_address: str = "") -> bytes:
+def _form(source: ReportSource | EndedSource) -> tuple[str, dict[str, Any]]:
+    """Return the name of the templates, and what they are filled with."""
+    if isinstance(source, EndedSource):
+        return "ended", ended_document(source)
+    return "report", document_of(source)
+
+
+def report_html(source: ReportSource | EndedSource, pdf_address: str = "") -> bytes:
     """Return the report as one HTML file with its pictures inside, and a link to the PDF where there is one."""
-    document = document_of(source) | {"pdf_address": pdf_address}
+    form, document = _form(source)
+    document |= {"pdf_address": pdf_address}
     document["pictures"] = {
         name: {**picture, "svg": Markup(_own_ids(picture["svg"], name))}
         for name, picture in document["pictures"].items()
     }
-    return _environment().get_template("report.html").render(document).encode()
+    return _environment().get_template(f"{form}.html").render(document).encode()
 
 
-def report_pdf(source: ReportSource) -> bytes:
+def report_pdf(source: ReportSource | EndedSource) -> bytes:
     """Return the report as PDF."""
-    document = document_of(source)
+    form, document = _form(source)
     with tempfile.TemporaryDirectory(prefix="breakaway-report-") as folder:
         place = Path(folder)
         for name, picture in document["pictures"].items():
             (place / f"{name}.svg").write_text(picture.pop("svg"), encoding="utf-8")
         (place / "document.json").write_text(json.dumps(document, allow_nan=False), encoding="utf-8")
-        (place / "report.typ").write_bytes((_TEMPLATES / "report.typ").read_bytes())
+        for name in ("sheet.typ", f"{form}.typ"):
+            (place / name).write_bytes((_TEMPLATES / name).read_bytes())
         compiled: Any = typst.compile(
-            place / "report.typ", root=place, font_paths=[_FONTS], ignore_system_fonts=True, format="pdf"
+            place / f"{form}.typ", root=place, font_paths=[_FONTS], ignore_system_fonts=True, format="pdf"
         )
     return bytes(compiled)
 

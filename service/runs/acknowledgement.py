@@ -11,6 +11,7 @@ from drivers.permissives import Permissive
 from service.runs.run import Run, RunState
 
 ENDED_KEY: Final = "ended"  # of a run's quality: how the motion itself ended
+NOT_CONFIRMED: Final = "SAFE STATE NOT CONFIRMED: go and look at the valve"
 
 
 def ended_badly(run: Run) -> bool:
@@ -38,7 +39,7 @@ def alarm_of(run: Run | None) -> str:
     """Return the alarm that stands for a valve whose last test this is; "" where none does."""
     if run is None or not needs_acknowledgement(run):
         return ""
-    unsafe = "SAFE STATE NOT CONFIRMED: go and look at the valve; " if run.safe_confirmed is False else ""
+    unsafe = f"{NOT_CONFIRMED}; " if run.safe_confirmed is False else ""
     return f"{unsafe}test {run.id} {run.state.value}: {run.error}"
 
 

@@ -17,7 +17,7 @@ from drivers.outcome import Ended, PlayOutcome, SampleBlock
 from drivers.permissives import Permissive
 from service.audit.log import AuditError, AuditLog
 from service.bus import BusOwners, Claim
-from service.runs.acknowledgement import ENDED_KEY
+from service.runs.acknowledgement import ENDED_KEY, NOT_CONFIRMED
 from service.runs.analyst import Analyst, assessed
 from service.runs.live import MOTION_SHARE, LiveRun
 from service.runs.permission import Permission
@@ -34,7 +34,6 @@ _OF_SERVICE: Final = ("disk", "last_test")
 # The phase in which a device's own samples are fetched: only then, and only where the valve was read back at safe.
 UPLOADING: Final = "uploading"
 ENDED: Final = "ended"  # however it did: no sign of how much was done
-NOT_CONFIRMED: Final = "SAFE STATE NOT CONFIRMED: go and look at the valve"
 
 
 OnSamples = Callable[[str, SampleBlock], None]  # a valve's tag and samples of it that were written down

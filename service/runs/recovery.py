@@ -12,8 +12,8 @@ from typing import Any, Final
 import structlog
 
 from service.audit.log import AuditLog
+from service.runs.acknowledgement import NOT_CONFIRMED
 from service.runs.gate import Gate
-from service.runs.life import NOT_CONFIRMED
 from service.runs.rig import Rig
 from service.runs.run import Run, RunState, checked_run_id
 from service.runs.tasks import Tasks

@@ -16,7 +16,7 @@ from fastapi import Request
 from fastapi.responses import HTMLResponse
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from service.shown_sentences import in_units
+from service.shown_sentences import as_sentence, in_units
 from service.shown_units import UnitSystem, measured, quantity, shown_unit
 from service.tablet.script import NAME, script
 from service.tablet.visitor import Visitor
@@ -47,6 +47,7 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters["moment"] = moment
+    environment.filters["sentence"] = as_sentence
     environment.filters["duration"] = duration
     environment.filters["attribute_json"] = lambda value: json.dumps(value, allow_nan=False, separators=(",", ":"))
     environment.globals["static"] = static_address

@@ -9,6 +9,8 @@ from typing import Any
 
 from service.figures.methods import METHOD_WORDS, all_estimates
 from service.runs.run import Run
+from service.shown_sentences import in_units
+from service.shown_units import UnitSystem
 from service.tablet.words import FIGURES, VERDICTS
 from valve.parameters import PARAMETER_SYMBOLS
 
@@ -33,7 +35,7 @@ class ParameterRow:
 
 @dataclass(frozen=True, slots=True)
 class FigureRow:
-    """One figure of the signature beside the baseline's."""
+    """One figure of the signature beside the baseline's; ``limit`` is by how much it may differ, None without one."""
 
     words: str
     unit: str
@@ -42,6 +44,8 @@ class FigureRow:
     was: float | None
     note: str
     tells: str
+    limit: float | None = None
+    is_kept: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +128,19 @@ def figure_rows(analysis: Mapping[str, Any], baseline: Mapping[str, Any] | None)
         for key, words, unit, tells in FIGURES
     ]
     rows += _bench_rows(signature, old)
-    return [row for row in rows if row.value is not None or row.note]
+    judged = {one["name"]: one for one in (analysis.get("health") or {}).get("changes") or ()}
+    names = [key for key, *_ in FIGURES] + ["bench_low_pa", "bench_high_pa"]
+    return [
+        _judged(row, judged.get(name))
+        for name, row in zip(names, rows, strict=True)
+        if row.value is not None or row.note
+    ]
+
+
+def _judged(row: FigureRow, change: Mapping[str, Any] | None) -> FigureRow:
+    if change is None or change.get("limit") is None:
+        return row
+    return replace(row, limit=change["limit"], is_kept=bool(change.get("kept", True)))
 
 
 def told_once(rows: Sequence[FigureRow]) -> tuple[list[FigureRow], list[tuple[str, str]]]:
@@ -176,7 +192,13 @@ def diagnosis_of(analysis: Mapping[str, Any]) -> Diagnosis:
     )
 
 
-def recording_facts(run: Run) -> list[tuple[str, str]]:
+def reasons_beside(reasons: Sequence[str], diagnosis: Diagnosis) -> list[str]:
+    """Return the reasons of a state without those that are a cause's sentence and action, word by word: they follow."""
+    told = {f"{cause.get('sentence')} {cause.get('action')}" for cause in diagnosis.causes}
+    return [reason for reason in reasons if reason not in told]
+
+
+def recording_facts(run: Run, system: UnitSystem) -> list[tuple[str, str]]:
     """Return how the recording was taken and what it hashes to, for the foot of the page."""
     summary: Mapping[str, Any] = (run.analysis or {}).get("recording") or {}
     sampling: Mapping[str, Any] = summary.get("sampling") or {}
@@ -185,7 +207,7 @@ def recording_facts(run: Run) -> list[tuple[str, str]]:
         ("Samples", f"{summary['samples']}, {summary.get('gaps', 0)} missing" if "samples" in summary else None),
         ("Taken", f"{summary['acquisition']}, {summary['duration_s']:.4g} s" if "acquisition" in summary else None),
         ("Rate", None if not sampling else f"{sampling['rate_hz']:.4g} Hz, {sampling['missed_slots']} slots missed"),
-        ("Position noise", None if noise_m is None else f"{_noise(noise_m)} rms"),
+        ("Position noise", None if noise_m is None else f"{_noise(noise_m, system)} rms"),
         ("Safe value read back", {True: "yes", False: "NO", None: "nothing moved"}[run.safe_confirmed]),
         ("Asked for by", run.requested_by or None),
         ("Schedule", run.schedule),
@@ -196,5 +218,5 @@ def recording_facts(run: Run) -> list[tuple[str, str]]:
     return [(name, value) for name, value in facts if value]
 
 
-def _noise(noise_m: float) -> str:
-    return f"{1e6 * noise_m:.3g} µm" if noise_m < 1.0e-3 else f"{1e3 * noise_m:.3g} mm"
+def _noise(noise_m: float, system: UnitSystem) -> str:
+    return in_units(f"{noise_m:.3g} m", system)

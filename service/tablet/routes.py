@@ -13,12 +13,15 @@ from urllib.parse import quote
 from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import RedirectResponse
 
+from service.ending import ending_of
 from service.figures.methods import all_estimates, can_compare
 from service.next_step import next_step
 from service.parts import Parts, parts_of
+from service.report.summary import key_figures
+from service.report.valve_facts import safe_value_words
 from service.runs.acknowledgement import needs_acknowledgement
 from service.runs.run import Run
-from service.shown_units import UnitSystem, quantity, shown_unit
+from service.shown_units import UnitSystem, shown_unit
 from service.tablet.history import ValvePast, history_row, past_of
 from service.tablet.night import due_checks, night_of
 from service.tablet.plans import AROUND_S, approved_plans, planned_line, plans_of, waveform_of
@@ -30,6 +33,7 @@ from service.tablet.results import (
     method_names,
     missing_reasons,
     parameter_rows,
+    reasons_beside,
     recording_facts,
     told_once,
 )
@@ -122,7 +126,7 @@ async def start_page(request: Request, tag: str, parts: PartsOf, visitor: Visito
         "plans": approved_plans(await asyncio.to_thread(plans_of, valve, parts.store), approved),
         "wanted": request.query_params.get("sequence"),
         "around_s": AROUND_S,
-        "safe_words": _safe_words(valve.wiring.safe_value_pa, system),
+        "safe_words": safe_value_words(valve.wiring.safe_value_pa, system),
     }
     return page(request, "start.html", visitor, values)
 
@@ -158,7 +162,7 @@ async def valve_page(request: Request, tag: str, parts: PartsOf, visitor: Visito
         "next_check": due.get(tag),
         "travel_m": valve.nameplate.actuator.travel_m,
         "limits": valve.wiring.limits,
-        "safe_words": _safe_words(valve.wiring.safe_value_pa, system),
+        "safe_words": safe_value_words(valve.wiring.safe_value_pa, system),
         "acquisition": f"{valve.wiring.acquisition.mode.value}, every {1e3 * valve.wiring.acquisition.period_s:g} ms",
         "buses": ", ".join(sorted(valve.buses)),
         "history": [history_row(parts.runs.as_it_stands(run), figures.get(run.id)) for run in past.newest[:_HISTORY]],
@@ -202,12 +206,6 @@ def _query(past: ValvePast, system: UnitSystem) -> str:
     return f"units={system.value}" + ("" if past.baseline is None else f"&baseline={past.baseline.id}")
 
 
-def _safe_words(safe_value_pa: float | str, system: UnitSystem) -> str:
-    if isinstance(safe_value_pa, str):
-        return {"entry": "where it was before the test"}.get(safe_value_pa, safe_value_pa)
-    return quantity(safe_value_pa, "Pa", system)
-
-
 def _live(parts: Parts, run: Run, system: UnitSystem) -> dict[str, Any]:
     """Return what the live trace needs besides the events: its scales, and the pressure as it is planned."""
     units = {
@@ -239,12 +237,18 @@ def _result(request: Request, parts: Parts, run: Run, past: ValvePast) -> dict[s
         "ne107": NE107.get(health.get("ne107") or ""),
         "reasons": health.get("reasons") or (),
         "unacknowledged": run if needs_acknowledgement(run) else None,
-        "recording_facts": recording_facts(run),
+        "recording_facts": recording_facts(run, system),
         "figures": f"/ui/figures/tests/{run.id}",
         "figure_query": _query(past, system),
     }
     if analysis is None:
-        return shown | {"has_trace": run.recording_file is not None and parts.store.recording_path(run.id).is_file()}
+        valve = parts.plant.valves.get(run.valve)
+        safe_words = "" if valve is None else safe_value_words(valve.wiring.safe_value_pa, system)
+        later = past.newest[0] if past.newest and past.newest[0].id != run.id else None
+        return shown | {
+            "ending": ending_of(run, later=later, safe_words=safe_words),
+            "has_trace": run.recording_file is not None and parts.store.recording_path(run.id).is_file(),
+        }
     pictures = (analysis.get("discrepancy") or {}).get("pictures") or {}
     diagnosis = diagnosis_of(analysis)
     shown_rows, figures_missing = told_once(figure_rows(analysis, baseline))
@@ -258,6 +262,8 @@ def _result(request: Request, parts: Parts, run: Run, past: ValvePast) -> dict[s
         "has_model": diagnosis.verdict != "ambiguous"
         and bool((analysis.get("discrepancy") or {}).get("extended_model")),
         "has_loop": bool((analysis.get("signature") or {}).get("curve")),
+        "reasons": reasons_beside(health.get("reasons") or (), diagnosis),
+        "key_figures": key_figures(analysis, system),
         "figure_rows": shown_rows,
         "figures_missing": figures_missing,
         "parameter_rows": parameter_rows(analysis),

@@ -141,6 +141,46 @@ def test_a_test_that_nothing_explains_leads_to_the_next_one(service: Gateway) ->
     assert f'href="/ui/valves/{TAG}/start?sequence=diagnostic"' in page
 
 
+def test_figures_with_their_limits_stand_above_the_misfit_of_a_test_that_nothing_is_wrong_with(
+    service: Gateway,
+) -> None:
+    run = store_test(service, 44.0, 640.0)
+    analysis = run.analysis or {}
+    found = {**analysis["discrepancy"], "verdict": "none", "causes": [], "gain": None}
+    (change,) = analysis["health"]["changes"]
+    kept = {**change, "change": 28.0, "limit": 153.0}
+    made = {
+        **analysis,
+        "discrepancy": found,
+        "health": {"ne107": "N", "reasons": ["nothing is wrong"], "changes": [kept]},
+    }
+    service.parts.store.runs.save(replace(run, analysis=made))
+    page = service.client.get(f"/ui/tests/{run.id}").text
+    order = [
+        "Normal",
+        "Nothing is wrong.",
+        "Nothing beyond the noise",
+        "up 4.6 %, 25 % is allowed",
+        "may differ by 153 N",
+    ]
+    order += ["loop.svg", "time.svg"]
+    places = [page.index(words) for words in order]
+    assert places == sorted(places)
+    assert "coordinate.svg" not in page
+
+
+def test_a_named_cause_is_told_once_with_its_pictures_behind_it(service: Gateway) -> None:
+    run = store_test(service, 45.0, 640.0)
+    analysis = run.analysis or {}
+    (cause,) = analysis["discrepancy"]["causes"]
+    health = {"ne107": "M", "reasons": [f"{cause['sentence']} {cause['action']}", "Friction is up."], "changes": []}
+    service.parts.store.runs.save(replace(run, analysis={**analysis, "health": health}))
+    page = service.client.get(f"/ui/tests/{run.id}").text
+    assert page.count(cause["sentence"]) == 1
+    places = [page.index(words) for words in ("Friction is up.", cause["sentence"], "coordinate.svg", "loop.svg")]
+    assert places == sorted(places)
+
+
 def test_the_notes_of_an_analysis_stand_beside_its_diagnosis(service: Gateway) -> None:
     run = store_test(service, 42.0, 612.0)
     note = "The moving mass is 2 times the nameplate's 1.36 kg."

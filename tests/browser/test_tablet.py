@@ -264,6 +264,24 @@ def test_a_valve_that_needs_a_permit_is_started_with_its_number(permit_service: 
     assert {one["name"]: one["met"] for one in shown}["permit"] is True
 
 
+@pytest.mark.parametrize("size", [LANDSCAPE, PORTRAIT])
+def test_what_is_missing_is_seen_before_anybody_scrolls(
+    permit_service: Gateway, browser: Tablet, size: tuple[int, int]
+) -> None:
+    browser.turn(size)
+    browser.open(f"{permit_service.url}/ui/valves/{TAG}/start")
+    browser.until_reads("#permissives", "Enter the work permit's number")
+    ends = browser.run(
+        "return ['#permissives .missing', '#permit', '.panel.steps'].map((css) => {"
+        " const box = document.querySelector(css).getBoundingClientRect(); return [box.top, box.bottom]; })"
+    )
+    (top, bottom), (field_top, _), (steps_top, _) = ends
+    assert field_top >= 0.0
+    assert 0.0 <= top < bottom <= steps_top, "it lies below the fold or under the steps"
+    assert browser.run("return scrollY") == 0
+    browser.turn(LANDSCAPE)
+
+
 def test_a_bad_end_stands_as_an_alarm_until_somebody_has_looked(service: Gateway, browser: Tablet) -> None:
     run = store_test(service, 0.0, 0.0, state=RunState.FAILED)
     browser.open(service.url)

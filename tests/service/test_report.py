@@ -196,7 +196,7 @@ async def test_the_service_gives_pdf_or_html_as_it_is_asked(plant_file: Path) ->
         assert (await client.get(address, headers={"Accept": "image/png"})).status_code == 406
         assert_problem(await client.get("/tests/20260101T000000Z-00000000/report"), 404, "unknown")
         queued = (await client.post("/tests/run", json=RUN)).json()
-        assert_problem(await client.get(f"/tests/{queued['id']}/report"), 404, "choose a completed test")
+        assert_problem(await client.get(f"/tests/{queued['id']}/report"), 404, "ask again when it has ended")
 
 
 def test_the_command_writes_the_report_of_a_recording(

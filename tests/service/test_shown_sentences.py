@@ -42,6 +42,20 @@ def test_ranges_intervals_and_signs_are_taken_along(said: str, text: str) -> Non
 
 
 @pytest.mark.parametrize(
+    ("said", "text"),
+    [
+        ("did not break away from 2.01544e-06 m", "did not break away from 2.02 µm"),
+        ("noise of 5 um", "noise of 5 µm"),
+        ("5e-06 m (4e-06 to 6e-06)", "5 µm (4 to 6)"),
+        ("it moved 0.0002 m", "it moved 0.200 mm"),
+        ("it stood at 0 m", "it stood at 0 mm"),
+    ],
+)
+def test_a_small_length_is_read_in_micrometres(said: str, text: str) -> None:
+    assert in_units(said, UnitSystem.SI) == text
+
+
+@pytest.mark.parametrize(
     "said",
     [
         "FV-101: at 12.4 s, 3 of 5 tests",

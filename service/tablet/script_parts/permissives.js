@@ -46,7 +46,9 @@ async function lookAtPermissives() {
     const list = element("ul", "", "permissives");
     const rank = (one) => (one.met === false ? 0 : one.met === null ? 1 : 2);
     for (const one of [...answer.found.permissives].sort((a, b) => rank(a) - rank(b))) list.append(permissive(one));
-    const sum = element("p", mayStart ? "Yes, all is there." : "No, see what is missing:", mayStart ? "sum" : "sum missing");
+    const missing = answer.found.permissives.filter((one) => one.met === false).length, notFresh = answer.found.not_fresh_because;
+    const no = missing ? `No, ${missing === 1 ? "this is" : "these are"} missing:` : notFresh ? `No: ${notFresh}.` : "No.";
+    const sum = element("p", mayStart ? "Yes, all is there." : no, mayStart ? "sum" : missing ? "sum missing" : "sum");
     const readAt = Date.parse(answer.found.read_at) || Date.now(), isOld = Date.now() - readAt > 15000;
     const age = `${isOld ? "Last known, read" : "Read"} from the device at ${clock(readAt)}`;
     place.replaceChildren(sum, list, element("p", age, "aside"));

@@ -13,7 +13,7 @@ if ($("start")) {
     const isTold = Boolean(words.querySelector("a"));
     if (mayStart !== false) { if (isTold) words.textContent = "Step 2 is locked."; return; }
     if (isTold) return;
-    const link = element("a", "See what is missing");  // upright, the list lies below the sequences
+    const link = element("a", "See what is missing");  // a page that was scrolled
     link.href = "#h-permits";
     words.replaceChildren("Both steps are locked. ", link);
   });

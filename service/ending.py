@@ -1,0 +1,127 @@
+"""A test without a result in words: what happened, where its motion left the valve, what to do.
+
+The tablet's page and the report of such a test say the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Final
+
+from drivers.outcome import Ended
+from service.runs.acknowledgement import ENDED_KEY, NOT_CONFIRMED, ended_badly, needs_acknowledgement
+from service.runs.run import Run, RunState
+from service.shown_sentences import as_sentence
+
+_SENT_SAFE: Final = "; the valve was sent to its safe value"
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """How a test ended that has no result; texts are sentences in SI units, ``steps`` what to do, first things first.
+
+    ``is_alarm``: its valve may stand otherwise than it should, or was moved until a fault ended it.
+    """
+
+    headline: str
+    course: str
+    why: str
+    stands: str
+    steps: tuple[str, ...]
+    is_alarm: bool
+
+
+def ending_of(
+    run: Run, *, later: Run | None = None, safe_words: str = "", moment: str = "%Y-%m-%d %H:%M:%S %Z"
+) -> Ending:
+    """Return how a finished test without a result ended.
+
+    ``later`` is the newest test of the valve since, ``safe_words`` what its safe value is, ``moment`` how times are
+    written.
+    """
+    assert run.state.finished
+    assert run.analysis is None
+    return Ending(
+        _headline(run),
+        _course(run, moment),
+        _why(run),
+        _stands(run, later, safe_words, moment),
+        tuple(_steps(run)),
+        ended_badly(run),
+    )
+
+
+def _played_to_its_end(run: Run) -> bool:
+    return (run.quality or {}).get(ENDED_KEY) == Ended.COMPLETED.value
+
+
+def _nothing_moved(run: Run) -> bool:
+    """Whether the motion never began: no device was handed over, so none was brought back."""
+    if run.started_at is None:
+        return True
+    return run.safe_confirmed is None and run.motion_ended_at is None and run.state is not RunState.INTERRUPTED
+
+
+def _headline(run: Run) -> str:
+    if _played_to_its_end(run):
+        return f"{run.valve} was moved and recorded, but there is no result."
+    tried = {RunState.FAILED: "failed", RunState.STOPPED: "was stopped"}.get(run.state, "was interrupted")
+    return f"The test of {run.valve} {tried}{' before anything moved' if _nothing_moved(run) else ''}."
+
+
+def _course(run: Run, moment: str) -> str:
+    said = f"Asked for by {run.requested_by or 'local'} at {_at(run.created_at, moment)}"
+    if run.started_at is None or _nothing_moved(run):
+        return f"{said}; ended at {_at(run.finished_at, moment)}, nothing was moved."
+    said += f"; begun at {_at(run.started_at, moment)}"
+    if run.motion_ended_at is not None:
+        lasted_s = (run.motion_ended_at - run.started_at).total_seconds()
+        return f"{said}; the motion ended after {lasted_s:.0f} s."
+    return f"{said}; found without its service at {_at(run.finished_at, moment)}."
+
+
+def _why(run: Run) -> str:
+    said = run.error
+    for told_elsewhere in (f"{NOT_CONFIRMED}; ", f"; {NOT_CONFIRMED}", f"{run.valve}: ", _SENT_SAFE):
+        said = said.replace(told_elsewhere, "")
+    return as_sentence(said) or "Nobody said why."
+
+
+def _stands(run: Run, later: Run | None, safe_words: str, moment: str) -> str:
+    value = f", {safe_words}" if safe_words else ""
+    if run.safe_confirmed:
+        said = f"The valve was brought to its safe value{value}, which was read back from its device"
+        said += "." if run.motion_ended_at is None else f" at {_at(run.motion_ended_at, moment)}."
+    elif run.safe_confirmed is False:
+        said = f"{NOT_CONFIRMED}. Its safe value{value} was asked for and not read back: nobody knows where it stands."
+    elif _nothing_moved(run):
+        said = "The valve stands where it stood before: this test moved nothing."
+    else:
+        said = f"Whether the valve is at its safe value{value} is not known: look at it."
+    if later is not None:
+        said += f" Since then it was asked for again, last at {_at(later.created_at, moment)} ({later.state.value})."
+    return said
+
+
+def _steps(run: Run) -> Iterator[str]:
+    if run.safe_confirmed is False and run.acknowledged_at is None:
+        yield "Go and look at the valve now; bring it to a safe position by hand where it is not there."
+    if needs_acknowledgement(run):
+        yield (
+            f"Look at the valve, then say what you found on its page, or by "
+            f'breakaway acknowledge {run.valve} --note "...": until then no test of it starts.'
+        )
+    if _played_to_its_end(run):
+        yield "The recording is kept: analyse it by breakaway analyze, or repeat the test."
+    elif run.state is RunState.STOPPED:
+        yield "Start the test again when the valve may move."
+    elif run.state is RunState.INTERRUPTED:
+        yield "Look in the service's log why it ended. Nothing starts again by itself: start the test again."
+    else:
+        yield "Remove the reason that stands above, then start the test again."
+
+
+def _at(at: datetime | None, moment: str) -> str:
+    return "an unknown time" if at is None else format(at.astimezone(), moment)

@@ -1,0 +1,194 @@
+"""A test without a result has a page and a report: why, where the valve stands, what to do, what was recorded."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+
+from service.ending import ending_of
+from service.report.ended import EndedSource, ended_document
+from service.report.written import report_html, report_pdf
+from service.runs.run import Run, RunState, new_run_id
+from service.shown_units import UnitSystem
+from tests.service.fake_rig import FakeRig
+from tests.service.problem import assert_problem
+from tests.service.recordings import triangle_test
+from tests.service.test_report import words_of
+from valve.recording_files import write_parquet
+
+RUN = {"valve": "FV-101", "sequence": "triangle"}
+BEGAN = datetime(2026, 5, 4, 10, 0, tzinfo=UTC)
+STUCK = "FV-101: the stem did not break away from 2.0e-06 m within 7.86e+04 Pa: look at packing, seat and actuator"
+
+
+def ended(state: RunState = RunState.FAILED, /, **changes: Any) -> Run:
+    """Return a test that moved its valve for 8 s and has no result."""
+    run = Run(
+        id=new_run_id(BEGAN),
+        valve="FV-101",
+        sequence="triangle",
+        state=state,
+        created_at=BEGAN,
+        started_at=BEGAN + timedelta(seconds=1),
+        motion_ended_at=BEGAN + timedelta(seconds=9),
+        finished_at=BEGAN + timedelta(seconds=10),
+        safe_confirmed=True,
+        error=STUCK,
+        requested_by="anna",
+        quality={"samples": 800, "ended": "failed"},
+    )
+    return replace(run, **changes)
+
+
+def source(run: Run, **changes: Any) -> EndedSource:
+    made = EndedSource("FV-101", "test of today", "Failed", ending_of(run, safe_words="0 kPa"), None, "", {}, ())
+    return replace(made, **changes)
+
+
+NOTHING: dict[str, Any] = {"started_at": None, "motion_ended_at": None, "safe_confirmed": None, "quality": None}
+REFUSED: dict[str, Any] = {"motion_ended_at": None, "safe_confirmed": None, "quality": None}
+ENDINGS: dict[str, tuple[Run, str, str, str, bool]] = {
+    "stuck": (ended(), "The test of FV-101 failed.", "0 kPa, which was read back", "say what you found", True),
+    "no safe state": (
+        ended(safe_confirmed=False, error=f"SAFE STATE NOT CONFIRMED: go and look at the valve; {STUCK}"),
+        "The test of FV-101 failed.",
+        "SAFE STATE NOT CONFIRMED",
+        "Go and look at the valve now",
+        True,
+    ),
+    "refused by the device": (
+        ended(**REFUSED),
+        "failed before anything moved",
+        "stands where it stood before",
+        "Remove the reason",
+        False,
+    ),
+    "stopped": (
+        ended(RunState.STOPPED, error="stopped by anna", quality={"ended": "stopped"}),
+        "was stopped.",
+        "was brought to its safe value, 0 kPa",
+        "Start the test again when the valve may move.",
+        False,
+    ),
+    "stopped while it waited": (
+        ended(RunState.STOPPED, **NOTHING),
+        "was stopped before anything moved",
+        "stands where it stood before",
+        "Start the test again",
+        False,
+    ),
+    "killed": (
+        ended(RunState.INTERRUPTED, motion_ended_at=None, quality=None),
+        "was interrupted.",
+        "was brought to its safe value",
+        "say what you found",
+        True,
+    ),
+    "killed, and nobody looked yet": (
+        ended(RunState.INTERRUPTED, motion_ended_at=None, quality=None, safe_confirmed=None),
+        "was interrupted.",
+        "is not known: look at it",
+        "say what you found",
+        True,
+    ),
+    "not analysed": (
+        ended(quality={"ended": "completed"}, error="the recording is stored, its analysis failed: too short"),
+        "was moved and recorded, but there is no result",
+        "was brought to its safe value",
+        "analyse it by breakaway analyze",
+        False,
+    ),
+}
+
+
+@pytest.mark.parametrize(("run", "headline", "stands", "step", "is_alarm"), ENDINGS.values(), ids=list(ENDINGS))
+def test_each_end_says_where_the_valve_stands_and_what_to_do(
+    run: Run, headline: str, stands: str, step: str, is_alarm: bool
+) -> None:
+    ending = ending_of(run, safe_words="0 kPa")
+    assert headline in ending.headline
+    assert stands in ending.stands
+    assert step in " ".join(ending.steps)
+    assert ending.is_alarm == is_alarm
+    assert "SAFE STATE" not in ending.why, "it is said where the valve stands"
+    assert ending.why[0].isupper()
+    assert ending.why.endswith(".")
+
+
+def test_what_was_found_and_done_since_is_told() -> None:
+    acknowledged = ended(acknowledged_at=BEGAN, acknowledged_by="tom", acknowledgement="packing eased")
+    assert "say what you found" not in " ".join(ending_of(acknowledged).steps)
+    later = ended(RunState.COMPLETED, created_at=BEGAN + timedelta(days=1))
+    assert "Since then it was asked for again" in ending_of(acknowledged, later=later).stands
+
+
+def test_both_forms_tell_the_end_and_draw_what_was_recorded(tmp_path: Path) -> None:
+    file = tmp_path / "it.parquet"
+    write_parquet(triangle_test(0.02, noise_m=2.0e-6), file)
+    quality = {"samples": 800, "gaps": 2, "achieved_rate_hz": 99.8, "missed_slots": 1, "jitter_rms_s": 1.0e-4}
+    permissive = {"name": "loop_in_manual", "met": True, "value": "in manual", "limit": "the loop in manual"}
+    made = source(
+        ended(), file=str(file), quality=quality, permissives=(permissive,), facts=(("Recording, SHA-256", "ab12"),)
+    )
+    html = report_html(made, "/tests/x/report?format=pdf").decode()
+    assert html.count("<svg") == 1
+    said = [re.sub(r"\s+", " ", re.sub(r"<svg.*?</svg>|<[^>]+>", " ", html, flags=re.DOTALL))]
+    pdf = report_pdf(made)
+    assert pdf.startswith(b"%PDF-")
+    if shutil.which("pdftotext"):
+        said.append(words_of(pdf, tmp_path))
+    for text in said:
+        for words in (
+            "The test of FV-101 failed.",
+            "within 78.6 kPa: look at packing, seat and actuator.",
+            "Where the valve stands",
+            "0 kPa, which was read back",
+            "breakaway acknowledge FV-101",
+            "800, 2 of them missing",
+            "loop in manual",
+            "ab12",
+        ):
+            assert words in text, words
+
+
+def test_a_recording_that_is_gone_or_damaged_leaves_a_report_that_says_so(tmp_path: Path) -> None:
+    (tmp_path / "it.parquet").write_bytes(b"PAR1 and no more")
+    for file, words in (("it.parquet", "cannot be read"), ("gone.parquet", "there is no such file")):
+        document = ended_document(source(ended(), file=str(tmp_path / file)))
+        assert words in document["recorded"]
+        assert str(tmp_path) not in document["recorded"]
+        assert document["pictures"] == {}
+    assert ended_document(source(ended()))["recorded"] == "No sample was recorded."
+    elsewhere = source(ended(), no_file="Gateway south keeps it.")
+    assert ended_document(elsewhere)["recorded"] == "Gateway south keeps it."
+
+
+def test_the_report_of_a_bad_end_is_read_in_the_units_that_were_chosen() -> None:
+    document = ended_document(source(ended(), system=UnitSystem.PSI))
+    assert "11.4 psi" in document["why"]
+    assert "Pa" not in document["why"]
+
+
+async def test_a_failed_test_has_a_page_and_a_report_and_a_waiting_one_has_none_yet(
+    client: httpx.AsyncClient, rig: FakeRig
+) -> None:
+    rig.break_at = 0.5
+    run = (await client.post("/tests/run", json=RUN, headers={"Prefer": "wait=10"})).json()
+    assert run["state"] == "failed"
+    page = (await client.get(f"/ui/tests/{run['id']}")).text
+    assert f"/tests/{run['id']}/report" in page
+    report = await client.get(f"/tests/{run['id']}/report?format=html")
+    for words in ("The stem is stuck: look at it", "What to do", "Where the valve stands"):
+        assert words in page
+        assert words in report.text
+    assert (await client.get(f"/tests/{run['id']}/report")).content[:5] == b"%PDF-"
+    rig.break_at, rig.duration_s = None, 5.0
+    going = (await client.post("/tests/run", json={"valve": "FV-102", "sequence": "triangle"})).json()
+    assert_problem(await client.get(f"/tests/{going['id']}/report"), 404, "ask again when it has ended")
