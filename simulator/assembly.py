@@ -15,10 +15,12 @@ from simulator.bus import Bus
 from simulator.clock import Clock, RunningClock
 from simulator.faults import Fault
 from simulator.gauge import Gauge, GaugeListener
-from simulator.plant import SimulatedValve, SoftwareValve, warm_up
+from simulator.listeners import Listener
+from simulator.plant import SoftwareValve, warm_up
 from simulator.record import ValveRecord
 from simulator.reference_unit import ReferenceUnit
-from simulator.slave import Listener, Slave
+from simulator.simulated_valve import SimulatedValve
+from simulator.slave import Slave
 from simulator.unit import Channel, MapUnit, Quantity, Unit
 from valve.errors import ConfigurationError, NotFoundError
 

@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from drivers.crc import words_crc16
 from drivers.maps.reference import MISSING_SAMPLE, WINDOW_CHANNELS, WINDOW_SAMPLES, CaptureState
-from simulator.plant import SAMPLES_A_CAPTURE, Samples, SimulatedValve
+from simulator.plant import SAMPLES_A_CAPTURE, Samples
+from simulator.simulated_valve import SimulatedValve
 
 FloatArray = npt.NDArray[np.float64]
 WordArray = npt.NDArray[np.uint16]

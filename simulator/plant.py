@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -15,15 +15,13 @@ import numpy.typing as npt
 
 from simulator.faults import MOMENTARY, Fault, FaultKind, active_fault, next_edge_s
 from simulator.record import Event, Happening, ValveRecord
-from simulator.sensor import Sensor
+from simulator.simulated_valve import SimulatedValve
 from simulator.stem import FollowedStem, PlainStem, StemWithEffects
 from simulator.trajectory import Trajectory
-from simulator.transducer import Transducer, lagged, limited, value_at
-from valve.effects import Effect, with_effects
+from simulator.transducer import lagged, limited, value_at
 from valve.errors import ParameterError
-from valve.extended_valve import ExtendedValve, StopSlots
+from valve.extended_valve import ExtendedValve
 from valve.motion import StemState
-from valve.nameplate import Nameplate
 from valve.parameters import TravelStops, ValveParameters
 
 FloatArray = npt.NDArray[np.float64]
@@ -34,57 +32,6 @@ LIVE_SAMPLES_FROM: Final = 1 << 48
 SAMPLES_A_CAPTURE: Final = 1 << 24
 # After a command has been held for so long the next one begins a record: what drifts has recovered.
 RECORD_PAUSE_S: Final = 30.0
-
-
-@dataclass(frozen=True, slots=True)
-class SimulatedValve:
-    """One valve of a simulated plant: the truth, and what stands between it and the wire.
-
-    ``effects`` are what the valve has beside its parameters, hidden from whoever tests it; those of the transducer
-    come on top of its own. Pressure is None where there is no such sensor. Raises ParameterError without a diaphragm
-    area and for effects that cannot be together.
-    """
-
-    tag: str
-    parameters: ValveParameters
-    nameplate: Nameplate
-    transducer: Transducer
-    position: Sensor
-    pressure: Sensor | None = None
-    stops: TravelStops = field(default_factory=TravelStops)
-    start_pa: float | None = None  # pressure asked for at the start; the low end of the range by default
-    faults: tuple[Fault, ...] = ()
-    effects: tuple[Effect, ...] = ()
-    extended: ExtendedValve = field(init=False, repr=False, compare=False)
-    acting: Transducer = field(init=False, repr=False, compare=False)  # the transducer with those effects that are its
-
-    def __post_init__(self) -> None:
-        if self.nameplate.actuator.diaphragm_area_m2 is None:
-            raise ParameterError(f"{self.tag}: actuator.diaphragm_area_m2 is missing, a simulated valve needs it")
-        stops = StopSlots(self.stops.low_m, self.stops.high_m)
-        extended = with_effects(ExtendedValve(self.parameters, stops=stops), self.effects)
-        object.__setattr__(self, "extended", extended)
-        object.__setattr__(self, "acting", self.transducer.with_path(extended.input, self.area_m2))
-
-    @property
-    def area_m2(self) -> float:
-        """Diaphragm area, m2."""
-        area_m2 = self.nameplate.actuator.diaphragm_area_m2
-        assert area_m2 is not None  # checked when it was made
-        return area_m2
-
-    def rest_position_m(self, pressure_pa: float) -> float:
-        """Where the stem rests with no friction at this pressure, m; 0 or the nearest stop without a spring."""
-        force_n = self.area_m2 * pressure_pa - self.parameters.preload_n
-        rate_n_per_m = self.parameters.spring_rate_n_per_m
-        free_m = force_n / rate_n_per_m if rate_n_per_m > 0.0 else 0.0
-        return min(max(free_m, self.extended.stops.low_m), self.extended.stops.high_m)
-
-    def stem_at(self, position_m: float) -> FollowedStem:
-        """Return its stem at rest there."""
-        if self.effects:
-            return StemWithEffects(self.extended, position_m)
-        return PlainStem(self.parameters, self.stops, position_m)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,10 +9,7 @@ gateway does whose target is silent, and not at all on a serial line.
 from __future__ import annotations
 
 import asyncio
-import ssl
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Final, cast
 
 from pymodbus import FramerType
@@ -36,36 +33,13 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from drivers.registers import MAX_READ_WORDS, Table
 from simulator.bus import Bus, NoSuchUnit
+from simulator.listeners import Listener, TcpListener, tls_context
 from simulator.serial_line import SerialLine
 from simulator.unit import ExceptionCode, NoAnswer, Refusal
 from valve.errors import ConfigurationError
 
 _MOST_WORDS_OF_READ_WRITE: Final = 121  # Modbus Application Protocol 1.1b3, 6.17
 _LONGEST_FRAME: Final = 260
-
-
-@dataclass(frozen=True, slots=True)
-class TcpListener:
-    """A TCP port; 0 means any free one. With a certificate it speaks Modbus/TCP Security (TLS).
-
-    With ``client_ca_file`` only clients with a certificate of that authority get in.
-    """
-
-    host: str = "127.0.0.1"
-    port: int = 0
-    certificate_file: Path | None = None
-    key_file: Path | None = None
-    client_ca_file: Path | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class RtuListener:
-    """A serial line that does not exist: the master opens ``link_path``, which leads to a pseudo-terminal."""
-
-    link_path: Path
-
-
-Listener = TcpListener | RtuListener
 
 
 class _Request(ModbusPDU):
@@ -237,23 +211,6 @@ class _SerialServer(ModbusSerialServer):
         return _Connection(self)
 
 
-def _tls_context(listener: TcpListener) -> ssl.SSLContext:
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.minimum_version = ssl.TLSVersion.TLSv1_2
-    assert listener.certificate_file is not None
-    try:
-        context.load_cert_chain(listener.certificate_file, listener.key_file)
-        if listener.client_ca_file is not None:
-            context.load_verify_locations(listener.client_ca_file)
-            context.verify_mode = ssl.CERT_REQUIRED
-    except (OSError, ssl.SSLError) as error:
-        raise ConfigurationError(
-            f"{listener.certificate_file}: the TLS certificate, its key or the authority cannot be read ({error}): "
-            "correct the file names"
-        ) from error
-    return context
-
-
 class Slave:
     """Units that are served on one listener, from ``start`` to ``stop``."""
 
@@ -290,7 +247,7 @@ class Slave:
                 _placeholder(),
                 address=address,
                 custom_pdu=requests,
-                sslctx=_tls_context(listener),
+                sslctx=tls_context(listener),
                 framer=FramerType.SOCKET,  # Modbus/TCP Security keeps the header; pymodbus' own framer cannot split
             )
         try:

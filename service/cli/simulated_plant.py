@@ -20,9 +20,10 @@ from service.settings_errors import Findings, read_toml
 from simulator.assembly import SimulatedChannel, SimulatedPlant, SimulatedUnit
 from simulator.clock import RunningClock
 from simulator.gauge import GaugeListener
-from simulator.plant import SimulatedValve, warm_up
+from simulator.listeners import Listener, RtuListener, TcpListener
+from simulator.plant import warm_up
 from simulator.sensor import Sensor
-from simulator.slave import Listener, RtuListener, TcpListener
+from simulator.simulated_valve import SimulatedValve
 from simulator.transducer import Transducer
 from simulator.unit import Quantity
 from valve.effects import Effect, ValveScale

@@ -17,10 +17,11 @@ from drivers.outcome import Ended
 from drivers.sequence import play_sequence
 from drivers.transport import Transport
 from simulator.assembly import SimulatedPlant, reference_unit
-from simulator.plant import SimulatedValve, warm_up
+from simulator.listeners import TcpListener
+from simulator.plant import warm_up
 from simulator.record import Event, Happening
 from simulator.sensor import Sensor
-from simulator.slave import TcpListener
+from simulator.simulated_valve import SimulatedValve
 from simulator.transducer import Transducer
 from valve.parameter_sets import PARAMETER_SETS
 from valve.recording import Provenance

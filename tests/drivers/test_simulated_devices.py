@@ -33,8 +33,8 @@ from drivers.transport import Transport
 from drivers.wiring import Bus
 from simulator.assembly import SimulatedChannel, SimulatedPlant, SimulatedUnit, reference_unit
 from simulator.gauge import GaugeListener
+from simulator.listeners import Listener, RtuListener, TcpListener
 from simulator.record import Happening
-from simulator.slave import Listener, RtuListener, TcpListener
 from simulator.unit import Quantity
 from tests.simulator.plants import RANGE_PA, valve
 from valve.recording import Provenance, Recording

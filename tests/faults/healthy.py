@@ -20,8 +20,9 @@ from drivers.permissive_rules import PermissiveRules
 from drivers.permissive_watch import PermissiveWatch
 from drivers.transport import Transport
 from service.runs.sequences import build_waveform
-from simulator.plant import SimulatedValve, SoftwareValve
+from simulator.plant import SoftwareValve
 from simulator.sensor import Sensor
+from simulator.simulated_valve import SimulatedValve
 from simulator.transducer import Transducer
 from valve.effects import Effect
 from valve.errors import EquipmentError, MeasurementError

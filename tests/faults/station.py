@@ -12,10 +12,10 @@ from typing import Any, Final, Literal
 
 from drivers.registers import Table
 from simulator.assembly import SimulatedPlant, reference_unit
-from simulator.plant import SimulatedValve
+from simulator.listeners import RtuListener, TcpListener
 from simulator.record import Event
 from simulator.sensor import Sensor
-from simulator.slave import RtuListener, TcpListener
+from simulator.simulated_valve import SimulatedValve
 from simulator.transducer import Transducer
 from tests.faults.proxy import FaultyWire, LineProxy, TcpProxy
 from tests.faults.wire_faults import FaultAt

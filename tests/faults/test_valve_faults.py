@@ -17,9 +17,9 @@ from drivers.sequence import play_sequence
 from drivers.transport import Transport
 from simulator.assembly import SimulatedPlant, reference_unit
 from simulator.faults import Fault, FaultKind
-from simulator.plant import SimulatedValve
+from simulator.listeners import TcpListener
 from simulator.sensor import Sensor
-from simulator.slave import TcpListener
+from simulator.simulated_valve import SimulatedValve
 from simulator.transducer import Transducer
 from valve.errors import PermissiveError
 from valve.parameter_sets import PARAMETER_SETS

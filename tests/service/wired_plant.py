@@ -9,9 +9,9 @@ from pathlib import Path
 
 from simulator.assembly import SimulatedPlant, reference_unit
 from simulator.clock import RunningClock
-from simulator.plant import SimulatedValve
+from simulator.listeners import TcpListener
 from simulator.sensor import Sensor
-from simulator.slave import TcpListener
+from simulator.simulated_valve import SimulatedValve
 from simulator.transducer import Transducer
 from tests.plants import bus_text, service_text, valve_text
 from valve.effects import Effect

@@ -14,9 +14,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from simulator.plant import SimulatedValve, SoftwareValve
+from simulator.plant import SoftwareValve
 from simulator.reference_unit import ReferenceUnit
 from simulator.sensor import Sensor
+from simulator.simulated_valve import SimulatedValve
 from simulator.transducer import Transducer
 from valve.parameter_sets import parameter_set
 

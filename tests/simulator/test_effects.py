@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from simulator.faults import Fault, FaultKind
-from simulator.plant import RECORD_PAUSE_S, SimulatedValve, SoftwareValve
+from simulator.plant import RECORD_PAUSE_S, SoftwareValve
 from simulator.sensor import Sensor
+from simulator.simulated_valve import SimulatedValve
 from simulator.transducer import Transducer
 from tests.simulator.plants import POSITION_SPAN_M, RANGE_PA, valve
 from valve.effects import EFFECTS, Effect, ValveScale, with_effects

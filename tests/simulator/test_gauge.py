@@ -8,7 +8,7 @@ import pytest
 from simulator.assembly import SimulatedPlant, reference_unit
 from simulator.clock import ManualClock
 from simulator.gauge import GaugeListener, answer_form
-from simulator.slave import TcpListener
+from simulator.listeners import TcpListener
 from tests.simulator.plants import RtuMaster, valve
 from valve.errors import ConfigurationError
 

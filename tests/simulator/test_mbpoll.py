@@ -12,7 +12,7 @@ import pytest
 
 from simulator.assembly import SimulatedPlant, reference_unit
 from simulator.clock import ManualClock
-from simulator.slave import Listener, RtuListener, TcpListener
+from simulator.listeners import Listener, RtuListener, TcpListener
 from tests.simulator.plants import valve
 
 pytestmark = pytest.mark.skipif(shutil.which("mbpoll") is None, reason="mbpoll is not installed")

@@ -18,8 +18,8 @@ from drivers.registers import Kind, Register, Table, WordOrder
 from simulator.assembly import SimulatedChannel, SimulatedPlant, SimulatedUnit, reference_unit
 from simulator.clock import ManualClock, RunningClock
 from simulator.faults import Fault, FaultKind
-from simulator.plant import SimulatedValve
-from simulator.slave import Listener, RtuListener, TcpListener
+from simulator.listeners import Listener, RtuListener, TcpListener
+from simulator.simulated_valve import SimulatedValve
 from simulator.unit import Quantity
 from tests.simulator.plants import (
     CLAIM,
