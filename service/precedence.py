@@ -40,7 +40,7 @@ class Precedence:
 
     def __init__(self) -> None:
         self._allowed = False
-        self._spun_told = False
+        self._spun = False
         self._renewing: asyncio.Task[None] | None = None
 
     @property
@@ -51,7 +51,7 @@ class Precedence:
     def try_once(self) -> None:
         """Take it and give it back, so that the log says at the start whether it can be had."""
         if _SUPPORTED:
-            signal.signal(signal.SIGXCPU, self._spun)
+            signal.signal(signal.SIGXCPU, self._on_spin)
         self._take()
         self._give_back()
         if self._allowed:
@@ -66,7 +66,6 @@ class Precedence:
         """Take it until ``end``; where it is refused nothing changes. Called in the event loop."""
         self._take()
         if self._allowed and self._renewing is None:
-            self._spun_told = False
             self._renewing = asyncio.get_running_loop().create_task(self._renew())
 
     def end(self) -> None:
@@ -75,6 +74,7 @@ class Precedence:
             self._renewing.cancel()
             self._renewing = None
             self._give_back()
+            self._tell_of_spins()
 
     async def _renew(self) -> None:
         while True:
@@ -95,6 +95,7 @@ class Precedence:
                 _schedule(thread, os.SCHED_RR, LOOP if thread == loop_thread else BESIDE)
         except PermissionError:
             self._allowed = False
+            self._give_back()
         else:
             self._allowed = True
 
@@ -103,11 +104,15 @@ class Precedence:
             for thread in _threads():
                 _schedule(thread, os.SCHED_OTHER, 0)
 
-    def _spun(self, _signal: int, _frame: FrameType | None) -> None:
+    def _on_spin(self, _signal: int, _frame: FrameType | None) -> None:
+        # Nothing is written here: it may have been in the middle of writing.
+        self._spun = True
         self._give_back()
-        if not self._spun_told:
-            self._spun_told = True
-            _LOG.error("a thread kept its core for a second: no precedence until the event loop turns")
+
+    def _tell_of_spins(self) -> None:
+        if self._spun:
+            self._spun = False
+            _LOG.error("a thread kept its core for a second: polling had no precedence until the event loop turned")
 
 
 def _threads() -> list[int]:

@@ -13,6 +13,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import uvloop
+
 from service.polling import Polling
 from service.precedence import Precedence
 
@@ -71,7 +73,7 @@ def main(what: str) -> None:
     precedence = Precedence()
     precedence.try_once()
     seen = {"motion": _motion, "spin": _spin, "refused-now": _refused}[what]
-    print(json.dumps({"allowed": precedence.allowed, **asyncio.run(seen(Polling(precedence)))}))
+    print(json.dumps({"allowed": precedence.allowed, **uvloop.run(seen(Polling(precedence)))}))
 
 
 if __name__ == "__main__":
