@@ -12,6 +12,7 @@ import logging
 import ssl
 import termios
 import time
+from collections.abc import Callable
 from functools import partial
 from typing import Any, Final
 
@@ -192,6 +193,14 @@ class Connection:
             self._heard, self.heard_s = data, now_s
         return data
 
+    def _framed(self, framed: Callable[..., int], data: bytes, addr: object = None) -> int:
+        """Let pymodbus find its answer; a frame that it cannot read fails the request and not the event loop."""
+        try:
+            return framed(data, addr=addr)
+        except ModbusException as error:
+            self._fail(BadAnswerError(f"{self._subject}: an answer cannot be read ({error}): check the wire"))
+            return len(data)
+
     def _decoded(self, sending: bool, pdu: ModbusPDU) -> ModbusPDU:
         if not sending and self._outstanding is not None and self._answer is None:
             self._answer = self._heard
@@ -248,6 +257,8 @@ class Connection:
         """Connect anew. Raises ConnectionLostError where that fails within the deadline."""
         self.close()
         client = self._new_client()
+        framed = client.ctx.callback_data
+        client.ctx.callback_data = partial(self._framed, framed)  # type: ignore[method-assign]  # it has no other place
         deadline_s = self.address.timeout_s + (_TLS_HANDSHAKE_S if isinstance(self.address, TlsAddress) else 0.0)
         try:
             async with asyncio.timeout(deadline_s):

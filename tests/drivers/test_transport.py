@@ -143,6 +143,18 @@ async def test_an_answer_that_does_not_fit_is_an_error_and_the_next_is_right(
     assert await read(bus, 200) == (200,)
 
 
+async def test_an_answer_that_cannot_be_read_is_said_at_once_and_by_no_other_error(
+    bus: Transport, slave: RawSlave, caplog: pytest.LogCaptureFixture
+) -> None:
+    slave.faults.append(Fault(function=0x42))
+    with pytest.raises(WireError) as raised:
+        await read(bus, 100)
+    assert await read(bus, 200) == (200,)
+    if isinstance(bus.address, TcpAddress):  # a serial line does not tell where an unknown frame ends
+        assert isinstance(raised.value, BadAnswerError)
+    assert [record.message for record in caplog.records if record.name == "asyncio"] == []
+
+
 @pytest.mark.parametrize("bit", range(0, 24, 3))
 async def test_a_bit_that_flips_on_a_serial_line_never_gives_a_value(rtu: Transport, slave: RawSlave, bit: int) -> None:
     slave.faults.append(Fault(flip=bit))
