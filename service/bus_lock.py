@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
+import ipaddress
 import os
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -28,7 +29,20 @@ def place_of(address: BusAddress) -> str:
     """Return where a bus really is, however a configuration names it."""
     if isinstance(address, (RtuAddress, GaugeAddress)):
         return os.path.realpath(address.serial_port)
-    return f"{address.host.lower()}:{address.port}"
+    return f"{_one_spelling(address.host)}:{address.port}"
+
+
+def _one_spelling(host: str) -> str:
+    """Return a host by one of its spellings; a name is not looked up, as a plant is read where no network is, too."""
+    name = host.lower().removesuffix(".")
+    if name == "localhost":
+        return "127.0.0.1"
+    try:
+        address = ipaddress.ip_address(name)
+    except ValueError:
+        return name
+    mapped = address.ipv4_mapped if isinstance(address, ipaddress.IPv6Address) else None
+    return str(mapped or address)
 
 
 def lock_folder() -> Path:

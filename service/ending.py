@@ -79,7 +79,8 @@ def _course(run: Run, moment: str) -> str:
     if run.motion_ended_at is not None:
         lasted_s = (run.motion_ended_at - run.started_at).total_seconds()
         return f"{said}; the motion ended after {lasted_s:.0f} s."
-    return f"{said}; found without its service at {_at(run.finished_at, moment)}."
+    found = "found without its service" if run.state is RunState.INTERRUPTED else "ended"
+    return f"{said}; {found} at {_at(run.finished_at, moment)}."
 
 
 def _why(run: Run) -> str:

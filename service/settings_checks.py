@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ipaddress
-import os
 from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -13,6 +12,7 @@ from drivers.maps import register_map
 from drivers.waveform_check import check_waveform
 from drivers.wiring import Bus, wire
 from service.bus import make_bus
+from service.bus_lock import place_of
 from service.runs.sequences import build_waveform
 from service.settings_permissives import check_permissives
 from valve.errors import ConfigurationError, ValveError
@@ -76,10 +76,11 @@ def _check_places(findings: Findings, buses: Sequence[BusAddress], gateways: Map
     """
     places: dict[tuple[str, str], str] = {}
     for index, address in enumerate(buses):
+        place = place_of(address)
         if isinstance(address, (RtuAddress, GaugeAddress)):
-            key, place, local = "serial_port", os.path.realpath(address.serial_port), True
+            key, local = "serial_port", True
         else:
-            key, place, local = "port", f"{address.host}:{address.port}", _is_loopback(address.host)
+            key, local = "port", _is_loopback(place.rpartition(":")[0])
         other = places.setdefault((gateways.get(address.name, "") if local else "", place), address.name)
         if other != address.name:
             findings.add(("buses", index, key), place, f"bus {other} is there too", f"use {other} for both")
@@ -89,7 +90,7 @@ def _is_loopback(host: str) -> bool:
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
-        return host == "localhost"
+        return False
 
 
 def _check_gateways(findings: Findings, key: Key, wiring: ValveWiring, gateways: Mapping[str, str]) -> None:

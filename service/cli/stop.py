@@ -12,6 +12,7 @@ from service.cli.client import service_client
 from service.runs.run import RUN_ID
 from valve.errors import MeasurementError, RequestError, WireError
 
+_OVER: Final = ("completed", "stopped", "failed", "interrupted", "analyzing")
 _TIMEOUT_S: Final = 15.0  # the service waits 8 s for the safe value
 
 
@@ -38,7 +39,9 @@ def stop(
         raise RequestError(str(test.get("detail", f"status {answer.status_code}")))
     if test["safe_confirmed"] is False:
         raise MeasurementError(f"{test['valve']}: {test['error']}")
-    safe = "at its safe value, read back" if test["safe_confirmed"] else f"not moved by test {test['id']}"
-    print(f"{test['valve']}: test {test['id']} is {test['state']}, the valve is {safe}")
-    if test["state"] not in ("completed", "stopped", "failed", "interrupted", "analyzing"):
+    is_over = test["state"] in _OVER
+    if test["safe_confirmed"] is None and not is_over:
         raise MeasurementError(f"{test['valve']}: test {test['id']} is still {test['state']}: look at the valve")
+    state = test["state"] if is_over else "stopped, its samples are being fetched"
+    safe = "at its safe value, read back" if test["safe_confirmed"] else f"not moved by test {test['id']}"
+    print(f"{test['valve']}: test {test['id']} is {state}, the valve is {safe}")

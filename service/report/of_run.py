@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import datetime
-from typing import Any
+from typing import Any, Final
 
 from service.ending import ending_of
 from service.health.comparison import compare
@@ -21,6 +21,10 @@ from service.store.store import Store
 from service.tablet.history import past_of
 from service.tablet.words import STATES
 from valve.errors import ValveError
+
+_IN_JOURNAL: Final = (
+    "What was sampled is safe in the journal of this test; it becomes its recording at the next start of the service."
+)
 
 
 def source_of(store: Store, run: Run, valve: PlantValve | None, system: UnitSystem) -> ReportSource:
@@ -53,6 +57,8 @@ def ended_source_of(plant: Plant, store: Store, run: Run, system: UnitSystem) ->
             file = str(recording_of(run, plant, store))
         except ValveError as error:  # another gateway has it, or nobody has it any more
             no_file = as_sentence(str(error))
+    elif store.journal_path(run.id).is_file():  # the disk was full
+        no_file = _IN_JOURNAL
     return EndedSource(
         run.valve,
         _subject(run),

@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from drivers.outcome import PlayOutcome
+from service.runs.life import UPLOADING
+from service.runs.rig import Order, Watcher
 from service.settings import load_plant
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.running_service import running_service
@@ -40,6 +43,32 @@ async def test_the_command_stops_a_running_test_and_says_that_the_valve_is_safe(
         assert code == 1
         assert TAG in err
         assert "Traceback" not in err
+
+
+class Uploading(FakeRig):
+    """A device whose own samples are fetched after its valve is at its safe value; ``fetched`` ends that."""
+
+    def __init__(self) -> None:
+        super().__init__(60.0)
+        self.fetched = asyncio.Event()
+
+    async def play(self, order: Order, watcher: Watcher, stop: asyncio.Event) -> PlayOutcome:
+        outcome = await super().play(order, watcher, stop)
+        watcher.on_progress(1.0, UPLOADING)
+        await self.fetched.wait()
+        return outcome
+
+
+async def test_a_valve_that_is_safe_while_its_samples_are_fetched_is_no_failed_stop(plant_file: Path) -> None:
+    rig = Uploading()
+    async with running_service(load_plant(plant_file), rig, FakeAnalyst()) as client:
+        test = (await client.post("/tests/run", json={"valve": TAG})).json()
+        await asyncio.wait_for(rig.moving.wait(), 20.0)
+        code, out, err = await stopped(TAG, str(client.base_url))
+        assert (await client.get(f"/tests/{test['id']}")).json()["state"] == "running"
+        rig.fetched.set()
+        assert (code, err) == (0, "")
+        assert out.endswith("stopped, its samples are being fetched, the valve is at its safe value, read back\n")
 
 
 async def test_a_stop_that_left_the_valve_unconfirmed_is_an_error(plant_file: Path) -> None:

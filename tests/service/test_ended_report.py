@@ -16,6 +16,7 @@ from service.ending import ending_of
 from service.report.ended import EndedSource, ended_document
 from service.report.written import report_html, report_pdf
 from service.runs.run import Run, RunState, new_run_id
+from service.settings import Plant
 from service.shown_units import UnitSystem
 from tests.service.fake_rig import FakeRig
 from tests.service.problem import assert_problem
@@ -120,6 +121,7 @@ def test_each_end_says_where_the_valve_stands_and_what_to_do(
     assert "SAFE STATE" not in ending.why, "it is said where the valve stands"
     assert ending.why[0].isupper()
     assert ending.why.endswith(".")
+    assert ("without its service" in ending.course) == (run.state is RunState.INTERRUPTED)
 
 
 def test_what_was_found_and_done_since_is_told() -> None:
@@ -174,6 +176,17 @@ def test_the_report_of_a_bad_end_is_read_in_the_units_that_were_chosen() -> None
     document = ended_document(source(ended(), system=UnitSystem.PSI))
     assert "11.4 psi" in document["why"]
     assert "Pa" not in document["why"]
+
+
+async def test_samples_that_a_full_disk_kept_in_the_journal_are_not_called_none(
+    plant: Plant, client: httpx.AsyncClient, rig: FakeRig
+) -> None:
+    rig.break_at = 0.5
+    run = (await client.post("/tests/run", json=RUN, headers={"Prefer": "wait=10"})).json()
+    said = (await client.get(f"/tests/{run['id']}/report?format=html")).text
+    assert "becomes its recording at the next start" in said
+    (plant.service.store / "journals" / f"{run['id']}.journal").unlink()
+    assert "No sample was recorded." in (await client.get(f"/tests/{run['id']}/report?format=html")).text
 
 
 async def test_a_failed_test_has_a_page_and_a_report_and_a_waiting_one_has_none_yet(

@@ -93,6 +93,14 @@ BAD = {
         ),
         ["buses[2].serial_port", "/dev/null", "bus line-1 is there too", "use line-1 for both"],
     ),
+    "two spellings of one host": (
+        'name = "gauge-1"\nkind = "serial_gauge"',
+        (
+            'name = "plc-2"\nkind = "modbus_tcp"\nhost = "LocalHost."\nport = 5020\n[[buses]]\n'
+            'name = "gauge-1"\nkind = "serial_gauge"'
+        ),
+        ["buses[1].port", "127.0.0.1:5020", "bus plc-1 is there too", "use plc-1 for both"],
+    ),
     "the broadcast address": ("device_id = 1", "device_id = 0", ["valves[0].command", "device_id 0", "1 to 247"]),
     "one tag twice": ('tag = "FV-102"', 'tag = "FV-101"', ["valves[1].tag", "FV-101", "rename"]),
     "one bus name twice": ('name = "gauge-1"', 'name = "plc-1"', ["buses[1].name", "plc-1", "rename"]),
