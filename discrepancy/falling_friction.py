@@ -6,13 +6,16 @@ follows much worse. Steps of all unknowns leave such a valley; steps of v_s besi
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Final
 
 import numpy as np
 
-from discrepancy.causes.base import Values
+from discrepancy.baseline import DYNAMIC, LIMIT_MEDIAN, STATIC_SCAN, scanned
+from discrepancy.causes.base import Setting, Values
 from discrepancy.causes.friction import STRIBECK
 from discrepancy.least_squares import Fit, descend, start_fit
+from discrepancy.model import Model
 from discrepancy.setting import setting_of
 
 SPEED: Final = STRIBECK.own(STRIBECK.strength)
@@ -23,6 +26,47 @@ _STEPS: Final = 6
 _SPEEDS: Final = 41
 _SLOWEST: Final = 1.0e-3  # of the fastest
 _RAMPS: Final = 3.0  # times their speed: the stem is as fast as that when it breaks away
+_WIDE: Final = 0.2  # of the ramps' speed, above which DV stands in for something: valves have a tenth or less
+_SPEEDS_OF_LIMIT: Final = (1.0, 0.5, 2.0, 4.0)  # v_s, times DV
+_BLUR_S: Final = 0.1
+_BLURRED_STEPS: Final = 6
+_SHARP_STEPS: Final = 8
+_FOLLOWED: Final = 2
+_MOST_WORK: Final = 1.5e7  # passes, after which no other start is tried: many small steps take ten times as much
+
+
+def has_wide_limit(fit: Fit, setting: Setting) -> bool:
+    """Whether the plain valve's DV is so wide that it stands in for another law, as a falling friction's."""
+    return fit.values["DV"] > _WIDE * setting.sliding_m_per_s
+
+
+def from_wide_limit(fit: Fit, model: Model, setting: Setting) -> Fit | None:
+    """Return the lowest fit of a ``model`` with the falling friction that begins where the plain valve's DV is.
+
+    Friction is F_s up to DV in a Karnopp valve: where it falls with speed, the best DV is near v_s, and all forces are
+    those of the valve already. Only DV, v_s and the mass, which takes up what a step of friction does to a slip, begin
+    anew. None where no start can be followed.
+    """
+    last = model.tally.work + _MOST_WORK
+    own = fit.values
+    masses_kg = {own["m"], setting.observed.motions[0].moving_mass_kg or own["m"]}
+    limit = min(LIMIT_MEDIAN * setting.sliding_m_per_s, own["DV"])
+    begun: list[Fit] = []
+    for factor, mass_kg in product(_SPEEDS_OF_LIMIT, sorted(masses_kg)):
+        if begun and model.tally.work > last:
+            break
+        start = start_fit(model, model.unknowns.point({**own, SPEED: factor * own["DV"], "DV": limit, "m": mass_kg}))
+        held = DYNAMIC | {SPEED}
+        found = scanned(descend(start, most_steps=_BLURRED_STEPS, span_s=_BLUR_S, held=held), "d", STATIC_SCAN)
+        found = descend(found, most_steps=_SHARP_STEPS, held=frozenset({SPEED, "m", "DV"}))
+        if found.is_followed:
+            begun.append(found)
+    begun.sort(key=lambda one: one.cost)
+    return min(
+        (descend(one, most_steps=_SHARP_STEPS, held=frozenset({"DV"})) for one in begun[:_FOLLOWED]),
+        key=lambda one: one.cost,
+        default=None,
+    )
 
 
 def along_valley(fit: Fit) -> Fit:

@@ -10,23 +10,43 @@ from discrepancy.causes.base import Cause, Fitted
 from discrepancy.least_squares import Fit
 from discrepancy.significance import noise_factor
 from estimators.base import NORMAL_95
-from estimators.samples import FloatArray
+from estimators.samples import BoolArray, FloatArray
 from valve.effects import EFFECTS
 
 
 def standard_errors(fit: Fit) -> FloatArray:
     """Return the standard error of each coordinate, shape (p,); infinite where the residuals do not know it."""
-    slopes = fit.slopes if fit.slopes is not None else fit.model.slopes(fit.point, fit.residual)
-    factor = noise_factor(fit)
-    information = slopes @ slopes.T / factor + np.diag(fit.model.unknowns.prior_slopes() ** 2)
-    scale = np.sqrt(np.diag(information))
-    known = scale > 0.0
+    known, scale, values, vectors = _information(fit)
     errors = np.full(fit.point.size, math.inf)
-    scaled = information[np.ix_(known, known)] / np.outer(scale[known], scale[known])
-    values, vectors = np.linalg.eigh(scaled)
-    covariance = (vectors / np.maximum(values, 1.0e-14)) @ vectors.T
-    errors[known] = np.sqrt(np.maximum(np.diag(covariance), 0.0)) / scale[known]
+    covariance = (vectors / values) @ vectors.T
+    errors[known] = np.sqrt(np.maximum(np.diag(covariance), 0.0)) / scale
     return errors
+
+
+def drawn_points(fit: Fit, count: int, seed: int) -> list[FloatArray]:
+    """Return points, shape (p,) each, drawn as the errors of a fit scatter about its own, within the bounds.
+
+    Normal with the covariance of ``standard_errors``; what the residuals do not know stays.
+    """
+    known, scale, values, vectors = _information(fit)
+    unknowns, generator = fit.model.unknowns, np.random.default_rng(seed)
+    points = []
+    for _ in range(count):
+        point = fit.point.copy()
+        point[known] += vectors @ (generator.standard_normal(values.size) / np.sqrt(values)) / scale
+        points.append(np.asarray(np.clip(point, unknowns.lower, unknowns.upper), np.float64))
+    return points
+
+
+def _information(fit: Fit) -> tuple[BoolArray, FloatArray, FloatArray, FloatArray]:
+    """Return which coordinates are known, (p,), their scale, and the information's eigenvalues and vectors in it."""
+    slopes = fit.slopes if fit.slopes is not None else fit.model.slopes(fit.point, fit.residual)
+    information = slopes @ slopes.T / noise_factor(fit) + np.diag(fit.model.unknowns.prior_slopes() ** 2)
+    size = np.sqrt(np.diag(information))
+    known = size > 0.0
+    scaled = information[np.ix_(known, known)] / np.outer(size[known], size[known])
+    values, vectors = np.linalg.eigh(scaled)
+    return known, size[known], np.maximum(values, 1.0e-14), vectors
 
 
 def fitted_values(fit: Fit, cause: Cause) -> dict[str, Fitted]:

@@ -13,7 +13,7 @@ from discrepancy import periodic
 from discrepancy.baseline import DYNAMIC, FIRST_RISES, STATIC_SCAN, scanned
 from discrepancy.causes.base import Cause, Setting, Values
 from discrepancy.causes.friction import STRIBECK
-from discrepancy.falling_friction import along_valley
+from discrepancy.falling_friction import along_valley, from_wide_limit, has_wide_limit
 from discrepancy.least_squares import Fit, blur, descend, on, start_fit
 from discrepancy.model import Model
 from discrepancy.periodic import has_place
@@ -152,6 +152,10 @@ def refit(fit: Fit, candidate: Candidate, setting: Setting, bar: float = math.in
     if candidate.balanced is not None:
         best = _from_balance(start_fit(model, _point(fit, model, cause, candidate.balanced)))
         if best is not None and misfit(best) < _FOUND:
+            return descend(on(whole, best), most_steps=_STEPS[-1])
+    if cause is STRIBECK and has_wide_limit(fit, setting):
+        best = from_wide_limit(fit, model, setting)
+        if best is not None and is_noise(best):
             return descend(on(whole, best), most_steps=_STEPS[-1])
     for point in _promising(fit, model, candidate):
         if best is not None and model.tally.work > last:

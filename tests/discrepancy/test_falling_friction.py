@@ -11,15 +11,17 @@ import numpy as np
 import pytest
 
 from discrepancy import rounds
-from discrepancy.baseline import fit_baseline
+from discrepancy.baseline import baseline_unknowns, fit_baseline
 from discrepancy.causes.friction import LOCAL, STRIBECK
-from discrepancy.falling_friction import SPEED
+from discrepancy.falling_friction import SPEED, has_wide_limit
 from discrepancy.least_squares import Fit, descend, start_fit
+from discrepancy.model import Model
 from discrepancy.observed import Observed, observe
 from discrepancy.refining import refined
-from discrepancy.screening import Candidate, extended_model, refit
+from discrepancy.screening import Candidate, extended_model, refit, screen
 from discrepancy.setting import setting_of
 from discrepancy.significance import misfit
+from discrepancy.thinning import thinned
 from tests.blind.cases import blind_case
 
 # Where short fits from the grid of starts end on this case: F_c is a third high, F_v 60 % low, v_s a third low.
@@ -72,6 +74,11 @@ def test_a_hard_cause_is_tried_where_the_ordinary_ones_took_all_the_work(monkeyp
     assert tried_at(2.0 * last) == []
 
 
+# Where the plain valve ends on a case whose friction falls.
+WIDE: Final = {
+    "m": 1.304, "k": 46110.0, "F_v": 416.9, "F_c": 1829.0, "d": 0.333, "F_0": 250.4, "DV": 3.379e-3,
+    "first_rise": 19.76, "x_0": -2.852e-5,
+}  # fmt: skip
 # Where the first short fits end on this case with the command alone: the stem is five times as heavy as the valve's,
 # and what the mass takes of the slips is missing in the fall of the friction.
 HEAVY: Final = {
@@ -93,3 +100,22 @@ def test_a_fit_follows_the_mass_back_to_the_nameplates_where_a_heavy_stem_stood_
     assert misfit(found) < 1.2
     assert found.values["m"] == pytest.approx(case.truth.parameters.mass_kg, rel=0.4)
     assert found.values[SPEED] == pytest.approx(case.hidden[0].parameters["speed_m_per_s"], rel=0.25)
+
+
+def test_a_wide_limit_velocity_of_the_plain_valve_leads_to_the_speed_at_which_friction_falls() -> None:
+    """Slips of millimetres, of which the grid of starts leads none to its place: DV is a fourth of v_s."""
+    case = blind_case(7435, "triangle")
+    observed = observe(case.recordings, case.nameplate)
+    assert isinstance(observed, Observed)
+    unknowns = baseline_unknowns(observed, 9.2e-3, 2000.0)
+    plain = start_fit(Model(observed, unknowns, thin=thinned(observed)), unknowns.point(WIDE))
+    assert misfit(plain) > 1000.0
+    setting = setting_of(plain)
+    assert has_wide_limit(plain, setting)
+    (candidate,) = screen(plain, [STRIBECK], setting)
+    found = refit(plain, candidate, setting)
+    assert misfit(found) < 1.1
+    assert found.values[SPEED] == pytest.approx(case.hidden[0].parameters["speed_m_per_s"], rel=0.1)
+    assert found.values["F_v"] == pytest.approx(case.truth.parameters.viscous_friction_n_s_per_m, rel=0.1)
+    narrow = start_fit(plain.model, unknowns.point({**plain.values, "DV": 1.0e-4}))
+    assert not has_wide_limit(narrow, setting)
