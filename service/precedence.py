@@ -2,10 +2,10 @@
 
 A thread of ``SCHED_RR`` gets a core before everything that is not real-time (sched(7)), other programs and the analyses
 among it. The event loop's thread comes first and the others of this process behind it: with none of it they would keep
-the loop waiting, as whoever holds the interpreter's lock and gets no core holds it for long (benchmark ``load``: 1085
-of 16,000 slots missed on two busy cores instead of 10). What a thread starts is ordinary until it is met here, a
-process for ever (``SCHED_RESET_ON_FORK``). The system allows it by ``RLIMIT_RTPRIO`` (``LimitRTPRIO`` of a unit,
-``ulimits`` of a container) or ``CAP_SYS_NICE``.
+the loop waiting, as whoever holds the interpreter's lock and gets no core holds it for long (benchmark ``load`` on two
+busy cores: one sample in a thousand 32 ms late instead of 5). A thread that is started is ordinary until it is met
+here, a process for ever (``SCHED_RESET_ON_FORK``). The system allows it by ``RLIMIT_RTPRIO`` (a unit's ``LimitRTPRIO``,
+a container's ``ulimits``) or ``CAP_SYS_NICE``.
 """
 
 from __future__ import annotations
