@@ -7,6 +7,8 @@ from typing import Final
 
 from discrepancy.baseline import held_fit
 from discrepancy.causes.base import Cause, Fitted, Setting, is_at_bound, with_interval
+from discrepancy.causes.channels import BOW
+from discrepancy.causes.forces import AREA
 from discrepancy.causes.friction import ASYMMETRY
 from discrepancy.intervals import standard_errors
 from discrepancy.least_squares import Fit
@@ -40,7 +42,10 @@ PRELOAD: Final = Cause(
 
 
 def preload_offset(fit: Fit) -> Fitted | None:
-    """Return by how much the fitted preload differs from the nameplate's; None where that is within tolerance."""
+    """Return by how much the fitted preload differs from the nameplate's; None where that is within tolerance.
+
+    The tolerance holds what the references of other causes make of the preload (`conventional_preload`).
+    """
     observed = fit.model.observed
     nominal_n = observed.nameplate.nominal_preload_n
     names = fit.model.unknowns.names
@@ -50,11 +55,30 @@ def preload_offset(fit: Fit) -> Fitted | None:
     entry = fit.model.unknowns.entries[place]
     error_n = float(standard_errors(fit)[place]) * entry.unit
     offset_n = fit.values["F_0"] - nominal_n
-    tolerance_n = TOLERANCE * observed.full_force_n
+    tolerance_n = TOLERANCE * observed.full_force_n + conventional_preload(fit)
     if abs(offset_n) <= tolerance_n + _SURE * error_n or abs(offset_n) > _LARGEST * observed.full_force_n:
         return None
     half_n = NORMAL_95 * error_n + tolerance_n
     return Fitted(offset_n, offset_n - half_n, offset_n + half_n, "N")
+
+
+def conventional_preload(fit: Fit) -> float:
+    """Return by how much the preload may be another only because a cause counts from another place, N.
+
+    A bowed reading q (x - l)(h - x) that is right at the ends l, h of the travel that was swept, and not at those of
+    the rated travel, 0 and L, is the same bow beside another straight line: k q l h of preload. An area that is the
+    nameplate's at an end of the travel and not in the middle of what was swept scales all forces, the preload's too.
+    """
+    values, setting = fit.values, setting_of(fit)
+    found_n = 0.0
+    if BOW.name in fit.model.causes:
+        curvature = 4.0 * values[BOW.own("bow_m")] / values[BOW.own("span_m")] ** 2
+        found_n += abs(values["k"] * curvature * setting.low_m * setting.high_m)
+    if AREA.name in fit.model.causes:
+        reference_m = values[AREA.own("reference_m")]
+        away_m = max(reference_m, setting.scale.travel_m - reference_m)
+        found_n += abs(values["F_0"] * values[AREA.own("slope_per_m")]) * away_m
+    return found_n
 
 
 def asymmetry_instead(fit: Fit) -> Fit | None:

@@ -104,7 +104,8 @@ BOW: Final = Cause(
     lambda setting: [{"bow_m": 0.004 * setting.scale.travel_m}],
     _bow_sentence,
     "Put the sensor's lever square to the stem at mid travel, or linearise the sensor.",
-    held=lambda setting: {"span_m": setting.swept_m, "low_m": setting.low_m},
+    # a sensor is set at both ends of the rated travel: from there on what is straight in the reading is no bow
+    held=lambda setting: {"span_m": setting.scale.travel_m, "low_m": 0.0},
 )
 
 
