@@ -14,6 +14,7 @@ from estimators.likelihood.force_recording import estimate_force_recording
 from estimators.likelihood.hopping import Hopping
 from estimators.likelihood.input_errors import refit, searched_anew, step_instants, with_input_errors
 from estimators.likelihood.input_path import CommandedPath, InputPath, input_path
+from estimators.likelihood.lag_exchange import with_other_lags
 from estimators.likelihood.problem import Problem, pose
 from estimators.likelihood.search import Found, search
 from estimators.likelihood.staircase import read_staircase, with_stops
@@ -76,7 +77,9 @@ class MaximumLikelihoodEstimator:
     ) -> Found:
         """Search again and refit with the errors of the measured input as unknowns, where they matter."""
         # a command is known; its corners are as many as its lag asks for, so they have no fixed directions
-        if found.certificate.ratio > _WORTH_REFINING or motion.command_only:
+        if motion.command_only:
+            return with_other_lags(found)
+        if found.certificate.ratio > _WORTH_REFINING:
             return found
         model = found.model
         values = model.coordinates.values(found.point)
