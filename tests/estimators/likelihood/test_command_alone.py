@@ -16,7 +16,7 @@ def test_a_lag_of_the_transducer_is_not_taken_for_damping_of_the_stem() -> None:
 
 
 def test_every_share_of_lag_and_damping_is_tried_before_damping_is_given() -> None:
-    # lag 0.043 s, F_v/k 0.022 s: the search came to 0.025 and 0.043 s, whose cost is 220 higher, and gave this F_v and F_s
+    # lag 0.043 s, F_v/k 0.022 s: the search came to 0.025 and 0.043 s, whose cost is 220 higher, and gave their values
     test = random_test(2481)
     estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
     assert what_is_wrong(estimate, test) == ()
