@@ -15,6 +15,8 @@ from starlette.exceptions import HTTPException
 
 from service.access.needs import ForbiddenError, NotSignedInError
 from service.access.throttle import ThrottledError
+from service.shown_sentences import in_units
+from service.shown_units import UnitSystem
 from service.spelling import known_keys, unknown_key
 from valve.errors import (
     BusyError,
@@ -30,6 +32,8 @@ from valve.errors import (
     ValveError,
 )
 
+#: The pages of the tablet say by it what they are read in; ``detail`` stays SI, ``shown`` says the same in these units.
+UNITS_HEADER: Final = "Breakaway-Units"
 PROBLEM_TYPE: Final = "application/problem+json"
 _BODY_KEY_DEPTH: Final = 2  # ("body", key): a key of the body itself, whose model the route knows
 _LOG = structlog.get_logger(__name__)
@@ -96,6 +100,9 @@ def _valve_error(request: Request, error: Exception) -> ProblemResponse:
     if isinstance(error, ThrottledError):
         headers["Retry-After"] = str(math.ceil(error.retry_after_s))
     detail = _printable(str(error))
+    wanted = request.headers.get(UNITS_HEADER)
+    if wanted is not None:
+        more["shown"] = in_units(detail, UnitSystem.of(wanted))
     return problem(status, detail, instance=request.url.path, kind=kind, headers=headers, **more)
 
 

@@ -8,6 +8,7 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 
+from service.runs.run import RunState
 from service.tablet import script
 from tests.browser.conftest import store_test
 from tests.browser.gateway import Gateway
@@ -82,7 +83,18 @@ def test_figures_are_shown_in_the_units_that_the_browser_keeps(service: Gateway,
 def test_no_sentence_keeps_units_that_were_not_chosen(service: Gateway, page: str) -> None:
     with httpx.Client(base_url=service.url, cookies={"breakaway-units": "psi"}) as client:
         said = re.sub(r"<[^>]+>", " ", client.get(_address(service, page)).text)
-        assert re.findall(r"\d\s+(?:k?Pa|bar|m|mm|N|N/mm|kg)\b(?![/·*])", said) == []
+        assert re.findall(r"\d\s+(?:k?Pa|bar|m|mm|µm|um|N|N/mm|kg)\b(?![/·*])", said) == []
+
+
+def test_a_bad_end_is_told_in_the_chosen_units_on_its_page_and_in_its_report(service: Gateway) -> None:
+    run = store_test(service, 46.0, 0.0, state=RunState.FAILED)
+    error = f"{TAG}: the pressure changed by 8.049e+04 Pa and the stem stood at 2.0e-06 m: look at packing and seat"
+    service.parts.store.runs.save(replace(run, error=error, acknowledged_at=run.created_at, acknowledgement="eased"))
+    for address in (f"/ui/tests/{run.id}", f"/tests/{run.id}/report?format=html"):
+        with httpx.Client(base_url=service.url, cookies={"breakaway-units": "psi"}) as client:
+            said = re.sub(r"<style.*?</style>|<[^>]+>", " ", client.get(address).text, flags=re.DOTALL)
+        assert "The pressure changed by 11.67 psi and the stem stood at 0.00008 in: look at packing" in said
+        assert re.findall(r"\d\s+(?:k?Pa|bar|m|mm|µm|um|N|N/mm|kg)\b(?![/·*])", said) == []
 
 
 def test_a_result_leads_to_its_report(service: Gateway) -> None:

@@ -264,6 +264,17 @@ def test_a_valve_that_needs_a_permit_is_started_with_its_number(permit_service: 
     assert {one["name"]: one["met"] for one in shown}["permit"] is True
 
 
+def test_a_refusal_is_read_in_the_units_of_the_page_and_stays_in_si_for_machines(service: Gateway) -> None:
+    wanted = {"valve": TAG, "sequence": "triangle", "overrides": {"high_pa": 990_000.0}}
+    machine = service.client.post("/tests/run", json=wanted).json()
+    assert "990000 Pa" in machine["detail"]
+    assert "shown" not in machine
+    shown = service.client.post("/tests/run", json=wanted, headers={"Breakaway-Units": "bar"}).json()
+    assert shown["detail"] == machine["detail"]
+    assert "9.900 bar" in shown["shown"]
+    assert "Pa" not in shown["shown"]
+
+
 @pytest.mark.parametrize("size", [LANDSCAPE, PORTRAIT])
 def test_what_is_missing_is_seen_before_anybody_scrolls(
     permit_service: Gateway, browser: Tablet, size: tuple[int, int]

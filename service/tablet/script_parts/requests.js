@@ -18,7 +18,7 @@ function span(seconds) {
 }
 
 async function ask(method, address, { body, headers = {}, limitMs = 10000 } = {}) {
-  const sent = { ...headers };
+  const sent = { "Breakaway-Units": $("units").value, ...headers };
   if (csrf && method !== "GET") sent["X-CSRF-Token"] = csrf;
   if (body !== undefined) sent["Content-Type"] = "application/json";
   const answer = await fetch(address, {
@@ -49,5 +49,5 @@ function say(words) { $("said").textContent = words; }
 
 function refusal(answer) {
   if (answer.status === 401) { trouble("You are signed out. A running test goes on.", true); return "You are signed out."; }
-  return answer.found?.detail ?? `The gateway answered ${answer.status}: try again.`;
+  return answer.found?.shown ?? answer.found?.detail ?? `The gateway answered ${answer.status}: try again.`;
 }
