@@ -13,8 +13,9 @@ from pathlib import Path
 
 import pytest
 
+from drivers.permissives import Permissive
 from service.cli import COMMANDS
-from service.settings import load_plant
+from service.settings import PlantValve, load_plant
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.running_service import running_service
 from valve.errors import DeviceError
@@ -172,6 +173,34 @@ async def test_run_ends_with_1_when_the_test_fails(plant_file: Path) -> None:
         assert err.decode().count("FV-101: ") == 1
 
 
+class SlowToAnswer(FakeRig):
+    """Reads its permissives until ``answer`` is set: the request to start waits for its answer."""
+
+    def __init__(self) -> None:
+        super().__init__(30.0)
+        self.asked, self.answer = asyncio.Event(), asyncio.Event()
+
+    async def permissives(self, valve: PlantValve, permit: str | None) -> tuple[Permissive, ...]:
+        self.asked.set()
+        await self.answer.wait()
+        return await super().permissives(valve, permit)
+
+
+async def test_ctrl_c_before_the_answer_stops_the_test_that_the_answer_names(plant_file: Path) -> None:
+    rig = SlowToAnswer()
+    async with running_service(load_plant(plant_file), rig, FakeAnalyst()) as client:
+        process = await asyncio.create_subprocess_exec(
+            *BREAKAWAY, "run", "FV-101", "--url", str(client.base_url), stdout=-1, stderr=-1
+        )
+        await asyncio.wait_for(rig.asked.wait(), 30.0)
+        process.send_signal(signal.SIGINT)
+        rig.answer.set()
+        _, err = await asyncio.wait_for(process.communicate(), 30.0)
+        assert process.returncode == 1
+        assert "stopped on request" in err.decode()
+        assert (await client.get("/tests")).json()["tests"][0]["state"] == "stopped"
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 async def test_ctrl_c_and_a_closed_terminal_stop_the_test(plant_file: Path, number: signal.Signals) -> None:
     rig = FakeRig(30.0)
@@ -180,7 +209,6 @@ async def test_ctrl_c_and_a_closed_terminal_stop_the_test(plant_file: Path, numb
             *BREAKAWAY, "run", "FV-101", "--url", str(client.base_url), stdout=-1, stderr=-1
         )
         await asyncio.wait_for(rig.moving.wait(), 30.0)
-        await asyncio.sleep(0.2)
         process.send_signal(number)
         _, err = await asyncio.wait_for(process.communicate(), 30.0)
         assert process.returncode == 1

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import asyncio
 import os
 import re
 import shutil
@@ -10,6 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import structlog
 
 from service.precedence import LOOP
 from service.systemd import ServiceManager
@@ -71,6 +73,9 @@ def test_a_service_manager_hears_ready_then_a_beat_then_the_end(quick_path: Path
 
 async def test_without_a_service_manager_nothing_is_said_and_nobody_waits() -> None:
     manager = ServiceManager({})
+    assert not manager.listens
     manager.say("READY=1")
-    await manager.keep_alive()
-    ServiceManager({"NOTIFY_SOCKET": "/nowhere/notify"}).say("READY=1")  # a warning, no end
+    await asyncio.wait_for(manager.keep_alive(), 5.0)
+    with structlog.testing.capture_logs() as logs:
+        ServiceManager({"NOTIFY_SOCKET": "/nowhere/notify"}).say("READY=1")
+    assert [(one["event"], one["log_level"]) for one in logs] == [("service manager not reached", "warning")]
