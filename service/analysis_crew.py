@@ -53,6 +53,10 @@ class AnalysisCrew:
 
     async def _warm(self) -> None:
         for member in self._members:
+            while (
+                self._polling.goes_on and not self._closed
+            ):  # the event loop waits until a new process has its program
+                await self._polling.change()
             with suppress(InternalError):  # the log has its last words; a job starts it anew and says why it cannot
                 await member.warm()
 

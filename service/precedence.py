@@ -27,7 +27,8 @@ _LOG = structlog.get_logger(__name__)
 LOOP: Final = 2  # of 1 to 99: before what is not real-time, behind most others that are
 BESIDE: Final = 1
 _LONGEST_SPIN_S: Final = 1.0  # a burst of the loop takes milliseconds; a device's watchdog waits longer as a rule
-_RENEWED_S: Final = 0.25  # threads come and go
+_RENEWED_S: Final = 0.05  # threads come and go; it takes 0.1 ms
+_LINGERS_S: Final = 3.0  # recordings are put together and stored then: without, answers took up to 0.7 s (``load``)
 _SUPPORTED: Final = sys.platform == "linux"
 
 
@@ -42,6 +43,7 @@ class Precedence:
         self._allowed = False
         self._spun = False
         self._renewing: asyncio.Task[None] | None = None
+        self._ending: asyncio.TimerHandle | None = None
 
     @property
     def allowed(self) -> bool:
@@ -64,22 +66,34 @@ class Precedence:
 
     def begin(self) -> None:
         """Take it until ``end``; where it is refused nothing changes. Called in the event loop."""
+        if self._ending is not None:
+            self._ending.cancel()
+            self._ending = None
         self._take()
         if self._allowed and self._renewing is None:
+            self._spun = False
             self._renewing = asyncio.get_running_loop().create_task(self._renew())
 
     def end(self) -> None:
-        """Let every thread be as ordinary as before."""
+        """Let every thread be as ordinary as before, a moment later."""
+        if self._ending is None:
+            self._ending = asyncio.get_running_loop().call_later(_LINGERS_S, self._end)
+
+    def _end(self) -> None:
+        self._ending = None
         if self._renewing is not None:
             self._renewing.cancel()
             self._renewing = None
             self._give_back()
-            self._tell_of_spins()
 
     async def _renew(self) -> None:
+        told = False
         while True:
             await asyncio.sleep(_RENEWED_S)
             self._take()
+            if self._spun and not told:
+                told = True  # a thread that goes on would fill the log
+                _LOG.error("a thread kept its core for a second: polling had no precedence until the event loop turned")
 
     def _take(self) -> None:
         if not _SUPPORTED:
@@ -108,11 +122,6 @@ class Precedence:
         # Nothing is written here: it may have been in the middle of writing.
         self._spun = True
         self._give_back()
-
-    def _tell_of_spins(self) -> None:
-        if self._spun:
-            self._spun = False
-            _LOG.error("a thread kept its core for a second: polling had no precedence until the event loop turned")
 
 
 def _threads() -> list[int]:

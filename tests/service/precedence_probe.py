@@ -43,9 +43,11 @@ async def _motion(polling: Polling) -> dict[str, Any]:
         others = [_policy(thread.native_id or 0) for thread in threads]
         started = await asyncio.create_subprocess_exec(sys.executable, "-c", _OF_A_CHILD, stdout=subprocess.PIPE)
         child, _ = await started.communicate()
+    at_once = _policy()
+    await _until(lambda: _policy()[0] == os.SCHED_OTHER)
     after = [_policy(), *(_policy(thread.native_id or 0) for thread in threads)]
     ended.set()
-    return {"loop": loop, "others": others, "child": int(child), "after": after}
+    return {"loop": loop, "others": others, "child": int(child), "at_once": at_once, "after": after}
 
 
 async def _spin(polling: Polling) -> dict[str, Any]:
@@ -56,6 +58,7 @@ async def _spin(polling: Polling) -> dict[str, Any]:
             pass
         lasted_s = time.monotonic() - began_s
         await _until(lambda: _policy()[0] == os.SCHED_RR)
+        await asyncio.sleep(0.0)
         return {"lasted_s": lasted_s, "again": _policy()[0] == os.SCHED_RR}
 
 

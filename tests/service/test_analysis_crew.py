@@ -72,6 +72,18 @@ async def test_while_a_valve_is_polled_the_analyses_leave_it_a_core(cores: int, 
     assert all(isinstance(end, InternalError) for end in await asyncio.gather(*jobs, return_exceptions=True))
 
 
+async def test_while_a_valve_is_polled_no_further_worker_is_started() -> None:
+    polling = Polling()
+    crew = AnalysisCrew(2, command=WORKER, polling=polling, cores=2)
+    await crew.start()
+    with polling.motion():
+        await crew.analyze("good", PLATE)  # by the first, which is warm then
+        await _settled()
+        assert crew.worker_pids.count(None) == 1
+    await until(lambda: crew.worker_pids.count(None) == 0)
+    await crew.close()
+
+
 async def test_a_job_that_waited_for_the_polling_begins_when_the_one_before_has_ended() -> None:
     polling = Polling()
     crew = AnalysisCrew(2, command=WORKER, polling=polling, cores=2)

@@ -44,6 +44,7 @@ def test_in_a_motion_the_loop_comes_first_its_threads_behind_it_and_its_children
     assert seen["others"] == [[os.SCHED_RR, BESIDE]] * 2  # also the one that was started in the motion
     assert BESIDE < LOOP
     assert seen["child"] == os.SCHED_OTHER
+    assert seen["at_once"] == [os.SCHED_RR, LOOP]  # while the recording is put together
     assert seen["after"] == [[os.SCHED_OTHER, 0]] * 3
     assert seen["said"].count("polling has precedence") == 1
 
