@@ -53,9 +53,8 @@ class AnalysisCrew:
 
     async def _warm(self) -> None:
         for member in self._members:
-            while (
-                self._polling.goes_on and not self._closed
-            ):  # the event loop waits until a new process has its program
+            # The event loop waits until a new process has its program, which on a busy machine takes a while.
+            while self._polling.goes_on and not self._closed:
                 await self._polling.change()
             with suppress(InternalError):  # the log has its last words; a job starts it anew and says why it cannot
                 await member.warm()
