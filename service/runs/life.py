@@ -63,6 +63,8 @@ class Life:
         self._owners = owners
         self._journal: JournalWriter | None = None
         self._disk_error = ""
+        #: False where the end stands in memory alone, as the store could not be written.
+        self.is_end_stored = True
         self._entry_pa: float | None = None
         self._audit = audit
         self._permissives: tuple[Permissive, ...] = ()
@@ -94,6 +96,7 @@ class Life:
             await self._end(RunState.FAILED, **changes)
         except Exception as error:  # noqa: BLE001  - nobody may wait for ever for an end that cannot be stored
             _LOG.error("end of test not stored", test=self._live.run.id, exc_info=error)
+            self.is_end_stored = False
             self._live.run = replace(self._live.run, state=RunState.FAILED, **changes)
             self._live.announce()
 

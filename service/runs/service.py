@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 from collections.abc import AsyncIterator, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 import structlog
 
@@ -30,6 +30,7 @@ from service.store.store import Store
 from valve.errors import BusyError, ElsewhereError, NotFoundError, RequestError
 
 _LOG = structlog.get_logger(__name__)
+_STORE_AGAIN_S: Final = 2.0  # a look at the disk costs nothing, and somebody may be freeing it
 
 
 class Runs:
@@ -145,10 +146,26 @@ class Runs:
                 together=together,
                 on_samples=self._on_samples,
             )
-            self._tasks.spawn(life.run(self._rig, self._analyst))
+            self._tasks.spawn(self._carry_out(life, live))
         because = {"because": choice.reason} if choice.reason else {}
         _LOG.info("test accepted", test=stored.id, valve=tag, sequence=choice.name, run_number=stored.number, **because)
         return live.run
+
+    async def _carry_out(self, life: Life, live: LiveRun) -> None:
+        """Let a test run to its end; an end that the store could not take is stored as soon as it can be.
+
+        Until then the next start would know nothing of a bad end, and the disk alone would bar it.
+        """
+        await life.run(self._rig, self._analyst)
+        while not life.is_end_stored and not self._closing:
+            await asyncio.sleep(_STORE_AGAIN_S)
+            try:
+                await asyncio.to_thread(self._store.runs.save, live.run)
+            except Exception as error:  # noqa: BLE001  - whatever the store lacks now it may have later
+                _LOG.warning("end of test still not stored", test=live.run.id, error=str(error))
+            else:
+                life.is_end_stored = True
+                _LOG.warning("end of test stored late", test=live.run.id)
 
     async def permission(self, tag: str, permit: str | None = None) -> tuple[Permission | None, str]:
         """Return what must hold before this valve may move, read fresh without moving it, and why it is not fresh.

@@ -18,9 +18,11 @@ from service.runs.rig import Order, Watcher
 from service.runs.run import Run, RunState
 from service.settings import Plant
 from service.store.journal import JournalWriter
+from service.store.run_table import RunTable
 from service.store.store import Store
 from tests.service.fake_rig import FakeRig
 from tests.service.stored_runs import block, runs_of, stored
+from valve.errors import PermissiveError
 
 
 @pytest.fixture
@@ -94,6 +96,35 @@ async def test_a_disk_that_fails_stops_the_test_and_keeps_what_was_written(
     kept = store.runs.get(run.id)
     assert kept.recording_sha256 is not None
     assert kept.state is RunState.FAILED
+    await runs.shut_down()
+
+
+async def test_a_bad_end_that_the_store_could_not_take_bars_the_next_test_once_there_is_room(
+    plant: Plant, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = FakeRig(0.2)
+    rig.break_at = 0.5
+    runs = runs_of(plant, store, rig)
+    save, is_full = type(store.runs).save, True
+
+    def full(self: RunTable, run: Run) -> None:
+        if is_full and run.state is RunState.FAILED:
+            raise OSError(28, "No space left on device")
+        save(self, run)
+
+    monkeypatch.setattr("service.runs.service._STORE_AGAIN_S", 0.05)
+    monkeypatch.setattr(RunTable, "save", full)
+    run = await runs.start("FV-101", "triangle", {})
+    ended = await runs.wait(run.id, 10.0)
+    assert ended.state is RunState.FAILED
+    assert store.runs.get(run.id).state is RunState.RUNNING
+    is_full = False
+    async with asyncio.timeout(10.0):
+        while store.runs.get(run.id).state is RunState.RUNNING:  # noqa: ASYNC110  - a store sets no event
+            await asyncio.sleep(0.02)
+    assert store.runs.get(run.id).error == ended.error
+    with pytest.raises(PermissiveError, match="acknowledge"):
+        await runs.start("FV-101", "triangle", {})
     await runs.shut_down()
 
 
