@@ -52,14 +52,20 @@ async def run_case(case: Case, folder: Path) -> tuple[Verdict, int]:
     A test that was refused before its fault came, as a machine without a core to spare opens no bus in time, says
     nothing of the fault: it is run again, a few times.
     """
-    for attempt in range(_ATTEMPTS):
+    attempt = 0
+    while True:
+        attempt += 1
         place = folder / f"attempt-{attempt}"
         place.mkdir()
         verdict, transactions = await _run_once(case, place)
-        struck = case.fault is not None and transactions > case.fault.index
-        if verdict.outcome != "refused" or struck or not verdict.good:
-            break
-    return verdict, transactions
+        untried = verdict.outcome == "refused" and verdict.good and not struck(case, transactions)
+        if not untried or attempt == _ATTEMPTS:
+            return verdict, transactions
+
+
+def struck(case: Case, transactions: int) -> bool:
+    """Whether a test of so many transactions met its fault."""
+    return case.fault is not None and transactions > case.fault.index
 
 
 async def _run_once(case: Case, folder: Path) -> tuple[Verdict, int]:

@@ -7,11 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from tests.faults import __main__ as long_run
 from tests.faults.__main__ import asked_for
+from tests.faults.bench import Case
 from tests.faults.cases import FAULTS, TRANSACTIONS, WAYS, every_case
 from tests.faults.judge import Verdict
 from tests.faults.kept import KeptVerdicts, name_of
-from tests.faults.wire_faults import WireFault
+from tests.faults.wire_faults import FaultAt, WireFault
 
 
 def test_the_long_run_meets_every_fault_at_every_transaction_on_every_way_once_a_round() -> None:
@@ -49,3 +51,24 @@ def test_what_was_judged_is_kept_though_the_run_was_killed_in_the_middle_of_a_li
     assert again.of(third) is None
     again.add(third, Verdict("stopped"))
     assert KeptVerdicts(path).of(third) == Verdict("stopped")
+
+
+async def test_a_case_that_was_refused_before_its_fault_came_is_not_kept(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of two that are refused one met its fault; asked again, only the other one is run."""
+    first, second = (
+        Case("tcp", "polled", FaultAt(WireFault.ECHO, 3)),
+        Case("tcp", "polled", FaultAt(WireFault.ECHO, 30)),
+    )
+    ran: list[Case] = []
+
+    async def refused(case: Case, _folder: Path) -> tuple[Verdict, int]:
+        ran.append(case)
+        return Verdict("refused"), 4
+
+    monkeypatch.setattr(long_run, "run_case", refused)
+    for _ in range(2):
+        assert await long_run._run(long_run._Asked([first, second], tmp_path / "faults.jsonl")) == 0
+    assert ran == [first, second, second]
+    assert "1 were refused before their fault came" in capsys.readouterr().out
