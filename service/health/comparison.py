@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from service.health.changes import Change, ValveFacts, changes_between
 from service.health.figures import FIGURE_KINDS
 from service.health.limits import HealthLimits
 from service.health.results import PastTest
 from service.shown_units import UnitSystem, measured
+
+_TOLD_PERCENT: Final = 0.1  # below it a change is sure and matters to nobody: intervals are tighter than that
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +56,8 @@ def _sentence(change: Change) -> str:
     assert change.was is not None
     kind = FIGURE_KINDS[change.name]
     way = "rose" if change.change > 0.0 else "fell"
-    share = "" if change.was == 0.0 else f", {100.0 * abs(change.change / change.was):.3g} %"
+    percent = 0.0 if change.was == 0.0 else 100.0 * abs(change.change / change.was)
+    share = f", {percent:.3g} %" if percent >= _TOLD_PERCENT else f", less than {_TOLD_PERCENT:g} %" if percent else ""
     name = kind.words[0].upper() + kind.words[1:]
     moved = measured(abs(change.change), change.size_ci95, kind.unit, UnitSystem.SI)
     return f"{name} {way} by {moved}{share}."

@@ -71,6 +71,7 @@ def document_of(source: ReportSource) -> dict[str, Any]:
             }
             for row in rows
         ],
+        "has_baseline": any(row.was is not None for row in rows),
         "figures_missing": [{"what": names, "why": reason} for names, reason in figures_missing],
         "steps": _steps(analysis, system),
         "diagnosis": {

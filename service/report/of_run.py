@@ -40,7 +40,7 @@ def source_of(store: Store, run: Run, valve: PlantValve | None, system: UnitSyst
         None if baseline is None else baseline.get("signature"),
         past.trends if len(past.same_motion) > 1 else (),
         tuple((run.permissives or {}).get("permissives") or ()),
-        tuple(_comparison(store, run, valve)),
+        tuple(repair_sentences(store, run, valve)),
         system,
         _of_valve(valve, system),
         run.sequence,
@@ -117,8 +117,8 @@ def _facts(run: Run, baseline: str | None) -> list[tuple[str, str]]:
     return [(name, value) for name, value in facts if value]
 
 
-def _comparison(store: Store, run: Run, valve: PlantValve | None) -> list[str]:
-    """Return what the repair before this test changed, where it is labelled as left."""
+def repair_sentences(store: Store, run: Run, valve: PlantValve | None) -> list[str]:
+    """Return what the repair before this test changed, where it is labelled as left; reads the database and blocks."""
     if run.label is not Label.AS_LEFT or valve is None:
         return []
     after = store.figures.get(run.id)

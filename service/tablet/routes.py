@@ -17,6 +17,7 @@ from service.ending import ending_of
 from service.figures.methods import all_estimates, can_compare
 from service.next_step import next_step
 from service.parts import Parts, parts_of
+from service.report.of_run import repair_sentences
 from service.report.summary import key_figures
 from service.report.valve_facts import safe_value_words
 from service.runs.acknowledgement import needs_acknowledgement
@@ -181,8 +182,10 @@ async def test_page(request: Request, test_id: str, parts: PartsOf, visitor: Vis
     if not run.state.finished:
         live = await asyncio.to_thread(_live, parts, run, units_of(request))
         return page(request, "running.html", visitor, {**shared, "live": live})
-    past = await asyncio.to_thread(past_of, parts.store, run.valve, parts.plant.valves.get(run.valve), run)
-    return page(request, "result.html", visitor, {**shared, **_result(request, parts, run, past)})
+    valve = parts.plant.valves.get(run.valve)
+    past = await asyncio.to_thread(past_of, parts.store, run.valve, valve, run)
+    repaired = await asyncio.to_thread(repair_sentences, parts.store, run, valve)
+    return page(request, "result.html", visitor, {**shared, **_result(request, parts, run, past), "repaired": repaired})
 
 
 def _missing(request: Request, visitor: Visitor, error: NotFoundError) -> Response:

@@ -133,6 +133,20 @@ def test_a_test_that_nothing_explains_says_what_to_do_next(tmp_path: Path) -> No
     assert "look" not in document_of(made)["diagnosis"]["next"], "no coordinate explains most of it"
 
 
+def test_a_column_for_the_baseline_stands_only_where_there_is_one(tmp_path: Path) -> None:
+    html = report_html(source()).decode()
+    assert 'scope="col">baseline' not in html
+    against = replace(source(), baseline={"friction_mean_n": 590.0})
+    html = report_html(against).decode()
+    assert 'scope="col">baseline' in html
+    assert "590.0 N" in html
+    for made, is_told in ((source(), False), (against, True)):
+        pdf = report_pdf(made)
+        assert pdf.startswith(b"%PDF-")
+        if shutil.which("pdftotext"):
+            assert ("590.0 N" in words_of(pdf, tmp_path)) == is_told
+
+
 def test_page_one_draws_the_signature_and_the_misfit_where_there_is_no_trend() -> None:
     document = document_of(source())
     assert document["front"] == ["loop", "coordinate"]

@@ -125,11 +125,25 @@ async def test_what_a_repair_changed_is_told_with_its_interval_and_becomes_the_b
     assert (friction["change"], friction["sure"]) == (-350.0, True)
     assert friction["ci95"] == pytest.approx([-350.0 - 2.0**0.5, -350.0 + 2.0**0.5])
     assert found["sentences"] == ["Friction, mean fell by 350.0 ± 1.4 N, 43.8 %.", "No longer found: local friction."]
+    page = (await client.get(f"/ui/tests/{after}?units=psi")).text
+    assert "<li>Friction, mean fell by 78.68 ± 0.315 lbf, 43.8 %.</li><li>No longer found: local friction.</li>" in page
+    assert "As found, as left" not in (await client.get(f"/ui/tests/{before}")).text
     assert (await client.get("/valves/FV-101/baseline")).json()["test"] == after
     turned = await client.get("/valves/FV-101/comparison", params={"as_found": after, "as_left": before})
     assert turned.json()["changes"][0]["change"] == 350.0
     answer = await client.get("/valves/FV-102/comparison", params={"as_found": before, "as_left": after})
     assert_problem(answer, 404, "no completed one of it")
+
+
+async def test_a_change_too_small_to_matter_is_told_without_a_long_number(
+    client: httpx.AsyncClient, analyst: Found
+) -> None:
+    analyst.result = analysis(friction_n=800_000.0)
+    await health(client, label="as_found")
+    analyst.result = analysis(friction_n=800_003.0)
+    await health(client, label="as_left")
+    (said,) = (await client.get("/valves/FV-101/comparison")).json()["sentences"]
+    assert said == "Friction, mean rose by 3.0 ± 1.4 N, less than 0.1 %."
 
 
 def test_a_wrong_limit_is_refused_with_its_key(plant_text: str, quick_path: Path) -> None:
