@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -139,15 +140,12 @@ def read_pressure_path(recordings: Sequence[Recording]) -> PressurePath | None:
     noise_pa = channel_noise(rows[0].time_s[finite[0]], rows[0].pressure_pa[finite[0]], run_first)
     floor = max(noise_pa, _GAUGE * range_pa) ** 2
     fitting = _Fitting(rows, finite, range_pa)
-    best = before = fitting.fitted((), ())
-    for _ in range(_MOST_CAUSES):
-        if best.mean_square < _SURE**2 * floor:
-            break
-        tried = [fitting.with_cause(best, cause) for cause in CAUSES if cause not in best.causes]
-        found = min((one for one in tried if one is not None), key=lambda one: one.mean_square, default=None)
-        if found is None or best.mean_square - found.mean_square < max(_LEAST_SHARE * best.mean_square, floor):
-            break
-        best = found
+    before = fitting.fitted((), ())
+    best = _chosen(fitting, before, floor)
+    if best.causes and best.mean_square > floor:
+        # the first alone may stand for two others: a lag rounds the corners that a limit cuts off
+        pair = _lowest_pair(fitting, before)
+        best = _chosen(fitting, pair, floor) if _is_worth(best, pair, floor) else best
     spread = math.sqrt(max(best.mean_square, floor) / max(pressures.size / _ROWS_THAT_COUNT_AS_ONE, 1.0))
     named = tuple(
         (cause, _fitted(best, cause, spread, range_pa))
@@ -164,6 +162,30 @@ def read_pressure_path(recordings: Sequence[Recording]) -> PressurePath | None:
         math.sqrt(before.mean_square),
         math.sqrt(max(best.mean_square, 0.0)),
     )
+
+
+def _chosen(fitting: _Fitting, best: _Fit, floor: float) -> _Fit:
+    """Return the fit with further causes, the one that leaves least first, for as long as one is worth it."""
+    while len(best.causes) < _MOST_CAUSES and best.mean_square >= _SURE**2 * floor:
+        tried = [fitting.with_cause(best, cause) for cause in CAUSES if cause not in best.causes]
+        found = min((one for one in tried if one is not None), key=lambda one: one.mean_square, default=None)
+        if found is None or not _is_worth(best, found, floor):
+            break
+        best = found
+    return best
+
+
+def _lowest_pair(fitting: _Fitting, before: _Fit) -> _Fit:
+    """Return the lowest fit of two causes, each from where the better of them is alone."""
+    alone = [one for cause in CAUSES if (one := fitting.with_cause(before, cause)) is not None]
+    alone.sort(key=lambda one: one.mean_square)
+    tried = [fitting.with_cause(first, second.causes[0]) for first, second in combinations(alone, 2)]
+    return min((one for one in tried if one is not None), key=lambda one: one.mean_square, default=before)
+
+
+def _is_worth(best: _Fit, found: _Fit, floor: float) -> bool:
+    """Whether a fit leaves so much less than another that no gauge makes the difference."""
+    return best.mean_square - found.mean_square >= max(_LEAST_SHARE * best.mean_square, floor)
 
 
 _FEWEST_ROWS: Final = 50

@@ -52,6 +52,13 @@ def test_two_causes_of_the_path_are_told_apart() -> None:
     assert {name for name, _ in found.causes} == {"transducer_lag", "actuator_leak"}
 
 
+def test_a_late_and_limited_pressure_is_not_taken_for_a_lag_which_alone_is_nearer_than_either() -> None:
+    path = InputPath(dead_time_s=0.058, limit_n=0.99 * FULL_PA)
+    found = read_pressure_path([recorded(path, noise_pa=0.0)])
+    assert found is not None
+    assert {name for name, _ in found.causes} == {"transducer_dead_time", "supply_saturation"}
+
+
 def test_a_command_that_is_written_every_20_ms_is_held_until_the_next() -> None:
     """Taken for a line it would add half a period to the lag."""
     period_s, lag_s, step_s = 2.0e-2, 0.1, 1.0e-4
