@@ -57,7 +57,8 @@ def screen(fit: Fit, causes: Iterable[Cause], setting: Setting) -> list[Candidat
     for cause in causes:
         seen = list(zip(spaces, blurs, strict=True))[-1 if cause.is_periodic else 0 :]
         tried: list[tuple[float, Values]] = []
-        for start in cause.starts(setting):
+        begun = cause.starts(setting)
+        for start in begun:
             residual = _with(fit, cause, start, setting)
             if residual is None:
                 continue
@@ -75,7 +76,7 @@ def screen(fit: Fit, causes: Iterable[Cause], setting: Setting) -> list[Candidat
             tried.sort(key=lambda entry: -entry[0])
             most = _GRID_FOLLOWED if cause.is_hard else _STARTS_FOLLOWED
             ranked = [start for _, start in tried]
-            starts = tuple(_of_all_periods(fit, ranked) if cause.is_periodic else distinct(ranked)[:most])
+            starts = tuple(_of_all_periods(fit, begun, ranked) if cause.is_periodic else distinct(ranked)[:most])
             share, balanced = by_force.get(cause.name, (0.0, None))
             found.append(Candidate(cause, starts, max(tried[0][0], share), balanced))
     return sorted(found, key=lambda candidate: -candidate.promise)
@@ -185,11 +186,14 @@ def refit(fit: Fit, candidate: Candidate, setting: Setting, bar: float = math.in
     return best
 
 
-def _of_all_periods(fit: Fit, starts: list[Values]) -> list[Values]:
-    """Return the starts that are a place of their own, and of the others the one that promises most at a frequency."""
-    places = [start for start in starts if has_place(start, fit.values)]
+def _of_all_periods(fit: Fit, begun: list[Values], ranked: list[Values]) -> list[Values]:
+    """Return the starts that are a place of their own, and of the others the one that promises most at a frequency.
+
+    Places in the order in which they were ``begun``: the cost at a place of slips says little of what it leads to.
+    """
+    places = [start for start in begun if start in ranked and has_place(start, fit.values)]
     kept: list[Values] = []
-    for start in starts:
+    for start in ranked:
         if start not in places and all(
             not math.isclose(start["frequency_hz"], other["frequency_hz"], rel_tol=1.0e-4) for other in kept
         ):

@@ -4,13 +4,15 @@ In steady motion the stem answers A sin(w t + phi) by |H| A sin(w t + phi + arg 
 line in the spectrum of the misfit gives all three. Where the stem sticks and slips, each period lets it go or not, its
 steps lock to a fraction of the frequency, and no line is left: there the forces at the breakaways tell,
 S_a P = k x + F_0 + s F_s - A sin(w t + phi), which is linear in all but w.
+Where all steps lock alike, that wave is the same at each of them and is F_s in the balance: there its phase is told by
+when the breakaways come, each when the periodic force helps it most, s sin(w t + phi) = 1.
 """
 
 from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -28,6 +30,7 @@ _FINER: Final = 8  # frequencies a line's width: the phase at either end of a re
 _APART: Final = 3.0  # line widths between two lines
 _FEWEST_BREAKAWAYS: Final = 12
 _MOVING_SHARE: Final = 0.3  # of the usual speed
+_LOCKED: Final = 0.7  # mean resultant length of the breakaways' phases
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +121,31 @@ def shaken_breakaways(observed: Observed, most: int) -> list[Shaken]:
     taken = _taken(base, force_n, np.outer(2.0 * math.pi * frequency_hz, time_s))
     found = _highest(frequency_hz, taken, _APART / span_s, most)
     return [shaken for at_hz in found if (shaken := _shaken(at_hz, base, force_n, time_s)) is not None]
+
+
+def locked_breakaways(observed: Observed) -> Shaken | None:
+    """Return the periodic force at whose crests nearly all breakaways come; None where there is none such.
+
+    The mean resultant length |mean(s exp(i w t))| is 1 where all come at one phase. It is large at other frequencies
+    too, which differ by the steps' own: of these the forces at the breakaways tell the right one. Its ``static_n`` is
+    F_s less the periodic force, for that is what such breakaways show, and of its ``force_n`` they tell little.
+    Regular steps of no vibration may come so as well: this is where to look, and no proof.
+    """
+    table = [row for motion in observed.motions for row in _breakaways(motion)[1:]]
+    if len(table) < _FEWEST_BREAKAWAYS:
+        return None
+    time_s, force_n, place_m, sense = np.array(table).T
+    base = np.column_stack([place_m, np.ones(place_m.size), sense])
+    span_s = float(np.ptp(time_s))
+    frequency_hz = np.arange(LOWEST_HZ, HIGHEST_HZ, 1.0 / (_FINER * span_s))
+    turn = np.outer(2.0 * math.pi * frequency_hz, time_s)
+    mean = np.exp(1.0j * turn) @ sense / sense.size
+    likely = np.where(np.abs(mean) > _LOCKED, np.abs(mean) ** 2 * _taken(base, force_n, turn), 0.0)
+    place = int(np.argmax(likely))
+    balanced = _shaken(float(frequency_hz[place]), base, force_n, time_s) if likely[place] > 0.0 else None
+    if balanced is None:
+        return None
+    return replace(balanced, phase_rad=math.remainder(0.5 * math.pi - cmath.phase(complex(mean[place])), math.tau))
 
 
 def _shaken(frequency_hz: float, base: FloatArray, force_n: FloatArray, time_s: FloatArray) -> Shaken | None:

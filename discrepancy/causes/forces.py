@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 
 from discrepancy.causes.base import Cause, Fitted, Part, Setting, Values, strongest_frequencies, with_interval
-from discrepancy.shaking import lines, shaken_breakaways
+from discrepancy.shaking import lines, locked_breakaways, shaken_breakaways
+
+# Own choices, from valves with a hidden vibration: sizes, of F_s, and how long before the crest the stem breaks away.
+_LOCKED_TRIED: Final = ((0.05, 0.0), (0.04, 0.6), (0.08, 0.3))
 
 
 def _hardening_sentence(values: Mapping[str, Fitted], setting: Setting) -> str:
@@ -135,6 +139,25 @@ HIGH_STOP: Final = Cause(
 )
 
 
+def _locked_starts(setting: Setting, anew: Values) -> list[Values]:
+    """Starts for steps that lock to a periodic force: its size, which they do not tell, is tried beside F_s."""
+    one = locked_breakaways(setting.observed)
+    if one is None:
+        return []
+    return [
+        {
+            "force_n": share * one.static_n,
+            "frequency_hz": one.frequency_hz,
+            "phase_rad": math.remainder(one.phase_rad - early_rad, math.tau),
+            "k": one.spring_n_per_m,
+            "F_0": one.preload_n,
+            "d": max((1.0 + share) * one.static_n / setting.values["F_c"] - 1.0, 0.0),
+            **anew,
+        }
+        for share, early_rad in _LOCKED_TRIED
+    ]
+
+
 def _vibration_starts(setting: Setting) -> list[Values]:
     """Starts by the lines in the misfit, by the forces at the breakaways, and by the steps' own frequency."""
     observed, own = setting.observed, setting.values
@@ -150,18 +173,21 @@ def _vibration_starts(setting: Setting) -> list[Values]:
         start["d"] = (static_n + force_n) / own["F_c"] - 1.0
         start["DV"] = max(own["DV"] - line.amplitude_m_per_s, start["DV"])
         starts += [linear, start]
-    for shaken in shaken_breakaways(observed, 3):
-        starts.append(
-            {
-                "force_n": shaken.force_n,
-                "frequency_hz": shaken.frequency_hz,
-                "phase_rad": shaken.phase_rad,
-                "k": shaken.spring_n_per_m,
-                "F_0": shaken.preload_n,
-                "d": max(shaken.static_n / own["F_c"] - 1.0, 0.0),
-                **anew,
-            }
-        )
+    balanced = [
+        {
+            "force_n": shaken.force_n,
+            "frequency_hz": shaken.frequency_hz,
+            "phase_rad": shaken.phase_rad,
+            "k": shaken.spring_n_per_m,
+            "F_0": shaken.preload_n,
+            "d": max(shaken.static_n / own["F_c"] - 1.0, 0.0),
+            **anew,
+        }
+        for shaken in shaken_breakaways(observed, 3)
+    ]
+    # steps that lock hide the line and all but a constant of the forces: what tells them goes first
+    locked = _locked_starts(setting, anew)
+    starts = [*balanced[:1], *locked, *starts, *balanced[1:]] if locked else [*starts, *balanced]
     # where each period of the force lets the stem slip, its steps show the frequency better than the misfit
     time_s = observed.time_s
     found = strongest_frequencies(time_s, np.gradient(observed.position_m, time_s), 2)
