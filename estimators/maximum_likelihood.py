@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from estimators.base import Estimate, Outcome, failed, measured
-from estimators.likelihood.conclusion import conclude, searched_model
+from estimators.likelihood.conclusion import conclude, ramps_of, searched_model
 from estimators.likelihood.force_recording import estimate_force_recording
 from estimators.likelihood.hopping import Hopping
 from estimators.likelihood.input_errors import refit, searched_anew, step_instants, with_input_errors
@@ -60,7 +60,9 @@ class MaximumLikelihoodEstimator:
         if problem is None:
             return failed(self.method, motion.uniform_outcome or Outcome.UNPHYSICAL)
         model = searched_model(problem, motion.samples.period_s)
-        hopping = Hopping(motion.phases.moving_speed, problem.jumps)
+        hopping = Hopping(
+            motion.phases.moving_speed, problem.jumps, min(ramps_of(motion).rates_n_per_s, default=np.inf)
+        )
         breakaways = len(motion.phases.breakaways)
         found = search(model, problem.trials, problem.rests, breakaways=breakaways, hopping=hopping)
         if found is None:

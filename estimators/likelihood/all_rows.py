@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Final
 
 from estimators.likelihood.budget import Budget
-from estimators.likelihood.compression import LEAST_NOISE
+from estimators.likelihood.compression import LEAST_NOISE, compressed
 from estimators.likelihood.descent import descend
 from estimators.likelihood.model import NO_NOISE, StemModel
 from estimators.likelihood.pool import Place, distinct
@@ -24,6 +24,7 @@ _ALL_BUT: Final = 0.5
 _SHARPER: Final = 1.0e3  # weights: of a position without noise
 _FINE_STEPS: Final = 120  # of a precise position: the valley of DV and F_s is narrow and bent
 _MOST_FINE: Final = 5  # times the simulations of a descent with noise
+_DEARER: Final = 3  # times the rows of blocks: uneven rows that many more are not simulated at each step
 
 
 def _is_computed(model: StemModel) -> bool:
@@ -41,8 +42,11 @@ def on_all_rows(model: StemModel, places: list[Place], budget: Budget) -> list[P
     ended: list[Place] = []
     is_computed, exact = _is_computed(model), exactly(model)
     is_precise = float(model.weight.max()) * model.range_m > 1.0 / LEAST_NOISE
-    for number, place in enumerate(places[:MOST_PLACES]):
-        is_far = number > 0 and place.cost > places[0].cost + 2.0 * NEAR
+    near_by = places[:MOST_PLACES]
+    if places and not is_precise:
+        near_by = _on_telling_blocks(model, near_by, budget)
+    for number, place in enumerate(near_by):
+        is_far = number > 0 and place.cost > near_by[0].cost + 2.0 * NEAR
         if is_far or (ended and ended[0].cost < exact**2 * model.time_s.size):
             break
         if ended and budget.left < -_MOST_OVERDRAWN * budget.whole:
@@ -63,3 +67,27 @@ def on_all_rows(model: StemModel, places: list[Place], budget: Budget) -> list[P
         if math.isfinite(found.cost):
             ended.append(Place(found.point, found.cost))
     return distinct(model, ended)
+
+
+def _on_telling_blocks(model: StemModel, places: list[Place], budget: Budget) -> list[Place]:
+    """Descend first on blocks that tell what all rows tell at the best place, where these are many and uneven.
+
+    Even rows are simulated from few closed forms, uneven ones each from its own.
+    """
+    if model.even_step > 0.0:
+        return places
+    fine = compressed(model, keeping=places[0].point)
+    if _DEARER * fine.time_s.size > model.time_s.size:
+        return places
+    reached: list[Place] = []
+    for place in places:
+        if reached and place.cost > places[0].cost + 2.0 * NEAR:
+            break
+        most = budget.most_at_once(fine, _ON_ALL_ROWS)
+        near = descend(
+            fine, place.point, most_steps=_LAST_STEPS, one_sided=True, arrived=_NEARLY, most_simulations=most
+        )
+        found = descend(fine, near.point, most_steps=_LAST_STEPS, most_simulations=most - near.simulations)
+        budget.spend(fine, near.simulations + found.simulations)
+        reached.append(Place(found.point, found.cost) if math.isfinite(found.cost) else place)
+    return distinct(fine, reached)

@@ -20,7 +20,8 @@ _LARGEST_GAIN: Final = 4.0
 _FURTHER_STEPS: Final = 30
 _FURTHER_SHARE: Final = 0.3  # of the budget
 _LOWER: Final = 1.0  # of the cost
-_COARSER: Final = (1.0e-4, 1.0e-3)  # steps of differences that smooth what many hidden jumps make of the cost
+# steps of differences that smooth what many hidden jumps make of the cost; the last is worth a second descent
+_COARSER: Final = (1.0e-4, 1.0e-3, 1.0e-3)
 _SMALLEST_SHARE: Final = 1.0e-12  # of the largest eigenvalue: below it a direction is not seen at all
 
 

@@ -172,7 +172,16 @@ def _assessed(motion: RecordedMotion, problem: Problem, found: Found) -> _Assess
     values = model.coordinates.values(point)
     # a ramp slower than DV is followed in jumps, however small
     creeps = values["DV"] * values["k"] > min(ramps.rates_n_per_s, default=math.inf)
-    flatness = flat_errors(model, point, noise_factor=factor, jumps=problem.jumps, creeps=creeps)
+    # thousands of jumps too small to see make teeth of the cost that are closer than any search tells apart
+    is_bottom &= not creeps or replace(model, most_events=problem.model.most_events).simulate(point) is not None
+    # of several places the mean is given already
+    about_middle = knows is not None and knows is weighed.knows and weighed.weight == 0.0
+    about_middle &= found.certificate.ratio >= EXACT
+    flatness = flat_errors(
+        model, point, noise_factor=factor, jumps=problem.jumps, creeps=creeps, about_middle=about_middle
+    )
+    if flatness.to_middle is not None:
+        knows = known(model, point + flatness.to_middle, ramps, noise_factor=factor) or knows
     return _Assessed(found, is_bottom, factor, weighed, knows, flatness, creeps)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimators.samples import BoolArray, FloatArray
+from estimators.samples import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class Coordinates:
 
     ``names`` in that order; of shape (p,), in the coordinates: the bounds ``lower`` and ``upper``, the longest step of
     a descent (a factor e of a logarithm, many units of what is linear), the means of the priors, and one over their
-    variances, 0 where there is none.
+    variances, 0 where there is none; and which of them are logarithms, and the units of those that are not.
     """
 
     entries: tuple[Coordinate, ...]
@@ -67,8 +67,8 @@ class Coordinates:
     longest_step: FloatArray = field(init=False)
     prior: FloatArray = field(init=False)
     prior_weight: FloatArray = field(init=False)
-    _logarithmic: BoolArray = field(init=False)
-    _unit: FloatArray = field(init=False)
+    logarithmic: BoolArray = field(init=False)
+    unit: FloatArray = field(init=False)
 
     def __post_init__(self) -> None:
         # they are asked for at each of some thousand simulations
@@ -82,16 +82,21 @@ class Coordinates:
             "longest_step": np.array(steps),
             "prior": np.array([entry.prior for entry in own]),
             "prior_weight": np.array(weights),
-            "_logarithmic": np.array([entry.logarithmic for entry in own], dtype=np.bool_),
-            "_unit": np.array([entry.unit for entry in own]),
+            "logarithmic": np.array([entry.logarithmic for entry in own], dtype=np.bool_),
+            "unit": np.array([entry.unit for entry in own]),
         }.items():
             object.__setattr__(self, name, value)
 
     def values(self, point: FloatArray) -> dict[str, float]:
         """Return the values by name at this point, shape (p,)."""
-        value = point * self._unit
-        value[self._logarithmic] = np.exp(point[self._logarithmic])
+        value = point * self.unit
+        value[self.logarithmic] = np.exp(point[self.logarithmic])
         return dict(zip(self.names, value.tolist(), strict=True))
+
+    def values_at(self, point: FloatArray, numbers: IntArray) -> FloatArray:
+        """Return the values of some of the unknowns, by their numbers, at this point, shape (p,)."""
+        own = point[numbers]
+        return np.where(self.logarithmic[numbers], np.exp(own), own * self.unit[numbers])
 
     def point(self, values: dict[str, float]) -> FloatArray:
         """Return the point, shape (p,), of values by name."""

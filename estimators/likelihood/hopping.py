@@ -27,10 +27,11 @@ _SCAN: Final = np.concatenate([np.linspace(-0.05, 0.05, 21), np.linspace(-0.4, 0
 
 @dataclass(frozen=True, slots=True)
 class Hopping:
-    """What a hop has to know: the usual sliding speed, and whether the stem jumps from rest to rest."""
+    """What a hop has to know: the usual sliding speed, whether the stem jumps from rest to rest, the slowest ramp."""
 
     speed_m_per_s: float
     jumps: bool
+    slowest_n_per_s: float = math.inf
 
 
 def hopped(

@@ -15,6 +15,7 @@ from estimators.identifiability.bound import Knowledge, knowledge
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.descent import descend
+from estimators.likelihood.limit_median import median_place
 from estimators.likelihood.model import STEP, StemModel
 from estimators.likelihood.pool import Place
 from estimators.likelihood.valley import FARTHEST, WALKED, along, walk
@@ -30,6 +31,7 @@ _STRIDE: Final = 0.6  # of a logarithm
 _ALL_THE_WAY: Final = 0.99
 _TOOTHED: Final = ("F_v", "DV")
 _TEETH_SIGMAS: Final = (-30.0, -10.0, 10.0, 30.0)
+_LOWER_TOOTH: Final = 1.0  # of the cost
 _LONGEST_TOOTH: Final = 0.4  # of a logarithm
 _OTHER_STICTION: Final = ((0.25, 0.0), (0.7, 0.0), (1.0, 0.05), (1.0, 0.4))  # factors of F_s/F_c - 1, and added to it
 _FEW_INPUTS: Final = 6  # errors of the input that follow too
@@ -105,16 +107,24 @@ def known(model: StemModel, point: FloatArray, ramps: Ramps, *, noise_factor: fl
 class Flatness:
     """Least standard errors by symbol that the cost leaves, and whether the point is within its own intervals.
 
-    ``lowest`` is the point (p,) at which the walks found the lowest cost.
+    ``lowest`` is the point (p,) at which the walks found the lowest cost. ``to_middle``, (p,), leads from the bottom to
+    the median of a DV that hardly shows, about which the errors are then; None where the bottom is the middle.
     """
 
     least: dict[str, float]
     is_lowest: bool
     lowest: FloatArray
+    to_middle: FloatArray | None = None
 
 
 def flat_errors(
-    model: StemModel, point: FloatArray, *, noise_factor: float, jumps: bool, creeps: bool = False
+    model: StemModel,
+    point: FloatArray,
+    *,
+    noise_factor: float,
+    jumps: bool,
+    creeps: bool = False,
+    about_middle: bool = False,
 ) -> Flatness:
     """Least standard errors of m, F_v, F_c, F_s and DV that the cost itself leaves, far from the point.
 
@@ -122,7 +132,7 @@ def flat_errors(
     whatever costs less than 3.84. The information at the point may be of a kink, or of one bend of a valley; of a stem
     that ``jumps`` the valley has sills, so that more is believed possible. One that ``creeps``, slower than DV, moves
     in jumps too, though they be smaller than the noise: their number makes a comb of minima, and it is looked whether
-    the next teeth are lower.
+    the next teeth are lower. ``about_middle``: the errors are those of the median of a DV that hardly shows.
     """
     small = compressed(model, keeping=point)
     inputs = tuple(name for name in model.coordinates.names if name.startswith("input_"))
@@ -142,7 +152,16 @@ def flat_errors(
         walks.append([start, *_next_teeth(small, start.point, held, budget)])
     # blocks have another bottom than all rows, and a walk may find it lower
     lowest = min((place for places in walks for place in places), key=lambda place: place.cost)
-    values = natural_values(model, lowest.point)
+    middle = None
+    if about_middle and not (jumps or creeps or model.stepped):
+        of_limit = [
+            place
+            for (name, _), places in zip(product(WALKED, (-1, 1)), walks, strict=False)
+            if name == "DV"
+            for place in places
+        ]
+        middle = median_place(of_limit, small.coordinates.names.index("DV"), noise_factor=noise_factor)
+    values = natural_values(model, lowest.point if middle is None else middle)
     least: dict[str, float] = {}
     for places in walks:
         for reached in _within(lowest.cost, places, within):
@@ -151,7 +170,9 @@ def flat_errors(
                 far = abs(far_values[symbol] - values[symbol]) / NORMAL_95
                 least[symbol] = max(least.get(symbol, 0.0), far)
     # the blocks of a staircase's rows, weighted by their instants, have a bottom apart from that of all rows
-    return Flatness(least, model.stepped or start.cost - lowest.cost <= within, lowest.point)
+    # a tooth that is any lower tells that the comb is finer than what the search told apart
+    is_lowest = model.stepped or start.cost - lowest.cost <= (min(within, _LOWER_TOOTH) if creeps else within)
+    return Flatness(least, is_lowest, lowest.point, None if middle is None else middle - lowest.point)
 
 
 def _walked(

@@ -122,14 +122,11 @@ def followed_from(
 
 def distinct(model: StemModel, places: list[Place], apart: float = _SAME) -> list[Place]:
     """Return the places, cheapest first, without those at which a cheaper one is already."""
-    kept: list[Place] = []
-    for place in sorted(places, key=lambda one: one.cost):
-        if not any(is_same(model, place.point, other.point, apart) for other in kept):
-            kept.append(place)
-    return kept
-
-
-def is_same(model: StemModel, one: FloatArray, other: FloatArray, apart: float = _SAME) -> bool:
-    """Whether two points (p,) differ by less than this share in each of the valve's parameters."""
     compared = [model.coordinates.names.index(name) for name in _COMPARED]
-    return bool((np.abs(one[compared] - other[compared]) < apart).all())
+    ordered = sorted(places, key=lambda one: one.cost)
+    points = np.array([place.point[compared] for place in ordered]).reshape(len(ordered), len(compared))
+    kept: list[int] = []
+    for number, point in enumerate(points):
+        if not bool((np.abs(points[kept] - point) < apart).all(axis=1).any()):
+            kept.append(number)
+    return [ordered[number] for number in kept]

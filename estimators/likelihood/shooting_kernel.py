@@ -5,6 +5,7 @@
 # ruff: noqa: PLR0917 - kernels take flat numbers in order
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -58,3 +59,41 @@ def shoot(
         if status != FOLLOWED:
             return status
     return FOLLOWED
+
+
+@kernel
+def shoot_each(
+    points, logarithmic, unit, valve_place, start_place, speed_place, rest_x, corner_time, corner_force, out_time,
+    even_step, first_out, start_time, first_side, second_side, most_events, position, followed,
+):  # fmt: skip
+    """Shoot for the unknowns in each row of ``points``; write positions, and whether the stem could be followed.
+
+    ``valve_place`` are the places of m, k, F_v, F_c, F_s/F_c - 1, DV, F_0 and both stops among the unknowns, and
+    ``start_place`` and ``speed_place`` those of each part's start; below 0 there is none, and a part starts at
+    ``rest_x`` and at rest. A row's position is the mean of the outputs ``first_side`` and ``second_side``.
+    """
+    parts, q = start_place.size, np.empty(9)
+    start_x, start_v, out_x = np.empty(parts), np.empty(parts), np.empty(out_time.size)
+    value = np.empty(points.shape[1])
+    for i in range(points.shape[0]):
+        for j in range(value.size):
+            value[j] = math.exp(points[i, j]) if logarithmic[j] else points[i, j] * unit[j]
+        for j in range(9):
+            place = valve_place[j]
+            q[j] = value[place] if place >= 0 else (-math.inf if j == 7 else math.inf)
+        q[4] = q[3] * (1.0 + q[4])
+        for j in range(parts):
+            start_x[j] = value[start_place[j]] if start_place[j] >= 0 else rest_x[j]
+            start_v[j] = value[speed_place[j]] if speed_place[j] >= 0 else 0.0
+        status = shoot(
+            q, corner_time, corner_force, out_time, even_step, first_out, start_time, start_x, start_v, out_x,
+            most_events,
+        )  # fmt: skip
+        followed[i] = status == FOLLOWED and math.isfinite(out_x[out_x.size - 1])
+        own = position[i]
+        if first_side.size == 0:
+            for n in range(own.size):
+                own[n] = out_x[n]
+        else:
+            for n in range(own.size):
+                own[n] = 0.5 * (out_x[first_side[n]] + out_x[second_side[n]])

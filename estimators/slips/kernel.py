@@ -21,8 +21,10 @@ from typing import Final
 
 import numpy as np
 
-from valve.kernel.compiled import kernel
-from valve.kernel.response import INVERSE_FACTORIAL, impulse_response
+from estimators.compiled import kernel_of
+from estimators.slips import responses as response_file
+from estimators.slips.responses import responses
+from valve.kernel.response import impulse_response
 
 M: Final = 0
 F_V: Final = 1
@@ -34,7 +36,6 @@ D_V: Final = 6
 REST: Final = 7
 COMMON: Final = 7  # unknowns that all slips share
 UNKNOWNS: Final = 8  # of one slip: a change of its own F_s does what one of the common F_s does
-_TERMS: Final = 9  # of the power series: to rounding
 _BISECTIONS: Final = 50
 
 # A path on a straight force from t = 0 on: steady position there, steady speed, lag behind it and the lag's rate. Its
@@ -47,37 +48,7 @@ _AGE: Final = 4
 _C: Final = 5
 _W2: Final = 6
 
-
-@kernel
-def folded(tau, c, w2, rate, value):
-    """Return S * S and S * S', convolutions of the impulse response S: the derivatives of S to w2 and c, negative.
-
-    S * S = (tau (S' + c S / 2) - S) / (2 g) with g = c^2 / 4 - w2, whose power series is taken where it cancels.
-    """
-    half = 0.5 * c
-    gap = half * half - w2
-    z = gap * tau * tau
-    if abs(z) > 1.0:
-        return (
-            (tau * (rate + half * value) - value) / (2.0 * gap),
-            (half * value - tau * (half * rate + w2 * value)) / (2.0 * gap),
-        )
-    once = twice = 0.0
-    for n in range(_TERMS - 1, -1, -1):
-        once = once * z + INVERSE_FACTORIAL[2 * n + 1]  # sinh(sqrt z) / sqrt z
-        twice = twice * z + (2 * n + 2) * INVERSE_FACTORIAL[2 * n + 3]
-    decayed = 0.5 * tau * tau * math.exp(-half * tau)
-    return decayed * tau * twice, decayed * (once - half * tau * twice)
-
-
-@kernel
-def responses(tau, c, w2, out):
-    """Put S', S, H = S' + c S and the derivatives of each to c and w2 into ``out``, shape (3, 3)."""
-    rate, value, _, _ = impulse_response(tau, c, w2)
-    twice, mixed = folded(tau, c, w2, rate, value)
-    out[0, 0], out[0, 1], out[0, 2] = rate, value, rate + c * value
-    out[1, 0], out[1, 1], out[1, 2] = c * mixed + w2 * twice - value, -mixed, w2 * twice
-    out[2, 0], out[2, 1], out[2, 2] = -mixed, -twice, -(mixed + c * twice)
+kernel = kernel_of(response_file.__file__, __file__)
 
 
 @kernel

@@ -18,7 +18,7 @@ from estimators.likelihood.model import StemModel
 from estimators.likelihood.pool import Place, halved
 from estimators.likelihood.search import Found
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
-from estimators.samples import FloatArray
+from estimators.samples import BoolArray, FloatArray
 from tests.estimators.likelihood.posed import at_truth, posed
 from tests.estimators.random_valves import random_test
 
@@ -90,9 +90,10 @@ class _Held:
 class _Toothed(StemModel):
     """Two residuals that are even at 0, and fine teeth on one of them."""
 
-    def simulate(self, point: FloatArray) -> FloatArray:
-        x = float(point[0])
-        return np.array([x - 3.0 + 1.0e-4 * math.sin(1.0e5 * x), x + 3.0])
+    def simulate_each(self, points: FloatArray) -> tuple[FloatArray, BoolArray]:
+        x = points[:, 0]
+        simulated_m = np.stack([x - 3.0 + 1.0e-4 * np.sin(1.0e5 * x), x + 3.0], axis=1)
+        return simulated_m, np.ones(x.size, dtype=np.bool_)
 
 
 def toothed(x: float) -> Found:

@@ -20,7 +20,7 @@ from estimators.likelihood.pool import Place
 from estimators.likelihood.problem import pose
 from estimators.likelihood.valley import led_down, walk
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
-from estimators.samples import FloatArray
+from estimators.samples import BoolArray, FloatArray
 from tests.estimators.random_valves import random_test
 
 
@@ -68,9 +68,10 @@ class _Held:
 class _Banana(StemModel):
     """Residuals of which m and F_v are known together, along a bend, and m alone by a tenth of a standard deviation."""
 
-    def simulate(self, point: FloatArray) -> FloatArray:
-        m, viscous = point[0], point[2]
-        return np.array([0.1 * m, 1000.0 * (viscous - m * m), point[1], point[3], point[4], point[5], point[6]])
+    def simulate_each(self, points: FloatArray) -> tuple[FloatArray, BoolArray]:
+        m, viscous = points[:, 0], points[:, 2]
+        simulated_m = np.stack([0.1 * m, 1000.0 * (viscous - m * m), *points[:, [1, 3, 4, 5, 6]].T], axis=1)
+        return simulated_m, np.ones(m.size, dtype=np.bool_)
 
 
 def banana() -> StemModel:

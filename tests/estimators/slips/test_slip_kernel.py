@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.slips.kernel import F_S, F_V, REST, UNKNOWNS, M, responses, slip_rows
+from estimators.slips.kernel import F_S, F_V, REST, UNKNOWNS, M, slip_rows
+from estimators.slips.responses import responses
 from valve.motion import simulate_motion
 from valve.parameters import ValveParameters
 from valve.recording import FloatArray

@@ -1,0 +1,44 @@
+"""A limit velocity that a test hardly shows is taken in its middle, and the values that bend with it follow."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from estimators.likelihood.limit_median import median_place
+from estimators.likelihood.pool import Place
+from estimators.maximum_likelihood import MaximumLikelihoodEstimator
+from tests.benchmarks.efficiency import NOISE_M, Case, bounds_of, phased
+
+
+def test_the_middle_of_a_lopsided_profile_is_its_median_and_not_its_lowest_place() -> None:
+    # an exponential density exp(-t) from t = 0 on has its mode at 0 and its median at ln 2; the other unknown is t^2
+    places = [Place(np.array([t, t * t]), 2.0 * t) for t in np.linspace(0.0, 9.0, 200)]
+    places += [Place(np.array([-1.0e-3, 0.0]), 50.0)]
+    middle = median_place(places, 0, noise_factor=1.0)
+    assert middle is not None
+    assert middle == pytest.approx([math.log(2.0), math.log(2.0) ** 2], rel=0.05)
+    wider = median_place([Place(one.point, 4.0 * one.cost) for one in places], 0, noise_factor=2.0)
+    assert wider == pytest.approx(middle)
+
+
+def test_an_unknown_that_shows_or_whose_profile_was_not_followed_to_its_ends_has_no_middle() -> None:
+    sharp = [Place(np.array([t]), (t / 0.05) ** 2) for t in np.linspace(-0.2, 0.2, 41)]
+    assert median_place(sharp, 0, noise_factor=1.0) is None
+    short = [Place(np.array([t]), t**2) for t in np.linspace(-1.0, 3.0, 41)]
+    assert median_place(short, 0, noise_factor=1.0) is None
+
+
+def test_noise_that_favours_another_limit_velocity_does_not_carry_the_friction_far() -> None:
+    # seed 10: a DV 6.5 times too large costs 2.8 less than the true one, and with it F_c is 5.7 bounds off
+    test = phased(Case("rough", "triangle", NOISE_M, 10))
+    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    bounds, truth = bounds_of(test, NOISE_M), test.truth.by_symbol()
+    for symbol in ("m", "F_v", "F_c", "F_s"):
+        entry = estimate.parameters[symbol]
+        assert entry.value is not None
+        assert entry.std_error is not None
+        assert abs(entry.value - truth[symbol]) < 2.5 * bounds[symbol]
+        assert abs(entry.value - truth[symbol]) < 2.0 * entry.std_error
