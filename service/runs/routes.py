@@ -98,9 +98,9 @@ async def get_test(test_id: str, parts: PartsOf) -> RunView:
 
 
 @router.post("/{test_id}/stop", dependencies=[needs(Right.STOP)])
-async def stop_test(test_id: str, parts: PartsOf) -> RunView:
+async def stop_test(test_id: str, parts: PartsOf, asks: Asks) -> RunView:
     """Send the valve to its safe value at once; a test that has ended stays as it is."""
-    return view(await parts.runs.stop(test_id))
+    return view(await parts.runs.stop(test_id, reason=f"stopped by {asks.name}"))
 
 
 @router.get(

@@ -345,12 +345,14 @@ return [...document.querySelectorAll('[data-moves], .stop, button, .button, sele
 def test_every_page_can_be_read_named_and_touched(service: Gateway, browser: Tablet, size: tuple[int, int]) -> None:
     browser.turn(size)
     test_id = service.client.get("/tests", params={"valve": TAG, "limit": 200}).json()["tests"][-1]["id"]
+    failed = store_test(service, 0.0, 0.0, state=RunState.FAILED)
     for path in (
         "/",
         "/ui/night",
         f"/ui/valves/{TAG}",
         f"/ui/valves/{TAG}/start",
         f"/ui/tests/{test_id}",
+        f"/ui/tests/{failed.id}",
         "/ui/sign-in",
     ):
         browser.open(service.url + path)

@@ -128,7 +128,7 @@ async def test_stop_sends_the_valve_to_safe_within_a_second_and_may_be_repeated(
     body = await finished(client, location)
     assert body["state"] == "stopped"
     assert body["safe_confirmed"] is True
-    assert "stopped on request" in body["error"]
+    assert "stopped by local" in body["error"]
     assert (await client.post(f"{location}/stop")).json() == body
     again = await client.post("/tests/run", json=RUN)
     assert again.status_code == 202
