@@ -17,7 +17,7 @@ from valve.parameters import TravelStops
 _EXCESS: Final = 1.15
 _EXCESS_OF_RANGE: Final = 0.01
 _NEAR_THE_END: Final = 0.005
-_PAST: Final = 1.05  # times the friction in motion, which stops no stem while the force goes on
+_PAST: Final = 1.02  # times the friction in motion, which stops no stem while the force goes on
 
 
 def find_stops(samples: Samples, phases: Phases, uniform: UniformMotion) -> TravelStops | None:
