@@ -20,7 +20,7 @@ from discrepancy.intervals import fitted_values
 from discrepancy.least_squares import Fit
 from discrepancy.line_errors import with_line_errors
 from discrepancy.observed import observe
-from discrepancy.preload import PRELOAD, asymmetry_instead, preload_offset
+from discrepancy.preload import PRELOAD, asymmetry_instead, bent_instead, preload_offset
 from discrepancy.pressure_findings import with_pressure_findings
 from discrepancy.registry import CAUSES
 from discrepancy.residuals import show
@@ -135,8 +135,14 @@ def _concluded(
     offset = preload_offset(best)
     if offset is not None:
         sentence = PRELOAD.sentence({"offset_n": offset}, setting_of(best))
-        findings.append(Finding(PRELOAD.name, sentence, PRELOAD.action, {"offset_n": offset}, 0.0))
+        told = Finding(PRELOAD.name, sentence, PRELOAD.action, {"offset_n": offset}, 0.0)
+        bent = bent_instead(best, CAUSES.values())
         instead = asymmetry_instead(best)
+        # the one that has rivals is told first
+        place = 0 if not rivals and (bent or instead is not None) else len(findings)
+        findings.insert(place, told)
+        rivals += [cause.name for cause, _ in bent]
+        rival_fits += [fit for _, fit in bent]
         if instead is not None:
             rivals.append(ASYMMETRY.name)
             rival_fits.append(instead)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Final
 
 from discrepancy.baseline import held_fit
@@ -11,8 +11,8 @@ from discrepancy.causes.channels import BOW
 from discrepancy.causes.forces import AREA
 from discrepancy.causes.friction import ASYMMETRY
 from discrepancy.intervals import standard_errors
-from discrepancy.least_squares import Fit
-from discrepancy.screening import Candidate, refit
+from discrepancy.least_squares import Fit, descend
+from discrepancy.screening import Candidate, refit, screen
 from discrepancy.setting import setting_of
 from discrepancy.significance import NEAR, noise_factor
 from estimators.base import NORMAL_95
@@ -20,6 +20,17 @@ from estimators.base import NORMAL_95
 # Of the full force: no bench set is known, and no pressure channel set to zero, better than this.
 TOLERANCE: Final = 2.0e-3
 _SURE: Final = 4.0  # standard errors
+_STEPS: Final = 15
+# What bends the line of force over travel.
+BENDING: Final = frozenset(
+    {
+        "spring_hardening",
+        "dual_rate_spring",
+        "diaphragm_area_change",
+        "flow_force",
+        "position_nonlinearity",
+    }
+)
 _LARGEST: Final = 0.3  # of the full force (valve.effects.spring_preload)
 
 
@@ -60,6 +71,30 @@ def preload_offset(fit: Fit) -> Fitted | None:
         return None
     half_n = NORMAL_95 * error_n + tolerance_n
     return Fitted(offset_n, offset_n - half_n, offset_n + half_n, "N")
+
+
+def bent_instead(fit: Fit, known: Iterable[Cause]) -> list[tuple[Cause, Fit]]:
+    """Return further causes that do as well with the nameplate's preload, each with its fit, the lowest first.
+
+    Where other causes bend the line of force over travel, a bend less and a preload more may be the same line.
+    """
+    nominal_n = fit.model.observed.nameplate.nominal_preload_n
+    if nominal_n is None or not BENDING & set(fit.model.causes):
+        return []
+    held = descend(held_fit(fit, F_0=nominal_n), most_steps=_STEPS)
+    if not held.is_followed:
+        return []
+    setting = setting_of(held)
+    others = [cause for cause in known if cause.name in BENDING - set(fit.model.causes)]
+    found = []
+    for candidate in screen(held, others, setting):
+        instead = descend(refit(held, candidate, setting), most_steps=_STEPS)
+        at_bound = any(
+            is_at_bound(candidate.cause, one, instead.values[one.name]) for one in candidate.cause.unknowns(setting)
+        )
+        if instead.is_followed and not at_bound and instead.cost - fit.cost < NEAR * noise_factor(fit):
+            found.append((candidate.cause, instead))
+    return sorted(found, key=lambda pair: pair[1].cost)
 
 
 def conventional_preload(fit: Fit) -> float:

@@ -36,7 +36,12 @@ from discrepancy.significance import (
 )
 
 MOST_CAUSES: Final = 3
+_EXCHANGED: Final = 2  # causes in the valve, from which on the first is tried again beside the other
 _REFITTED: Final = (9, 6, 5)  # in the first, second and third round
+# Work of a round that has a cause beside it, whatever the rounds before took: a second cause needs its turn.
+_FURTHER_WORK: Final = 3.0e7
+# Of what a cause left, from which on a falling friction is worth its grid beside it.
+_LITTLE_LEFT: Final = 0.02
 # A second cause must win this share of what the first left, for a wrong first one drags others along.
 _SECOND_SHARE: Final = 0.3
 _PRUNING_STEPS: Final = 15
@@ -46,6 +51,7 @@ _KIN: Final = (
     frozenset({"friction_gradient", "pressure_dependent_friction"}),
     frozenset({"spring_hardening", "dual_rate_spring", "diaphragm_area_change", "position_nonlinearity"}),
 )
+_WORTH_KIN: Final = 2.0  # misfit of several causes, below which kin may make the difference
 _WORTH: Final = 12.0  # gain of a short fit, from which on a long one is made
 
 
@@ -70,15 +76,15 @@ def choose(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str], 
     if misfit(baseline) < LARGE_MISFIT and not is_noise(baseline):
         # a small misfit may be the fit's own: a cause that only helps it down is none
         baseline = refined(baseline)
-    search = _Search(list(causes), baseline.model.tally.work + share_of_work(baseline) * MOST_WORK, tell)
-    begun = _Way(baseline)
-    way = search.followed(begun, is_closer=False)
+    last = baseline.model.tally.work + share_of_work(baseline) * MOST_WORK
+    search = _Search(list(causes), _Way(baseline), last, tell)
+    way = search.followed(is_closer=False)
     if not (way.is_done or is_noise(way.best)):
-        other = search.followed(begun, is_closer=True)
+        other = search.followed(is_closer=True)
         way = other if other.is_done or other.best.cost < way.best.cost else way
     best, chosen = _pruned(baseline, way.best, list(way.chosen))
-    if len(chosen) == len(way.chosen) == 1:
-        best, chosen, way = _beside_kin(baseline, best, chosen[0], way, search)
+    if len(chosen) == len(way.chosen) and (len(chosen) == 1 or misfit(best) < _WORTH_KIN):
+        best, chosen, way = _beside_kin(baseline, best, chosen, way, search)
     tried = tuple((cause.name, gain(baseline, fit)) for cause, fit in search.tried)
     if not chosen:
         # what looked like a cause only showed the baseline a better place
@@ -95,26 +101,38 @@ def choose(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str], 
     )
 
 
-def _beside_kin(baseline: Fit, best: Fit, cause: Cause, way: _Way, search: _Search) -> tuple[Fit, list[Cause], _Way]:
-    """Return the lowest of a single cause and its kin, the others its rivals: kin are fitted from where it led.
+def _beside_kin(
+    baseline: Fit, best: Fit, chosen: list[Cause], way: _Way, search: _Search
+) -> tuple[Fit, list[Cause], _Way]:
+    """Return the lowest fit with each cause or one of its kin in its place, and what does as well as its rivals.
 
-    Far from the valve's own values the balance of forces promises little of a cause, and it may not have been tried.
+    Far from the valve's own values the balance of forces promises little of a cause, and it may not have been tried;
+    of the first of two causes it was tried without the second. Kin are fitted from where the causes led.
     """
-    fitted = {other.name for other, _ in search.tried}
-    kin = [other for group in _KIN if cause.name in group for other in search.known if other.name in group - fitted]
-    if not kin:
-        return best, [cause], way
-    start = start_fit(baseline.model, baseline.model.unknowns.point(best.values))
-    setting = setting_of(start)
-    fits: Fits = [(cause, best)]
-    for candidate in screen(start, kin, setting):
-        fit = refit(start, candidate, setting)
-        if fit.is_followed and _is_possible(candidate.cause, fit, setting) and is_significant(baseline, fit):
-            fits.append((candidate.cause, fit))
-    fits.sort(key=lambda pair: pair[1].cost)
-    lowest, fit = fits[0]
-    rivals = (*fits[1:], *(pair for pair in way.rivals if pair[0] is not lowest))
-    return fit, [lowest], replace(way, best=fit, chosen=(lowest,), rivals=rivals)
+    for cause in tuple(chosen):
+        fitted = way.fitted if cause is way.chosen[-1] else frozenset[str]()
+        group = next((group for group in _KIN if cause.name in group), frozenset[str]()) - fitted
+        kin = [other for other in search.known if other.name in group and other not in chosen]
+        if not kin:
+            continue
+        others = [other for other in chosen if other is not cause]
+        start = _with_causes(baseline, best, others, most_steps=0)
+        setting = setting_of(start)
+        fits: Fits = [(cause, best)]
+        for candidate in screen(start, kin, setting):
+            fit = refit(start, candidate, setting)
+            if fit.is_followed and _is_possible(candidate.cause, fit, setting) and is_significant(baseline, fit):
+                fits.append((candidate.cause, fit))
+        fits.sort(key=lambda pair: pair[1].cost)
+        (lowest, fit), near = fits[0], [pair for pair in fits[1:] if _is_near(pair[1], fits[0][1])]
+        if cause is way.chosen[-1]:
+            near += [pair for pair in way.rivals if pair[0] is not lowest]
+        elif lowest is cause and not near:
+            continue
+        # the one that has rivals is the last
+        best, chosen = fit, [*others, lowest]
+        way = replace(way, best=fit, chosen=tuple(chosen), rivals=tuple(near), fitted=frozenset())
+    return best, chosen, way
 
 
 def _near(best: Fit, chosen: list[Cause], way: _Way, pruned_from: Fit | None = None) -> Fits:
@@ -128,47 +146,59 @@ def _near(best: Fit, chosen: list[Cause], way: _Way, pruned_from: Fit | None = N
     for cause, whole in way.rivals:
         causes = [*chosen[:-1], cause]
         fit = whole if pruned_from is None else _with_causes(pruned_from, whole, causes)
-        if fit.is_followed and fit.cost - best.cost < NEAR * noise_factor(best):
+        if _is_near(fit, best):
             found.append((cause, fit))
     return found
 
 
-def _with_causes(baseline: Fit, fit: Fit, causes: list[Cause]) -> Fit:
+def _is_near(fit: Fit, best: Fit) -> bool:
+    """Whether a fit explains as well as the best: noise may make the difference."""
+    return fit.is_followed and fit.cost - best.cost < NEAR * noise_factor(best)
+
+
+def _with_causes(baseline: Fit, fit: Fit, causes: list[Cause], most_steps: int = _PRUNING_STEPS) -> Fit:
     """Return the fit with these causes and no others, descended from where ``fit`` has them."""
     model, setting = baseline.model, setting_of(fit)
     for cause in causes:
         model = extended_model(model, cause, setting)
     model = replace(model, held={**model.held, **_held(fit, causes)})
-    return descend(start_fit(model, model.unknowns.point(fit.values)), most_steps=_PRUNING_STEPS)
+    return descend(start_fit(model, model.unknowns.point(fit.values)), most_steps=most_steps)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Way:
-    """How far a forward choice has come: its last fit, what is in it, the last one's rivals, and whether it ends."""
+    """How far a forward choice has come: its last fit, what is in it, the last one's rivals, and whether it ends.
+
+    ``fitted`` names what was fitted in the last one's place.
+    """
 
     best: Fit
     chosen: tuple[Cause, ...] = ()
     rivals: tuple[tuple[Cause, Fit], ...] = ()
     is_done: bool = False
+    fitted: frozenset[str] = frozenset()
 
 
 class _Search:
     """The forward choices from one baseline: what each round tried is kept for the next that comes by."""
 
-    def __init__(self, known: list[Cause], last: float, tell: Callable[[float, str], None]) -> None:
-        self.known, self._last, self._tell = known, last, tell
+    def __init__(self, known: list[Cause], begun: _Way, last: float, tell: Callable[[float, str], None]) -> None:
+        self.known, self._begun, self._last, self._tell = known, begun, last, tell
         self._rounds: list[tuple[Fit, Fits]] = []
+        self._exchanges: dict[tuple[str, str], _Way | None] = {}
 
     @property
     def tried(self) -> Fits:
         """The fits of the first round."""
         return self._rounds[0][1] if self._rounds else []
 
-    def followed(self, way: _Way, *, is_closer: bool) -> _Way:
+    def followed(self, *, is_closer: bool) -> _Way:
         """Return where a forward choice ends; ``is_closer``: each round's lowest fits are followed further first."""
-        tally = way.best.model.tally
+        way, tally = self._begun, self._begun.best.model.tally
         while len(way.chosen) < MOST_CAUSES and not way.is_done:
             number = len(way.chosen)
+            if number and excess(way.best) < NEARLY_ALL * excess(self._begun.best):
+                self._give_work()
             if tally.work > self._last and not (is_closer and number == 0 and self._has_nearly_all(way.best)):
                 break
             self._tell(number / MOST_CAUSES, "trying further causes" if number else "trying one cause after the other")
@@ -182,7 +212,31 @@ class _Search:
             if further is None:
                 break
             way = further
+            if len(way.chosen) == _EXCHANGED and not way.is_done:
+                way = self._exchanged(way)
         return way
+
+    def _exchanged(self, way: _Way) -> _Way:
+        """Return the way with the first of two causes exchanged for another where that leads lower.
+
+        Without its partner the first cause stood for a part of it: the second may only mend what that got wrong.
+        """
+        first, second = way.chosen
+        without = [fit for cause, fit in self.tried if cause is second]
+        without.append(_with_causes(self._begun.best, way.best, [second]))
+        alone = _Way(min(without, key=lambda fit: fit.cost), (second,))
+        if not alone.best.is_followed:
+            return way
+        if (first.name, second.name) not in self._exchanges:
+            self._give_work()
+            self._exchanges[first.name, second.name] = _taken(alone, self._round(alone))
+        other = self._exchanges[first.name, second.name]
+        return way if other is None or other.best.cost >= way.best.cost else other
+
+    def _give_work(self) -> None:
+        """Let the next round have its own work, whatever the rounds before took."""
+        best = self._begun.best
+        self._last = max(self._last, best.model.tally.work + share_of_work(best) * _FURTHER_WORK)
 
     def _has_nearly_all(self, best: Fit) -> bool:
         """Whether the first round has a cause that leaves next to nothing: it is followed whatever was spent."""
@@ -194,7 +248,9 @@ class _Search:
                 return kept
         best, number = way.best, len(way.chosen)
         setting = setting_of(best)
-        left = [cause for cause in self.known if cause not in way.chosen and (number == 0 or not cause.is_hard)]
+        # beside another cause the grid of a hard one is worth its work only where that took next to all
+        may_be_hard = number == 0 or (number == 1 and excess(best) < _LITTLE_LEFT * excess(self._begun.best))
+        left = [cause for cause in self.known if cause not in way.chosen and (may_be_hard or not cause.is_hard)]
         candidates = [one for one in screen(best, left, setting) if is_promising(one, best)]
         if is_noise(best):
             candidates = [one for one in candidates if gain(best, glance(best, one, setting)) > _WORTH]
@@ -214,7 +270,7 @@ def _taken(way: _Way, fits: Fits) -> _Way | None:
         return None
     near = NEAR * noise_factor(fit)
     rivals = [pair for pair in found[1:] if pair[1].cost - fit.cost < near and is_significant(best, pair[1])]
-    return _Way(fit, (*way.chosen, cause), tuple(rivals), is_settled(best, fit))
+    return _Way(fit, (*way.chosen, cause), tuple(rivals), is_settled(best, fit), frozenset(one.name for one, _ in fits))
 
 
 def _is_possible(cause: Cause, fit: Fit, setting: Setting) -> bool:

@@ -1,0 +1,167 @@
+"""The search for two causes at once: the second has its turn, and the first is tried again beside it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+
+import pytest
+
+from discrepancy import selection
+from discrepancy.baseline import fit_baseline
+from discrepancy.causes.base import Cause, Setting
+from discrepancy.least_squares import Fit, start_fit
+from discrepancy.observed import Observed, observe
+from discrepancy.registry import CAUSES
+from discrepancy.rounds import MOST_WORK, Fits
+from discrepancy.screening import Candidate, extended_model
+from discrepancy.selection import choose
+from discrepancy.setting import setting_of
+from discrepancy.significance import misfit
+from tests.discrepancy.hidden import hidden
+
+LARGE = 1.0e4  # misfit of the plain valve
+Named = tuple[str, ...]
+# Each cause's strength: one that is possible.
+STRENGTHS = {
+    "diaphragm_area_change": 0.1,
+    "dual_rate_spring": 2000.0,
+    "friction_gradient": 1000.0,
+    "pressure_dependent_friction": 0.02,
+    "position_lag": 0.02,
+}
+
+
+@pytest.fixture(scope="module")
+def plain() -> Fit:
+    case = hidden("nominal", seed=1)
+    observed = observe([case.recording], case.nameplate)
+    assert isinstance(observed, Observed)
+    fit = fit_baseline(observed)
+    assert fit is not None
+    return fit
+
+
+def of_misfit(fit: Fit, wanted: float) -> Fit:
+    """The fit as if it left this much."""
+    residual = fit.residual * math.sqrt(wanted / misfit(fit))
+    return replace(fit, residual=residual, cost=float(residual @ residual), slopes=None)
+
+
+def with_causes(plain: Fit, names: Named, wanted: float) -> Fit:
+    model, values, setting = plain.model, dict(plain.values), setting_of(plain)
+    for name in names:
+        cause = CAUSES[name]
+        model = extended_model(model, cause, setting)
+        values |= cause.full({unknown.name.partition(".")[2]: _inside(unknown) for unknown in cause.unknowns(setting)})
+        values[cause.own(cause.strength)] = STRENGTHS[name]
+    return of_misfit(start_fit(model, model.unknowns.point(values)), wanted)
+
+
+def _inside(unknown: object) -> float:
+    low, high = unknown.lower, unknown.upper  # type: ignore[attr-defined]
+    return math.sqrt(low * high) if low > 0.0 else 0.4 * low + 0.6 * high
+
+
+class Scripted:
+    """What fits would come to: the misfit by the causes in the valve, in any order; what is not told leaves all."""
+
+    def __init__(self, plain: Fit, left: dict[frozenset[str], float], work_of_a_round: float = 0.0) -> None:
+        self.plain, self.left, self.work = plain, left, work_of_a_round
+        self.rounds: list[Named] = []
+        self.screened: list[set[str]] = []
+
+    def fit(self, names: Iterable[str]) -> Fit:
+        chosen = tuple(names)
+        return with_causes(self.plain, chosen, self.left.get(frozenset(chosen), LARGE))
+
+    def screen(self, _fit: Fit, causes: Iterable[Cause], _setting: Setting) -> list[Candidate]:
+        known = list(causes)
+        self.screened.append({cause.name for cause in known})
+        return [Candidate(cause, ({},), 1.0) for cause in known if cause.name in STRENGTHS]
+
+    def refits(self, best: Fit, candidates: list[Candidate], *_others: object) -> Fits:
+        names = best.model.causes
+        self.rounds.append(names)
+        self.plain.model.tally.passes += int(self.work)
+        told = [one.cause for one in candidates if frozenset((*names, one.cause.name)) in self.left]
+        fits = [(cause, self.fit((*names, cause.name))) for cause in told]
+        return sorted(fits, key=lambda pair: pair[1].cost)
+
+    def refit(self, fit: Fit, candidate: Candidate, *_others: object) -> Fit:
+        return self.fit((*fit.model.causes, candidate.cause.name))
+
+    def without(self, _baseline: Fit, _fit: Fit, causes: list[Cause], **_others: object) -> Fit:
+        return self.fit(cause.name for cause in causes)
+
+
+@pytest.fixture
+def scripted(plain: Fit, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Scripted]:
+    def script(left: dict[frozenset[str], float], work_of_a_round: float = 0.0) -> Scripted:
+        found = Scripted(plain, left, work_of_a_round)
+        for name in ("screen", "refits", "refit"):
+            monkeypatch.setattr(selection, name, getattr(found, name))
+        monkeypatch.setattr(selection, "_with_causes", found.without)
+        monkeypatch.setattr(selection, "polished", lambda fits: fits)
+        monkeypatch.setattr(selection, "refined", lambda fit: fit)
+        monkeypatch.setattr(selection, "closer", lambda _best, fits, _last: fits)
+        monkeypatch.setattr(selection, "is_promising", lambda _candidate, _best: True)
+        return found
+
+    return script
+
+
+def chosen_of(plain: Fit) -> tuple[set[str], set[str]]:
+    """What is chosen, and its rivals."""
+    choice = choose(of_misfit(plain, LARGE), CAUSES.values(), lambda _share, _phase: None)
+    return {cause.name for cause in choice.causes}, set(choice.rivals)
+
+
+def test_a_second_cause_has_its_turn_where_the_first_round_took_all_of_the_work(
+    plain: Fit, scripted: Callable[..., Scripted]
+) -> None:
+    left = {frozenset({"dual_rate_spring"}): 10.0, frozenset({"dual_rate_spring", "position_lag"}): 1.0}
+    scripted(left, work_of_a_round=1.5 * MOST_WORK)
+    assert chosen_of(plain)[0] == {"dual_rate_spring", "position_lag"}
+
+
+def test_a_first_cause_that_stood_for_another_is_exchanged_beside_the_second(
+    plain: Fit, scripted: Callable[..., Scripted]
+) -> None:
+    area, knee, lag = "diaphragm_area_change", "dual_rate_spring", "position_lag"
+    left = {
+        frozenset({area}): 11.0,
+        frozenset({knee}): 28.0,
+        frozenset({area, knee}): 2.0,
+        frozenset({knee, lag}): 1.0,
+    }
+    scripted(left)
+    assert chosen_of(plain)[0] == {knee, lag}
+
+
+def test_kin_of_a_cause_is_tried_beside_the_other_cause(plain: Fit, scripted: Callable[..., Scripted]) -> None:
+    lag, gradient, pressure = "position_lag", "friction_gradient", "pressure_dependent_friction"
+    left = {frozenset({gradient}): 5.0, frozenset({gradient, lag}): 1.2, frozenset({pressure, lag}): 1.0}
+    scripted(left)
+    assert chosen_of(plain)[0] == {pressure, lag}
+
+
+def test_kin_that_does_as_well_beside_the_other_cause_is_its_rival(
+    plain: Fit, scripted: Callable[..., Scripted]
+) -> None:
+    lag, gradient, pressure = "position_lag", "friction_gradient", "pressure_dependent_friction"
+    left = {frozenset({gradient}): 5.0, frozenset({gradient, lag}): 1.0, frozenset({pressure, lag}): 1.0}
+    scripted(left)
+    assert chosen_of(plain) == ({gradient, lag}, {pressure})
+
+
+@pytest.mark.parametrize(("leaves", "is_tried"), [(1.2, True), (2000.0, False)])
+def test_falling_friction_is_tried_beside_a_cause_that_leaves_next_to_nothing(
+    leaves: float, is_tried: bool, plain: Fit, scripted: Callable[..., Scripted]
+) -> None:
+    found = scripted({frozenset({"pressure_dependent_friction"}): leaves})
+    choose(of_misfit(plain, LARGE), CAUSES.values(), lambda _share, _phase: None)
+    beside = [names for names in found.screened[1:] if "pressure_dependent_friction" not in names]
+    assert beside
+    assert ("stribeck_friction" in beside[0]) is is_tried
