@@ -6,6 +6,7 @@ follows much worse. Steps of all unknowns leave such a valley; steps of v_s besi
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import product
 from typing import Final
 
@@ -17,11 +18,11 @@ from discrepancy.causes.friction import STRIBECK
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.model import Model
 from discrepancy.setting import setting_of
+from discrepancy.walking import walked
 
 SPEED: Final = STRIBECK.own(STRIBECK.strength)
 # Own choices.
 _FACTORS: Final = (1.15, 1.0 / 1.15, 1.04, 1.0 / 1.04)  # of v_s: first the wide valley, then its bottom
-_MISSES: Final = 2  # steps that come no lower, in a row, after which a walk ends
 _STEPS: Final = 6
 _SPEEDS: Final = 41
 _SLOWEST: Final = 1.0e-3  # of the fastest
@@ -72,32 +73,22 @@ def from_wide_limit(fit: Fit, model: Model, setting: Setting) -> Fit | None:
 def along_valley(fit: Fit) -> Fit:
     """Return the lowest fit on walks along v_s, each step beginning with the friction that the last one had."""
     fastest = _fastest(fit)
+
+    def step(here: Fit, factor: float) -> Fit | None:
+        values = _same_friction(here.values, here.values[SPEED] * factor, fastest)
+        if values is None:
+            return None
+        begun = start_fit(here.model, here.model.unknowns.point(values))
+        return descend(begun, most_steps=_STEPS, held=frozenset({SPEED}))
+
     for factor in _FACTORS:
-        fit = _walked(fit, factor, fastest)
+        fit = walked(fit, partial(step, factor=factor))
     return fit
 
 
 def _fastest(fit: Fit) -> float:
     reached = max(float(np.abs(motion.phases.velocity).max()) for motion in fit.model.observed.motions)
     return max(reached, _RAMPS * setting_of(fit).sliding_m_per_s)
-
-
-def _walked(fit: Fit, factor: float, fastest: float) -> Fit:
-    best, here, misses = fit, fit, 0
-    while misses < _MISSES:
-        values = _same_friction(here.values, here.values[SPEED] * factor, fastest)
-        if values is None:
-            break
-        here = descend(
-            start_fit(fit.model, fit.model.unknowns.point(values)), most_steps=_STEPS, held=frozenset({SPEED})
-        )
-        if not here.is_followed:
-            break
-        if here.cost < best.cost:
-            best, misses = here, 0
-        else:
-            misses += 1
-    return best
 
 
 def _same_friction(values: Values, speed: float, fastest: float) -> Values | None:

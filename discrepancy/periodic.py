@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Final
 
 from discrepancy.baseline import STATIC_SCAN, scanned
 from discrepancy.causes.base import Cause, Values
 from discrepancy.least_squares import Fit, descend, start_fit
+from discrepancy.walking import walked
 
 # Own choices, from valves with a hidden vibration (docs/diagnosis.md).
 _BLUR_S: Final = 0.1  # while the force itself is held
@@ -18,7 +20,6 @@ _FOLLOWED: Final = 2
 _LAST_STEPS: Final = 15
 _SHAPED: Final = frozenset({"k", "F_0"})  # what the forces at the breakaways tell beside the periodic one
 _FACTORS: Final = (1.3, 1.0 / 1.3)  # of the force, in a walk
-_MISSES: Final = 2  # steps of it that lead hardly lower, in a row, after which it ends
 _LOWER: Final = 0.9  # of the cost
 _CLEARLY: Final = 0.5  # of the cost at any other frequency: this one it is, and a walk worth its work
 _SAME: Final = 0.01  # frequencies
@@ -67,18 +68,15 @@ def along_strength(fit: Fit, cause: Cause) -> Fit:
     There all breakaways come at nearly the same phase: what they tell is F_s less what the force gives then.
     """
     model, name = fit.model, cause.own(cause.strength)
-    best = fit
+
+    def step(here: Fit, factor: float) -> Fit:
+        values = here.values
+        values["d"] += (factor - 1.0) * values[name] / values["F_c"]
+        values[name] *= factor
+        moved = scanned(start_fit(model, model.unknowns.point(values)), "d", STATIC_SCAN)
+        moved = descend(moved, most_steps=_BLURRED_STEPS, held=frozenset({name}))
+        return descend(moved, most_steps=_STEPS)
+
     for factor in _FACTORS:
-        here, misses = best, 0
-        while misses < _MISSES and best.cost > _FOUND * model.observed.count:
-            values = here.values
-            values["d"] += (factor - 1.0) * values[name] / values["F_c"]
-            values[name] *= factor
-            here = scanned(start_fit(model, model.unknowns.point(values)), "d", STATIC_SCAN)
-            here = descend(here, most_steps=_BLURRED_STEPS, held=frozenset({name}))
-            here = descend(here, most_steps=_STEPS)
-            if not here.is_followed:
-                break
-            misses = 0 if here.cost < _LOWER * best.cost else misses + 1
-            best = here if here.cost < best.cost else best
-    return best
+        fit = walked(fit, partial(step, factor=factor), worth=_LOWER, enough=_FOUND)
+    return fit

@@ -9,6 +9,7 @@ import numpy as np
 
 from discrepancy.baseline import DYNAMIC, EXPLAINED, FIRST_RISES, LIMIT_MEDIAN, STATIC_SCAN, scanned
 from discrepancy.least_squares import Fit, descend, on, start_fit
+from discrepancy.walking import walked
 
 # Own choices.
 _BLUR_S: Final = 0.1
@@ -18,7 +19,6 @@ _VISCOUS_FACTORS: Final = np.log([0.3, 0.7, 1.5, 3.0])
 _OF_SLIPS: Final = frozenset({"m", "DV"})
 _FAR: Final = math.log(2.0)  # twice or half the mass: nameplates are nearer
 _MOST_WALKS: Final = 8
-_MISSES: Final = 2
 _WALK_STEPS: Final = 10
 _WORTH_WALKING: Final = 0.99  # of the cost, that a walk must come to for another
 _NOISE_ALONE: Final = 0.9  # of the cost of noise: nothing is left to win
@@ -51,22 +51,17 @@ def _along_valley(fit: Fit, name: str) -> Fit:
     then it is free again, until that leads no lower twice. A mass moves all slips, so that blurred residuals go first.
     """
     place = fit.model.unknowns.names.index(name)
-    best, here, misses = fit, fit, 0
-    for _ in range(_MOST_WALKS):
-        if misses == _MISSES or best.cost < _NOISE_ALONE * best.model.observed.count:
-            break
+
+    def step(here: Fit) -> Fit:
         point = here.point.copy()
         point[place] = fit.model.unknowns.entries[place].prior
         held = start_fit(fit.model, point)
         if name == "m":
             held = descend(held, most_steps=_WALK_STEPS, span_s=_BLUR_S, held=_OF_SLIPS)
         held = descend(held, most_steps=_WALK_STEPS, held=frozenset({name}))
-        here = descend(held, most_steps=_REFINING_STEPS)
-        if not here.is_followed:
-            break
-        misses = 0 if here.cost < _WORTH_WALKING * best.cost else misses + 1
-        best = here if here.cost < best.cost else best
-    return best
+        return descend(held, most_steps=_REFINING_STEPS)
+
+    return walked(fit, step, worth=_WORTH_WALKING, enough=_NOISE_ALONE, most_steps=_MOST_WALKS)
 
 
 def _restarted(fit: Fit, viscous_share: float) -> Fit:
