@@ -212,7 +212,7 @@ class _Search:
             if further is None:
                 break
             way = further
-            if len(way.chosen) == _EXCHANGED and not way.is_done:
+            if len(way.chosen) == _EXCHANGED and misfit(way.best) > DONE_MISFIT:
                 way = self._exchanged(way)
         return way
 
