@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
+import shutil
 import socket
 import subprocess
 import sys
@@ -12,6 +13,8 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+
+import pytest
 
 from service.cli.demo_plant import free_ports
 
@@ -113,6 +116,7 @@ def _reader(folder: Path) -> Iterator[_Reader]:
             _end(process)
 
 
+@pytest.mark.skipif(shutil.which("curl") is None, reason="curl is not installed")
 def test_the_tutorial_leads_from_a_plant_file_to_the_first_nightly_check(tmp_path: Path) -> None:
     blocks = _BLOCK.findall(TUTORIAL.read_text(encoding="utf-8"))
     assert [kind for kind, _, _ in blocks].count("run") >= 6

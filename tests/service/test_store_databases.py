@@ -6,13 +6,14 @@ from pathlib import Path
 
 import pytest
 from alembic import command
-from sqlalchemy import make_url, text
+from sqlalchemy import bindparam, make_url, text
 
 from service.runs.run import Run, RunState, new_run_id
 from service.schedules.check import Check, CheckState
 from service.settings_database import PASSWORD_VARIABLE, DatabaseAddress
 from service.store.database import _config, _engine, open_database
 from service.store.run_table import NOT_LOADED
+from service.store.schema_base import UtcDateTime
 from service.store.store import Store
 from tests.service.databases import postgresql_database
 from valve.errors import BusyError, ConfigurationError
@@ -71,7 +72,7 @@ def test_an_older_database_gets_the_last_test_of_each_valve(database_url: str) -
                 text(
                     "INSERT INTO tests (id, valve, sequence, overrides, state, progress, created_at, error, software, "
                     "analysis) VALUES (:id, :valve, 'triangle', '{}', :state, 1.0, :now, '', 'x', :analysis)"
-                ),
+                ).bindparams(bindparam("now", type_=UtcDateTime)),  # as every other instant is written
                 {
                     "id": f"run-{number}",
                     "valve": valve,
