@@ -117,6 +117,8 @@ def create_app(
                 yield
         finally:
             await runs.shut_down()
+            if precedence is not None:
+                precedence.close()
             await converter.close()
             await asyncio.to_thread(note_end, audit)
             await app.state.parts.drawer.close()

@@ -79,6 +79,12 @@ class Precedence:
         if self._ending is None:
             self._ending = asyncio.get_running_loop().call_later(_LINGERS_S, self._end)
 
+    def close(self) -> None:
+        """Let every thread be ordinary at once: at its end a process no longer answers the signal of a spin."""
+        if self._ending is not None:
+            self._ending.cancel()
+        self._end()
+
     def _end(self) -> None:
         self._ending = None
         if self._renewing is not None:

@@ -59,7 +59,10 @@ async def _spin(polling: Polling) -> dict[str, Any]:
         lasted_s = time.monotonic() - began_s
         await _until(lambda: _policy()[0] == os.SCHED_RR)
         await asyncio.sleep(0.0)
-        return {"lasted_s": lasted_s, "again": _policy()[0] == os.SCHED_RR}
+        again = _policy()[0] == os.SCHED_RR
+    assert polling.precedence is not None
+    polling.precedence.close()  # as the service does at its end
+    return {"lasted_s": lasted_s, "again": again, "closed": _policy()[0] == os.SCHED_OTHER}
 
 
 async def _refused(polling: Polling) -> dict[str, Any]:

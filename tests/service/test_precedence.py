@@ -54,6 +54,7 @@ def test_a_loop_that_never_waits_loses_it_and_has_it_again_when_it_turns() -> No
     seen = _seen("spin")
     assert 0.5 < seen["lasted_s"] < 5.0
     assert seen["again"]
+    assert seen["closed"]
     assert seen["said"].count("a thread kept its core") == 1
 
 

@@ -13,6 +13,8 @@ from valve.diagnostic_waveform import diagnostic
 from valve.errors import WaveformError
 from valve.waveform import Waveform, dwell, multi_rate_periods, multi_rate_triangle, sine, steps, triangle
 
+_NOTHING_PA = 1.0e-9  # what numbers near the smallest that there are lose in a quotient
+
 pressures = st.floats(-1.0e6, 1.0e6)
 
 
@@ -52,7 +54,9 @@ def test_no_slope_is_steeper_than_the_fastest(waveform: Waveform) -> None:
     rate = waveform.fastest_rate_pa_per_s
     run_s, rise_pa = np.diff(waveform.time_s), np.abs(np.diff(waveform.pressure_pa))
     assert (
-        (rise_pa <= rate * run_s * (1.0 + 1.0e-12)).all() if math.isfinite(rate) else (run_s[rise_pa > 0.0] < 1.0).any()
+        (rise_pa <= rate * run_s * (1.0 + 1.0e-12) + _NOTHING_PA).all()
+        if math.isfinite(rate)
+        else (run_s[rise_pa > 0.0] < 1.0).any()
     )
 
 
