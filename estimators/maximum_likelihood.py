@@ -15,7 +15,7 @@ from estimators.likelihood.hopping import Hopping
 from estimators.likelihood.input_errors import refit, searched_anew, step_instants, with_input_errors
 from estimators.likelihood.input_path import CommandedPath, InputPath, input_path
 from estimators.likelihood.lag_exchange import with_other_lags
-from estimators.likelihood.mass_scan import with_scanned_mass
+from estimators.likelihood.mass_scan import may_alias, with_scanned_mass
 from estimators.likelihood.problem import Problem, pose
 from estimators.likelihood.search import Found, search
 from estimators.likelihood.staircase import read_staircase, with_stops
@@ -68,7 +68,8 @@ class MaximumLikelihoodEstimator:
         found = search(model, problem.trials, problem.rests, breakaways=breakaways, hopping=hopping)
         if found is None:
             return failed(self.method, Outcome.UNPHYSICAL)
-        if not (found.certificate.is_good or hopping.jumps or problem.is_noise_free):
+        aliased = may_alias(found.model.coordinates.values(found.point)["k"], motion.samples.period_s)
+        if aliased and not (found.certificate.is_good or hopping.jumps or problem.is_noise_free):
             found = with_scanned_mass(found, hopping.speed_m_per_s)
         if isinstance(path, CommandedPath) and path.is_stepped:
             found = reweighted(found, path, motion, problem)

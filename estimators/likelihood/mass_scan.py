@@ -35,6 +35,11 @@ _COARSE: Final = 0.3  # of the cost
 _APART: Final = 0.1  # of a logarithm
 
 
+def may_alias(spring_n_per_m: float, period_s: float) -> bool:
+    """Whether the lightest stem on this spring would swing more than half a turn between two rows."""
+    return period_s * math.sqrt(spring_n_per_m / float(_MASSES_KG[0])) > math.pi
+
+
 def with_scanned_mass(found: Found, speed_m_per_s: float) -> Found:
     """Return the fit that the best of many masses, dampings and DV leads to, where that is lower; else ``found``.
 
