@@ -40,6 +40,7 @@ _EXCHANGED: Final = 2  # causes in the valve, from which on the first is tried a
 _REFITTED: Final = (9, 6, 5)  # in the first, second and third round
 # Work of a round that has a cause beside it, whatever the rounds before took: a second cause needs its turn.
 _FURTHER_WORK: Final = 3.0e7
+_FURTHER_IN_ALL: Final = 6.0e7  # given to such rounds together: what no pair explains must come to its end, too
 # Of what a cause left, from which on a falling friction is worth its grid beside it.
 _LITTLE_LEFT: Final = 0.02
 # A second cause must win this share of what the first left, for a wrong first one drags others along.
@@ -184,6 +185,7 @@ class _Search:
 
     def __init__(self, known: list[Cause], begun: _Way, last: float, tell: Callable[[float, str], None]) -> None:
         self.known, self._begun, self._last, self._tell = known, begun, last, tell
+        self._to_give = share_of_work(begun.best) * _FURTHER_IN_ALL
         self._rounds: list[tuple[Fit, Fits]] = []
         self._exchanges: dict[tuple[str, str], _Way | None] = {}
 
@@ -207,12 +209,13 @@ class _Search:
                 # what ends at a bound is no name, and must not keep the others from being followed
                 setting = setting_of(way.best)
                 fits = sorted(fits, key=lambda pair: not _is_possible(pair[0], pair[1], setting))
-                fits = closer(way.best, fits, tally.work + share_of_work(way.best) * CLOSER_WORK)
+                until = tally.work + share_of_work(way.best) * CLOSER_WORK
+                fits = closer(way.best, fits, min(until, self._last) if number else until)
             further = _taken(way, fits)
             if further is None:
                 break
             way = further
-            if len(way.chosen) == _EXCHANGED and misfit(way.best) > DONE_MISFIT:
+            if len(way.chosen) == _EXCHANGED and misfit(way.best) > DONE_MISFIT and self._to_give > 0.0:
                 way = self._exchanged(way)
         return way
 
@@ -234,9 +237,11 @@ class _Search:
         return way if other is None or other.best.cost >= way.best.cost else other
 
     def _give_work(self) -> None:
-        """Let the next round have its own work, whatever the rounds before took."""
+        """Let the next round have its own work, whatever the rounds before took, until all is given."""
         best = self._begun.best
-        self._last = max(self._last, best.model.tally.work + share_of_work(best) * _FURTHER_WORK)
+        own = min(share_of_work(best) * _FURTHER_WORK, self._to_give)
+        self._to_give -= own
+        self._last = max(self._last, best.model.tally.work + own)
 
     def _has_nearly_all(self, best: Fit) -> bool:
         """Whether the first round has a cause that leaves next to nothing: it is followed whatever was spent."""
