@@ -220,10 +220,7 @@ class _Search:
         return way
 
     def _exchanged(self, way: _Way) -> _Way:
-        """Return the way with the first of two causes exchanged for another where that leads lower.
-
-        Without its partner the first cause stood for a part of it: the second may only mend what that got wrong.
-        """
+        """Return the way with the first of two causes exchanged where that leads lower: it stood for its partner, too."""
         first, second = way.chosen
         without = [fit for cause, fit in self.tried if cause is second]
         without.append(_with_causes(self._begun.best, way.best, [second]))
