@@ -220,7 +220,7 @@ class _Search:
         return way
 
     def _exchanged(self, way: _Way) -> _Way:
-        """Return the way with the first of two causes exchanged where that leads lower: it stood for its partner, too."""
+        """Return the way with the first of two causes exchanged where that leads lower: it stood for its partner."""
         first, second = way.chosen
         without = [fit for cause, fit in self.tried if cause is second]
         without.append(_with_causes(self._begun.best, way.best, [second]))
