@@ -69,4 +69,4 @@ def test_without_noise_a_slope_that_is_below_what_is_computed_is_the_bottom() ->
     estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
     assert estimate.status is Status.OK
     for symbol in ("m", "k", "F_v", "F_c", "F_s"):
-        assert estimate.value(symbol) == pytest.approx(test.truth.by_symbol()[symbol], rel=1.0e-5), symbol
+        assert estimate.value(symbol) == pytest.approx(test.truth.by_symbol()[symbol], rel=1.0e-6), symbol
