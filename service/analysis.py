@@ -16,6 +16,7 @@ from estimators.signature.measure import measure_signature
 from estimators.steps.response import step_figures
 from service.diagnosis import NOT_YET, assess, not_assessed
 from service.scale_note import scale_note
+from service.zero_note import zero_doubt
 from valve.errors import MotionError, ParameterError, RecordingError
 from valve.motion import simulate_recording
 from valve.nameplate import Nameplate
@@ -81,10 +82,17 @@ def analyze_recordings(
         room=room,
         progress=lambda share, phase: tell(_ESTIMATED + (_DIAGNOSED - _ESTIMATED) * share, phase),
     )
-    note = scale_note(analysis, nameplate)
-    analysis["notes"] = [note] if note else []
     tell(1.0, "done")
-    return analysis
+    return {**analysis, **_doubted(analysis, nameplate)}
+
+
+def _doubted(analysis: Mapping[str, Any], nameplate: Nameplate) -> dict[str, Any]:
+    """Return ``discrepancy`` and ``notes`` with what the numbers say of the nameplate and the pressure's zero."""
+    found, note = analysis["discrepancy"], scale_note(analysis, nameplate)
+    notes, doubt = [note] if note else [], zero_doubt(analysis, nameplate)
+    if doubt and found["verdict"] == "none":
+        return {"discrepancy": {**found, "verdict": "not_assessed", "message": doubt}, "notes": notes}
+    return {"discrepancy": found, "notes": [*notes, doubt] if doubt else notes}
 
 
 def joined(recordings: Sequence[Recording]) -> Recording:

@@ -17,8 +17,8 @@ _METHOD: Final = "maximum_likelihood"
 _PRELOAD: Final = "spring_preload"
 #: The spring rate may be 5 % off and the bench set as well before health tells of either (docs/health.md).
 _AGREES: Final = 1.1
-#: A nameplate's mass may leave out a third of the spring and the medium that the plug moves: own choice.
-_MASS_OFF: Final = 1.5
+#: A third of the spring moves as well, and the medium with the plug: own choice.
+_MASS_OFF: Final = 1.2
 
 
 def scale_note(analysis: Mapping[str, Any], nameplate: Nameplate) -> str:

@@ -69,7 +69,8 @@ def test_nothing_is_said_where_it_could_be_anything_else(nominal: Hidden) -> Non
     assert rate is not None
     twice = (2.6, 2.7, 2.8)  # of 1.36 kg
     assert scale_note(analysed(twice, rate), plate) != ""
-    assert scale_note(analysed((1.9, 2.7, 3.5), rate), plate) == "", "it may be less than 1.5 times"
+    assert scale_note(analysed((1.66, 1.7, 1.74), rate), plate) != "", "an area of 1.25 times the true one"
+    assert scale_note(analysed((1.6, 2.7, 3.8), rate), plate) == "", "it may be less than 1.2 times"
     assert scale_note(analysed(twice, 1.2 * rate), plate) == "", "mass and spring rate are off by different factors"
     lag = {"verdict": "named", "causes": [{"cause": "position_lag"}]}
     assert scale_note(analysed(twice, rate, **lag), plate) == "", "a lag looks like mass"
