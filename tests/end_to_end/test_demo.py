@@ -11,11 +11,13 @@ from typing import Any
 
 import pytest
 
+from tests.pace import Pace
+
 # The contract grants `breakaway demo --once` 90 s on a machine of its own. Here other tests run beside it: what counts
 # is how long its valves moved and half of the processor time of all its processes, as on two cores that are its own.
-# Beside others the same work takes up to twice the processor time (51 s alone, 104 s met in a whole run of the tests).
+# The same work takes up to twice the processor time beside others (51 s alone, 87 and 104 s met): so does a small piece
+# of fixed work that is done meanwhile, and its slowdown is taken off (87 s with 1.78 give 49 s).
 TIME_LIMIT_S = 90.0
-BESIDE_OTHERS_S = 30.0
 CORES = 2
 HANGS_S = 900.0
 
@@ -24,12 +26,13 @@ HANGS_S = 900.0
 def demonstration() -> dict[str, Any]:
     before_s = _processor_time_of_children_s()
     command = [sys.executable, "-m", "service.cli", "demo", "--once", "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=HANGS_S, check=False)
+    with Pace() as pace:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=HANGS_S, check=False)
     used_s = _processor_time_of_children_s() - before_s
     assert done.returncode == 0, done.stderr[-3000:]
     answer: dict[str, Any] = json.loads(done.stdout)
     moved_s = max(_moved_s(made["test"]) for made in answer["valves"])
-    answer["took_s"] = moved_s + used_s / CORES
+    answer["took_s"] = moved_s + used_s / pace.slowdown / CORES
     return answer
 
 
@@ -54,7 +57,7 @@ def _error_percent(made: dict[str, Any], method: str, symbol: str) -> float:
 def test_every_valve_is_tested_over_its_wire_within_the_time_limit(demonstration: dict[str, Any]) -> None:
     assert [made["transport"] for made in demonstration["valves"]] == ["tcp", "tcp", "tcp", "rtu"]
     assert {made["test"]["state"] for made in demonstration["valves"]} == {"completed"}
-    assert demonstration["took_s"] <= TIME_LIMIT_S + BESIDE_OTHERS_S
+    assert demonstration["took_s"] <= TIME_LIMIT_S
 
 
 @pytest.mark.parametrize("method", ["regression", "garcia"])
