@@ -19,9 +19,13 @@ from valve.kernel.force_line import force_line
 from valve.kernel.loaded_rest import rest_length
 from valve.kernel.loaded_slip import GLANCE_S, loaded_slip
 from valve.kernel.loaded_steps import (
-    LONGEST_FOLLOWED_S,
+    FIRST_FOLLOWED_S,
+    MORE_ON_BRISTLES,
+    STRAIGHT_M,
+    STRAIGHT_ON_BRISTLES_M,
     acting_rate,
     even_part,
+    followed_step,
     linear_slip,
     loaded_band,
     longest_steps,
@@ -83,7 +87,7 @@ def follow_extended(
     Corners and outputs as in valve.kernel.follow; all five outputs are written. At each of ``rest_time``
     (rising) the stem is put to rest at ``rest_x``, where it rests since ``rest_since``. ``longest`` bounds the
     sub-steps of a slip whose slots are not neutral, and of a stem whose bristles give. ``passes`` is the number of
-    steps that it took, the measure of its work.
+    steps that it took, one on bristles counted as four: the measure of its work.
     """
     DV = q[D_V]
     x, v, mode, extra = state[AT_X], state[AT_V], int(state[IN_MODE]), state[EXTRA]
@@ -103,6 +107,7 @@ def follow_extended(
     viscous, coulomb, highest, drag, rounding = 0.0, 0.0, 0.0, 0.0, 0.0
     rate_before, most_there, swing, stalls = math.nan, math.inf, math.inf, 0
     rate, edge, held_force, fresh, loaded = q[K], math.inf, corner_force[0], True, False
+    lagging, follow = q[POSITION_LAG] > 0.0, FIRST_FOLLOWED_S
     if mode == STUCK and v == 0.0 and (x >= high or x <= low):
         mode = STOPPED
     for i in range(n):
@@ -114,7 +119,7 @@ def follow_extended(
         if not counts:
             continue
         # tau is kept beside the time: their difference would be rounded, and times a steep slope that is a force
-        now_s, tau, going = start, 0.0, True
+        now_s, tau, going, follow = start, 0.0, True, min(FIRST_FOLLOWED_S, longest)
         while going:
             passes += 1
             force, t = corner_force[i] + slope * tau, now_s + clock
@@ -129,6 +134,8 @@ def follow_extended(
                 fresh = True
                 if sensing:
                     sense(q, state, x, 0.0)
+            if fresh:
+                follow = min(FIRST_FOLLOWED_S, longest)
             coasting = not fresh and mode == SLIP and abs(v) > DV * (1.0 + 1.0e-12)
             if fresh or coasting or elastic or mode != STUCK:
                 if x >= high:
@@ -202,19 +209,20 @@ def follow_extended(
                 away = s if mode == STOPPED else 0.0
                 dwell, ended = rest_length(q, curves, x, t, force, slope, t - rest_from, never_moved, away, left)
             elif yielding:
-                most = min(longest, LONGEST_FOLLOWED_S)
-                if q[VIBRATION] != 0.0:
-                    most = min(most, 0.1 / q[VIBRATION_RATE])
-                left = even_part(left, most)
+                most = min(follow, 0.1 / q[VIBRATION_RATE]) if q[VIBRATION] != 0.0 else follow
+                left, before = even_part(left, most), elastic_v
                 dwell, ended, x_next, v_next, bristle = bristle_rest(
                     q, curves, x, bristle, t, force, slope, t - rest_from, never_moved, left
                 )
+                passes += MORE_ON_BRISTLES
                 elastic_v = (x_next - x) / dwell if dwell > 0.0 else 0.0
+                follow = followed_step(follow, dwell, elastic_v - before, STRAIGHT_ON_BRISTLES_M, longest)
             else:
                 if rate != rate_before:
                     rate_before = rate
                     most_there, swing = longest_steps(q, linear, rate, longest)
-                left = slip_part(q, s, v, mode == SLIP, net, coulomb, highest, viscous, most_there, swing, finest, left)
+                most = min(most_there, follow) if lagging else most_there
+                left = slip_part(q, s, v, mode == SLIP, net, coulomb, highest, viscous, most, swing, finest, left)
                 if left <= 0.0 and mode == SLIP and not linear:
                     # a step at the very end: only what the stem is in is told anew
                     dwell, ended, x_next, v_next = 0.0, False, x, v
@@ -240,6 +248,8 @@ def follow_extended(
                         q, curves, linear, s, x, v, t, force, slope, net, rate, static, beyond, low, high,
                         rounding, left,
                     )  # fmt: skip
+                if lagging:
+                    follow = followed_step(follow, dwell, v_next - v, STRAIGHT_M, longest)
             pieces += ended
             fresh = ended
             # where two modes touch, each may hand over to the other for ever: time goes on all the same

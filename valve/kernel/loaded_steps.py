@@ -12,11 +12,14 @@ from valve.kernel.compiled import kernel
 from valve.kernel.loaded_slip import GLANCE_S
 from valve.kernel.loads import coulomb_level, drag_at, extra_static, load, static_level, vibration_rate
 from valve.kernel.mode_steps import band_step, slide_end, slip_step
-from valve.kernel.slots import D_V, DWELL_RISE, PLAY, POSITION_LAG, VIBRATION, VIBRATION_RATE, M
+from valve.kernel.slots import D_V, DWELL_RISE, VIBRATION, VIBRATION_RATE, M
 
 EVEN_SHARE: Final = 0.05  # of the speed, by which the stem's swing may still change it where a slide is even
 FEATURE_SHARE: Final = 0.1  # of the shortest length over which a slot's force bends, that one sub-step covers
-LONGEST_FOLLOWED_S: Final = 1.0e-3  # sub-step of a sensor that lags or has play, and of bristles
+FIRST_FOLLOWED_S: Final = 1.0e-3  # sub-step of a sensor that lags, and of bristles, until the stem is seen to go evenly
+MORE_ON_BRISTLES: Final = 3  # steps that one on bristles takes the time of, beside its own
+STRAIGHT_M: Final = 2.0e-9  # by which what a lagging sensor follows may be off the chord of a longer one
+STRAIGHT_ON_BRISTLES_M: Final = 5.0e-9  # their balance is met at the end of each, whatever the chord
 
 
 @kernel
@@ -43,11 +46,23 @@ def acting_rate(
 def longest_steps(q, linear, rate, longest):
     """Return the longest sub-step where the spring rate is ``rate``, and that for a stem that swings there."""
     most = math.inf if linear else longest
-    if q[POSITION_LAG] > 0.0 or q[PLAY] > 0.0:
-        most = min(most, LONGEST_FOLLOWED_S)
     if q[VIBRATION] != 0.0:
         most = min(most, 0.2 / q[VIBRATION_RATE])
     return most, (1.2 * math.sqrt(q[M] / rate) if rate > 0.0 and not linear else math.inf)
+
+
+@kernel
+def followed_step(follow, dwell, turn, straight, longest):
+    """Return the length of the next sub-step after one of ``dwell`` in which the speed changed by ``turn``.
+
+    ``follow`` was allowed. It is doubled where the path stays ``straight`` all the same, and halved where it does not.
+    """
+    if dwell <= 0.0:
+        return follow
+    bend = abs(turn) * dwell / 8.0 * (follow / dwell) ** 2
+    if bend > straight:
+        return max(0.5 * follow, min(FIRST_FOLLOWED_S, longest))
+    return min(2.0 * follow, longest) if 4.0 * bend < straight else follow
 
 
 @kernel
