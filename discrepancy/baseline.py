@@ -36,6 +36,7 @@ _FIRST_RISE_SD: Final = 0.3  # of F_s
 # F_v as a share of the friction in motion: from a dry packing's to that of a stem in grease.
 _VISCOUS_MEDIAN: Final = 0.1
 _VISCOUS_SD: Final = 2.0
+_VELOCITY_ERRORS: Final = 5.0  # by which the velocity of a beginning may be off at most
 DYNAMIC: Final = frozenset({"m", "DV", "first_rise"})  # which wait until the rest has found its place
 EXPLAINED: Final = 1.2  # rms residual over noise, from which on no other start is tried
 
@@ -91,6 +92,19 @@ def baseline_unknowns(observed: Observed, fastest_m_per_s: float, friction_n: fl
                 prior_sd=segment.start_error_m / range_m,
             )
         )
+        if segment.start_velocity_error > 0.0:
+            off = _VELOCITY_ERRORS * segment.start_velocity_error
+            entries.append(
+                Unknown(
+                    f"v_{number}",
+                    segment.start_velocity - off,
+                    segment.start_velocity + off,
+                    unit=segment.start_velocity_error,
+                    step=1.0e-4,
+                    prior=segment.start_velocity / segment.start_velocity_error,
+                    prior_sd=1.0,
+                )
+            )
     delay = observed.delay
     if delay is not None:
         entries.append(
@@ -124,6 +138,7 @@ def fit_baseline(observed: Observed, estimate: Estimate | None = None) -> Fit | 
     friction_n = max(guess["F_c"] for guess in guesses)
     model = Model(observed, baseline_unknowns(observed, fastest, friction_n), thin=thinned(observed))
     nuisances = {f"x_{number}": segment.start_m for number, segment in enumerate(observed.segments)}
+    nuisances |= {f"v_{number}": segment.start_velocity for number, segment in enumerate(observed.segments)}
     nuisances |= {"delay_s": 0.0, "first_rise": 0.0}
     points = [model.unknowns.point({**nuisances, **guess}) for guess in guesses]
     fits = [start_fit(model, point) for point in points]

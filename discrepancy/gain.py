@@ -13,6 +13,7 @@ from discrepancy.intervals import drawn_points
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.model import simulated
 from discrepancy.observed import Observed, Segment, observe
+from discrepancy.unknowns import of_a_segment
 from estimators.base import Outcome
 from estimators.samples import FloatArray
 from valve.errors import MotionError, ParameterError
@@ -144,8 +145,7 @@ def _rmse(observed: Observed, fit: Fit, from_s: float, *, own_start: bool) -> fl
     """Error of prediction per row: that of the block means, and the noise that averaging took away."""
     values = fit.values
     if not own_start:
-        nuisances = [name for name in values if name.startswith("x_")]
-        values = {name: value for name, value in values.items() if name not in nuisances}
+        values = {name: value for name, value in values.items() if not of_a_segment(name)}
     try:
         predicted_m = simulated(observed, fit.model.valve(fit.point), values)
     except (MotionError, ParameterError):

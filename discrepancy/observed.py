@@ -47,8 +47,9 @@ class Segment:
     The rests are those of a stick-slip, at which a simulated stem begins anew; none elsewhere. ``rest_sense`` is the
     direction in which the stem came to each.
 
-    ``start_sense`` is the direction of the last motion up to the start, 0 where the stem has not moved; where it rests
-    there, it rests since ``rest_since_s``, counted as ``elapsed_s`` is, from the start of the recording.
+    ``start_velocity_error``, m/s, is 0 where the velocity at the start is known as well as matters. ``start_sense`` is
+    the direction of the last motion up to the start, 0 where the stem has not moved; where it rests there, it rests
+    since ``rest_since_s``, counted as ``elapsed_s`` is, from the start of the recording.
     """
 
     time_s: FloatArray
@@ -66,6 +67,7 @@ class Segment:
     elapsed_s: float
     start_sense: float = 0.0
     rest_since_s: float = 0.0
+    start_velocity_error: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -243,7 +245,7 @@ def _segments(motion: RecordedMotion, path: InputPath, noise_m: float, timing_s:
         # what writes leave unknown is the same for the rows of a block
         variance += np.add.reduceat(instants_m[own] ** 2, edges - first) / counts
         inside = (rest_row >= first) & (rest_row < end)
-        start_m, error_m, velocity = beginning(motion, first, noise_m)
+        begun = beginning(motion, first, noise_m)
         begin_s = float(time_s[0])
         sense, since_s = last_motion(motion, first)
         # the stem begins where the first block lies
@@ -259,9 +261,10 @@ def _segments(motion: RecordedMotion, path: InputPath, noise_m: float, timing_s:
                 rest_time_s=samples.time_s[rest_row[inside]],
                 rest_m=rest_m[inside],
                 rest_sense=rest_sense[inside],
-                start_m=start_m,
-                start_error_m=error_m,
-                start_velocity=velocity,
+                start_m=begun.position_m,
+                start_error_m=begun.position_error_m,
+                start_velocity=begun.velocity,
+                start_velocity_error=begun.velocity_error,
                 elapsed_s=begin_s - float(samples.time_s[0]),
                 start_sense=sense,
                 rest_since_s=since_s,

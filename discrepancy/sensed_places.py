@@ -13,12 +13,14 @@ from valve.extended_valve import ExtendedValve, SensorPath
 from valve.stem import StemState
 
 
-def start_state(segment: Segment, shown_m: float, valve: ExtendedValve) -> ExtendedState:
+def start_state(segment: Segment, shown_m: float, velocity: float, valve: ExtendedValve) -> ExtendedState:
     """Return the state in which this valve begins a segment whose first reading, without noise, is ``shown_m``.
+
+    ``velocity``: that of the stem there, m/s.
 
     After a gap the stem has moved before: its first breakaway is over, and a play's lever trails where it came from.
     """
-    sensor, velocity = valve.sensor, segment.start_velocity
+    sensor = valve.sensor
     settled_m = shown_m + velocity * sensor.lag_s
     played_m = float(_followed(np.array([settled_m]), sensor)[0])
     stem_m = played_m + 0.5 * sensor.play_m * segment.start_sense

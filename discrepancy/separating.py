@@ -13,6 +13,7 @@ from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.model import simulated
 from discrepancy.observed import Observed, Segment
 from discrepancy.significance import NEAR, noise_factor
+from discrepancy.unknowns import of_a_segment
 from valve.errors import MotionError, ParameterError
 from valve.waveform import Waveform
 
@@ -127,7 +128,7 @@ def _planned_segment(true: Fit, waveform: Waveform, area_m2: float) -> Segment |
     observed = true.model.observed
     time_s = np.arange(0.0, waveform.duration_s, _BLOCK_S)
     corner_n = area_m2 * waveform.pressure_pa
-    values = {name: value for name, value in true.values.items() if not name.startswith("x_")}
+    values = {name: value for name, value in true.values.items() if not of_a_segment(name)}
     lowest_m, highest_m = float(observed.position_m.min()), float(observed.position_m.max())
     start_m = min(max((float(corner_n[0]) - values["F_0"]) / values["k"], lowest_m), highest_m)
     empty = Segment(

@@ -16,6 +16,7 @@ from valve.parameters import ValveParameters
 
 VALVE_UNKNOWNS: Final = ("m", "k", "F_v", "F_c", "d", "F_0", "DV", "first_rise")
 SEPARATOR: Final = "."
+_BEGINNINGS: Final = ("x_", "v_")
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +90,11 @@ class Unknowns:
     def joined(self, more: Sequence[Unknown]) -> Unknowns:
         """Return these and more."""
         return Unknowns((*self.entries, *more))
+
+
+def of_a_segment(name: str) -> bool:
+    """Whether an unknown is the position or the velocity at which a segment begins: it says nothing about the valve."""
+    return name.startswith(_BEGINNINGS)
 
 
 def valve_of(
