@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from estimators.likelihood.bent_valley import descend_bent
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.hops import hops
 from estimators.likelihood.model import StemModel
@@ -21,6 +22,7 @@ LAST_SHARE: Final = 0.15  # of the budget
 _LED_OF_JUMPS: Final = 2  # places that are led down: the valley of jumps has sills
 _VALLEY_STEPS: Final = 30  # F_v, F_c and DV of jumps lie in a narrow valley
 _HOP_ROUNDS: Final = 3
+_AT_ONCE: Final = 0.15  # of the budget, for one way along the valley of jumps
 _BETTER: Final = 1.0  # of the cost: a hop that gains less is at the same place
 _SCAN: Final = np.concatenate([np.linspace(-0.05, 0.05, 21), np.linspace(-0.4, 0.8, 13)])  # of F_s
 
@@ -59,10 +61,21 @@ def hopped(
         places = distinct(small, [*lowest, *places])
         if places[0].cost > best.cost - _BETTER:
             break
-    if places:
-        led = places[: _LED_OF_JUMPS if hopping.jumps else 1]
-        places = distinct(small, [*(led_down(small, one, budget, reserve * whole) for one in led), *places])
+    if places and hopping.jumps:
+        led = [led_along_jumps(small, one, budget, reserve * whole) for one in places[:_LED_OF_JUMPS]]
+        places = distinct(small, [*led, *places])
+    elif places:
+        places = distinct(small, [led_down(small, places[0], budget, reserve * whole), *places])
     return places
+
+
+def led_along_jumps(small: StemModel, place: Place, budget: Budget, reserve: float) -> Place:
+    """Go down from a low place of a stem that jumps, in the unknowns that its jumps show, and walk from there."""
+    most = budget.most_at_once(small, _AT_ONCE)
+    found = descend_bent(small, place.point, most_simulations=most, arrived=_BETTER)
+    budget.spend(small, found.simulations)
+    lower = Place(found.point, found.cost) if found.cost < place.cost else place
+    return led_down(small, lower, budget, reserve)
 
 
 def _followed(small: StemModel, places: list[Place], steps: int, budget: Budget, *, fine: bool) -> list[Place]:

@@ -52,7 +52,7 @@ def hops(model: StemModel, point: FloatArray, speed_m_per_s: float, *, jumps: bo
         return at(F_v=viscous, F_c=moving_n - viscous * speed_m_per_s, **changed)
 
     def jumping(damping: float, **changed: float) -> FloatArray:
-        stiction_n = here["F_c"] * here["d"] * (1.0 + _beyond(own)) / (1.0 + _beyond(damping))
+        stiction_n = here["F_c"] * here["d"] * (1.0 + beyond_balance(own)) / (1.0 + beyond_balance(damping))
         coulomb_n = max(static_n - stiction_n, 0.02 * static_n)
         return at(F_v=2.0 * damping * math.sqrt(here["k"] * here["m"]), F_c=coulomb_n, **changed)
 
@@ -91,6 +91,6 @@ def hops(model: StemModel, point: FloatArray, speed_m_per_s: float, *, jumps: bo
         yield with_viscous(here["F_v"] * 3.0, DV=factor * here["DV"])
 
 
-def _beyond(damping: float) -> float:
+def beyond_balance(damping: float) -> float:
     """How far a jump goes beyond its balance, as a share of the way to it."""
     return math.exp(-math.pi * damping / math.sqrt(1.0 - damping**2)) if damping < 1.0 else 0.0

@@ -13,11 +13,10 @@ from estimators.likelihood.all_rows import MOST_PLACES, NEAR, exactly, on_all_ro
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.certificate import Certificate, certify
 from estimators.likelihood.compression import bent_rows, compressed, in_parts, without_outliers
-from estimators.likelihood.hopping import LAST_SHARE, Hopping, hopped, with_scanned_friction
+from estimators.likelihood.hopping import LAST_SHARE, Hopping, hopped, led_along_jumps, with_scanned_friction
 from estimators.likelihood.model import Restarts, StemModel
 from estimators.likelihood.pool import Place, chosen_trials, distinct, followed_from, halved, ranked
 from estimators.likelihood.start import Trial
-from estimators.likelihood.valley import led_down
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import FloatArray
 
@@ -213,7 +212,7 @@ def _confirmed(small: StemModel, apart: list[Place], budget: Budget) -> list[Pla
     A search may end on the slope for want of work, which says nothing about another bottom.
     """
     lowest = min((place.cost for place in apart), default=0.0)
-    return [led_down(small, place, budget, 0.0) if place.cost > lowest + _AS_LOW else place for place in apart]
+    return [led_along_jumps(small, place, budget, 0.0) if place.cost > lowest + _AS_LOW else place for place in apart]
 
 
 def _at_one_bottom(
@@ -227,7 +226,7 @@ def _at_one_bottom(
     fine = compressed(model, keeping=ended[0].point)
     # the lower of the searches apart is where the best on all rows comes from
     points = [ended[0].point, *(place.point for place in distinct(fine, apart)[1:])]
-    led = [led_down(fine, Place(point, fine.cost(point)), Budget.limited(each), 0.0) for point in points]
+    led = [led_along_jumps(fine, Place(point, fine.cost(point)), Budget.limited(each), 0.0) for point in points]
     lowest = min(led, key=lambda place: place.cost)
     if lowest.cost < fine.cost(ended[0].point) - _LOWER:
         budget.left = max(budget.left, 0.0)

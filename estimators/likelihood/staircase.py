@@ -18,7 +18,7 @@ from estimators.motion.rests import Breakaway
 from estimators.motion.static_friction import breakaway_forces
 from estimators.motion.stops import stops_beyond
 from estimators.motion.windowed_slope import windowed_slope
-from estimators.samples import FloatArray, IntArray, Samples, prepare
+from estimators.samples import BoolArray, FloatArray, IntArray, Samples, prepare
 from valve.nameplate import Nameplate
 from valve.recording import Recording
 
@@ -34,6 +34,7 @@ _DRIVEN: Final = 0.25  # of a jump: what the force changed by in that time moved
 _ON_STOP: Final = 1.02  # times the largest force at a breakaway, of which a jumping stem shows many
 _CREEPS: Final = 0.3  # of the mean speed about it: a run with so much slope is no rest
 _CLEAR: Final = 25.0
+_NEIGHBOURS: Final = 15  # on each side of a run, that tell whether the stem creeps there
 _MORE_NOISE: Final = 1.3
 _GRID_STEPS: Final = 3.0
 _APART_SIGMAS: Final = 5.0
@@ -148,9 +149,10 @@ def find_rests(samples: Samples) -> Rests | None:
     # what each run tells of its slope, none more than a clear one; together they show what creeps in short pieces
     weight = np.minimum(squares_s2 * speed * speed / noise_m**2, _CLEAR)
     drift = np.divide(slope, speed, out=np.zeros_like(slope), where=speed != 0.0)
-    if np.count_nonzero(kept) <= _FEWEST_AT_ALL or float((weight * drift)[kept].sum()) > _CREEPS * float(
-        weight[kept].sum()
-    ):
+    if float((weight * drift)[kept].sum()) > _CREEPS * float(weight[kept].sum()):
+        # a stem may rest on slow ramps and slide on fast ones
+        kept &= _still_together(np.where(kept, weight, 0.0), drift)
+    if np.count_nonzero(kept) <= _FEWEST_AT_ALL:
         return None
     rows, level_m = rows[kept], level_m[kept]
     off_m = [position_m[first : last + 1] - mean_m for (first, last), mean_m in zip(rows, level_m, strict=True)]
@@ -160,6 +162,14 @@ def find_rests(samples: Samples) -> Rests | None:
     if scatter_m > _MORE_NOISE * max(samples.position_noise_m, noise_m):
         return None  # what creeps or rings is no rest
     return Rests(rows, level_m, max(scatter_m, samples.position_step_m / math.sqrt(12.0), _LEAST * range_m))
+
+
+def _still_together(weight: FloatArray, drift: FloatArray) -> BoolArray:
+    """Which runs, shape (k,), are among neighbours that together do not creep: as many before as after."""
+    width = min(2 * _NEIGHBOURS + 1, weight.size)
+    about = np.ones(width)
+    together = np.convolve(weight * drift, about, mode="same"), np.convolve(weight, about, mode="same")
+    return np.asarray(together[0] <= _CREEPS * together[1])
 
 
 def _least_noise(position_m: FloatArray) -> float:

@@ -18,7 +18,7 @@ from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import read_motion
 from tests.estimators.random_valves import random_test
 
-SEED = 2035  # 49 jumps at one rate; a fit behind the sill has F_v wrong by 37 %
+SEED = 2035  # 49 jumps at one rate; a fit behind the sill has F_v wrong by 37 %, and its interval is 4 % wide
 
 
 def estimated() -> Estimate:
@@ -29,7 +29,7 @@ def estimated() -> Estimate:
 def test_a_stem_that_jumps_is_followed_over_the_sill_to_the_lowest_fit() -> None:
     estimate, truth = estimated(), random_test(SEED).truth.by_symbol()
     assert estimate.status is Status.OK, estimate.message
-    for symbol, percent in (("m", 1.0), ("F_v", 2.0), ("F_c", 0.2), ("F_s", 0.1)):
+    for symbol, percent in (("m", 1.0), ("F_v", 4.0), ("F_c", 0.2), ("F_s", 0.1)):
         assert estimate.value(symbol) == pytest.approx(truth[symbol], rel=0.01 * percent), symbol
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from estimators.base import Status
@@ -33,6 +34,17 @@ def test_a_stem_that_jumps_from_rest_to_rest_is_a_staircase() -> None:
     assert motion is not None
     assert motion.uniform is None
     assert len(motion.phases.breakaways) == pytest.approx(49, abs=3)
+
+
+def test_a_stem_that_jumps_on_slow_ramps_and_slides_on_fast_ones_is_read_by_its_jumps() -> None:
+    # 1161 jumps on the ramps of 2.6 to 8.7 mm/s, none on those of 13 and 26 mm/s, whose rows made the rests look moving
+    test = random_test(2515)
+    motion = read_staircase(test.recording, test.nameplate, read_motion(test.recording, test.nameplate))
+    assert motion is not None
+    rows = np.array([breakaway.row for breakaway in motion.phases.breakaways])
+    assert rows.size > 0.7 * 1161
+    slow_s = 35.0
+    assert np.count_nonzero(test.recording.time_s[rows] > slow_s) < 0.05 * rows.size
 
 
 def test_the_stops_that_a_jumping_stem_rests_on_are_found_and_modelled() -> None:
