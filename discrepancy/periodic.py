@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import partial
+from itertools import product
 from typing import Final
 
 from discrepancy.baseline import STATIC_SCAN, scanned
 from discrepancy.causes.base import Cause, Values
 from discrepancy.least_squares import Fit, descend, start_fit
+from discrepancy.unknowns import SEPARATOR
 from discrepancy.walking import walked
 
 # Own choices, from valves with a hidden vibration (docs/diagnosis.md).
@@ -23,6 +25,8 @@ _FACTORS: Final = (1.3, 1.0 / 1.3)  # of the force, in a walk
 _LOWER: Final = 0.9  # of the cost
 _CLEARLY: Final = 0.5  # of the cost at any other frequency: this one it is, and a walk worth its work
 _SAME: Final = 0.01  # frequencies
+_DROPS: Final = (0.03, 0.06, 0.1, 0.15, 0.22, 0.35)  # F_s over F_c, less 1
+_DAMPINGS: Final = (0.1, 0.3, 0.7, 1.2, 1.8, 3.0)  # of a slip, as shares of the critical one
 _FOUND: Final = 1.3  # misfit, below which no other start is tried
 
 
@@ -45,9 +49,10 @@ def followed(starts: Sequence[tuple[Values, Fit]], cause: Cause, most: float) ->
         if not fit.is_followed:
             continue
         own = frozenset(cause.own(name) for name in start) | (_SHAPED & frozenset(start))
-        tried = scanned(fit, "d", STATIC_SCAN)
-        tried = descend(tried, most_steps=_BLURRED_STEPS, span_s=_BLUR_S, held=own)
-        tried = descend(tried, most_steps=_STEPS, held=own)
+        beside = frozenset(name for name in start if SEPARATOR in name)
+        tried = _begun_anew(fit, own | beside) if beside else scanned(fit, "d", STATIC_SCAN)
+        tried = descend(tried, most_steps=_BLURRED_STEPS, span_s=_BLUR_S, held=own | beside)
+        tried = descend(tried, most_steps=_STEPS, held=own | beside)
         short.append(descend(tried, most_steps=_STEPS))
     short.sort(key=lambda one: one.cost)
     found: list[Fit] = []
@@ -60,6 +65,24 @@ def followed(starts: Sequence[tuple[Values, Fit]], cause: Cause, most: float) ->
     at_hz = cause.own("frequency_hz")
     others = [one.cost for one in short if abs(math.log(one.values[at_hz] / best.values[at_hz])) > _SAME]
     return along_strength(best, cause) if best.cost < _CLEARLY * min(others, default=0.0) else best
+
+
+def _begun_anew(fit: Fit, held: frozenset[str]) -> Fit:
+    """Return the fit with the friction in motion that its slips ask for, its static friction kept.
+
+    Beside another cause the balance of forces tells all that is ``held``, and F_s; of friction in motion the fit
+    before, which missed one cause, tells nothing.
+    """
+    values = fit.values
+    static_n = values["F_c"] * (1.0 + values["d"])
+    critical = 2.0 * math.sqrt(values["k"] * values["m"])
+    tried = [fit]
+    for drop, damping in product(_DROPS, _DAMPINGS):
+        slips = {"F_c": static_n / (1.0 + drop), "d": drop, "F_v": damping * critical, "first_rise": 0.0}
+        tried.append(start_fit(fit.model, fit.model.unknowns.point({**values, **slips})))
+    best = min(tried, key=lambda one: one.cost)
+    best = descend(best, most_steps=_BLURRED_STEPS, span_s=_BLUR_S, held=held | {"d"})
+    return scanned(best, "d", STATIC_SCAN)
 
 
 def along_strength(fit: Fit, cause: Cause) -> Fit:

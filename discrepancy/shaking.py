@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import cmath
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -31,6 +32,18 @@ _APART: Final = 3.0  # line widths between two lines
 _FEWEST_BREAKAWAYS: Final = 12
 _MOVING_SHARE: Final = 0.3  # of the usual speed
 _LOCKED: Final = 0.7  # mean resultant length of the breakaways' phases
+# What a cause of strength 1 adds to the force that a breakaway needs, by its places, forces and directions, (n,) each,
+# and the values of a fit; by the full name of that strength.
+_Bent = Callable[[FloatArray, FloatArray, FloatArray, Mapping[str, float]], FloatArray]
+_BENT: Final[dict[str, _Bent]] = {
+    "diaphragm_area_change.slope_per_m": lambda x, force, _s, at: (
+        -force * (x - at["diaphragm_area_change.reference_m"])
+    ),
+    "friction_gradient.gradient_n_per_m": lambda x, _f, s, at: s * (x - at["friction_gradient.reference_m"]),
+    "pressure_dependent_friction.share": lambda _x, force, s, _at: s * force,
+    "spring_hardening.hardening_n_per_m2": lambda x, _f, _s, _at: 0.5 * x * x,
+    "dual_rate_spring.rate_change_n_per_m": lambda x, _f, _s, at: np.maximum(x - at["dual_rate_spring.knee_m"], 0.0),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +76,7 @@ class Shaken:
     spring_n_per_m: float
     preload_n: float
     static_n: float
+    beside: Mapping[str, float] = field(default_factory=dict)  # strengths of causes that bend the balance, by full name
 
 
 def lines(observed: Observed, residual_m: FloatArray, most: int) -> list[Line]:
@@ -106,21 +120,25 @@ def _line(frequency_hz: float, clock_s: FloatArray, residual_m: FloatArray, weig
     return Line(frequency_hz, math.atan2(float(cosine), float(sine)), math.hypot(float(sine), float(cosine)))
 
 
-def shaken_breakaways(observed: Observed, most: int) -> list[Shaken]:
+def shaken_breakaways(observed: Observed, most: int, values: Mapping[str, float] | None = None) -> list[Shaken]:
     """Return the periodic forces that bring the forces at the breakaways nearest to a spring and static friction.
 
-    None where there are too few breakaways. Their first is left out: it is another than the later ones.
+    ``values`` are a fit's: what a cause in it bends of the balance is told with the periodic force, for one hides the
+    other. None where there are too few breakaways. Their first is left out: it is another than the later ones.
     """
     table = [row for motion in observed.motions for row in _breakaways(motion)[1:]]
     if len(table) < _FEWEST_BREAKAWAYS:
         return []
     time_s, force_n, place_m, sense = np.array(table).T
-    base = np.column_stack([place_m, np.ones(place_m.size), sense])
+    at = values or {}
+    bent = tuple(name for name in _BENT if name in at)
+    more = [_BENT[name](place_m, force_n, sense, at) for name in bent]
+    base = np.column_stack([place_m, np.ones(place_m.size), sense, *more])
     span_s = float(np.ptp(time_s))
     frequency_hz = np.arange(LOWEST_HZ, HIGHEST_HZ, 1.0 / (_FINER * span_s))
     taken = _taken(base, force_n, np.outer(2.0 * math.pi * frequency_hz, time_s))
     found = _highest(frequency_hz, taken, _APART / span_s, most)
-    return [shaken for at_hz in found if (shaken := _shaken(at_hz, base, force_n, time_s)) is not None]
+    return [shaken for at_hz in found if (shaken := _shaken(at_hz, base, force_n, time_s, bent)) is not None]
 
 
 def locked_breakaways(observed: Observed) -> Shaken | None:
@@ -148,11 +166,14 @@ def locked_breakaways(observed: Observed) -> Shaken | None:
     return replace(balanced, phase_rad=math.remainder(0.5 * math.pi - cmath.phase(complex(mean[place])), math.tau))
 
 
-def _shaken(frequency_hz: float, base: FloatArray, force_n: FloatArray, time_s: FloatArray) -> Shaken | None:
+def _shaken(
+    frequency_hz: float, base: FloatArray, force_n: FloatArray, time_s: FloatArray, bent: tuple[str, ...] = ()
+) -> Shaken | None:
     turn = 2.0 * math.pi * frequency_hz * time_s
     columns = np.column_stack([base, np.sin(turn), np.cos(turn)])
     scale = np.linalg.norm(columns, axis=0)
-    spring, preload_n, static_n, sine, cosine = np.linalg.lstsq(columns / scale, force_n, rcond=1.0e-9)[0] / scale
+    solved = np.linalg.lstsq(columns / scale, force_n, rcond=1.0e-9)[0] / scale
+    (spring, preload_n, static_n), (sine, cosine) = solved[:3], solved[-2:]
     if not (spring > 0.0 and static_n > 0.0):
         return None
     # what the periodic force gives the actuator's need not
@@ -164,6 +185,7 @@ def _shaken(frequency_hz: float, base: FloatArray, force_n: FloatArray, time_s: 
         float(spring),
         float(preload_n),
         float(static_n),
+        {name: float(strength) for name, strength in zip(bent, solved[3:-2], strict=True)},
     )
 
 

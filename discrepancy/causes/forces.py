@@ -182,8 +182,9 @@ def _vibration_starts(setting: Setting) -> list[Values]:
             "F_0": shaken.preload_n,
             "d": max(shaken.static_n / own["F_c"] - 1.0, 0.0),
             **anew,
+            **shaken.beside,
         }
-        for shaken in shaken_breakaways(observed, 3)
+        for shaken in shaken_breakaways(observed, 3, own)
     ]
     # steps that lock hide the line and all but a constant of the forces: what tells them goes first
     locked = _locked_starts(setting, anew)

@@ -9,12 +9,13 @@ from typing import Final
 import numpy as np
 import pytest
 
+from discrepancy import shaking
 from discrepancy.baseline import baseline_unknowns, fit_baseline
-from discrepancy.causes.forces import VIBRATION
+from discrepancy.causes.forces import AREA, VIBRATION
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.model import Model
 from discrepancy.observed import Observed, observe
-from discrepancy.periodic import along_strength
+from discrepancy.periodic import along_strength, followed
 from discrepancy.screening import extended_model, refit, screen
 from discrepancy.setting import setting_of
 from discrepancy.shaking import Line, lines, locked_breakaways, shaken_breakaways, slot_clock
@@ -145,3 +146,53 @@ def test_a_stem_that_slides_has_too_few_breakaways_to_lock() -> None:
     observed = observe(case.recordings, case.nameplate)
     assert isinstance(observed, Observed)
     assert locked_breakaways(observed) is None
+
+
+def test_a_diaphragm_that_grows_and_a_vibration_are_told_together_by_the_breakaways(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Each hides the other: what the wave leaves bends by the direction, and a bend makes the wave another."""
+    generator = np.random.default_rng(3)
+    time_s = np.sort(generator.uniform(0.0, 120.0, 40))
+    sense = np.where(np.arange(40) < 20, 1.0, -1.0)
+    place_m = generator.uniform(0.0, 0.06, 40)
+    wave_n = 40.0 * np.sin(2.0 * math.pi * 5.861 * time_s + 1.37)
+    force_n = (6.0e4 * place_m + 380.0 + 2650.0 * sense - wave_n) / (1.0 + 0.37 * (place_m - 0.03))
+    table = list(zip(time_s, force_n, place_m, sense, strict=True))
+    monkeypatch.setattr(shaking, "_breakaways", lambda _motion: [table[0], *table])
+    observed = observe(made(7517, "triangle").recordings, made(7517, "triangle").nameplate)
+    assert isinstance(observed, Observed)
+    slope = "diaphragm_area_change.slope_per_m"
+    fit_before = {slope: 0.53, "diaphragm_area_change.reference_m": 0.03}  # as it stands in for the wave
+    (found,) = shaken_breakaways(observed, 1, fit_before)
+    assert found.frequency_hz == pytest.approx(5.861, abs=2.0e-3)
+    assert found.force_n == pytest.approx(40.0, rel=0.02)
+    assert found.phase_rad == pytest.approx(1.37, abs=0.7)  # the grid of frequencies moves it
+    assert found.spring_n_per_m == pytest.approx(6.0e4, rel=2.0e-3)
+    assert found.static_n == pytest.approx(2650.0, rel=2.0e-3)
+    assert found.beside[slope] == pytest.approx(0.37, rel=0.02)
+    (plain,) = shaken_breakaways(observed, 1)
+    assert not plain.beside
+    assert plain.spring_n_per_m != pytest.approx(6.0e4, rel=0.01)
+
+
+def test_beside_another_cause_the_friction_in_motion_begins_anew_and_the_static_one_is_kept() -> None:
+    """A fit that missed a vibration has the slips of another valve, and from those no step leads to the right ones."""
+    case = made(7517, "triangle")
+    hidden, valve = case.hidden[0].parameters, case.truth.parameters
+    observed = observe(case.recordings, case.nameplate)
+    assert isinstance(observed, Observed)
+    unknowns = baseline_unknowns(observed, 1.08e-2, 1150.0)
+    plain = start_fit(Model(observed, unknowns), unknowns.point(LOCKED))
+    setting = setting_of(plain)
+    model = extended_model(extended_model(plain.model, AREA, setting), VIBRATION, setting)
+    balance = {"k": valve.spring_rate_n_per_m, "F_0": LOCKED["F_0"], "diaphragm_area_change.slope_per_m": 0.0}
+    slips = {"F_c": valve.static_friction_n / 1.01, "d": 0.01, "F_v": 20.0 * valve.viscous_friction_n_s_per_m}
+    values = {**plain.values, **balance, **VIBRATION.full(hidden), **slips}
+    start = start_fit(model, model.unknowns.point(values))
+    assert misfit(start) > 500.0
+    fit = followed([({**hidden, **balance}, start)], VIBRATION, 0.0)
+    assert fit is not None
+    assert misfit(fit) < 1.1
+    assert fit.values["F_c"] == pytest.approx(valve.coulomb_friction_n, rel=0.02)
+    assert fit.values["vibration.force_n"] == pytest.approx(hidden["force_n"], rel=0.1)
