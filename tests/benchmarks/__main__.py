@@ -20,6 +20,7 @@ from tests.benchmarks import (
     coverage,
     efficiency,
     extended_motion,
+    live_view,
     load,
     method_table,
     motion,
@@ -45,6 +46,7 @@ BENCHMARKS: Final[dict[str, Callable[[], Table | list[Table]]]] = {
 COUNTED: Final[dict[str, Callable[[int | None], Table | list[Table]]]] = {
     "coverage": coverage.run,
     "efficiency": efficiency.run,
+    "live_view": live_view.run,
     "load": load.run,
     "load_ordinary": partial(load.run, ordinary=True),
     "method_table": method_table.run,

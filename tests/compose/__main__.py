@@ -21,10 +21,12 @@ from typing import Any, Final, TypeVar
 import httpx
 
 from service.cli.demo_plant import free_ports
+from tests.compose import unit
 
 Found = TypeVar("Found")
 
 PARTS: Final = ("single", "plant", "precedence")
+UNIT: Final = "unit"  # by its name alone: it installs the service on this machine
 PROJECT: Final = Path(__file__).resolve().parents[2]
 _NAME: Final = "breakaway-check"
 _UP_S: Final = 1800.0  # the image is built from nothing
@@ -197,11 +199,23 @@ def check_precedence(compose: Compose, port: int) -> str:
     return ""
 
 
+def _check_unit() -> int:
+    if reason := unit.why_not():
+        _say(f"not checked: {reason}")
+        return 1
+    _say("deploy/breakaway.service under this machine's systemd, installed as docs/deployment.md says")
+    unit.check(_say, _require)
+    _say("compose-check: all as it should be")
+    return 0
+
+
 def main() -> int:
     """Check what can be checked here; 1 where nothing could be, something failed, or what was named could not be."""
-    if unknown := set(sys.argv[1:]) - set(PARTS):
-        _say(f"{', '.join(sorted(unknown))}: unknown: choose from {', '.join(PARTS)}")
+    if unknown := set(sys.argv[1:]) - {*PARTS, UNIT}:
+        _say(f"{', '.join(sorted(unknown))}: unknown: choose from {', '.join((*PARTS, UNIT))}")
         return 1
+    if UNIT in sys.argv[1:]:
+        return _check_unit()
     command = os.environ.get("COMPOSE") or "docker compose"
     if reason := why_not(command):
         _say(f"not checked: {reason}")
