@@ -22,6 +22,13 @@ _TURNED: Final = -0.5  # correlation of position and pressure
 _MEANS: Final = 200  # of a recording, in which its ways are looked at
 _COMES_BACK: Final = 0.1
 _CENTRAL: Final = (0.5, 99.5)  # percent: without single odd samples
+# A pressure that comes before its command: by how much, and how much better that fits than at once.
+_LEADS_PERIODS: Final = 3.0
+_LEADS_S: Final = 0.02
+_LONGEST_LEAD_S: Final = 3.0
+_LEADS: Final = 61  # tried on a side
+_INSTANTS: Final = 2000  # compared
+_LEFT_BY_LEADING: Final = 0.3  # of what the command at once leaves of the pressure's variance
 
 
 def doubt(recordings: Sequence[Recording], nameplate: Nameplate) -> str:
@@ -60,6 +67,7 @@ def _doubt(recording: Recording, nameplate: Nameplate) -> str:
         _pegged("position", position_m)
         or ("" if pressure_pa is None else _pegged("pressure", pressure_pa[np.isfinite(pressure_pa)]))
         or _swapped(recording, nameplate, swept_m)
+        or _leading(recording)
         or _too_little(swept_m, travel_m, position_m)
         or _area(recording, nameplate)
     )
@@ -108,6 +116,38 @@ def _swapped(recording: Recording, nameplate: Nameplate, swept_m: float) -> str:
                 "travel so that it grows with the pressure."
             )
     return ""
+
+
+def _leading(recording: Recording) -> str:
+    """Return that the pressure comes before the command that it follows."""
+    command_pa, pressure_pa, time_s = recording.command_pa, recording.pressure_pa, recording.time_s
+    if command_pa is None or pressure_pa is None:
+        return ""
+    both = np.isfinite(command_pa) & np.isfinite(pressure_pa)
+    if np.count_nonzero(both) < _LEAST_SAMPLES:
+        return ""
+    own_s, asked_pa, acting_pa = time_s[both], command_pa[both], pressure_pa[both]
+    least_s = max(_LEADS_PERIODS * float(np.median(np.diff(own_s))), _LEADS_S)
+    longest_s = min(_LONGEST_LEAD_S, 0.1 * float(own_s[-1] - own_s[0]))
+    if longest_s <= least_s or _span(asked_pa) <= 0.0 or _span(acting_pa) <= 0.0:
+        return ""
+    at_s = np.linspace(own_s[0] + longest_s, own_s[-1] - longest_s, _INSTANTS)
+    followed_pa = np.interp(at_s, own_s, acting_pa)
+
+    def left(lead_s: float) -> float:
+        """Share of the pressure's variance that the command of ``lead_s`` later does not explain."""
+        return 1.0 - float(np.corrcoef(np.interp(at_s + lead_s, own_s, asked_pa), followed_pa)[0, 1]) ** 2
+
+    leads_s = np.geomspace(least_s, longest_s, _LEADS)
+    early = [left(lead_s) for lead_s in leads_s]
+    best = int(np.argmin(early))
+    at_once_or_later = min(left(0.0), *(left(-lead_s) for lead_s in leads_s))
+    if not early[best] < _LEFT_BY_LEADING * at_once_or_later:
+        return ""
+    return (
+        f"The pressure comes {leads_s[best]:.2g} s before the command that it follows: the columns command_pa and "
+        "pressure_pa are swapped, or the command was recorded late. Exchange them, or leave the command out."
+    )
 
 
 def _too_little(swept_m: float, travel_m: float, position_m: FloatArray) -> str:

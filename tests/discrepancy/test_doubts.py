@@ -31,6 +31,17 @@ def pressure_pa(recording: Recording) -> np.ndarray[tuple[int], np.dtype[np.floa
     return recording.pressure_pa
 
 
+def lagged_pa(recording: Recording, lag_s: float = 0.3) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Pressure behind an I/P's lag of first order."""
+    asked_pa, period_s = pressure_pa(recording), float(np.median(np.diff(recording.time_s)))
+    share = -np.expm1(-period_s / lag_s)
+    acting_pa, now = np.empty_like(asked_pa), float(asked_pa[0])
+    for row, asked in enumerate(asked_pa):
+        now += share * (float(asked) - now)
+        acting_pa[row] = now
+    return acting_pa
+
+
 def one_way() -> Recording:
     return recorded(Waveform("up", np.array([0.0, 10.0]), np.array([0.0, 82737.0])), 0.01, 2.0e-6)
 
@@ -48,6 +59,10 @@ BAD: dict[str, tuple[Recording, str]] = {
     "pressure saturated": (changed(pressure_pa=lambda one: np.minimum(pressure_pa(one), 2.0e4)), "saturated"),
     "pressure constant": (changed(pressure_pa=lambda one: np.full(one.samples, 5.0e4)), "check the pressure channel"),
     "swapped": (changed(position_m=pressure_pa, pressure_pa=lambda one: one.position_m), "are swapped"),
+    "command and pressure swapped": (
+        changed(command_pa=lagged_pa),
+        "s before the command that it follows: the columns command_pa and pressure_pa are swapped",
+    ),
     "turned round": (changed(position_m=lambda one: 0.1 - one.position_m), "sign or zero is turned round"),
     "wrong area": (changed(force_n=lambda one: 0.03 * pressure_pa(one)), "the misfit is a scale"),
     "psi": (changed(pressure_pa=lambda one: pressure_pa(one) / 6894.757), "is in psi"),
@@ -75,3 +90,13 @@ def test_a_bench_set_that_cannot_be_is_a_scale() -> None:
 def test_good_recordings_are_not_doubted() -> None:
     assert doubt([good()], PLATE) == ""
     assert doubt([one_way(), good()], PLATE) == ""
+
+
+def test_a_pressure_behind_its_command_and_one_that_equals_it_are_no_swapped_channels() -> None:
+    noise_pa = 20.0 * np.random.default_rng(0).standard_normal(good().samples)
+    for own in (
+        changed(command_pa=pressure_pa),
+        changed(command_pa=pressure_pa, pressure_pa=lagged_pa),
+        changed(command_pa=lambda one: pressure_pa(one) + noise_pa),
+    ):
+        assert doubt([own], PLATE) == ""
