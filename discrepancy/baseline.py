@@ -169,6 +169,8 @@ def scanned(fit: Fit, name: str, shares: Sequence[float] | np.ndarray[Any, Any])
     lower, upper = fit.model.unknowns.lower, fit.model.unknowns.upper
     best = fit
     for share in shares:
+        if fit.model.tally.is_spent:
+            break
         point = fit.point.copy()
         moved = (1.0 + point[place]) * (1.0 + share) - 1.0 if name == "d" else point[place] + share
         point[place] = min(max(float(moved), float(lower[place])), float(upper[place]))

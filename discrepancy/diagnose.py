@@ -12,6 +12,7 @@ from discrepancy.accepted import Standing, stand
 from discrepancy.baseline import fit_baseline
 from discrepancy.causes.base import Cause, Fitted
 from discrepancy.causes.friction import ASYMMETRY
+from discrepancy.choice import Choice
 from discrepancy.diagnosis import Diagnosis, Finding, Verdict
 from discrepancy.doubts import doubt
 from discrepancy.force_diagnosis import diagnose_forces
@@ -25,7 +26,7 @@ from discrepancy.pressure_findings import with_pressure_findings
 from discrepancy.registry import CAUSES
 from discrepancy.residuals import show
 from discrepancy.saved_model import SavedModel
-from discrepancy.selection import Choice, choose
+from discrepancy.selection import choose
 from discrepancy.setting import setting_of
 from discrepancy.significance import LEAST_RMS, excess, misfit, noise_factor, wander
 from estimators.base import Estimate, Outcome
@@ -46,6 +47,10 @@ _NEAR_UNIT: Final = 2.0  # times; psi, kPa and bar are 6.9 apart
 _SCALE_OFF: Final = 2.0  # of the spring rate: no effect of the catalogue goes so far
 _NOTHING_NEW: Final = "Nothing beyond the model that was accepted for this valve."
 _IN_DOUBT: Final = 3.0  # noises, by which the instants of a polled test's writes and looks move its positions
+_ENDED_EARLY: Final = (
+    " The search was ended early, at the most work that one diagnosis may take: causes that were not tried to the end "
+    "may explain it yet."
+)
 _NO_FORCE: Final = (
     "A drive without a spring is assessed by its balance of forces, and a recording has no force_n: record the force."
 )
@@ -121,7 +126,7 @@ def _concluded(
     }
     pictures: dict[str, Any] = {"before": show(baseline), "baseline": baseline, "details": details}
     if not (explains(best, baseline) or explains(with_line_errors(best), baseline)):
-        return Diagnosis(Verdict.UNEXPLAINED, _unexplained_message(choice), **pictures)
+        return Diagnosis(Verdict.UNEXPLAINED, unexplained_message(choice), **pictures)
     findings = [] if standing is None else standing.findings(best)
     own = [finding_of(best, baseline, cause) for cause in choice.causes]
     if any(may_be_nothing(cause, one.parameters) for cause, one in zip(choice.causes, own, strict=True)):
@@ -218,15 +223,17 @@ def finding_of(best: Fit, baseline: Fit, cause: Cause) -> Finding:
     return Finding(cause.name, sentence, cause.action, values, min(max(share, 0.0), 1.0))
 
 
-def _unexplained_message(choice: Choice) -> str:
+def unexplained_message(choice: Choice) -> str:
+    """Return what a misfit that no cause explains is told as."""
     ratio = misfit(choice.best) ** 0.5
     told = f"The simulation misses the measurement by {ratio:.1f} times the noise"
+    early = _ENDED_EARLY if choice.is_cut else ""
     if not choice.causes:
-        return f"{told}, and no cause of the catalogue takes that away."
+        return f"{told}, and no cause of the catalogue {'that was tried ' if early else ''}takes that away.{early}"
     share = 1.0 - excess(choice.best) / max(excess(choice.baseline), 1.0e-12)
     return (
         f"{told} with the nearest of the catalogue in it ({_listed(choice.causes)}, which takes {100.0 * share:.0f} % "
-        "of the misfit): something else is there, or besides, that has no name here."
+        f"of the misfit): something else is there, or besides, that has no name here.{early}"
     )
 
 
@@ -255,4 +262,4 @@ def _unit_message(fit: Fit) -> str:
     return ""
 
 
-__all__ = ["Diagnosis", "Finding", "Progress", "Verdict", "diagnose", "explains", "finding_of"]
+__all__ = ["Diagnosis", "Finding", "Progress", "Verdict", "diagnose", "explains", "finding_of", "unexplained_message"]

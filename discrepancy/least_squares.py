@@ -24,6 +24,7 @@ class Fit:
     """Where a fit ended: point (p,), residuals (count,) in standard deviations, their slopes (p, count), cost.
 
     The cost is the sum of squares of residuals and prior departures; infinite where nothing could be followed.
+    ``refined_to``: the cost from which a search for other places led hardly lower; infinite where none was made.
     """
 
     model: Model
@@ -31,6 +32,7 @@ class Fit:
     residual: FloatArray
     slopes: FloatArray | None
     cost: float
+    refined_to: float = math.inf
 
     @property
     def values(self) -> dict[str, float]:
@@ -83,8 +85,9 @@ def on(model: Model, fit: Fit) -> Fit:
 def descend(start: Fit, *, most_steps: int, span_s: float = 0.0, held: frozenset[str] = frozenset()) -> Fit:
     """Return the lowest point reached by at most so many steps on residuals that are blurred over ``span_s``.
 
-    ``held`` unknowns stay. Residuals that are larger than the noise, or hang together, count for so much less beside
-    the priors: else a misfit of a thousand times the noise would buy any mass.
+    ``held`` unknowns stay, and all of them where the work of a diagnosis is done. Residuals that are larger than the
+    noise, or hang together, count for so much less beside the priors: else a misfit of a thousand times the noise would
+    buy any mass.
     """
     model, here = start.model, start
     if not here.is_followed:
@@ -103,6 +106,8 @@ def descend(start: Fit, *, most_steps: int, span_s: float = 0.0, held: frozenset
     damping = 1.0e-3
     slopes = None
     for _ in range(most_steps):
+        if model.tally.is_spent:
+            break
         slopes = model.slopes(here.point, here.residual, free)
         columns = over(slopes)
         normal = columns @ columns.T + np.diag(prior_slopes**2)
@@ -131,7 +136,7 @@ def descend(start: Fit, *, most_steps: int, span_s: float = 0.0, held: frozenset
             break
     prior = unknowns.prior_residuals(here.point)
     complete = slopes if bool(free.all()) else None
-    return Fit(model, here.point, here.residual, complete, _cost(here.residual, prior))
+    return Fit(model, here.point, here.residual, complete, _cost(here.residual, prior), start.refined_to)
 
 
 def _cost(residual: FloatArray, prior: FloatArray) -> float:

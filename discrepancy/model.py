@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
@@ -19,7 +20,7 @@ from valve.extended_valve import ExtendedValve
 _MOST_EVENTS: Final = 20_000
 _LONGEST_SUB_STEP_S: Final = 1.0e-2
 _THIN_SUB_STEP_S: Final = 2.0e-2
-_PASSES_A_MOTION: Final = 2500  # 0.35 ms of preparing beside 0.1 to 0.2 us a pass
+_PASSES_A_MOTION: Final = 2500  # 0.2 to 0.35 ms of preparing beside 0.1 to 0.2 us a pass
 _NO_EXTRA: Final[dict[str, float]] = {}
 
 
@@ -29,11 +30,17 @@ class Tally:
 
     motions: int = 0
     passes: int = 0
+    most: float = math.inf  # work, after which no fit is led further
 
     @property
     def work(self) -> int:
         """The work of a diagnosis in passes, the same on every machine: a motion costs some beside its own."""
         return self.passes + _PASSES_A_MOTION * self.motions
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether all the work that may be done is done: fits stay where they are."""
+        return self.work >= self.most
 
 
 @dataclass(frozen=True, slots=True, eq=False)

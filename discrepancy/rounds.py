@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from discrepancy.causes.base import Cause, Setting
+from discrepancy.causes.base import Cause, Setting, is_at_bound, is_trifle
 from discrepancy.least_squares import Fit, descend
 from discrepancy.refining import refined
 from discrepancy.screening import Candidate, refit
@@ -17,6 +18,8 @@ Fits = list[tuple[Cause, Fit]]  # of one round, the lowest first
 
 # The work of a choice in passes of the kernel, of 0.1 to 0.2 us each (discrepancy.model.Tally).
 MOST_WORK: Final = 8.0e7
+WHOLE_WORK: Final = 1.5e8  # of all rounds together, whatever each is given: after it no fit is led further
+CLOSING_WORK: Final = 3.0e7  # beside it, of telling needless causes and rivals of what was found
 CLOSER_WORK: Final = 2.5e7  # of following the lowest further, in each round
 _CAUSE_WORK: Final = 1.5e7  # of one cause, from which on no other start of it is tried
 _HARD_WORK: Final = 3.5e7  # that hard causes have to themselves, where the ordinary ones took all
@@ -86,11 +89,17 @@ def refits(best: Fit, candidates: list[Candidate], setting: Setting, most: int, 
             continue
         if early > 0 and not is_settled(best, fit) and excess(fit) < NEARLY_ALL * excess(best):
             # it is likely the one: if it leaves noise alone, the others need no fit
-            fit, early = refined(fit), early - 1
+            fit, early = _refined(fit), early - 1
         fits.append((one.cause, fit))
         if fit.cost < lowest:
             lowest, explained, promise = fit.cost, is_settled(best, fit), one.promise
     return sorted(fits, key=lambda pair: pair[1].cost)
+
+
+def is_possible(cause: Cause, fit: Fit, setting: Setting) -> bool:
+    """Whether all parameters of a cause are the data's and not a bound's, and its strength is no trifle."""
+    found = [(unknown, fit.values[unknown.name]) for unknown in cause.unknowns(setting)]
+    return not any(is_at_bound(cause, unknown, value) or is_trifle(cause, unknown, value) for unknown, value in found)
 
 
 def is_promising(candidate: Candidate, best: Fit) -> bool:
@@ -124,10 +133,19 @@ def _followed(best: Fit, fit: Fit, last: float) -> Fit:
     for _ in range(_REFINEMENTS):
         if is_settled(best, fit) or best.model.tally.work > last:
             break
-        further = refined(fit)
+        if fit.cost > _LOWER * fit.refined_to:
+            # it would lead to the same place again
+            break
+        further = _refined(fit)
         if further.cost > _LOWER * fit.cost:
             break
         is_slight, fit = further.cost > _MUCH_LOWER * fit.cost, further
         if is_slight:
             break
     return fit
+
+
+def _refined(fit: Fit) -> Fit:
+    """Return the fit refined; with the cost that it came to where that is hardly lower."""
+    further = refined(fit)
+    return replace(further, refined_to=further.cost) if further.cost > _MUCH_LOWER * fit.cost else further

@@ -119,6 +119,12 @@ def extended_model(model: Model, cause: Cause, setting: Setting) -> Model:
     return model.with_causes((cause.name,), cause.unknowns(setting), cause.full(cause.held(setting)))
 
 
+def held_of(fit: Fit, causes: Iterable[Cause]) -> dict[str, float]:
+    """Return the parameters of these causes that a fit holds, as it holds them."""
+    own = tuple(cause.own("") for cause in causes)
+    return {name: value for name, value in fit.model.held.items() if name.startswith(own)}
+
+
 def _point(fit: Fit, model: Model, cause: Cause, start: Values) -> FloatArray:
     values = dict(fit.values)
     for name, value in start.items():
@@ -158,7 +164,7 @@ def refit(fit: Fit, candidate: Candidate, setting: Setting, bar: float = math.in
         best = from_wide_limit(fit, model, setting)
         if best is not None and is_noise(best):
             return descend(on(whole, best), most_steps=_STEPS[-1])
-    for point in _promising(fit, model, candidate):
+    for point in _promising(fit, model, candidate, last):
         if best is not None and model.tally.work > last:
             break
         tried = start_fit(model, point)
@@ -218,13 +224,20 @@ def _from_balance(start: Fit) -> Fit | None:
     return descend(tried, most_steps=_STEPS[-1])
 
 
-def _promising(fit: Fit, model: Model, candidate: Candidate) -> list[FloatArray]:
-    """Return the points to fit from; of a grid those that lead furthest in a few steps on blurred residuals."""
+def _promising(fit: Fit, model: Model, candidate: Candidate, last: float) -> list[FloatArray]:
+    """Return the points to fit from; of a grid those that lead furthest in a few steps on blurred residuals.
+
+    Of a grid no point is tried after ``last`` work.
+    """
     points = [_point(fit, model, candidate.cause, start) for start in candidate.starts]
     if not candidate.cause.is_hard:
         return points
-    short = [descend(start_fit(model, point), most_steps=_GRID_STEPS, span_s=0.1, held=DYNAMIC) for point in points]
-    followed = [one for one in short if one.is_followed]
+    followed: list[Fit] = []
+    for point in points:
+        if followed and model.tally.work > last:
+            break
+        short = descend(start_fit(model, point), most_steps=_GRID_STEPS, span_s=0.1, held=DYNAMIC)
+        followed += [short] if short.is_followed else []
     followed.sort(key=lambda one: one.cost)
     return [one.point for one in followed[:_GRID_ENDS]]
 

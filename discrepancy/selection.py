@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
-from discrepancy.causes.base import Cause, Setting, is_at_bound, is_trifle
+from discrepancy.causes.base import Cause
+from discrepancy.choice import Choice, Way
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.refining import refined
 from discrepancy.rounds import (
     CLOSER_WORK,
+    CLOSING_WORK,
     MOST_WORK,
     NEARLY_ALL,
+    WHOLE_WORK,
     Fits,
     closer,
+    is_possible,
     is_promising,
     polished,
     refits,
     share_of_work,
 )
-from discrepancy.screening import extended_model, glance, refit, screen
+from discrepancy.screening import extended_model, glance, held_of, refit, screen
 from discrepancy.setting import setting_of
 from discrepancy.significance import (
     DONE_MISFIT,
@@ -56,40 +61,40 @@ _WORTH_KIN: Final = 2.0  # misfit of several causes, below which kin may make th
 _WORTH: Final = 12.0  # gain of a short fit, from which on a long one is made
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Choice:
-    """What was chosen: the fits from the baseline on, the last with all ``causes``, and the first one's near rivals."""
-
-    baseline: Fit
-    best: Fit
-    causes: tuple[Cause, ...]
-    rivals: tuple[str, ...]
-    rival_fits: tuple[Fit, ...]
-    tried: tuple[tuple[str, float], ...]
-
-
 def choose(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str], None]) -> Choice:
     """Return the causes that explain the misfit of the baseline, none where noise does.
 
     First by short fits; only where those leave more than noise are the lowest followed further, for of two causes
-    neither comes to its place without the other.
+    neither comes to its place without the other. All of it takes a bounded work, the same on every machine.
     """
+    tally, share = baseline.model.tally, share_of_work(baseline)
+    tally.most = tally.work + share * WHOLE_WORK
+    try:
+        return _chosen(baseline, causes, tell, share)
+    finally:
+        tally.most = math.inf
+
+
+def _chosen(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str], None], share: float) -> Choice:
+    tally = baseline.model.tally
     if misfit(baseline) < LARGE_MISFIT and not is_noise(baseline):
         # a small misfit may be the fit's own: a cause that only helps it down is none
         baseline = refined(baseline)
-    last = baseline.model.tally.work + share_of_work(baseline) * MOST_WORK
-    search = _Search(list(causes), _Way(baseline), last, tell)
+    last = tally.work + share * MOST_WORK
+    search = _Search(list(causes), Way(baseline), last, tell)
     way = search.followed(is_closer=False)
     if not (way.is_done or is_noise(way.best)):
         other = search.followed(is_closer=True)
         way = other if other.is_done or other.best.cost < way.best.cost else way
+    is_cut = search.is_cut
+    tally.most = max(tally.work, tally.most) + share * CLOSING_WORK
     best, chosen = _pruned(baseline, way.best, list(way.chosen))
     if len(chosen) == len(way.chosen) and (len(chosen) == 1 or misfit(best) < _WORTH_KIN):
         best, chosen, way = _beside_kin(baseline, best, chosen, way, search)
     tried = tuple((cause.name, gain(baseline, fit)) for cause, fit in search.tried)
     if not chosen:
         # what looked like a cause only showed the baseline a better place
-        return Choice(best, best, (), (), (), tried)
+        return Choice(best, best, (), (), (), tried, is_cut)
     rivals = _near(best, chosen, way) if len(way.chosen) == len(chosen) else _near(best, chosen, way, baseline)
     return Choice(
         baseline,
@@ -99,12 +104,13 @@ def choose(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str], 
         tuple(cause.name for cause, _ in rivals),
         tuple(fit for _, fit in rivals),
         tried,
+        is_cut,
     )
 
 
 def _beside_kin(
-    baseline: Fit, best: Fit, chosen: list[Cause], way: _Way, search: _Search
-) -> tuple[Fit, list[Cause], _Way]:
+    baseline: Fit, best: Fit, chosen: list[Cause], way: Way, search: _Search
+) -> tuple[Fit, list[Cause], Way]:
     """Return the lowest fit with each cause or one of its kin in its place, and what does as well as its rivals.
 
     Far from the valve's own values the balance of forces promises little of a cause, and it may not have been tried;
@@ -122,7 +128,7 @@ def _beside_kin(
         fits: Fits = [(cause, best)]
         for candidate in screen(start, kin, setting):
             fit = refit(start, candidate, setting)
-            if fit.is_followed and _is_possible(candidate.cause, fit, setting) and is_significant(baseline, fit):
+            if fit.is_followed and is_possible(candidate.cause, fit, setting) and is_significant(baseline, fit):
                 fits.append((candidate.cause, fit))
         fits.sort(key=lambda pair: pair[1].cost)
         (lowest, fit), near = fits[0], [pair for pair in fits[1:] if _is_near(pair[1], fits[0][1])]
@@ -136,7 +142,7 @@ def _beside_kin(
     return best, chosen, way
 
 
-def _near(best: Fit, chosen: list[Cause], way: _Way, pruned_from: Fit | None = None) -> Fits:
+def _near(best: Fit, chosen: list[Cause], way: Way, pruned_from: Fit | None = None) -> Fits:
     """Return what explains as well as the last chosen cause, the others being in the valve too.
 
     Where causes were dropped since, from ``pruned_from`` on, each rival has to do without them as well.
@@ -162,42 +168,34 @@ def _with_causes(baseline: Fit, fit: Fit, causes: list[Cause], most_steps: int =
     model, setting = baseline.model, setting_of(fit)
     for cause in causes:
         model = extended_model(model, cause, setting)
-    model = replace(model, held={**model.held, **_held(fit, causes)})
+    model = replace(model, held={**model.held, **held_of(fit, causes)})
     return descend(start_fit(model, model.unknowns.point(fit.values)), most_steps=most_steps)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Way:
-    """How far a forward choice has come: its last fit, what is in it, the last one's rivals, and whether it ends.
-
-    ``fitted`` names what was fitted in the last one's place.
-    """
-
-    best: Fit
-    chosen: tuple[Cause, ...] = ()
-    rivals: tuple[tuple[Cause, Fit], ...] = ()
-    is_done: bool = False
-    fitted: frozenset[str] = frozenset()
 
 
 class _Search:
     """The forward choices from one baseline: what each round tried is kept for the next that comes by."""
 
-    def __init__(self, known: list[Cause], begun: _Way, last: float, tell: Callable[[float, str], None]) -> None:
+    def __init__(self, known: list[Cause], begun: Way, last: float, tell: Callable[[float, str], None]) -> None:
         self.known, self._begun, self._last, self._tell = known, begun, last, tell
         self._to_give = share_of_work(begun.best) * _FURTHER_IN_ALL
         self._rounds: list[tuple[Fit, Fits]] = []
-        self._exchanges: dict[tuple[str, str], _Way | None] = {}
+        self._exchanges: dict[tuple[str, str], Way | None] = {}
 
     @property
     def tried(self) -> Fits:
         """The fits of the first round."""
         return self._rounds[0][1] if self._rounds else []
 
-    def followed(self, *, is_closer: bool) -> _Way:
+    @property
+    def is_cut(self) -> bool:
+        """Whether what was to be tried yet had no work left."""
+        tally = self._begun.best.model.tally
+        return tally.is_spent or tally.work > self._last
+
+    def followed(self, *, is_closer: bool) -> Way:
         """Return where a forward choice ends; ``is_closer``: each round's lowest fits are followed further first."""
         way, tally = self._begun, self._begun.best.model.tally
-        while len(way.chosen) < MOST_CAUSES and not way.is_done:
+        while len(way.chosen) < MOST_CAUSES and not (way.is_done or tally.is_spent):
             number = len(way.chosen)
             if number and excess(way.best) < NEARLY_ALL * excess(self._begun.best):
                 self._give_work()
@@ -208,7 +206,7 @@ class _Search:
             if is_closer:
                 # what ends at a bound is no name, and must not keep the others from being followed
                 setting = setting_of(way.best)
-                fits = sorted(fits, key=lambda pair: not _is_possible(pair[0], pair[1], setting))
+                fits = sorted(fits, key=lambda pair: not is_possible(pair[0], pair[1], setting))
                 until = tally.work + share_of_work(way.best) * CLOSER_WORK
                 fits = closer(way.best, fits, min(until, self._last) if number else until)
             further = _taken(way, fits)
@@ -219,12 +217,12 @@ class _Search:
                 way = self._exchanged(way)
         return way
 
-    def _exchanged(self, way: _Way) -> _Way:
+    def _exchanged(self, way: Way) -> Way:
         """Return the way with the first of two causes exchanged where that leads lower: it stood for its partner."""
         first, second = way.chosen
         without = [fit for cause, fit in self.tried if cause is second]
         without.append(_with_causes(self._begun.best, way.best, [second]))
-        alone = _Way(min(without, key=lambda fit: fit.cost), (second,))
+        alone = Way(min(without, key=lambda fit: fit.cost), (second,))
         if not alone.best.is_followed:
             return way
         if (first.name, second.name) not in self._exchanges:
@@ -244,7 +242,7 @@ class _Search:
         """Whether the first round has a cause that leaves next to nothing: it is followed whatever was spent."""
         return bool(self.tried) and excess(self.tried[0][1]) < NEARLY_ALL * excess(best)
 
-    def _round(self, way: _Way) -> Fits:
+    def _round(self, way: Way) -> Fits:
         for at, kept in self._rounds:
             if at is way.best:
                 return kept
@@ -261,10 +259,10 @@ class _Search:
         return fits
 
 
-def _taken(way: _Way, fits: Fits) -> _Way | None:
+def _taken(way: Way, fits: Fits) -> Way | None:
     """Return the way with the lowest of these fits that is possible; None where none is worth it."""
     best, setting = way.best, setting_of(way.best)
-    found = [(cause, fit) for cause, fit in fits if _is_possible(cause, fit, setting)]
+    found = [(cause, fit) for cause, fit in fits if is_possible(cause, fit, setting)]
     if not found or not is_significant(best, found[0][1]):
         return None
     cause, fit = found[0]
@@ -272,12 +270,7 @@ def _taken(way: _Way, fits: Fits) -> _Way | None:
         return None
     near = NEAR * noise_factor(fit)
     rivals = [pair for pair in found[1:] if pair[1].cost - fit.cost < near and is_significant(best, pair[1])]
-    return _Way(fit, (*way.chosen, cause), tuple(rivals), is_settled(best, fit), frozenset(one.name for one, _ in fits))
-
-
-def _is_possible(cause: Cause, fit: Fit, setting: Setting) -> bool:
-    found = [(unknown, fit.values[unknown.name]) for unknown in cause.unknowns(setting)]
-    return not any(is_at_bound(cause, unknown, value) or is_trifle(cause, unknown, value) for unknown, value in found)
+    return Way(fit, (*way.chosen, cause), tuple(rivals), is_settled(best, fit), frozenset(one.name for one, _ in fits))
 
 
 def _pruned(baseline: Fit, best: Fit, chosen: list[Cause]) -> tuple[Fit, list[Cause]]:
@@ -292,9 +285,3 @@ def _pruned(baseline: Fit, best: Fit, chosen: list[Cause]) -> tuple[Fit, list[Ca
             if not is_significant(fit, best):
                 best, chosen = fit, others
     return best, chosen
-
-
-def _held(fit: Fit, causes: list[Cause]) -> dict[str, float]:
-    """Parameters of these causes that a fit holds, as it holds them."""
-    own = tuple(cause.own("") for cause in causes)
-    return {name: value for name, value in fit.model.held.items() if name.startswith(own)}

@@ -22,11 +22,14 @@ def walked(
     """Return the lowest fit on a walk of which ``step`` makes each fit from the one before it.
 
     A step is worth another where it comes below the share ``worth`` of the lowest cost. The walk ends after two that
-    are not, where a step gives no motion, at ``most_steps``, and at ``enough`` times the cost of noise.
+    are not, where a step gives no motion, at ``most_steps``, and at ``enough`` times the cost of noise; and where the
+    work of a diagnosis is done.
     """
     best, here, misses = fit, fit, 0
     for number in count():
-        if misses == _MISSES or number == most_steps or best.cost < enough * fit.model.observed.count:
+        if misses == _MISSES or number == most_steps or fit.model.tally.is_spent:
+            break
+        if best.cost < enough * fit.model.observed.count:
             break
         following = step(here)
         if following is None or not following.is_followed:

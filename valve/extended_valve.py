@@ -12,7 +12,9 @@ at rest up to S_s, below DV S_s, above C_s + (S_s - C_s) exp(-(v/v_s)^2) + F_v (
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields
+from operator import attrgetter
 from typing import Any, Final
 
 import numpy as np
@@ -194,7 +196,7 @@ class SensorPath:
 
 
 # Which slot of the kernel each field fills, in the field order of its class.
-_PLACES: Final[dict[type, tuple[str, ...]]] = {
+_SLOTS: Final[dict[type, tuple[str, ...]]] = {
     SpringSlots: ("hardening", "knee", "knee_rate", "flow", "flow_decay"),
     AreaSlots: ("area_slope", "area_reference"),
     FrictionSlots: (
@@ -206,6 +208,7 @@ _PLACES: Final[dict[type, tuple[str, ...]]] = {
     SensorPath: ("position_gain", "gain_reference", "bow", "bow_low", "bow_span", "position_lag", "play"),
 }  # fmt: skip
 _PLACE: Final = {name: place for place, name in enumerate(SLOTS)}
+_PLACES: Final = {kind: tuple(_PLACE[name] for name in names) for kind, names in _SLOTS.items()}
 _NEUTRAL: Final = tuple(SLOTS.values())
 
 
@@ -224,18 +227,20 @@ class ExtendedValve:
 
     def __post_init__(self) -> None:
         for part in (self.spring, self.area, self.friction, self.vibration, self.sensor):
-            for name, value in _numbers(part):
-                require_finite(name, value)
+            values = _VALUES[type(part)](part)
+            if not all(map(math.isfinite, values)):
+                for name, value in zip(_NUMBERS[type(part)], values, strict=True):
+                    require_finite(name, value)
 
     def vector(self) -> FloatArray:
         """All slots but the input path's in the order of ``valve.kernel.slots.SLOTS``, as the kernel takes them."""
-        q = np.array(_NEUTRAL)
+        # a fit makes thousands of valves: a list is filled several times as fast as an array
+        q = list(_NEUTRAL)
         for symbol, entry in PARAMETER_SYMBOLS.items():
             q[_PLACE[symbol]] = getattr(self.parameters, entry.field)
         for part in (self.spring, self.area, self.friction, self.stops, self.sensor):
-            places = _PLACES[type(part)]
-            for place, (_name, value) in zip(places, _numbers(part), strict=True):
-                q[_PLACE[place]] = value
+            for place, value in zip(_PLACES[type(part)], _VALUES[type(part)](part), strict=True):
+                q[place] = value
         q[_PLACE["vibration"]] = self.vibration.force_n
         q[_PLACE["vibration_rate"]] = 2.0 * math.pi * self.vibration.frequency_hz
         q[_PLACE["vibration_phase"]] = self.vibration.phase_rad
@@ -243,7 +248,7 @@ class ExtendedValve:
             if curve is not None:
                 first = _PLACE[f"{name}_points"]
                 q[first : first + 3] = (len(curve.values), curve.start_m, curve.end_m)
-        return q
+        return np.array(q)
 
     def curves(self) -> FloatArray:
         """Values of the three curves over travel, shape (3, longest); a curve that is not there is empty."""
@@ -260,12 +265,11 @@ class ExtendedValve:
 _CURVE_ROWS: Final = (SPRING_CURVE, AREA_CURVE, FRICTION_CURVE)
 
 
-def _numbers(part: Any) -> list[tuple[str, float]]:
-    """Fields of a group of slots that are numbers, in their order."""
-    return [(name, getattr(part, name)) for name in _NUMBERS[type(part)]]
-
-
+# Fields of a group of slots that are numbers, in their order, and what reads all of them.
 _NUMBERS: Final[dict[type, tuple[str, ...]]] = {
     kind: tuple(entry.name for entry in fields(kind) if not entry.name.startswith("curve"))
     for kind in (SpringSlots, AreaSlots, FrictionSlots, StopSlots, Vibration, SensorPath)
+}
+_VALUES: Final[dict[type, Callable[[Any], tuple[float, ...]]]] = {
+    kind: attrgetter(*names) for kind, names in _NUMBERS.items()
 }

@@ -6,16 +6,21 @@ import math
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
-from discrepancy import rounds
-from discrepancy.baseline import fit_baseline
+from discrepancy import rounds, selection
+from discrepancy.baseline import STATIC_SCAN, fit_baseline, scanned
 from discrepancy.causes.channels import READING_LAG
-from discrepancy.least_squares import Fit
+from discrepancy.choice import Choice
+from discrepancy.diagnose import unexplained_message
+from discrepancy.least_squares import Fit, descend, start_fit
+from discrepancy.model import Tally
 from discrepancy.observed import Observed, observe
 from discrepancy.registry import CAUSES
 from discrepancy.screening import Candidate, distinct
 from discrepancy.setting import setting_of
+from discrepancy.walking import walked
 from tests.discrepancy.hidden import hidden
 
 
@@ -65,3 +70,49 @@ def test_starts_of_other_unknowns_are_not_alike() -> None:
     first, more, near = {"force_n": 10.0}, {"force_n": 10.0, "F_c": 40.0}, {"force_n": 10.01}
     assert distinct([first, more, near]) == [first, more]
     assert distinct([more, first]) == [more, first]
+
+
+def test_no_fit_is_led_further_once_all_work_is_done(plain: Fit) -> None:
+    tally = Tally()
+    start = start_fit(replace(plain.model, tally=tally), plain.point + 10.0 * plain.model.unknowns.steps)
+    assert descend(start, most_steps=1).cost < start.cost
+    tally.most = tally.work
+    assert descend(start, most_steps=1).cost == start.cost
+    assert scanned(start, "d", STATIC_SCAN) is start
+    assert walked(start, lambda _here: pytest.fail("a step was taken")) is start
+
+
+def test_a_search_ends_where_its_work_is_done_and_says_so(plain: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(selection, "WHOLE_WORK", 1.0)
+    tally = Tally()
+    # what no cause explains: every other block lies 20 noises off
+    residual = plain.residual + 20.0 * (-1.0) ** np.arange(plain.residual.size)
+    odd = replace(plain, model=replace(plain.model, tally=tally), residual=residual, cost=float(residual @ residual))
+    choice = selection.choose(odd, [CAUSES["friction_gradient"]], lambda _share, _phase: None)
+    assert choice.is_cut
+    assert choice.causes == ()
+    assert tally.most == math.inf
+    assert "ended early" in unexplained_message(choice)
+    whole = Choice(odd, odd, (), (), (), ())
+    assert "ended early" not in unexplained_message(whole)
+
+
+def test_what_a_search_for_other_places_led_hardly_lower_is_not_searched_again(
+    plain: Fit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    searched: list[float] = []
+
+    def slightly_lower(fit: Fit) -> Fit:
+        searched.append(fit.cost)
+        return replace(fit, cost=0.99 * fit.cost)
+
+    monkeypatch.setattr(rounds, "refined", slightly_lower)
+    far = replace(plain, cost=100.0 * plain.cost, residual=10.0 * plain.residual)
+    once = rounds.closer(far, [(READING_LAG, far)], math.inf)
+    assert len(searched) == 1
+    twice = rounds.closer(far, once, math.inf)
+    assert len(searched) == 1
+    assert twice[0][1].cost == once[0][1].cost
+    # a fit that came lower since is worth another search
+    rounds.closer(far, [(READING_LAG, replace(once[0][1], cost=0.5 * far.cost))], math.inf)
+    assert len(searched) == 2
