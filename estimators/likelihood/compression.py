@@ -8,7 +8,8 @@ from typing import Final
 import numpy as np
 
 from estimators.likelihood.block_kernel import straight_blocks
-from estimators.likelihood.model import Restarts, StemModel
+from estimators.likelihood.model import StemModel
+from estimators.likelihood.places import Restarts
 from estimators.samples import BoolArray, FloatArray, IntArray
 
 # Own choices: what joining two lines may add to the squares (2 in the mean), and the longest block as a share of all.

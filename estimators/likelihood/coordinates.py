@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimators.samples import BoolArray, FloatArray, IntArray
+from estimators.samples import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,11 +92,6 @@ class Coordinates:
         value = point * self.unit
         value[self.logarithmic] = np.exp(point[self.logarithmic])
         return dict(zip(self.names, value.tolist(), strict=True))
-
-    def values_at(self, point: FloatArray, numbers: IntArray) -> FloatArray:
-        """Return the values of some of the unknowns, by their numbers, at this point, shape (p,)."""
-        own = point[numbers]
-        return np.where(self.logarithmic[numbers], np.exp(own), own * self.unit[numbers])
 
     def point(self, values: dict[str, float]) -> FloatArray:
         """Return the point, shape (p,), of values by name."""

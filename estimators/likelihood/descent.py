@@ -57,7 +57,7 @@ def descend(
         return Descent(point, float("inf"), simulations, False)
     residual = model.left_by(here)
     cost = float(residual @ residual) + model.prior_cost(point)
-    damping, growth = 1.0e-3, 2.0
+    damping, growth, known = 1.0e-3, 2.0, np.diag(weight)
     differences = np.full(point.size, difference)
     for _ in range(most_steps):
         if simulations > most_simulations:
@@ -66,7 +66,7 @@ def descend(
         simulations += (1 if one_sided else 2) * len(moving)
         if slopes is None:
             break
-        normal = slopes @ slopes.T + np.diag(weight)
+        normal = slopes @ slopes.T + known
         pull = slopes @ residual - weight * (point - prior)
         accepted = False
         while damping < _MOST_DAMPING and simulations <= most_simulations:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Final, Protocol
 
 import numpy as np
 
 from estimators.likelihood.coordinates import Coordinates
-from estimators.likelihood.shooting_kernel import shoot_each
+from estimators.likelihood.places import Places, Restarts, placed
+from estimators.likelihood.shooting_kernel import differences, shoot_each
 from estimators.samples import BoolArray, FloatArray, IntArray
 from valve.kernel.sampling import even_period
 
@@ -17,8 +19,6 @@ NO_NOISE: Final = 1.0e-9  # of a position that is computed and not measured, as 
 STEP: Final = 1.0e-6  # of differences, in the coordinates
 # Ranges of the position per unit of a coordinate: a difference beyond this straddles a slip more or less.
 _LARGEST_SLOPE: Final = 3.0e3
-_ONE_INSTANT_S: Final = 1.0e-9  # a block of no more is one row
-_AT_ONCE: Final = 20_000  # positions: more would not stay in a core's cache
 
 
 Corners = tuple[FloatArray, FloatArray]
@@ -30,34 +30,6 @@ class ForcePath(Protocol):
     def corners(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Times, s, and forces, N, of the corners."""
         ...
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Restarts:
-    """Where the simulated stem begins anew for a first fit: part j at ``row[j]``, at rest at ``position_m[j]``."""
-
-    row: IntArray
-    position_m: FloatArray
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Places:
-    """Where a simulation's numbers stand among the unknowns, -1 for none, as ``shoot_each`` takes them.
-
-    Part j begins at output ``first_out[j]``, ``first_s[j]``, at the unknown ``start[j]`` or, begun anew at a measured
-    rest, at ``rest_m[j]``. Outputs are at ``out_s``: a block's at both ``sides``, (2, n), a single row's once.
-    """
-
-    valve: IntArray  # of m, k, F_v, F_c, F_s/F_c - 1, DV, F_0 and both stops
-    inputs: IntArray
-    is_input: BoolArray
-    start: IntArray
-    speed: IntArray
-    rest_m: FloatArray
-    out_s: FloatArray
-    sides: IntArray
-    first_out: IntArray
-    first_s: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,53 +60,32 @@ class StemModel:
     events: int = 0  # changes of mode that the measured motion has, about: what a simulation costs
     block_s: FloatArray | None = None
     even_step: float = field(init=False)
-    _places: _Places = field(init=False)
+    _places: Places = field(init=False)
     _input_shares: tuple[str, ...] = field(init=False)
     _corners: dict[tuple[float, ...], Corners] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         shares = tuple(f"input_{number}" for number in range(1, len(self.deviations) + 1))
         object.__setattr__(self, "_input_shares", shares)
-        object.__setattr__(self, "_places", self._placed())
-        object.__setattr__(self, "even_step", float(even_period(self._places.out_s)))
-
-    def _placed(self) -> _Places:
-        names = self.coordinates.names
-        place = {name: number for number, name in enumerate(names)}
-        rows, sections = self.section_row, range(self.section_row.size)
-        start = [place.get(f"x_{number}", -1) for number in sections]
-        speed = [place.get(f"v_{number}", -1) for number in sections]
-        rest_m = np.zeros(len(sections))
-        if self.restarts is not None:
-            others = self.restarts.row.size
-            rows, rest_m = np.append(rows, self.restarts.row), np.append(rest_m, self.restarts.position_m)
-            start, speed = start + [-1] * others, speed + [-1] * others
-        order = np.argsort(rows, kind="stable")
-        out_s, sides = self.time_s, np.empty((2, 0), dtype=np.int64)
-        if self.block_s is not None:
-            has_two = self.block_s > _ONE_INSTANT_S
-            last = np.cumsum(1 + has_two) - 1
-            sides = np.stack([last - has_two, last])
-            out_s = np.empty(int(last[-1]) + 1)
-            out_s[sides[0]], out_s[sides[1]] = self.time_s - self.block_s, self.time_s + self.block_s
-        inputs = np.array([place[name] for name in (*self.input_names, *self._input_shares)], dtype=np.int64)
-        first = rows[order]
-        return _Places(
-            valve=np.array([place.get(name, -1) for name in ("m", "k", "F_v", "F_c", "d", "DV", "F_0", "low", "high")]),
-            inputs=inputs,
-            is_input=np.isin(np.arange(len(names)), inputs),
-            start=np.array(start)[order],
-            speed=np.array(speed)[order],
-            rest_m=rest_m[order],
-            out_s=out_s,
-            sides=sides,
-            first_out=first if self.block_s is None else sides[0][np.minimum(first, self.time_s.size - 1)],
-            first_s=self.time_s[first],
+        taken = (*self.input_names, *shares)
+        places = placed(
+            self.coordinates.names,
+            taken,
+            self.section_row,
+            self.restarts,
+            time_s=self.time_s,
+            block_s=self.block_s,
         )
+        object.__setattr__(self, "_places", places)
+        object.__setattr__(self, "even_step", float(even_period(self._places.out_s)))
 
     def corners(self, values: dict[str, float]) -> Corners:
         """Corners of the force for these values: times, s, and forces, N."""
         return self._corners_for(tuple(values[name] for name in (*self.input_names, *self._input_shares)))
+
+    def _corners_at(self, point: FloatArray) -> Corners:
+        entries = self.coordinates.entries
+        return self._corners_for(tuple(entries[i].value(float(point[i])) for i in self._places.inputs))
 
     def _corners_for(self, inputs: tuple[float, ...]) -> Corners:
         """Corners for the values of ``input_names``, and of the shares of the deviations after them."""
@@ -167,7 +118,6 @@ class StemModel:
         The force is that of the first row; what cannot be followed is False in the second array, shape (b,).
         """
         own, places = self.coordinates, self._places
-        inputs = tuple(own.values_at(points[0], places.inputs).tolist()) if places.inputs.size > 0 else ()
         position_m = np.empty((points.shape[0], self.time_s.size))
         followed = np.empty(points.shape[0], dtype=np.bool_)
         shoot_each(
@@ -178,7 +128,7 @@ class StemModel:
             places.start,
             places.speed,
             places.rest_m,
-            *self._corners_for(inputs),
+            *self._corners_at(points[0]),
             places.out_s,
             self.even_step,
             places.first_out,
@@ -233,52 +183,65 @@ class StemModel:
         here = self.simulate(point) if here is None else here
         if here is None:
             return None
-        lower, upper = self.coordinates.lower, self.coordinates.upper
         sizes = np.full(point.size, STEP) if steps is None else steps
         asked = np.arange(point.size) if free is None else np.array(free, dtype=np.int64)
-        forward = asked[point[asked] + sizes[asked] <= upper[asked]]
-        backward = asked[point[asked] - sizes[asked] >= lower[asked]]
-        rising, has_above = self._beside(point, here, forward, sizes)
-        if one_sided:
-            known = np.zeros(point.size, dtype=np.bool_)
-            known[forward[has_above]] = True
-            backward = backward[~known[backward]]
-        falling, has_below = self._beside(point, here, backward, -sizes)
+        is_input = self._places.is_input[asked]
+        lower, upper = self.coordinates.lower, self.coordinates.upper
         slopes: FloatArray = np.zeros((point.size, self.time_s.size))
-        sides = np.zeros(point.size, dtype=np.int64)
-        for numbers, side, has in ((forward, rising, has_above), (backward, falling, has_below)):
-            slopes[numbers[has]] += side[has]
-            sides[numbers[has]] += 1
-        slopes[sides == 2] *= 0.5
-        largest = _LARGEST_SLOPE * self.range_m
-        steep = np.maximum(slopes.max(axis=1), -slopes.min(axis=1)) > largest
-        for number in np.flatnonzero(steep & (sides == 2)):
-            both = rising[forward == number][0], falling[backward == number][0]
-            slopes[number] = min(both, key=lambda one: float(np.abs(one).max()))
-            steep[number] = float(np.abs(slopes[number]).max()) > largest
-        slopes[steep] = 0.0
-        slopes *= self.weight
+        differ = partial(self._differ, point=point, sizes=sizes, here=here, slopes=slopes)
+        differ(asked[~is_input], (point, point), (lower, upper), one_sided=one_sided)
+        # an unknown of the force changes its corners
+        for number in asked[is_input]:
+            above, below = point.copy(), point.copy()
+            above[number] += sizes[number]
+            below[number] -= sizes[number]
+            alone = np.array([number])
+            if not one_sided:
+                differ(alone, (above, below), (lower, upper), one_sided=False)
+            elif not differ(alone, (above, above), (np.full(point.size, np.inf), upper), one_sided=False):
+                differ(alone, (below, below), (lower, np.full(point.size, -np.inf)), one_sided=False)
         if self.spread is not None:
             slopes -= (slopes @ self.spread) @ self.spread.T
         return slopes
 
-    def _beside(
-        self, point: FloatArray, here: FloatArray, numbers: IntArray, steps: FloatArray
-    ) -> tuple[FloatArray, BoolArray]:
-        """Slopes of the position, shape (b, n), with each of these unknowns a step off; where they can be followed."""
-        slopes, followed = np.empty((numbers.size, here.size)), np.empty(numbers.size, dtype=np.bool_)
-        if numbers.size == 0:
-            return slopes, followed
-        points = np.repeat(point[None, :], numbers.size, axis=0)
-        points[np.arange(numbers.size), numbers] += steps[numbers]
-        # an unknown of the force changes its corners: those are simulated one by one
-        alone = self._places.is_input[numbers]
-        most = max(1, _AT_ONCE // self._places.out_s.size)
-        together = np.flatnonzero(~alone)
-        groups = [together[i : i + most] for i in range(0, together.size, most)]
-        groups += [np.array([row]) for row in np.flatnonzero(alone)]
-        for rows in groups:
-            slopes[rows], followed[rows] = self.simulate_each(points[rows])
-        slopes -= here
-        slopes /= steps[numbers][:, None]
-        return slopes, followed
+    def _differ(
+        self,
+        numbers: IntArray,
+        sides: tuple[FloatArray, FloatArray],
+        bounds: tuple[FloatArray, FloatArray],
+        *,
+        point: FloatArray,
+        sizes: FloatArray,
+        here: FloatArray,
+        slopes: FloatArray,
+        one_sided: bool,
+    ) -> bool:
+        """Write the slopes to these unknowns, the force being that of the points ``sides``; whether all were found."""
+        own, places = self.coordinates, self._places
+        found: bool = differences(
+            point,
+            numbers,
+            sizes,
+            *bounds,
+            one_sided,
+            here,
+            self.weight,
+            _LARGEST_SLOPE * self.range_m,
+            own.logarithmic,
+            own.unit,
+            places.valve,
+            places.start,
+            places.speed,
+            places.rest_m,
+            *self._corners_at(sides[0]),
+            *self._corners_at(sides[1]),
+            places.out_s,
+            self.even_step,
+            places.first_out,
+            places.first_s,
+            places.sides[0],
+            places.sides[1],
+            self.most_events,
+            slopes,
+        )
+        return found

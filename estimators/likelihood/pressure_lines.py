@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -34,6 +34,11 @@ class MeasuredPath:
     delay: Nuisance
     noise_n: float
     breaks_s: FloatArray
+    _plain: Corners = field(init=False)
+
+    def __post_init__(self) -> None:
+        # they are asked for at each of some thousand simulations
+        object.__setattr__(self, "_plain", self._joined([stretch.corners() for stretch in self.stretches], 0.0))
 
     @property
     def nuisances(self) -> tuple[Nuisance, ...]:
@@ -42,7 +47,8 @@ class MeasuredPath:
 
     def corners(self, values: FloatArray) -> Corners:
         """Corner times, s, and force, N, shape (n,), for this delay."""
-        return self._joined([stretch.corners() for stretch in self.stretches], float(values[0]))
+        time_s, force_n = self._plain
+        return time_s + float(values[0]), force_n
 
     def variations(self, values: FloatArray) -> Iterator[Corners]:
         """Corners changed by one sigma along each independent direction of the fitted lines' errors.

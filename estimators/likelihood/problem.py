@@ -12,8 +12,9 @@ import numpy as np
 from estimators.likelihood.coordinates import Coordinate, Coordinates, linear, logarithmic
 from estimators.likelihood.input_path import CommandedPath, InputPath
 from estimators.likelihood.level_kernel import level_runs
-from estimators.likelihood.model import NO_NOISE, Restarts, StemModel
+from estimators.likelihood.model import NO_NOISE, StemModel
 from estimators.likelihood.nuisance import Nuisance
+from estimators.likelihood.places import Restarts
 from estimators.likelihood.row_timing import PositionDoubts, position_doubts, shared_by_rest, still_rows
 from estimators.likelihood.search import measured_rests
 from estimators.likelihood.start import Trial, first_guesses, resting_rows, trials

@@ -14,7 +14,8 @@ from estimators.likelihood.budget import Budget
 from estimators.likelihood.certificate import Certificate, certify
 from estimators.likelihood.compression import bent_rows, compressed, in_parts, without_outliers
 from estimators.likelihood.hopping import LAST_SHARE, Hopping, hopped, led_along_jumps, with_scanned_friction
-from estimators.likelihood.model import Restarts, StemModel
+from estimators.likelihood.model import StemModel
+from estimators.likelihood.places import Restarts
 from estimators.likelihood.pool import Place, chosen_trials, distinct, followed_from, halved, ranked
 from estimators.likelihood.start import Trial
 from estimators.motion.recorded_motion import RecordedMotion
@@ -65,7 +66,7 @@ class Found:
 def measured_rests(motion: RecordedMotion) -> Restarts:
     """Return where the measured stem surely rests between motions: its noise there is that of the sensor."""
     samples, stretches = motion.samples, motion.phases.stretches
-    row, position_m = [], []
+    rests: list[tuple[int, float]] = []
     between = [(before.last + 1, after.first - 1) for before, after in pairwise(stretches)]
     usual = float(np.median([last - first + 1 for first, last in between])) if between else 0.0
     for first, last in between:
@@ -76,9 +77,8 @@ def measured_rests(motion: RecordedMotion) -> Restarts:
         drift_m = abs(float(own_m[half:].mean() - own_m[:half].mean()))
         limit_m = _STILL_SIGMAS * samples.position_noise_m + 1.0e-9 * float(np.ptp(samples.position_m))
         if drift_m <= limit_m * math.sqrt(2.0 / half) and float(np.ptp(own_m)) <= 2.5 * limit_m:
-            row.append((first + last) // 2)
-            position_m.append(float(own_m.mean()))
-    return Restarts(np.array(row, dtype=np.int64), np.array(position_m, dtype=np.float64))
+            rests.append(((first + last) // 2, float(own_m.mean())))
+    return Restarts(np.array([row for row, _ in rests], dtype=np.int64), np.array([at_m for _, at_m in rests]))
 
 
 def search(

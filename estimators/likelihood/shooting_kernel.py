@@ -72,28 +72,87 @@ def shoot_each(
     ``start_place`` and ``speed_place`` those of each part's start; below 0 there is none, and a part starts at
     ``rest_x`` and at rest. A row's position is the mean of the outputs ``first_side`` and ``second_side``.
     """
-    parts, q = start_place.size, np.empty(9)
-    start_x, start_v, out_x = np.empty(parts), np.empty(parts), np.empty(out_time.size)
-    value = np.empty(points.shape[1])
+    out_x = np.empty(out_time.size)
     for i in range(points.shape[0]):
-        for j in range(value.size):
-            value[j] = math.exp(points[i, j]) if logarithmic[j] else points[i, j] * unit[j]
-        for j in range(9):
-            place = valve_place[j]
-            q[j] = value[place] if place >= 0 else (-math.inf if j == 7 else math.inf)
-        q[4] = q[3] * (1.0 + q[4])
-        for j in range(parts):
-            start_x[j] = value[start_place[j]] if start_place[j] >= 0 else rest_x[j]
-            start_v[j] = value[speed_place[j]] if speed_place[j] >= 0 else 0.0
-        status = shoot(
-            q, corner_time, corner_force, out_time, even_step, first_out, start_time, start_x, start_v, out_x,
-            most_events,
+        followed[i] = shoot_at(
+            points[i], logarithmic, unit, valve_place, start_place, speed_place, rest_x, corner_time, corner_force,
+            out_time, even_step, first_out, start_time, first_side, second_side, most_events, out_x, position[i],
         )  # fmt: skip
-        followed[i] = status == FOLLOWED and math.isfinite(out_x[out_x.size - 1])
-        own = position[i]
-        if first_side.size == 0:
+
+
+@kernel
+def shoot_at(
+    point, logarithmic, unit, valve_place, start_place, speed_place, rest_x, corner_time, corner_force, out_time,
+    even_step, first_out, start_time, first_side, second_side, most_events, out_x, position,
+):  # fmt: skip
+    """Shoot for one point as ``shoot_each`` does, with ``out_x`` to work in; return whether it could be followed."""
+    parts, q = start_place.size, np.empty(9)
+    start_x, start_v = np.empty(parts), np.empty(parts)
+    value = np.empty(point.size)
+    for j in range(value.size):
+        value[j] = math.exp(point[j]) if logarithmic[j] else point[j] * unit[j]
+    for j in range(9):
+        place = valve_place[j]
+        q[j] = value[place] if place >= 0 else (-math.inf if j == 7 else math.inf)
+    q[4] = q[3] * (1.0 + q[4])
+    for j in range(parts):
+        start_x[j] = value[start_place[j]] if start_place[j] >= 0 else rest_x[j]
+        start_v[j] = value[speed_place[j]] if speed_place[j] >= 0 else 0.0
+    has_sides = first_side.size > 0
+    status = shoot(
+        q, corner_time, corner_force, out_time, even_step, first_out, start_time, start_x, start_v,
+        out_x if has_sides else position, most_events,
+    )  # fmt: skip
+    if has_sides:
+        for n in range(position.size):
+            position[n] = 0.5 * (out_x[first_side[n]] + out_x[second_side[n]])
+    return status == FOLLOWED and math.isfinite(position[position.size - 1])
+
+
+@kernel
+def differences(
+    point, numbers, sizes, lower, upper, is_one_sided, here, weight, largest, logarithmic, unit, valve_place,
+    start_place, speed_place, rest_x, above_time, above_force, below_time, below_force, out_time, even_step, first_out,
+    start_time, first_side, second_side, most_events, slopes,
+):  # fmt: skip
+    """Write the derivatives of the weighted positions to some of the unknowns, by ``numbers``, to rows of ``slopes``.
+
+    By central differences of ``sizes``; one-sided where that is asked for, at a bound, and where the sides'
+    difference is above ``largest``: then the lesser of both, or none. The corners of the force may differ on both
+    sides. ``here`` is the position at ``point``. Return whether each of the unknowns has a side.
+    """
+    has_all = True
+    out_x, above, below = np.empty(out_time.size), np.empty(here.size), np.empty(here.size)
+    moved = point.copy()
+    for i in numbers:
+        own, h = slopes[i], sizes[i]
+        has_above = has_below = False
+        if point[i] + h <= upper[i]:
+            moved[i] = point[i] + h
+            has_above = shoot_at(
+                moved, logarithmic, unit, valve_place, start_place, speed_place, rest_x, above_time, above_force,
+                out_time, even_step, first_out, start_time, first_side, second_side, most_events, out_x, above,
+            )  # fmt: skip
+        if point[i] - h >= lower[i] and not (is_one_sided and has_above):
+            moved[i] = point[i] - h
+            has_below = shoot_at(
+                moved, logarithmic, unit, valve_place, start_place, speed_place, rest_x, below_time, below_force,
+                out_time, even_step, first_out, start_time, first_side, second_side, most_events, out_x, below,
+            )  # fmt: skip
+        moved[i] = point[i]
+        has_all &= has_above or has_below
+        steepest = of_above = of_below = 0.0
+        for n in range(own.size):
+            rise = (above[n] - here[n]) / h if has_above else 0.0
+            fall = (here[n] - below[n]) / h if has_below else 0.0
+            of_above, of_below = max(of_above, abs(rise)), max(of_below, abs(fall))
+            own[n] = 0.5 * (rise + fall) if has_above and has_below else rise + fall
+            steepest = max(steepest, abs(own[n]))
+        if steepest > largest and has_above and has_below:
+            # one of the sides slips once more or less
             for n in range(own.size):
-                own[n] = out_x[n]
-        else:
-            for n in range(own.size):
-                own[n] = 0.5 * (out_x[first_side[n]] + out_x[second_side[n]])
+                own[n] = ((above[n] - here[n]) if of_above <= of_below else (here[n] - below[n])) / h
+            steepest = min(of_above, of_below)
+        for n in range(own.size):
+            own[n] = 0.0 if steepest > largest else own[n] * weight[n]
+    return has_all

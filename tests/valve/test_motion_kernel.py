@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from valve.kernel.first_roots import slip_end
-from valve.kernel.response import impulse_response
-from valve.kernel.sampling import even_period, first_at_or_after, first_fall
+from valve.kernel.response import impulse_response, settling_time
+from valve.kernel.sampling import even_period, first_at_or_after, first_fall, sample_motion
 
 
 def decimal_response(tau: float, c: float, w2: float) -> tuple[float, float, float, float]:
@@ -45,6 +45,22 @@ def test_the_response_is_right_to_rounding_at_every_damping(w: float, ratio: flo
     sizes = (1.0, tau, tau**2 / 2.0, tau**3 / 6.0)
     for found, wanted, size in zip(impulse_response(tau, c, w * w), exact, sizes, strict=True):
         assert abs(found - wanted) <= 3.0e-14 * max(abs(wanted), 1.0e-2 * size)
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.1, 1.0, 1.0 + 1.0e-12, 2.0, 60.0])
+def test_uneven_samples_are_the_closed_form_before_and_after_its_transient_has_faded(ratio: float) -> None:
+    w, c = 30.0, 60.0 * ratio
+    x, v, a, push, offset = 0.01, 0.004, 0.3, 0.5, 2.0
+    r = push - w * w * v
+    settled = settling_time(c, w * w)
+    assert math.isinf(settled) if ratio == 0.0 else math.exp(-settled * w * max(2.0 * ratio, 1.0)) < 1.0e-20
+    rng = np.random.default_rng(3)
+    time_s = np.sort(offset + rng.uniform(0.0, 3.0 * min(settled, 100.0), 400))
+    found_x, found_v = np.full(400, math.nan), np.full(400, math.nan)
+    sample_motion(c, w * w, x, v, a, r, push, offset, 0, 400, time_s, 0.0, np.zeros((4, 128)), found_x, found_v)
+    exact = np.array([impulse_response(one, c, w * w) for one in time_s - offset])
+    assert found_x == pytest.approx(x + v * (time_s - offset) + a * exact[:, 2] + r * exact[:, 3], rel=1.0e-14)
+    assert found_v == pytest.approx(v + a * exact[:, 1] + r * exact[:, 2], rel=1.0e-13)
 
 
 @pytest.mark.parametrize("seed", range(40))

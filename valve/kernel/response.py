@@ -21,6 +21,7 @@ import numpy as np
 
 from valve.kernel.compiled import kernel
 
+SETTLED: Final = 50.0  # time constants: exp(-50) is 2e-22
 INVERSE_FACTORIAL: Final = np.array([1.0 / math.factorial(n) for n in range(24)])
 
 
@@ -74,3 +75,12 @@ def impulse_response(tau, c, w2):
         rate = decay - fast * value
     once = (first - value) / fast
     return rate, value, once, (second - once) / fast
+
+
+@kernel
+def settling_time(c, w2):
+    """Time after which S' and S are below rounding, 1e-20 of their largest: S1 is 1/w2 then; inf where they stay."""
+    half = 0.5 * c
+    gap = half * half - w2
+    rate = half if gap < 0.0 else w2 / (half + math.sqrt(gap))
+    return SETTLED / rate if rate > 0.0 else math.inf

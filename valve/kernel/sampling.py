@@ -9,7 +9,7 @@ import math
 from typing import Final
 
 from valve.kernel.compiled import kernel
-from valve.kernel.response import impulse_response
+from valve.kernel.response import impulse_response, settling_time
 
 BLOCK: Final = 128  # samples that share one closed-form anchor
 LONGEST_BLOCK_STEP_S: Final = 0.01  # keeps v tau in a block, and its rounding, below a travel
@@ -57,13 +57,39 @@ def sample_motion(c, w2, x, v, a, r, push, offset, i, end, out_time, even_step, 
                 part_v[n] = vb + ab * table[1, n] + rb * table[2, n]
             i += count
         return
-    for n in range(i, end):
+    settled = min(end, first_at_or_after(out_time, i, offset + settling_time(c, w2)))
+    for n in range(i, settled):
         tau, S, S1, S2 = out_time[n] - offset, 0.0, 0.0, 0.0
         if tau != 0.0:
             _rate, S, S1, S2 = impulse_response(tau, c, w2)
         out_x[n] = x + v * tau + a * S1 + r * S2
         if out_v.size > 0:
             out_v[n] = v + a * S + r * S1
+    if settled < end:
+        sample_settled(c, w2, x, v, a, r, offset, settled, end, out_time, out_x, out_v)
+
+
+@kernel
+def sample_settled(c, w2, x, v, a, r, offset, i, end, out_time, out_x, out_v):
+    """Write what ``sample_motion`` does, to the same rounding, where S' and S have faded."""
+    part_t, part_x, part_v = out_time[i:end], out_x[i:end], out_v[i:end]
+    half = 0.5 * c
+    gap = half * half - w2
+    if gap < 0.0:
+        S1 = 1.0 / w2
+        for n in range(part_x.size):
+            tau = part_t[n] - offset
+            part_x[n] = x + v * tau + a * S1 + r * ((tau - c * S1) / w2)
+    else:
+        fast = half + math.sqrt(gap)
+        slow = w2 / fast
+        first = 1.0 / slow
+        S1 = first / fast
+        for n in range(part_x.size):
+            tau = part_t[n] - offset
+            part_x[n] = x + v * tau + a * S1 + r * (((tau - first) / slow - S1) / fast)
+    for n in range(part_v.size):
+        part_v[n] = v + r * S1
 
 
 @kernel

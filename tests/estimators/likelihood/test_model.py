@@ -11,7 +11,8 @@ import pytest
 from estimators.base import Outcome
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.input_path import input_path
-from estimators.likelihood.model import STEP, Restarts, StemModel
+from estimators.likelihood.model import STEP, StemModel
+from estimators.likelihood.places import Restarts
 from estimators.likelihood.problem import pose
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from estimators.samples import FloatArray

@@ -14,11 +14,11 @@ from estimators.likelihood.budget import Budget
 from estimators.likelihood.certificate import Certificate
 from estimators.likelihood.compression import compressed, in_parts, without_outliers
 from estimators.likelihood.coordinates import Coordinates, linear
-from estimators.likelihood.model import StemModel
 from estimators.likelihood.pool import Place, halved
 from estimators.likelihood.search import Found
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.samples import BoolArray, FloatArray
+from tests.estimators.likelihood.computed_model import ComputedModel
 from tests.estimators.likelihood.posed import at_truth, posed
 from tests.estimators.random_valves import random_test
 
@@ -99,7 +99,7 @@ class _Held:
         return np.array([0.0, 1.0]), np.zeros(2)
 
 
-class _Toothed(StemModel):
+class _Toothed(ComputedModel):
     """Two residuals that are even at 0, and fine teeth on one of them."""
 
     def simulate_each(self, points: FloatArray) -> tuple[FloatArray, BoolArray]:

@@ -21,6 +21,7 @@ from estimators.likelihood.problem import pose
 from estimators.likelihood.valley import led_down, walk
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from estimators.samples import BoolArray, FloatArray
+from tests.estimators.likelihood.computed_model import ComputedModel
 from tests.estimators.random_valves import random_test
 
 
@@ -65,7 +66,7 @@ class _Held:
         return np.array([0.0, 1.0]), np.zeros(2)
 
 
-class _Banana(StemModel):
+class _Banana(ComputedModel):
     """Residuals of which m and F_v are known together, along a bend, and m alone by a tenth of a standard deviation."""
 
     def simulate_each(self, points: FloatArray) -> tuple[FloatArray, BoolArray]:
