@@ -46,7 +46,7 @@ blind: $(VENV)/.dev  ## hide effects in data and ask for them; a part: ARGS="tri
 fuzz: $(VENV)/.dev  ## requests of every kind to every route, none may be a server error; ARGS=examples
 	BREAKAWAY_FUZZ_EXAMPLES=$(or $(ARGS),200) $(BIN)/pytest -s tests/service/access/test_schemathesis.py
 
-compose-check: $(VENV)/.dev  ## docker-compose.yml for real, tests run through it: COMPOSE="docker compose"; ARGS=single or plant
+compose-check: $(VENV)/.dev  ## docker-compose.yml for real, tests run through it: COMPOSE="docker compose"; ARGS=single, plant, precedence or unit
 	$(BIN)/python -m tests.compose $(ARGS)
 
 lock: $(VENV)/.dev  ## resolve the dependencies anew (needs uv on the path)
