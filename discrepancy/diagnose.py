@@ -28,7 +28,7 @@ from discrepancy.residuals import show
 from discrepancy.saved_model import SavedModel
 from discrepancy.selection import choose
 from discrepancy.setting import setting_of
-from discrepancy.significance import LEAST_RMS, excess, misfit, noise_factor, wander
+from discrepancy.significance import DONE_MISFIT, LEAST_RMS, excess, misfit, noise_factor, wander
 from estimators.base import Estimate, Outcome
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
@@ -42,6 +42,8 @@ _LARGEST_MISFIT: Final = 1.3
 _LARGEST_FACTORS: Final = (2.5, 4.0, 1.5, 1.5)  # with no cause, one, two and three
 _LARGE: Final = 2.0  # misfit beyond noise
 _NEXT_TO_NOTHING: Final = 0.02  # of it
+# What hangs together in the residuals over what the plain valve misses by, rms: what mimics a cause misses by more.
+_NO_MIMICRY: Final = 2.0e-3
 _WRONG_UNITS: Final = ((6894.757, "psi"), (1.0e5, "bar"), (1.0e3, "kPa"))
 _NEAR_UNIT: Final = 2.0  # times; psi, kPa and bar are 6.9 apart
 _SCALE_OFF: Final = 2.0  # of the spring rate: no effect of the catalogue goes so far
@@ -195,7 +197,8 @@ def explains(fit: Fit, baseline: Fit | None = None) -> bool:
     """Whether what a fit leaves may be noise, or so little more that a name for the rest is not missed.
 
     The plain valve also where what hangs together is less than a cause would have to be; a single hard cause also where
-    it leaves next to nothing of a ``baseline``'s large misfit, for slips follow the last digits of a fit.
+    it leaves next to nothing of a ``baseline``'s large misfit, for slips follow the last digits of a fit; any causes
+    also where no more than a five-hundredth of the misfit's size hangs together, and lies below the noise.
     """
     if misfit(fit) >= _LARGEST_MISFIT:
         return False
@@ -205,6 +208,10 @@ def explains(fit: Fit, baseline: Fit | None = None) -> bool:
     if causes == 1 and baseline is not None and CAUSES[fit.model.causes[0]].is_hard:
         large = excess(baseline)
         if large > _LARGE and excess(fit) < _NEXT_TO_NOTHING * large:
+            return True
+    if causes > 0 and baseline is not None and misfit(fit) < DONE_MISFIT:
+        missed = math.sqrt(excess(baseline))
+        if wander(fit) < _NO_MIMICRY * missed:
             return True
     return noise_factor(fit) < _LARGEST_FACTORS[min(causes, len(_LARGEST_FACTORS) - 1)]
 
@@ -227,6 +234,10 @@ def unexplained_message(choice: Choice) -> str:
     """Return what a misfit that no cause explains is told as."""
     ratio = misfit(choice.best) ** 0.5
     told = f"The simulation misses the measurement by {ratio:.1f} times the noise"
+    if ratio < 1.05:
+        told = (
+            f"What the simulation leaves is as small as the noise, but {wander(choice.best):.2g} of it hangs together"
+        )
     early = _ENDED_EARLY if choice.is_cut else ""
     if not choice.causes:
         return f"{told}, and no cause of the catalogue {'that was tried ' if early else ''}takes that away.{early}"

@@ -9,6 +9,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
+from discrepancy.diagnose import explains
 from discrepancy.least_squares import Fit
 from discrepancy.model import Model
 from discrepancy.significance import (
@@ -128,3 +129,15 @@ def test_the_misfit_is_a_mean_square(white: FloatArray) -> None:
     assert misfit(fit_of(2.0 * np.sign(white))) == pytest.approx(4.0)
     assert excess(fit_of(0.5 * np.sign(white))) == 0.0
     assert excess(replace(fit_of(2.0 * np.sign(white)))) == pytest.approx(3.0)
+
+
+def test_two_causes_explain_a_large_misfit_of_which_they_leave_less_than_what_mimics_them_would(
+    white: FloatArray,
+) -> None:
+    slow = np.repeat(np.random.default_rng(2).standard_normal(COUNT // 256), 256)
+    left = fit_of(0.9 * white + 0.12 * slow, causes=("presliding", "friction_drift"))
+    assert noise_factor(left) > 1.5
+    for missed, explained in ((100.0, True), (30.0, False)):
+        assert explains(left, fit_of(missed * np.sign(slow))) == explained
+    larger = fit_of(1.2 * white + 0.12 * slow, causes=("presliding", "friction_drift"))
+    assert not explains(larger, fit_of(100.0 * np.sign(slow)))
