@@ -15,8 +15,16 @@ from valve.effects import EFFECTS
 
 
 def standard_errors(fit: Fit) -> FloatArray:
-    """Return the standard error of each coordinate, shape (p,); infinite where the residuals do not know it."""
-    known, scale, values, vectors = _information(fit)
+    """Return the standard error of each coordinate, shape (p,); infinite where the residuals do not know it.
+
+    The larger of what the forward slopes say and those without jumps.
+    """
+    forward = _slopes(fit)
+    return np.maximum(_errors(fit, forward), _errors(fit, _of_no_jump(fit, forward)))
+
+
+def _errors(fit: Fit, slopes: FloatArray) -> FloatArray:
+    known, scale, values, vectors = _information(fit, slopes)
     errors = np.full(fit.point.size, math.inf)
     covariance = (vectors / values) @ vectors.T
     errors[known] = np.sqrt(np.maximum(np.diag(covariance), 0.0)) / scale
@@ -26,9 +34,9 @@ def standard_errors(fit: Fit) -> FloatArray:
 def drawn_points(fit: Fit, count: int, seed: int) -> list[FloatArray]:
     """Return points, shape (p,) each, drawn as the errors of a fit scatter about its own, within the bounds.
 
-    Normal with the covariance of ``standard_errors``; what the residuals do not know stays.
+    Normal with the covariance of slopes without jumps; what the residuals do not know stays.
     """
-    known, scale, values, vectors = _information(fit)
+    known, scale, values, vectors = _information(fit, _of_no_jump(fit, _slopes(fit)))
     unknowns, generator = fit.model.unknowns, np.random.default_rng(seed)
     points = []
     for _ in range(count):
@@ -38,9 +46,25 @@ def drawn_points(fit: Fit, count: int, seed: int) -> list[FloatArray]:
     return points
 
 
-def _information(fit: Fit) -> tuple[BoolArray, FloatArray, FloatArray, FloatArray]:
+def _slopes(fit: Fit) -> FloatArray:
+    return fit.slopes if fit.slopes is not None else fit.model.slopes(fit.point, fit.residual)
+
+
+def _of_no_jump(fit: Fit, forward: FloatArray) -> FloatArray:
+    """Return of the ``forward`` slopes and the backward ones the smaller to each coordinate, shape (p, count).
+
+    A slip that comes or goes within a step moves the stem by far more than the step is worth: such a quotient says that
+    the coordinate is known a thousand times as well as it is.
+    """
+    backward = fit.model.slopes(fit.point, fit.residual, is_backward=True)
+    before, after = np.linalg.norm(backward, axis=1), np.linalg.norm(forward, axis=1)
+    # none is 0 unless the stem could not be followed there
+    is_smaller = (before > 0.0) & ((before < after) | (after == 0.0))
+    return np.where(is_smaller[:, None], backward, forward)
+
+
+def _information(fit: Fit, slopes: FloatArray) -> tuple[BoolArray, FloatArray, FloatArray, FloatArray]:
     """Return which coordinates are known, (p,), their scale, and the information's eigenvalues and vectors in it."""
-    slopes = fit.slopes if fit.slopes is not None else fit.model.slopes(fit.point, fit.residual)
     information = slopes @ slopes.T / noise_factor(fit) + np.diag(fit.model.unknowns.prior_slopes() ** 2)
     size = np.sqrt(np.diag(information))
     known = size > 0.0

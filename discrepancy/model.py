@@ -96,16 +96,19 @@ class Model:
             return None
         return self.observed.residuals(simulated_m)
 
-    def slopes(self, point: FloatArray, here: FloatArray, free: BoolArray | None = None) -> FloatArray:
+    def slopes(
+        self, point: FloatArray, here: FloatArray, free: BoolArray | None = None, *, is_backward: bool = False
+    ) -> FloatArray:
         """Derivatives of the residuals to the coordinates, shape (p, count), by differences from ``here``.
 
-        0 for those that are not ``free``, shape (p,).
+        0 for those that are not ``free``, shape (p,). Forward differences, or backward ones; at a bound the other.
         """
         columns = np.zeros((point.size, here.size))
-        upper, steps = self.unknowns.upper, self.unknowns.steps
+        lower, upper = self.unknowns.lower, self.unknowns.upper
+        steps = -self.unknowns.steps if is_backward else self.unknowns.steps
         for number in range(point.size) if free is None else np.flatnonzero(free):
             step = float(steps[number])
-            if point[number] + step > upper[number]:
+            if not lower[number] <= point[number] + step <= upper[number]:
                 step = -step
             moved = point.copy()
             moved[number] += step
