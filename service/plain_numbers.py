@@ -33,6 +33,14 @@ def half_width(interval: dict[str, Any] | None, scale: float = 1.0) -> float | N
     return 0.5 * scale * float(high - low)
 
 
+def with_span(value: float, low: float, high: float, *, digits: int = 5) -> tuple[str, str]:
+    """Value and the ends of its interval, ``250.02`` and ``249.97 to 250.07``: so many digits that the ends differ."""
+    for shown in range(digits, _MOST_DIGITS):
+        if f"{low:.{shown}g}" != f"{high:.{shown}g}":
+            return f"{value:.{shown}g}", f"{low:.{shown}g} to {high:.{shown}g}"
+    return f"{value:.{digits}g}", f"{low:.{digits}g} to {high:.{digits}g}"
+
+
 def _plain(value: float, digits: int) -> str:
     """``digits`` significant digits, without an exponent where that is readable."""
     if value == 0.0 or not 1.0e-4 <= abs(value) < 1.0e7:

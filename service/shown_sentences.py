@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, Final
 
 from service.plain_numbers import as_read, plus_minus
@@ -35,6 +36,7 @@ _QUANTITY: Final = re.compile(
 )
 _EACH: Final = re.compile(rf"(?<![\w.]){_NUMBER}")
 _DIGITS: Final = (3, 4)  # fewest and most that are shown where a unit is changed
+_MOST_FURTHER_DIGITS: Final = 6  # for an interval that is narrow beside its value
 _SMALL: Final = 1.0e-3  # below it a number has five places: inches of a sensor's noise
 _LARGE_UM: Final = 100.0  # from here on metric lengths are read in mm
 _IN_UM: Final = {"um": 1.0, "m": 1.0e6}  # what is written in mm was large to whoever wrote it
@@ -73,25 +75,44 @@ def _in_unit(found: re.Match[str], system: UnitSystem) -> str:
     unit = shown_unit(si_unit, system)
     if unit.name == named:
         return found.group()
-    if unit.name == "mm" and named in _IN_UM:
-        largest_um = _IN_UM[named] * max(abs(float(one)) for one in _EACH.findall(numbers))
+    in_um = _IN_UM.get(named) if unit.name == "mm" else None
+    if in_um is not None:
+        largest_um = in_um * max(abs(float(one)) for one in _EACH.findall(numbers))
         if largest_um < _LARGE_UM and (largest_um > 0.0 or named == "um"):
-            shown, between = (_in_um(text, _IN_UM[named]) for text in (numbers, interval))
+            if in_um == 1.0:
+                return f"{numbers} µm{interval}"
+            shown, between = _apart(numbers, interval, partial(_small_length, in_um))
             return f"{shown} µm{between}"
-    more = 1 if interval else 0  # so that the ends of a narrow interval still differ
-    shown, between = (
-        _EACH.sub(lambda one: _converted(one.group(), in_si / unit.in_si, more), text) for text in (numbers, interval)
-    )
+    shown, between = _apart(numbers, interval, partial(_converted, in_si / unit.in_si))
     return f"{shown} {unit.name}{between}"
 
 
-def _in_um(numbers: str, factor: float) -> str:
-    return numbers if factor == 1.0 else _EACH.sub(lambda one: f"{factor * float(one.group()):.3g}", numbers)
+def _apart(numbers: str, interval: str, converted: Callable[[int, str], str]) -> tuple[str, str]:
+    """Return both with every number ``converted``, with so many more digits that an interval's ends differ as before.
+
+    An interval takes one more digit in any case.
+    """
+    differ = len(set(_EACH.findall(interval))) > 1
+    more = 1 if interval else 0
+    while True:
+        convert = partial(converted, more)
+        shown, between = _each(convert, numbers), _each(convert, interval)
+        if not differ or more == _MOST_FURTHER_DIGITS or len(set(_EACH.findall(between))) > 1:
+            return shown, between
+        more += 1
 
 
-def _converted(number: str, factor: float, more: int) -> str:
+def _each(convert: Callable[[str], str], text: str) -> str:
+    return _EACH.sub(lambda one: convert(one.group()), text)
+
+
+def _small_length(factor: float, more: int, number: str) -> str:
+    return f"{factor * float(number):.{3 + more}g}"
+
+
+def _converted(factor: float, more: int, number: str) -> str:
     digits = more + len(re.sub(r"e.*|\D", "", number).lstrip("0"))
     value = float(number) * factor
     if 0.0 < abs(value) < _SMALL:
-        return f"{value:.5f}"
+        return f"{value:.{5 + max(0, more - 1)}f}"
     return plus_minus(value, None, digits=min(_DIGITS[1] + more, max(_DIGITS[0], digits)))

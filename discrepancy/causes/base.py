@@ -15,6 +15,7 @@ from estimators.samples import FloatArray
 from valve.effects import EFFECTS, ValveScale
 
 _BOUND_SHARE: Final = 1.0e-3  # of the range: nearer to a bound a value is the bound's and not the data's
+_MOST_FURTHER_DIGITS: Final = 4  # a narrower interval, below a millionth of its value, is of no use to anybody
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,24 +144,34 @@ def is_trifle(cause: Cause, unknown: Unknown, value: float) -> bool:
 
 def newtons(entry: Fitted) -> str:
     """Return a force with its interval."""
-    return f"{_number(entry.value, entry)} N ({_number(entry.low, entry)} to {_number(entry.high, entry)})"
+    return _in_words(entry, 1.0, "N")
 
 
 def with_interval(entry: Fitted, factor: float, unit: str) -> str:
     """Return a value times ``factor`` with its interval and unit; without sign."""
-    sign = -1.0 if entry.value < 0.0 else 1.0
-    low_end, high_end = sorted((sign * factor * entry.low, sign * factor * entry.high))
-    shown = Fitted(sign * factor * entry.value, low_end, high_end, unit)
-    low, high = _number(shown.low, shown), _number(shown.high, shown)
-    return f"{_number(shown.value, shown)} {unit} ({low} to {high})"
+    return _in_words(entry, -factor if entry.value < 0.0 else factor, unit)
 
 
-def _number(value: float, entry: Fitted) -> str:
-    """Return a number with as many digits as its interval deserves."""
+def _in_words(entry: Fitted, factor: float, unit: str) -> str:
+    """Return a value times ``factor`` with its interval, whose ends have as many digits as tell them apart, and unit.
+
+    Where the most digits do not, the value stands alone.
+    """
+    value = factor * entry.value
+    low, high = sorted((factor * entry.low, factor * entry.high))
     # a fitter needs three digits; an interval that is wider needs fewer
-    width = max(entry.half_width, 1.0e-2 * abs(entry.value), 1.0e-12)
-    digits = max(0, 1 - math.floor(math.log10(width)))
-    return f"{value:.{min(digits, 6)}f}" if abs(value) < 1.0e6 else f"{value:.3g}"
+    width = max(0.5 * (high - low), 1.0e-2 * abs(value), 1.0e-12)
+    digits = min(max(0, 1 - math.floor(math.log10(width))), 6)
+    for more in range(_MOST_FURTHER_DIGITS + 1):
+        shown, least, most = (_number(one, digits + more, 3 + more) for one in (value, low, high))
+        if least != most:
+            return f"{shown} {unit} ({least} to {most})"
+    return f"{_number(value, digits, 3)} {unit}"
+
+
+def _number(value: float, places: int, digits: int) -> str:
+    """Return a number with ``places`` after its point, or with ``digits`` in all where it is very large."""
+    return f"{value:.{places}f}" if abs(value) < 1.0e6 else f"{value:.{digits}g}"
 
 
 def strongest_frequencies(time_s: FloatArray, residual: FloatArray, most: int) -> list[float]:

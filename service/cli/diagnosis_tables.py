@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from service.plain_numbers import as_read
+from service.plain_numbers import as_read, with_span
 
 _VERDICTS: Final = {
     "none": "nothing beyond the noise: the simulation explains this recording",
@@ -79,9 +79,9 @@ def _parameters(causes: list[dict[str, Any]]) -> Table:
         table.add_column(heading, justify="right")
     for found in causes:
         for name, entry in found["parameters"].items():
-            low, high = entry["ci95"]
+            value, span = with_span(entry["value"], *entry["ci95"])
             unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
-            table.add_row(_plain(found["cause"]), name, f"{entry['value']:.5g}{unit}", f"{low:.5g} to {high:.5g}")
+            table.add_row(_plain(found["cause"]), name, f"{value}{unit}", span)
     return table
 
 
@@ -92,8 +92,7 @@ def _valve(parameters: dict[str, Any]) -> Table:
     for heading in ("value", "95 % interval"):
         table.add_column(heading, justify="right")
     for symbol, entry in parameters.items():
-        low, high = entry["ci95"]
-        table.add_row(Text(f"{symbol} [{entry['unit']}]"), f"{entry['value']:.5g}", f"{low:.5g} to {high:.5g}")
+        table.add_row(Text(f"{symbol} [{entry['unit']}]"), *with_span(entry["value"], *entry["ci95"]))
     return table
 
 

@@ -46,6 +46,15 @@ def test_a_named_cause_is_told_with_what_to_do_what_it_gains_and_what_else_it_co
         assert words in text, words
 
 
+def test_the_ends_of_a_narrow_interval_differ_in_the_tables() -> None:
+    narrow = {"value": 1423.4, "ci95": [1423.3999, 1423.4001], "unit": "N"}
+    cause = {**FOUND["causes"][0], "parameters": {"rise_n": narrow}}
+    out = io.StringIO()
+    valve = {"parameters": {"F_c": narrow}}
+    print_diagnosis(Console(file=out, width=160), {**FOUND, "causes": [cause], "extended_model": valve})
+    assert out.getvalue().count("1423.3999 to 1423.4001") == 2
+
+
 def test_a_healthy_valve_is_one_sentence() -> None:
     lines = diagnosis_lines({**FOUND, "verdict": "none", "causes": [], "not_told_apart_from": [], "gain": None})
     assert lines[0] == "Diagnosis: nothing beyond the noise: the simulation explains this recording."

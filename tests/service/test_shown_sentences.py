@@ -44,6 +44,19 @@ def test_ranges_intervals_and_signs_are_taken_along(said: str, text: str) -> Non
 @pytest.mark.parametrize(
     ("said", "text"),
     [
+        ("250.00 N (249.96 to 250.04) higher", "56.202 lbf (56.193 to 56.211) higher"),
+        ("250.0000 N (249.9996 to 250.0004) higher", "56.2022 lbf (56.2021 to 56.2023) higher"),
+        ("by 5.0000 um (4.9996 to 5.0004)", "by 0.0001969 in (0.0001968 to 0.0001969)"),
+        ("250.0 N (250.0 to 250.0) higher", "56.202 lbf (56.202 to 56.202) higher"),
+    ],
+)
+def test_the_ends_of_a_narrow_interval_differ_in_any_unit_where_they_did(said: str, text: str) -> None:
+    assert in_units(said, UnitSystem.PSI) == text
+
+
+@pytest.mark.parametrize(
+    ("said", "text"),
+    [
         ("did not break away from 2.01544e-06 m", "did not break away from 2.02 µm"),
         ("noise of 5 um", "noise of 5 µm"),
         ("5e-06 m (4e-06 to 6e-06)", "5 µm (4 to 6)"),
