@@ -42,6 +42,7 @@ from service.settings_nightly import (
     schedules,
 )
 from service.settings_permissives import stem_rules_of
+from service.settings_safe_value import SafeValue
 from valve.errors import ConfigurationError, ValveError
 from valve.nameplate import Actuator, Nameplate, Signal
 
@@ -73,7 +74,7 @@ class ValveSection(BaseModel):
 
     model_config = STRICT
     tag: Annotated[str, Field(min_length=1, max_length=64)]
-    safe_value_pa: float | str
+    safe_value_pa: SafeValue
     actuator: dict[str, Any]
     limits: dict[str, Any]
     command: dict[str, Any]
@@ -263,11 +264,6 @@ def _valve(
     sampling = findings.part(Sampling, section.acquisition, (*key, "acquisition"))
     watchdog = findings.optional(WatchdogChoice, section.watchdog, (*key, "watchdog"))
     permissives = findings.part(PermissiveRules, section.permissives or {}, (*key, "permissives"))
-    safe_value_pa = section.safe_value_pa
-    if isinstance(safe_value_pa, str) and safe_value_pa != "entry":
-        findings.add(
-            (*key, "safe_value_pa"), safe_value_pa, "it is neither a pressure nor an order", 'give Pa, or "entry"'
-        )
     if len(findings) > before or limits is None or command is None or sampling is None or permissives is None:
         return None
     plate = {"tag": section.tag, "actuator": section.actuator}
@@ -278,7 +274,7 @@ def _valve(
         return nameplate, ValveWiring(
             section.tag,
             command,
-            "entry" if isinstance(safe_value_pa, str) else safe_value_pa,
+            section.safe_value_pa,
             limits,
             sampling,
             position,

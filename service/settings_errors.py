@@ -17,6 +17,8 @@ Key = tuple[str | int, ...]
 Model = TypeVar("Model", bound=BaseModel)
 Part = TypeVar("Part")
 
+SAFE_VALUE: Final = "safe_value"  # pydantic's name of the fault
+
 _REMEDIES: Final = {
     "float_type": "give a number without quotes and unit",
     "int_type": "give a whole number without quotes and unit",
@@ -24,6 +26,7 @@ _REMEDIES: Final = {
     "bool_type": "give true or false",
     "string_type": "put it in quotes",
     "tuple_type": "give a list such as [low, high]",
+    SAFE_VALUE: 'give Pa, or "entry"',
 }
 
 

@@ -94,7 +94,7 @@ WAVES: dict[str, tuple[dict[str, Any], list[str]]] = {
     "a step": ({"sequence": "steps"}, ["60000 Pa/s", "allow steps"]),
     "too long": ({"overrides": {"cycles": 100}}, ["2000 s", "300 s", "fewer cycles"]),
     "in bar": ({"overrides": {"high_pa": "0.8 bar"}}, ["high_pa is '0.8 bar'", "valid number", "correct"]),
-    "unknown": ({"sequence": "waltz"}, ["'waltz'", "triangle"]),
+    "unknown": ({"sequence": "waltz"}, ["'waltz'", "triangle", "or separating"]),
 }
 
 

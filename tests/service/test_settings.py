@@ -132,6 +132,18 @@ def test_all_faults_of_a_file_are_told_at_once(plant_file: Path, plant_text: str
     assert len(str(caught.value).splitlines()) == 3
 
 
+@pytest.mark.parametrize("written", ["nan", "inf", "true", '"open"', "[0.0]"])
+def test_a_safe_value_that_is_none_is_one_fault(plant_file: Path, plant_text: str, written: str) -> None:
+    text = plant_text.replace("safe_value_pa = 0.0", f"safe_value_pa = {written}", 1)
+    plant_file.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigurationError) as caught:
+        load_plant(plant_file)
+    said = str(caught.value)
+    assert said.startswith("plant.toml: valves[0].safe_value_pa = ")
+    assert said.endswith(': it is neither a pressure nor an order: give Pa, or "entry"')
+    assert len(said.splitlines()) == 1
+
+
 def test_a_missing_file_is_a_clear_sentence(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="cannot be read"):
         load_plant(tmp_path / "absent.toml")
