@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from estimators.base import Estimate, Form, Outcome, failed
+from estimators.classic.misfit import misfit_m
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from estimators.proof.proven import proven
 from valve.nameplate import Nameplate
@@ -38,7 +39,10 @@ class ClassicEstimator(ABC):
             return failed(self.method, motion)
         with np.errstate(all="ignore"):
             found = self._found(motion)
-            return proven(found, motion) if self.is_judged else found
+            estimate = proven(found, motion) if self.is_judged else found
+            if estimate.residual_rms_m is None:  # the whole motion tells it by the way
+                estimate = replace(estimate, residual_rms_m=misfit_m(found, motion))
+            return estimate
 
     @abstractmethod
     def _found(self, motion: RecordedMotion) -> Estimate:

@@ -1,4 +1,4 @@
-"""How an estimate is concluded: status, message, misfit and diagnostics, the same for either method."""
+"""How an estimate is concluded: status, message and diagnostics, the same for either method."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from estimators.base import Estimate, Outcome, ParameterEstimate, Status, absent, in_order, sentences
-from estimators.classic.misfit import Fallback, with_misfit
+from estimators.classic.misfit import Fallback, with_stand_ins
 from estimators.classic.transients import Transients
 from estimators.motion.recorded_motion import RecordedMotion
 
@@ -64,8 +64,7 @@ def conclude(
         "moving_speed_m_per_s": motion.phases.moving_speed,
         "stops_m": None if motion.stops is None else [motion.stops.low_m, motion.stops.high_m],
     }
-    estimate = Estimate(method, status, message, None, complete, information)
-    return with_misfit(estimate, motion.samples, motion.first_moving_row, fallback, motion.stops)
+    return with_stand_ins(Estimate(method, status, message, None, complete, information), fallback)
 
 
 def _with_lag(symbol: str, parameter: ParameterEstimate) -> ParameterEstimate:

@@ -81,20 +81,26 @@ def simulated_position(
     return motion.position_m
 
 
-def with_misfit(
-    estimate: Estimate, samples: Samples, first_moving_row: int, fallback: Fallback, stops: TravelStops | None
-) -> Estimate:
-    """Return the estimate with its ``residual_rms_m``, and with what stood in for missing values in its diagnostics."""
+def with_stand_ins(estimate: Estimate, fallback: Fallback) -> Estimate:
+    """Return the estimate with what stands in for missing values in its diagnostics, where that makes a valve."""
     stand_ins = {symbol: value for symbol, value in fallback.by_symbol().items() if estimate.value(symbol) is None}
     try:
-        parameters = estimate.valve_parameters(stand_ins)
+        valve = estimate.valve_parameters(stand_ins)
     except ValveError:
-        parameters = None
-    position_m = None
-    if parameters is not None:
-        position_m = simulated_position(parameters, samples, first_moving_row, stops)
-    if position_m is None or not bool(np.isfinite(position_m).all()):
         return estimate
-    residual_rms_m = float(np.sqrt(np.mean((position_m - samples.position_m) ** 2)))
-    diagnostics = {**estimate.diagnostics, "stand_ins": stand_ins}
-    return replace(estimate, residual_rms_m=residual_rms_m, diagnostics=diagnostics)
+    if valve is None:
+        return estimate
+    return replace(estimate, diagnostics={**estimate.diagnostics, "stand_ins": stand_ins})
+
+
+def misfit_m(estimate: Estimate, motion: RecordedMotion) -> float | None:
+    """Root mean square of measured minus followed position with the estimate's values, m; None where none follows."""
+    stand_ins = estimate.diagnostics.get("stand_ins")
+    valve = None if stand_ins is None else estimate.valve_parameters(stand_ins)
+    if valve is None:
+        return None
+    samples = motion.samples
+    position_m = simulated_position(valve, samples, motion.first_moving_row, motion.stops)
+    if position_m is None or not bool(np.isfinite(position_m).all()):
+        return None
+    return float(np.sqrt(np.mean((position_m - samples.position_m) ** 2)))

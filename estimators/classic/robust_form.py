@@ -66,12 +66,16 @@ def robust_covariance(found: SlipsFound, steady: FloatArray | None) -> FloatArra
 
 
 def _profiled(found: SlipsFound) -> FloatArray:
-    """Covariance (7, 7), widened where the cost rises more slowly than its curvature says (profile likelihood)."""
-    solution, covariance = found.solution, found.solution.covariance.copy()
+    """Covariance (7, 7), widened where the cost rises more slowly than its curvature says (profile likelihood).
+
+    By the side on which it rises more slowly: the interval is a factor either way.
+    """
+    solution = found.solution
+    widened = np.ones(COMMON)
     for place in (F_V, M):
         if place not in found.fit.free:
             continue
-        share = math.sqrt(covariance[place, place]) / float(solution.common[place])
+        share = math.sqrt(solution.covariance[place, place]) / float(solution.common[place])
         if not _NEARLY_LINEAR < share < _UNKNOWN:
             continue
         stayed = replace(found.fit, free=tuple(i for i in found.fit.free if i != place))
@@ -79,11 +83,8 @@ def _profiled(found: SlipsFound) -> FloatArray:
             start = solution.common.copy()
             start[place] *= math.exp(sign * _PROFILED * share)
             rise = stayed.solve(start, rounds=8, rest_m=solution.rest_m).cost - solution.cost
-            widened = _PROFILED / math.sqrt(max(rise, 0.1))
-            if widened > 1.0:
-                covariance[place, :] *= widened
-                covariance[:, place] *= widened
-    return covariance
+            widened[place] = max(widened[place], _PROFILED / math.sqrt(max(rise, 0.1)))
+    return solution.covariance * np.outer(widened, widened)
 
 
 def robust_parameters(
