@@ -6,6 +6,7 @@ follows much worse. Steps of all unknowns leave such a valley; steps of v_s besi
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from itertools import product
 from typing import Final
@@ -15,6 +16,7 @@ import numpy as np
 from discrepancy.baseline import DYNAMIC, LIMIT_MEDIAN, STATIC_SCAN, scanned
 from discrepancy.causes.base import Setting, Values
 from discrepancy.causes.friction import STRIBECK
+from discrepancy.growing import as_good, grown
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.model import Model
 from discrepancy.setting import setting_of
@@ -33,6 +35,10 @@ _BLUR_S: Final = 0.1
 _BLURRED_STEPS: Final = 6
 _SHARP_STEPS: Final = 8
 _FOLLOWED: Final = 2
+_SHARES_OF_SPEED: Final = (0.7, 1.5, 0.3)  # v_s, of the usual speed
+_DROPS: Final = (0.25, 0.1, 0.5)  # of F_s to F_c
+_LEAST_VISCOUS: Final = 0.02  # of the friction at the usual speed
+_RINGING: Final = 0.05  # of critical: with less damping a stem rings from one slip to the next
 _MOST_WORK: Final = 1.5e7  # passes, after which no other start is tried: many small steps take ten times as much
 
 
@@ -68,6 +74,40 @@ def from_wide_limit(fit: Fit, model: Model, setting: Setting) -> Fit | None:
         key=lambda one: one.cost,
         default=None,
     )
+
+
+def from_first_slips(fit: Fit, model: Model, setting: Setting) -> Fit | None:
+    """Return the fit of a ``model`` with the falling friction that begins with the first slips after a ``fit`` without.
+
+    Where the friction's fall takes up its damping a stem rings or slips all the way, and the plain valve has the mass
+    and the damping that mimic the period. So the mass begins at the nameplate's, F_s as it was, v_s and the fall on a
+    grid, and F_v is what the friction at the usual speed leaves. None where the first slips are not explained.
+    """
+    own, speed = fit.values, setting.sliding_m_per_s
+    static_n, total_n = own["F_c"] * (1.0 + own["d"]), own["F_c"] + own["F_v"] * speed
+    mass_kg = setting.observed.motions[0].moving_mass_kg or own["m"]
+    starts = []
+    for share, drop in product(_SHARES_OF_SPEED, _DROPS):
+        coulomb_n = static_n / (1.0 + drop)
+        viscous_n = total_n - coulomb_n - (static_n - coulomb_n) * math.exp(-1.0 / share**2)
+        own_speed = {SPEED: share * speed, "DV": LIMIT_MEDIAN * speed}
+        shape = {"F_c": coulomb_n, "d": drop, "F_v": max(viscous_n, _LEAST_VISCOUS * total_n) / speed}
+        starts.append({**own, **own_speed, **shape, "m": mass_kg, "first_rise": 0.0})
+    return grown(model, starts, ("m", SPEED), frozenset({"m", "DV"}))
+
+
+def as_good_speeds(fit: Fit) -> tuple[float, float] | None:
+    """Return the ends of the v_s with which the first slips fit as well; None where the stem does not ring.
+
+    It rings where the friction's fall takes up its damping, and then the curvature of the misfit says nothing: it is
+    that of one of many minima.
+    """
+    values, speed = fit.values, setting_of(fit).sliding_m_per_s
+    share = speed / values[SPEED]
+    fall = 2.0 * values["F_c"] * values["d"] / values[SPEED] * share * math.exp(-(share**2))
+    if values["F_v"] - fall > 2.0 * _RINGING * math.sqrt(values["m"] * values["k"]):
+        return None
+    return as_good(fit, SPEED)
 
 
 def along_valley(fit: Fit) -> Fit:

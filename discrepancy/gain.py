@@ -9,10 +9,11 @@ from typing import Any, Final, Protocol, TypeVar
 
 import numpy as np
 
+from discrepancy.growing import first_part
 from discrepancy.intervals import drawn_points
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.model import simulated
-from discrepancy.observed import Observed, Segment, observe
+from discrepancy.observed import Observed, observe
 from discrepancy.unknowns import of_a_segment
 from estimators.base import Outcome
 from estimators.samples import FloatArray
@@ -100,7 +101,7 @@ def left_out_gain(before: Fit, after: Fit) -> Gain | None:
     kept = observed.segments[0].time_s < split_s
     if min(np.count_nonzero(kept), np.count_nonzero(~kept)) < _FEWEST_ROWS:
         return None
-    part = observed.of([_first_part(observed.segments[0], split_s)])
+    part = observed.of([first_part(observed.segments[0], split_s)])
     free = _without_rests(observed)
     first, second = (
         descend(start_fit(replace(fit.model, observed=part, thin=None), fit.point), most_steps=_STEPS)
@@ -171,20 +172,6 @@ def _split(observed: Observed) -> float:
     inside = turns_s[(turns_s >= low_s) & (turns_s <= high_s)]
     usual_s = first_s + _USUAL_SHARE * length_s
     return float(inside[np.argmin(np.abs(inside - usual_s))]) if inside.size else usual_s
-
-
-def _first_part(segment: Segment, split_s: float) -> Segment:
-    kept, rests = segment.time_s < split_s, segment.rest_time_s < split_s
-    return replace(
-        segment,
-        time_s=segment.time_s[kept],
-        position_m=segment.position_m[kept],
-        weight=segment.weight[kept],
-        rows=segment.rows[kept],
-        rest_time_s=segment.rest_time_s[rests],
-        rest_m=segment.rest_m[rests],
-        rest_sense=segment.rest_sense[rests],
-    )
 
 
 def _without_rests(observed: Observed) -> Observed:

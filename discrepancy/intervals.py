@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from discrepancy.causes.base import Cause, Fitted
+from discrepancy.falling_friction import SPEED, as_good_speeds
 from discrepancy.least_squares import Fit
 from discrepancy.significance import noise_factor
 from estimators.base import NORMAL_95
@@ -90,5 +91,8 @@ def fitted_values(fit: Fit, cause: Cause) -> dict[str, Fitted]:
         entry = entries[own]
         at, half = entry.coordinate(value), NORMAL_95 * float(errors[own])
         lowest, highest = entry.coordinate(entry.lower), entry.coordinate(entry.upper)
-        found[name] = Fitted(value, entry.value(max(at - half, lowest)), entry.value(min(at + half, highest)), unit)
+        ends = entry.value(max(at - half, lowest)), entry.value(min(at + half, highest))
+        as_good = as_good_speeds(fit) if own == SPEED else None
+        low, high = ends if as_good is None else (min(ends[0], as_good[0]), max(ends[1], as_good[1]))
+        found[name] = Fitted(value, low, high, unit)
     return found

@@ -13,7 +13,7 @@ from discrepancy import periodic
 from discrepancy.baseline import DYNAMIC, FIRST_RISES, STATIC_SCAN, scanned
 from discrepancy.causes.base import Cause, Setting, Values
 from discrepancy.causes.friction import STRIBECK
-from discrepancy.falling_friction import along_valley, from_wide_limit, has_wide_limit
+from discrepancy.falling_friction import along_valley, from_first_slips, from_wide_limit, has_wide_limit
 from discrepancy.least_squares import Fit, blur, descend, on, start_fit
 from discrepancy.model import Model
 from discrepancy.periodic import has_place
@@ -154,6 +154,10 @@ def refit(fit: Fit, candidate: Candidate, setting: Setting, bar: float = math.in
     whole = extended_model(fit.model, cause, setting)
     if cause.is_periodic:
         return _of_periods(fit, whole, candidate, last)
+    if cause is STRIBECK:
+        found = from_first_slips(fit, whole, setting)
+        if found is not None and misfit(found) < _FOUND:
+            return descend(found, most_steps=_STEPS[-1])
     model = whole.thinned()
     best: Fit | None = None
     if candidate.balanced is not None:
