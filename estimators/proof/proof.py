@@ -29,6 +29,7 @@ _FAR: Final = 4.0  # of the sum of squares beside the blocks: so much is left th
 _HARDLY: Final = 0.5  # a step that takes no more than this share of it off leads nowhere soon
 # A file has one time a row, so that a delay between its channels has one chance in twenty beforehand.
 _DELAYED: Final = 0.05
+_HELD: Final = 1.0e12  # 1 / variance of a logarithm that stays
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,13 +51,15 @@ class Proof:
     """The place that explains the recording best, from some values on; its certificate and its errors by symbol.
 
     ``std_error`` (7,) is the least that any method can have, the delay being known; ``by_delay`` (7,) one standard
-    deviation of what the delay adds where it is not fitted.
+    deviation of what the delay adds where it is not fitted, and ``by_delay_at_limit`` (7,) the same of a fit in which
+    DV stays where it is: what DV would take up goes into m and F_v there.
     """
 
     place: Place
     certificate: Certificate
     std_error: FloatArray
     by_delay: FloatArray
+    by_delay_at_limit: FloatArray
 
 
 def place_of(seen: WholeMotion, values: FloatArray, starts_m: FloatArray | None = None) -> Place | None:
@@ -157,19 +160,23 @@ def _moved(seen: WholeMotion, at: Place, step: FloatArray) -> Place | None:
     return place_of(seen, values, at.starts_m + step[len(SYMBOLS) :])
 
 
-def _errors(seen: WholeMotion, at: Place, normal: FloatArray, side: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """Standard errors (7,) in SI with the delay known, and what an unfitted delay adds to them (7,).
+def _errors(
+    seen: WholeMotion, at: Place, normal: FloatArray, side: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Standard errors (7,) in SI with the delay known, and what an unfitted delay adds to them (7,), DV free or not.
 
     Values that are fitted without the delay t answer to it by N^-1 n t, n its column. Where nothing sure is said of the
     delay, ``delay_doubt_s``, it counts with the weight that data and belief give it, by Laplace's approximation.
     """
     prior = _prior(at)
     inverse = _inverse(_without_delay(normal + np.diag(prior)))
-    if inverse is None:
+    held = np.where(np.arange(prior.size) == _LIMIT, _HELD, prior)
+    stiff = _inverse(_without_delay(normal + np.diag(held)))
+    if inverse is None or stiff is None:
         return None
     moves = _directions(seen, at)
     column = np.delete(normal[:, _DELAY], _DELAY)
-    answer = moves @ (inverse @ column)[: len(SYMBOLS)]
+    answers = [np.abs(moves @ (one @ column)[: len(SYMBOLS)]) for one in (inverse, stiff)]
     delay_squared = seen.delay_sd_s**2
     if seen.delay_doubt_s > 0.0:
         # what is left of the delay's own information, and its pull, when all else follows it
@@ -180,4 +187,5 @@ def _errors(seen: WholeMotion, at: Place, normal: FloatArray, side: FloatArray) 
         delay_squared += (found_s**2 + spread_s**2) / (1.0 + math.exp(-min(max(odds, -700.0), 700.0)))
     variance = np.einsum("ij,jk,ik->i", moves, inverse[: len(SYMBOLS), : len(SYMBOLS)], moves)
     error = np.sqrt(np.clip(variance, 0.0, None))
-    return error, np.abs(answer) * math.sqrt(delay_squared)
+    delay_s = math.sqrt(delay_squared)
+    return error, answers[0] * delay_s, answers[1] * delay_s

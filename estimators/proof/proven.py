@@ -53,7 +53,8 @@ def _judged(estimate: Estimate, own: Place, proofs: list[Proof], seen: WholeMoti
     least_of_limit = np.where(np.array(SYMBOLS) == "DV", _JAGGED * own.values, 0.0)
     shift = np.max([np.abs(proof.place.values - own.values) for proof in proofs], axis=0)
     least = np.max([least_of_limit, *(proof.std_error for proof in proofs)], axis=0)
-    by_delay = np.max([proof.by_delay for proof in proofs], axis=0)
+    limited = estimate.value("DV") is None
+    by_delay = np.max([proof.by_delay_at_limit if limited else proof.by_delay for proof in proofs], axis=0)
     for place, symbol in enumerate(SYMBOLS):
         parameters[symbol] = _widened(
             parameters[symbol],
