@@ -12,7 +12,7 @@ from estimators.base import Estimate, Outcome, failed, measured
 from estimators.likelihood.conclusion import conclude, ramps_of, searched_model
 from estimators.likelihood.force_recording import estimate_force_recording
 from estimators.likelihood.hopping import Hopping
-from estimators.likelihood.input_errors import refit, searched_anew, step_instants, with_input_errors
+from estimators.likelihood.input_errors import hopped_anew, refit, searched_anew, step_instants, with_input_errors
 from estimators.likelihood.input_path import CommandedPath, InputPath, input_path
 from estimators.likelihood.lag_exchange import with_other_lags
 from estimators.likelihood.mass_scan import may_alias, with_scanned_mass
@@ -95,7 +95,8 @@ class MaximumLikelihoodEstimator:
         if not widened.deviations:
             return found
         point = searched_anew(model, widened, found, hopping, problem)
-        return refit(widened, found, point)
+        found = refit(widened, found, point)
+        return found if hopping.jumps else hopped_anew(found, hopping)
 
 
 def _as_its_treads_tell(estimate: Estimate, path: CommandedPath) -> Estimate:

@@ -51,6 +51,11 @@ _ALONE: Final = (
     "the stem jumps, and searches from other starts did not come to as good a fit, so that a better one may be "
     "missing still: repeat with ramps at several rates"
 )
+_STRAINED: Final = (
+    "the position asks for another force than was measured, by more than the noise of its channel allows, and friction "
+    "may stand in for what its lines miss: record it faster"
+)
+_LARGEST_STRAIN: Final = 6.5  # standard deviations that one error of the measured input may be from none
 
 
 def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found) -> Estimate:
@@ -98,7 +103,7 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
     # without noise the blocks are coarser than the fit, and the bottom is beyond what is computed
     is_bottom &= flatness.is_lowest or found.certificate.ratio < EXACT
     is_bottom |= problem.is_noise_free and found.certificate.ratio < 1.0
-    doubt = _NOT_ARRIVED if not is_bottom else "" if found.is_confirmed else _ALONE
+    doubt = _doubt(is_bottom=is_bottom, is_confirmed=found.is_confirmed, strain=strain(model, point))
     if doubt:
         parameters |= {symbol: absent(doubt) for symbol in _IN_THE_VALLEY if parameters[symbol].identifiable}
     complete = in_order(parameters)
@@ -125,6 +130,7 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         "noise_m": noise_m,
         "misfit_over_noise": found.certificate.ratio,
         "largest_piece": found.certificate.piece,
+        "strain_of_input": strain(model, point),
         "kinship_of_neighbours": found.certificate.kinship,
         "unevenness": found.certificate.unevenness,
         "std_error_factor": factor,
@@ -137,6 +143,20 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         "stand_ins": {symbol: values[symbol] for symbol, entry in complete.items() if entry.value is None},
     }
     return Estimate(method, status, " ".join(sentences), rms_m, complete, diagnostics)
+
+
+def strain(model: StemModel, point: FloatArray) -> float:
+    """Return the largest error of the measured input that the fit asks for, in standard deviations of its noise."""
+    count = len(model.deviations)
+    return float(np.abs(point[point.size - count :]).max(initial=0.0)) if count else 0.0
+
+
+def _doubt(*, is_bottom: bool, is_confirmed: bool, strain: float) -> str:
+    if not is_bottom:
+        return _NOT_ARRIVED
+    if strain > _LARGEST_STRAIN:
+        return _STRAINED
+    return "" if is_confirmed else _ALONE
 
 
 @dataclass(frozen=True, slots=True, eq=False)

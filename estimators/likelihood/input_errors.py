@@ -14,6 +14,7 @@ from estimators.likelihood.certificate import LARGEST_RATIO
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.coordinates import Coordinates, linear
 from estimators.likelihood.descent import descend
+from estimators.likelihood.elimination import eliminated
 from estimators.likelihood.hopping import Hopping, hopped
 from estimators.likelihood.model import Corners, StemModel
 from estimators.likelihood.pool import Place, chosen_trials, distinct, halved, ranked
@@ -31,6 +32,8 @@ _REFILL: Final = 0.35  # of the budget, for the hops from each place
 _MOST_HOPPED: Final = 4  # places
 _STEPS: Final = 12
 _LAST_STEPS: Final = 3
+_MOST_ROUNDS: Final = 3
+_WORTH_A_DESCENT: Final = 1.0  # of the cost
 
 
 def with_input_errors(model: StemModel, point: FloatArray, changed: Iterable[Corners]) -> StemModel:
@@ -147,6 +150,35 @@ def refit(model: StemModel, found: Found, point: FloatArray) -> Found:
         ),
         simulations=found.simulations + sum(one.simulations for one in nears) + again.simulations,
     )
+
+
+def hopped_anew(found: Found, hopping: Hopping) -> Found:
+    """Return the fit with the input's errors after hops with these eliminated about it, again until none is lower.
+
+    Errors that were eliminated about another place, on blocks chosen without them, may have led to a wrong place; the
+    blocks tell now what all rows tell at the fit, and the errors are those that were found.
+    """
+    model = found.model
+    for _ in range(_MOST_ROUNDS):
+        fine = compressed(model, keeping=found.point)
+        near = eliminated(fine, found.point)
+        if near is None:
+            break
+        small, own = near.model, found.point[: near.count]
+        budget = Budget.of(model)
+        budget.left *= _REFILL
+        places = hopped(small, [Place(own, small.cost(own))], hopping, budget, budget.left)
+        simulations = found.simulations + budget.simulations
+        if places[0].cost > small.cost(own) - _WORTH_A_DESCENT:
+            return replace(found, simulations=simulations)
+        lower = descend(fine, near.with_errors(places[0].point), most_steps=_STEPS, one_sided=True)
+        again = descend(model, lower.point, most_steps=_LAST_STEPS, one_sided=True)
+        simulations += lower.simulations + again.simulations
+        if again.cost > found.cost - _WORTH_A_DESCENT:
+            return replace(found, simulations=simulations)
+        certificate = certified(model, again.point)
+        found = replace(found, point=again.point, cost=again.cost, certificate=certificate, simulations=simulations)
+    return found
 
 
 class _Moved:

@@ -15,6 +15,7 @@ from estimators.identifiability.bound import Knowledge, knowledge
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.descent import descend
+from estimators.likelihood.elimination import eliminated
 from estimators.likelihood.limit_median import median_place
 from estimators.likelihood.model import STEP, StemModel
 from estimators.likelihood.pool import Place
@@ -34,7 +35,7 @@ _TEETH_SIGMAS: Final = (-30.0, -10.0, 10.0, 30.0)
 _LOWER_TOOTH: Final = 1.0  # of the cost
 _LONGEST_TOOTH: Final = 0.4  # of a logarithm
 _OTHER_STICTION: Final = ((0.25, 0.0), (0.7, 0.0), (1.0, 0.05), (1.0, 0.4))  # factors of F_s/F_c - 1, and added to it
-_FEW_INPUTS: Final = 6  # errors of the input that follow too
+_FEW_INPUTS: Final = 6  # errors of the input that follow as they are; more of them follow linearly
 CHECKED: Final = ("m", "F_v", "F_c", "F_s", "DV")
 _WITHIN_95: Final = 3.84
 _WITHIN_SILLS: Final = 9.0
@@ -135,21 +136,22 @@ def flat_errors(
     the next teeth are lower. ``about_middle``: the errors are those of the median of a DV that hardly shows.
     """
     small = compressed(model, keeping=point)
-    inputs = tuple(name for name in model.coordinates.names if name.startswith("input_"))
-    held = inputs if len(inputs) > _FEW_INPUTS else ()
+    near_errors = eliminated(small, point) if len(model.deviations) > _FEW_INPUTS else None
+    if near_errors is not None:
+        small, point = near_errors.model, point[: near_errors.count]
     budget = Budget.limited(min(Budget.of(small).whole, _MOST_WORK))
     most = budget.most_at_once(small, 0.5)
-    near = descend(small, point, most_steps=_FOLLOWING_STEPS, held=held, most_simulations=most)
+    near = descend(small, point, most_steps=_FOLLOWING_STEPS, most_simulations=most)
     start = Place(near.point, near.cost)
     within = (_WITHIN_SILLS if jumps else _WITHIN_95) * noise_factor**2
     walks = [
-        [start, *_walked(small, start, name, sense, budget=budget, held=held, within=within)]
+        [start, *_walked(small, start, name, sense, budget=budget, within=within)]
         for name, sense in product(WALKED, (-1, 1))
     ]
     if not jumps:
-        walks += [[start, place] for place in _with_other_stiction(small, start.point, held, budget)]
+        walks += [[start, place] for place in _with_other_stiction(small, start.point, budget)]
     if creeps:
-        walks.append([start, *_next_teeth(small, start.point, held, budget)])
+        walks.append([start, *_next_teeth(small, start.point, budget)])
     # blocks have another bottom than all rows, and a walk may find it lower
     lowest = min((place for places in walks for place in places), key=lambda place: place.cost)
     middle = None
@@ -161,18 +163,21 @@ def flat_errors(
             for place in places
         ]
         middle = median_place(of_limit, small.coordinates.names.index("DV"), noise_factor=noise_factor)
-    values = natural_values(model, lowest.point if middle is None else middle)
+    values = natural_values(small, lowest.point if middle is None else middle)
     least: dict[str, float] = {}
     for places in walks:
         for reached in _within(lowest.cost, places, within):
-            far_values = natural_values(model, reached)
+            far_values = natural_values(small, reached)
             for symbol in CHECKED:
                 far = abs(far_values[symbol] - values[symbol]) / NORMAL_95
                 least[symbol] = max(least.get(symbol, 0.0), far)
     # the blocks of a staircase's rows, weighted by their instants, have a bottom apart from that of all rows
     # a tooth that is any lower tells that the comb is finer than what the search told apart
     is_lowest = model.stepped or start.cost - lowest.cost <= (min(within, _LOWER_TOOTH) if creeps else within)
-    return Flatness(least, is_lowest, lowest.point, None if middle is None else middle - lowest.point)
+    ends = [lowest.point if middle is None else middle, lowest.point]
+    if near_errors is not None:
+        ends = [near_errors.with_errors(end) for end in ends]
+    return Flatness(least, is_lowest, ends[1], None if middle is None else ends[0] - ends[1])
 
 
 def _walked(
@@ -182,12 +187,11 @@ def _walked(
     sense: int,
     *,
     budget: Budget,
-    held: tuple[str, ...],
     within: float,
 ) -> list[Place]:
     """Places of a walk until the cost has risen: an unknown that hardly shows goes on in strides, far off."""
     number = small.coordinates.names.index(name)
-    places = walk(small, start, name, sense, budget=budget, held=held, largest_rise=2.0 * within).places
+    places = walk(small, start, name, sense, budget=budget, largest_rise=2.0 * within).places
     for _ in range(_FARTHER):
         rise = places[-1].cost - start.cost if places else math.inf
         if rise > within or abs(float(places[-1].point[number] - start.point[number])) < _ALL_THE_WAY * FARTHEST:
@@ -198,7 +202,6 @@ def _walked(
             name,
             sense,
             budget=budget,
-            held=held,
             largest_rise=2.0 * within - rise,
             longest=_STRIDE,
         )
@@ -208,29 +211,28 @@ def _walked(
     return places
 
 
-def _with_other_stiction(small: StemModel, point: FloatArray, held: tuple[str, ...], budget: Budget) -> Iterator[Place]:
+def _with_other_stiction(small: StemModel, point: FloatArray, budget: Budget) -> Iterator[Place]:
     """Yield where the others go with an F_s far off: under a step it may not show at all up to a sharp limit."""
     number = small.coordinates.names.index("d")
     for factor, more in _OTHER_STICTION:
         if budget.left > 0.0:
             other = point.copy()
             other[number] = factor * point[number] + more
-            found = descend(small, other, most_steps=_FOLLOWING_STEPS, held=("d", *held), arrived=0.1, one_sided=True)
+            found = descend(small, other, most_steps=_FOLLOWING_STEPS, held=("d",), arrived=0.1, one_sided=True)
             budget.spend(small, found.simulations)
             yield Place(found.point, found.cost)
 
 
-def _next_teeth(small: StemModel, point: FloatArray, held: tuple[str, ...], budget: Budget) -> Iterator[Place]:
+def _next_teeth(small: StemModel, point: FloatArray, budget: Budget) -> Iterator[Place]:
     """Yield where descents end that begin many standard errors off along the valley, beyond its sills."""
     names = small.coordinates.names
-    moving = [number for number, name in enumerate(names) if name not in held]
     for name, sigmas in product(_TOOTHED, _TEETH_SIGMAS):
-        tangent = along(small, point, names.index(name), moving)
+        tangent = along(small, point, names.index(name), list(range(len(names))))
         if tangent is None or budget.left < 0.0:
             break
         step = float(np.clip(sigmas * tangent[1], -_LONGEST_TOOTH, _LONGEST_TOOTH))
         trial = point + step * tangent[0]
-        found = descend(small, trial, most_steps=_FOLLOWING_STEPS, held=held, arrived=0.1, one_sided=True)
+        found = descend(small, trial, most_steps=_FOLLOWING_STEPS, arrived=0.1, one_sided=True)
         budget.spend(small, found.simulations)
         yield Place(found.point, found.cost)
 
