@@ -125,11 +125,12 @@ def _unexplained(estimate: Estimate, own: Place | None, proofs: list[Proof], see
             place = SYMBOLS.index(symbol)
             least = ratio * (parameters[symbol].std_error or 0.0)
             shift = float(abs(proofs[0].place.values[place] - own.values[place])) if proofs else 0.0
+            by_delay = max((float(proof.by_delay_at_limit[place]) for proof in proofs), default=0.0)
             parameters[symbol] = _widened(
                 parameters[symbol],
                 shift=shift,
                 least=least,
-                by_delay=0.0,
+                by_delay=by_delay,
                 scale=float(own.values[SYMBOLS.index("F_s")]) if symbol == "F_0" else None,
             )
     return _with_status(replace(estimate, parameters=parameters), estimate, math.inf)
