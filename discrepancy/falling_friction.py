@@ -47,6 +47,13 @@ def has_wide_limit(fit: Fit, setting: Setting) -> bool:
     return fit.values["DV"] > _WIDE * setting.sliding_m_per_s
 
 
+def may_ring(fit: Fit, setting: Setting) -> bool:
+    """Whether the plain valve has next to no damping, or a DV so wide, as stands in for a friction that falls."""
+    values = fit.values
+    is_free = values["F_v"] < 2.0 * _RINGING * math.sqrt(values["m"] * values["k"])
+    return is_free or has_wide_limit(fit, setting)
+
+
 def from_wide_limit(fit: Fit, model: Model, setting: Setting) -> Fit | None:
     """Return the lowest fit of a ``model`` with the falling friction that begins where the plain valve's DV is.
 

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from discrepancy.causes.base import Cause, Setting, is_at_bound, is_trifle
+from discrepancy.falling_friction import may_ring
 from discrepancy.least_squares import Fit, descend
 from discrepancy.refining import refined
 from discrepancy.screening import Candidate, refit
@@ -68,6 +69,9 @@ def refits(best: Fit, candidates: list[Candidate], setting: Setting, most: int, 
     quick = [one for one in ordinary if one.cause.is_quick and one.promise > _RIVAL_SHARE * ordinary[0].promise]
     ordinary = [*quick, *(one for one in ordinary if one not in quick)]
     hard = [one for one in candidates if one.cause.is_hard]
+    # a valve without damping, or with a wide DV, rings: no other cause does, and after all others no work is left
+    if not _is_coarse(best) and may_ring(best, setting):
+        ordinary, hard = [*hard, *ordinary], []
     fits: Fits = []
     lowest, explained, promise = math.inf, False, 0.0
     # of polled rows one refinement would take the work of all that was not tried yet

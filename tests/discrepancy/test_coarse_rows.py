@@ -46,6 +46,7 @@ def test_polled_rows_are_fitted_with_no_hard_cause_where_another_took_the_work_a
         model.tally.work = 2.0
         return replace(fit, residual=np.array([np.sqrt(1.0 + 99.0 * left)]))
 
+    monkeypatch.setattr(rounds, "may_ring", lambda _fit, _setting: False)
     monkeypatch.setattr(rounds, "refit", refit)
     monkeypatch.setattr(rounds, "refined", lambda fit: fit)
     monkeypatch.setattr(rounds, "is_settled", lambda _best, _fit: False)

@@ -13,7 +13,7 @@ import pytest
 from discrepancy import rounds
 from discrepancy.baseline import baseline_unknowns, fit_baseline
 from discrepancy.causes.friction import LOCAL, STRIBECK
-from discrepancy.falling_friction import SPEED, has_wide_limit
+from discrepancy.falling_friction import SPEED, has_wide_limit, may_ring
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.model import Model
 from discrepancy.observed import Observed, observe
@@ -59,6 +59,8 @@ def test_a_hard_cause_is_tried_where_the_ordinary_ones_took_all_the_work(monkeyp
     monkeypatch.setattr(rounds, "refit", refit)
     monkeypatch.setattr(rounds, "share_of_work", lambda _fit: 1.0)
     monkeypatch.setattr(rounds, "_is_coarse", lambda _fit: False)
+    rings: list[bool] = [False]
+    monkeypatch.setattr(rounds, "may_ring", lambda _fit, _setting: rings[0])
     last = 1.0e8
 
     def tried_at(work: float) -> Sequence[str]:
@@ -72,6 +74,20 @@ def test_a_hard_cause_is_tried_where_the_ordinary_ones_took_all_the_work(monkeyp
     assert tried_at(0.5 * last) == ["local_friction", "stribeck_friction"]
     assert tried_at(1.2 * last) == ["stribeck_friction"]
     assert tried_at(2.0 * last) == []
+    rings[0] = True
+    assert tried_at(0.5 * last) == ["stribeck_friction", "local_friction"]
+
+
+def test_a_valve_without_damping_may_ring_and_one_with_a_wide_limit() -> None:
+    setting: Any = SimpleNamespace(sliding_m_per_s=1.0e-2)
+
+    def rings(viscous: float, limit: float) -> bool:
+        fit: Any = SimpleNamespace(values={"m": 1.0, "k": 5.0e4, "F_v": viscous, "DV": limit})
+        return may_ring(fit, setting)
+
+    assert rings(0.4, 1.0e-4)
+    assert rings(600.0, 9.0e-3)
+    assert not rings(600.0, 1.0e-4)
 
 
 # Where the plain valve ends on a case whose friction falls.
