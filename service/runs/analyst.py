@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from service.health.judge import health_of
+from service.runs.rig import Order
 from service.runs.room import room_to_json
 from service.runs.run import Run
 from service.runs.separating import TOGETHER
-from service.settings import PlantValve
 from service.store.store import Store
 from valve.nameplate import Nameplate
 
@@ -40,8 +40,7 @@ class Analyst(Protocol):
 async def assessed(
     analyst: Analyst,
     run: Run,
-    valve: PlantValve,
-    sequence: str,
+    order: Order,
     store: Store,
     *,
     together: Sequence[str],
@@ -49,8 +48,9 @@ async def assessed(
 ) -> dict[str, Any]:
     """Return the analysis of a run's recording with the valve's health; ``together`` are ids of tests beside it.
 
-    ``sequence`` is what was played. Raises ValveError.
+    Raises ValveError.
     """
+    valve = order.valve
     accepted = await asyncio.to_thread(store.models.current, run.valve)
     analysis = await analyst.analyze(
         store.recording_path(run.id),
@@ -61,7 +61,7 @@ async def assessed(
         room=room_to_json(valve.nameplate, valve.wiring.limits, run.overrides),
     )
     if together:
-        analysis = {**analysis, TOGETHER: {"sequence": sequence, "tests": list(together)}}
+        analysis = {**analysis, TOGETHER: {"sequence": order.sequence, "tests": list(together)}}
     if accepted is not None:
         analysis = {**analysis, "accepted_model": {"number": accepted.number, "test": accepted.test}}
     health = await asyncio.to_thread(health_of, store.figures, valve, run, analysis)

@@ -18,8 +18,7 @@ from drivers.permissives import Permissive
 from service.audit.log import AuditError, AuditLog
 from service.bus import BusOwners, Claim
 from service.runs.acknowledgement import ENDED_KEY, NOT_CONFIRMED
-from service.runs.analyst import Analyst
-from service.runs.conclusion import Conclusion
+from service.runs.analyst import Analyst, assessed
 from service.runs.live import MOTION_SHARE, LiveRun
 from service.runs.permission import Permission
 from service.runs.quality import recording_quality
@@ -61,7 +60,6 @@ class Life:
         self._order = order
         self._claim = claim
         self._store = store
-        self._conclusion = Conclusion(live, store)
         self._owners = owners
         self._journal: JournalWriter | None = None
         self._disk_error = ""
@@ -76,8 +74,7 @@ class Life:
         try:
             moved_well = await self._move(rig)
             if moved_well:
-                order = self._order
-                await self._conclusion.analyze(analyst, order.valve, order.sequence, self._together)
+                await self._analyze(analyst)
         except Exception as error:  # noqa: BLE001  - here a test's failure is stored
             _LOG.error("test failed unexpectedly", test=self._live.run.id, exc_info=error)
             await self._rescue(rig, "; ".join(text for text in (self._disk_error, _reason(error)) if text))
@@ -96,7 +93,7 @@ class Life:
         changes: dict[str, Any] = {"error": "; ".join(reasons), "finished_at": datetime.now(UTC)}
         changes["safe_confirmed"] = safe
         try:
-            await self._conclusion.end(RunState.FAILED, **changes)
+            await self._end(RunState.FAILED, **changes)
         except Exception as error:  # noqa: BLE001  - nobody may wait for ever for an end that cannot be stored
             _LOG.error("end of test not stored", test=self._live.run.id, exc_info=error)
             self.is_end_stored = False
@@ -110,19 +107,30 @@ class Life:
             _LOG.error("valve not sent to safe", test=self._live.run.id, exc_info=error)
             return False
 
+    async def _change(self, **changes: Any) -> None:
+        """Store the changed run, then let it be seen: nobody hears of what a crash could undo."""
+        changed = replace(self._live.run, **changes)
+        await asyncio.to_thread(self._store.runs.save, changed)
+        self._live.run = changed
+        self._live.announce()
+
+    async def _end(self, state: RunState, error: str = "", **changes: Any) -> None:
+        await self._change(**{"state": state, "error": error, "finished_at": datetime.now(UTC), **changes})
+        _LOG.info("test ended", test=self._live.run.id, valve=self._live.run.valve, state=state.value, error=error)
+
     async def _move(self, rig: Rig) -> bool:
         """Drive the valve and store what was recorded; True where there is something to analyse."""
         live = self._live
         if live.stop.is_set():
-            await self._conclusion.end(RunState.STOPPED, live.stop_reason)
+            await self._end(RunState.STOPPED, live.stop_reason)
             return False
-        await self._conclusion.change(state=RunState.RUNNING, started_at=datetime.now(UTC))
+        await self._change(state=RunState.RUNNING, started_at=datetime.now(UTC))
         syncing = asyncio.create_task(self._sync_journal())
         watcher = Watcher(self._on_ready, self._on_samples, self._on_progress, self._on_permissives)
         try:
             outcome = await rig.play(self._order, watcher, live.stop)
         except ValveError as error:  # before anything moved: a motion ends in an outcome
-            await self._conclusion.end(RunState.FAILED, f"{error} (nothing was moved)")
+            await self._end(RunState.FAILED, f"{error} (nothing was moved)")
             return False
         finally:
             syncing.cancel()
@@ -148,16 +156,28 @@ class Life:
         if not outcome.safe_confirmed:
             faults.insert(0, NOT_CONFIRMED)
         if outcome.ended is Ended.COMPLETED and not faults and outcome.recording is not None:
-            await self._conclusion.change(state=RunState.ANALYZING, progress=MOTION_SHARE, **changes)
+            await self._change(state=RunState.ANALYZING, progress=MOTION_SHARE, **changes)
         elif outcome.ended is Ended.STOPPED and not (self._disk_error or unwritten):
-            await self._conclusion.end(RunState.STOPPED, "; ".join(faults), **changes)
+            await self._end(RunState.STOPPED, "; ".join(faults), **changes)
         else:
-            await self._conclusion.end(RunState.FAILED, "; ".join(faults) or "no sample was taken", **changes)
+            await self._end(RunState.FAILED, "; ".join(faults) or "no sample was taken", **changes)
 
     def _put_journal_away(self, journal: JournalWriter, recorded: bool) -> None:
         journal.close()
         if recorded:
             self._store.journal_path(self._live.run.id).unlink(missing_ok=True)
+
+    async def _analyze(self, analyst: Analyst) -> None:
+        run = self._live.run
+        self._on_analysis(0.0, "analyzing")
+        try:
+            analysis = await assessed(
+                analyst, run, self._order, self._store, together=self._together, progress=self._on_analysis
+            )
+        except ValveError as error:
+            await self._end(RunState.FAILED, f"the recording is stored, its analysis failed: {error}")
+        else:
+            await self._end(RunState.COMPLETED, analysis=analysis, progress=1.0)
 
     async def _sync_journal(self) -> None:
         while True:
@@ -193,7 +213,7 @@ class Life:
         await self._in_audit("motion.armed", {**details, "entry_pa": self._entry_pa, "permit": self._order.permit})
         of_service = [one for one in (run.permissives or {}).get("permissives", []) if one["name"] in _OF_SERVICE]
         shown["permissives"] += of_service  # disk and last end were read a moment ago; a device cannot know them
-        await self._conclusion.change(permissives=shown)
+        await self._change(permissives=shown)
 
     async def _in_audit(self, event: str, details: Mapping[str, Any]) -> None:
         """Write an event of this motion; it is on disk when this returns. Raises AuditError: then nothing may move."""
@@ -233,6 +253,9 @@ class Life:
         if phase == ENDED or self._live.stop.is_set():
             share = 0.0  # progress never falls: it stays where it was
         self._live.progress(MOTION_SHARE * share, phase)
+
+    def _on_analysis(self, share: float, phase: str) -> None:
+        self._live.progress(MOTION_SHARE + (1.0 - MOTION_SHARE) * share, phase)
 
     def _abort_for_disk(self, error: OSError) -> None:
         self._disk_error = f"samples can no longer be written ({error.strerror or error}): the test was stopped"

@@ -1,4 +1,4 @@
-"""After a crash: what was cut off is marked, its samples are kept, its valve goes to safe; no motion resumes."""
+"""After a crash: what was cut off is marked, its samples are kept, its valve goes to safe; nothing resumes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from service.runs.acknowledgement import NOT_CONFIRMED
 from service.runs.gate import Gate
 from service.runs.rig import Rig
 from service.runs.run import Run, RunState, checked_run_id
-from service.runs.second_analysis import BrokenOff, broken_off
 from service.runs.tasks import Tasks
 from service.settings import Plant
 from service.store.journal import read_header, read_journal, recording_from_journal
@@ -105,15 +104,14 @@ class Recovery:
         self._tasks = tasks
         self._audit = audit
 
-    async def begin(self) -> list[BrokenOff]:
+    async def begin(self) -> None:
         """Send the valves that a dead process left to safe, each in a task of its own, and mark its tests.
 
-        The valves come first: neither a long journal nor a full disk holds them up. Returned is what lacks its analysis
-        alone: it is not marked.
+        The valves come first: neither a long journal nor a full disk holds them up.
         """
-        left = await asyncio.to_thread(self._store.runs.in_states, _UNFINISHED, gateway=self._plant.service.gateway)
-        recorded = [await asyncio.to_thread(broken_off, self._plant, self._store, run) for run in left]
-        unfinished = [run for run, one in zip(left, recorded, strict=True) if one is None]
+        unfinished = await asyncio.to_thread(
+            self._store.runs.in_states, _UNFINISHED, gateway=self._plant.service.gateway
+        )
         sent: dict[str, asyncio.Task[bool]] = {}
         for run in unfinished:
             if run.valve in self._plant.valves and _needs_safe(run):
@@ -127,7 +125,6 @@ class Recovery:
             elif _needs_safe(run):
                 error = f"{run.error}; {NOT_CONFIRMED}: plant.toml no longer names it"
                 await asyncio.to_thread(self._store.runs.save, replace(run, error=error, safe_confirmed=False))
-        return [one for one in recorded if one is not None]
 
     async def _send_safe(self, run: Run, entry_pa: float | None) -> bool:
         valve = self._plant.valves[run.valve]

@@ -22,8 +22,7 @@ from service.runs.recovery import Recovery
 from service.runs.requester import LOCAL, Requester
 from service.runs.rig import Order, Rig
 from service.runs.run import Label, Run, checked_run_id, new_run_id
-from service.runs.second_analysis import analyze_again
-from service.runs.separating import SEPARATING, check_name, separating_of
+from service.runs.separating import SEPARATING, separating_of
 from service.runs.sequences import choose_waveform
 from service.runs.tasks import Tasks
 from service.settings import Plant, PlantValve
@@ -103,8 +102,6 @@ class Runs:
         valve = self.valve(tag)
         self._check_gateway(tag)
         together: tuple[str, ...] = ()
-        if sequence is not None:
-            check_name(sequence)
         if sequence == SEPARATING:
             if overrides:
                 raise RequestError(f"sequence {SEPARATING} takes no overrides, as the last test says them: drop them")
@@ -263,13 +260,8 @@ class Runs:
         return live.events.follow(after)
 
     async def recover(self) -> None:
-        """Send the valves that a dead process left to safe and mark its tests; returns when they are marked.
-
-        A test that lacks its analysis alone is analysed again.
-        """
-        recovery = Recovery(self._plant, self._store, self._rig, self._gate, self._tasks, audit=self._audit)
-        for found in await recovery.begin():
-            self._tasks.spawn(analyze_again(found, self._live.begin(found.run), self._store, self._analyst))
+        """Send the valves that a dead process left to safe and mark its tests; returns when they are marked."""
+        await Recovery(self._plant, self._store, self._rig, self._gate, self._tasks, audit=self._audit).begin()
 
     async def settled(self) -> None:
         """Return when everything that this process has under way, recovery included, has come to its end."""

@@ -1,7 +1,7 @@
 """The night: at its time each schedule's checks are queued, each waits for its turn on its bus, and is written down.
 
 The rows of ``schedule_runs`` say what is to be done and what was; the queue (``service.jobs``) carries them. Nothing
-that moves is resumed after a crash: it is written down as interrupted, and its valve was sent to safe by the
+that was begun is resumed after a crash: it is written down as interrupted, and its valve was sent to safe by the
 recovery of its test. What was still queued goes on while its window lasts.
 """
 
@@ -285,10 +285,8 @@ class Nightly:
         run = await asyncio.to_thread(self._known.by_idempotency_key, check.key)
         if run is not None:
             await asyncio.to_thread(self._table.note_test, check.id, run.id)
-            if not run.state.finished:  # only its analysis was cut off, and is made again
-                self._spawn(self._follow(check, run))
-                return
-            state, reason = _BY_TEST.get(run.state, CheckState.FAILED), run.error
+            if run.state.finished:
+                state, reason = _BY_TEST.get(run.state, CheckState.FAILED), run.error
         await self._end(check, state, reason)
 
     async def _end(self, check: Check, state: CheckState, reason: str) -> str:
