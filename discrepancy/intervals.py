@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from discrepancy.significance import noise_factor
 from estimators.base import NORMAL_95
 from estimators.samples import BoolArray, FloatArray
 from valve.effects import EFFECTS
+
+_JUMP: Final = 0.5  # own choice: the backward slope over the forward one, in size
 
 
 def standard_errors(fit: Fit) -> FloatArray:
@@ -52,15 +55,16 @@ def _slopes(fit: Fit) -> FloatArray:
 
 
 def _of_no_jump(fit: Fit, forward: FloatArray) -> FloatArray:
-    """Return of the ``forward`` slopes and the backward ones the smaller to each coordinate, shape (p, count).
+    """Return the ``forward`` slopes, with the backward one to each coordinate where it is far smaller, (p, count).
 
     A slip that comes or goes within a step moves the stem by far more than the step is worth: such a quotient says that
-    the coordinate is known a thousand times as well as it is.
+    the coordinate is known a thousand times as well as it is. Where both are alike none is exchanged: what tells two
+    coordinates apart is a small difference of their slopes, which must be of one kind.
     """
     backward = fit.model.slopes(fit.point, fit.residual, is_backward=True)
     before, after = np.linalg.norm(backward, axis=1), np.linalg.norm(forward, axis=1)
     # none is 0 unless the stem could not be followed there
-    is_smaller = (before > 0.0) & ((before < after) | (after == 0.0))
+    is_smaller = (before > 0.0) & ((before < _JUMP * after) | (after == 0.0))
     return np.where(is_smaller[:, None], backward, forward)
 
 

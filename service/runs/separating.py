@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from service.runs.run import Run
+from service.runs.sequences import SEQUENCES
 from service.store.store import Store
 from valve.errors import RequestError
 
@@ -23,6 +24,13 @@ class Separating:
     sequence: str
     overrides: Mapping[str, Any]
     tests: tuple[str, ...]
+
+
+def check_name(sequence: str) -> None:
+    """Raise RequestError where a test that somebody asks for cannot run a sequence of this name."""
+    if sequence != SEPARATING and sequence not in SEQUENCES:
+        known = f"{', '.join(SEQUENCES)}, or {SEPARATING}, which the last test asks for"
+        raise RequestError(f"sequence {sequence[:64]!r} is unknown: choose one of {known}")
 
 
 def separating_of(store: Store, tag: str) -> Separating:

@@ -22,7 +22,7 @@ from service.runs.recovery import Recovery
 from service.runs.requester import LOCAL, Requester
 from service.runs.rig import Order, Rig
 from service.runs.run import Label, Run, checked_run_id, new_run_id
-from service.runs.separating import SEPARATING, separating_of
+from service.runs.separating import SEPARATING, check_name, separating_of
 from service.runs.sequences import choose_waveform
 from service.runs.tasks import Tasks
 from service.settings import Plant, PlantValve
@@ -102,6 +102,8 @@ class Runs:
         valve = self.valve(tag)
         self._check_gateway(tag)
         together: tuple[str, ...] = ()
+        if sequence is not None:
+            check_name(sequence)
         if sequence == SEPARATING:
             if overrides:
                 raise RequestError(f"sequence {SEPARATING} takes no overrides, as the last test says them: drop them")
