@@ -235,9 +235,8 @@ def unexplained_message(choice: Choice) -> str:
     ratio = misfit(choice.best) ** 0.5
     told = f"The simulation misses the measurement by {ratio:.1f} times the noise"
     if ratio < 1.05:
-        told = (
-            f"What the simulation leaves is as small as the noise, but {wander(choice.best):.2g} of it hangs together"
-        )
+        hanging = f"{wander(choice.best):.2g} times the noise"
+        told = f"The simulation misses by no more than the noise, yet what it leaves hangs together ({hanging})"
     early = _ENDED_EARLY if choice.is_cut else ""
     if not choice.causes:
         return f"{told}, and no cause of the catalogue {'that was tried ' if early else ''}takes that away.{early}"
