@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final
 
@@ -20,6 +20,8 @@ import numpy as np
 
 from discrepancy.observed import Observed, Segment
 from discrepancy.residuals import paired
+from discrepancy.sliding import COLUMNS, Sliding
+from discrepancy.unknowns import SEPARATOR
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import BoolArray, FloatArray
 
@@ -32,17 +34,13 @@ _APART: Final = 3.0  # line widths between two lines
 _FEWEST_BREAKAWAYS: Final = 12
 _MOVING_SHARE: Final = 0.3  # of the usual speed
 _LOCKED: Final = 0.7  # mean resultant length of the breakaways' phases
-# What a cause of strength 1 adds to the force that a breakaway needs, by its places, forces and directions, (n,) each,
-# and the values of a fit; by the full name of that strength.
-_Bent = Callable[[FloatArray, FloatArray, FloatArray, Mapping[str, float]], FloatArray]
-_BENT: Final[dict[str, _Bent]] = {
-    "diaphragm_area_change.slope_per_m": lambda x, force, _s, at: (
-        -force * (x - at["diaphragm_area_change.reference_m"])
-    ),
-    "friction_gradient.gradient_n_per_m": lambda x, _f, s, at: s * (x - at["friction_gradient.reference_m"]),
-    "pressure_dependent_friction.share": lambda _x, force, s, _at: s * force,
-    "spring_hardening.hardening_n_per_m2": lambda x, _f, _s, _at: 0.5 * x * x,
-    "dual_rate_spring.rate_change_n_per_m": lambda x, _f, _s, at: np.maximum(x - at["dual_rate_spring.knee_m"], 0.0),
+# Causes that bend the balance of forces at the breakaways too, and the strength of each.
+_BENDING: Final = {
+    "diaphragm_area_change": "slope_per_m",
+    "friction_gradient": "gradient_n_per_m",
+    "pressure_dependent_friction": "share",
+    "spring_hardening": "hardening_n_per_m2",
+    "dual_rate_spring": "rate_change_n_per_m",
 }
 
 
@@ -130,15 +128,19 @@ def shaken_breakaways(observed: Observed, most: int, values: Mapping[str, float]
     if len(table) < _FEWEST_BREAKAWAYS:
         return []
     time_s, force_n, place_m, sense = np.array(table).T
-    at = values or {}
-    bent = tuple(name for name in _BENT if name in at)
-    more = [_BENT[name](place_m, force_n, sense, at) for name in bent]
+    rows = Sliding(place_m, np.zeros(place_m.size), sense, force_n, time_s)
+    bent, more = [], []
+    for cause, strength in _BENDING.items():
+        own = {name.removeprefix(cause + SEPARATOR): value for name, value in (values or {}).items()}
+        if strength in own:
+            bent.append(cause + SEPARATOR + strength)
+            more.append(COLUMNS[cause](rows, own))
     base = np.column_stack([place_m, np.ones(place_m.size), sense, *more])
     span_s = float(np.ptp(time_s))
     frequency_hz = np.arange(LOWEST_HZ, HIGHEST_HZ, 1.0 / (_FINER * span_s))
     taken = _taken(base, force_n, np.outer(2.0 * math.pi * frequency_hz, time_s))
     found = _highest(frequency_hz, taken, _APART / span_s, most)
-    return [shaken for at_hz in found if (shaken := _shaken(at_hz, base, force_n, time_s, bent)) is not None]
+    return [shaken for at_hz in found if (shaken := _shaken(at_hz, base, force_n, time_s, tuple(bent))) is not None]
 
 
 def locked_breakaways(observed: Observed) -> Shaken | None:
