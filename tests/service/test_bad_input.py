@@ -14,6 +14,7 @@ import pytest
 
 from service.settings import load_plant
 from simulator.assembly import SimulatedPlant
+from tests.service.command_line import called
 from tests.service.fake_rig import FakeAnalyst
 from tests.service.problem import assert_problem
 from tests.service.running_service import running_service
@@ -24,7 +25,7 @@ HEADER = "time_s,pressure_pa,position_m\n"
 
 
 async def breakaway(folder: Path, *arguments: str) -> tuple[int, str]:
-    """Exit code and standard error of one command."""
+    """Exit code and standard error of one command, as a process of its own while the service here goes on."""
     process = await asyncio.create_subprocess_exec(
         sys.executable, "-m", "service.cli", *arguments, cwd=folder, stdout=-1, stderr=-1
     )
@@ -80,9 +81,9 @@ async def test_a_bad_plant_file_ends_with_1_a_sentence_and_no_motion(
         else:  # the same valve once more, under another tag
             bad = good + good[good.index("[[valves]]") :].replace(TAG, "FV-102")
         path.write_text(bad, encoding="utf-8")
-        code, said = await breakaway(quick_path, command, "--config", path.name)
-        assert code == 1
-        assert_sentence(said, "plant.toml", *parts)
+        answer = called(command, "--config", path.name, folder=quick_path)
+        assert answer.returncode == 1
+        assert_sentence(answer.stderr, "plant.toml", *parts)
         assert_untouched(plant)
     assert not (quick_path / "plant-data").exists(), "nothing was started"
 
@@ -151,9 +152,9 @@ async def test_a_bad_recording_or_nameplate_is_the_same_sentence_on_both_ways(
 ) -> None:
     (quick_path / "bad.csv").write_text(recording, encoding="utf-8")
     (quick_path / "plate.toml").write_text(nameplate, encoding="utf-8")
-    code, said = await breakaway(quick_path, "analyze", "bad.csv", "--nameplate", "plate.toml")
-    assert code == 1
-    assert_sentence(said, *parts)
+    answer = called("analyze", "bad.csv", "--nameplate", "plate.toml", folder=quick_path)
+    assert answer.returncode == 1
+    assert_sentence(answer.stderr, *parts)
     async with running_service(load_plant(plant_file), None, FakeAnalyst()) as client:
         files = {"recording": ("bad.csv", recording), "nameplate": ("plate.toml", nameplate)}
         assert_problem(await client.post("/recordings/analyze", files=files), 422, *parts)

@@ -16,6 +16,7 @@ import pytest
 from drivers.permissives import Permissive
 from service.cli import COMMANDS
 from service.settings import PlantValve, load_plant
+from tests.service.command_line import called
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.running_service import running_service
 from valve.errors import DeviceError
@@ -23,7 +24,8 @@ from valve.errors import DeviceError
 BREAKAWAY = (sys.executable, "-m", "service.cli")
 
 
-def called(*arguments: str) -> subprocess.CompletedProcess[str]:
+def started(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """What a process of its own says."""
     return subprocess.run([*BREAKAWAY, *arguments], capture_output=True, text=True, timeout=300, check=False)
 
 
@@ -38,7 +40,7 @@ def test_help_names_every_command_and_loads_none_of_them() -> None:
 
 
 def test_the_version_is_told() -> None:
-    answer = called("--version")
+    answer = started("--version")
     assert (answer.returncode, answer.stdout) == (0, f"breakaway {version('breakaway')}\n")
 
 
@@ -46,7 +48,7 @@ def test_help_comes_at_once() -> None:
     used_s = []
     for _ in range(3):
         before_s = _processor_time_of_children_s()
-        called("--help")
+        started("--help")
         used_s.append(_processor_time_of_children_s() - before_s)
     assert statistics.median(used_s) < 2.0, "0.3 s on an idle machine"
 
@@ -73,7 +75,7 @@ def test_wrong_usage_ends_with_2(arguments: tuple[str, ...]) -> None:
 
 def test_a_bad_plant_file_ends_with_1_and_one_sentence(plant_file: Path, plant_text: str) -> None:
     plant_file.write_text(plant_text.replace("port = 5020", "prt = 5020"), encoding="utf-8")
-    answer = called("serve", "--config", str(plant_file))
+    answer = started("serve", "--config", str(plant_file))
     assert answer.returncode == 1
     assert answer.stderr.splitlines() == [
         "breakaway: plant.toml: buses[0].prt = 5020: this key is unknown: write port",
@@ -100,9 +102,7 @@ def test_an_address_that_is_none_is_told_before_anything_is_asked(url: str) -> N
 def test_a_plant_file_that_cannot_be_read_is_the_same_sentence_everywhere(
     command: str, file: str, tmp_path: Path
 ) -> None:
-    answer = subprocess.run(
-        [*BREAKAWAY, command, "--config", file], cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False
-    )
+    answer = called(command, "--config", file, folder=tmp_path)
     assert answer.returncode == 1
     assert answer.stderr.startswith("breakaway: ")
     assert "Traceback" not in answer.stderr

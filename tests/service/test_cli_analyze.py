@@ -3,46 +3,23 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from service.cli import main
+from tests.service.command_line import Called, called
 from tests.service.recordings import NAMEPLATE_TOML, at_rest, sine_test, triangle_test
 from valve.recording_files import write_csv, write_parquet
 
-
-@dataclass(frozen=True)
-class Outcome:
-    code: int
-    out: str
-    err: str
-
-
-Run = Callable[..., Outcome]
+Run = Callable[..., Called]
 
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], folder: Path) -> Run:
+def run(folder: Path) -> Run:
     """Run ``breakaway analyze`` with these arguments in the folder of the files."""
-    monkeypatch.setenv("COLUMNS", "160")
-    monkeypatch.chdir(folder)
-
-    def call(*arguments: str) -> Outcome:
-        monkeypatch.setattr(sys, "argv", ["breakaway", "analyze", *arguments])
-        try:
-            main()
-            code = 0
-        except SystemExit as end:
-            code = end.code if isinstance(end.code, int) else (0 if end.code is None else 1)
-        caught = capsys.readouterr()
-        return Outcome(code, caught.out, caught.err)
-
-    return call
+    return partial(called, "analyze", folder=folder, columns=160)
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +46,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_both_methods_stand_beside_each_other_with_intervals_and_quality(run: Run) -> None:
     outcome = run("triangle.csv", "--nameplate", "fv-101.toml", "--held-out", "sine.parquet")
-    assert outcome.code == 0, outcome.err
+    assert outcome.returncode == 0, outcome.stderr
     for words in (
         "regression (",
         "garcia (",
@@ -87,35 +64,33 @@ def test_both_methods_stand_beside_each_other_with_intervals_and_quality(run: Ru
         "Diagnosis: nothing beyond the noise",
         "Health: not assessed",
     ):
-        assert words in outcome.out
-    assert "Traceback" not in outcome.err
+        assert words in outcome.stdout
+    assert "Traceback" not in outcome.stderr
 
 
 def test_what_is_not_identifiable_is_said_with_its_reason(run: Run) -> None:
     outcome = run("rest.csv", "--nameplate", "fv-101.toml")
-    assert outcome.code == 0, outcome.err
-    assert outcome.out.count("not identifiable") == 21
-    assert "regression and garcia and maximum likelihood: The stem never moved" in outcome.out
-    assert "Signature (" not in outcome.out
-    assert outcome.out.count("Signature: The stem never moved") == 1
+    assert outcome.returncode == 0, outcome.stderr
+    assert outcome.stdout.count("not identifiable") == 21
+    assert "regression and garcia and maximum likelihood: The stem never moved" in outcome.stdout
+    assert "Signature (" not in outcome.stdout
+    assert outcome.stdout.count("Signature: The stem never moved") == 1
 
 
 def test_json_goes_to_a_file_beside_the_tables(run: Run, folder: Path) -> None:
     outcome = run("triangle.csv", "--nameplate", "fv-101.toml", "--json", "out.json")
-    assert outcome.code == 0, outcome.err
-    assert "Parameters" in outcome.out
+    assert outcome.returncode == 0, outcome.stderr
+    assert "Parameters" in outcome.stdout
     analysis = json.loads((folder / "out.json").read_text())
     assert analysis["schema"] == "breakaway/analysis/1"
     assert analysis["recording"]["samples"] == 10_001
 
 
-def test_json_on_standard_output_stands_there_alone(folder: Path) -> None:
-    command = [sys.executable, "-m", "service.cli", "analyze", "triangle.csv", "--nameplate", "fv-101.toml"]
-    done = subprocess.run(
-        [*command, "--json", "-"], cwd=folder, capture_output=True, text=True, timeout=120, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["schema"] == "breakaway/analysis/1"
+def test_json_on_standard_output_stands_there_alone(run: Run, capfd: pytest.CaptureFixture[str]) -> None:
+    outcome = run("triangle.csv", "--nameplate", "fv-101.toml", "--json", "-")
+    assert outcome.returncode == 0, outcome.stderr
+    assert json.loads(outcome.stdout)["schema"] == "breakaway/analysis/1"
+    assert capfd.readouterr().out == "", "nothing that is compiled writes there either"
 
 
 @pytest.mark.parametrize(
@@ -144,10 +119,10 @@ def test_json_on_standard_output_stands_there_alone(folder: Path) -> None:
 )
 def test_a_bad_input_is_one_sentence_and_code_1(run: Run, arguments: list[str], says: str) -> None:
     outcome = run(*arguments)
-    assert outcome.code == 1
-    assert outcome.out == ""
-    assert says in outcome.err
-    assert len(outcome.err.strip().splitlines()) == 1, outcome.err
+    assert outcome.returncode == 1
+    assert outcome.stdout == ""
+    assert says in outcome.stderr
+    assert len(outcome.stderr.strip().splitlines()) == 1, outcome.stderr
 
 
 @pytest.mark.parametrize(
@@ -156,5 +131,5 @@ def test_a_bad_input_is_one_sentence_and_code_1(run: Run, arguments: list[str], 
 )
 def test_wrong_usage_is_code_2_and_no_traceback(run: Run, arguments: list[str]) -> None:
     outcome = run(*arguments)
-    assert outcome.code == 2
-    assert "Traceback" not in outcome.err
+    assert outcome.returncode == 2
+    assert "Traceback" not in outcome.stderr

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.service.command_line import Called, called
 from tests.service.recordings import NAMEPLATE_TOML, at_rest, recorded, triangle_test
 from valve.recording import Recording
 from valve.recording_files import write_csv
@@ -33,11 +32,10 @@ NOT_ASSESSED = {
 }
 
 
-def analyzed(folder: Path, recording: Recording) -> subprocess.CompletedProcess[str]:
+def analyzed(folder: Path, recording: Recording) -> Called:
     write_csv(recording, folder / "r.csv")
     (folder / "fv.toml").write_text(NAMEPLATE_TOML)
-    command = [sys.executable, "-m", "service.cli", "analyze", "r.csv", "--nameplate", "fv.toml", "--json", "r.json"]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300, check=False)
+    return called("analyze", "r.csv", "--nameplate", "fv.toml", "--json", "r.json", folder=folder)
 
 
 @pytest.mark.parametrize("name", NOT_ASSESSED)
