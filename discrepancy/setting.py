@@ -21,10 +21,12 @@ def setting_of(fit: Fit) -> Setting:
     # the speed at which the force's ramps would lead the stem, also where it sticks and slips
     rates = np.concatenate([np.abs(motion.phases.force_rate) for motion in observed.motions])
     ramping = rates[rates > _RAMPING * float(np.quantile(rates, 0.95))]
+    sliding = float(np.median(ramping)) / max(values["k"], 1.0e-3)
     scale = ValveScale(
         travel_m=observed.nameplate.actuator.travel_m,
         full_force_n=observed.full_force_n,
-        friction_n=max(values["F_c"], _LEAST_FRICTION * observed.full_force_n),
+        # without the cause damping may stand in for most of F_c: what is felt in motion is the size
+        friction_n=max(values["F_c"] + values["F_v"] * sliding, _LEAST_FRICTION * observed.full_force_n),
         spring_rate_n_per_m=max(values["k"], 1.0e-3),
     )
     return Setting(
@@ -34,5 +36,5 @@ def setting_of(fit: Fit) -> Setting:
         scale=scale,
         low_m=float(position_m.min()),
         high_m=float(position_m.max()),
-        sliding_m_per_s=float(np.median(ramping)) / max(values["k"], 1.0e-3),
+        sliding_m_per_s=sliding,
     )

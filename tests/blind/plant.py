@@ -31,6 +31,7 @@ PATH_STEP_S: Final = 2.5e-4
 # Before the record begins the stem rests at the first pressure for so long: the graphite valve settles in 6 x 0.34 s.
 SETTLING_S: Final = 2.0
 _LEAST_SWEPT: Final = 0.3  # of the travel: a stickier valve than that is hardly tested by any sequence
+_BOTH_WAYS: Final = 0.1  # of all that it sweeps
 _PRELOAD: Final = 0.08  # of the spring's range, at most, where the published valve has none
 # Above the ramp's speed, as published, it creeps in thousands of micro-steps, and fixed steps are 2 to 3 um rms off.
 _GRAPHITE_LIMIT: Final = (0.01, 0.1)  # DV as a share of the travel over a slow ramp's 11 s
@@ -130,6 +131,14 @@ def reached(course: Course) -> tuple[float, float]:
     low_m, high_m = float(course.sensed_m.min()), float(course.sensed_m.max())
     left = int(np.argmax(course.sensed_m >= 0.5 * (low_m + high_m)))
     return float(course.sensed_m[left:].min()), high_m
+
+
+def comes_back(course: Course) -> bool:
+    """Whether a stem that moves goes both ways, each by a tenth of all it sweeps: else friction holds it for good."""
+    sensed_m = course.sensed_m
+    back_m = float((np.maximum.accumulate(sensed_m) - sensed_m).max())
+    out_m = float((sensed_m - np.minimum.accumulate(sensed_m)).max())
+    return min(back_m, out_m) >= _BOTH_WAYS * float(np.ptp(sensed_m))
 
 
 def acting_force(path: InputPath, wave: Waveform, area_m2: float) -> tuple[FloatArray, FloatArray]:

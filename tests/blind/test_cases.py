@@ -194,3 +194,11 @@ def test_a_sequence_stays_between_its_levels(name: str) -> None:
         assert wave.range_pa[0] == pytest.approx(1.0e4)
         assert wave.range_pa[1] <= 9.0e4
         assert wave.duration_s <= 151.0
+
+
+def test_friction_that_holds_the_stem_for_good_is_drawn_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """First drawn for this seed is a stem that steps out twice by 25 mm and never comes back: it shows no cause."""
+    monkeypatch.setattr("tests.blind.cases.STEPS", Steps(1.0e-4, 1.0e-3))
+    position_m = blind_case(8800, "polled").recordings[0].position_m
+    back_m = np.maximum.accumulate(position_m) - position_m
+    assert back_m.max() > 0.1 * np.ptp(position_m)

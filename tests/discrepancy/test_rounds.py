@@ -116,3 +116,13 @@ def test_what_a_search_for_other_places_led_hardly_lower_is_not_searched_again(
     # a fit that came lower since is worth another search
     rounds.closer(far, [(READING_LAG, replace(once[0][1], cost=0.5 * far.cost))], math.inf)
     assert len(searched) == 2
+
+
+def test_a_friction_may_change_by_more_than_the_coulomb_part_that_damping_left(plain: Fit) -> None:
+    """A fit without the cause may hold next to all friction in F_v and a wide DV (graphite, a drift of a fifth)."""
+    values = plain.values
+    kinetic_n = values["F_c"] + values["F_v"] * setting_of(plain).sliding_m_per_s
+    viscous = 0.9 * kinetic_n / setting_of(plain).sliding_m_per_s
+    point = plain.model.unknowns.point({**values, "F_c": 0.1 * kinetic_n, "F_v": viscous})
+    change = CAUSES["friction_drift"].unknowns(setting_of(replace(plain, point=point)))[0]
+    assert change.upper > 0.2 * kinetic_n
