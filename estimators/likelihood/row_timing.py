@@ -57,9 +57,11 @@ def position_doubts(recording: Recording, time_s: FloatArray, position_m: FloatA
     Of the row's own write and the two before it the longest counts, and the fastest of the rows that they moved. A rest
     keeps what its last row in motion had.
     """
+    none = np.zeros(time_s.size)
+    if recording.received_s is None and recording.written_s is None:
+        return PositionDoubts(none, none)
     rows = np.searchsorted(recording.time_s, time_s)
     look_s, write_s = look_doubts_s(recording, rows), write_doubts_s(recording, rows)
-    none = np.zeros(time_s.size)
     if not (look_s.any() or write_s.any()) or time_s.size < 2 * _TREADS:
         return PositionDoubts(none, none)
     speed = np.abs(np.diff(position_m) / np.diff(time_s))

@@ -130,8 +130,9 @@ def find_stretches(
     cuts = np.unique(np.searchsorted(rows, jumps, side="right"))
     edges = [0, *(int(cut) for cut in cuts if 0 < cut < rows.size), int(rows.size)]
     known = [_exact(time_s[i:j], value[i:j], float(np.ptp(value)), rows_a_step) for i, j in pairwise(edges)]
-    # a command is what was asked for: its equal steps are real
-    step_n = resolution(np.sort(value)) if rows_a_step >= ROWS_A_STEP else 0.0
+    # a command is what was asked for: its equal steps are real; a few lines are no grid's, whatever its step
+    is_asked = rows_a_step >= ROWS_A_STEP and any(part is None or part[0].size > _FEWEST_GRID_CORNERS for part in known)
+    step_n = resolution(np.sort(value)) if is_asked else 0.0
     known = [None if part is not None and _follows_grid(part, value.size, step_n) else part for part in known]
     noise_n = 0.0 if all(part is not None for part in known) else position_noise(time_s, value, run_first)
     if noise_n > 0.0:

@@ -114,7 +114,7 @@ def _continued(before: SlipsFound, balance: Balance, free: tuple[int, ...]) -> t
     for place, value in ((K, balance.spring[0]), (A, balance.friction[0]), (F_0, balance.preload[0])):
         if place not in free:
             start[place] = value
-    return fit, fit.solve(start)
+    return fit, fit.solve(start, rest_m=before.solution.rest_m)
 
 
 def _searched(fit: SlipFit, start: FloatArray, further: list[tuple[float, float]]) -> tuple[SlipFit, SlipSolution]:
@@ -169,7 +169,8 @@ def _sliding(fit: SlipFit, found: SlipSolution | None, start: FloatArray) -> tup
         begin[D_V], begin[F_V] = share * slowest, factor * begin[F_V]
         begin[M] = min(begin[M], begin[F_V] ** 2 / (4.0 * begin[K]))
         tried.append(freed.solve(begin, rounds=_FIRST_ROUNDS + 2))
-    return freed, freed.solve(min(tried, key=_cost).common)
+    least = min(tried, key=_cost)
+    return freed, freed.solve(least.common, rest_m=least.rest_m)
 
 
 def _with_limit(fit: SlipFit, solution: SlipSolution) -> tuple[SlipFit, SlipSolution, bool]:

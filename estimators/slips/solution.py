@@ -32,6 +32,8 @@ _MOST_DAMPINGS: Final = 12
 _MOST_ROUNDS: Final = 30
 _ENOUGH: Final = 1.0e-4  # of a standard error: the largest step of the last round
 _TRIFLE: Final = 1.0e-3  # of the sum of squares, in noise's variances
+_FAR_OFF: Final = 5.0  # misfit: so far off
+_TRIFLE_OF_FAR: Final = 1.0e-4  # of the sum of squares itself is one
 _LARGEST_LIMIT: Final = 0.98  # of the slowest ramp's speed: below DV nothing slides
 _MISFIT_ON_GRID: Final = 1.3
 _LIGHTEST_KG: Final = 1.0e-3
@@ -102,7 +104,7 @@ class SlipFit:
             common[F_S] = common[A] - common[F_V] * self.reference_speed
         rest = self.windows.rest_m if rest_m is None else rest_m
         at = self._evaluated(common, np.zeros(self.windows.count), rest.copy())
-        damping, converged, freedom = _FIRST_DAMPING, False, self._freedom
+        damping, converged = _FIRST_DAMPING, False
         for _ in range(rounds):
             if not math.isfinite(at.cost):
                 break
@@ -111,8 +113,7 @@ class SlipFit:
                 converged = True  # no step betters it
                 break
             at, gained, largest, damping = step
-            # where more than noise is left over, a trifle is as many times more
-            converged = largest < _ENOUGH or gained < _TRIFLE * max(1.0, at.cost / freedom)
+            converged = largest < _ENOUGH or gained < self._trifle(at.cost)
             if converged:
                 break
         return self._described(at, converged)
@@ -126,6 +127,14 @@ class SlipFit:
     def _freedom(self) -> int:
         """Degrees of freedom that are left."""
         return max(1, int(self.windows.time_s.size) - self._moving.size - self.windows.count)
+
+    def _trifle(self, cost: float) -> float:
+        """What of this sum of squares is not worth a round: as many times more where more than noise is left over.
+
+        Of a minimum that explains nothing a share of itself: it is left for other starts.
+        """
+        over = cost / self._freedom
+        return _TRIFLE_OF_FAR * cost if over > _FAR_OFF**2 else _TRIFLE * max(1.0, over)
 
     def _evaluated(self, common: FloatArray, own_n: FloatArray, rest_m: FloatArray) -> _Evaluated:
         """The normal equations here."""
@@ -165,6 +174,8 @@ class SlipFit:
             new = self._evaluated(common, own_n, rest_m)
             if new.cost <= at.cost * (1.0 + 1.0e-12):
                 return new, at.cost - new.cost, float(np.max(np.abs(step) * size)), max(0.1 * damping, 1.0e-12)
+            if float(pull @ step) < _TRIFLE:
+                break  # the straight equations promise a trifle, and a shorter step gains no more
             damping = max(10.0 * damping, _LEAST_DAMPING)
         return None
 
