@@ -3,9 +3,11 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK = 1
+# Of the hundred processes that the tests start, each would compile all that it imports.
+export PYTHONDONTWRITEBYTECODE =
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench faults blind clean lock fuzz compose-check
+.PHONY: help demo test check kernels bench faults blind clean lock fuzz compose-check
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -31,8 +33,15 @@ check: $(VENV)/.dev  ## style, types and import contracts
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 
-test: check  ## the checks, then every test
-	$(BIN)/pytest -n 2 $(ARGS)
+kernels: $(VENV)/.runtime
+	@$(BIN)/python -c "from service.warm_up import warm_up; warm_up()"
+
+# The kernels are compiled beside the checks, which use one core: workers would compile the same at the same time.
+# Three workers on two cores, as tests that play a motion wait for it in real time; the tests of a file stay together,
+# as they share what was simulated once, and files come in order, so that none of the long ones is the last.
+test: $(VENV)/.dev  ## the checks, then every test
+	@$(MAKE) --no-print-directory -j 2 check kernels
+	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 bench: $(VENV)/.dev  ## speed and accuracy, as tables; one alone: ARGS="coverage 200"
 	$(BIN)/python -m tests.benchmarks $(ARGS)
