@@ -277,3 +277,20 @@ def test_a_step_at_the_very_end_of_a_slip_leaves_the_stem_where_it_is() -> None:
     motion = ExtendedStem(valve).motion(moving, np.zeros(2), np.array([100.0, 120.0]), np.zeros(1))
     assert motion.position_m.tolist() == [0.001]
     assert motion.final_state.stem.velocity_m_per_s == 0.01
+
+
+@pytest.mark.parametrize("above", [1.0e-10, 4.1e-10, 1.0e-7])
+def test_a_stem_that_slides_a_hair_faster_than_its_band_is_wide_takes_no_more_steps_than_another(above: float) -> None:
+    """Where a fit ends at the sill of DV: a million steps of a microsecond told no more than some hundred."""
+    speed = 0.01
+    parameters = replace(
+        NOMINAL, mass_kg=600.0, viscous_friction_n_s_per_m=12.0e3, limit_velocity_m_per_s=speed / (1.0 + above)
+    )
+    rate_n_per_s = parameters.spring_rate_n_per_m * speed
+    valve = ExtendedValve(parameters, **NEXT_TO_NEUTRAL["on the path of filled slots"])  # type: ignore[arg-type]
+    corners = np.array([0.0, 8.0]), np.array([0.0, 8.0 * rate_n_per_s])
+    time_s: FloatArray = np.arange(800, dtype=np.float64) * 1.0e-2
+    sensed_m, passes = ExtendedStem(valve).sensed(ExtendedState(), *corners, time_s)
+    assert passes < 4000
+    exact = simulate_motion(parameters, *corners, time_s)
+    assert np.abs(sensed_m - exact.position_m).max() < SAME_M

@@ -90,7 +90,7 @@ def loaded_slip(
     c = (viscous + falling) / m
     if c < 0.0:
         h = min(h, -0.3 / c)
-    over, starting = 0.0, abs(v) <= q[D_V] * (1.0 + 1.0e-9) and s * a <= 0.0
+    over, starting = 0.0, abs(v) <= q[D_V] * (1.0 + 1.0e-12) and s * a <= 0.0
     r, S_rate, S, S1, S2, x_end, v_end, a_end = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     defect, bent, change = 0.0, 0.0, 0.0
     for attempt in range(MOST_ATTEMPTS):
