@@ -15,6 +15,7 @@ from estimators.samples import position_noise
 from estimators.signature.measure import measure_signature
 from estimators.steps.response import step_figures
 from service.diagnosis import NOT_YET, assess, not_assessed
+from service.odd_samples import LeftOut, without_odd_samples
 from service.scale_note import scale_note
 from service.zero_note import zero_doubt
 from valve.errors import MotionError, ParameterError, RecordingError
@@ -55,13 +56,14 @@ def analyze_recordings(
     """
     tell = progress or (lambda _share, _phase: None)
     tell(0.0, "looking at the recording")
+    recordings, left_out = without_odd_samples(recordings)
     recording = joined(recordings)
     tell(0.1, "estimating")
     motion = read_motion(recording, nameplate)  # what the estimators and the signature begin with
     estimates = estimate_all(recording, nameplate, motion)
     analysis = {
         "schema": SCHEMA,
-        "recording": recording_summary(recording),
+        "recording": {**recording_summary(recording), "left_out": [one.to_json() for one in left_out]},
         "estimates": [estimate.to_json() for estimate in estimates],
         "discrepancy": not_assessed(NOT_YET),
         "signature": signature(recording, estimates, nameplate, motion),
@@ -83,13 +85,13 @@ def analyze_recordings(
         progress=lambda share, phase: tell(_ESTIMATED + (_DIAGNOSED - _ESTIMATED) * share, phase),
     )
     tell(1.0, "done")
-    return {**analysis, **_doubted(analysis, nameplate)}
+    return {**analysis, **_doubted(analysis, nameplate, left_out)}
 
 
-def _doubted(analysis: Mapping[str, Any], nameplate: Nameplate) -> dict[str, Any]:
-    """Return ``discrepancy`` and ``notes`` with what the numbers say of the nameplate and the pressure's zero."""
+def _doubted(analysis: Mapping[str, Any], nameplate: Nameplate, left_out: Sequence[LeftOut]) -> dict[str, Any]:
+    """Return ``discrepancy`` and ``notes`` with what the numbers say of samples, nameplate and the pressure's zero."""
     found, note = analysis["discrepancy"], scale_note(analysis, nameplate)
-    notes, doubt = [note] if note else [], zero_doubt(analysis, nameplate)
+    notes, doubt = [*(one.sentence for one in left_out), *([note] if note else [])], zero_doubt(analysis, nameplate)
     if doubt and found["verdict"] == "none":
         return {"discrepancy": {**found, "verdict": "not_assessed", "message": doubt}, "notes": notes}
     return {"discrepancy": found, "notes": [*notes, doubt] if doubt else notes}

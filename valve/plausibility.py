@@ -19,6 +19,10 @@ _MOST_PRESSURES: Final = 50.0
 _LIKELY: Final = (0.2, 2.5)  # a unit is likely when the value read in it is this share of what is expected
 _LOWEST_FULL_PRESSURE_PA: Final = 5.0e3  # no actuator works below it, where the nameplate says nothing
 _CURRENT_LOOP_MA: Final = (-0.5, 25.0)  # what a 4-20 mA loop can carry (NAMUR NE 43 ends at 21)
+_SLOWEST_PERIOD_S: Final = 5.0  # beyond it no motion of a stem is seen, only where it has been
+_SLOW_PERIOD_S: Final = 0.5  # milliseconds of 1 kHz or less, and longer than any test that is sampled so slowly:
+_LONGEST_SLOW_S: Final = 4.0 * 3600.0
+_SHORTEST_PERIOD_S: Final = 2.0e-6  # no instrument of a valve samples at 500 kHz
 
 _LENGTHS: Final = (("millimetres", 1.0e-3), ("inches", METRE_PER_INCH), ("micrometres", 1.0e-6))
 _PRESSURES: Final = (("kPa", 1.0e3), ("bar", PASCAL_PER_BAR), ("psi", PASCAL_PER_PSI))
@@ -35,6 +39,28 @@ def require_channels_in_place(
             f"{source}: position_m reaches {reached_m:.4g}, pressure_pa {reached_pa:.4g}, and the travel of "
             f"{nameplate.tag} is {travel_m:g} m: the two channels are swapped: exchange their names"
         )
+
+
+def require_plausible_time(time_s: FloatArray, source: str) -> None:
+    """Raise RecordingError where the time cannot be in seconds, or is too slow to show any motion."""
+    if time_s.size < 2:
+        return
+    period_s, duration_s = float(np.median(np.diff(time_s))), float(time_s[-1] - time_s[0])
+    if 0.0 < period_s < _SHORTEST_PERIOD_S:
+        raise RecordingError(
+            f"{source}: the rows are {period_s:.2g} s apart in time_s: it looks like days or hours: write it in seconds"
+        )
+    if period_s < _SLOW_PERIOD_S or (period_s < _SLOWEST_PERIOD_S and duration_s <= _LONGEST_SLOW_S):
+        return
+    slow = (
+        f"record faster, at {_SLOW_PERIOD_S:g} s or less"
+        if period_s >= _SLOWEST_PERIOD_S
+        else f"cut a record that is as slow to {_LONGEST_SLOW_S / 3600.0:g} h"
+    )
+    raise RecordingError(
+        f"{source}: the rows are {period_s:.3g} s apart in time_s and span {duration_s / 3600.0:.3g} h: it looks like "
+        f"milliseconds: write it in seconds, or {slow}"
+    )
 
 
 def require_plausible_position(position_m: FloatArray, nameplate: Nameplate, source: str) -> None:

@@ -18,6 +18,7 @@ from valve.plausibility import (
     require_plausible_current,
     require_plausible_position,
     require_plausible_pressure,
+    require_plausible_time,
 )
 from valve.recording import CHANNELS, INTERVAL_CHANNELS, Acquisition, FloatArray, Provenance, Recording
 
@@ -175,6 +176,7 @@ def _require_rising_time(time_s: FloatArray, source: str) -> None:
 
 def _require_plausible(columns: dict[str, FloatArray], nameplate: Nameplate, source: str) -> None:
     position = columns["position_m"]
+    require_plausible_time(columns["time_s"], source)
     if "pressure_pa" in columns:
         require_channels_in_place(position, columns["pressure_pa"], nameplate, source)
     require_plausible_position(position, nameplate, source)

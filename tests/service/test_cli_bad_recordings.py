@@ -55,6 +55,7 @@ def test_what_cannot_be_assessed_is_told_with_its_reason(name: str, tmp_path: Pa
         (replace(good(), pressure_pa=np.asarray(good().pressure_pa) / 6894.757), "psi"),
         (replace(good(), pressure_pa=np.asarray(good().pressure_pa) / 1.0e5), "bar"),
         (replace(good(), position_m=np.asarray(good().pressure_pa), pressure_pa=good().position_m), "swapped"),
+        (replace(good(), time_s=good().time_s * 1.0e3), "milliseconds"),
     ],
 )
 def test_a_wrong_unit_or_swapped_channels_are_refused_when_the_file_is_read(

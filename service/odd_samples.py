@@ -1,0 +1,195 @@
+"""Samples that no stem and no actuator can have made: single spikes, and stretches where the sensor stood still.
+
+A spike goes out and comes back within two samples, many times the noise; a stem cannot, as its friction would have to
+turn round twice. A sensor that is frozen, or at the end of its range, repeats one value to the last digit while the
+noise elsewhere is several digits wide. Such samples are left out as gaps, never filled in, and are told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from estimators.samples import FloatArray, position_noise
+from valve.recording import Recording
+
+_BoolArray = npt.NDArray[np.bool_]
+
+# Own choices; tests/service/test_odd_samples.py has what must not be taken for one.
+_SPIKE_NOISES: Final = 12.0
+_SPIKE_OF_SPAN: Final = 1.0e-3
+_SPIKE_WINDOW: Final = 7
+_BESIDE: Final = 3  # good samples on each side that a spike is judged by
+_QUIET_BESIDE: Final = 1.0 / 6.0  # of the spike's height
+_MOST_SPIKES: Final = 0.01  # of all samples: more is no spike but the signal
+_LONGEST_PULSE_PERIOD_S: Final = 0.02  # polled slower, a pulse of pressure may be a true one
+_STILL_SAMPLES: Final = 20
+_STILL_S: Final = 0.2
+_MOST_STILLS: Final = 5  # more, away from the ends, is how this sensor reports and no fault
+_MOST_LEFT_OUT: Final = 0.6
+_LEAST_DIGITS: Final = 3.0  # of the 2nd differences: white noise of two digits, which never repeats a value for long
+_LEAST_NOISE_M: Final = 1.0e-7
+_LEAST_TURNS: Final = 0.6  # 2nd differences of white noise change sign 0.73 of the time, those of a motion hardly
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """Samples of one channel that were left out, and why, as a sentence."""
+
+    channel: str
+    reason: str  # "spike", "frozen", "clipped"
+    samples: int
+    sentence: str
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry of ``recording.left_out``."""
+        return {
+            "channel": self.channel,
+            "reason": self.reason,
+            "samples": self.samples,
+            "sentence": self.sentence,
+        }
+
+
+def without_odd_samples(recordings: Sequence[Recording]) -> tuple[list[Recording], list[LeftOut]]:
+    """Return the recordings with odd samples made gaps, and what was left out of which."""
+    cleaned, told = [], []
+    for number, recording in enumerate(recordings, 1):
+        place = f" of recording {number}" if len(recordings) > 1 else ""
+        one, said = _cleaned(recording, place)
+        cleaned.append(one)
+        told += said
+    return cleaned, told
+
+
+def _cleaned(recording: Recording, place: str) -> tuple[Recording, list[LeftOut]]:
+    time_s, position_m = recording.time_s, np.array(recording.position_m)
+    told = []
+    spikes = _spikes(time_s, position_m, 2)
+    if spikes.any():
+        told.append(_told_spikes("position", position_m, time_s, spikes, place))
+        position_m[spikes] = np.nan
+    for rows, reason in _stills(time_s, position_m):
+        told.append(_told_still(position_m, time_s, rows, reason, place))
+        position_m[rows] = np.nan
+    pressure_pa = None if recording.pressure_pa is None else np.array(recording.pressure_pa)
+    if pressure_pa is not None and recording.samples > 1 and recording.sample_period_s < _LONGEST_PULSE_PERIOD_S:
+        spikes = _spikes(time_s, pressure_pa, 1)
+        if spikes.any():
+            told.append(_told_spikes("pressure", pressure_pa, time_s, spikes, place))
+            pressure_pa[spikes] = np.nan
+    if not told:
+        return recording, []
+    return replace(recording, position_m=position_m, pressure_pa=pressure_pa), told
+
+
+def _spikes(time_s: FloatArray, values: FloatArray, longest: int) -> _BoolArray:
+    """Return which values go out and come back within ``longest`` samples, shape as ``values``."""
+    odd = np.zeros(values.shape, dtype=np.bool_)
+    rows = np.flatnonzero(np.isfinite(values))
+    if rows.size < 100:
+        return odd
+    own = values[rows]
+    half = _SPIKE_WINDOW // 2
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(own, half, mode="edge"), _SPIKE_WINDOW)
+    off = own - np.median(windows, axis=1)
+    low, high = np.percentile(own, (0.5, 99.5))
+    noise = position_noise(time_s[rows], own, np.zeros(own.size, dtype=np.intp))
+    candidates = np.abs(off) > max(_SPIKE_NOISES * noise, _SPIKE_OF_SPAN * float(high - low))
+    if not candidates.any() or np.count_nonzero(candidates) > _MOST_SPIKES * own.size:
+        return odd
+    good = np.flatnonzero(~candidates)
+    for first, last in _runs(candidates):
+        place = int(np.searchsorted(good, first))
+        beside = own[good[max(place - _BESIDE, 0) : place + _BESIDE]]
+        on_both_sides = place >= _BESIDE and place + _BESIDE <= good.size
+        height = float(np.abs(off[first:last]).min())
+        if on_both_sides and last - first <= longest and float(np.ptp(beside)) < _QUIET_BESIDE * height:
+            odd[rows[first:last]] = True
+    return odd
+
+
+def _stills(time_s: FloatArray, position_m: FloatArray) -> list[tuple[_BoolArray, str]]:
+    """Return the rows of each frozen stretch, and of each end at which the position is clipped."""
+    rows = np.flatnonzero(np.isfinite(position_m))
+    if rows.size < 10 * _STILL_SAMPLES:
+        return []
+    own = position_m[rows]
+    runs = [
+        (first, last + 1)
+        for first, last in _runs(np.diff(own) == 0.0)
+        if last - first >= _STILL_SAMPLES and time_s[rows[last]] - time_s[rows[first]] >= _STILL_S
+    ]
+    still = np.zeros(own.size, dtype=np.bool_)
+    for first, last in runs:
+        still[first:last] = True
+    if not runs or np.count_nonzero(still) > _MOST_LEFT_OUT * own.size or not _is_noisy(own, still):
+        return []
+    ends: dict[float, _BoolArray] = {}
+    frozen: list[tuple[_BoolArray, str]] = []
+    for first, last in runs:
+        taken = np.zeros(position_m.shape, dtype=np.bool_)
+        taken[rows[first:last]] = True
+        if own[first] in (own.min(), own.max()):
+            ends[float(own[first])] = position_m == own[first]
+        else:
+            frozen.append((taken, "frozen"))
+    kept = frozen if len(frozen) <= _MOST_STILLS else []
+    return [*kept, *((taken, "clipped") for taken in ends.values())]
+
+
+def _is_noisy(values: FloatArray, still: _BoolArray) -> bool:
+    """Whether the values that are not still carry noise of several digits, which cannot repeat for long."""
+    bends = np.diff(values, 2)[~(still[:-2] | still[1:-1] | still[2:])]
+    steps = np.abs(np.diff(values))
+    steps = steps[steps > 0.0]
+    if bends.size < 10 * _STILL_SAMPLES or steps.size == 0:
+        return False
+    # The smallest step but for rounding: a converter's digit divides all of them.
+    digit = float(np.percentile(steps, 1.0)) if steps.min() < 1.0e-3 * np.median(steps) else float(steps.min())
+    usual = float(np.median(np.abs(bends)))
+    turns = float(np.mean(np.sign(bends[1:]) != np.sign(bends[:-1])))
+    return usual > _LEAST_DIGITS * digit and usual > _LEAST_NOISE_M and turns > _LEAST_TURNS
+
+
+def _runs(flags: _BoolArray) -> list[tuple[int, int]]:
+    """Return first and one past the last of each run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return [(int(first), int(last)) for first, last in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _told_spikes(name: str, values: FloatArray, time_s: FloatArray, spikes: _BoolArray, place: str) -> LeftOut:
+    channel, scale, unit = ("position_m", 1.0e3, "mm") if name == "position" else ("pressure_pa", 1.0e-3, "kPa")
+    count = int(np.count_nonzero(spikes))
+    first = int(np.argmax(spikes))
+    worst = float(np.abs(values[spikes] - np.interp(time_s[spikes], time_s[~spikes], values[~spikes])).max())
+    many = f"{count} samples" if count > 1 else "1 sample"
+    sentence = (
+        f"The {name}{place} has single spikes of up to {worst * scale:.3g} {unit}, the first at {time_s[first]:.6g} s: "
+        f"{many} left out. Look at the sensor's cable, its screen and its plug."
+    )
+    return LeftOut(channel, "spike", count, sentence)
+
+
+def _told_still(position_m: FloatArray, time_s: FloatArray, rows: _BoolArray, reason: str, place: str) -> LeftOut:
+    count, first = int(np.count_nonzero(rows)), int(np.argmax(rows))
+    last = rows.size - 1 - int(np.argmax(rows[::-1]))
+    value_mm = 1.0e3 * float(position_m[first])
+    if reason == "clipped":
+        end = "highest" if position_m[first] >= np.nanmax(position_m) else "lowest"
+        said = (
+            f"The position{place} reads its {end} value, {value_mm:.4g} mm, again and again to the last digit, and is "
+            f"noisy elsewhere: the sensor is at the end of its range. {count} samples left out; what the stem does "
+            "there is not seen. Correct the sensor's range or its zero."
+        )
+    else:
+        said = (
+            f"The position{place} stands at {value_mm:.4g} mm to the last digit from {time_s[first]:.6g} to "
+            f"{time_s[last]:.6g} s, and is noisy elsewhere: the sensor or its link was frozen. {count} samples left "
+            "out. Look at the sensor, its supply and the gateway."
+        )
+    return LeftOut("position_m", reason, count, said)
