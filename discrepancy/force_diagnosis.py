@@ -122,7 +122,7 @@ def _concluded(
     if any(gain.is_worse for gain in gains):
         message = f"{names} would explain the misfit and predicts other data worse than the plain drive: none is named."
         return Diagnosis(Verdict.UNEXPLAINED, message, gains=tuple(gains), details=details, drawn=pictures)
-    rest = f"What is left, {left:.1f} % of the force, goes with {where} in part."
+    rest = f"What is left, {left:.1f} % of the force, goes in part with {where}."
     return Diagnosis(
         Verdict.AMBIGUOUS if choice.rivals else Verdict.NAMED,
         rest if structure else "",

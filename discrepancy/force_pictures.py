@@ -23,7 +23,7 @@ def share_along(records: Sequence[ForceRecord], fit: ForceModelFit) -> tuple[str
     if not curves:
         return "", 0.0
     most = max(curves, key=lambda curve: curve.share)
-    return f"{most.coordinate}{'' if most.direction == 0 else ' ' + _WAYS[most.direction]}", most.share
+    return f"the {most.coordinate}{'' if most.direction == 0 else f' while {_WAYS[most.direction]}'}", most.share
 
 
 def force_pictures(

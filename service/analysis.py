@@ -56,6 +56,7 @@ def analyze_recordings(
     """
     tell = progress or (lambda _share, _phase: None)
     tell(0.0, "looking at the recording")
+    as_recorded = joined(recordings)
     recordings, left_out = without_odd_samples(recordings)
     recording = joined(recordings)
     tell(0.1, "estimating")
@@ -63,7 +64,11 @@ def analyze_recordings(
     estimates = estimate_all(recording, nameplate, motion)
     analysis = {
         "schema": SCHEMA,
-        "recording": {**recording_summary(recording), "left_out": [one.to_json() for one in left_out]},
+        "recording": {
+            **recording_summary(recording),
+            "sampling": sampling(as_recorded),  # what was left out was not missed
+            "left_out": [one.to_json() for one in left_out],
+        },
         "estimates": [estimate.to_json() for estimate in estimates],
         "discrepancy": not_assessed(NOT_YET),
         "signature": signature(recording, estimates, nameplate, motion),
@@ -128,7 +133,7 @@ def joined(recordings: Sequence[Recording]) -> Recording:
 
 def recording_summary(recording: Recording) -> dict[str, Any]:
     """Return size, rate, gaps, noise and how evenly the samples were taken; None where it cannot be told."""
-    summary: dict[str, Any] = {
+    return {
         "samples": recording.samples,
         "duration_s": recording.duration_s,
         "sample_period_s": recording.sample_period_s if recording.samples > 1 else None,
@@ -138,18 +143,22 @@ def recording_summary(recording: Recording) -> dict[str, Any]:
         "stroke_m": stroke_m(recording),
         "acquisition": str(recording.provenance.acquisition),
         "channels": [name for name in CHANNELS if getattr(recording, name) is not None],
-        "sampling": None,
+        "sampling": sampling(recording),
     }
-    if recording.samples > 1:
-        quality = recording.sampling_quality()
-        summary["sampling"] = {
-            "rate_hz": quality.achieved_rate_hz,
-            "jitter_rms_s": quality.jitter_rms_s,
-            "largest_period_s": quality.largest_period_s,
-            "missed_slots": quality.missed_slots,
-            "exchange_s": quality.median_exchange_s,
-        }
-    return summary
+
+
+def sampling(recording: Recording) -> dict[str, Any] | None:
+    """Return how evenly the samples were taken; None with fewer than two."""
+    if recording.samples < 2:
+        return None
+    quality = recording.sampling_quality()
+    return {
+        "rate_hz": quality.achieved_rate_hz,
+        "jitter_rms_s": quality.jitter_rms_s,
+        "largest_period_s": quality.largest_period_s,
+        "missed_slots": quality.missed_slots,
+        "exchange_s": quality.median_exchange_s,
+    }
 
 
 def _position_range(recording: Recording) -> list[float] | None:

@@ -1,4 +1,4 @@
-"""The signature's loop: stem position over actuator pressure, both ways, with the baseline's behind it."""
+"""The signature's loop: stem position over actuator pressure or force, both ways, with the baseline's behind it."""
 
 from __future__ import annotations
 
@@ -24,8 +24,10 @@ def loop_picture(
     with settings():
         figure = sheet(7.2, 4.4)
         axes = figure.subplots()
+        drive = _driven_by(curve)
         old = None if baseline is None else baseline.get("curve")
-        if _has_points(old):
+        old = old if _has_points(old) and _driven_by(old) == drive else None
+        if old is not None:
             _draw(axes, old, system, is_baseline=True)
         _draw(axes, curve, system, is_baseline=False)
         stroke_m = signature.get("central_stroke_m")
@@ -34,14 +36,15 @@ def loop_picture(
             for number, place_m in enumerate(stroke_m):
                 word = "" if number else "figures are of the stroke between"
                 axes.axhline(unit.shown(place_m), color=SOFT, linewidth=0.8, linestyle=":", label=word)
-        x, y = shown_unit("Pa", system).name, shown_unit("m", system).name
-        tidy(axes, x=f"pressure at the actuator, {x}", y=f"stem position, {y}")
+        word, unit_of_drive = ("pressure at", "Pa") if drive == _PRESSURE else ("force of", "N")
+        x, y = shown_unit(unit_of_drive, system).name, shown_unit("m", system).name
+        tidy(axes, x=f"{word} the actuator, {x}", y=f"stem position, {y}")
         figure.legend(loc="outside upper left", frameon=False, ncols=3, fontsize=10, handlelength=3.0, labelcolor=INK)
     friction = quantity(signature.get("friction_mean_n"), "N", system)
-    behind = ", with the baseline's loop behind it" if _has_points(old) else ""
+    behind = ", with the baseline's loop behind it" if old is not None else ""
     return Picture(
         figure,
-        "Signature: stem position over pressure",
+        f"Signature: stem position over {'pressure' if drive == _PRESSURE else 'force'}",
         f"The loop that the valve draws opening and closing{behind}. Half of its width is friction: {friction} on "
         "average over the stroke between the dotted lines.",
     )
@@ -58,15 +61,23 @@ def _has_points(curve: Any) -> bool:
 
 
 _KEYS: Final = tuple(way for way, _, _ in _WAYS)
+_PRESSURE: Final = "pressure_pa"
+_FORCE: Final = "force_n"
+
+
+def _driven_by(curve: Any) -> str:
+    """Return by what a curve's travel is drawn: the pressure, or the force where that was recorded."""
+    return _FORCE if any(_FORCE in (curve.get(way) or {}) for way in _KEYS) else _PRESSURE
 
 
 def _draw(axes: Axes, curve: Any, system: UnitSystem, *, is_baseline: bool) -> None:
     colour, width, prefix = (PALE, 4.0, "baseline, ") if is_baseline else (BLUE, 2.0, "")
-    length, pressure = shown_unit("m", system), shown_unit("Pa", system)
+    key = _driven_by(curve)
+    length, drive = shown_unit("m", system), shown_unit("Pa" if key == _PRESSURE else "N", system)
     for way, line, word in _WAYS:
         branch = curve.get(way)
         if not branch or len(branch["travel_m"]) < 2:
             continue
-        x = np.asarray(branch["pressure_pa"], dtype=np.float64) / pressure.in_si
+        x = np.asarray(branch[key], dtype=np.float64) / drive.in_si
         y = np.asarray(branch["travel_m"], dtype=np.float64) / length.in_si
         axes.plot(x, y, line, color=colour, linewidth=width, label=f"{prefix}{word}")

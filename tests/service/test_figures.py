@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from service.figures.canvas import svg_text
+from service.figures.loop import loop_picture
 from service.figures.methods import methods_picture
 from service.figures.misfit import time_picture
 from service.figures.trace import trace_picture
@@ -80,3 +81,22 @@ def test_a_misfit_without_a_cause_is_not_called_one_without_the_cause() -> None:
     assert found is not None
     assert "the cause" not in svg_text(healthy)
     assert "without the cause" in svg_text(found)
+
+
+def _loop_over(channel: str) -> dict[str, Any]:
+    """Return a signature with both branches over ``channel``."""
+    up = {"travel_m": [0.0, 0.05, 0.1], channel: [0.0, 1000.0, 2000.0]}
+    return {"curve": {"up": up, "down": up}, "central_stroke_m": [0.03, 0.07], "friction_mean_n": 20.0}
+
+
+def test_the_loop_of_a_drive_is_drawn_over_its_force_and_never_over_a_pressure() -> None:
+    """A recording with force_n has no pressure: its report ended in a KeyError."""
+    picture = loop_picture(_loop_over("force_n"), _loop_over("pressure_pa"), UnitSystem.SI)
+    assert picture is not None
+    (axes,) = picture.figure.axes
+    assert axes.get_xlabel() == "force of the actuator, N"
+    drawn = [line.get_label() for line in axes.get_lines() if np.asarray(line.get_xdata()).size == 3]
+    assert drawn == ["opening", "closing"]
+    over_pressure = loop_picture(_loop_over("pressure_pa"), None, UnitSystem.SI)
+    assert over_pressure is not None
+    assert over_pressure.figure.axes[0].get_xlabel() == "pressure at the actuator, kPa"

@@ -118,6 +118,7 @@ def test_the_valve_is_found_beside_spikes_and_a_frozen_stretch() -> None:
     found = analyze_recordings([bad], PARAMETER_SETS["nominal"].nameplate)
     assert [one["reason"] for one in found["recording"]["left_out"]] == ["spike", "frozen"]
     assert len(found["notes"]) == 2
+    assert found["recording"]["sampling"]["missed_slots"] == 0
     likelihood = next(one for one in found["estimates"] if one["method"] == "maximum_likelihood")
     assert likelihood["status"] == "ok"
     assert likelihood["parameters"]["F_c"]["value"] == pytest.approx(NOMINAL.parameters.coulomb_friction_n, rel=1e-3)
