@@ -24,10 +24,12 @@ from estimators.likelihood.all_rows import EXACT
 from estimators.likelihood.arrival import arrived, led_to
 from estimators.likelihood.delay import DELAY, Weighed, at_one_instant, delayed, says_nothing, weigh
 from estimators.likelihood.intervals import CHECKED, Flatness, Ramps, flat_errors, inflation, known, natural_values
+from estimators.likelihood.micro_jumps import hidden_jumps_n
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.optima import others_apart, with_others
 from estimators.likelihood.problem import Problem
 from estimators.likelihood.search import Found, certified
+from estimators.likelihood.stand_ins import without_lone_coulomb, without_lone_limit
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import FloatArray
 from valve.parameters import PARAMETER_SYMBOLS
@@ -43,10 +45,6 @@ _NOT_ARRIVED: Final = (
     "repeat with ramps at several rates"
 )
 
-_LIMIT_ALONE: Final = (
-    "below DV the stem is accelerated undamped, above it F_v damps it: where neither m nor F_v shows, a DV near the "
-    "speed of the ramps only stands in for them"
-)
 _ALONE: Final = (
     "the stem jumps, and searches from other starts did not come to as good a fit, so that a better one may be "
     "missing still: repeat with ramps at several rates"
@@ -54,6 +52,10 @@ _ALONE: Final = (
 _STRAINED: Final = (
     "the position asks for another force than was measured, by more than the noise of its channel allows, and friction "
     "may stand in for what its lines miss: record it faster"
+)
+_HIDDEN_JUMPS: Final = (
+    "the stem is slower than DV on some ramps, and the small jumps that it goes in there do not show beside the noise, "
+    "so that other m, F_v, F_c, F_s and DV may explain it as well: repeat with faster ramps"
 )
 _LARGEST_STRAIN: Final = 6.5  # standard deviations that one error of the measured input may be from none
 
@@ -85,6 +87,9 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
     if not explained and not found.certificate.is_near and not problem.is_noise_free:
         knows = None
     least = flatness.least
+    hidden_n = 0.0 if problem.jumps else hidden_jumps_n(model, point, motion)
+    if hidden_n > 0.0:
+        least = least | {"F_0": hidden_n, "k": hidden_n / model.range_m}
     if problem.jumps:
         apart = others_apart(model, point, found)
         least = {symbol: max(least.get(symbol, 0.0), apart.get(symbol, 0.0)) for symbol in CHECKED}
@@ -100,10 +105,13 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         beyond_n = _JUMP_UNSURE * (values["F_s"] - values["F_c"])
         parameters["F_c"] = _parameter("F_c", values, knows, max(least.get("F_c", 0.0), beyond_n))
     parameters = without_lone_limit(parameters)
+    if not problem.jumps:
+        parameters = without_lone_coulomb(parameters, model, point, ramps_of(motion), factor)
     # without noise the blocks are coarser than the fit, and the bottom is beyond what is computed
     is_bottom &= flatness.is_lowest or found.certificate.ratio < EXACT
     is_bottom |= problem.is_noise_free and found.certificate.ratio < 1.0
-    doubt = _doubt(is_bottom=is_bottom, is_confirmed=found.is_confirmed, strain=strain(model, point))
+    strained = strain(model, point)
+    doubt = _doubt(is_bottom=is_bottom, hides=hidden_n > 0.0, is_confirmed=found.is_confirmed, strain=strained)
     if doubt:
         parameters |= {symbol: absent(doubt) for symbol in _IN_THE_VALLEY if parameters[symbol].identifiable}
     complete = in_order(parameters)
@@ -130,7 +138,7 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         "noise_m": noise_m,
         "misfit_over_noise": found.certificate.ratio,
         "largest_piece": found.certificate.piece,
-        "strain_of_input": strain(model, point),
+        "strain_of_input": strained,
         "kinship_of_neighbours": found.certificate.kinship,
         "unevenness": found.certificate.unevenness,
         "std_error_factor": factor,
@@ -151,9 +159,11 @@ def strain(model: StemModel, point: FloatArray) -> float:
     return float(np.abs(point[point.size - count :]).max(initial=0.0)) if count else 0.0
 
 
-def _doubt(*, is_bottom: bool, is_confirmed: bool, strain: float) -> str:
+def _doubt(*, is_bottom: bool, hides: bool, is_confirmed: bool, strain: float) -> str:
     if not is_bottom:
         return _NOT_ARRIVED
+    if hides:
+        return _HIDDEN_JUMPS
     if strain > _LARGEST_STRAIN:
         return _STRAINED
     return "" if is_confirmed else _ALONE
@@ -211,13 +221,6 @@ def _residuals(model: StemModel, point: FloatArray) -> FloatArray:
     if residual is None:
         raise RuntimeError("the fitted valve cannot be followed any more")  # it was, in the search
     return residual
-
-
-def without_lone_limit(parameters: dict[str, ParameterEstimate]) -> dict[str, ParameterEstimate]:
-    """Return the parameters without a DV that only stands in for m and F_v, of which neither shows."""
-    if parameters["m"].identifiable or parameters["F_v"].identifiable or not parameters["DV"].identifiable:
-        return parameters
-    return parameters | {"DV": absent(_LIMIT_ALONE)}
 
 
 def searched_model(problem: Problem, period_s: float) -> StemModel:

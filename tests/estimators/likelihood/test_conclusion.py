@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from estimators.base import Status, absent, measured
-from estimators.likelihood.conclusion import without_lone_limit
+from estimators.likelihood.stand_ins import without_lone_limit
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from tests.benchmarks.coverage import scattered_test
 from tests.benchmarks.efficiency import Case, phased
