@@ -37,8 +37,8 @@ kernels: $(VENV)/.runtime
 	@$(BIN)/python -c "from service.warm_up import warm_up; warm_up()"
 
 # The kernels are compiled beside the checks, which use one core: workers would compile the same at the same time.
-# Three workers on two cores, as tests that play a motion wait for it in real time; the tests of a file stay together,
-# as they share what was simulated once, and files come in order, so that none of the long ones is the last.
+# Two workers compute and a third one has the tests that wait for motions in real time (tests/scheduling.py); the tests
+# of a file stay together, as they share what was simulated once, and files come in order: no long one is the last.
 test: $(VENV)/.dev  ## the checks, then every test
 	@$(MAKE) --no-print-directory -j 2 check kernels
 	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder $(ARGS)

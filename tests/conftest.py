@@ -1,6 +1,7 @@
 """For every test: lock files of buses in a folder of this process, so that tests side by side share no machine.
 
-And one thread of linear algebra, set before numpy is loaded: on small matrices a second one only spins.
+And one thread of linear algebra, set before numpy is loaded: on small matrices a second one only spins. With
+``--dist loadfile`` tests that wait run beside those that compute (tests/scheduling.py).
 """
 
 from __future__ import annotations
@@ -9,10 +10,12 @@ import os
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from service.bus_lock import FOLDER_VARIABLE
+from tests.scheduling import WaitingBeside
 
 os.environ[FOLDER_VARIABLE] = tempfile.mkdtemp(prefix="breakaway-locks-")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -27,3 +30,9 @@ def quick_path(tmp_path: Path) -> Iterator[Path]:
         return
     with tempfile.TemporaryDirectory(dir=memory) as folder:
         yield Path(folder)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> WaitingBeside | None:
+    """Let the third of three workers run what waits; see tests/scheduling.py."""
+    return WaitingBeside(config, log) if config.getoption("dist") == "loadfile" else None

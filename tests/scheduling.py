@@ -1,0 +1,35 @@
+"""Which worker runs which file of tests: what waits for motions in real time has a worker of its own beside the others.
+
+That worker hardly computes, so as many others as there are cores compute all the while. A further one that computes
+would take the core that the analyses have, which stand back behind everything: their tests then last for minutes.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from xdist.scheduler import LoadFileScheduling  # type: ignore[import-untyped]
+from xdist.workermanage import WorkerController  # type: ignore[import-untyped]
+
+# In 158 s of the first two and of test_sequence.py 11 s are computed.
+WAITING: Final = ("tests/drivers/", "tests/faults/", "tests/end_to_end/test_sticky.py")
+_WAITER: Final = "gw2"  # the third worker
+_WORKERS: Final = 3  # of fewer none stands aside
+
+
+class WaitingBeside(LoadFileScheduling):  # type: ignore[misc]  # it has no types
+    """Files in order, each on one worker; the third worker takes those that wait, and the others these at the end."""
+
+    def _assign_work_unit(self, node: WorkerController) -> None:
+        file = self._next_file(node)
+        if file is None:
+            node.shutdown()
+            return
+        self.workqueue.move_to_end(file, last=False)
+        super()._assign_work_unit(node)
+
+    def _next_file(self, node: WorkerController) -> str | None:
+        waiting = next((file for file in self.workqueue if file.startswith(WAITING)), None)
+        if node.gateway.id == _WAITER and len(self.nodes) >= _WORKERS:
+            return waiting
+        return next((file for file in self.workqueue if not file.startswith(WAITING)), waiting)
