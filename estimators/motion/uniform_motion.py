@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -22,6 +23,7 @@ _FEWEST_ROWS: Final = 4
 _ROWS_OF_A_RAMP: Final = 40
 _SPEEDS_APART: Final = 0.2  # speeds that differ by less than this share of their median count as one
 _PLATEAU: Final = 0.97
+_AGAINST: Final = 0.5  # correlation of position and force below minus that: friction makes it smaller, never negative
 _SURELY: Final = 3.0  # standard deviations of a curvature
 
 
@@ -121,9 +123,19 @@ def fit_uniform_motion(samples: Samples, phases: Phases, action: Action) -> Unif
     """Return the fit, or the outcome where no uniform motion is there to fit."""
     rows, parts = steady_rows(samples, phases, action)
     if not parts:
+        if _moves_against(samples, phases):
+            return Outcome.UNPHYSICAL
         short = max(stretch.last - stretch.first for stretch in phases.stretches)
         return Outcome.RATE_TOO_LOW if short < 3 * _FEWEST_ROWS + phases.half_window else Outcome.NO_UNIFORM_MOTION
     return _fit(samples, action, rows, parts)
+
+
+def _moves_against(samples: Samples, phases: Phases) -> bool:
+    """Whether the stem moves where the force falls, and the other way: a channel's sign or zero is turned."""
+    if any(stretch.driven for stretch in phases.stretches):
+        return False
+    off_m, off_n = samples.position_m - samples.position_m.mean(), samples.force_n - samples.force_n.mean()
+    return float(off_m @ off_n) < -_AGAINST * math.sqrt(float(off_m @ off_m) * float(off_n @ off_n))
 
 
 def _fit(

@@ -10,6 +10,7 @@ import pytest
 from estimators.base import Estimate, Estimator, Form, Outcome, Status
 from estimators.classic.garcia import GarciaEstimator
 from estimators.classic.regression import RegressionEstimator
+from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.samples import prepare
 from tests.estimators.recordings import SYMBOLS, Recorded, recorded
 from valve.nameplate import Action, Actuator, Nameplate
@@ -48,6 +49,14 @@ def test_a_stem_that_never_moved(estimator: Estimator, noise_m: float) -> None:
 def test_a_force_that_did_not_change(estimator: Estimator) -> None:
     test = recorded("nominal", waveform=steps([20000.0, 20000.0], 5.0))
     require_nothing_but(estimated(estimator, test), Outcome.NO_FORCE_CHANGE)
+
+
+@pytest.mark.parametrize("estimator", [*BOTH, MaximumLikelihoodEstimator()], ids=by_method)
+def test_a_stem_that_moves_against_the_force(estimator: Estimator) -> None:
+    # "repeat with a triangular wave" was the remedy, and it was one
+    test = recorded("nominal", noise_m=20.0e-6, period_s=5.0e-3)
+    turned = dataclasses.replace(test.recording, position_m=-test.recording.position_m)
+    require_nothing_but(estimated(estimator, dataclasses.replace(test, recording=turned)), Outcome.UNPHYSICAL)
 
 
 @pytest.mark.parametrize("estimator", BOTH, ids=by_method)
