@@ -33,6 +33,7 @@ _MOST_STILLS: Final = 5  # more, away from the ends, is how this sensor reports 
 _MOST_LEFT_OUT: Final = 0.6
 _LEAST_DIGITS: Final = 3.0  # of the 2nd differences: white noise of two digits, which never repeats a value for long
 _LEAST_NOISE_M: Final = 1.0e-7
+_LEAST_NOISE_PA: Final = 1.0
 _LEAST_TURNS: Final = 0.6  # 2nd differences of white noise change sign 0.73 of the time, those of a motion hardly
 
 
@@ -71,20 +72,32 @@ def _cleaned(recording: Recording, place: str) -> tuple[Recording, list[LeftOut]
     told = []
     spikes = _spikes(time_s, position_m, 2)
     if spikes.any():
-        told.append(_told_spikes("position", position_m, time_s, spikes, place))
+        told.append(_told_spikes(f"position{place}", position_m, time_s, spikes))
         position_m[spikes] = np.nan
-    for rows, reason in _stills(time_s, position_m):
-        told.append(_told_still(position_m, time_s, rows, reason, place))
+    for rows, reason in _stills(time_s, position_m, _LEAST_NOISE_M):
+        told.append(_told_still(f"position{place}", position_m, time_s, rows, reason))
         position_m[rows] = np.nan
     pressure_pa = None if recording.pressure_pa is None else np.array(recording.pressure_pa)
-    if pressure_pa is not None and recording.samples > 1 and recording.sample_period_s < _LONGEST_PULSE_PERIOD_S:
-        spikes = _spikes(time_s, pressure_pa, 1)
-        if spikes.any():
-            told.append(_told_spikes("pressure", pressure_pa, time_s, spikes, place))
-            pressure_pa[spikes] = np.nan
+    if pressure_pa is not None:
+        told += _clean_pressure(time_s, pressure_pa, place)
     if not told:
         return recording, []
     return replace(recording, position_m=position_m, pressure_pa=pressure_pa), told
+
+
+def _clean_pressure(time_s: FloatArray, pressure_pa: FloatArray, place: str) -> list[LeftOut]:
+    """Make odd values of the pressure NaN in place; its ends stay, where a gauge or a supply may truly stand."""
+    told = []
+    if time_s.size > 1 and float(np.median(np.diff(time_s))) < _LONGEST_PULSE_PERIOD_S:
+        spikes = _spikes(time_s, pressure_pa, 1)
+        if spikes.any():
+            told.append(_told_spikes(f"pressure{place}", pressure_pa, time_s, spikes))
+            pressure_pa[spikes] = np.nan
+    for rows, reason in _stills(time_s, pressure_pa, _LEAST_NOISE_PA):
+        if reason == "frozen":
+            told.append(_told_still(f"pressure{place}", pressure_pa, time_s, rows, reason))
+            pressure_pa[rows] = np.nan
+    return told
 
 
 def _spikes(time_s: FloatArray, values: FloatArray, longest: int) -> _BoolArray:
@@ -113,12 +126,12 @@ def _spikes(time_s: FloatArray, values: FloatArray, longest: int) -> _BoolArray:
     return odd
 
 
-def _stills(time_s: FloatArray, position_m: FloatArray) -> list[tuple[_BoolArray, str]]:
-    """Return the rows of each frozen stretch, and of each end at which the position is clipped."""
-    rows = np.flatnonzero(np.isfinite(position_m))
+def _stills(time_s: FloatArray, values: FloatArray, least_noise: float) -> list[tuple[_BoolArray, str]]:
+    """Return the rows of each frozen stretch, and of each end at which the values are clipped."""
+    rows = np.flatnonzero(np.isfinite(values))
     if rows.size < 10 * _STILL_SAMPLES:
         return []
-    own = position_m[rows]
+    own = values[rows]
     runs = [
         (first, last + 1)
         for first, last in _runs(np.diff(own) == 0.0)
@@ -127,22 +140,22 @@ def _stills(time_s: FloatArray, position_m: FloatArray) -> list[tuple[_BoolArray
     still = np.zeros(own.size, dtype=np.bool_)
     for first, last in runs:
         still[first:last] = True
-    if not runs or np.count_nonzero(still) > _MOST_LEFT_OUT * own.size or not _is_noisy(own, still):
+    if not runs or np.count_nonzero(still) > _MOST_LEFT_OUT * own.size or not _is_noisy(own, still, least_noise):
         return []
     ends: dict[float, _BoolArray] = {}
     frozen: list[tuple[_BoolArray, str]] = []
     for first, last in runs:
-        taken = np.zeros(position_m.shape, dtype=np.bool_)
+        taken = np.zeros(values.shape, dtype=np.bool_)
         taken[rows[first:last]] = True
         if own[first] in (own.min(), own.max()):
-            ends[float(own[first])] = position_m == own[first]
+            ends[float(own[first])] = values == own[first]
         else:
             frozen.append((taken, "frozen"))
     kept = frozen if len(frozen) <= _MOST_STILLS else []
     return [*kept, *((taken, "clipped") for taken in ends.values())]
 
 
-def _is_noisy(values: FloatArray, still: _BoolArray) -> bool:
+def _is_noisy(values: FloatArray, still: _BoolArray, least: float) -> bool:
     """Whether the values that are not still carry noise of several digits, which cannot repeat for long."""
     bends = np.diff(values, 2)[~(still[:-2] | still[1:-1] | still[2:])]
     steps = np.abs(np.diff(values))
@@ -153,7 +166,7 @@ def _is_noisy(values: FloatArray, still: _BoolArray) -> bool:
     digit = float(np.percentile(steps, 1.0)) if steps.min() < 1.0e-3 * np.median(steps) else float(steps.min())
     usual = float(np.median(np.abs(bends)))
     turns = float(np.mean(np.sign(bends[1:]) != np.sign(bends[:-1])))
-    return usual > _LEAST_DIGITS * digit and usual > _LEAST_NOISE_M and turns > _LEAST_TURNS
+    return usual > _LEAST_DIGITS * digit and usual > least and turns > _LEAST_TURNS
 
 
 def _runs(flags: _BoolArray) -> list[tuple[int, int]]:
@@ -162,34 +175,37 @@ def _runs(flags: _BoolArray) -> list[tuple[int, int]]:
     return [(int(first), int(last)) for first, last in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def _told_spikes(name: str, values: FloatArray, time_s: FloatArray, spikes: _BoolArray, place: str) -> LeftOut:
-    channel, scale, unit = ("position_m", 1.0e3, "mm") if name == "position" else ("pressure_pa", 1.0e-3, "kPa")
-    count = int(np.count_nonzero(spikes))
-    first = int(np.argmax(spikes))
+_SCALES: Final = {"position": ("position_m", 1.0e3, "mm"), "pressure": ("pressure_pa", 1.0e-3, "kPa")}
+
+
+def _told_spikes(subject: str, values: FloatArray, time_s: FloatArray, spikes: _BoolArray) -> LeftOut:
+    channel, scale, unit = _SCALES[subject.partition(" ")[0]]
+    count, first = int(np.count_nonzero(spikes)), int(np.argmax(spikes))
     worst = float(np.abs(values[spikes] - np.interp(time_s[spikes], time_s[~spikes], values[~spikes])).max())
     many = f"{count} samples" if count > 1 else "1 sample"
     sentence = (
-        f"The {name}{place} has single spikes of up to {worst * scale:.3g} {unit}, the first at {time_s[first]:.6g} s: "
+        f"The {subject} has single spikes of up to {worst * scale:.3g} {unit}, the first at {time_s[first]:.6g} s: "
         f"{many} left out. Look at the sensor's cable, its screen and its plug."
     )
     return LeftOut(channel, "spike", count, sentence)
 
 
-def _told_still(position_m: FloatArray, time_s: FloatArray, rows: _BoolArray, reason: str, place: str) -> LeftOut:
+def _told_still(subject: str, values: FloatArray, time_s: FloatArray, rows: _BoolArray, reason: str) -> LeftOut:
+    channel, scale, unit = _SCALES[subject.partition(" ")[0]]
     count, first = int(np.count_nonzero(rows)), int(np.argmax(rows))
     last = rows.size - 1 - int(np.argmax(rows[::-1]))
-    value_mm = 1.0e3 * float(position_m[first])
+    value = f"{scale * float(values[first]):.4g} {unit}"
     if reason == "clipped":
-        end = "highest" if position_m[first] >= np.nanmax(position_m) else "lowest"
+        end = "highest" if values[first] >= np.nanmax(values) else "lowest"
         said = (
-            f"The position{place} reads its {end} value, {value_mm:.4g} mm, again and again to the last digit, and is "
-            f"noisy elsewhere: the sensor is at the end of its range. {count} samples left out; what the stem does "
-            "there is not seen. Correct the sensor's range or its zero."
+            f"The {subject} reads its {end} value, {value}, again and again to the last digit, and is noisy "
+            f"elsewhere: the sensor is at the end of its range. {count} samples left out; what the stem does there is "
+            "not seen. Correct the sensor's range or its zero."
         )
     else:
         said = (
-            f"The position{place} stands at {value_mm:.4g} mm to the last digit from {time_s[first]:.6g} to "
-            f"{time_s[last]:.6g} s, and is noisy elsewhere: the sensor or its link was frozen. {count} samples left "
-            "out. Look at the sensor, its supply and the gateway."
+            f"The {subject} stands at {value} to the last digit from {time_s[first]:.6g} to {time_s[last]:.6g} s, "
+            f"and is noisy elsewhere: the sensor or its link was frozen. {count} samples left out. Look at the sensor, "
+            "its supply and the gateway."
         )
-    return LeftOut("position_m", reason, count, said)
+    return LeftOut(channel, reason, count, said)

@@ -67,6 +67,25 @@ def test_a_frozen_stretch_is_left_out_with_its_times() -> None:
     assert "frozen" in told[0].sentence
 
 
+def test_a_row_that_the_gateway_held_is_left_out_of_both_channels() -> None:
+    held = frozen(noisy(), 6.5, 8.0)
+    assert held.pressure_pa is not None
+    pressure_pa = held.pressure_pa + np.random.default_rng(2).normal(0.0, 15.0, held.samples)
+    first, last = np.searchsorted(held.time_s, (6.5, 8.0))
+    pressure_pa[first:last] = pressure_pa[first]
+    assert [(name, why) for name, why, _ in left_out(replace(held, pressure_pa=pressure_pa))] == [
+        ("position_m", "frozen"),
+        ("pressure_pa", "frozen"),
+    ]
+
+
+def test_a_pressure_that_rests_at_its_end_stays() -> None:
+    recording = noisy()
+    assert recording.pressure_pa is not None
+    pressure_pa = recording.pressure_pa + np.random.default_rng(2).normal(0.0, 15.0, recording.samples)
+    assert left_out(replace(recording, pressure_pa=np.clip(pressure_pa, 4.0e3, 7.9e4))) == []
+
+
 def test_a_clipped_position_is_left_out_at_its_end_only() -> None:
     recording = noisy()
     top_m = 0.85 * float(recording.position_m.max())
