@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from discrepancy.accepted import Standing, stand
 from discrepancy.baseline import fit_baseline
-from discrepancy.causes.base import Cause, Fitted
+from discrepancy.causes.base import Cause
 from discrepancy.causes.friction import ASYMMETRY
 from discrepancy.choice import Choice
 from discrepancy.diagnosis import Diagnosis, Finding, Verdict
 from discrepancy.doubts import doubt
 from discrepancy.force_diagnosis import diagnose_forces
 from discrepancy.gain import Gain, held_out_gain, left_out_gain
-from discrepancy.intervals import fitted_values
+from discrepancy.intervals import fitted_values, may_be_nothing
 from discrepancy.least_squares import Fit
 from discrepancy.line_errors import with_line_errors
 from discrepancy.observed import observe
@@ -214,12 +214,6 @@ def explains(fit: Fit, baseline: Fit | None = None) -> bool:
         if wander(fit) < _NO_MIMICRY * missed:
             return True
     return noise_factor(fit) < _LARGEST_FACTORS[min(causes, len(_LARGEST_FACTORS) - 1)]
-
-
-def may_be_nothing(cause: Cause, parameters: Mapping[str, Fitted]) -> bool:
-    """Whether the interval of a cause's strength holds the value at which it does nothing."""
-    strength = parameters.get(cause.strength)
-    return strength is not None and cause.neutral is not None and strength.low <= cause.neutral <= strength.high
 
 
 def finding_of(best: Fit, baseline: Fit, cause: Cause) -> Finding:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -100,3 +101,9 @@ def fitted_values(fit: Fit, cause: Cause) -> dict[str, Fitted]:
         low, high = ends if as_good is None else (min(ends[0], as_good[0]), max(ends[1], as_good[1]))
         found[name] = Fitted(value, low, high, unit)
     return found
+
+
+def may_be_nothing(cause: Cause, parameters: Mapping[str, Fitted]) -> bool:
+    """Whether the interval of a cause's strength holds the value at which it does nothing."""
+    strength = parameters.get(cause.strength)
+    return strength is not None and cause.neutral is not None and strength.low <= cause.neutral <= strength.high

@@ -9,7 +9,8 @@ from typing import Final
 
 from discrepancy.causes.base import Cause
 from discrepancy.choice import Choice, Way
-from discrepancy.least_squares import Fit, descend, start_fit
+from discrepancy.least_squares import Fit
+from discrepancy.pruning import pruned, with_causes
 from discrepancy.refining import refined
 from discrepancy.rounds import (
     CLOSER_WORK,
@@ -25,7 +26,7 @@ from discrepancy.rounds import (
     refits,
     share_of_work,
 )
-from discrepancy.screening import extended_model, glance, held_of, refit, screen
+from discrepancy.screening import glance, refit, screen
 from discrepancy.setting import setting_of
 from discrepancy.significance import (
     DONE_MISFIT,
@@ -50,8 +51,6 @@ _FURTHER_IN_ALL: Final = 6.0e7  # given to such rounds together: what no pair ex
 _LITTLE_LEFT: Final = 0.02
 # A second cause must win this share of what the first left, for a wrong first one drags others along.
 _SECOND_SHARE: Final = 0.3
-_PRUNING_STEPS: Final = 15
-_LOOK_CLOSER: Final = 2.0  # times the misfit of all causes: one may be needless
 # Causes that shape the same curve, friction or spring force over travel: none is named before the others were tried.
 _KIN: Final = (
     frozenset({"friction_gradient", "pressure_dependent_friction"}),
@@ -88,7 +87,7 @@ def _chosen(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str],
         way = other if other.is_done or other.best.cost < way.best.cost else way
     is_cut = search.is_cut
     tally.most = max(tally.work, tally.most) + share * CLOSING_WORK
-    best, chosen = _pruned(baseline, way.best, list(way.chosen))
+    best, chosen = pruned(baseline, way.best, list(way.chosen))
     if len(chosen) == len(way.chosen) and (len(chosen) == 1 or misfit(best) < _WORTH_KIN):
         best, chosen, way = _beside_kin(baseline, best, chosen, way, search)
     tried = tuple((cause.name, gain(baseline, fit)) for cause, fit in search.tried)
@@ -123,7 +122,7 @@ def _beside_kin(
         if not kin:
             continue
         others = [other for other in chosen if other is not cause]
-        start = _with_causes(baseline, best, others, most_steps=0)
+        start = with_causes(baseline, best, others, most_steps=0)
         setting = setting_of(start)
         fits: Fits = [(cause, best)]
         for candidate in screen(start, kin, setting):
@@ -152,7 +151,7 @@ def _near(best: Fit, chosen: list[Cause], way: Way, pruned_from: Fit | None = No
     found: Fits = []
     for cause, whole in way.rivals:
         causes = [*chosen[:-1], cause]
-        fit = whole if pruned_from is None else _with_causes(pruned_from, whole, causes)
+        fit = whole if pruned_from is None else with_causes(pruned_from, whole, causes)
         if _is_near(fit, best):
             found.append((cause, fit))
     return found
@@ -161,15 +160,6 @@ def _near(best: Fit, chosen: list[Cause], way: Way, pruned_from: Fit | None = No
 def _is_near(fit: Fit, best: Fit) -> bool:
     """Whether a fit explains as well as the best: noise may make the difference."""
     return fit.is_followed and fit.cost - best.cost < NEAR * noise_factor(best)
-
-
-def _with_causes(baseline: Fit, fit: Fit, causes: list[Cause], most_steps: int = _PRUNING_STEPS) -> Fit:
-    """Return the fit with these causes and no others, descended from where ``fit`` has them."""
-    model, setting = baseline.model, setting_of(fit)
-    for cause in causes:
-        model = extended_model(model, cause, setting)
-    model = replace(model, held={**model.held, **held_of(fit, causes)})
-    return descend(start_fit(model, model.unknowns.point(fit.values)), most_steps=most_steps)
 
 
 class _Search:
@@ -221,7 +211,7 @@ class _Search:
         """Return the way with the first of two causes exchanged where that leads lower: it stood for its partner."""
         first, second = way.chosen
         without = [fit for cause, fit in self.tried if cause is second]
-        without.append(_with_causes(self._begun.best, way.best, [second]))
+        without.append(with_causes(self._begun.best, way.best, [second]))
         alone = Way(min(without, key=lambda fit: fit.cost), (second,))
         if not alone.best.is_followed:
             return way
@@ -271,17 +261,3 @@ def _taken(way: Way, fits: Fits) -> Way | None:
     near = NEAR * noise_factor(fit)
     rivals = [pair for pair in found[1:] if pair[1].cost - fit.cost < near and is_significant(best, pair[1])]
     return Way(fit, (*way.chosen, cause), tuple(rivals), is_settled(best, fit), frozenset(one.name for one, _ in fits))
-
-
-def _pruned(baseline: Fit, best: Fit, chosen: list[Cause]) -> tuple[Fit, list[Cause]]:
-    """Drop the causes without which the rest does as well, once it has found its place."""
-    for cause in list(chosen):
-        others = [other for other in chosen if other is not cause]
-        fit = _with_causes(baseline, best, others)
-        if fit.is_followed and not is_significant(fit, best) and misfit(fit) < _LOOK_CLOSER * misfit(best):
-            best, chosen = fit, others
-        elif fit.is_followed and misfit(fit) < _LOOK_CLOSER * misfit(best):
-            fit = refined(fit)
-            if not is_significant(fit, best):
-                best, chosen = fit, others
-    return best, chosen

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from discrepancy.causes.base import Fitted
-from discrepancy.diagnose import may_be_nothing
+from discrepancy.intervals import may_be_nothing
 from discrepancy.registry import CAUSES
 
 

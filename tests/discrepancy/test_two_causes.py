@@ -11,8 +11,9 @@ import pytest
 from discrepancy import selection
 from discrepancy.baseline import fit_baseline
 from discrepancy.causes.base import Cause, Setting
-from discrepancy.least_squares import Fit, start_fit
+from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.observed import Observed, observe
+from discrepancy.pruning import pruned
 from discrepancy.registry import CAUSES
 from discrepancy.rounds import MOST_WORK, Fits
 from discrepancy.screening import Candidate, extended_model
@@ -20,6 +21,7 @@ from discrepancy.selection import choose
 from discrepancy.setting import setting_of
 from discrepancy.significance import misfit
 from tests.discrepancy.hidden import hidden
+from valve.effects import effect_from_values
 
 LARGE = 1.0e4  # misfit of the plain valve
 Named = tuple[str, ...]
@@ -102,7 +104,7 @@ def scripted(plain: Fit, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Scrip
         found = Scripted(plain, left, work_of_a_round)
         for name in ("screen", "refits", "refit"):
             monkeypatch.setattr(selection, name, getattr(found, name))
-        monkeypatch.setattr(selection, "_with_causes", found.without)
+        monkeypatch.setattr(selection, "with_causes", found.without)
         monkeypatch.setattr(selection, "polished", lambda fits: fits)
         monkeypatch.setattr(selection, "refined", lambda fit: fit)
         monkeypatch.setattr(selection, "closer", lambda _best, fits, _last: fits)
@@ -165,3 +167,27 @@ def test_falling_friction_is_tried_beside_a_cause_that_leaves_next_to_nothing(
     beside = [names for names in found.screened[1:] if "pressure_dependent_friction" not in names]
     assert beside
     assert ("stribeck_friction" in beside[0]) is is_tried
+
+
+def test_a_second_cause_that_only_let_the_first_out_of_its_place_is_dropped() -> None:
+    """A knee near where the stem turns is a spring rate: k and F_0 have far to go without it, past many slips."""
+    asymmetry = effect_from_values("friction_asymmetry", {"asymmetry": 0.33, "viscous_asymmetry": 0.0})
+    case = hidden("nominal", asymmetry, seed=1)
+    observed = observe([case.recording], case.nameplate)
+    assert isinstance(observed, Observed)
+    baseline = fit_baseline(observed)
+    assert baseline is not None
+    causes = [CAUSES["friction_asymmetry"], CAUSES["dual_rate_spring"]]
+    model = baseline.model
+    for cause in causes:
+        model = extended_model(model, cause, setting_of(baseline))
+    p, knee_m, change = case.valve.parameters, 0.006, -500.0
+    values = p.by_symbol() | {"k": p.spring_rate_n_per_m - change, "F_0": p.preload_n + change * knee_m}
+    values |= {"d": p.static_friction_n / p.coulomb_friction_n - 1.0, "first_rise": 0.0, "x_0": baseline.values["x_0"]}
+    values |= {"friction_asymmetry.asymmetry": 0.33}
+    values |= {"dual_rate_spring.knee_m": knee_m, "dual_rate_spring.rate_change_n_per_m": change}
+    start = start_fit(model, model.unknowns.point(values))
+    both = descend(start, most_steps=15, held=frozenset({"dual_rate_spring.knee_m"}))
+    fit, left = pruned(baseline, both, causes)
+    assert [cause.name for cause in left] == ["friction_asymmetry"]
+    assert misfit(fit) < 1.0
