@@ -59,6 +59,8 @@ def analyze_recordings(
     as_recorded = joined(recordings)
     recordings, left_out = without_odd_samples(recordings)
     recording = joined(recordings)
+    held_out, left_out_there = _without_odd_samples(held_out)
+    left_out += left_out_there
     tell(0.1, "estimating")
     motion = read_motion(recording, nameplate)  # what the estimators and the signature begin with
     estimates = estimate_all(recording, nameplate, motion)
@@ -91,6 +93,14 @@ def analyze_recordings(
     )
     tell(1.0, "done")
     return {**analysis, **_doubted(analysis, nameplate, left_out)}
+
+
+def _without_odd_samples(
+    held_out: Sequence[tuple[str, Recording]],
+) -> tuple[list[tuple[str, Recording]], list[LeftOut]]:
+    names = [name for name, _ in held_out]
+    cleaned, told = without_odd_samples([one for _, one in held_out], names)
+    return list(zip(names, cleaned, strict=True)), told
 
 
 def _doubted(analysis: Mapping[str, Any], nameplate: Nameplate, left_out: Sequence[LeftOut]) -> dict[str, Any]:

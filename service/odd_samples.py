@@ -56,12 +56,15 @@ class LeftOut:
         }
 
 
-def without_odd_samples(recordings: Sequence[Recording]) -> tuple[list[Recording], list[LeftOut]]:
-    """Return the recordings with odd samples made gaps, and what was left out of which."""
+def without_odd_samples(
+    recordings: Sequence[Recording], names: Sequence[str] | None = None
+) -> tuple[list[Recording], list[LeftOut]]:
+    """Return the recordings with odd samples made gaps, and what was left out of which, by number or by ``names``."""
+    if names is None:
+        names = [f"recording {number}" for number in range(1, len(recordings) + 1)] if len(recordings) > 1 else [""]
     cleaned, told = [], []
-    for number, recording in enumerate(recordings, 1):
-        place = f" of recording {number}" if len(recordings) > 1 else ""
-        one, said = _cleaned(recording, place)
+    for name, recording in zip(names, recordings, strict=True):
+        one, said = _cleaned(recording, f" of {name}" if name else "")
         cleaned.append(one)
         told += said
     return cleaned, told

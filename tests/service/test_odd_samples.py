@@ -134,9 +134,11 @@ def test_a_sensor_that_always_reports_in_standstills_is_left_as_it_is() -> None:
 
 def test_the_valve_is_found_beside_spikes_and_a_frozen_stretch() -> None:
     bad = frozen(with_spikes(noisy(), [1500, 4000, 12_345, 15_000]), 6.5, 7.2)
-    found = analyze_recordings([bad], PARAMETER_SETS["nominal"].nameplate)
-    assert [one["reason"] for one in found["recording"]["left_out"]] == ["spike", "frozen"]
-    assert len(found["notes"]) == 2
+    tried = with_spikes(noisy(), [1500])
+    found = analyze_recordings([bad], PARAMETER_SETS["nominal"].nameplate, held_out=[("other.csv", tried)])
+    assert [one["reason"] for one in found["recording"]["left_out"]] == ["spike", "frozen", "spike"]
+    assert "position of other.csv has" in found["notes"][2]
+    assert found["held_out"][0]["rmse_m"]["maximum_likelihood"] < 1.2 * NOISE_M
     assert found["recording"]["sampling"]["missed_slots"] == 0
     likelihood = next(one for one in found["estimates"] if one["method"] == "maximum_likelihood")
     assert likelihood["status"] == "ok"
