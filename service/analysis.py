@@ -17,6 +17,7 @@ from estimators.steps.response import step_figures
 from service.diagnosis import NOT_YET, assess, not_assessed
 from service.odd_samples import LeftOut, without_odd_samples
 from service.scale_note import scale_note
+from service.tone_note import tone_note
 from service.zero_note import zero_doubt
 from valve.errors import MotionError, ParameterError, RecordingError
 from valve.motion import simulate_recording
@@ -92,7 +93,8 @@ def analyze_recordings(
         progress=lambda share, phase: tell(_ESTIMATED + (_DIAGNOSED - _ESTIMATED) * share, phase),
     )
     tell(1.0, "done")
-    return {**analysis, **_doubted(analysis, nameplate, left_out)}
+    seen = [*(one.sentence for one in left_out), *_tones(analysis, recordings)]
+    return {**analysis, **_doubted(analysis, nameplate, seen)}
 
 
 def _without_odd_samples(
@@ -103,10 +105,19 @@ def _without_odd_samples(
     return list(zip(names, cleaned, strict=True)), told
 
 
-def _doubted(analysis: Mapping[str, Any], nameplate: Nameplate, left_out: Sequence[LeftOut]) -> dict[str, Any]:
-    """Return ``discrepancy`` and ``notes`` with what the numbers say of samples, nameplate and the pressure's zero."""
+def _tones(analysis: Mapping[str, Any], recordings: Sequence[Recording]) -> list[str]:
+    """Return what the position's sensor picks up, where something is left that it may explain."""
+    found = analysis["discrepancy"]
+    if found["verdict"] == "none" or any(one["cause"] == "vibration" for one in found["causes"]):
+        return []
+    note = tone_note(recordings)
+    return [note] if note else []
+
+
+def _doubted(analysis: Mapping[str, Any], nameplate: Nameplate, seen: Sequence[str]) -> dict[str, Any]:
+    """Return ``discrepancy`` and ``notes``: what was seen of the samples, and the numbers say of plate and zero."""
     found, note = analysis["discrepancy"], scale_note(analysis, nameplate)
-    notes, doubt = [*(one.sentence for one in left_out), *([note] if note else [])], zero_doubt(analysis, nameplate)
+    notes, doubt = [*seen, *([note] if note else [])], zero_doubt(analysis, nameplate)
     if doubt and found["verdict"] == "none":
         return {"discrepancy": {**found, "verdict": "not_assessed", "message": doubt}, "notes": notes}
     return {"discrepancy": found, "notes": [*notes, doubt] if doubt else notes}
