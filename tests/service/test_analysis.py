@@ -12,7 +12,7 @@ import pytest
 from estimators.base import Outcome, failed
 from service.analysis import analyze_recordings, joined, recording_summary
 from service.analysis_pool import AnalysisPool
-from service.diagnosis import assess
+from service.diagnosis import assess, not_assessed
 from tests.discrepancy.hidden import hidden
 from tests.service.recordings import NOMINAL, at_rest, recorded, sine_test, triangle_test, with_gaps
 from valve.effects import effect_from_values
@@ -148,7 +148,7 @@ def test_several_recordings_are_diagnosed_side_by_side(monkeypatch: pytest.Monke
 
     def assess(recordings: list[Recording], *_arguments: Any, **_named: Any) -> dict[str, Any]:
         asked.append(len(recordings))
-        return {}
+        return not_assessed("of this test")
 
     monkeypatch.setattr("service.analysis.assess", assess)
     analyze_recordings([at_rest(), at_rest()], PLATE)
