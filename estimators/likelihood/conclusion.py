@@ -30,6 +30,7 @@ from estimators.likelihood.optima import others_apart, with_others
 from estimators.likelihood.problem import Problem
 from estimators.likelihood.search import Found, certified
 from estimators.likelihood.stand_ins import without_lone_coulomb, without_lone_limit
+from estimators.motion.balance import heaviest_mass_kg
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import FloatArray
 from valve.parameters import PARAMETER_SYMBOLS
@@ -52,6 +53,10 @@ _ALONE: Final = (
 _STRAINED: Final = (
     "the position asks for another force than was measured, by more than the noise of its channel allows, and friction "
     "may stand in for what its lines miss: record it faster"
+)
+_TOO_HEAVY: Final = (
+    "the fit has a mass that no valve's moving parts have, which stands in for what the model misses: look for what "
+    "else moves or holds the stem"
 )
 _HIDDEN_JUMPS: Final = (
     "the stem is slower than DV on some ramps, and the small jumps that it goes in there do not show beside the noise, "
@@ -105,13 +110,17 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         beyond_n = _JUMP_UNSURE * (values["F_s"] - values["F_c"])
         parameters["F_c"] = _parameter("F_c", values, knows, max(least.get("F_c", 0.0), beyond_n))
     parameters = without_lone_limit(parameters)
-    if not problem.jumps:
+    if not (problem.jumps or motion.command_only):
         parameters = without_lone_coulomb(parameters, model, point, ramps_of(motion), factor)
     # without noise the blocks are coarser than the fit, and the bottom is beyond what is computed
     is_bottom &= flatness.is_lowest or found.certificate.ratio < EXACT
     is_bottom |= problem.is_noise_free and found.certificate.ratio < 1.0
     strained = strain(model, point)
     doubt = _doubt(is_bottom=is_bottom, hides=hidden_n > 0.0, is_confirmed=found.is_confirmed, strain=strained)
+    # a nameplate may have too small a mass
+    heaviest_kg = max(heaviest_mass_kg(None), heaviest_mass_kg(motion.moving_mass_kg))
+    if parameters["m"].identifiable and values["m"] > heaviest_kg:
+        doubt = doubt or _TOO_HEAVY
     if doubt:
         parameters |= {symbol: absent(doubt) for symbol in _IN_THE_VALLEY if parameters[symbol].identifiable}
     complete = in_order(parameters)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from itertools import product
 from typing import Final
 
 from estimators.base import ParameterEstimate, absent
 from estimators.likelihood.compression import compressed
+from estimators.likelihood.coordinates import Coordinates
 from estimators.likelihood.descent import descend
 from estimators.likelihood.intervals import Ramps
 from estimators.likelihood.model import StemModel
@@ -22,12 +22,13 @@ _MAY_CREEP: Final = (
     "the stem may have crept below DV, where F_s alone is felt, and only what valves usually are speaks against that: "
     "repeat with a faster ramp"
 )
-_LIMITS: Final = (1.05, 1.4)  # of the slowest ramp's speed
-_VISCOUS_SHARES: Final = (0.2, 0.5)  # of the friction in motion
-_USUAL_KG: Final = 3.0
+# DV, of the slowest ramp's speed, and m, kg: the small jumps are as the root of it
+_TRIED: Final = ((1.05, 3.0), (1.4, 3.0), (1.05, 0.2))
+_VISCOUS_SHARE: Final = 0.2  # of the friction in motion; a stem below DV does not feel it
 _MOST_EVENTS: Final = 12_000  # of small jumps
 _STEPS: Final = 10
-_SHOWN: Final = 3.84  # of the cost: one value in twenty is as far off by chance
+_HOPELESS: Final = 4.0  # times what is asked: a start so far off does not come there
+_NEARLY: Final = 25.0  # of the cost: small jumps that are out of step cost something too
 
 
 def without_lone_limit(parameters: dict[str, ParameterEstimate]) -> dict[str, ParameterEstimate]:
@@ -49,29 +50,39 @@ def without_lone_coulomb(
 
 
 def may_creep(model: StemModel, point: FloatArray, rate_n_per_s: float, noise_factor: float) -> bool:
-    """Whether a stem slower than DV explains the rows as well as the fit at ``point`` (p,), beliefs about DV aside.
+    """Whether a stem slower than DV explains the rows nearly as well as ``point`` (p,), beliefs about DV aside.
 
     It feels F_s in motion, so that F_s is what F_c + F_v v was, at the speed v of a ramp with this rate of the force.
     """
-    small = compressed(replace(model, most_events=max(model.most_events, _MOST_EVENTS)))
+    small = _with_any_limit(compressed(replace(model, most_events=max(model.most_events, _MOST_EVENTS))))
     values = model.coordinates.values(point)
     speed = rate_n_per_s / values["k"]
     friction_n = values["F_c"] + values["F_v"] * speed
-    least = _without_belief(small, point, small.cost(point)) + _SHOWN * noise_factor**2
-    for limit, share in product(_LIMITS, _VISCOUS_SHARES):
-        coulomb_n = (1.0 - share) * friction_n
+    least = _without_belief(small, point, small.cost(point)) + _NEARLY * noise_factor**2
+    for limit, mass_kg in _TRIED:
+        coulomb_n = (1.0 - _VISCOUS_SHARE) * friction_n
         rival = {
-            "m": _USUAL_KG,
+            "m": mass_kg,
             "DV": limit * speed,
-            "F_v": share * friction_n / speed,
+            "F_v": _VISCOUS_SHARE * friction_n / speed,
             "F_c": coulomb_n,
             "d": friction_n / coulomb_n - 1.0,
         }
-        start = model.coordinates.point(values | rival)
+        start = small.coordinates.point(values | rival)
+        if not small.cost(start) < _HOPELESS * least:
+            continue
         found = descend(small, start, most_steps=_STEPS, held=("DV",), one_sided=True)
-        if math.isfinite(found.cost) and _without_belief(small, found.point, found.cost) < least:
+        if _without_belief(small, found.point, found.cost) < least:
             return True
     return False
+
+
+def _with_any_limit(model: StemModel) -> StemModel:
+    """The model in which DV may be above the speed of every ramp."""
+    entries = tuple(
+        replace(entry, upper=math.inf) if entry.name == "DV" else entry for entry in model.coordinates.entries
+    )
+    return replace(model, coordinates=Coordinates(entries))
 
 
 def _without_belief(model: StemModel, point: FloatArray, cost: float) -> float:

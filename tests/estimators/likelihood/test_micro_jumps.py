@@ -31,9 +31,9 @@ def test_a_stem_that_slides_at_its_limit_makes_no_jumps_and_is_known() -> None:
     assert estimate.value("F_c") == pytest.approx(test.truth.coulomb_friction_n, rel=1.0e-4)
 
 
-@pytest.mark.parametrize("seed", [83, 263])
+@pytest.mark.parametrize("seed", [83, 227, 263])
 def test_no_coulomb_friction_is_given_of_a_stem_that_may_have_crept_at_one_speed(seed: int) -> None:
-    # it was 32 and 35 % too large, for it was F_s that the stem felt; F_v and DV do not show
+    # it was 32 to 44 % too large, for it was F_s that the stem felt; F_v and DV do not show
     test = scattered_test(seed)[0]
     estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
     assert estimate.status is not Status.OK
@@ -48,3 +48,12 @@ def test_residuals_in_which_neighbours_go_together_are_no_noise() -> None:
     estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
     assert estimate.status is not Status.OK
     assert estimate.value("F_c") is None
+
+
+def test_a_mass_that_no_valve_has_is_no_finding() -> None:
+    # 1000 kg, the most that is searched, with an F_v 87 % too small beside it
+    test = scattered_test(219)[0]
+    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    assert estimate.status is not Status.OK
+    for symbol in ("m", "F_v", "F_c", "F_s", "DV"):
+        assert estimate.value(symbol) is None, symbol
