@@ -58,11 +58,30 @@ def sample_motion(c, w2, x, v, a, r, push, offset, i, end, out_time, even_step, 
             i += count
         return
     settled = min(end, first_at_or_after(out_time, i, offset + settling_time(c, w2)))
-    for n in range(i, settled):
+    half = 0.5 * c
+    gap = half * half - w2
+    if gap > 0.0 and w2 > 0.0:
+        # two decays, the fast one faded: as the response has it, without what no digit feels
+        spread = 2.0 * math.sqrt(gap)
+        fast = half + 0.5 * spread
+        slow = w2 / fast
+        faded = min(settled, first_at_or_after(out_time, i, offset + max(0.5 / slow, 50.0 / spread) * (1.0 + 1.0e-12)))
+    else:
+        spread, fast, slow, faded = 1.0, 1.0, 1.0, settled
+    for n in range(i, faded):
         tau, S, S1, S2 = out_time[n] - offset, 0.0, 0.0, 0.0
         if tau != 0.0:
             _rate, S, S1, S2 = impulse_response(tau, c, w2)
         out_x[n] = x + v * tau + a * S1 + r * S2
+        if out_v.size > 0:
+            out_v[n] = v + a * S + r * S1
+    for n in range(faded, settled):
+        tau = out_time[n] - offset
+        decay = math.exp(-slow * tau)
+        first = (1.0 - decay) / slow
+        S = decay / spread
+        S1 = (first - S) / fast
+        out_x[n] = x + v * tau + a * S1 + r * (((tau - first) / slow - S1) / fast)
         if out_v.size > 0:
             out_v[n] = v + a * S + r * S1
     if settled < end:
