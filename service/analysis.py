@@ -15,6 +15,7 @@ from estimators.samples import position_noise
 from estimators.signature.measure import measure_signature
 from estimators.steps.response import step_figures
 from service.diagnosis import NOT_YET, assess, not_assessed
+from service.like_periods import of_like_periods, periods_note
 from service.odd_samples import LeftOut, without_odd_samples
 from service.scale_note import scale_note
 from service.tone_note import tone_note
@@ -48,18 +49,20 @@ def analyze_recordings(
 ) -> dict[str, Any]:
     """Analysis object (``breakaway/analysis/1``) of one recording, or of several of one valve.
 
-    The estimators read several as one with gaps between them, the diagnosis reads them side by side. ``held_out``
-    are named recordings that the estimates and the diagnosis are tried on; ``accepted`` is the extended model that was
-    accepted for the valve, ``room`` what a further test of it may use (``service.runs.sequences.Room``). ``progress``
-    is told the share done, 0 to 1, and what is going on; ``keep`` is given the object before it is diagnosed, for the
-    case that this never ends.
+    The estimators read several as one with gaps between them, of different sampling periods those alike; the
+    diagnosis reads all side by side. ``held_out`` are named recordings that the estimates and the diagnosis are tried
+    on; ``accepted`` is the extended model that was accepted for the valve, ``room`` what a further test of it may use
+    (``service.runs.sequences.Room``). ``progress`` is told the share done, 0 to 1, and what is going on; ``keep`` is
+    given the object before it is diagnosed, for the case that this never ends.
     Raises RecordingError where there is no recording, or where they have different channels.
     """
     tell = progress or (lambda _share, _phase: None)
     tell(0.0, "looking at the recording")
-    as_recorded = joined(recordings)
+    joined(recordings)  # they fit together
+    read = of_like_periods(recordings)
+    as_recorded = joined([recordings[number] for number in read])
     recordings, left_out = without_odd_samples(recordings)
-    recording = joined(recordings)
+    recording = joined([recordings[number] for number in read])
     held_out, left_out_there = _without_odd_samples(held_out)
     left_out += left_out_there
     tell(0.1, "estimating")
@@ -68,7 +71,7 @@ def analyze_recordings(
     analysis = {
         "schema": SCHEMA,
         "recording": {
-            **recording_summary(recording),
+            **recording_summary(recording if len(read) == len(recordings) else joined(recordings)),
             "sampling": sampling(as_recorded),  # what was left out was not missed
             "left_out": [one.to_json() for one in left_out],
         },
@@ -93,7 +96,11 @@ def analyze_recordings(
         progress=lambda share, phase: tell(_ESTIMATED + (_DIAGNOSED - _ESTIMATED) * share, phase),
     )
     tell(1.0, "done")
-    seen = [*(one.sentence for one in left_out), *_tones(analysis, recordings)]
+    seen = [
+        *(one.sentence for one in left_out),
+        *(note for note in [periods_note(recordings, read)] if note),
+        *_tones(analysis, recordings),
+    ]
     return {**analysis, **_doubted(analysis, nameplate, seen)}
 
 
