@@ -14,6 +14,7 @@ from estimators.registry import estimate_all
 from estimators.samples import position_noise
 from estimators.signature.measure import measure_signature
 from estimators.steps.response import step_figures
+from service.change_note import change_note
 from service.diagnosis import NOT_YET, assess, not_assessed
 from service.like_periods import of_like_periods, periods_note
 from service.odd_samples import LeftOut, without_odd_samples
@@ -100,6 +101,7 @@ def analyze_recordings(
         *(one.sentence for one in left_out),
         *(note for note in [periods_note(recordings, read)] if note),
         *_tones(analysis, recordings),
+        *_changes(analysis, recordings, nameplate),
     ]
     return {**analysis, **_doubted(analysis, nameplate, seen)}
 
@@ -118,6 +120,12 @@ def _tones(analysis: Mapping[str, Any], recordings: Sequence[Recording]) -> list
     if found["verdict"] == "none" or any(one["cause"] == "vibration" for one in found["causes"]):
         return []
     note = tone_note(recordings)
+    return [note] if note else []
+
+
+def _changes(analysis: Mapping[str, Any], recordings: Sequence[Recording], nameplate: Nameplate) -> list[str]:
+    """Return what changed while the valve was recorded, where no cause of the catalogue explains the recording."""
+    note = change_note(recordings, nameplate) if analysis["discrepancy"]["verdict"] == "unexplained" else ""
     return [note] if note else []
 
 
