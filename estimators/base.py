@@ -44,6 +44,10 @@ class Outcome(StrEnum):
         "The stem moved in one direction only, so friction and preload cannot be told apart: "
         "repeat with a full cycle, up and down."
     )
+    HELD_ON_THE_WAY_BACK = (
+        "The stem moved in one direction only: the force turned back as well, by less than twice the static friction "
+        "that held the stem, so that friction and preload cannot be told apart: repeat over a larger range."
+    )
     STOP_INSIDE_SWEEP = "The stem ran into a travel stop inside the sweep; what was measured on the stop is left out."
     TOO_FEW_SAMPLES = (
         f"The recording has too few complete samples, at least {FEWEST_SAMPLES} are needed and {FEWEST_TOGETHER} of "
@@ -220,6 +224,9 @@ def in_order(parameters: dict[str, ParameterEstimate]) -> dict[str, ParameterEst
 def sentences(outcomes: Iterable[Outcome]) -> str:
     """Return the outcomes' sentences, each once, in order."""
     return " ".join(dict.fromkeys(str(outcome) for outcome in outcomes))
+
+
+ONE_WAY: Final = frozenset({Outcome.ONE_DIRECTION_ONLY, Outcome.HELD_ON_THE_WAY_BACK})
 
 
 class Estimator(Protocol):

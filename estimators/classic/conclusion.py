@@ -5,13 +5,24 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from estimators.base import Estimate, Outcome, ParameterEstimate, Status, absent, in_order, sentences
+from estimators.base import (
+    NORMAL_95,
+    ONE_WAY,
+    Estimate,
+    Outcome,
+    ParameterEstimate,
+    Status,
+    absent,
+    in_order,
+    sentences,
+)
 from estimators.classic.misfit import Fallback, with_stand_ins
 from estimators.classic.transients import Transients
 from estimators.motion.recorded_motion import RecordedMotion
 
 _LARGE_BIAS = 0.05  # own choice: from here on a published value's bias makes the estimate poor
 _NEVER_GIVEN = {"DV"}
+_KNOWN_WITHOUT_LAG = 0.1  # own choice, half width of 95 %: what is given without an interval is known to that at least
 
 
 def conclude(
@@ -52,7 +63,7 @@ def conclude(
     if biased:
         message = f"{message} Backward differences bias {' and '.join(biased)}: use the corrected form.".strip()
     hidden = {"m"} if Outcome.MASS_HIDDEN in found else set()
-    poor = {Outcome.ONE_DIRECTION_ONLY, Outcome.COMMAND_ONLY} & set(found)
+    poor = (ONE_WAY | {Outcome.COMMAND_ONLY}) & set(found)
     status = Status.POOR if set(missing) - hidden or biased or poor else Status.OK
     if complete["k"].value is None and complete["F_c"].value is None:
         status = Status.FAILED
@@ -68,9 +79,19 @@ def conclude(
 
 
 def _with_lag(symbol: str, parameter: ParameterEstimate) -> ParameterEstimate:
-    """Say of the forces and the spring that the transducer's lag is in them; no interval holds it."""
+    """Say of the forces and the spring that the transducer's lag is in them; no interval holds it.
+
+    F_s is not given where its breakaways alone leave it open: nothing would tell of that.
+    """
     if symbol not in ("k", "F_c", "F_s", "F_0") or parameter.value is None:
         return parameter
+    half = NORMAL_95 * (parameter.std_error or 0.0)
+    if symbol == "F_s" and half > _KNOWN_WITHOUT_LAG * parameter.value:
+        share = 100.0 * half / parameter.value
+        return absent(
+            f"the breakaways tell it to +-{share:.0f} % only, and the transducer's lag is in it besides: "
+            "measure the pressure at the actuator"
+        )
     note = f"{parameter.note}; " if parameter.note else ""
     return replace(
         parameter, std_error=None, ci95=None, note=f"{note}the transducer's lag is in it, the pressure was not measured"

@@ -15,19 +15,22 @@ _SURE: Final = 3.0  # standard errors by which F_s must exceed the friction in m
 
 
 def friction_parameters(
-    balance: Balance, transients: Transients, forces: BreakawayForces | None
+    balance: Balance,
+    transients: Transients,
+    forces: BreakawayForces | None,
+    one_way: Outcome = Outcome.ONE_DIRECTION_ONLY,
 ) -> tuple[dict[str, ParameterEstimate], list[Outcome]]:
-    """Return k, F_c, F_s and F_0 by symbol, and what stands against any of them."""
+    """Return k, F_c, F_s and F_0 by symbol, and what stands against any of them; ``one_way``: why only one was seen."""
     outcomes: list[Outcome] = []
     coulomb, coulomb_error = _coulomb(balance, transients)
     parameters = {"k": _spring(balance)}
     if balance.one_direction and balance.form is not Form.PUBLISHED:
         tied = "one direction shows it only together with the preload"
-        outcomes.append(Outcome.ONE_DIRECTION_ONLY)
-        parameters |= {symbol: absent(f"{tied}: {Outcome.ONE_DIRECTION_ONLY}") for symbol in ("F_c", "F_s", "F_0")}
+        outcomes.append(one_way)
+        parameters |= {symbol: absent(f"{tied}: {one_way}") for symbol in ("F_c", "F_s", "F_0")}
         return parameters, outcomes
     if balance.one_direction:
-        outcomes.append(Outcome.ONE_DIRECTION_ONLY)
+        outcomes.append(one_way)
     slip_free = forces is None or not has_stiction(balance, forces)
     parameters["F_c"] = measured(
         coulomb,

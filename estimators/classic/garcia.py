@@ -98,7 +98,7 @@ class GarciaEstimator(ClassicEstimator):
         bounds = settling or viscous_bounds(balance)
         setting = Setting.of(motion, balance, bounds, bounds_are_measured=measured_bounds)
         transients = judge_transients(full, massless, steady, setting)
-        parameters, outcomes = friction_parameters(balance, transients, forces)
+        parameters, outcomes = friction_parameters(balance, transients, forces, motion.one_way_outcome)
         parameters |= {"m": transients.mass, "F_v": transients.viscous, "DV": absent(_NO_LIMIT_VELOCITY)}
         fallback = Fallback.of(motion, transients, balance)
         return conclude(

@@ -125,7 +125,7 @@ class RegressionEstimator(ClassicEstimator):
         forces = self._breakaways(motion, balance)
         if forces is not None:
             raw["F_s"] = forces.value
-        parameters, outcomes = friction_parameters(balance, transients, forces)
+        parameters, outcomes = friction_parameters(balance, transients, forces, motion.one_way_outcome)
         second = limit_velocity(first.sweep, raw.get("F_c"), raw.get("F_v"), first.regressors.reference_speed)
         parameters |= {"m": transients.mass, "F_v": transients.viscous, "DV": absent(second.note)}
         fallback = Fallback.of(motion, transients, balance)

@@ -10,6 +10,7 @@ import numpy as np
 
 from estimators.base import (
     NORMAL_95,
+    ONE_WAY,
     Estimate,
     Outcome,
     ParameterEstimate,
@@ -137,7 +138,7 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         late = "later" if values[DELAY] > 0.0 else "earlier"
         sentences.append(f"The force acts {1.0e3 * abs(values[DELAY]):.3g} ms {late} than its samples' times say.")
     hidden = {"m"} if Outcome.MASS_HIDDEN in outcomes else set()
-    poor = {Outcome.ONE_DIRECTION_ONLY, Outcome.COMMAND_ONLY} & set(outcomes)
+    poor = (ONE_WAY | {Outcome.COMMAND_ONLY}) & set(outcomes)
     status = Status.OK if explained and not doubt and not set(missing) - hidden and not poor else Status.POOR
     if complete["k"].value is None and complete["F_c"].value is None:
         status = Status.FAILED
@@ -273,7 +274,7 @@ def _outcomes(
 ) -> list[Outcome]:
     found = []
     if motion.one_direction:
-        found.append(Outcome.ONE_DIRECTION_ONLY)
+        found.append(motion.one_way_outcome)
     if motion.stops is not None:
         found.append(Outcome.STOP_INSIDE_SWEEP)
     if complete["m"].value is None and complete["k"].value is not None:

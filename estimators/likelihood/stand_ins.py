@@ -18,6 +18,10 @@ _LIMIT_ALONE: Final = (
     "below DV the stem is accelerated undamped, above it F_v damps it: where neither m nor F_v shows, a DV near the "
     "speed of the ramps only stands in for them"
 )
+_LIMIT_WITH_STATIC: Final = (
+    "it shows beside F_s at the breakaways, and F_s is not known; where the stem comes to rest it shows within "
+    "micrometres, where the lines that the pressure is drawn with count as much"
+)
 _MAY_CREEP: Final = (
     "the stem may have crept below DV, where F_s alone is felt, and only what valves usually are speaks against that: "
     "repeat with a faster ramp"
@@ -32,7 +36,9 @@ _NEARLY: Final = 25.0  # of the cost: small jumps that are out of step cost some
 
 
 def without_lone_limit(parameters: dict[str, ParameterEstimate]) -> dict[str, ParameterEstimate]:
-    """Return the parameters without a DV that only stands in for m and F_v, of which neither shows."""
+    """Return the parameters without a DV that only stands in for m and F_v, of which neither shows, or without F_s."""
+    if parameters["DV"].identifiable and not parameters["F_s"].identifiable:
+        return parameters | {"DV": absent(_LIMIT_WITH_STATIC)}
     if parameters["m"].identifiable or parameters["F_v"].identifiable or not parameters["DV"].identifiable:
         return parameters
     return parameters | {"DV": absent(_LIMIT_ALONE)}

@@ -17,6 +17,7 @@ from valve.parameters import TravelStops
 from valve.recording import Recording
 
 _YOUNG_ROWS: Final = 12
+_TURNED_BACK: Final = 0.5  # of what the force went in the stem's direction: so much is a way back
 _TRIFLE: Final = 0.05  # of the friction: a smaller preload does not spoil what assumes none
 
 
@@ -53,6 +54,15 @@ class RecordedMotion:
     def one_direction(self) -> bool:
         """Whether the stem moved in one direction only."""
         return len(self.phases.directions) < 2
+
+    @property
+    def one_way_outcome(self) -> Outcome:
+        """Why the stem moved in one direction only: no way back was asked for, or friction held it on that way."""
+        sense, force_n = max(self.phases.directions), self.samples.force_n
+        back_n = float(np.max(np.maximum.accumulate(sense * force_n) - sense * force_n))
+        if self.one_direction and back_n > _TURNED_BACK * float(np.ptp(force_n)):
+            return Outcome.HELD_ON_THE_WAY_BACK
+        return Outcome.ONE_DIRECTION_ONLY
 
 
 def read_motion(recording: Recording, nameplate: Nameplate) -> RecordedMotion | Outcome:

@@ -10,6 +10,7 @@ import numpy as np
 
 from estimators.base import NORMAL_95, Estimate, Outcome, ParameterEstimate, Status, absent, measured, offset_estimate
 from estimators.motion.recorded_motion import RecordedMotion
+from estimators.proof.hidden_jumps import hidden_jumps_n
 from estimators.proof.proof import Place, Proof, place_of
 from estimators.proof.search import checked_values, explains, motion_seen, proofs_of
 from estimators.proof.whole_motion import SYMBOLS, WholeMotion
@@ -20,6 +21,10 @@ _AGREES: Final = 2.0  # standard errors between a value and where the whole moti
 _LARGEST_RATIO: Final = 1.3  # of what the estimate's own motion leaves to the noise
 _NO_JUMP: Final = 0.01  # F_s - A by A
 _CREEPING: Final = "the stem may have crept below DV, where F_s alone is felt: repeat with a faster ramp"
+_HIDDEN_JUMPS: Final = (
+    "the stem is slower than DV on some ramps, and the small jumps that it goes in there do not show beside the noise, "
+    "so that other m, F_v, F_c, F_s and DV may explain it as well: repeat with faster ramps"
+)
 _STEPPED: Final = "the polled command went in steps, each of which is faster than DV: capture in the device"
 _JAGGED: Final = 0.01  # of DV: about where a stem slides at it the sum of squares is jagged
 _TOUCHED: Final = ("m", "F_v", "F_c", "F_s", "DV")
@@ -63,12 +68,30 @@ def _judged(estimate: Estimate, own: Place, proofs: list[Proof], seen: WholeMoti
             by_delay=float(by_delay[place]),
             scale=scale.get(symbol),
         )
+    hidden_n = max(hidden_jumps_n(seen, proof.place, motion) for proof in proofs)
+    if hidden_n > 0.0:
+        parameters = _without_jumps(parameters, hidden_n, seen, own)
     if seen.is_stepped and parameters["DV"].value is not None:
         parameters["DV"] = absent(_STEPPED)
     if _may_creep(estimate, parameters, own, motion):
         parameters["F_c"] = absent(_CREEPING)
     ratio = seen.ratio(own.cost)
     return _with_status(replace(estimate, parameters=parameters), estimate, ratio)
+
+
+def _without_jumps(
+    parameters: dict[str, ParameterEstimate], hidden_n: float, seen: WholeMotion, own: Place
+) -> dict[str, ParameterEstimate]:
+    """The parameters of a stem whose small jumps hide: k and F_0 alone, by what the jumps may gather as well."""
+    kept = dict(parameters)
+    for symbol in _TOUCHED:
+        if kept[symbol].value is not None:
+            kept[symbol] = absent(_HIDDEN_JUMPS)
+    swept_m = max(float(np.ptp(section.position_m)) for section in seen.sections)
+    for symbol, least in (("k", hidden_n / swept_m), ("F_0", hidden_n)):
+        scale = float(own.values[SYMBOLS.index("F_s")]) if symbol == "F_0" else None
+        kept[symbol] = _widened(kept[symbol], shift=0.0, least=least, by_delay=0.0, scale=scale)
+    return kept
 
 
 def _may_creep(
@@ -115,6 +138,7 @@ def _unexplained(estimate: Estimate, own: Place | None, proofs: list[Proof], see
 
     Nothing is left of values whose motion cannot be followed at all.
     """
+    estimate = _not_for_noise(estimate)
     parameters = dict(estimate.parameters)
     for symbol in _TOUCHED if own is not None else SYMBOLS:
         if parameters[symbol].value is not None:
@@ -134,6 +158,23 @@ def _unexplained(estimate: Estimate, own: Place | None, proofs: list[Proof], see
                 scale=float(own.values[SYMBOLS.index("F_s")]) if symbol == "F_0" else None,
             )
     return _with_status(replace(estimate, parameters=parameters), estimate, math.inf)
+
+
+def _not_for_noise(estimate: Estimate) -> Estimate:
+    """Return the estimate without noise as the reason for what is missing: something else moved the stem as well."""
+    noise = str(Outcome.NOISE_TOO_HIGH)
+    parameters = {
+        symbol: replace(one, note=one.note.replace(noise, str(Outcome.NOT_EXPLAINED)))
+        for symbol, one in estimate.parameters.items()
+    }
+    outcomes = [name for name in estimate.diagnostics.get("outcomes", []) if name != Outcome.NOISE_TOO_HIGH.name]
+    message = estimate.message.replace(noise, "").strip()
+    return replace(
+        estimate,
+        message=message,
+        parameters=parameters,
+        diagnostics={**estimate.diagnostics, "outcomes": outcomes},
+    )
 
 
 def _with_status(estimate: Estimate, before: Estimate, ratio: float) -> Estimate:

@@ -70,7 +70,7 @@ def _measured(samples: Samples, motion: RecordedMotion | Outcome, nameplate: Nam
         unfollowed = motion is Outcome.NEVER_MOVED and swept_m > _SURELY_MOVED * nameplate.actuator.travel_m
         return nothing(_UNFOLLOWED if unfollowed else str(motion), span=span_of(nameplate, None))
     if motion.one_direction:
-        return nothing(str(Outcome.ONE_DIRECTION_ONLY), span=span_of(nameplate, None))
+        return nothing(str(motion.one_way_outcome), span=span_of(nameplate, None))
     line = start_line(motion)
     if line is None:
         reason = _ONE_WAY if motion.uniform is not None else str(motion.uniform_outcome or Outcome.NO_UNIFORM_MOTION)

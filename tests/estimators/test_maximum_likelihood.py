@@ -154,6 +154,13 @@ def test_one_direction_tells_neither_friction_nor_preload() -> None:
     assert str(Outcome.ONE_DIRECTION_ONLY) in estimate.message
 
 
+def test_a_stem_that_friction_held_on_the_way_back_asks_for_a_larger_range() -> None:
+    wave = steps([0.0, 30000.0, 50000.0, 75000.0, 20000.0], 2.0)
+    estimate = estimated(recorded("rough", noise_m=5.0e-6, period_s=2.0e-3, waveform=wave))
+    assert estimate.status is not Status.OK
+    assert str(Outcome.HELD_ON_THE_WAY_BACK) in estimate.message
+
+
 def test_a_stem_that_never_moved_is_named() -> None:
     estimate = estimated(recorded("rough", noise_m=20.0e-6, waveform=triangle(20.0, 1, 0.0, 30000.0)))
     assert estimate.status is Status.FAILED

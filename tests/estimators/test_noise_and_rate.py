@@ -16,7 +16,7 @@ from tests.estimators.recordings import VALVES, Recorded, paper_triangle, record
 from valve.motion import simulate_motion
 from valve.parameter_sets import parameter_set
 from valve.recording import Recording
-from valve.waveform import triangle
+from valve.waveform import Waveform, multi_rate_triangle, triangle
 
 BOTH: list[Estimator] = [RegressionEstimator(), GarciaEstimator()]
 # Those that take differences.
@@ -138,12 +138,14 @@ def test_errors_keep_to_the_standard_errors(name: str, period_s: float, noise_m:
     assert float(np.abs(scores).max()) < 6.0
 
 
-def lagged_recording(name: str, *, period_s: float, lag_s: float, noise_pa: float, measured: bool) -> Recorded:
+def lagged_recording(
+    name: str, *, period_s: float, lag_s: float, noise_pa: float, measured: bool, wave: Waveform | None = None
+) -> Recorded:
     """A valve behind a lagging transducer; its pressure measured with noise, or only its command known."""
     chosen = parameter_set(name)
     area_m2 = chosen.nameplate.actuator.diaphragm_area_m2
     assert area_m2 is not None
-    wave = paper_triangle(name)
+    wave = paper_triangle(name) if wave is None else wave
     fine_s = np.arange(0.0, wave.duration_s + 0.5e-3, 1.0e-3)
     command_pa = wave.at(fine_s)
     kept = math.exp(-1.0e-3 / lag_s)
@@ -185,6 +187,16 @@ def test_a_command_in_place_of_the_pressure_is_said_to_add_its_lag(estimator: Es
         assert estimate.value(symbol) == pytest.approx(test.truth.by_symbol()[symbol] + 53.4, abs=8.0)
         assert estimate.parameters[symbol].ci95 is None
         assert "lag" in estimate.parameters[symbol].note
+
+
+@pytest.mark.parametrize("estimator", BOTH, ids=by_form)
+def test_a_commands_breakaways_that_scatter_by_its_lag_give_no_static_friction(estimator: Estimator) -> None:
+    """At two rates the lag adds two forces: F_s was 39 % too large, without an interval."""
+    wave = multi_rate_triangle([20.0, 8.0, 4.0, 2.5, 2.5], 0.0, 82737.0)
+    test = lagged_recording("nominal", period_s=20.0e-3, lag_s=0.25, noise_pa=0.0, measured=False, wave=wave)
+    entry = estimated(estimator, test).parameters["F_s"]
+    assert entry.value is None
+    assert "measure the pressure" in entry.note
 
 
 def test_noise_is_measured_also_where_samples_are_uneven() -> None:

@@ -11,6 +11,7 @@ from estimators.base import Estimate, Estimator, Form, Outcome, Status
 from estimators.classic.garcia import GarciaEstimator
 from estimators.classic.regression import RegressionEstimator
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
+from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from estimators.samples import prepare
 from tests.estimators.recordings import SYMBOLS, Recorded, recorded
 from valve.nameplate import Action, Actuator, Nameplate
@@ -70,6 +71,20 @@ def test_motion_in_one_direction_only(estimator: Estimator) -> None:
     for symbol in ("F_c", "F_s", "F_0"):
         assert estimate.value(symbol) is None
         assert "one direction" in estimate.parameters[symbol].note
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 20.0e-6])
+def test_a_stem_that_friction_held_on_the_way_back_asks_for_a_larger_range(noise_m: float) -> None:
+    # "repeat with a full cycle, up and down" was the remedy, and it was one
+    way = [0.0, 20000.0, 40000.0, 60000.0, 75000.0]
+    test = recorded("rough", period_s=5.0e-3, noise_m=noise_m, waveform=steps([*way, 40000.0, 20000.0], 3.0))
+    estimate = estimated(RegressionEstimator(), test)
+    assert estimate.status is not Status.OK
+    assert str(Outcome.HELD_ON_THE_WAY_BACK) in estimate.message
+    assert "larger range" in estimate.parameters["F_c"].note
+    one_way = read_motion(recorded("rough", period_s=5.0e-3, waveform=steps(way, 3.0)).recording, test.nameplate)
+    assert isinstance(one_way, RecordedMotion)
+    assert one_way.one_way_outcome is Outcome.ONE_DIRECTION_ONLY
 
 
 @pytest.mark.parametrize("form", list(Form))
