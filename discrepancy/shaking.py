@@ -22,6 +22,7 @@ from discrepancy.observed import Observed, Segment
 from discrepancy.residuals import paired
 from discrepancy.sliding import COLUMNS, Sliding
 from discrepancy.unknowns import SEPARATOR
+from discrepancy.waves import share_taken, wave_sums
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import BoolArray, FloatArray
 
@@ -138,7 +139,7 @@ def shaken_breakaways(observed: Observed, most: int, values: Mapping[str, float]
     base = np.column_stack([place_m, np.ones(place_m.size), sense, *more])
     span_s = float(np.ptp(time_s))
     frequency_hz = np.arange(LOWEST_HZ, HIGHEST_HZ, 1.0 / (_FINER * span_s))
-    taken = _taken(base, force_n, np.outer(2.0 * math.pi * frequency_hz, time_s))
+    taken = share_taken(frequency_hz, time_s, base, force_n)
     found = _highest(frequency_hz, taken, _APART / span_s, most)
     return [shaken for at_hz in found if (shaken := _shaken(at_hz, base, force_n, time_s, tuple(bent))) is not None]
 
@@ -158,9 +159,9 @@ def locked_breakaways(observed: Observed) -> Shaken | None:
     base = np.column_stack([place_m, np.ones(place_m.size), sense])
     span_s = float(np.ptp(time_s))
     frequency_hz = np.arange(LOWEST_HZ, HIGHEST_HZ, 1.0 / (_FINER * span_s))
-    turn = np.outer(2.0 * math.pi * frequency_hz, time_s)
-    mean = np.exp(1.0j * turn) @ sense / sense.size
-    likely = np.where(np.abs(mean) > _LOCKED, np.abs(mean) ** 2 * _taken(base, force_n, turn), 0.0)
+    mean = wave_sums(frequency_hz, time_s, sense[:, None])[:, 0] / sense.size
+    taken = share_taken(frequency_hz, time_s, base, force_n)
+    likely = np.where(np.abs(mean) > _LOCKED, np.abs(mean) ** 2 * taken, 0.0)
     place = int(np.argmax(likely))
     balanced = _shaken(float(frequency_hz[place]), base, force_n, time_s) if likely[place] > 0.0 else None
     if balanced is None:
@@ -189,19 +190,6 @@ def _shaken(
         float(static_n),
         {name: float(strength) for name, strength in zip(bent, solved[3:-2], strict=True)},
     )
-
-
-def _taken(base: FloatArray, force_n: FloatArray, turn: FloatArray) -> FloatArray:
-    """Share of what the ``base`` (n, b) leaves of forces (n,) that a wave takes, by frequency, of ``turn`` (f, n)."""
-    basis = np.linalg.qr(base / np.linalg.norm(base, axis=0))[0]
-    left = force_n - basis @ (basis.T @ force_n)
-    sine, cosine = (wave - (wave @ basis) @ basis.T for wave in (np.sin(turn), np.cos(turn)))
-    ss, cc, sc = (np.einsum("fn,fn->f", a, b) for a, b in ((sine, sine), (cosine, cosine), (sine, cosine)))
-    s, c = sine @ left, cosine @ left
-    determinant = ss * cc - sc * sc
-    usable = determinant > 1.0e-6 * ss * cc
-    won = np.where(usable, (cc * s * s - 2.0 * sc * s * c + ss * c * c) / np.where(usable, determinant, 1.0), 0.0)
-    return np.asarray(won / max(float(left @ left), 1.0e-300))
 
 
 def _breakaways(motion: RecordedMotion) -> list[tuple[float, float, float, float]]:
