@@ -34,6 +34,7 @@ _DRIVEN: Final = 0.25  # of a jump: what the force changed by in that time moved
 _ON_STOP: Final = 1.02  # times the largest force at a breakaway, of which a jumping stem shows many
 _CREEPS: Final = 0.3  # of the mean speed about it: a run with so much slope is no rest
 _CLEAR: Final = 25.0
+_PIECE: Final = 0.2  # of a usual rest: a shorter run is a piece of a jump
 _NEIGHBOURS: Final = 15  # on each side of a run, that tell whether the stem creeps there
 _MORE_NOISE: Final = 1.3
 _GRID_STEPS: Final = 3.0
@@ -61,6 +62,8 @@ def read_staircase(
     if isinstance(samples, Outcome):
         return None
     rests = find_rests(samples)
+    if rests is None and isinstance(motion, Outcome):
+        rests = find_rests(samples, among_pieces=True)
     if rests is None:
         return None
     stretches, breakaways = _steps(samples, rests)
@@ -132,8 +135,11 @@ def _jumps_beyond_grid(samples: Samples, breakaways: list[Breakaway]) -> bool:
     return float(np.median(jumps_m)) > _GRID_STEPS * samples.position_step_m
 
 
-def find_rests(samples: Samples) -> Rests | None:
-    """Return the runs of rows at one level, where the stem rests between jumps and does not creep."""
+def find_rests(samples: Samples, *, among_pieces: bool = False) -> Rests | None:
+    """Return the runs of rows at one level, where the stem rests between jumps and does not creep.
+
+    ``among_pieces``: of jumps that are slow enough for runs of their own, each far shorter than the rests.
+    """
     position_m = samples.position_m
     range_m = float(np.ptp(position_m))
     least_m = max(_least_noise(position_m), samples.position_step_m, _LEAST * range_m)
@@ -149,9 +155,11 @@ def find_rests(samples: Samples) -> Rests | None:
     # what each run tells of its slope, none more than a clear one; together they show what creeps in short pieces
     weight = np.minimum(squares_s2 * speed * speed / noise_m**2, _CLEAR)
     drift = np.divide(slope, speed, out=np.zeros_like(slope), where=speed != 0.0)
-    if float((weight * drift)[kept].sum()) > _CREEPS * float(weight[kept].sum()):
+    if _creep_together(kept, weight, drift):
         # a stem may rest on slow ramps and slide on fast ones
-        kept &= _still_together(np.where(kept, weight, 0.0), drift)
+        kept &= _long(rows) if among_pieces else _still_together(np.where(kept, weight, 0.0), drift)
+        if among_pieces and _creep_together(kept, weight, drift):
+            return None
     if np.count_nonzero(kept) <= _FEWEST_AT_ALL:
         return None
     rows, level_m = rows[kept], level_m[kept]
@@ -162,6 +170,25 @@ def find_rests(samples: Samples) -> Rests | None:
     if scatter_m > _MORE_NOISE * max(samples.position_noise_m, noise_m):
         return None  # what creeps or rings is no rest
     return Rests(rows, level_m, max(scatter_m, samples.position_step_m / math.sqrt(12.0), _LEAST * range_m))
+
+
+def _creep_together(kept: BoolArray, weight: FloatArray, drift: FloatArray) -> bool:
+    """Whether the kept runs creep, all of them together, shapes (k,)."""
+    return float((weight * drift)[kept].sum()) > _CREEPS * float(weight[kept].sum())
+
+
+def _long(rows: IntArray) -> BoolArray:
+    """Which runs, shape (k,), are not far shorter than the one in which the middle one of the rows about it lies.
+
+    The two longest about it, where the force itself may have rested, do not count.
+    """
+    counts = rows[:, 1] - rows[:, 0] + 1
+    usual = np.empty(counts.size)
+    for number in range(counts.size):
+        about = np.sort(counts[max(number - 2 * _NEIGHBOURS, 0) : number + 2 * _NEIGHBOURS + 1])
+        about = about[:-2] if about.size > _NEIGHBOURS else about
+        usual[number] = about[np.searchsorted(np.cumsum(about), 0.5 * float(about.sum()))]
+    return np.asarray(counts > _PIECE * usual)
 
 
 def _still_together(weight: FloatArray, drift: FloatArray) -> BoolArray:

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.base import Status
+from estimators.base import Outcome, Status
 from estimators.likelihood.staircase import read_staircase, with_stops
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from tests.estimators.random_valves import random_test
 from tests.estimators.recordings import recorded
-from valve.recording import Acquisition, Provenance
+from valve.parameter_sets import parameter_set
+from valve.recording import Acquisition, Provenance, Recording
 
 PERIOD_S = 0.01
 NOISE_M = 20.0e-6
@@ -34,6 +35,20 @@ def test_a_stem_that_jumps_from_rest_to_rest_is_a_staircase() -> None:
     assert motion is not None
     assert motion.uniform is None
     assert len(motion.phases.breakaways) == pytest.approx(49, abs=3)
+
+
+def test_jumps_that_take_a_quarter_of_the_time_leave_rests_to_be_seen() -> None:
+    # 12 jumps of 5 mm and 80 ms up, a rest of 4 s, 12 down: in each jump some ten runs of a few rows are level to 50 um
+    noise_m, rest, jump, steps = 50.0e-6, 320, 80, 12
+    step_m = 2.5e-3 * (1.0 - np.cos(np.pi * np.arange(1, jump + 1) / jump))
+    up_m = np.concatenate([np.concatenate([np.zeros(rest), step_m]) + 5.0e-3 * number for number in range(steps)])
+    position_m = np.concatenate([np.zeros(4000), up_m, np.full(4000, up_m[-1]), up_m[-1] - up_m, np.zeros(4000)])
+    position_m += noise_m * np.random.default_rng(1).standard_normal(position_m.size)
+    pressure_pa = np.interp(np.arange(position_m.size), [0, position_m.size // 2, position_m.size], [0.0, 1.0e5, 0.0])
+    recording = Recording(np.arange(position_m.size) * 1.0e-3, position_m, pressure_pa)
+    motion = read_staircase(recording, parameter_set("rough").nameplate, Outcome.NO_UNIFORM_MOTION)
+    assert motion is not None
+    assert len(motion.phases.breakaways) == 2 * steps
 
 
 def test_a_stem_that_jumps_on_slow_ramps_and_slides_on_fast_ones_is_read_by_its_jumps() -> None:
