@@ -16,6 +16,7 @@ from estimators.base import (
     in_order,
     sentences,
 )
+from estimators.classic.friction_parameters import AT_BREAKAWAY
 from estimators.classic.misfit import Fallback, with_stand_ins
 from estimators.classic.transients import Transients
 from estimators.motion.recorded_motion import RecordedMotion
@@ -81,10 +82,16 @@ def conclude(
 def _with_lag(symbol: str, parameter: ParameterEstimate) -> ParameterEstimate:
     """Say of the forces and the spring that the transducer's lag is in them; no interval holds it.
 
-    F_s is not given where its breakaways alone leave it open: nothing would tell of that.
+    F_s is not given where its breakaways alone leave it open: nothing would tell of that. Nor is it where no slip jump
+    is seen: a breakaway comes late by the lag and the dead time, and the force of that may be many times F_s.
     """
     if symbol not in ("k", "F_c", "F_s", "F_0") or parameter.value is None:
         return parameter
+    if symbol == "F_s" and parameter.note == AT_BREAKAWAY:
+        return absent(
+            "no slip jump is seen, and the force at breakaway is that of the transducer's lag and dead time as well: "
+            "measure the pressure at the actuator"
+        )
     half = NORMAL_95 * (parameter.std_error or 0.0)
     if symbol == "F_s" and half > _KNOWN_WITHOUT_LAG * parameter.value:
         share = 100.0 * half / parameter.value

@@ -11,6 +11,7 @@ from estimators.motion.balance import Balance
 from estimators.motion.static_friction import BreakawayForces
 from valve.nameplate import Action
 
+AT_BREAKAWAY: Final = "no slip jump is seen; this is the friction at breakaway"
 _SURE: Final = 3.0  # standard errors by which F_s must exceed the friction in motion to be called stiction
 
 
@@ -94,9 +95,7 @@ def _without_stiction(
     error = math.hypot(coulomb_error, max(0.0, most - coulomb) / math.sqrt(3.0))
     direct = math.hypot(forces.std_error, 0.0 if balance.preload is None else balance.preload[1])
     if direct < error:
-        return measured(
-            forces.value, direct, note="no slip jump is seen; this is the friction at breakaway", reason=_SLIP_FREE
-        )
+        return measured(forces.value, direct, note=AT_BREAKAWAY, reason=_SLIP_FREE)
     note = "no slip jump is seen, so it is taken equal to F_c (a valve without stiction)"
     return measured(coulomb, error, note=note, reason=_SLIP_FREE)
 

@@ -12,6 +12,7 @@ from estimators.base import Estimate, Estimator, Form, Outcome, Status
 from estimators.classic.garcia import GarciaEstimator
 from estimators.classic.regression import RegressionEstimator
 from estimators.samples import channel_noise
+from tests.estimators.random_valves import random_test
 from tests.estimators.recordings import VALVES, Recorded, paper_triangle, recorded
 from valve.motion import simulate_motion
 from valve.parameter_sets import parameter_set
@@ -197,6 +198,15 @@ def test_a_commands_breakaways_that_scatter_by_its_lag_give_no_static_friction(e
     entry = estimated(estimator, test).parameters["F_s"]
     assert entry.value is None
     assert "measure the pressure" in entry.note
+
+
+@pytest.mark.parametrize("estimator", BOTH, ids=by_form)
+def test_a_command_alone_gives_no_static_friction_of_a_stem_without_a_slip_jump(estimator: Estimator) -> None:
+    # a breakaway late by lag and dead time: F_s was 54 times the true one
+    test = random_test(2064)
+    entry = estimator.estimate(test.recording, test.nameplate).parameters["F_s"]
+    assert entry.value is None
+    assert "dead time" in entry.note
 
 
 def test_noise_is_measured_also_where_samples_are_uneven() -> None:
