@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 
 from valve.errors import RecordingError
-from valve.nameplate import Nameplate
+from valve.nameplate import Action, Nameplate
 from valve.recording import FloatArray
 from valve.units import METRE_PER_INCH, PASCAL_PER_BAR, PASCAL_PER_PSI
 
@@ -19,12 +20,20 @@ _MOST_PRESSURES: Final = 50.0
 _LIKELY: Final = (0.2, 2.5)  # a unit is likely when the value read in it is this share of what is expected
 _LOWEST_FULL_PRESSURE_PA: Final = 5.0e3  # no actuator works below it, where the nameplate says nothing
 _CURRENT_LOOP_MA: Final = (-0.5, 25.0)  # what a 4-20 mA loop can carry (NAMUR NE 43 ends at 21)
+_SURELY_MOVED: Final = 0.05  # of the travel: five times what a hundredth of the pressure moves
+_MOST_STAND_INS: Final = 0.05  # of the values: more is a unit
+_MOST_KINDS: Final = 3  # different numbers: a measured value in another unit hardly comes twice
 _SLOWEST_PERIOD_S: Final = 5.0  # beyond it no motion of a stem is seen, only where it has been
 _SLOW_PERIOD_S: Final = 0.5  # milliseconds of 1 kHz or less, and longer than any test that is sampled so slowly:
 _LONGEST_SLOW_S: Final = 4.0 * 3600.0
 _SHORTEST_PERIOD_S: Final = 2.0e-6  # no instrument of a valve samples at 500 kHz
 
-_LENGTHS: Final = (("millimetres", 1.0e-3), ("inches", METRE_PER_INCH), ("micrometres", 1.0e-6))
+_LENGTHS: Final = (
+    ("millimetres", 1.0e-3),
+    ("inches", METRE_PER_INCH),
+    ("centimetres", 1.0e-2),
+    ("micrometres", 1.0e-6),
+)
 _PRESSURES: Final = (("kPa", 1.0e3), ("bar", PASCAL_PER_BAR), ("psi", PASCAL_PER_PSI))
 
 
@@ -66,15 +75,21 @@ def require_plausible_time(time_s: FloatArray, source: str) -> None:
 def require_plausible_position(position_m: FloatArray, nameplate: Nameplate, source: str) -> None:
     """Raise RecordingError where the position cannot be in metres: it goes far beyond the rated travel."""
     travel_m = nameplate.actuator.travel_m
-    reached = _largest(position_m)
-    if reached <= _MOST_TRAVELS * travel_m:
+    reached, most_m = _largest(position_m), _MOST_TRAVELS * travel_m
+    if reached <= most_m:
         return
+    _require_no_stand_ins("position_m", position_m, most_m, source)
     likely = _likely_units(reached, travel_m, _LENGTHS)
     if 20.0 <= reached <= 120.0:
         likely.append("percent of travel")
+    if 0.2 <= reached <= 1.2:
+        likely.append("a share of travel")
+    remedy = "write it in metres"
+    if float(np.nanmin(np.abs(position_m))) > travel_m and 0.2 * travel_m <= _span(position_m) <= travel_m:
+        remedy += ", or subtract what it reads with the valve closed"
     raise RecordingError(
         f"{source}: position_m reaches {reached:.4g} and the travel of {nameplate.tag} is {travel_m:g} m: "
-        f"{_guess(likely)}write it in metres, or correct actuator.travel_m"
+        f"{_guess(likely)}{remedy}, or correct actuator.travel_m"
     )
 
 
@@ -103,10 +118,32 @@ def require_plausible_pressure(
         about = known if full_pa is not None else "the stem moves"
         raise RecordingError(f"{source}: {name} reaches {reached:.4g} and {about}: {_guess(likely)}write it in Pa")
     if full_pa is not None and reached > _MOST_PRESSURES * full_pa:
+        _require_no_stand_ins(name, pressure_pa, _MOST_PRESSURES * full_pa, source)
         raise RecordingError(
             f"{source}: {name} reaches {reached:.4g} and {known}: "
             "write it in Pa, or correct the nameplate's signal.range_pa and actuator.bench_set_pa"
         )
+
+
+def require_moving_input(
+    inputs_pa: Mapping[str, FloatArray], position_m: FloatArray, nameplate: Nameplate, source: str
+) -> None:
+    """Raise RecordingError where the stem of a spring-opposed actuator goes and no input does.
+
+    ``inputs_pa`` are its pressure and its command by name, those that were recorded. Without a known range of the
+    pressure nothing is said: then nobody knows what is little.
+    """
+    full_pa, went_m = _full_pressure_pa(nameplate), _span(position_m)
+    if nameplate.actuator.action is not Action.SPRING or full_pa is None or not inputs_pa:
+        return
+    spans_pa = {name: _span(values_pa) for name, values_pa in inputs_pa.items()}
+    if went_m < _SURELY_MOVED * nameplate.actuator.travel_m or max(spans_pa.values()) >= _LEAST_PRESSURE * full_pa:
+        return
+    stays = " and ".join(f"{name} stays within {span_pa:.3g} Pa" for name, span_pa in spans_pa.items())
+    raise RecordingError(
+        f"{source}: {stays} while the stem goes {1.0e3 * went_m:.3g} mm: something else moves it (a handwheel, a "
+        "bypass), or it is another valve's channel or a gauge that is shut off: record the pressure that moves the stem"
+    )
 
 
 def require_plausible_current(command_ma: FloatArray, source: str) -> None:
@@ -125,6 +162,28 @@ def require_plausible_current(command_ma: FloatArray, source: str) -> None:
         raise RecordingError(
             f"{source}: command_ma reaches {present.max():.4g} mA, it looks like amperes: write it in mA"
         )
+
+
+def _require_no_stand_ins(name: str, values: FloatArray, most: float, source: str) -> None:
+    """Raise RecordingError where few values are beyond ``most``: numbers that a logger writes where it has none."""
+    present = values[np.isfinite(values)]
+    beyond = np.abs(present) > most
+    count = int(np.count_nonzero(beyond))
+    if count > _MOST_STAND_INS * present.size or np.unique(present[beyond]).size > _MOST_KINDS:
+        return
+    row = int(np.flatnonzero(np.isfinite(values))[int(np.argmax(beyond))]) + 1
+    others = "the other values stay" if count == 1 else f"all but {count} values stay"
+    raise RecordingError(
+        f"{source}: row {row}, column {name}: it is {values[row - 1]:.4g}, and {others} within "
+        f"{_largest(present[~beyond]):.4g}: leave the cell empty where there was no value"
+    )
+
+
+def _span(values: FloatArray) -> float:
+    """Return what 98 % of the values span; 0 without any."""
+    present = values[np.isfinite(values)]
+    low, high = np.percentile(present, (1.0, 99.0)) if present.size else (0.0, 0.0)
+    return float(high - low)
 
 
 def _largest(values: FloatArray) -> float:

@@ -82,7 +82,9 @@ def _require_known(names: list[str], line: str, source: str) -> None:
         raise RecordingError(f"{source}: row 1 holds numbers, it must be a header line with names out of {known}")
     for name in names:
         if name not in COLUMNS:
-            raise RecordingError(f"{source}: unknown column {name[:_LONGEST_SHOWN]!r}; there are {known}: rename it")
+            raise RecordingError(
+                f"{source}: unknown column {name[:_LONGEST_SHOWN]!r}; there are {known}: rename it or leave it out"
+            )
         if names.count(name) > 1:
             raise RecordingError(f"{source}: column {name!r} stands in it twice, remove one")
 

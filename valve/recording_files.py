@@ -15,6 +15,7 @@ from valve.errors import RecordingError
 from valve.nameplate import Nameplate
 from valve.plausibility import (
     require_channels_in_place,
+    require_moving_input,
     require_plausible_current,
     require_plausible_position,
     require_plausible_pressure,
@@ -136,7 +137,7 @@ def _recording(
             row = int(np.isinf(column).argmax()) + 1
             raise RecordingError(f"{source}: row {row}, column {name}: it is infinite, leave a gap empty")
         if np.isnan(column).all() and name in ("position_m", "force_n", "pressure_pa"):
-            raise RecordingError(f"{source}: column {name} holds no value, remove it or give its samples")
+            raise RecordingError(f"{source}: column {name} holds no value, {_remedy(name)}")
     if nameplate is not None:
         _require_plausible(columns, nameplate, source)
     if "command_ma" in columns:
@@ -144,6 +145,10 @@ def _recording(
     if provenance.acquisition is Acquisition.FILE and columns.keys() >= _POLLED_COLUMNS:
         provenance = replace(provenance, acquisition=Acquisition.POLLED)  # a CSV does not say it otherwise
     return Recording(**columns, provenance=provenance)
+
+
+def _remedy(name: str) -> str:
+    return "give its samples" if name == "position_m" else "remove it or give its samples"
 
 
 def _require_columns(columns: dict[str, FloatArray], source: str) -> None:
@@ -188,6 +193,11 @@ def _require_plausible(columns: dict[str, FloatArray], nameplate: Nameplate, sou
         )
     if "command_ma" in columns:
         require_plausible_current(columns["command_ma"], source)
+    inputs_pa: dict[str, FloatArray] = {
+        name: columns[name] for name in ("pressure_pa", "command_pa") if name in columns
+    }
+    if not columns.keys() & {"command_ma", "force_n"}:
+        require_moving_input(inputs_pa, position, nameplate, source)
 
 
 def _command_pa(command_ma: FloatArray, nameplate: Nameplate | None, source: str) -> FloatArray:

@@ -76,7 +76,9 @@ def read_columns(data: bytes, source: str) -> tuple[dict[str, FloatArray], Prove
     columns: dict[str, FloatArray] = {}
     for name in table.column_names:
         if name not in COLUMNS:
-            raise RecordingError(f"{source}: unknown column {name!r}; there are {', '.join(COLUMNS)}: rename it")
+            raise RecordingError(
+                f"{source}: unknown column {name!r}; there are {', '.join(COLUMNS)}: rename it or leave it out"
+            )
         if name in columns:
             raise RecordingError(f"{source}: column {name!r} stands in it twice, remove one")
         columns[name] = _values(table[name], metadata.get("columns", {}).get(name, {}), f"{source}: column {name}")
