@@ -45,7 +45,8 @@ def test_jumps_that_take_a_quarter_of_the_time_leave_rests_to_be_seen() -> None:
     position_m = np.concatenate([np.zeros(4000), up_m, np.full(4000, up_m[-1]), up_m[-1] - up_m, np.zeros(4000)])
     position_m += noise_m * np.random.default_rng(1).standard_normal(position_m.size)
     pressure_pa = np.interp(np.arange(position_m.size), [0, position_m.size // 2, position_m.size], [0.0, 1.0e5, 0.0])
-    recording = Recording(np.arange(position_m.size) * 1.0e-3, position_m, pressure_pa)
+    time_s = 1.0e-3 * np.arange(position_m.size, dtype=np.float64)
+    recording = Recording(time_s, np.asarray(position_m, dtype=np.float64), pressure_pa)
     motion = read_staircase(recording, parameter_set("rough").nameplate, Outcome.NO_UNIFORM_MOTION)
     assert motion is not None
     assert len(motion.phases.breakaways) == 2 * steps
