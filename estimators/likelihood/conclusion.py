@@ -25,13 +25,14 @@ from estimators.likelihood.all_rows import EXACT
 from estimators.likelihood.arrival import arrived, led_to
 from estimators.likelihood.delay import DELAY, Weighed, at_one_instant, delayed, says_nothing, weigh
 from estimators.likelihood.intervals import CHECKED, Flatness, Ramps, flat_errors, inflation, known, natural_values
-from estimators.likelihood.micro_jumps import hidden_jumps_n
+from estimators.likelihood.micro_jumps import hidden_micro_jumps_n
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.optima import others_apart, with_others
 from estimators.likelihood.problem import Problem
 from estimators.likelihood.search import Found, certified
 from estimators.likelihood.stand_ins import without_lone_coulomb, without_lone_limit
 from estimators.motion.balance import heaviest_mass_kg
+from estimators.motion.hidden_jumps import HIDDEN_JUMPS
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import FloatArray
 from valve.parameters import PARAMETER_SYMBOLS
@@ -58,10 +59,6 @@ _STRAINED: Final = (
 _TOO_HEAVY: Final = (
     "the fit has a mass that no valve's moving parts have, which stands in for what the model misses: look for what "
     "else moves or holds the stem"
-)
-_HIDDEN_JUMPS: Final = (
-    "the stem is slower than DV on some ramps, and the small jumps that it goes in there do not show beside the noise, "
-    "so that other m, F_v, F_c, F_s and DV may explain it as well: repeat with faster ramps"
 )
 _LARGEST_STRAIN: Final = 6.5  # standard deviations that one error of the measured input may be from none
 
@@ -93,7 +90,7 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
     if not explained and not found.certificate.is_near and not problem.is_noise_free:
         knows = None
     least = flatness.least
-    hidden_n = 0.0 if problem.jumps else hidden_jumps_n(model, point, motion)
+    hidden_n = 0.0 if problem.jumps else hidden_micro_jumps_n(model, point, motion)
     if hidden_n > 0.0:
         least = least | {"F_0": hidden_n, "k": hidden_n / model.range_m}
     if problem.jumps:
@@ -173,7 +170,7 @@ def _doubt(*, is_bottom: bool, hides: bool, is_confirmed: bool, strain: float) -
     if not is_bottom:
         return _NOT_ARRIVED
     if hides:
-        return _HIDDEN_JUMPS
+        return HIDDEN_JUMPS
     if strain > _LARGEST_STRAIN:
         return _STRAINED
     return "" if is_confirmed else _ALONE

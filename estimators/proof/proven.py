@@ -9,8 +9,9 @@ from typing import Final
 import numpy as np
 
 from estimators.base import NORMAL_95, Estimate, Outcome, ParameterEstimate, Status, absent, measured, offset_estimate
+from estimators.motion.hidden_jumps import HIDDEN_JUMPS
 from estimators.motion.recorded_motion import RecordedMotion
-from estimators.proof.hidden_jumps import hidden_jumps_n
+from estimators.proof.hidden_jumps import hidden_block_jumps_n
 from estimators.proof.proof import Place, Proof, place_of
 from estimators.proof.search import checked_values, explains, motion_seen, proofs_of
 from estimators.proof.whole_motion import SYMBOLS, WholeMotion
@@ -21,10 +22,6 @@ _AGREES: Final = 2.0  # standard errors between a value and where the whole moti
 _LARGEST_RATIO: Final = 1.3  # of what the estimate's own motion leaves to the noise
 _NO_JUMP: Final = 0.01  # F_s - A by A
 _CREEPING: Final = "the stem may have crept below DV, where F_s alone is felt: repeat with a faster ramp"
-_HIDDEN_JUMPS: Final = (
-    "the stem is slower than DV on some ramps, and the small jumps that it goes in there do not show beside the noise, "
-    "so that other m, F_v, F_c, F_s and DV may explain it as well: repeat with faster ramps"
-)
 _STEPPED: Final = "the polled command went in steps, each of which is faster than DV: capture in the device"
 _JAGGED: Final = 0.01  # of DV: about where a stem slides at it the sum of squares is jagged
 _TOUCHED: Final = ("m", "F_v", "F_c", "F_s", "DV")
@@ -68,7 +65,7 @@ def _judged(estimate: Estimate, own: Place, proofs: list[Proof], seen: WholeMoti
             by_delay=float(by_delay[place]),
             scale=scale.get(symbol),
         )
-    hidden_n = max(hidden_jumps_n(seen, proof.place, motion) for proof in proofs)
+    hidden_n = max(hidden_block_jumps_n(seen, proof.place, motion) for proof in proofs)
     if hidden_n > 0.0:
         parameters = _without_jumps(parameters, hidden_n, seen, own)
     if seen.is_stepped and parameters["DV"].value is not None:
@@ -86,7 +83,7 @@ def _without_jumps(
     kept = dict(parameters)
     for symbol in _TOUCHED:
         if kept[symbol].value is not None:
-            kept[symbol] = absent(_HIDDEN_JUMPS)
+            kept[symbol] = absent(HIDDEN_JUMPS)
     swept_m = max(float(np.ptp(section.position_m)) for section in seen.sections)
     for symbol, least in (("k", hidden_n / swept_m), ("F_0", hidden_n)):
         scale = float(own.values[SYMBOLS.index("F_s")]) if symbol == "F_0" else None
