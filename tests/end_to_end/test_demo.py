@@ -86,9 +86,12 @@ def test_the_polled_valve_does_not_pretend_to_know_its_mass(demonstration: dict[
     for estimate in polled["test"]["analysis"]["estimates"]:
         mass = estimate["parameters"]["m"]
         if estimate["method"] == "maximum_likelihood" and mass["value"] is not None:
-            # slow samples of the whole motion may hold the mass: then within its interval
+            # Slow samples of the whole motion may hold the mass: then with an interval that is honest about it. Noise
+            # and instants differ with each run, so one run in twenty lies outside a true interval: within twice its
+            # half-width is asked (one miss in ten thousand), and that it pretends to no better than 5 %.
             low, high = mass["ci95"]
-            assert low <= polled["truth"]["m"] <= high
+            assert abs(mass["value"] - polled["truth"]["m"]) <= high - low
+            assert high - low >= 0.1 * mass["value"]
             continue
         assert mass["value"] is None
         assert not mass["identifiable"]
