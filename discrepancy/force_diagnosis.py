@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -15,6 +16,8 @@ from discrepancy.force_fit import ForceModelFit, fit_forces, promises
 from discrepancy.force_gain import ForceGain, force_gain, left_out_force_gain
 from discrepancy.force_pictures import force_pictures, share_along
 from discrepancy.force_record import ForceRecord, read_force_record
+from discrepancy.force_shapes import refined, with_shape_errors, with_shape_intervals
+from discrepancy.force_steadiness import comes_and_goes
 from discrepancy.preload import PRELOAD
 from discrepancy.registry import CAUSES
 from discrepancy.significance import NEAR, SURE
@@ -27,7 +30,12 @@ _LEAST_SHARE: Final = 0.08  # of what was left, that a cause must take
 _EXPLAINED: Final = 0.3  # of the misfit, from which on what was named is worth a name
 _CURVED: Final = 0.25  # of what is left goes with a coordinate: something is there
 _SURE_FORCE: Final = 4.0  # standard errors of a constant force
+_SURE_SIZE: Final = 3.0  # standard errors of a cause's size
 _LEAST_FORCE: Final = 0.02  # of F_c
+_TURNED_ROUND: Final = (
+    "Friction comes out below zero, as if it drove the stem: the sign of the force or of the position is turned round. "
+    "Record the force positive where it drives towards larger positions."
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +61,8 @@ def diagnose_forces(
             return Diagnosis(Verdict.NOT_ASSESSED, str(record))
         records.append(record)
     baseline = best = fit_forces(records)
+    if _is_turned_round(baseline):
+        return Diagnosis(Verdict.NOT_ASSESSED, _TURNED_ROUND)
     chosen: list[_Tried] = []
     rivals: tuple[str, ...] = ()
     details: dict[str, Any] = {"force_error_before_percent": 100.0 * baseline.rms_n / baseline.force_rms_n}
@@ -122,11 +132,16 @@ def _concluded(
     if any(gain.is_worse for gain in gains):
         message = f"{names} would explain the misfit and predicts other data worse than the plain drive: none is named."
         return Diagnosis(Verdict.UNEXPLAINED, message, gains=tuple(gains), details=details, drawn=pictures)
+    told, shape_errors = with_shape_errors(records, best)
+    refuted = _refuted(records, best, told)
+    if refuted:
+        message = f"{refuted}: none is named. The balance of forces misses {left:.1f} % of the force with it."
+        return Diagnosis(Verdict.UNEXPLAINED, message, gains=tuple(gains), details=details, drawn=pictures)
     rest = f"What is left, {left:.1f} % of the force, goes in part with {where}."
     return Diagnosis(
         Verdict.AMBIGUOUS if choice.rivals else Verdict.NAMED,
         rest if structure else "",
-        tuple(_finding(one, best, choice) for one in choice.chosen),
+        tuple(_finding(one, told, shape_errors, choice) for one in choice.chosen),
         choice.rivals,
         tuple(gains),
         details=details,
@@ -147,7 +162,7 @@ def _tried(records: Sequence[ForceRecord], best: ForceModelFit) -> list[_Tried]:
         if not starts:
             continue
         promised = promises(best, starts)
-        start = starts[int(np.argmax(promised))]
+        start, _ = refined(best, starts[int(np.argmax(promised))], max(promised))
         fit = fit_forces(records, [*best.starts, start])
         won = best.cost - fit.cost
         gain = won / max(fit.rms_n**2 * fit.inflation, 1.0e-300)
@@ -156,11 +171,32 @@ def _tried(records: Sequence[ForceRecord], best: ForceModelFit) -> list[_Tried]:
     return sorted(found, key=lambda one: -one.share)
 
 
-def _finding(one: _Tried, best: ForceModelFit, choice: _Choice) -> Finding:
+def _refuted(records: Sequence[ForceRecord], best: ForceModelFit, told: ForceModelFit) -> str:
+    """Return why a cause of the fit is not to be named, as a clause; empty where each is steady and of a known size."""
+    for start, found in zip(told.starts, told.of_causes, strict=True):
+        name = start.cause.name
+        if found and all(abs(value) < _SURE_SIZE * error for value, error in found):
+            return f"{name} would explain a part of the misfit, and how much of it is not known with its shape open"
+        if comes_and_goes(records, best, start):
+            return f"{name} would explain a part of the misfit at times only, so something comes and goes"
+    return ""
+
+
+def _finding(one: _Tried, best: ForceModelFit, shape_errors: Sequence[Mapping[str, float]], choice: _Choice) -> Finding:
     cause = one.start.cause
     place = best.starts.index(one.start)
     parameters = cause.read(best.values, best.of_causes[place], one.start.shape) or {}
+    if parameters:
+        parameters = with_shape_intervals(parameters, one.start, shape_errors[place])
     return Finding(cause.name, cause.sentence(parameters, best.values), cause.action, parameters, choice.share)
+
+
+def _is_turned_round(fit: ForceModelFit) -> bool:
+    """Whether friction is below zero for sure, at the speeds that the stem had."""
+    usual = float(np.median(np.abs(np.concatenate([record.velocity[record.rows] for record in fit.records]))))
+    (coulomb_n, coulomb_error_n), (viscous, viscous_error) = fit.values["F_c"], fit.values["F_v"]
+    friction_n = coulomb_n + viscous * usual
+    return friction_n < -_SURE_FORCE * math.hypot(coulomb_error_n, viscous_error * usual)
 
 
 def _constant_force(best: ForceModelFit) -> Finding | None:
@@ -171,7 +207,8 @@ def _constant_force(best: ForceModelFit) -> Finding | None:
     cause = CAUSES["friction_asymmetry"]
     share = fitted_value(force_n / coulomb_n, error_n / coulomb_n, "1")
     sentence = (
-        f"The drive needs {abs(force_n):.2f} N more {'towards larger positions' if force_n > 0.0 else 'back'} than the "
-        "other way, at any speed: friction that differs by direction, or a constant load."
+        f"The drive needs {2.0 * abs(force_n):.2f} N more {'towards larger positions' if force_n > 0.0 else 'back'} "
+        f"than the other way, at any speed: friction that differs by direction, or a constant load of "
+        f"{abs(force_n):.2f} N."
     )
     return Finding(cause.name, sentence, cause.action, {"asymmetry": share}, 0.0)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.linalg import eigh
 
 from discrepancy.force_causes.base import ForceStart
 from discrepancy.force_record import BASE, ForceRecord
@@ -16,6 +17,7 @@ from estimators.samples import FloatArray
 
 JERK: Final = "jerk"
 _LAG: Final = "position_lag"
+_LEAST_LEFT: Final = 0.3  # of a regressor, beside the position's noise
 _RIDGE: Final = 1.0e-12  # of the scaled normal matrix
 
 
@@ -65,12 +67,31 @@ def fit_forces(records: Sequence[ForceRecord], starts: Sequence[ForceStart] = ()
     A delay of up to one period between the channels is in every record; more is in the fit with ``position_lag`` only.
     The share of the position's noise in the normal matrix is taken out of it.
     """
-    found = _solved(records, starts, None)
-    mass, jerk = found.values["m"][0], found.values[JERK][0]
-    most = max(record.samples.period_s for record in records) * abs(mass)
+    without = _solved(records, starts, 0.0)
+    found = _solved(records, starts, None) if _shows_jerk(records) else without
+    most = max(record.samples.period_s for record in records) * abs(without.values["m"][0])
+    jerk = found.values[JERK][0]
     if abs(jerk) > most and all(start.cause.name != _LAG for start in starts):
         return _solved(records, starts, math.copysign(most, jerk))
     return found
+
+
+def _shows_jerk(records: Sequence[ForceRecord]) -> bool:
+    """Whether the drive's jerk stands out of what the position's noise makes of it, beside its other motion.
+
+    Where it is noise, nothing is left of it when that is taken out, and any coefficient of it would do.
+    """
+    own = [np.column_stack([record.base, record.jerk])[record.rows] for record in records]
+    normal = np.asarray(sum(columns.T @ columns for columns in own))
+    noise = np.asarray(sum(np.count_nonzero(record.rows) * record.noise for record in records))
+    alone, left = (_alone(matrix) for matrix in (normal, normal - noise))
+    return left > _LEAST_LEFT * alone
+
+
+def _alone(normal: FloatArray) -> float:
+    """What the last column of a normal matrix has that the others do not make."""
+    others = normal[-1, :-1]
+    return float(normal[-1, -1] - others @ np.linalg.lstsq(normal[:-1, :-1], others, rcond=_RIDGE)[0])
 
 
 def promises(fit: ForceModelFit, starts: Sequence[ForceStart]) -> list[float]:
@@ -120,7 +141,8 @@ def _solved(records: Sequence[ForceRecord], starts: Sequence[ForceStart], held_j
     if held_jerk is not None:
         free[own - 1] = False
         coefficients[own - 1] = held_jerk
-    normal = columns.T @ columns - noise
+    normal = columns.T @ columns
+    normal = normal - _bearable(normal[np.ix_(free, free)], noise[np.ix_(free, free)]) * noise
     right = columns.T @ force_n - normal @ coefficients
     inverse = _inverse(normal[np.ix_(free, free)])
     coefficients[free] = inverse @ right[free]
@@ -144,6 +166,13 @@ def _solved(records: Sequence[ForceRecord], starts: Sequence[ForceStart], held_j
         float(np.sqrt(np.mean(force_n**2))),
         spread,
     )
+
+
+def _bearable(normal: FloatArray, noise: FloatArray) -> float:
+    """Return the share of the noise, 0 to 1, that can be taken from a normal matrix, (q, q), so that enough is left."""
+    scale = np.sqrt(np.maximum(np.diag(normal), 1.0e-300))
+    shares = eigh(noise / np.outer(scale, scale), normal / np.outer(scale, scale) + _RIDGE * np.eye(scale.size))[0]
+    return float(min(1.0, (1.0 - _LEAST_LEFT) / max(float(shares[-1]), 1.0e-300)))
 
 
 def _inverse(normal: FloatArray) -> FloatArray:

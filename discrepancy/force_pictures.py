@@ -14,6 +14,12 @@ from estimators.samples import FloatArray
 
 _MOST_POINTS: Final = 500
 _FEWEST: Final = 100
+_STRETCH_S: Final = 1.0
+_FEWEST_STRETCHES: Final = 10
+_LOUD: Final = 4.0  # times the usual stretch's misfit
+_LEAST_BURST: Final = 0.05  # of F_c
+_FEW: Final = 0.15  # of all stretches: turns of the motion are more
+_MOSTLY: Final = 0.5  # of the misfit
 _WAYS: Final = {1: "opening", -1: "closing", 0: "both"}
 
 
@@ -23,6 +29,9 @@ def share_along(records: Sequence[ForceRecord], fit: ForceModelFit) -> tuple[str
     if not curves:
         return "", 0.0
     most = max(curves, key=lambda curve: curve.share)
+    worst_s, in_bursts = _bursts(records, fit)
+    if in_bursts > max(most.share, _MOSTLY):
+        return f"a few stretches of time, most about {worst_s:.0f} s", in_bursts
     return f"the {most.coordinate}{'' if most.direction == 0 else f' while {_WAYS[most.direction]}'}", most.share
 
 
@@ -75,6 +84,30 @@ def _curves(records: Sequence[ForceRecord], fit: ForceModelFit) -> Iterator[tupl
             rows = int(np.count_nonzero(chosen))
             if rows > _FEWEST:
                 yield along(coordinate, direction, at[coordinate][chosen], left[chosen]), rows
+
+
+def _bursts(records: Sequence[ForceRecord], fit: ForceModelFit) -> tuple[float, float]:
+    """Return when a fit misses most, s, and the share of its misfit that comes in a few loud stretches of time.
+
+    A friction that bursts turns its sign with the motion: along no coordinate has it a mean.
+    """
+    loud, total, worst = 0.0, 0.0, (0.0, 0.0)
+    for record in records:
+        place = (record.time_s[record.rows] / _STRETCH_S).astype(np.int64)
+        left = fit.left(record)
+        total += float(left @ left)
+        rows = np.bincount(place)
+        square = np.bincount(place, left**2)
+        used = rows >= _FEWEST
+        if np.count_nonzero(used) < _FEWEST_STRETCHES:
+            continue
+        rms_n = np.sqrt(np.where(used, square / np.maximum(rows, 1), 0.0))
+        least_n = max(_LOUD * float(np.median(rms_n[used])), _LEAST_BURST * abs(fit.values["F_c"][0]))
+        is_loud = used & (rms_n > least_n)
+        if 0 < np.count_nonzero(is_loud) <= _FEW * np.count_nonzero(used):
+            loud += float(square[is_loud].sum())
+            worst = max(worst, (float(rms_n.max()), (float(np.argmax(rms_n)) + 0.5) * _STRETCH_S))
+    return worst[1], loud / max(total, 1.0e-300)
 
 
 def _short(values: FloatArray) -> list[float]:

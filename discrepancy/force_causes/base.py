@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -23,6 +23,8 @@ class ForceCause:
 
     ``shapes`` are those to try on a record, beside what the plain balance leaves, (n,). ``columns`` makes a record's
     columns (n, q) of a shape, unfiltered. ``read`` says what their coefficients mean, None where that is not physical.
+    ``free`` are the parts of a shape that are moved to where they explain most: "" moves by a ratio, the name of
+    another part by shares of that part.
     """
 
     name: str
@@ -30,6 +32,7 @@ class ForceCause:
     columns: Callable[[ForceRecord, Shape], FloatArray]
     read: Callable[[Values, Found, Shape], dict[str, Fitted] | None]
     sentence: Callable[[Mapping[str, Fitted], Values], str]
+    free: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def action(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Final
 
@@ -14,8 +15,8 @@ from discrepancy.force_record import ForceRecord
 from estimators.samples import FloatArray
 
 _SPEEDS: Final = (0.02, 0.05, 0.12, 0.3)  # of the usual speed
-_SPOTS: Final = 16
-_SPOT_WIDTHS: Final = (0.03, 0.08)  # of the swept range
+_SPOT_WIDTHS: Final = (0.012, 0.03, 0.08)  # of the swept range
+_SPOT_STEP: Final = 1.25  # widths from one centre to the next
 _TIMES_S: Final = (5.0, 20.0, 80.0)
 _DEFLECTIONS: Final = (1.0e-4, 3.0e-4, 1.0e-3, 3.0e-3)  # of the swept range
 # All of the friction, or nearly so, is carried by the bristles.
@@ -80,7 +81,9 @@ def _say_stribeck(parameters: Mapping[str, Fitted], _values: Values) -> str:
     )
 
 
-STRIBECK: Final = ForceCause("stribeck_friction", _stribeck_shapes, _stribeck_column, _read_stribeck, _say_stribeck)
+STRIBECK: Final = ForceCause(
+    "stribeck_friction", _stribeck_shapes, _stribeck_column, _read_stribeck, _say_stribeck, {"speed_m_per_s": ""}
+)
 
 
 def _presliding_shapes(record: ForceRecord, _left: FloatArray) -> Iterator[Shape]:
@@ -121,14 +124,17 @@ def _say_presliding(parameters: Mapping[str, Fitted], _values: Values) -> str:
     )
 
 
-PRESLIDING: Final = ForceCause("presliding", _presliding_shapes, _presliding_column, _read_presliding, _say_presliding)
+PRESLIDING: Final = ForceCause(
+    "presliding", _presliding_shapes, _presliding_column, _read_presliding, _say_presliding, {"deflection_m": ""}
+)
 
 
 def _spot_shapes(record: ForceRecord, _left: FloatArray) -> Iterator[Shape]:
     low_m, swept_m = swept(record)
     for width in _SPOT_WIDTHS:
-        for number in range(_SPOTS):
-            yield {"centre_m": low_m + (number + 0.5) / _SPOTS * swept_m, "width_m": width * swept_m}
+        spots = math.ceil(1.0 / (_SPOT_STEP * width))
+        for number in range(spots):
+            yield {"centre_m": low_m + (number + 0.5) / spots * swept_m, "width_m": width * swept_m}
 
 
 def _spot_column(record: ForceRecord, shape: Shape) -> FloatArray:
@@ -151,7 +157,9 @@ def _say_spot(parameters: Mapping[str, Fitted], _values: Values) -> str:
     return f"Friction is {with_interval(parameters['rise_n'], 1.0, 'N')} {sense} about {at:.0f} mm, both ways."
 
 
-SPOT: Final = ForceCause("local_friction", _spot_shapes, _spot_column, _read_spot, _say_spot)
+SPOT: Final = ForceCause(
+    "local_friction", _spot_shapes, _spot_column, _read_spot, _say_spot, {"centre_m": "width_m", "width_m": ""}
+)
 
 
 def _gradient_shapes(record: ForceRecord, _left: FloatArray) -> Iterator[Shape]:
@@ -201,6 +209,8 @@ def _say_drift(parameters: Mapping[str, Fitted], _values: Values) -> str:
     )
 
 
-DRIFT: Final = ForceCause("friction_drift", _drift_shapes, _drift_column, _read_drift, _say_drift)
+DRIFT: Final = ForceCause(
+    "friction_drift", _drift_shapes, _drift_column, _read_drift, _say_drift, {"time_constant_s": ""}
+)
 
 FRICTION: Final = (ASYMMETRY, STRIBECK, PRESLIDING, SPOT, GRADIENT, DRIFT)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,22 @@ def drive(
         position_m=position_m + 2.0e-6 * rng.standard_normal(time_s.size),
         force_n=force_n + 1.0 * rng.standard_normal(time_s.size),
     )
+
+
+def spotted_drive(seed: int, *, rise_n: float, centre_m: float, width_m: float) -> Recording:
+    plain = drive(seed)
+    assert plain.force_n is not None
+    way = np.sign(0.09 * np.cos(0.9 * plain.time_s) + 0.062 * np.cos(3.1 * plain.time_s + 0.4))
+    spot_n = rise_n * np.exp(-0.5 * ((plain.position_m - centre_m) / width_m) ** 2)
+    return Recording(time_s=plain.time_s, position_m=plain.position_m, force_n=plain.force_n + way * spot_n)
+
+
+def bursting_drive(seed: int, from_s: float) -> Recording:
+    plain = drive(seed)
+    assert plain.force_n is not None
+    way = np.sign(0.09 * np.cos(0.9 * plain.time_s) + 0.062 * np.cos(3.1 * plain.time_s + 0.4))
+    burst_n = COULOMB_N * ((plain.time_s > from_s) & (plain.time_s < from_s + 1.2))
+    return Recording(time_s=plain.time_s, position_m=plain.position_m, force_n=plain.force_n + way * burst_n)
 
 
 def asked(recording: Recording, *held_out: Recording) -> Diagnosis:
@@ -77,6 +94,43 @@ def test_a_constant_force_may_be_a_load_or_a_friction_that_differs_by_direction(
     found = asked(loaded)
     assert found.verdict is Verdict.AMBIGUOUS
     assert (found.causes[0].cause, *found.not_told_apart_from) == ("friction_asymmetry", "spring_preload")
+
+
+def test_a_constant_load_is_told_with_the_difference_that_it_makes() -> None:
+    plain = drive(6)
+    assert plain.force_n is not None
+    found = asked(Recording(time_s=plain.time_s, position_m=plain.position_m, force_n=plain.force_n + 10.0))
+    sentence = found.causes[0].sentence
+    # the load stands on one side of each way: 10 N more than friction this way, 10 N less the other
+    difference_n, load_n = (float(one) for one in re.findall(r"([0-9.]+) N", sentence))
+    assert load_n == pytest.approx(10.0, abs=0.5)
+    assert difference_n == pytest.approx(2.0 * load_n, abs=0.02)
+
+
+def test_a_force_whose_sign_is_turned_round_is_told_and_no_cause_named() -> None:
+    plain = drive(6)
+    assert plain.force_n is not None
+    found = asked(Recording(time_s=plain.time_s, position_m=plain.position_m, force_n=-plain.force_n))
+    assert found.verdict is Verdict.NOT_ASSESSED
+    assert "sign of the force" in found.message
+
+
+@pytest.mark.parametrize("centre_m", [0.031, 0.041])
+def test_the_height_of_a_narrow_spot_is_told_wherever_it_is(centre_m: float) -> None:
+    found = asked(spotted_drive(9, rise_n=12.0, centre_m=centre_m, width_m=0.003))
+    assert [finding.cause for finding in found.causes] == ["local_friction"]
+    told = found.causes[0].parameters
+    for name, value in (("rise_n", 12.0), ("centre_m", centre_m), ("width_m", 0.003)):
+        assert told[name].low < value < told[name].high, name
+        assert told[name].half_width < 0.25 * value
+
+
+@pytest.mark.parametrize("from_s", [3.1, 5.2, 8.2])
+def test_bursts_of_friction_are_unexplained(from_s: float) -> None:
+    found = asked(bursting_drive(10, from_s))
+    assert found.verdict is Verdict.UNEXPLAINED
+    assert found.causes == ()
+    assert any(said in found.message for said in ("comes and goes", "a few stretches of time", "is not known"))
 
 
 def test_a_force_that_no_cause_explains_is_unexplained() -> None:
