@@ -7,10 +7,12 @@ from dataclasses import replace
 from typing import Final
 
 from estimators.likelihood.budget import Budget
-from estimators.likelihood.compression import LEAST_NOISE, compressed
+from estimators.likelihood.certificate import Certificate, certify
+from estimators.likelihood.compression import LEAST_NOISE, bent_rows, compressed
 from estimators.likelihood.descent import descend
 from estimators.likelihood.model import NO_NOISE, StemModel
 from estimators.likelihood.pool import Place, distinct
+from estimators.samples import FloatArray
 
 # Own choices.
 EXACT: Final = 0.1  # of the noise: only without noise, and then nothing can be better
@@ -91,3 +93,12 @@ def _on_telling_blocks(model: StemModel, places: list[Place], budget: Budget) ->
         budget.spend(fine, near.simulations + found.simulations)
         reached.append(Place(found.point, found.cost) if math.isfinite(found.cost) else place)
     return distinct(fine, reached)
+
+
+def certified(model: StemModel, point: FloatArray) -> Certificate:
+    """Return the certificate of the fit at this point (p,)."""
+    simulated_m = model.simulate(point)
+    if simulated_m is None:
+        return Certificate(math.inf, math.inf, 0)
+    residual = (model.position_m - simulated_m) * model.weight
+    return certify(residual, model.weight, bent_rows(simulated_m, model.weight))

@@ -7,12 +7,12 @@ from typing import Final
 
 import numpy as np
 
-from estimators.likelihood.all_rows import EXACT
+from estimators.likelihood.all_rows import EXACT, certified
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.descent import descend
 from estimators.likelihood.model import STEP
 from estimators.likelihood.pool import Place, distinct
-from estimators.likelihood.search import Found, certified
+from estimators.likelihood.search import Found
 from estimators.samples import FloatArray
 
 # A bottom is left by less than two standard errors in all; a narrow, bent valley of m, F_v, F_c and DV by far more.

@@ -21,7 +21,7 @@ from estimators.base import (
     offset_estimate,
 )
 from estimators.identifiability.bound import Knowledge
-from estimators.likelihood.all_rows import EXACT
+from estimators.likelihood.all_rows import EXACT, certified
 from estimators.likelihood.arrival import arrived, led_to
 from estimators.likelihood.delay import DELAY, Weighed, at_one_instant, delayed, says_nothing, weigh
 from estimators.likelihood.intervals import CHECKED, Flatness, Ramps, flat_errors, inflation, known, natural_values
@@ -29,7 +29,7 @@ from estimators.likelihood.micro_jumps import hidden_micro_jumps_n
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.optima import others_apart, with_others
 from estimators.likelihood.problem import Problem
-from estimators.likelihood.search import Found, certified
+from estimators.likelihood.search import Found
 from estimators.likelihood.stand_ins import without_lone_coulomb, without_lone_limit
 from estimators.motion.balance import heaviest_mass_kg
 from estimators.motion.hidden_jumps import HIDDEN_JUMPS

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from estimators.likelihood.all_rows import certified
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.certificate import LARGEST_RATIO
 from estimators.likelihood.compression import compressed
@@ -19,7 +20,7 @@ from estimators.likelihood.hopping import Hopping, hopped
 from estimators.likelihood.model import Corners, StemModel
 from estimators.likelihood.pool import Place, chosen_trials, distinct, halved, ranked
 from estimators.likelihood.problem import Problem
-from estimators.likelihood.search import Found, certified, searched_again, stages_of
+from estimators.likelihood.search import Found, searched_again, stages_of
 from estimators.samples import FloatArray
 
 PREFIX: Final = "input_"

@@ -9,31 +9,27 @@ from typing import Final
 
 import numpy as np
 
-from estimators.likelihood.all_rows import MOST_PLACES, NEAR, exactly, on_all_rows
+from estimators.likelihood.all_rows import MOST_PLACES, NEAR, certified, exactly, on_all_rows
 from estimators.likelihood.budget import Budget
-from estimators.likelihood.certificate import Certificate, certify
-from estimators.likelihood.compression import bent_rows, compressed, in_parts, without_outliers
-from estimators.likelihood.hopping import LAST_SHARE, Hopping, hopped, led_along_jumps, with_scanned_friction
+from estimators.likelihood.certificate import Certificate
+from estimators.likelihood.compression import compressed, in_parts
+from estimators.likelihood.confirmation import CONFIRMING_SHARE, SECOND_SHARE, are_as_low, at_one_bottom, led_down_apart
+from estimators.likelihood.hopping import Hopping, hopped
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.places import Restarts
-from estimators.likelihood.pool import Place, chosen_trials, distinct, followed_from, halved, ranked
+from estimators.likelihood.pool import Place, chosen_trials, distinct, followed_from, ranked
+from estimators.likelihood.searching import Searching
 from estimators.likelihood.start import Trial
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import FloatArray
 
 # Own choices.
 _SCAN_STEPS: Final = 7
-_THROUGH_SHARE: Final = 0.5  # of the budget, for the whole motion of many jumps
-_CONFIRMING_SHARE: Final = 0.3  # of the budget, more of it, for a search that did not come as far as the other
-_SECOND_SHARE: Final = 0.6  # of the budget, more of it, for starts that are followed apart
 _FIRST_STARTS: Final = 20  # which the first search follows
-_AS_LOW: Final = 9.0  # of the cost, times the misfit's square
 _RANKING_SHARE: Final = 0.2  # of the budget
 _REFILL: Final = 0.35  # of the budget, where what was found is not enough
-_LOWER: Final = 1.0  # of the cost
 _MORE_SEARCHES: Final = 2  # where the best does not explain the recording
 _SURELY_LESS: Final = 0.8  # of the noise: it was overestimated
-_USUAL: Final = 2  # models, where there are few rests
 _SPACING: Final = 4
 _EVENTS_A_BREAKAWAY: Final = 3
 _MORE_EVENTS: Final = 10  # times the measured stem's: a trial valve that chatters
@@ -101,11 +97,11 @@ def search(
     first = ranked(stages[0], chosen_trials(trials, budget.most_simulations(stages[0], _RANKING_SHARE)), budget)
     if not first:
         return None
-    found = _Searching(small, stages, hopping)
+    found = Searching(small, stages, hopping)
     places = found.lowest(first, budget)
     apart: list[Place] = []
     if hopping.jumps:
-        second = Budget.limited(_SECOND_SHARE * whole)
+        second = Budget.limited(SECOND_SHARE * whole)
         starts = first[_FIRST_STARTS:]
         if places:
             near = [_with_its_balance(small, trial, places[0]) for trial in trials]
@@ -114,7 +110,7 @@ def search(
         budget.simulations += second.simulations
         budget.starts += second.starts
         apart = [*places[:1], *apart] if places and apart else []
-        apart = _confirmed(small, apart, Budget.limited(_CONFIRMING_SHARE * whole))
+        apart = led_down_apart(small, apart, Budget.limited(CONFIRMING_SHARE * whole))
         places = distinct(small, [*places, *apart])
     if not places:
         return None
@@ -148,9 +144,9 @@ def search(
         ended = _of_many_events(model, small, ended, hopping, budget)
         certificate = certified(model, ended[0].point)
     # a delay that comes in later may be what the best does not explain: then as far as the coarser blocks tell
-    is_confirmed = not hopping.jumps or _are_as_low(small, ended[0], apart, certificate.ratio)
-    if hopping.jumps and certificate.is_good and apart:
-        ended, is_confirmed = _at_one_bottom(model, ended, apart, _CONFIRMING_SHARE * whole, budget)
+    is_confirmed = not hopping.jumps or are_as_low(small, ended[0], apart, certificate.ratio)
+    if hopping.jumps and certificate.is_good:
+        ended, is_confirmed = at_one_bottom(model, ended, apart, found, budget)
         certificate = certified(model, ended[0].point)
     others = tuple(place for place in ended[1:] if place.cost < ended[0].cost + NEAR)
     return Found(
@@ -206,67 +202,6 @@ def _with_its_balance(model: StemModel, trial: Trial, place: Place) -> Trial:
     return replace(trial, values=own | tried | {"F_c": coulomb_n})
 
 
-def _confirmed(small: StemModel, apart: list[Place], budget: Budget) -> list[Place]:
-    """Return the places of searches apart, those that are not as low as the lowest led down their valley.
-
-    A search may end on the slope for want of work, which says nothing about another bottom.
-    """
-    lowest = min((place.cost for place in apart), default=0.0)
-    return [led_along_jumps(small, place, budget, 0.0) if place.cost > lowest + _AS_LOW else place for place in apart]
-
-
-def _at_one_bottom(
-    model: StemModel, ended: list[Place], apart: list[Place], each: float, budget: Budget
-) -> tuple[list[Place], bool]:
-    """Lead the best and the places of searches apart down, and tell whether they come to one bottom.
-
-    On blocks that tell what all rows tell at the best, with so much work ``each``: few rows of a jump each, which
-    coarser blocks leave out, tell of DV and F_v. Where that leads lower, the places of all rows are those from there.
-    """
-    fine = compressed(model, keeping=ended[0].point)
-    # the lower of the searches apart is where the best on all rows comes from
-    points = [ended[0].point, *(place.point for place in distinct(fine, apart)[1:])]
-    led = [led_along_jumps(fine, Place(point, fine.cost(point)), Budget.limited(each), 0.0) for point in points]
-    lowest = min(led, key=lambda place: place.cost)
-    if lowest.cost < fine.cost(ended[0].point) - _LOWER:
-        budget.left = max(budget.left, 0.0)
-        ended = distinct(model, [*on_all_rows(model, [lowest], budget), *ended])
-    return ended, _are_as_low(fine, ended[0], led, certified(model, ended[0].point).ratio)
-
-
-def _are_as_low(small: StemModel, best: Place, apart: list[Place], ratio: float) -> bool:
-    """Whether each search of its own came to a place as low as the best, within what the noise leaves open."""
-    rise = _AS_LOW * max(1.0, ratio**2)
-    lowest = small.cost(best.point)
-    return bool(apart) and all(small.cost(place.point) < lowest + rise for place in apart)
-
-
-@dataclass(frozen=True, slots=True)
-class _Searching:
-    """The models of a search on blocks of rows: all starts go through them alike."""
-
-    small: StemModel
-    stages: list[StemModel]
-    hopping: Hopping
-
-    def lowest(self, first: list[Place], budget: Budget) -> list[Place]:
-        """Follow these starts, and hop from the best; cheapest first."""
-        small, stages, hopping, whole = self.small, self.stages, self.hopping, budget.whole
-        # hops where a simulation is cheapest: many jumps need not be in step with the measured ones for that
-        begins_anew = hopping.jumps and len(stages) > _USUAL
-        begun = stages[:3] if begins_anew else [*stages, small]
-        places = halved(begun, first, budget)
-        if not begins_anew:
-            places += [with_scanned_friction(small, place, budget) for place in places[:2]]
-        reserve = _THROUGH_SHARE if begins_anew else LAST_SHARE
-        last = without_outliers(begun[-1], places[0].point) if places else begun[-1]
-        places = [Place(place.point, last.cost(place.point)) for place in places]
-        places = hopped(last, distinct(small, places), hopping, budget, whole, reserve=reserve)
-        if begins_anew:
-            places = hopped(small, halved([*stages[3:], small], places, budget), hopping, budget, whole)
-        return places
-
-
 def stages_of(model: StemModel, rests: Restarts, *, jumps: bool) -> list[StemModel]:
     """Models begun anew at each rest, twice, and, where there are many, at fewer and fewer of them.
 
@@ -288,12 +223,3 @@ def searched_again(small: StemModel, found: Found, hopping: Hopping) -> FloatArr
     places = [followed_from(small, point, _SCAN_STEPS, budget) for point in starts]
     ended = hopped(small, distinct(small, places), hopping, budget, budget.left)
     return ended[0].point if ended else found.point
-
-
-def certified(model: StemModel, point: FloatArray) -> Certificate:
-    """Return the certificate of the fit at this point (p,)."""
-    simulated_m = model.simulate(point)
-    if simulated_m is None:
-        return Certificate(math.inf, math.inf, 0)
-    residual = (model.position_m - simulated_m) * model.weight
-    return certify(residual, model.weight, bent_rows(simulated_m, model.weight))

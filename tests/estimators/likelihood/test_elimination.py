@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from estimators.base import Outcome, Status
+from estimators.likelihood.all_rows import certified
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.conclusion import ramps_of
 from estimators.likelihood.descent import descend
@@ -16,7 +17,7 @@ from estimators.likelihood.hopping import Hopping
 from estimators.likelihood.input_errors import hopped_anew, with_input_errors
 from estimators.likelihood.input_path import input_path
 from estimators.likelihood.model import StemModel
-from estimators.likelihood.search import Found, certified, with_events
+from estimators.likelihood.search import Found, with_events
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import FloatArray

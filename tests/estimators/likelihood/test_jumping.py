@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimators.base import Estimate, Outcome, Status
-from estimators.likelihood import search
+from estimators.likelihood import confirmation, search
 from estimators.likelihood.input_path import input_path
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.pool import Place
@@ -34,15 +34,15 @@ def test_a_stem_that_jumps_is_followed_over_the_sill_to_the_lowest_fit() -> None
 
 
 def test_what_only_one_search_came_to_is_not_given(monkeypatch: pytest.MonkeyPatch) -> None:
-    # the second search ends elsewhere, 100 above
-    real = search._are_as_low
+    # the second search ends elsewhere, 100 above, and the third one too
+    real = confirmation.are_as_low
 
     def other(small: StemModel, best: Place, apart: list[Place], ratio: float) -> bool:
         far = Place(small.coordinates.point(small.coordinates.values(best.point) | {"F_v": 300.0}), 0.0)
         assert real(small, best, apart, ratio)
         return real(small, best, [far], ratio)
 
-    monkeypatch.setattr(search, "_are_as_low", other)
+    monkeypatch.setattr(confirmation, "are_as_low", other)
     estimate = estimated()
     assert estimate.status is Status.POOR
     assert "searches from other starts" in estimate.message
@@ -86,7 +86,7 @@ class _Costs:
 def test_searches_apart_agree_within_what_the_noise_leaves_open() -> None:
     small = cast("StemModel", _Costs())
     best, near, far = (Place(np.array([cost]), 0.0) for cost in (100.0, 108.0, 137.0))
-    assert search._are_as_low(small, best, [best, near], 1.0)
-    assert not search._are_as_low(small, best, [best, far], 1.0)
-    assert not search._are_as_low(small, best, [], 1.0)
-    assert search._are_as_low(small, best, [best, far], 3.0)
+    assert confirmation.are_as_low(small, best, [best, near], 1.0)
+    assert not confirmation.are_as_low(small, best, [best, far], 1.0)
+    assert not confirmation.are_as_low(small, best, [], 1.0)
+    assert confirmation.are_as_low(small, best, [best, far], 3.0)

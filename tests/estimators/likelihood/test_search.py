@@ -50,11 +50,13 @@ def test_a_stem_that_chatters_too_often_to_be_followed_is_tried_with_a_lower_lim
     assert math.isfinite(places[0].cost)
 
 
-# 24 jumps in 1162 rows, 34 in 3083: the second search ended for want of work, so that only k and F_0 were given
-@pytest.mark.parametrize(("seed", "symbols"), [(2327, ("m", "F_s")), (2334, ("m", "F_v", "F_c", "F_s"))])
-def test_few_rows_of_a_stem_that_jumps_are_searched_until_both_searches_agree(
-    seed: int, symbols: tuple[str, ...]
-) -> None:
+# 24 jumps in 1162 rows, 34 in 3083: the second search ended for want of work, so that only k and F_0 were given.
+# 2583: the first one ended 126,000 above the second, to which one from the rivals of the best comes back.
+@pytest.mark.parametrize(
+    ("seed", "symbols"),
+    [(2327, ("m", "F_s")), (2334, ("m", "F_v", "F_c", "F_s")), (2583, ("m", "F_v", "F_c", "F_s"))],
+)
+def test_a_stem_that_jumps_is_searched_until_two_searches_agree(seed: int, symbols: tuple[str, ...]) -> None:
     test = random_test(seed)
     estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
     assert "searches from other starts" not in estimate.message
