@@ -54,7 +54,8 @@ _ENDED_EARLY: Final = (
     "may explain it yet."
 )
 _NO_FORCE: Final = (
-    "A drive without a spring is assessed by its balance of forces, and a recording has no force_n: record the force."
+    "A drive without a spring is assessed by its balance of forces, and a recording has no force_n: record the force, "
+    "or pressure_pa as the difference of both chambers' pressures."
 )
 
 

@@ -75,6 +75,10 @@ class Outcome(StrEnum):
         "rate, adds to F_c and F_s. Measure the pressure at the actuator."
     )
     NO_FORCE_CHANGE = "The actuator's force did not change: check the pressure channel and repeat the test."
+    ONE_CHAMBER = (
+        "The actuator has no spring and its pressure does not take both signs: give pressure_pa as the difference of "
+        'both chambers\' pressures, or force_n (an actuator with a spring has action = "spring").'
+    )
     NO_DIAPHRAGM_AREA = (
         "The recording has a pressure and the nameplate no diaphragm area: add actuator.diaphragm_area_m2."
     )

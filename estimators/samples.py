@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from estimators.base import FEWEST_SAMPLES, FEWEST_TOGETHER, Outcome
 from valve.errors import RecordingError
-from valve.nameplate import Nameplate
+from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
 
 FloatArray = npt.NDArray[np.float64]
@@ -55,6 +55,10 @@ class Samples:
 
 def prepare(recording: Recording, nameplate: Nameplate) -> Samples | Outcome:
     """Return the recording's complete samples, or the outcome that says why there are none to work on."""
+    is_forced = recording.force_n is not None or recording.pressure_pa is None
+    if nameplate.actuator.action is Action.DOUBLE and not is_forced and not recording.takes_both_signs:
+        # the other chamber's pressure is not known, and no spring takes its place
+        return Outcome.ONE_CHAMBER
     try:
         force_n = recording.actuator_force_n(nameplate)
     except RecordingError:

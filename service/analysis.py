@@ -16,6 +16,7 @@ from estimators.signature.measure import measure_signature
 from estimators.steps.response import step_figures
 from service.change_note import change_note
 from service.diagnosis import NOT_YET, assess, not_assessed
+from service.driven_force import with_driven_forces
 from service.like_periods import of_like_periods, periods_note
 from service.odd_samples import LeftOut, without_odd_samples
 from service.scale_note import scale_note
@@ -63,16 +64,20 @@ def analyze_recordings(
     read = of_like_periods(recordings)
     as_recorded = joined([recordings[number] for number in read])
     recordings, left_out = without_odd_samples(recordings)
-    recording = joined([recordings[number] for number in read])
     held_out, left_out_there = _without_odd_samples(held_out)
     left_out += left_out_there
+    as_cleaned = joined(recordings)
+    recordings, driven = with_driven_forces(recordings, nameplate)
+    recording = joined([recordings[number] for number in read])
+    names = [name for name, _ in held_out]
+    held_out = list(zip(names, with_driven_forces([one for _, one in held_out], nameplate)[0], strict=True))
     tell(0.1, "estimating")
     motion = read_motion(recording, nameplate)  # what the estimators and the signature begin with
     estimates = estimate_all(recording, nameplate, motion)
     analysis = {
         "schema": SCHEMA,
         "recording": {
-            **recording_summary(recording if len(read) == len(recordings) else joined(recordings)),
+            **recording_summary(as_cleaned),
             "sampling": sampling(as_recorded),  # what was left out was not missed
             "left_out": [one.to_json() for one in left_out],
         },
@@ -99,6 +104,7 @@ def analyze_recordings(
     tell(1.0, "done")
     seen = [
         *(one.sentence for one in left_out),
+        *driven,
         *(note for note in [periods_note(recordings, read)] if note),
         *_tones(analysis, recordings),
         *_changes(analysis, recordings, nameplate),

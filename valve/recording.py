@@ -15,6 +15,7 @@ from valve.nameplate import Nameplate
 FloatArray = npt.NDArray[np.float64]
 
 # The channels of a recording beside time, as they are called in files.
+_BOTH_SIGNS: Final = 0.05  # of the larger side: a gauge's zero and its noise are smaller
 CHANNELS: Final = ("command_pa", "pressure_pa", "force_n", "position_m")
 # Polled data only, on the recording's clock: when the write of a row's command went out and was confirmed (NaN where
 # the row wrote none), and when the sample's request went out and its answer was there.
@@ -141,6 +142,14 @@ class Recording:
         """Number of runs of consecutive rows in which a recorded channel is missing."""
         missing = ~self.complete
         return int(np.count_nonzero(missing[1:] & ~missing[:-1]) + (1 if missing[0] else 0))
+
+    @property
+    def takes_both_signs(self) -> bool:
+        """Whether the pressure falls as clearly below zero as above it: the difference of two chambers' pressures."""
+        if self.pressure_pa is None or not np.isfinite(self.pressure_pa).any():
+            return False
+        low_pa, high_pa = np.nanpercentile(self.pressure_pa, (1.0, 99.0))
+        return bool(low_pa < -_BOTH_SIGNS * high_pa < 0.0 and high_pa > -_BOTH_SIGNS * low_pa)
 
     def actuator_force_n(self, nameplate: Nameplate) -> FloatArray:
         """Force of the actuator, N, shape (n,): measured, or S_a P (Eq. 1), or S_a times the command.
