@@ -8,9 +8,12 @@ from functools import partial
 from itertools import product
 from typing import Final
 
+import numpy as np
+
 from discrepancy.baseline import STATIC_SCAN, scanned
 from discrepancy.causes.base import Cause, Values
 from discrepancy.least_squares import Fit, descend, start_fit
+from discrepancy.sills import rest_edges
 from discrepancy.unknowns import SEPARATOR
 from discrepancy.walking import walked
 
@@ -21,12 +24,19 @@ _STEPS: Final = 4
 _FOLLOWED: Final = 2
 _LAST_STEPS: Final = 15
 _SHAPED: Final = frozenset({"k", "F_0"})  # what the forces at the breakaways tell beside the periodic one
+_OF_SLIPS: Final = frozenset({"F_c", "F_v", "d"})
 _FACTORS: Final = (1.3, 1.0 / 1.3)  # of the force, in a walk
 _LOWER: Final = 0.9  # of the cost
 _CLEARLY: Final = 0.5  # of the cost at any other frequency: this one it is, and a walk worth its work
 _SAME: Final = 0.01  # frequencies
 _DROPS: Final = (0.03, 0.06, 0.1, 0.15, 0.22, 0.35)  # F_s over F_c, less 1
 _DAMPINGS: Final = (0.1, 0.3, 0.7, 1.2, 1.8, 3.0)  # of a slip, as shares of the critical one
+# the valley of what most slips show is narrow, and bends
+_FINE_DROPS: Final = np.geomspace(0.02, 0.5, 20)
+_FINE_DAMPINGS: Final = np.geomspace(0.1, 5.0, 20)
+_CLOSER_SLIPS: Final = (1.1, 1.04)  # of both, from the best on
+_CLOSE_RISES: Final = np.linspace(-0.04, 0.04, 17)  # of the friction
+_MOST_SLIPS: Final = 4  # steps of each
 _FOUND: Final = 1.3  # misfit, below which no other start is tried
 
 
@@ -50,6 +60,9 @@ def followed(starts: Sequence[tuple[Values, Fit]], cause: Cause, most: float) ->
             continue
         own = frozenset(cause.own(name) for name in start) | (_SHAPED & frozenset(start))
         beside = frozenset(name for name in start if SEPARATOR in name)
+        if "F_v" in start:
+            short.append(_from_instants(fit, cause, own))
+            continue
         tried = _begun_anew(fit, own | beside) if beside else scanned(fit, "d", STATIC_SCAN)
         tried = descend(tried, most_steps=_BLURRED_STEPS, span_s=_BLUR_S, held=own | beside)
         tried = descend(tried, most_steps=_STEPS, held=own | beside)
@@ -83,6 +96,51 @@ def _begun_anew(fit: Fit, held: frozenset[str]) -> Fit:
     best = min(tried, key=lambda one: one.cost)
     best = descend(best, most_steps=_BLURRED_STEPS, span_s=_BLUR_S, held=held | {"d"})
     return scanned(best, "d", STATIC_SCAN)
+
+
+def _from_instants(fit: Fit, cause: Cause, own: frozenset[str]) -> Fit:
+    """Return the fit from a force, spring and preload that the instants of the breakaways told.
+
+    What they tell best stays at first, or else all but the force and the slips: a crest that lets go or not within the
+    step of a slope ends a fit, and which of the two meets one is seen only then.
+    """
+    begun = _with_other_slips(fit)
+    moving = _OF_SLIPS | {name for name in fit.model.unknowns.names if name.startswith(cause.own(""))}
+    beside = descend(begun, most_steps=_BLURRED_STEPS, span_s=_BLUR_S, held=own)
+    ways = (
+        descend(beside, most_steps=_STEPS, held=own),
+        descend(begun, most_steps=_BLURRED_STEPS, held=frozenset(fit.model.unknowns.names) - moving),
+    )
+    return min((descend(one, most_steps=_BLURRED_STEPS) for one in ways), key=lambda one: one.cost)
+
+
+def _with_other_slips(fit: Fit) -> Fit:
+    """Return the fit with the friction in motion whose slips come nearest, all else and the static friction kept.
+
+    How far the slips go tells it, and those of most rests do: one that a crest lets go too early outweighs all others.
+    """
+    values = fit.values
+    static_n = values["F_c"] * (1.0 + values["d"])
+    critical = 2.0 * math.sqrt(values["k"] * values["m"])
+    edges = rest_edges(fit)
+
+    def at(drop: float, damping: float) -> tuple[float, Fit]:
+        slips = {"F_c": static_n / (1.0 + drop), "d": drop, "F_v": damping * critical}
+        tried = start_fit(fit.model, fit.model.unknowns.point({**values, **slips}))
+        return float(np.median(np.add.reduceat(tried.residual**2, edges))) if tried.is_followed else math.inf, tried
+
+    usual, best, drop, damping = min(
+        ((*at(*one), *one) for one in product(_FINE_DROPS, _FINE_DAMPINGS)), key=lambda one: one[0]
+    )
+    for factor in _CLOSER_SLIPS:
+        turns = (1.0, factor, 1.0 / factor)
+        for _ in range(_MOST_SLIPS):
+            around = [(drop * one, damping * other) for one, other in product(turns, turns)][1:]
+            lower = min(((*at(*one), *one) for one in around), key=lambda one: one[0])
+            if lower[0] >= usual:
+                break
+            usual, best, drop, damping = lower
+    return scanned(best, "first_rise", _CLOSE_RISES)
 
 
 def along_strength(fit: Fit, cause: Cause) -> Fit:

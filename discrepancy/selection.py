@@ -9,6 +9,7 @@ from typing import Final
 
 from discrepancy.causes.base import Cause
 from discrepancy.choice import Choice, Way
+from discrepancy.finishing import finished
 from discrepancy.least_squares import Fit
 from discrepancy.pruning import pruned, with_causes
 from discrepancy.refining import refined
@@ -95,6 +96,9 @@ def _chosen(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str],
         # what looked like a cause only showed the baseline a better place
         return Choice(best, best, (), (), (), tried, is_cut)
     rivals = _near(best, chosen, way) if len(way.chosen) == len(chosen) else _near(best, chosen, way, baseline)
+    best = finished(best)
+    # those that were near are led as far
+    rivals = [(cause, fit) for cause, fit in ((one, finished(fit)) for one, fit in rivals) if _is_near(fit, best)]
     return Choice(
         baseline,
         best,

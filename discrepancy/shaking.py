@@ -4,8 +4,7 @@ In steady motion the stem answers A sin(w t + phi) by |H| A sin(w t + phi + arg 
 line in the spectrum of the misfit gives all three. Where the stem sticks and slips, each period lets it go or not, its
 steps lock to a fraction of the frequency, and no line is left: there the forces at the breakaways tell,
 S_a P = k x + F_0 + s F_s - A sin(w t + phi), which is linear in all but w.
-Where all steps lock alike, that wave is the same at each of them and is F_s in the balance: there its phase is told by
-when the breakaways come, each when the periodic force helps it most, s sin(w t + phi) = 1.
+Where all steps lock alike, that wave is the same at each of them and is F_s in the balance: discrepancy.locking.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -22,7 +21,7 @@ from discrepancy.observed import Observed, Segment
 from discrepancy.residuals import paired
 from discrepancy.sliding import COLUMNS, Sliding
 from discrepancy.unknowns import SEPARATOR
-from discrepancy.waves import share_taken, wave_sums
+from discrepancy.waves import highest_of, share_taken
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import BoolArray, FloatArray
 
@@ -34,7 +33,6 @@ _FINER: Final = 8  # frequencies a line's width: the phase at either end of a re
 _APART: Final = 3.0  # line widths between two lines
 _FEWEST_BREAKAWAYS: Final = 12
 _MOVING_SHARE: Final = 0.3  # of the usual speed
-_LOCKED: Final = 0.7  # mean resultant length of the breakaways' phases
 # Causes that bend the balance of forces at the breakaways too, and the strength of each.
 _BENDING: Final = {
     "diaphragm_area_change": "slope_per_m",
@@ -99,7 +97,7 @@ def lines(observed: Observed, residual_m: FloatArray, most: int) -> list[Line]:
     allowed = (frequency_hz > LOWEST_HZ) & (frequency_hz < HIGHEST_HZ)
     allowed[-1] = False  # half the rate of the blocks: no line has two sides there
     contrast = np.where(allowed, power / (floor + 1.0e-300), 0.0)
-    found = _highest(np.asarray(frequency_hz, np.float64), contrast, _APART / (count * step_s), most)
+    found = highest_of(np.asarray(frequency_hz, np.float64), contrast, _APART / (count * step_s), most)
     step_hz = float(frequency_hz[1])
     return [_line(_between(at_hz, step_hz, power), clock_s, residual_m - mean_m, weight) for at_hz in found]
 
@@ -140,33 +138,8 @@ def shaken_breakaways(observed: Observed, most: int, values: Mapping[str, float]
     span_s = float(np.ptp(time_s))
     frequency_hz = np.arange(LOWEST_HZ, HIGHEST_HZ, 1.0 / (_FINER * span_s))
     taken = share_taken(frequency_hz, time_s, base, force_n)
-    found = _highest(frequency_hz, taken, _APART / span_s, most)
+    found = highest_of(frequency_hz, taken, _APART / span_s, most)
     return [shaken for at_hz in found if (shaken := _shaken(at_hz, base, force_n, time_s, tuple(bent))) is not None]
-
-
-def locked_breakaways(observed: Observed) -> Shaken | None:
-    """Return the periodic force at whose crests nearly all breakaways come; None where there is none such.
-
-    The mean resultant length |mean(s exp(i w t))| is 1 where all come at one phase. It is large at other frequencies
-    too, which differ by the steps' own: of these the forces at the breakaways tell the right one. Its ``static_n`` is
-    F_s less the periodic force, for that is what such breakaways show, and of its ``force_n`` they tell little.
-    Regular steps of no vibration may come so as well: this is where to look, and no proof.
-    """
-    table = [row for motion in observed.motions for row in _breakaways(motion)[1:]]
-    if len(table) < _FEWEST_BREAKAWAYS:
-        return None
-    time_s, force_n, place_m, sense = np.array(table).T
-    base = np.column_stack([place_m, np.ones(place_m.size), sense])
-    span_s = float(np.ptp(time_s))
-    frequency_hz = np.arange(LOWEST_HZ, HIGHEST_HZ, 1.0 / (_FINER * span_s))
-    mean = wave_sums(frequency_hz, time_s, sense[:, None])[:, 0] / sense.size
-    taken = share_taken(frequency_hz, time_s, base, force_n)
-    likely = np.where(np.abs(mean) > _LOCKED, np.abs(mean) ** 2 * taken, 0.0)
-    place = int(np.argmax(likely))
-    balanced = _shaken(float(frequency_hz[place]), base, force_n, time_s) if likely[place] > 0.0 else None
-    if balanced is None:
-        return None
-    return replace(balanced, phase_rad=math.remainder(0.5 * math.pi - cmath.phase(complex(mean[place])), math.tau))
 
 
 def _shaken(
@@ -204,19 +177,6 @@ def _breakaways(motion: RecordedMotion) -> list[tuple[float, float, float, float
         )
         for one in motion.phases.breakaways
     ]
-
-
-def _highest(frequency_hz: FloatArray, height: FloatArray, apart_hz: float, most: int) -> list[float]:
-    """Frequencies of the highest, no two nearer than ``apart_hz``."""
-    left = height.copy()
-    found: list[float] = []
-    while len(found) < most:
-        place = int(np.argmax(left))
-        if left[place] <= 0.0:
-            break
-        found.append(float(frequency_hz[place]))
-        left[np.abs(frequency_hz - frequency_hz[place]) <= apart_hz] = 0.0
-    return found
 
 
 def slot_clock(observed: Observed) -> FloatArray:

@@ -50,3 +50,16 @@ def share_taken(frequency_hz: FloatArray, time_s: FloatArray, base: FloatArray, 
     usable = (determinant > 1.0e-6 * ss * cc) & (np.minimum(ss, cc) > 1.0e-9 * time_s.size)
     won = np.where(usable, (cc * s * s - 2.0 * sc * s * c + ss * c * c) / np.where(usable, determinant, 1.0), 0.0)
     return np.asarray(won / max(float(left @ left), 1.0e-300))
+
+
+def highest_of(frequency_hz: FloatArray, height: FloatArray, apart_hz: float, most: int) -> list[float]:
+    """Return the frequencies of the highest, no two nearer than ``apart_hz``; none that has no height."""
+    left = height.copy()
+    found: list[float] = []
+    while len(found) < most:
+        place = int(np.argmax(left))
+        if left[place] <= 0.0:
+            break
+        found.append(float(frequency_hz[place]))
+        left[np.abs(frequency_hz - frequency_hz[place]) <= apart_hz] = 0.0
+    return found

@@ -9,10 +9,11 @@ from typing import Final
 import numpy as np
 
 from discrepancy.causes.base import Cause, Fitted, Part, Setting, Values, strongest_frequencies, with_interval
-from discrepancy.shaking import lines, locked_breakaways, shaken_breakaways
+from discrepancy.locking import locked_forces
+from discrepancy.shaking import lines, shaken_breakaways
 
-# Own choices, from valves with a hidden vibration: sizes, of F_s, and how long before the crest the stem breaks away.
-_LOCKED_TRIED: Final = ((0.05, 0.0), (0.04, 0.6), (0.08, 0.3))
+_SEEN_NOISES: Final = 4.0  # that a stem must have moved to be seen to
+_LEAST_EXCESS: Final = 0.02  # of F_c
 
 
 def _hardening_sentence(values: Mapping[str, Fitted], setting: Setting) -> str:
@@ -140,22 +141,34 @@ HIGH_STOP: Final = Cause(
 
 
 def _locked_starts(setting: Setting, anew: Values) -> list[Values]:
-    """Starts for steps that lock to a periodic force: its size, which they do not tell, is tried beside F_s."""
-    one = locked_breakaways(setting.observed)
-    if one is None:
-        return []
+    """Starts for steps that lock to a periodic force, by when each of them begins; friction in motion begins anew."""
+    own = setting.values
+    # the first breakaway is helped as the others are
+    first_n = own["F_c"] * (1.0 + own["d"]) + own["first_rise"]
     return [
         {
-            "force_n": share * one.static_n,
+            "force_n": one.force_n,
             "frequency_hz": one.frequency_hz,
-            "phase_rad": math.remainder(one.phase_rad - early_rad, math.tau),
+            "phase_rad": one.phase_rad,
             "k": one.spring_n_per_m,
             "F_0": one.preload_n,
-            "d": max((1.0 + share) * one.static_n / setting.values["F_c"] - 1.0, 0.0),
+            "d": max(one.static_n / own["F_c"] - 1.0, 0.0),
+            "F_v": own["F_v"],
+            "first_rise": first_n + one.force_n - one.static_n,
             **anew,
         }
-        for share, early_rad in _LOCKED_TRIED
+        for one in locked_forces(setting.observed, _seen_late(setting, anew["m"]))
     ]
+
+
+def _seen_late(setting: Setting, mass_kg: float) -> float:
+    """Return how long after it a breakaway is seen, s: when the excess of static friction has moved the stem enough."""
+    own, observed = setting.values, setting.observed
+    excess_n = max(own["F_c"] * own["d"], _LEAST_EXCESS * own["F_c"])
+    return (
+        math.sqrt(2.0 * _SEEN_NOISES * observed.noise_m * mass_kg / excess_n)
+        + 0.5 * observed.motions[0].samples.period_s
+    )
 
 
 def _vibration_starts(setting: Setting) -> list[Values]:
@@ -188,7 +201,7 @@ def _vibration_starts(setting: Setting) -> list[Values]:
     ]
     # steps that lock hide the line and all but a constant of the forces: what tells them goes first
     locked = _locked_starts(setting, anew)
-    starts = [*balanced[:1], *locked, *starts, *balanced[1:]] if locked else [*starts, *balanced]
+    starts = [*locked, *starts, *balanced]
     # where each period of the force lets the stem slip, its steps show the frequency better than the misfit
     time_s = observed.time_s
     found = strongest_frequencies(time_s, np.gradient(observed.position_m, time_s), 2)

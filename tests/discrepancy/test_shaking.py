@@ -18,7 +18,7 @@ from discrepancy.observed import Observed, observe
 from discrepancy.periodic import along_strength, followed
 from discrepancy.screening import extended_model, refit, screen
 from discrepancy.setting import setting_of
-from discrepancy.shaking import Line, lines, locked_breakaways, shaken_breakaways, slot_clock
+from discrepancy.shaking import Line, lines, shaken_breakaways, slot_clock
 from discrepancy.significance import is_significant, misfit
 from tests.blind.cases import BlindCase, blind_case
 
@@ -115,37 +115,6 @@ def test_a_walk_along_the_force_leads_out_of_the_valley_where_static_friction_st
     found = along_strength(stuck, VIBRATION)
     assert misfit(found) < 0.01 * misfit(stuck)
     assert found.values["vibration.force_n"] == pytest.approx(case.hidden[0].parameters["force_n"], rel=0.3)
-
-
-def test_steps_that_lock_alike_tell_the_phase_by_when_they_come() -> None:
-    """All 134 breakaways come at one phase, 50 um of noise see them late, and their forces put it 2 rad off."""
-    case = made(7517, "triangle")
-    hidden = case.hidden[0].parameters
-    observed = observe(case.recordings, case.nameplate)
-    assert isinstance(observed, Observed)
-    by_force = shaken_breakaways(observed, 1)[0]
-    assert abs(math.remainder(by_force.phase_rad - hidden["phase_rad"], math.tau)) > 1.5
-    locked = locked_breakaways(observed)
-    assert locked is not None
-    assert locked.frequency_hz == pytest.approx(hidden["frequency_hz"], abs=2.0e-3)
-    assert math.remainder(locked.phase_rad - hidden["phase_rad"], math.tau) == pytest.approx(0.0, abs=0.2)
-    unknowns = baseline_unknowns(observed, 1.08e-2, 1150.0)
-    plain = start_fit(Model(observed, unknowns), unknowns.point(LOCKED))
-    assert 40.0 < misfit(plain) < 60.0
-    setting = setting_of(plain)
-    (candidate,) = screen(plain, [VIBRATION], setting)
-    fit = refit(plain, candidate, setting, most=1.5e7)
-    assert misfit(fit) < 1.1
-    assert fit.values["vibration.frequency_hz"] == pytest.approx(hidden["frequency_hz"], abs=2.0e-3)
-    off_rad = math.remainder(fit.values["vibration.phase_rad"] - hidden["phase_rad"], math.tau)
-    assert off_rad == pytest.approx(0.0, abs=0.3)
-
-
-def test_a_stem_that_slides_has_too_few_breakaways_to_lock() -> None:
-    case = made(7328, "triangle")
-    observed = observe(case.recordings, case.nameplate)
-    assert isinstance(observed, Observed)
-    assert locked_breakaways(observed) is None
 
 
 def test_a_diaphragm_that_grows_and_a_vibration_are_told_together_by_the_breakaways(
