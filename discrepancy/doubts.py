@@ -21,6 +21,7 @@ _SCALES_APART: Final = 0.1  # force over pressure times area
 _TURNED: Final = -0.5  # correlation of position and pressure
 _MEANS: Final = 200  # of a recording, in which its ways are looked at
 _COMES_BACK: Final = 0.1
+_TURNED_BACK: Final = 0.5  # of what the force, pressure or command spans: so much is a way back
 _CENTRAL: Final = (0.5, 99.5)  # percent: without single odd samples
 # A pressure that comes before its command: by how much, and how much better that fits than at once.
 _LEADS_PERIODS: Final = 3.0
@@ -39,8 +40,23 @@ def doubt(recordings: Sequence[Recording], nameplate: Nameplate) -> str:
             return said
     least_m = _LEAST_TRAVEL * nameplate.actuator.travel_m
     if recordings and all(_goes_one_way(one.position_m, least_m) for one in recordings):
-        return str(Outcome.ONE_DIRECTION_ONLY)
+        is_held = any(_is_turned_back(one) for one in recordings)
+        return str(Outcome.HELD_ON_THE_WAY_BACK if is_held else Outcome.ONE_DIRECTION_ONLY)
     return ""
+
+
+def _is_turned_back(recording: Recording) -> bool:
+    """Whether what drives a stem that goes one way went back as well: friction held it then, no cycle is missing."""
+    channels = (recording.force_n, recording.pressure_pa, recording.command_pa)
+    driven = next((one for one in channels if one is not None), None)
+    if driven is None:
+        return False
+    known = np.isfinite(driven) & np.isfinite(recording.position_m)
+    towards, position_m = driven[known], recording.position_m[known]
+    tenth = max(1, position_m.size // 10)
+    towards = towards if float(position_m[-tenth:].mean()) > float(position_m[:tenth].mean()) else -towards
+    back = float(np.max(np.maximum.accumulate(towards) - towards))
+    return back > _TURNED_BACK * float(np.ptp(towards))
 
 
 def _goes_one_way(position_m: FloatArray, least_m: float) -> bool:

@@ -54,7 +54,11 @@ def little() -> Recording:
 BAD: dict[str, tuple[Recording, str]] = {
     "no motion": (at_rest(), "never moved"),
     "too little motion": (little(), "the diagnosis needs 1 %: repeat with a larger amplitude"),
-    "no reversal": (one_way(), "in one direction only"),
+    "no reversal": (one_way(), "repeat with a full cycle"),
+    "held on the way back": (
+        changed(position_m=lambda one: np.maximum.accumulate(one.position_m)),
+        "that held the stem, so that friction and preload cannot be told apart: repeat over a larger range",
+    ),
     "position saturated": (changed(position_m=lambda one: np.minimum(one.position_m, 0.01)), "position reads exactly"),
     "pressure saturated": (changed(pressure_pa=lambda one: np.minimum(pressure_pa(one), 2.0e4)), "saturated"),
     "pressure constant": (changed(pressure_pa=lambda one: np.full(one.samples, 5.0e4)), "check the pressure channel"),
