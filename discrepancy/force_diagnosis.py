@@ -211,4 +211,5 @@ def _constant_force(best: ForceModelFit) -> Finding | None:
         f"than the other way, at any speed: friction that differs by direction, or a constant load of "
         f"{abs(force_n):.2f} N."
     )
-    return Finding(cause.name, sentence, cause.action, {"asymmetry": share}, 0.0)
+    action = f"Compare it with the load that the drive carries (a weight, the process). Else: {cause.action}"
+    return Finding(cause.name, sentence, action, {"asymmetry": share}, 0.0)

@@ -18,6 +18,8 @@ _LEAST_MOVED: Final = 0.01  # of the travel: below it nothing says that a low pr
 _LEAST_PRESSURE: Final = 0.01  # of the signal's upper end: air at 1 % of it moves no stem
 _MOST_PRESSURES: Final = 50.0
 _LIKELY: Final = (0.2, 2.5)  # a unit is likely when the value read in it is this share of what is expected
+_NEARLY_PERCENT: Final = 50.0
+_MOST_PERCENT: Final = 105.0
 _LOWEST_FULL_PRESSURE_PA: Final = 5.0e3  # no actuator works below it, where the nameplate says nothing
 _CURRENT_LOOP_MA: Final = (-0.5, 25.0)  # what a 4-20 mA loop can carry (NAMUR NE 43 ends at 21)
 _SURELY_MOVED: Final = 0.05  # of the travel: five times what a hundredth of the pressure moves
@@ -116,7 +118,11 @@ def require_plausible_pressure(
             return
         likely = _likely_pressures(reached, full_pa, 0.0 if command_pa is None else _largest(command_pa))
         about = known if full_pa is not None else "the stem moves"
-        raise RecordingError(f"{source}: {name} reaches {reached:.4g} and {about}: {_guess(likely)}write it in Pa")
+        percent = name == "command_pa" and _NEARLY_PERCENT < reached <= _MOST_PERCENT
+        also = ", or percent as command_ma (4 + 0.16 times percent)" if percent else ""
+        raise RecordingError(
+            f"{source}: {name} reaches {reached:.4g} and {about}: {_guess(likely)}write it in Pa{also}"
+        )
     if full_pa is not None and reached > _MOST_PRESSURES * full_pa:
         _require_no_stand_ins(name, pressure_pa, _MOST_PRESSURES * full_pa, source)
         raise RecordingError(

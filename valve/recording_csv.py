@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 
+from valve.column_names import remedy
 from valve.errors import RecordingError
 from valve.recording import CHANNELS, INTERVAL_CHANNELS, FloatArray
 
@@ -83,7 +84,7 @@ def _require_known(names: list[str], line: str, source: str) -> None:
     for name in names:
         if name not in COLUMNS:
             raise RecordingError(
-                f"{source}: unknown column {name[:_LONGEST_SHOWN]!r}; there are {known}: rename it or leave it out"
+                f"{source}: unknown column {name[:_LONGEST_SHOWN]!r}; there are {known}: {remedy(name)}"
             )
         if names.count(name) > 1:
             raise RecordingError(f"{source}: column {name!r} stands in it twice, remove one")

@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from valve.column_names import remedy
 from valve.errors import RecordingError
 from valve.quantisation import Grid, find_grid
 from valve.recording import Acquisition, FloatArray, Provenance
@@ -76,9 +77,7 @@ def read_columns(data: bytes, source: str) -> tuple[dict[str, FloatArray], Prove
     columns: dict[str, FloatArray] = {}
     for name in table.column_names:
         if name not in COLUMNS:
-            raise RecordingError(
-                f"{source}: unknown column {name!r}; there are {', '.join(COLUMNS)}: rename it or leave it out"
-            )
+            raise RecordingError(f"{source}: unknown column {name!r}; there are {', '.join(COLUMNS)}: {remedy(name)}")
         if name in columns:
             raise RecordingError(f"{source}: column {name!r} stands in it twice, remove one")
         columns[name] = _values(table[name], metadata.get("columns", {}).get(name, {}), f"{source}: column {name}")

@@ -37,7 +37,7 @@ def analyze(
         str | None, typer.Option("--report", metavar="FILE", help="Write the report there: x.pdf or x.html.")
     ] = None,
 ) -> None:
-    """Estimate a valve's parameters from recordings: both methods beside each other, with intervals and reasons."""
+    """Estimate a valve's parameters from recordings by three methods, with intervals, and say what is wrong with it."""
     require_writable(json_file)
     require_report_name(report_file)
     console = Console(stderr=json_file == STANDARD_OUTPUT)

@@ -81,7 +81,7 @@ def document_of(source: ReportSource) -> dict[str, Any]:
                 {
                     "sentence": cause["sentence"],
                     "action": cause["action"],
-                    "share": f"{100.0 * cause['share_of_misfit']:.0f} %" if cause.get("share_of_misfit") else "–",
+                    "share": f"{100.0 * cause['share_of_misfit']:.0f} %" if cause.get("share_of_misfit") else "",
                 }
                 for cause in diagnosis.causes
             ],

@@ -111,6 +111,17 @@ def test_text_of_an_analysis_is_never_markup() -> None:
     assert report_pdf(evil).startswith(b"%PDF-")
 
 
+def test_a_cause_that_takes_no_misfit_has_no_share_of_it(tmp_path: Path) -> None:
+    analysis = made_analysis(ne107="M")
+    analysis["discrepancy"]["causes"][0]["share_of_misfit"] = 0.0  # a constant load
+    made = ReportSource("FV-1", "x", analysis, ())
+    assert "of the misfit." not in report_html(made).decode()
+    pdf = report_pdf(made)
+    assert pdf.startswith(b"%PDF-")
+    if shutil.which("pdftotext"):
+        assert "of the misfit." not in words_of(pdf, tmp_path)
+
+
 def test_the_report_is_read_in_the_units_that_were_chosen() -> None:
     assert document_of(source(system=UnitSystem.PSI))["summary"]["key_figures"][0]["value"] == "137.58 ± 0.45 lbf"
 
