@@ -10,6 +10,7 @@ import numpy as np
 from estimators.likelihood.all_rows import EXACT, certified
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.descent import descend
+from estimators.likelihood.elimination import FEW_ERRORS, descend_with_errors, eliminated
 from estimators.likelihood.model import STEP
 from estimators.likelihood.pool import Place, distinct
 from estimators.likelihood.search import Found
@@ -18,6 +19,7 @@ from estimators.samples import FloatArray
 # A bottom is left by less than two standard errors in all; a narrow, bent valley of m, F_v, F_c and DV by far more.
 _LARGEST_GAIN: Final = 4.0
 _FURTHER_STEPS: Final = 30
+_ROUNDS: Final = 4  # in which many errors of the input are found anew
 _FURTHER_SHARE: Final = 0.3  # of the budget
 _LOWER: Final = 1.0  # of the cost
 # steps of differences that smooth what many hidden jumps make of the cost; the last is worth a second descent
@@ -50,9 +52,32 @@ def arrived(found: Found) -> tuple[Found, bool]:
     """Return the fit, led further where it had not arrived, and whether it is at the bottom now.
 
     Each jump that a change of the unknowns adds makes a kink of the cost: where finer differences see nothing but
-    kinks, coarser ones lead on and judge.
+    kinks, coarser ones lead on and judge. Many errors of the input go where they go best with the others.
     """
-    if found.certificate.ratio < EXACT or left_to_gain(found) < _LARGEST_GAIN:
+    if found.certificate.ratio < EXACT:
+        return found, True
+    if len(found.model.deviations) <= FEW_ERRORS:
+        return _led_further(found)
+    for _ in range(_ROUNDS):
+        near = eliminated(found.model, found.point)
+        if near is None:
+            return found, False
+        own = found.point[: near.count]
+        led, is_bottom = _led_further(replace(found, model=near.model, point=own, cost=near.model.cost(own)))
+        point = near.with_errors(led.point)
+        gain, promised = found.cost - found.model.cost(point), found.cost - led.cost
+        if gain > 0.0:
+            found = replace(found, point=point, cost=found.cost - gain, simulations=led.simulations)
+        if promised < _LARGEST_GAIN:
+            return found, is_bottom
+        if gain < 0.5 * promised:
+            break
+    return _led_further(found)
+
+
+def _led_further(found: Found) -> tuple[Found, bool]:
+    """Return the fit where descents of coarser and coarser differences lead to, and whether that is the bottom."""
+    if left_to_gain(found) < _LARGEST_GAIN:
         return found, True
     most = Budget.of(found.model).most_at_once(found.model, _FURTHER_SHARE)
     for difference in (STEP, *_COARSER):
@@ -71,7 +96,7 @@ def led_to(found: Found, point: FloatArray) -> Found | None:
     """Return the fit at the bottom that ``point`` (p,) leads to, with the old one beside it; None if it is no lower."""
     model = found.model
     most = Budget.of(model).most_at_once(model, _FURTHER_SHARE)
-    further = descend(model, point, most_steps=_FURTHER_STEPS, most_simulations=most)
+    further = descend_with_errors(model, point, most_steps=_FURTHER_STEPS, most_simulations=most)
     if not further.cost < found.cost - _LOWER:
         return None
     best = Place(further.point, further.cost)

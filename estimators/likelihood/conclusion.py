@@ -30,7 +30,7 @@ from estimators.likelihood.model import StemModel
 from estimators.likelihood.optima import others_apart, with_others
 from estimators.likelihood.problem import Problem
 from estimators.likelihood.search import Found
-from estimators.likelihood.stand_ins import without_lone_coulomb, without_lone_limit
+from estimators.likelihood.stand_ins import without_lone_coulomb, without_lone_limit, without_mass_at_bound
 from estimators.motion.balance import heaviest_mass_kg
 from estimators.motion.hidden_jumps import HIDDEN_JUMPS
 from estimators.motion.recorded_motion import RecordedMotion
@@ -107,7 +107,9 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         # the jumps are between one and two times (F_s - F_c)/k long, by their damping
         beyond_n = _JUMP_UNSURE * (values["F_s"] - values["F_c"])
         parameters["F_c"] = _parameter("F_c", values, knows, max(least.get("F_c", 0.0), beyond_n))
-    parameters = without_lone_limit(parameters)
+    # without noise the cost itself tells them apart
+    slowest = math.inf if problem.is_noise_free else min(ramps_of(motion).rates_n_per_s, default=math.inf) / values["k"]
+    parameters = without_lone_limit(without_mass_at_bound(parameters, model, point), values["DV"], slowest)
     if not (problem.jumps or motion.command_only):
         parameters = without_lone_coulomb(parameters, model, point, ramps_of(motion), factor)
     # without noise the blocks are coarser than the fit, and the bottom is beyond what is computed

@@ -13,6 +13,7 @@ from estimators.identifiability.bound import Knowledge
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.coordinates import Coordinates
 from estimators.likelihood.descent import descend
+from estimators.likelihood.elimination import descend_with_errors
 from estimators.likelihood.intervals import Ramps, known, natural_values
 from estimators.likelihood.mixture import mixed, reaching
 from estimators.likelihood.model import StemModel
@@ -86,11 +87,11 @@ def weigh(free: StemModel, narrow: StemModel, point: FloatArray, ramps: Ramps, n
             elsewhere = descend(small, start, most_steps=_STEPS, held=held, one_sided=True)
             found = elsewhere if elsewhere.cost < found.cost else found
         found = descend(small, found.point, most_steps=2 * _STEPS, held=held)
-        found = descend(free, found.point, most_steps=4 * _STEPS)
+        found = descend_with_errors(free, found.point, most_steps=4 * _STEPS)
     else:
-        found = descend(free, found.point, most_steps=_LAST_STEPS)
+        found = descend_with_errors(free, found.point, most_steps=_LAST_STEPS)
     if not found.arrived and narrow.cost(point) - found.cost > _SHOWN * noise_factor**2:
-        found = descend(free, found.point, most_steps=4 * _STEPS)
+        found = descend_with_errors(free, found.point, most_steps=4 * _STEPS)
     shifted = known(free, found.point, ramps, noise_factor=noise_factor)
     if alone is None or shifted is None:
         return Weighed(narrow, point, alone, 0.0)

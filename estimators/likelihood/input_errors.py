@@ -14,13 +14,13 @@ from estimators.likelihood.budget import Budget
 from estimators.likelihood.certificate import LARGEST_RATIO
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.coordinates import Coordinates, linear
-from estimators.likelihood.descent import descend
-from estimators.likelihood.elimination import eliminated
+from estimators.likelihood.elimination import descend_with_errors, eliminated, spread_of
 from estimators.likelihood.hopping import Hopping, hopped
 from estimators.likelihood.model import Corners, StemModel
 from estimators.likelihood.pool import Place, chosen_trials, distinct, halved, ranked
 from estimators.likelihood.problem import Problem
 from estimators.likelihood.search import Found, searched_again, stages_of
+from estimators.likelihood.thinned_force import thinned
 from estimators.samples import FloatArray
 
 PREFIX: Final = "input_"
@@ -33,6 +33,7 @@ _REFILL: Final = 0.35  # of the budget, for the hops from each place
 _MOST_HOPPED: Final = 4  # places
 _STEPS: Final = 12
 _LAST_STEPS: Final = 3
+_LAST_ROUNDS: Final = 2
 _MOST_ROUNDS: Final = 3
 _WORTH_A_DESCENT: Final = 1.0  # of the cost
 
@@ -65,8 +66,7 @@ def with_input_errors(model: StemModel, point: FloatArray, changed: Iterable[Cor
 def whitened(model: StemModel, widened: StemModel, point: FloatArray) -> StemModel:
     """Return the model on blocks with the input's errors, which ``widened`` has as unknowns, eliminated linearly.
 
-    Errors D e, e of unit variance, beside white noise have the covariance I + D D^T; with D = U S V^T its inverse root
-    is I - U (1 - 1/sqrt(1 + S^2)) U^T. D is taken at ``point`` (p,).
+    Errors D e, e of unit variance, beside white noise have the covariance I + D D^T. D is taken at ``point`` (p,).
     """
     return _eliminated(compressed(model), widened, point)
 
@@ -77,6 +77,8 @@ def searched_anew(model: StemModel, widened: StemModel, found: Found, hopping: H
     Where the fit without these errors does not explain the recording, they have decided which place was the lowest,
     and m, F_v and DV stand in for them: then all trial values are followed once more.
     """
+    values = model.coordinates.values(found.point)
+    model, widened = thinned(model, values), thinned(widened, values | _no_errors(widened))
     small = whitened(model, widened, found.point)
     if found.certificate.is_good or hopping.jumps:
         return searched_again(small, found, hopping)
@@ -96,6 +98,10 @@ def searched_anew(model: StemModel, widened: StemModel, found: Found, hopping: H
     return best.point
 
 
+def _no_errors(widened: StemModel) -> dict[str, float]:
+    return {f"{PREFIX}{number}": 0.0 for number in range(1, len(widened.deviations) + 1)}
+
+
 def _eliminated(small: StemModel, widened: StemModel, point: FloatArray) -> StemModel:
     """Return this model of blocks with the errors that ``widened`` has as unknowns eliminated linearly."""
     here = small.simulate(point)
@@ -107,8 +113,7 @@ def _eliminated(small: StemModel, widened: StemModel, point: FloatArray) -> Stem
             columns.append((moved - here) * small.weight)
     if not columns:
         return small
-    directions, sizes, _ = np.linalg.svd(np.stack(columns, axis=1), full_matrices=False)
-    return replace(small, spread=directions * np.sqrt(1.0 - 1.0 / np.sqrt(1.0 + sizes * sizes)))
+    return replace(small, spread=spread_of(np.stack(columns, axis=1)))
 
 
 def step_instants(corners: Corners, period_s: float) -> Iterator[Corners]:
@@ -131,12 +136,14 @@ def refit(model: StemModel, found: Found, point: FloatArray) -> Found:
     none = np.zeros(len(model.deviations))
     small = compressed(model)
     nears = [
-        descend(small, np.concatenate([start, none]), most_steps=_STEPS, one_sided=True)
+        descend_with_errors(small, np.concatenate([start, none]), most_steps=_STEPS, one_sided=True)
         for start in ([found.point] if np.array_equal(point, found.point) else [found.point, point])
     ]
     # blocks may lead away from what explains all rows already
     begun = [np.concatenate([found.point, none]), *(near.point for near in nears)]
-    again = descend(model, min(begun, key=model.cost), most_steps=_LAST_STEPS, one_sided=True)
+    again = descend_with_errors(
+        model, min(begun, key=model.cost), most_steps=_LAST_STEPS, rounds=_LAST_ROUNDS, one_sided=True
+    )
     if not math.isfinite(again.cost):
         return found
     return replace(
@@ -172,8 +179,8 @@ def hopped_anew(found: Found, hopping: Hopping) -> Found:
         simulations = found.simulations + budget.simulations
         if places[0].cost > small.cost(own) - _WORTH_A_DESCENT:
             return replace(found, simulations=simulations)
-        lower = descend(fine, near.with_errors(places[0].point), most_steps=_STEPS, one_sided=True)
-        again = descend(model, lower.point, most_steps=_LAST_STEPS, one_sided=True)
+        lower = descend_with_errors(fine, near.with_errors(places[0].point), most_steps=_STEPS, one_sided=True)
+        again = descend_with_errors(model, lower.point, most_steps=_LAST_STEPS, rounds=_LAST_ROUNDS, one_sided=True)
         simulations += lower.simulations + again.simulations
         if again.cost > found.cost - _WORTH_A_DESCENT:
             return replace(found, simulations=simulations)

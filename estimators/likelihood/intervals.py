@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Final
 
@@ -15,7 +15,7 @@ from estimators.identifiability.bound import Knowledge, knowledge
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.descent import descend
-from estimators.likelihood.elimination import eliminated
+from estimators.likelihood.elimination import FEW_ERRORS, eliminated
 from estimators.likelihood.limit_median import median_place
 from estimators.likelihood.model import STEP, StemModel
 from estimators.likelihood.pool import Place
@@ -35,7 +35,6 @@ _TEETH_SIGMAS: Final = (-30.0, -10.0, 10.0, 30.0)
 _LOWER_TOOTH: Final = 1.0  # of the cost
 _LONGEST_TOOTH: Final = 0.4  # of a logarithm
 _OTHER_STICTION: Final = ((0.25, 0.0), (0.7, 0.0), (1.0, 0.05), (1.0, 0.4))  # factors of F_s/F_c - 1, and added to it
-_FEW_INPUTS: Final = 6  # errors of the input that follow as they are; more of them follow linearly
 CHECKED: Final = ("m", "F_v", "F_c", "F_s", "DV")
 _WITHIN_95: Final = 3.84
 _WITHIN_SILLS: Final = 9.0
@@ -80,7 +79,14 @@ def natural_values(model: StemModel, point: FloatArray) -> dict[str, float]:
 
 
 def known(model: StemModel, point: FloatArray, ramps: Ramps, *, noise_factor: float) -> Knowledge | None:
-    """Return what is known at ``point`` (p,), with all standard errors of the residuals times ``noise_factor``."""
+    """Return what is known at ``point`` (p,), with all standard errors of the residuals times ``noise_factor``.
+
+    Many errors of the input are eliminated first, which leaves the same information of the others.
+    """
+    near = eliminated(model, point) if len(model.deviations) > FEW_ERRORS else None
+    if near is not None:
+        # what is faint is so before the errors are taken out
+        model, point = replace(near.model, spread=None), point[: near.count]
     slopes = model.slopes(point)
     if slopes is None:
         return None
@@ -92,6 +98,8 @@ def known(model: StemModel, point: FloatArray, ramps: Ramps, *, noise_factor: fl
         larger = model.slopes(point, faint, steps)
         if larger is not None:
             slopes[faint] = larger[faint]
+    if near is not None:
+        slopes -= (slopes @ near.spread) @ near.spread.T
     normal = slopes @ slopes.T / noise_factor**2 + np.diag(model.coordinates.prior_weight)
     change = _change(model, point)
     values = {name: value for name, value in natural_values(model, point).items() if not name.startswith("input_")}
@@ -136,7 +144,7 @@ def flat_errors(
     the next teeth are lower. ``about_middle``: the errors are those of the median of a DV that hardly shows.
     """
     small = compressed(model, keeping=point)
-    near_errors = eliminated(small, point) if len(model.deviations) > _FEW_INPUTS else None
+    near_errors = eliminated(small, point) if len(model.deviations) > FEW_ERRORS else None
     if near_errors is not None:
         small, point = near_errors.model, point[: near_errors.count]
     budget = Budget.limited(min(Budget.of(small).whole, _MOST_WORK))

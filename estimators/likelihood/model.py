@@ -16,6 +16,7 @@ from valve.kernel.sampling import even_period
 
 _MOST_EVENTS: Final = 4_000  # a test has some hundred; more is a trial valve that chatters
 NO_NOISE: Final = 1.0e-9  # of a position that is computed and not measured, as a share of its range
+_FEW_CHANGES: Final = 4  # of the shares of what bends the force: a difference is one or two
 STEP: Final = 1.0e-6  # of differences, in the coordinates
 # Ranges of the position per unit of a coordinate: a difference beyond this straddles a slip more or less.
 _LARGEST_SLOPE: Final = 3.0e3
@@ -63,6 +64,7 @@ class StemModel:
     _places: Places = field(init=False)
     _input_shares: tuple[str, ...] = field(init=False)
     _corners: dict[tuple[float, ...], Corners] = field(init=False, default_factory=dict)
+    _bends: list[tuple[tuple[float, ...], Corners]] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
         shares = tuple(f"input_{number}" for number in range(1, len(self.deviations) + 1))
@@ -92,15 +94,28 @@ class StemModel:
         found = self._corners.get(inputs)
         if found is None:
             count = len(self.input_names)
-            time_s, force_n = self.path.corners(np.array(inputs[:count]))
-            if inputs[count:]:
-                for share, (late_s, more_n) in zip(inputs[count:], self.deviations, strict=True):
-                    time_s, force_n = time_s + share * late_s, force_n + share * more_n
-                time_s = np.maximum.accumulate(time_s)
+            time_s, force_n = self._bent(self.path.corners(np.array(inputs[:count])), inputs[count:])
             if len(self._corners) > 8:
                 self._corners.clear()
             found = self._corners[inputs] = (time_s, force_n)
         return found
+
+    def _bent(self, plain: Corners, shares: tuple[float, ...]) -> Corners:
+        """Corners with each deviation added by its share: of those that changed since they were last asked for.
+
+        Differences change one of a hundred shares at a time, and a force may have 20,000 corners.
+        """
+        if not shares:
+            return plain
+        none: tuple[tuple[float, ...], Corners] = ((0.0,) * len(shares), (np.zeros(1), np.zeros(1)))
+        before, (late_s, more_n) = self._bends[0] if self._bends else none
+        if sum(new != old for new, old in zip(shares, before, strict=True)) > _FEW_CHANGES:
+            before, (late_s, more_n) = none  # what is left of rounding does not pile up
+        for (far_s, far_n), new, old in zip(self.deviations, shares, before, strict=True):
+            if new != old:
+                late_s, more_n = late_s + (new - old) * far_s, more_n + (new - old) * far_n
+        self._bends[:] = [(shares, (late_s, more_n))]
+        return np.maximum.accumulate(plain[0] + late_s), plain[1] + more_n
 
     @property
     def corner_count(self) -> int:

@@ -20,6 +20,7 @@ from estimators.likelihood.places import Restarts
 from estimators.likelihood.pool import Place, chosen_trials, distinct, followed_from, ranked
 from estimators.likelihood.searching import Searching
 from estimators.likelihood.start import Trial
+from estimators.likelihood.thinned_force import thinned
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import FloatArray
 
@@ -91,6 +92,8 @@ def search(
     model.corners(trials[0].values)
     budget = Budget.of(model, jumps=hopping.jumps)
     limited = replace(model, most_events=min(model.most_events, _MORE_EVENTS * (model.events + _FEW_EVENTS)))
+    limited = thinned(limited, trials[0].values)
+    limited.corners(trials[0].values)
     small = compressed(limited)
     stages = stages_of(limited, rests, jumps=hopping.jumps)
     whole = budget.left

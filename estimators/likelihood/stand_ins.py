@@ -26,6 +26,9 @@ _MAY_CREEP: Final = (
     "the stem may have crept below DV, where F_s alone is felt, and only what valves usually are speaks against that: "
     "repeat with a faster ramp"
 )
+_AT_AN_END: Final = "the fit takes it to the end of all masses that there are: it does not show"
+_NEAR_SPEED: Final = 0.5  # of the ramp's
+_AT_BOUND: Final = 0.01  # of a logarithm
 # DV, of the slowest ramp's speed, and m, kg: the small jumps are as the root of it
 _TRIED: Final = ((1.05, 3.0), (1.4, 3.0), (1.05, 0.2))
 _VISCOUS_SHARE: Final = 0.2  # of the friction in motion; a stem below DV does not feel it
@@ -35,13 +38,34 @@ _HOPELESS: Final = 4.0  # times what is asked: a start so far off does not come 
 _NEARLY: Final = 25.0  # of the cost: small jumps that are out of step cost something too
 
 
-def without_lone_limit(parameters: dict[str, ParameterEstimate]) -> dict[str, ParameterEstimate]:
-    """Return the parameters without a DV that only stands in for m and F_v, of which neither shows, or without F_s."""
+def without_lone_limit(
+    parameters: dict[str, ParameterEstimate], limit_m_per_s: float, slowest_m_per_s: float
+) -> dict[str, ParameterEstimate]:
+    """Return the parameters without a DV that only stands in for m and F_v, of which neither shows, or without F_s.
+
+    Where F_v does not show, a DV near the speed of the slowest ramp, and the mass that goes with it, stand in for it.
+    """
+    stands_in = not parameters["F_v"].identifiable and limit_m_per_s > _NEAR_SPEED * slowest_m_per_s
+    if stands_in:
+        parameters = parameters | {s: absent(_LIMIT_ALONE) for s in ("m", "DV") if parameters[s].identifiable}
     if parameters["DV"].identifiable and not parameters["F_s"].identifiable:
         return parameters | {"DV": absent(_LIMIT_WITH_STATIC)}
     if parameters["m"].identifiable or parameters["F_v"].identifiable or not parameters["DV"].identifiable:
         return parameters
     return parameters | {"DV": absent(_LIMIT_ALONE)}
+
+
+def without_mass_at_bound(
+    parameters: dict[str, ParameterEstimate], model: StemModel, point: FloatArray
+) -> dict[str, ParameterEstimate]:
+    """Return the parameters without an m that went to the end of what it may be, at ``point`` (p,).
+
+    The cost falls on to there, so that its bend at that place says nothing about how well m is known.
+    """
+    own = model.coordinates
+    number = own.names.index("m")
+    is_inside = own.lower[number] + _AT_BOUND < point[number] < own.upper[number] - _AT_BOUND
+    return parameters if is_inside or not parameters["m"].identifiable else parameters | {"m": absent(_AT_AN_END)}
 
 
 def without_lone_coulomb(

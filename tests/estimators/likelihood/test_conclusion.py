@@ -14,16 +14,16 @@ from tests.estimators.random_valves import random_test
 
 def test_no_limit_velocity_is_given_of_a_stem_that_shows_neither_its_mass_nor_its_damping() -> None:
     shown, hidden = measured(1.0, 0.01), absent("the data do not determine it")
-    alone = without_lone_limit({"m": hidden, "F_v": hidden, "F_s": shown, "DV": shown})["DV"]
+    alone = without_lone_limit({"m": hidden, "F_v": hidden, "F_s": shown, "DV": shown}, 1.0e-4, 4.0e-3)["DV"]
     assert alone.value is None
     assert "stands in for them" in alone.note
-    assert without_lone_limit({"m": hidden, "F_v": shown, "F_s": shown, "DV": shown})["DV"] is shown
+    assert without_lone_limit({"m": hidden, "F_v": shown, "F_s": shown, "DV": shown}, 1.0e-4, 4.0e-3)["DV"] is shown
 
 
 def test_no_limit_velocity_is_given_without_a_static_friction() -> None:
     # of steps that moved the stem one way, behind an I/P and a noisy gauge: DV was 58 standard errors off
     shown, hidden = measured(1.0, 0.01), absent("it cannot be told apart from F_0")
-    without = without_lone_limit({"m": shown, "F_v": shown, "F_s": hidden, "DV": shown})["DV"]
+    without = without_lone_limit({"m": shown, "F_v": shown, "F_s": hidden, "DV": shown}, 1.0e-4, 4.0e-3)["DV"]
     assert without.value is None
     assert "F_s is not known" in without.note
 
