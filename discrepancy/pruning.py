@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Final
 
 from discrepancy.causes.base import Cause
+from discrepancy.finishing import finished
 from discrepancy.intervals import fitted_values, may_be_nothing
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.refining import refined
@@ -31,7 +32,8 @@ def pruned(baseline: Fit, best: Fit, chosen: list[Cause]) -> tuple[Fit, list[Cau
         if fit.is_followed and not is_significant(fit, best) and misfit(fit) < _LOOK_CLOSER * misfit(best):
             best, chosen = fit, others
         elif fit.is_followed and misfit(fit) < _LOOK_CLOSER * misfit(best):
-            fit = refined(fit)
+            # a cause that only helped a fit down from an edge is none
+            fit = refined(finished(fit))
             if not is_significant(fit, best):
                 best, chosen = fit, others
     return best, chosen

@@ -259,9 +259,12 @@ def _taken(way: Way, fits: Fits) -> Way | None:
     found = [(cause, fit) for cause, fit in fits if is_possible(cause, fit, setting)]
     if not found or not is_significant(best, found[0][1]):
         return None
-    cause, fit = found[0]
+    (cause, fit), others = found[0], found[1:]
+    if not is_settled(best, fit):
+        # what it leaves of itself is no second cause's, nor does a rival end where its search did
+        near = [(other, finished(one)) for other, one in others if _is_near(one, fit)]
+        fit, others = finished(fit), near
     if way.chosen and 1.0 - excess(fit) / max(excess(best), 1.0e-9) < _SECOND_SHARE and misfit(best) > DONE_MISFIT:
         return None
-    near = NEAR * noise_factor(fit)
-    rivals = [pair for pair in found[1:] if pair[1].cost - fit.cost < near and is_significant(best, pair[1])]
+    rivals = [pair for pair in others if _is_near(pair[1], fit) and is_significant(best, pair[1])]
     return Way(fit, (*way.chosen, cause), tuple(rivals), is_settled(best, fit), frozenset(one.name for one, _ in fits))

@@ -283,5 +283,5 @@ def _amiss(results: Sequence[Result]) -> Table:
 def _said(one: Result) -> str:
     names: Iterable[str] = one.causes
     rivals = f" or {', '.join(one.rivals)}" if one.rivals else ""
-    message = one.message if one.grade in {Grade.FAILED, Grade.NOT_ASSESSED} else ""
+    message = one.message if one.grade in {Grade.FAILED, Grade.NOT_ASSESSED, Grade.NONE} else ""
     return f"{one.verdict} {' + '.join(names)}{rivals} {message}".strip()
