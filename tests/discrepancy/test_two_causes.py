@@ -107,6 +107,7 @@ def scripted(plain: Fit, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Scrip
         monkeypatch.setattr(selection, "with_causes", found.without)
         monkeypatch.setattr(selection, "polished", lambda fits: fits)
         monkeypatch.setattr(selection, "refined", lambda fit: fit)
+        monkeypatch.setattr(selection, "finished", lambda fit: fit)
         monkeypatch.setattr(selection, "closer", lambda _best, fits, _last: fits)
         monkeypatch.setattr(selection, "is_promising", lambda _candidate, _best: True)
         return found
