@@ -31,7 +31,7 @@ from estimators.likelihood.optima import others_apart, with_others
 from estimators.likelihood.problem import Problem
 from estimators.likelihood.search import Found
 from estimators.likelihood.stand_ins import without_lone_coulomb, without_lone_limit, without_mass_at_bound
-from estimators.motion.balance import heaviest_mass_kg
+from estimators.motion.balance import heaviest_believed_kg
 from estimators.motion.hidden_jumps import HIDDEN_JUMPS
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import FloatArray
@@ -118,7 +118,7 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
     strained = strain(model, point)
     doubt = _doubt(is_bottom=is_bottom, hides=hidden_n > 0.0, is_confirmed=found.is_confirmed, strain=strained)
     # a nameplate may have too small a mass
-    heaviest_kg = max(heaviest_mass_kg(None), heaviest_mass_kg(motion.moving_mass_kg))
+    heaviest_kg = heaviest_believed_kg(motion.moving_mass_kg, float(np.ptp(motion.samples.force_n)))
     if parameters["m"].identifiable and values["m"] > heaviest_kg:
         doubt = doubt or _TOO_HEAVY
     if doubt:
