@@ -17,9 +17,9 @@ from typing import Final
 
 import numpy as np
 
+from discrepancy.balance import COLUMNS, Sliding
 from discrepancy.observed import Observed, Segment
 from discrepancy.residuals import paired
-from discrepancy.sliding import COLUMNS, Sliding
 from discrepancy.unknowns import SEPARATOR
 from discrepancy.waves import highest_of, share_taken
 from estimators.motion.recorded_motion import RecordedMotion

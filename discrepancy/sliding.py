@@ -2,19 +2,22 @@
 
 In steady motion S_a P = k x + F_0 + s F_c + F_v v, and most causes add a term whose size is linear once their shape is
 fixed. A least-squares fit of it gives the size of the cause and what k, F_0, F_c and F_v become with it: a start near
-the bottom, where the motion's own cost has many basins.
+the bottom, where the motion's own cost has many basins. A cause that is in the valve already adds its term too, of
+the shape that it has: else what it leaves of the balance hides what comes beside it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
 
+from discrepancy.balance import COLUMNS, TIMES_K, Sliding
 from discrepancy.causes.base import Cause, Setting, Values
+from discrepancy.causes.friction import ASYMMETRY
 from discrepancy.least_squares import Fit
+from discrepancy.registry import CAUSES
 from discrepancy.residuals import coordinates_of
 from estimators.samples import FloatArray
 
@@ -24,49 +27,11 @@ _FEWEST_ROWS: Final = 200
 _FEWEST_SHARE: Final = 0.2  # of the blocks in motion
 _MARGIN: Final = 12  # blocks about a start or an end of steady motion
 _LEAST: Final = 1.0e-12
+_PLAIN: Final = 4  # columns of the plain valve
 _FEWEST_BREAKAWAYS: Final = 4
 _EARLY: Final = 0.25
 _RATES_APART: Final = 1.5  # times: the fast ramps' speed over the slow ones', from which on F_v is told from F_c
 _VISCOUS_SHARE: Final = 0.05  # of the friction in motion
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Sliding:
-    """Rows of steady motion, shape (n,), and what the plain balance misses there."""
-
-    position_m: FloatArray
-    velocity: FloatArray
-    sense: FloatArray
-    force_n: FloatArray
-    time_s: FloatArray
-
-    @property
-    def base(self) -> FloatArray:
-        """Columns of k, F_0, F_c and F_v, shape (n, 4)."""
-        return np.column_stack([self.position_m, np.ones(self.position_m.size), self.sense, self.velocity])
-
-
-Column = Callable[[Sliding, Values], FloatArray]
-
-# The term that a cause of strength 1 adds to the force that the motion needs, of a start's values and those held.
-COLUMNS: Final[dict[str, Column]] = {
-    "local_friction": lambda rows, own: (
-        rows.sense * np.exp(-0.5 * ((rows.position_m - own["centre_m"]) / own["width_m"]) ** 2)
-    ),
-    "friction_gradient": lambda rows, own: rows.sense * (rows.position_m - own["reference_m"]),
-    "friction_drift": lambda rows, own: rows.sense * (1.0 - np.exp(-rows.time_s / own["time_constant_s"])),
-    "pressure_dependent_friction": lambda rows, _own: rows.sense * np.abs(rows.force_n),
-    "spring_hardening": lambda rows, _own: 0.5 * rows.position_m**2,
-    "dual_rate_spring": lambda rows, own: np.maximum(rows.position_m - own["knee_m"], 0.0),
-    "diaphragm_area_change": lambda rows, own: -rows.force_n * (rows.position_m - own["reference_m"]),
-    "flow_force": lambda rows, own: -np.exp(-rows.position_m / own["decay_m"]),
-    "position_nonlinearity": lambda rows, own: -4.0 * _place(rows, own) * (1.0 - _place(rows, own)),
-}
-_TIMES_K: Final = frozenset({"position_nonlinearity"})  # the term's size is k times the strength
-
-
-def _place(rows: Sliding, own: Values) -> FloatArray:
-    return np.asarray((rows.position_m - own["low_m"]) / own["span_m"])
 
 
 def sliding_rows(fit: Fit) -> Sliding | None:
@@ -88,8 +53,8 @@ def sliding_starts(
     rows: Sliding, fit: Fit, causes: Iterable[Cause], setting: Setting
 ) -> dict[str, tuple[float, Values]]:
     """Return by cause the share of the misfit of forces that it takes, and its best start with the valve's values."""
-    base = rows.base
-    scale = np.linalg.norm(base, axis=0)
+    base = np.column_stack([rows.base, *_present(rows, fit)])
+    scale = np.maximum(np.linalg.norm(base, axis=0), _LEAST)
     basis = np.linalg.svd(base / scale, full_matrices=False)[0]
     left = _without(basis, rows.force_n)
     misfit = max(float(left @ left), _LEAST)
@@ -115,6 +80,21 @@ def sliding_starts(
     return found
 
 
+def _present(rows: Sliding, fit: Fit) -> list[FloatArray]:
+    """Terms of the causes that are in the valve already, each of strength 1 and shape (n,)."""
+    return [COLUMNS[cause.name](rows, _own(fit, cause)) for cause in _with_a_term(fit)]
+
+
+def _with_a_term(fit: Fit) -> list[Cause]:
+    return [CAUSES[name] for name in fit.model.causes if name in COLUMNS]
+
+
+def _own(fit: Fit, cause: Cause) -> Values:
+    """Parameters of a cause in the valve, as the fit has them."""
+    start = cause.own("")
+    return {name.removeprefix(start): value for name, value in fit.values.items() if name.startswith(start)}
+
+
 def _without(basis: FloatArray, column: FloatArray) -> FloatArray:
     return np.asarray(column - basis @ (basis.T @ column))
 
@@ -125,10 +105,12 @@ def _values(rows: Sliding, fit: Fit, cause: Cause, begun: tuple[Values, Values],
     ``begun``: the start of the cause, and what of it is held.
     """
     start, held = begun
-    columns = np.column_stack([rows.base, column])
-    scale = np.linalg.norm(columns, axis=0)
+    present = _with_a_term(fit)
+    columns = np.column_stack([rows.base, *_present(rows, fit), column])
+    scale = np.maximum(np.linalg.norm(columns, axis=0), _LEAST)
     solved = np.linalg.lstsq(columns / scale, rows.force_n, rcond=1.0e-9)[0] / scale
-    spring, preload_n, coulomb_n, viscous, strength = (float(value) for value in solved)
+    spring, preload_n, coulomb_n, viscous = (float(value) for value in solved[:_PLAIN])
+    sizes = [float(value) for value in solved[_PLAIN:]]
     own = fit.values
     if not (spring > 0.0 and coulomb_n > 0.0):
         return None
@@ -141,17 +123,22 @@ def _values(rows: Sliding, fit: Fit, cause: Cause, begun: tuple[Values, Values],
     if fast < _RATES_APART * slow or viscous <= 0.0:
         # one rate of ramps cannot tell F_v from F_c: both, and what goes with them, begin anew
         coulomb_n, viscous = (1.0 - _VISCOUS_SHARE) * kinetic_n, _VISCOUS_SHARE * kinetic_n / speed
-    static_n = _static_friction(fit, cause, {**held, **start}, (spring, preload_n, strength))
+    terms = [(one, _own(fit, one)) for one in present] + [(cause, {**held, **start})]
+    static_n = _static_friction(
+        fit, [(*term, size) for term, size in zip(terms, sizes, strict=True)], spring, preload_n
+    )
     if static_n is None:
         # the breakaway's excess over F_c stays: F_s at the reversals shifts with F_c
         static_n = coulomb_n + own["F_c"] * own["d"]
     priors = {one.name: one.value(one.prior) for one in fit.model.unknowns.entries if one.name in {"m", "DV"}}
-    strength = strength / spring if cause.name in _TIMES_K else strength
+    strengths = [size / spring if one.name in TIMES_K else size for (one, _), size in zip(terms, sizes, strict=True)]
     return {
         **start,
-        cause.strength: strength,
+        **{one.own(one.strength): size for one, size in zip(present, strengths[:-1], strict=True)},
+        cause.strength: strengths[-1],
         "k": spring,
-        "F_0": preload_n,
+        # a friction that differs by direction is one that does not, and a preload
+        "F_0": preload_n - own.get(ASYMMETRY.own(ASYMMETRY.strength), 0.0) * coulomb_n,
         **priors,
         "F_c": coulomb_n,
         "F_v": viscous,
@@ -160,12 +147,13 @@ def _values(rows: Sliding, fit: Fit, cause: Cause, begun: tuple[Values, Values],
     }
 
 
-def _static_friction(fit: Fit, cause: Cause, own: Values, found: tuple[float, float, float]) -> float | None:
-    """F_s, N, that the balance with k, F_0 and the cause's strength ``found`` needs at breakaway; None for too few.
+def _static_friction(
+    fit: Fit, terms: Sequence[tuple[Cause, Values, float]], spring: float, preload_n: float
+) -> float | None:
+    """F_s, N, that the balance with the ``terms`` of causes, each with its size, needs at breakaway; None for too few.
 
     A low quantile over all breakaways: the first is harder than the others, and on a fast ramp they are seen late.
     """
-    spring, preload_n, strength = found
     needed: list[float] = []
     for motion in fit.model.observed.motions:
         samples, breakaways = motion.samples, motion.phases.breakaways
@@ -173,6 +161,8 @@ def _static_friction(fit: Fit, cause: Cause, own: Values, found: tuple[float, fl
         sense = np.array([float(one.direction) for one in breakaways])
         rest_m = np.array([one.rest_m for one in breakaways])
         rows = Sliding(rest_m, np.zeros(place.size), sense, samples.force_n[place], samples.time_s[place])
-        left_n = rows.force_n - spring * rest_m - preload_n - strength * COLUMNS[cause.name](rows, own)
+        left_n = rows.force_n - spring * rest_m - preload_n
+        for cause, own, size in terms:
+            left_n = left_n - size * COLUMNS[cause.name](rows, own)
         needed += (sense * left_n).tolist()
     return float(np.quantile(needed, _EARLY)) if len(needed) >= _FEWEST_BREAKAWAYS else None

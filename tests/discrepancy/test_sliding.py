@@ -5,8 +5,10 @@ from __future__ import annotations
 import pytest
 
 from discrepancy.baseline import fit_baseline
+from discrepancy.least_squares import start_fit
 from discrepancy.observed import Observed, observe
 from discrepancy.registry import CAUSES
+from discrepancy.screening import extended_model
 from discrepancy.setting import setting_of
 from discrepancy.sliding import sliding_rows, sliding_starts
 from tests.discrepancy.hidden import AREA_M2, FULL_PA, hidden, recorded_of
@@ -35,3 +37,25 @@ def test_a_sequence_of_many_rates_and_long_rests_gives_size_damping_and_static_f
     assert start["F_v"] == pytest.approx(p.viscous_friction_n_s_per_m / grown, rel=0.1)
     static_n = start["F_c"] * (1.0 + start["d"])
     assert static_n == pytest.approx(p.static_friction_n / grown, rel=0.03)
+
+
+def test_the_balance_beside_a_cause_counts_that_cause_too() -> None:
+    spot = effect_from_values("local_friction", {"rise_n": 300.0, "centre_m": 0.05, "width_m": 0.003})
+    drift = effect_from_values("friction_drift", {"change_n": -60.0, "time_constant_s": 12.0})
+    made = hidden("nominal", spot, drift, seed=1)
+    observed = observe([made.recording], made.nameplate)
+    assert isinstance(observed, Observed)
+    plain = fit_baseline(observed)
+    assert plain is not None
+    found = CAUSES["local_friction"]
+    beside = extended_model(plain.model, found, setting_of(plain))
+    fit = start_fit(beside, beside.unknowns.point({**plain.values, **found.full(spot.values())}))
+    rows = sliding_rows(fit)
+    assert rows is not None
+    left = [cause for cause in CAUSES.values() if cause is not found]
+    by_force = sliding_starts(rows, fit, left, setting_of(fit))
+    assert max(by_force, key=lambda name: by_force[name][0]) == "friction_drift"
+    share, start = by_force["friction_drift"]
+    assert share > 0.8, "the spot is in the valve already: it must not hide the drift"
+    assert start["change_n"] == pytest.approx(-60.0, rel=0.4)
+    assert start["local_friction.rise_n"] == pytest.approx(300.0, rel=0.1)
