@@ -20,6 +20,7 @@ from discrepancy.growing import as_good, grown
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.model import Model
 from discrepancy.setting import setting_of
+from discrepancy.sliding import sliding_rows, steady_valve
 from discrepancy.walking import walked
 
 SPEED: Final = STRIBECK.own(STRIBECK.strength)
@@ -39,6 +40,7 @@ _SHARES_OF_SPEED: Final = (0.7, 1.5, 0.3)  # v_s, of the usual speed
 _DROPS: Final = (0.25, 0.1, 0.5)  # of F_s to F_c
 _LEAST_VISCOUS: Final = 0.02  # of the friction at the usual speed
 _RINGING: Final = 0.05  # of critical: with less damping a stem rings from one slip to the next
+_SHARES_OF_SLOWEST: Final = (0.15, 0.3, 0.6, 1.2)  # v_s, of the slowest steady motion
 _MOST_WORK: Final = 1.5e7  # passes, after which no other start is tried: many small steps take ten times as much
 
 
@@ -81,6 +83,27 @@ def from_wide_limit(fit: Fit, model: Model, setting: Setting) -> Fit | None:
         key=lambda one: one.cost,
         default=None,
     )
+
+
+def from_steady_motion(fit: Fit, model: Model) -> Fit | None:
+    """Return the lowest start of a ``model`` with the falling friction by the balance of forces in steady motion.
+
+    Where friction has fallen before the stem slides at its ramps' speeds, those tell k, F_0, F_c and F_v whatever a
+    plain valve had to take for the fall, and the breakaways tell F_s: v_s alone is looked for. None where the balance
+    does not tell the valve.
+    """
+    rows = sliding_rows(fit)
+    valve = None if rows is None else steady_valve(rows, fit)
+    if rows is None or valve is None:
+        return None
+    slowest = float(np.quantile(np.abs(rows.velocity), 0.1))
+    begun = [
+        scanned(
+            start_fit(model, model.unknowns.point({**fit.values, **valve, SPEED: share * slowest})), "d", STATIC_SCAN
+        )
+        for share in _SHARES_OF_SLOWEST
+    ]
+    return min(begun, key=lambda one: one.cost)
 
 
 def from_first_slips(fit: Fit, model: Model, setting: Setting) -> Fit | None:

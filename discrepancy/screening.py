@@ -13,7 +13,13 @@ from discrepancy import periodic
 from discrepancy.baseline import DYNAMIC, FIRST_RISES, STATIC_SCAN, scanned
 from discrepancy.causes.base import Cause, Setting, Values
 from discrepancy.causes.friction import STRIBECK
-from discrepancy.falling_friction import along_valley, from_first_slips, from_wide_limit, has_wide_limit
+from discrepancy.falling_friction import (
+    along_valley,
+    from_first_slips,
+    from_steady_motion,
+    from_wide_limit,
+    has_wide_limit,
+)
 from discrepancy.least_squares import Fit, blur, descend, on, start_fit
 from discrepancy.model import Model
 from discrepancy.periodic import has_place
@@ -164,8 +170,15 @@ def refit(fit: Fit, candidate: Candidate, setting: Setting, bar: float = math.in
         best = _from_balance(start_fit(model, _point(fit, model, cause, candidate.balanced)))
         if best is not None and misfit(best) < _FOUND:
             return descend(on(whole, best), most_steps=_STEPS[-1])
+    steady = from_steady_motion(fit, model) if cause is STRIBECK else None
+    if steady is not None:
+        best = _from_balance(steady)
+        if best is not None and excess(best) < _LIKELY * excess(fit):
+            return descend(on(whole, best), most_steps=_STEPS[-1])
     if cause is STRIBECK and has_wide_limit(fit, setting):
-        best = from_wide_limit(fit, model, setting)
+        wide = from_wide_limit(fit, model, setting)
+        if wide is not None and (best is None or wide.cost < best.cost):
+            best = wide
         if best is not None and is_noise(best):
             return descend(on(whole, best), most_steps=_STEPS[-1])
     for point in _promising(fit, model, candidate, last):

@@ -80,6 +80,46 @@ def sliding_starts(
     return found
 
 
+def steady_valve(rows: Sliding, fit: Fit) -> Values | None:
+    """Return the valve by the balance of forces in steady motion and at the breakaways; None where it tells none.
+
+    With the causes that are in it, and no other. The stem must slide at rates that tell F_v from F_c.
+    """
+    present = _with_a_term(fit)
+    columns = np.column_stack([rows.base, *_present(rows, fit)])
+    scale = np.maximum(np.linalg.norm(columns, axis=0), _LEAST)
+    solved = np.linalg.lstsq(columns / scale, rows.force_n, rcond=1.0e-9)[0] / scale
+    spring, preload_n, coulomb_n, viscous = (float(value) for value in solved[:_PLAIN])
+    slow, fast = np.quantile(np.abs(rows.velocity), (0.1, 0.9))
+    if not (spring > 0.0 and coulomb_n > 0.0 and viscous > 0.0) or fast < _RATES_APART * slow:
+        return None
+    sizes = [float(value) for value in solved[_PLAIN:]]
+    terms = [(one, _own(fit, one), size) for one, size in zip(present, sizes, strict=True)]
+    static_n = _static_friction(fit, terms, spring, preload_n)
+    if static_n is None:
+        return None
+    return {
+        **{one.own(one.strength): size / (spring if one.name in TIMES_K else 1.0) for one, _, size in terms},
+        **_usual(fit),
+        "k": spring,
+        "F_0": preload_n - _by_direction(fit) * coulomb_n,
+        "F_c": coulomb_n,
+        "F_v": viscous,
+        "d": max(static_n / coulomb_n - 1.0, 0.0),
+    }
+
+
+def _usual(fit: Fit) -> Values:
+    """Mass and DV as one would begin with, and a first breakaway like the others."""
+    priors = {one.name: one.value(one.prior) for one in fit.model.unknowns.entries if one.name in {"m", "DV"}}
+    return {**priors, "first_rise": 0.0}
+
+
+def _by_direction(fit: Fit) -> float:
+    """The share by which friction differs by direction, which the balance has as a preload."""
+    return fit.values.get(ASYMMETRY.own(ASYMMETRY.strength), 0.0)
+
+
 def _present(rows: Sliding, fit: Fit) -> list[FloatArray]:
     """Terms of the causes that are in the valve already, each of strength 1 and shape (n,)."""
     return [COLUMNS[cause.name](rows, _own(fit, cause)) for cause in _with_a_term(fit)]
@@ -130,20 +170,17 @@ def _values(rows: Sliding, fit: Fit, cause: Cause, begun: tuple[Values, Values],
     if static_n is None:
         # the breakaway's excess over F_c stays: F_s at the reversals shifts with F_c
         static_n = coulomb_n + own["F_c"] * own["d"]
-    priors = {one.name: one.value(one.prior) for one in fit.model.unknowns.entries if one.name in {"m", "DV"}}
     strengths = [size / spring if one.name in TIMES_K else size for (one, _), size in zip(terms, sizes, strict=True)]
     return {
         **start,
         **{one.own(one.strength): size for one, size in zip(present, strengths[:-1], strict=True)},
         cause.strength: strengths[-1],
         "k": spring,
-        # a friction that differs by direction is one that does not, and a preload
-        "F_0": preload_n - own.get(ASYMMETRY.own(ASYMMETRY.strength), 0.0) * coulomb_n,
-        **priors,
+        "F_0": preload_n - _by_direction(fit) * coulomb_n,
+        **_usual(fit),
         "F_c": coulomb_n,
         "F_v": viscous,
         "d": max(static_n / coulomb_n - 1.0, 0.0),
-        "first_rise": 0.0,
     }
 
 
