@@ -10,6 +10,7 @@ import numpy as np
 
 from estimators.base import NORMAL_95
 from estimators.identifiability.bound import Knowledge
+from estimators.likelihood.budget import Budget
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.coordinates import Coordinates
 from estimators.likelihood.descent import descend
@@ -27,6 +28,7 @@ _DECIDED: Final = 0.01
 _STEPS: Final = 15
 _LAST_STEPS: Final = 4
 _WORTH_A_SEARCH: Final = 10.0
+_AT_ONCE: Final = 1.0  # of a search's budget, for one descent on all rows
 _SHOWN: Final = 3.84  # of the cost: one value in twenty is as far off by chance
 _FAST_S: Final = 2.0e-3
 _EVEN: Final = 1.0e-3  # of a period
@@ -78,7 +80,7 @@ def weigh(free: StemModel, narrow: StemModel, point: FloatArray, ramps: Ramps, n
     """
     width_s = next(entry.prior_sd * entry.unit for entry in free.coordinates.entries if entry.name == DELAY)
     alone = known(narrow, point, ramps, noise_factor=noise_factor)
-    small = compressed(free)
+    small, most = compressed(free), Budget.of(free).most_at_once(free, _AT_ONCE)
     held = tuple(name for name in free.coordinates.names if name.startswith("input_"))
     found = descend(small, point, most_steps=_STEPS, held=held, one_sided=True)
     if small.cost(point) - found.cost > _WORTH_A_SEARCH * noise_factor**2:
@@ -87,11 +89,11 @@ def weigh(free: StemModel, narrow: StemModel, point: FloatArray, ramps: Ramps, n
             elsewhere = descend(small, start, most_steps=_STEPS, held=held, one_sided=True)
             found = elsewhere if elsewhere.cost < found.cost else found
         found = descend(small, found.point, most_steps=2 * _STEPS, held=held)
-        found = descend_with_errors(free, found.point, most_steps=4 * _STEPS)
+        found = descend_with_errors(free, found.point, most_steps=4 * _STEPS, most_simulations=most)
     else:
-        found = descend_with_errors(free, found.point, most_steps=_LAST_STEPS)
+        found = descend_with_errors(free, found.point, most_steps=_LAST_STEPS, most_simulations=most)
     if not found.arrived and narrow.cost(point) - found.cost > _SHOWN * noise_factor**2:
-        found = descend_with_errors(free, found.point, most_steps=4 * _STEPS)
+        found = descend_with_errors(free, found.point, most_steps=4 * _STEPS, most_simulations=most)
     shifted = known(free, found.point, ramps, noise_factor=noise_factor)
     if alone is None or shifted is None:
         return Weighed(narrow, point, alone, 0.0)

@@ -114,3 +114,10 @@ def test_a_mass_at_the_end_of_its_range_and_a_limit_at_the_ramps_speed_are_not_g
     assert not without_lone_limit(undamped, 4.0e-3, 4.2e-3)["DV"].identifiable
     assert without_lone_limit(undamped, 0.4e-3, 4.2e-3)["m"].identifiable
     assert without_lone_limit(known, 4.0e-3, 4.2e-3)["DV"].identifiable
+
+
+def test_a_descent_with_many_errors_ends_soon_after_the_simulations_that_it_may_take() -> None:
+    model, start = _widened()
+    found = descend_with_errors(model, start, most_steps=60, most_simulations=150)
+    assert found.simulations < 150 + 4 * start.size
+    assert found.cost <= model.cost(start)
