@@ -107,6 +107,9 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         # the jumps are between one and two times (F_s - F_c)/k long, by their damping
         beyond_n = _JUMP_UNSURE * (values["F_s"] - values["F_c"])
         parameters["F_c"] = _parameter("F_c", values, knows, max(least.get("F_c", 0.0), beyond_n))
+    # a nameplate may have too small a mass
+    heaviest_kg = heaviest_believed_kg(motion.moving_mass_kg, float(np.ptp(motion.samples.force_n)))
+    is_too_heavy = parameters["m"].identifiable and values["m"] > heaviest_kg
     # without noise the cost itself tells them apart
     slowest = math.inf if problem.is_noise_free else min(ramps_of(motion).rates_n_per_s, default=math.inf) / values["k"]
     parameters = without_lone_limit(without_mass_at_bound(parameters, model, point), values["DV"], slowest)
@@ -117,10 +120,7 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
     is_bottom |= problem.is_noise_free and found.certificate.ratio < 1.0
     strained = strain(model, point)
     doubt = _doubt(is_bottom=is_bottom, hides=hidden_n > 0.0, is_confirmed=found.is_confirmed, strain=strained)
-    # a nameplate may have too small a mass
-    heaviest_kg = heaviest_believed_kg(motion.moving_mass_kg, float(np.ptp(motion.samples.force_n)))
-    if parameters["m"].identifiable and values["m"] > heaviest_kg:
-        doubt = doubt or _TOO_HEAVY
+    doubt = doubt or (_TOO_HEAVY if is_too_heavy else "")
     if doubt:
         parameters |= {symbol: absent(doubt) for symbol in _IN_THE_VALLEY if parameters[symbol].identifiable}
     complete = in_order(parameters)
