@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 from typing import Any, Final
 
 import numpy as np
 
+from discrepancy.commanded import from_estimate, with_commanded
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.model import Model
 from discrepancy.observed import Observed
@@ -127,9 +128,10 @@ def fit_baseline(observed: Observed, estimate: Estimate | None = None) -> Fit | 
     ``estimate``: the maximum-likelihood one, from whose ``diagnostics["fitted"]`` the fit starts too.
     """
     fitted = {} if estimate is None else estimate.diagnostics.get("fitted", {})
+    observed = with_commanded(observed, fitted)
     guesses = _guessed(observed)
     if "k" in fitted:
-        guesses.insert(0, _from_estimate(fitted, guesses[0] if guesses else {}))
+        guesses.insert(0, from_estimate(fitted, guesses[0] if guesses else {}))
     if not guesses:
         return None
     motion = observed.motions[0]
@@ -183,12 +185,6 @@ def scanned(fit: Fit, name: str, shares: Sequence[float] | np.ndarray[Any, Any])
 def _fastest(motion: RecordedMotion) -> float:
     moving = np.concatenate([np.abs(motion.phases.velocity[stretch.rows]) for stretch in motion.phases.stretches])
     return float(np.quantile(moving, 0.9))
-
-
-def _from_estimate(fitted: Mapping[str, float], guess: Mapping[str, float]) -> dict[str, float]:
-    values = {**guess, **{name: float(value) for name, value in fitted.items()}}
-    values["d"] = max(0.0, values["F_s"] / values["F_c"] - 1.0) if "F_s" in fitted else values.get("d", 0.0)
-    return values
 
 
 def _guessed(observed: Observed) -> list[dict[str, float]]:

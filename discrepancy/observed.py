@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Final
@@ -88,6 +88,8 @@ class Observed:
     deviations: tuple[tuple[Corners, ...], ...] = ()
     # of the residuals, shape (count, d), that the force's own errors spread over many blocks; none where it is exact
     spread: FloatArray | None = None
+    # of a command alone: the valve behind an I/P as maximum likelihood has it (discrepancy.commanded)
+    commanded: Mapping[str, float] = field(default_factory=dict)
     # of all blocks: times, positions and weights, 1/m, shape (count,)
     time_s: FloatArray = field(init=False)
     position_m: FloatArray = field(init=False)

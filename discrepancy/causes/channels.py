@@ -6,18 +6,34 @@ from collections.abc import Mapping
 from typing import Final
 
 from discrepancy.causes.base import Cause, Fitted, Part, Setting, Values, with_interval
+from discrepancy.commanded import DEAD_TIME_S, LAG_S
 from discrepancy.observed import Observed
+
+_DELAYS: Final = ("transducer_lag.lag_s", "transducer_dead_time.delay_s", "position_lag.lag_s")
+_LEAST_S: Final = 0.01  # an I/P's own
 
 
 def _command_only(observed: Observed) -> bool:
     return observed.command_only
 
 
+def _commanded(setting: Setting, parameter: str) -> list[Values]:
+    """Return the start of a delay of any kind, its ``parameter``, s, with maximum likelihood's valve beside it.
+
+    The plain valve of a command that comes late is another one altogether: damping and mass stand in for the delay, and
+    no way from there leads down. All that the command comes late by is given to one cause, as far as none has it yet.
+    """
+    values = dict(setting.observed.commanded)
+    late_s = values.pop(LAG_S, 0.0) + values.pop(DEAD_TIME_S, 0.0)
+    late_s -= sum(setting.values.get(name, 0.0) for name in _DELAYS)
+    return [{parameter: late_s, **values}] if late_s > _LEAST_S else []
+
+
 def _late(name: str, parameter: str, said: str, action: str) -> Cause:
     """Return the cause of a pressure that comes late by ``parameter``, s, which ``said`` tells."""
 
-    def starts(_setting: Setting) -> list[Values]:
-        return [{parameter: late_s} for late_s in (0.05, 0.3)]
+    def starts(setting: Setting) -> list[Values]:
+        return [{parameter: late_s} for late_s in (0.05, 0.3)] + _commanded(setting, parameter)
 
     def sentence(values: Mapping[str, Fitted], _setting: Setting) -> str:
         return said.format(with_interval(values[parameter], 1.0, "s"))
@@ -122,7 +138,7 @@ def _reading_lag_starts(setting: Setting) -> list[Values]:
     mass_kg = setting.observed.motions[0].moving_mass_kg or setting.values["m"]
     instead = [{"lag_s": share * late_s, "F_v": (1.0 - share) * viscous, "m": mass_kg} for share in (0.3, 0.6, 0.9)]
     own = {"F_v": viscous, "m": setting.values["m"]}
-    return [{"lag_s": 0.01, **own}, {"lag_s": 0.1, **own}, *instead]
+    return [{"lag_s": 0.01, **own}, {"lag_s": 0.1, **own}, *instead, *_commanded(setting, "lag_s")]
 
 
 READING_LAG: Final = Cause(

@@ -19,6 +19,7 @@ from valve.nameplate import Nameplate
 from valve.recording import Recording
 
 LAG: Final = "transducer_lag_s"
+DEAD_TIME: Final = "transducer_dead_time_s"
 _TOLERANCE: Final = 1.0e-6  # of the span: what the straight lines leave an exponential by, and no less than
 _OF_THE_NOISE: Final = 0.05  # of the position's noise, as a share of the travel: finer lines show in no row
 _LARGEST_TOLERANCE: Final = 1.0e-4
@@ -104,7 +105,7 @@ def transducer_path(recording: Recording, nameplate: Nameplate, asked_n: FloatAr
     nuisances = (
         Nuisance(LAG, _LAG_START_S, _SCALE_S, 0.0, _LONGEST_S, float("inf")),
         # the command's own time stamps may be late by up to a period
-        Nuisance("transducer_dead_time_s", _DEAD_TIME_START_S, _SCALE_S, -period_s, _LONGEST_S, float("inf")),
+        Nuisance(DEAD_TIME, _DEAD_TIME_START_S, _SCALE_S, -period_s, _LONGEST_S, float("inf")),
     )
     span_n = float(np.nanmax(asked_n) - np.nanmin(asked_n))
     tolerance = _tolerance(recording, nameplate.actuator.travel_m)
