@@ -34,6 +34,7 @@ _FAST_S: Final = 2.0e-3
 _EVEN: Final = 1.0e-3  # of a period
 _PROFILED: Final = (0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.7, 1.0)  # of the delay's prior width
 _FEW_INPUTS: Final = 15  # errors of the input that follow too
+_OF_INERTIA: Final = ("m", "DV")
 _TRIED: Final = (-4.0, -3.0, -2.0, -1.0, 1.0, 2.0, 3.0, 4.0)  # prior widths
 
 
@@ -107,13 +108,25 @@ def weigh(free: StemModel, narrow: StemModel, point: FloatArray, ramps: Ramps, n
         return Weighed(free, found.point, shifted, 1.0)
     is_open = is_asked and _share(evidence) > _FREE_BEFOREHAND
     if weight < _DECIDED and not is_open:
-        return Weighed(narrow, point, alone, 0.0)
+        return Weighed(narrow, point, _with_inertia_as_open(alone, shifted), 0.0)
     knows = mixed([1.0 - weight, weight], [alone, shifted])
     if is_open:
         others = [dict(zip(one.symbols, one.values, strict=True)) for one in (alone, shifted)]
         knows = reaching(knows, [*others, *ends])
     likelier = (free, found.point) if weight > 0.5 else (narrow, point)
     return Weighed(*likelier, knows, weight)
+
+
+def _with_inertia_as_open(alone: Knowledge, shifted: Knowledge) -> Knowledge:
+    """Return what is known without a delay, but no more of m and DV than with one, where that leaves them open.
+
+    Of a stem whose m/F_v is shorter than a period the inertia is a delay of m/F_v and nothing else.
+    """
+    factor = np.ones(len(alone.symbols))
+    for symbol in _OF_INERTIA:
+        if alone.identifiable(symbol) and not shifted.identifiable(symbol):
+            factor[alone.symbols.index(symbol)] = shifted.std_error(symbol) / alone.std_error(symbol)
+    return replace(alone, covariance=alone.covariance * np.outer(factor, factor), _ties={})
 
 
 def _is_of_one_clock(time_s: FloatArray) -> bool:
