@@ -121,15 +121,20 @@ def _with_noise_bias(fit: ForceFit, variance: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(variance + (_NOISE_KNOWN * fit.attenuation) ** 2))
 
 
-def slow_covariance(fit: ForceFit) -> FloatArray:
-    """Covariance of the coefficients, (4, 4), that holds whatever the residual's correlation, for normal intervals."""
+def influences(fit: ForceFit) -> FloatArray:
+    """What each row's residual adds to the coefficients, shape (n, 4)."""
     scores = fit.regressors * fit.residual_n[:, None]
     scores -= fit.rows[:, None] * (scores.sum(axis=0) / fit.count)  # the noise's part, so that they sum to 0
+    return np.asarray(scores @ fit.bread)
+
+
+def slow_covariance(fit: ForceFit) -> FloatArray:
+    """Covariance of the coefficients, (4, 4), that holds whatever the residual's correlation, for normal intervals."""
     uncertain = _NOISE_KNOWN * fit.attenuation
-    return _by_waves(scores @ fit.bread) + np.outer(uncertain, uncertain)
+    return by_waves(influences(fit)) + np.outer(uncertain, uncertain)
 
 
-def _by_waves(influence: FloatArray) -> FloatArray:
+def by_waves(influence: FloatArray) -> FloatArray:
     """Covariance (p, p) of the sum of what each row adds to p coefficients, shape (n, p).
 
     The outer products of its first cosine coefficients (Lazarus, Lewis, Stock & Watson 2018), widened to what
@@ -172,5 +177,5 @@ def spring_that_shows(fit: ForceFit, channels: Spectra) -> SpringCheck:
         return SpringCheck(0.0, math.inf, 0.0)
     spring = float(own @ fit.residual_n) / size
     influence = own * (fit.residual_n - spring * own) / size
-    error = math.sqrt(float(_by_waves(influence[:, None])[0, 0]))
+    error = math.sqrt(float(by_waves(influence[:, None])[0, 0]))
     return SpringCheck(spring, error, spring**2 * size / misfit)

@@ -30,6 +30,7 @@ from estimators.base import (
 from estimators.likelihood.force_breakaways import static_friction
 from estimators.likelihood.force_equation import COLUMNS
 from estimators.likelihood.force_fit import correlated_errors, sampling_errors, slow_covariance, spring_that_shows
+from estimators.likelihood.force_places import locked_errors, repeated_misfit
 from estimators.likelihood.force_search import FittedForce, search
 from estimators.motion.moving_rows import MovingRows, find_moving_rows
 from estimators.samples import FloatArray, Samples, prepare
@@ -42,7 +43,9 @@ _FEWEST_RUN_ROWS: Final = 8
 _SURE: Final = 3.0  # standard errors by which a value must be unphysical
 _SPRING_SURE: Final = 4.0
 _SPRING_SHARE: Final = 0.3  # of the residual's mean square: a spring that takes as much belongs into the model
+_BEYOND_CHANCE: Final = 1.3  # between errors by 24 waves each, of noise: 14 % is each one's own error
 _NO_LIMIT_SPEED: Final = "what the stem does below DV is too short for the force to show it"
+_AT_PLACES: Final = "it stands in for friction that goes with the stem's place, which the diagnosis tells of"
 _NO_SPRING: Final = "taken as 0: the nameplate says that no spring opposes the stem"
 
 
@@ -129,14 +132,16 @@ def evenly_sampled(samples: Samples) -> Samples | None:
     )
 
 
-def _known(fitted: FittedForce) -> _Known:
-    """The larger of two standard errors: by slow scores (any misfit), by the residual's spectrum (few events).
+def _known(samples: Samples, fitted: FittedForce) -> _Known:
+    """The largest of the standard errors: by slow scores, by the residual's spectrum (few events), by place and speed.
 
     To it comes what slow sampling leaves open.
     """
     covariance = slow_covariance(fitted.fit)
     slow = np.sqrt(np.diag(covariance))
     larger = np.maximum(slow, correlated_errors(fitted.fit, fitted.channels))
+    locked = locked_errors(samples, fitted.fit)
+    larger = np.where(locked > _BEYOND_CHANCE * larger, locked, larger)
     larger = np.hypot(larger, sampling_errors(fitted.fit, fitted.channels))
     # rounding alone is left where there is no noise
     larger = np.maximum(larger, 1.0e-9 * np.abs(fitted.fit.coefficients))
@@ -147,7 +152,7 @@ def _known(fitted: FittedForce) -> _Known:
 
 
 def _concluded(samples: Samples, moving: MovingRows, fitted: FittedForce, directions: set[int]) -> Estimate:
-    known = _known(fitted)
+    known = _known(samples, fitted)
     both = len(directions) == 2
     diagnostics = _diagnostics(samples, fitted, known)
     positive = ("m", "F_v", "F_c") if both else ("m", "F_v")
@@ -163,6 +168,9 @@ def _concluded(samples: Samples, moving: MovingRows, fitted: FittedForce, direct
     )
     if not both:
         parameters["F_s"] = absent(parameters["F_c"].note)
+    repeated = repeated_misfit(samples, moving, fitted.fit)
+    if repeated.is_much(abs(known.value("F_c"))):
+        parameters |= {symbol: absent(_AT_PLACES) for symbol in ("m", "F_v")}
     complete = in_order(parameters)
     missing = [symbol for symbol in COLUMNS if complete[symbol].value is None]
     outcomes = [] if both else [Outcome.ONE_DIRECTION_ONLY]
@@ -173,6 +181,11 @@ def _concluded(samples: Samples, moving: MovingRows, fitted: FittedForce, direct
             f"The force goes with the position by {spring.spring_n_per_m:.4g} N/m, as a spring's does, and none is in "
             "the model: check the nameplate's action."
         )
+    if repeated.is_much(abs(known.value("F_c"))):
+        said.append(
+            f"The force misses {repeated.rms_n:.3g} N, and {100.0 * repeated.share:.0f} % of it is at the same places "
+            "on every stroke, which m and F_v stand in for: see the diagnosis for what holds the stem there."
+        )
     status = Status.POOR if missing or said else Status.OK
     if all(complete[symbol].value is None for symbol in COLUMNS):
         status = Status.FAILED
@@ -181,6 +194,7 @@ def _concluded(samples: Samples, moving: MovingRows, fitted: FittedForce, direct
     diagnostics |= {
         "outcomes": [outcome.name for outcome in outcomes],
         "spring_that_shows_n_per_m": [spring.spring_n_per_m, spring.std_error],
+        "share_at_places": repeated.share,
     }
     return Estimate(_METHOD, status, " ".join(said), None, complete, diagnostics)
 
