@@ -171,7 +171,8 @@ def flat_errors(
             for place in places
         ]
         middle = median_place(of_limit, small.coordinates.names.index("DV"), noise_factor=noise_factor)
-    values = natural_values(small, lowest.point if middle is None else middle)
+    # the point of all rows goes to the middle as the blocks' bottom does: the errors are those of what is given there
+    values = natural_values(small, lowest.point if middle is None else point + middle - lowest.point)
     least: dict[str, float] = {}
     for places in walks:
         for reached in _within(lowest.cost, places, within):
