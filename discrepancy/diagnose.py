@@ -28,7 +28,7 @@ from discrepancy.residuals import show
 from discrepancy.saved_model import SavedModel
 from discrepancy.selection import choose
 from discrepancy.setting import setting_of
-from discrepancy.significance import DONE_MISFIT, LEAST_RMS, excess, misfit, noise_factor, wander
+from discrepancy.significance import DONE_MISFIT, excess, least_rms, misfit, noise_factor, wander
 from estimators.base import Estimate, Outcome
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
@@ -204,7 +204,7 @@ def explains(fit: Fit, baseline: Fit | None = None) -> bool:
     if misfit(fit) >= _LARGEST_MISFIT:
         return False
     causes = len(fit.model.causes)
-    if causes == 0 and wander(fit) < LEAST_RMS:
+    if causes == 0 and wander(fit) < least_rms(fit):
         return True
     if causes == 1 and baseline is not None and CAUSES[fit.model.causes[0]].is_hard:
         large = excess(baseline)

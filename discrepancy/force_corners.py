@@ -8,6 +8,9 @@ from typing import Final
 import numpy as np
 
 from estimators.likelihood.input_path import InputPath, MeasuredPath
+from estimators.likelihood.pressure_lines import MOST_VARIATIONS
+from estimators.likelihood.smooth_spans import SHAPE_ERROR
+from estimators.likelihood.stretches import DrawnPieces, Stretch
 from estimators.samples import FloatArray
 
 Corners = tuple[FloatArray, FloatArray]  # times, s, and force, N, both shape (n,)
@@ -30,6 +33,32 @@ def deviations_of(path: InputPath, begins_s: Sequence[float]) -> Iterator[tuple[
     if isinstance(path, MeasuredPath):
         for corner_s, corner_n in path.variations(np.zeros(len(path.nuisances))):
             yield tuple(corners_from(begin_s, corner_s, corner_n) for begin_s in begins_s)
+
+
+def unresolved_variance(path: InputPath) -> tuple[float, float]:
+    """Return the variance of a measured force that the deviations do not hold, and that which they do, in like units.
+
+    A curve's pieces are as long as the noise lets them be, and what they lack of its shape is in no direction of
+    theirs: it is counted in their size alone. Nor is there what is small, where there are too many directions.
+    """
+    if not isinstance(path, MeasuredPath):
+        return 0.0, 0.0
+    pairs = [pair for stretch in path.stretches for pair in zip(stretch.sizes(), _curved(stretch), strict=True)]
+    pairs.sort(key=lambda pair: -pair[0])
+    squares = np.array([float(size) ** 2 for size, _ in pairs])
+    shape = (1.0 - 1.0 / SHAPE_ERROR**2) * np.array([curved for _, curved in pairs])
+    kept = slice(0, MOST_VARIATIONS)
+    unresolved = float(squares[kept] @ shape[kept]) + float(squares[MOST_VARIATIONS:].sum())
+    return unresolved, float(squares[kept].sum())
+
+
+def _curved(stretch: Stretch) -> FloatArray:
+    """The share of each direction of a stretch's errors that is on curves, shape (d,)."""
+    if not isinstance(stretch, DrawnPieces):
+        return np.zeros(stretch.sizes().size)
+    squares = np.square(stretch.pieces.root).sum(axis=2)
+    all_of_it = np.maximum(squares.sum(axis=1), 1.0e-300)
+    return np.asarray(squares[:, stretch.pieces.degree > 1].sum(axis=1) / all_of_it)
 
 
 def flat_where_held(corner_n: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Final
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.model import Model
+from discrepancy.observed import Observed
 from estimators.samples import FloatArray
 
 # Own choices: directions whose one sigma moves all positions together by less do not matter.
@@ -25,19 +27,33 @@ def with_line_errors(fit: Fit) -> Fit:
     model = fit.model
     if not (fit.is_followed and model.observed.deviations):
         return fit
-    spread = _spread(model, fit.point)
     thin = model.thin
     if thin is not None:
-        thin = replace(thin, spread=_spread(model.thinned(), fit.point))
-    model = replace(model, observed=replace(model.observed, spread=spread), thin=thin)
+        thin = _with_spread(model.thinned(), fit.point)
+    model = replace(model, observed=_with_spread(model, fit.point), thin=thin)
     return descend(start_fit(model, fit.point), most_steps=_STEPS)
 
 
-def _spread(model: Model, point: FloatArray) -> FloatArray | None:
-    """Return what the errors do to the residuals at a point, shape (count, d), as ``Observed.residuals`` takes it."""
+def _with_spread(model: Model, point: FloatArray) -> Observed:
+    """Return a model's recordings with what the errors do to the residuals at a point.
+
+    What no deviation holds moves a row by the share of the variance that it has beside these: in noises of one row, and
+    of the median block, for a stem that rests is moved all along by what one turn of the force was off.
+    """
     observed = replace(model.observed, spread=None)
-    plain = replace(model, observed=observed)
-    here = plain.residuals(point)
+    effect = _effect(replace(model, observed=observed), point)
+    if effect is None:
+        return replace(observed, unresolved_rms=0.0)
+    rows = np.concatenate([segment.rows for segment in observed.segments])
+    rms = math.sqrt(observed.unresolved * float(np.median(np.square(effect).sum(axis=1) / rows)))
+    directions, sizes, _ = np.linalg.svd(effect, full_matrices=False)
+    spread = np.asarray(directions * np.sqrt(1.0 - 1.0 / np.sqrt(1.0 + sizes * sizes)))
+    return replace(observed, spread=spread, unresolved_rms=rms)
+
+
+def _effect(plain: Model, point: FloatArray) -> FloatArray | None:
+    """Return what one sigma along each deviation does to the residuals, shape (count, d); None where nothing."""
+    observed, here = plain.observed, plain.residuals(point)
     if here is None:
         return None
     columns = []
@@ -49,7 +65,4 @@ def _spread(model: Model, point: FloatArray) -> FloatArray | None:
         there = replace(plain, observed=replace(observed, segments=segments)).residuals(point)
         if there is not None and float(np.linalg.norm(there - here)) > _LEAST_EFFECT:
             columns.append(there - here)
-    if not columns:
-        return None
-    directions, sizes, _ = np.linalg.svd(np.stack(columns, axis=1), full_matrices=False)
-    return np.asarray(directions * np.sqrt(1.0 - 1.0 / np.sqrt(1.0 + sizes * sizes)))
+    return np.stack(columns, axis=1) if columns else None

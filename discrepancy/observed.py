@@ -12,7 +12,7 @@ import numpy as np
 
 from discrepancy.beginning import beginning, last_motion
 from discrepancy.blocks import Blocks
-from discrepancy.force_corners import Corners, corners_from, deviations_of, flat_where_held
+from discrepancy.force_corners import Corners, corners_from, deviations_of, flat_where_held, unresolved_variance
 from discrepancy.pace import speeds
 from discrepancy.pauses import pauses
 from estimators.base import Outcome
@@ -88,6 +88,9 @@ class Observed:
     deviations: tuple[tuple[Corners, ...], ...] = ()
     # of the residuals, shape (count, d), that the force's own errors spread over many blocks; none where it is exact
     spread: FloatArray | None = None
+    # the force's errors that no deviation holds: their variance over that of all these, and what they move a row by
+    unresolved: float = 0.0
+    unresolved_rms: float = 0.0
     # of a command alone: the valve behind an I/P as maximum likelihood has it (discrepancy.commanded)
     commanded: Mapping[str, float] = field(default_factory=dict)
     # of all blocks: times, positions and weights, 1/m, shape (count,)
@@ -123,7 +126,7 @@ def observe(recordings: Sequence[Recording], nameplate: Nameplate) -> Observed |
     segments: list[Segment] = []
     motions: list[RecordedMotion] = []
     deviations: list[tuple[Corners, ...]] = []
-    noises, delay, rows, forces, doubted = [], None, 0, [], 0.0
+    noises, delay, rows, forces, doubted, missed = [], None, 0, [], 0.0, np.zeros(2)
     for recording in recordings:
         motion = read_motion(recording, nameplate)
         if motion in _MAY_BE_A_STAIRCASE:
@@ -146,6 +149,7 @@ def observe(recordings: Sequence[Recording], nameplate: Nameplate) -> Observed |
             (*before, *changed) for changed in deviations_of(path, [float(segment.time_s[0]) for segment in own])
         ]
         segments += own
+        missed += unresolved_variance(path)
         doubted = max(doubted, _doubt_in_noises(motion, path, noise_m))
         motions.append(motion)
         noises.append(noise_m)
@@ -166,6 +170,7 @@ def observe(recordings: Sequence[Recording], nameplate: Nameplate) -> Observed |
         full_force_n,
         doubted,
         tuple(deviations),
+        unresolved=float(missed[0] / max(missed[1], 1.0e-300)),
     )
 
 

@@ -52,8 +52,13 @@ def is_significant(before: Fit, after: Fit) -> bool:
     """Whether the fall of the misfit is beyond chance, and no trifle beside the noise."""
     added = set(after.model.causes) - set(before.model.causes)
     is_line = bool(added) and all(CAUSES[name].is_periodic for name in added)
-    least = (_LEAST_LINE_RMS if is_line else LEAST_RMS) ** 2 * before.model.observed.rows
+    least = least_rms(before, _LEAST_LINE_RMS if is_line else LEAST_RMS) ** 2 * before.model.observed.rows
     return gain(before, after) > SURE and before.cost - after.cost > least
+
+
+def least_rms(fit: Fit, least: float = LEAST_RMS) -> float:
+    """Return by how much a cause must move all rows, noises of one row: ``least`` and what the force's errors may."""
+    return math.hypot(least, fit.model.observed.unresolved_rms)
 
 
 def misfit(fit: Fit) -> float:

@@ -14,7 +14,7 @@ from estimators.likelihood.stretches import ROWS_A_STEP, Corners, Stretch, find_
 from estimators.samples import FloatArray
 from valve.recording import Acquisition, Recording
 
-_MOST_VARIATIONS: Final = 100
+MOST_VARIATIONS: Final = 100
 _DELAY_PERIODS: Final = 5.0
 _DELAY_S: Final = 0.02
 _ONE_INSTANT: Final = 0.005  # of a period
@@ -63,7 +63,7 @@ class MeasuredPath:
             for number, stretch in enumerate(self.stretches)
             for direction, size in enumerate(stretch.sizes())
         ]
-        for _, number, direction in sorted(sized, reverse=True)[:_MOST_VARIATIONS]:
+        for _, number, direction in sorted(sized, reverse=True)[:MOST_VARIATIONS]:
             changed = list(plain)
             changed[number] = self.stretches[number].corners(direction)
             yield self._joined(changed, float(values[0]))

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from discrepancy.baseline import fit_baseline
-from discrepancy.diagnose import Verdict, diagnose
+from discrepancy.diagnose import Verdict, diagnose, explains
 from discrepancy.line_errors import with_line_errors
 from discrepancy.observed import Observed, observe
-from discrepancy.significance import noise_factor
-from tests.discrepancy.hidden import FULL_PA, Hidden, hidden
+from discrepancy.significance import least_rms, noise_factor
+from tests.discrepancy.hidden import AREA_M2, FULL_PA, Hidden, hidden, recorded_of
 from valve.effects import EFFECTS, effect_from_values
+from valve.waveform import sine
 
 GAUGE_PA = 60.0
 STEPS = 2.0**16
@@ -69,3 +70,31 @@ def test_an_exact_pressure_is_left_as_it_is() -> None:
     fit = fit_baseline(observed)
     assert fit is not None
     assert with_line_errors(fit) is fit
+
+
+def test_what_pieces_of_a_noisy_curve_lack_of_its_shape_is_noise() -> None:
+    """A sine: its pieces are as long as the noise lets them be, and a healthy stem is off by what they lack."""
+    case = hidden("vendor", seed=1, noise_m=5.0e-6)
+    low_pa = case.valve.parameters.preload_n / AREA_M2
+    recording = recorded_of(case.valve, sine(8.0, 4, low_pa, 0.9 * FULL_PA), 1.0e-3, 5.0e-6, seed=1)
+    assert recording.pressure_pa is not None
+    noise_pa = 15.0 * np.random.default_rng(51).standard_normal(recording.time_s.size)
+    observed = observe([replace(recording, pressure_pa=recording.pressure_pa + noise_pa)], case.nameplate)
+    assert isinstance(observed, Observed)
+    plain = fit_baseline(observed)
+    assert plain is not None
+    fit = with_line_errors(plain)
+    assert explains(fit)
+    assert not explains(
+        replace(fit, model=replace(fit.model, observed=replace(fit.model.observed, unresolved_rms=0.0)))
+    )
+    # no more than the noise moves the stem by: 15 Pa come to 18 um a row, and a piece is the mean of some hundred
+    assert least_rms(fit) < 0.3
+
+
+def test_straight_lines_lack_nothing_of_their_shape() -> None:
+    case = as_a_device_reads(hidden("nominal", seed=4, noise_m=5.0e-6), seed=5)
+    observed = observe([case.recording], case.nameplate)
+    assert isinstance(observed, Observed)
+    assert observed.deviations
+    assert observed.unresolved == 0.0

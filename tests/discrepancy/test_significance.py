@@ -32,6 +32,7 @@ class _Observed:
         self.weight = np.ones(COUNT)
         self.count = COUNT
         self.rows = rows
+        self.unresolved_rms = 0.0
 
 
 class _Model:
@@ -129,6 +130,17 @@ def test_the_misfit_is_a_mean_square(white: FloatArray) -> None:
     assert misfit(fit_of(2.0 * np.sign(white))) == pytest.approx(4.0)
     assert excess(fit_of(0.5 * np.sign(white))) == 0.0
     assert excess(replace(fit_of(2.0 * np.sign(white)))) == pytest.approx(3.0)
+
+
+def test_what_the_errors_of_the_force_may_move_rows_by_is_no_cause(white: FloatArray) -> None:
+    wave = 0.26 * np.sin(np.arange(COUNT) / 300.0)
+    plain, other = fit_of(white + wave), fit_of(white)
+    assert is_significant(replace(plain, cost=other.cost + 60.0), other)
+    assert not explains(plain)
+    for fit in (plain, other):
+        cast("Any", fit.model.observed).unresolved_rms = 0.2
+    assert not is_significant(replace(plain, cost=other.cost + 60.0), other)
+    assert explains(plain)
 
 
 def test_two_causes_explain_a_large_misfit_of_which_they_leave_less_than_what_mimics_them_would(
