@@ -20,13 +20,16 @@ _FADING: Final = (0.7, 0.5, 0.4, 0.2)  # of a strength, one after the other: to 
 _FADING_STEPS: Final = 6
 
 
-def pruned(baseline: Fit, best: Fit, chosen: list[Cause]) -> tuple[Fit, list[Cause]]:
-    """Drop the causes without which the rest does as well, once it has found its place."""
+def pruned(baseline: Fit, best: Fit, chosen: list[Cause], *, fades: bool = False) -> tuple[Fit, list[Cause]]:
+    """Drop the causes without which the rest does as well, once it has found its place.
+
+    ``fades``: each is led to nothing step by step before it is kept, and not only what cannot be told from nothing.
+    """
     for cause in list(chosen):
         others = [other for other in chosen if other is not cause]
         fit = with_causes(baseline, best, others)
         is_far = fit.is_followed and misfit(fit) >= _LOOK_CLOSER * misfit(best)
-        if is_far and may_be_nothing(cause, fitted_values(best, cause)):
+        if is_far and (fades or may_be_nothing(cause, fitted_values(best, cause))):
             # what cannot be told from nothing is needless, however far the rest has to go without it
             fit = with_causes(baseline, _faded(best, cause), others)
         if fit.is_followed and not is_significant(fit, best) and misfit(fit) < _LOOK_CLOSER * misfit(best):

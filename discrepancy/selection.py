@@ -90,7 +90,11 @@ def _chosen(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str],
     tally.most = max(tally.work, tally.most) + share * CLOSING_WORK
     best, chosen = pruned(baseline, way.best, list(way.chosen))
     if len(chosen) == len(way.chosen) and (len(chosen) == 1 or misfit(best) < _WORTH_KIN):
+        before = chosen
         best, chosen, way = _beside_kin(baseline, best, chosen, way, search)
+        if set(chosen) != set(before):
+            # what made up for a kin's other shape is needless beside the right one
+            best, chosen = pruned(baseline, best, chosen, fades=True)
     tried = tuple((cause.name, gain(baseline, fit)) for cause, fit in search.tried)
     if not chosen:
         # what looked like a cause only showed the baseline a better place

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from discrepancy import selection
+from discrepancy import pruning, selection
 from discrepancy.baseline import fit_baseline
 from discrepancy.causes.base import Cause, Setting
 from discrepancy.least_squares import Fit, descend, start_fit
@@ -159,6 +159,25 @@ def test_kin_that_does_as_well_beside_the_other_cause_is_its_rival(
     assert chosen_of(plain) == ({gradient, lag}, {pressure})
 
 
+def test_what_made_up_for_a_kin_s_other_shape_is_dropped_beside_the_right_one(
+    plain: Fit, scripted: Callable[..., Scripted], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # a bow and a flow force stood for a hardening spring, which was then named with the flow force beside it
+    lag, gradient, pressure = "position_lag", "friction_gradient", "pressure_dependent_friction"
+    left = {frozenset({gradient}): 5.0, frozenset({gradient, lag}): 1.1, frozenset({pressure, lag}): 1.0}
+    scripted(left)
+    real = pruned
+
+    def pruned_again(baseline: Fit, best: Fit, chosen: list[Cause], *, fades: bool = False) -> tuple[Fit, list[Cause]]:
+        if not fades:
+            return real(baseline, best, chosen)
+        assert {cause.name for cause in chosen} == {pressure, lag}
+        return with_causes(plain, (pressure,), 1.0), [CAUSES[pressure]]
+
+    monkeypatch.setattr(selection, "pruned", pruned_again)
+    assert chosen_of(plain) == ({pressure}, set())
+
+
 @pytest.mark.parametrize(("leaves", "is_tried"), [(1.2, True), (2000.0, False)])
 def test_falling_friction_is_tried_beside_a_cause_that_leaves_next_to_nothing(
     leaves: float, is_tried: bool, plain: Fit, scripted: Callable[..., Scripted]
@@ -170,7 +189,7 @@ def test_falling_friction_is_tried_beside_a_cause_that_leaves_next_to_nothing(
     assert ("stribeck_friction" in beside[0]) is is_tried
 
 
-def test_a_second_cause_that_only_let_the_first_out_of_its_place_is_dropped() -> None:
+def test_a_second_cause_that_only_let_the_first_out_of_its_place_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
     """A knee near where the stem turns is a spring rate: k and F_0 have far to go without it, past many slips."""
     asymmetry = effect_from_values("friction_asymmetry", {"asymmetry": 0.33, "viscous_asymmetry": 0.0})
     case = hidden("nominal", asymmetry, seed=1)
@@ -192,3 +211,7 @@ def test_a_second_cause_that_only_let_the_first_out_of_its_place_is_dropped() ->
     fit, left = pruned(baseline, both, causes)
     assert [cause.name for cause in left] == ["friction_asymmetry"]
     assert misfit(fit) < 1.0
+    # what its interval holds apart from nothing stays, but where each is led there step by step
+    monkeypatch.setattr(pruning, "may_be_nothing", lambda *_: False)
+    assert len(pruned(baseline, both, causes)[1]) == 2
+    assert [cause.name for cause in pruned(baseline, both, causes, fades=True)[1]] == ["friction_asymmetry"]
