@@ -12,6 +12,7 @@ from discrepancy.causes.base import Fitted
 from discrepancy.force_causes.base import ForceStart, Shape, one_column
 from discrepancy.force_fit import ForceModelFit, fit_forces, promises
 from discrepancy.force_record import ForceRecord
+from estimators.base import NORMAL_95
 from estimators.samples import FloatArray
 
 _FIRST_STEP: Final = 0.7  # of a ratio: octaves; of another part: shares of it
@@ -19,7 +20,6 @@ _LAST_STEP: Final = 0.01
 _FURTHEST: Final = 1.5  # octaves, or the other part, from where a shape began
 _PASSES: Final = 40
 _SLOPE_STEP: Final = 0.02
-_NORMAL_95: Final = 1.96
 
 
 def refined(fit: ForceModelFit, start: ForceStart, promised: float) -> tuple[ForceStart, float]:
@@ -72,7 +72,7 @@ def with_shape_intervals(
     """Return a cause's parameters with the 95 % intervals of its shape by these errors."""
     told = dict(parameters)
     for name, error in errors.items():
-        one, reach = told[name], _NORMAL_95 * error
+        one, reach = told[name], NORMAL_95 * error
         unit = start.cause.free[name]
         if unit:
             away = reach * start.shape[unit]
