@@ -160,6 +160,8 @@ def find_rests(samples: Samples, *, among_pieces: bool = False) -> Rests | None:
         kept &= _long(rows) if among_pieces else _still_together(np.where(kept, weight, 0.0), drift)
         if among_pieces and _creep_together(kept, weight, drift):
             return None
+    # a few rows of a long jump lie within the noise as well
+    kept[kept] = _long(rows[kept])
     if np.count_nonzero(kept) <= _FEWEST_AT_ALL:
         return None
     rows, level_m = rows[kept], level_m[kept]

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from estimators.base import Outcome, Status
+from estimators.likelihood.search import measured_rests
 from estimators.likelihood.staircase import read_staircase, with_stops
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
+from tests.estimators.likelihood.posed import at_truth, posed
 from tests.estimators.random_valves import random_test
 from tests.estimators.recordings import recorded
 from valve.parameter_sets import parameter_set
@@ -58,9 +60,9 @@ def test_a_stem_that_jumps_on_slow_ramps_and_slides_on_fast_ones_is_read_by_its_
     motion = read_staircase(test.recording, test.nameplate, read_motion(test.recording, test.nameplate))
     assert motion is not None
     rows = np.array([breakaway.row for breakaway in motion.phases.breakaways])
-    assert rows.size > 0.7 * 1161
+    assert rows.size > 0.63 * 1161  # those whose rest is long enough to be seen
     slow_s = 35.0
-    assert np.count_nonzero(test.recording.time_s[rows] > slow_s) < 0.05 * rows.size
+    assert np.count_nonzero(test.recording.time_s[rows] > slow_s) < 0.06 * rows.size
 
 
 def test_the_stops_that_a_jumping_stem_rests_on_are_found_and_modelled() -> None:
@@ -93,3 +95,15 @@ def test_the_rough_valve_is_known_at_10_ms_too() -> None:
         assert entry.value is not None, symbol
         assert entry.std_error is not None
         assert abs(entry.value - truth[symbol]) < 3.0 * entry.std_error, symbol
+
+
+def test_a_few_rows_of_a_jump_that_lie_within_the_noise_are_no_rest() -> None:
+    # jumps of 0.16 mm and 34 ms under noise of 8 um: of 551 rests that were seen 215 were in the middle of a jump
+    problem, motion = posed(2499)
+    model, point = at_truth(problem, random_test(2499))
+    simulated_m = model.simulate(point)
+    assert simulated_m is not None
+    rows = measured_rests(motion).row
+    assert rows.size > 250
+    moved_m = np.abs(simulated_m[rows + 1] - simulated_m[rows - 1])
+    assert np.mean(moved_m > 0.2 * problem.noise_m) < 0.02
