@@ -10,7 +10,8 @@ from typing import Final
 import numpy as np
 
 from estimators.likelihood.coordinates import Coordinate, Coordinates, linear, logarithmic
-from estimators.likelihood.input_path import CommandedPath, InputPath
+from estimators.likelihood.input_path import CommandedPath, InputPath, TransducerPath
+from estimators.likelihood.lag_start import started_behind_lag
 from estimators.likelihood.level_kernel import level_runs
 from estimators.likelihood.model import NO_NOISE, StemModel
 from estimators.likelihood.nuisance import Nuisance
@@ -64,8 +65,11 @@ class Problem:
 
 def pose(motion: RecordedMotion, path: InputPath) -> Problem | None:
     """Return the problem of this motion under this force; None where no balance of forces gives a start."""
+    guessed = motion
+    if isinstance(path, TransducerPath):
+        path, guessed = started_behind_lag(path, motion)
     samples, phases = motion.samples, motion.phases
-    guesses = first_guesses(motion)
+    guesses = first_guesses(guessed)
     if not guesses:
         return None
     jumping = [guess for guess in guesses if guess.jump_m is not None]

@@ -1,0 +1,80 @@
+"""Where the fit of an I/P's lag and dead time begins: with them the breakaways lie on one balance of forces."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+from typing import Final
+
+import numpy as np
+
+from estimators.likelihood.start import breakaway_balance
+from estimators.likelihood.transducer_path import DEAD_TIME, LAG, TransducerPath
+from estimators.motion.recorded_motion import RecordedMotion
+from estimators.samples import FloatArray
+
+# Own choices: a third or a half apart, as a longer lag and a shorter dead time nearly stand for each other.
+_LAGS_S: Final = (0.02, 0.05, 0.1, 0.17, 0.25, 0.37, 0.55, 0.8, 1.2, 2.0)
+_DEAD_TIMES_S: Final = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.5)
+_CLOSER: Final = (-1.0, 0.0, 1.0)
+_HALVED: Final = (0.2, 0.07, 0.02, 0.007)  # steps about the best, of the lag, and
+_ROUNDS: Final = 4  # so often at most
+_FEWEST: Final = 8  # breakaways, of five unknowns
+_ENOUGH: Final = 200
+
+
+def started_behind_lag(path: TransducerPath, motion: RecordedMotion) -> tuple[TransducerPath, RecordedMotion]:
+    """Return the path that begins at the lag and dead time of the breakaways, and the motion under its force.
+
+    At each breakaway F = k x + F_0 +- F_s; the force of a wrong lag is off it, the more the faster the ramp and the
+    nearer its corner. Both as they are where too few breakaways tell, or tell nothing better than no lag.
+    """
+    best = _lowest(path, motion)
+    if best is None:
+        return path, motion
+    starts = {LAG: best[0], DEAD_TIME: best[1]}
+    nuisances = tuple(replace(one, start=starts[one.name]) for one in path.nuisances)
+    samples = replace(motion.samples, force_n=_force(path, best, motion.samples.time_s))
+    return replace(path, nuisances=nuisances), replace(motion, samples=samples, shared={})
+
+
+def _lowest(path: TransducerPath, motion: RecordedMotion) -> tuple[float, float] | None:
+    breakaways = motion.phases.breakaways
+    if len(breakaways) < _FEWEST:
+        return None
+    taken = breakaways[:: 1 + len(breakaways) // _ENOUGH]
+    motion = replace(motion, phases=replace(motion.phases, breakaways=taken))
+    found = {pair: _off(path, motion, pair) for pair in product(_LAGS_S, _DEAD_TIMES_S)}
+    best = min(found, key=lambda pair: found[pair])
+    least = found[best]
+    for step in _HALVED:
+        for _ in range(_ROUNDS):
+            middle, before = best, least
+            for longer, later in product(_CLOSER, _CLOSER):
+                pair = middle[0] * (1.0 + step * longer), max(middle[1] + step * middle[0] * later, 0.0)
+                off = _off(path, motion, pair)
+                if off < least:
+                    best, least = pair, off
+            if least == before:
+                break
+    return best if least < _off(path, motion, (0.0, 0.0)) else None
+
+
+def _off(path: TransducerPath, motion: RecordedMotion, pair: tuple[float, float]) -> float:
+    """Mean distance of the breakaways from their balance under this lag and dead time, N; infinite without one."""
+    phases, samples = motion.phases, motion.samples
+    rows = np.array([breakaway.row for breakaway in phases.breakaways], dtype=np.int64)
+    force_n = np.zeros(samples.count)
+    force_n[rows] = _force(path, pair, samples.time_s[rows])
+    solved = breakaway_balance(replace(samples, force_n=force_n), phases)
+    if solved is None:
+        return float("inf")
+    sense = np.array([float(breakaway.direction) for breakaway in phases.breakaways])
+    rest_m = np.array([breakaway.rest_m for breakaway in phases.breakaways])
+    off_n = np.abs(force_n[rows] - solved[0] * rest_m - solved[1] * sense - solved[2])
+    return float(np.mean(off_n))
+
+
+def _force(path: TransducerPath, pair: tuple[float, float], time_s: FloatArray) -> FloatArray:
+    corner_s, corner_n = path.corners(np.array(pair))
+    return np.interp(time_s, corner_s, corner_n)
