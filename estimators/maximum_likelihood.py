@@ -96,7 +96,8 @@ class MaximumLikelihoodEstimator:
             return found
         point = searched_anew(model, widened, found, hopping, problem)
         found = refit(widened, found, point)
-        return found if hopping.jumps else hopped_anew(found, hopping)
+        # a valve of jumps that explains nothing yet is not found by some hops more
+        return found if hopping.jumps and not found.certificate.is_near else hopped_anew(found, hopping)
 
 
 def _as_its_treads_tell(estimate: Estimate, path: CommandedPath) -> Estimate:

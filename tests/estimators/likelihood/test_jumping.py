@@ -16,6 +16,7 @@ from estimators.likelihood.problem import pose
 from estimators.likelihood.staircase import read_staircase
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import read_motion
+from tests.benchmarks.random_valves import what_is_wrong
 from tests.estimators.random_valves import random_test
 
 SEED = 2035  # 49 jumps at one rate; a fit behind the sill has F_v wrong by 37 %, and its interval is 4 % wide
@@ -90,3 +91,11 @@ def test_searches_apart_agree_within_what_the_noise_leaves_open() -> None:
     assert not confirmation.are_as_low(small, best, [best, far], 1.0)
     assert not confirmation.are_as_low(small, best, [], 1.0)
     assert confirmation.are_as_low(small, best, [best, far], 3.0)
+
+
+def test_jumps_are_hopped_from_anew_with_the_errors_of_the_pressure() -> None:
+    # without these errors the lowest place has an F_v 28 % too low; with them the true one costs 8 less: it was ok
+    test = random_test(2660)
+    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    assert what_is_wrong(estimate, test) == ()
+    assert estimate.value("F_v") is not None
