@@ -25,7 +25,7 @@ from estimators.signature.figures import (
     percent_figure,
     signature_of,
 )
-from estimators.signature.passes import StartLine, passes_by_rate
+from estimators.signature.passes import StartLine, lies_off, passes_by_rate
 from estimators.signature.scatter import Measured
 from estimators.signature.span import span_of
 from estimators.signature.timed_slips import timed_slips
@@ -89,7 +89,7 @@ def without_common_travel(motion: RecordedMotion, uniform: UniformMotion, namepl
     """Signature where the branches lie beside each other: friction as if it were the same all over the travel."""
     if motion.action is Action.DOUBLE:
         return nothing(_NO_COMMON_TRAVEL, span=span_of(nameplate, None))
-    if _are_bent(motion, uniform):
+    if lies_off(motion, uniform, _STRAIGHT, _STRAIGHT_SHARE):  # a slope through them is no spring rate
         return dead_band_alone(motion, nameplate, _BENT)
     spring, friction, preload, full = _straight_lines(motion, uniform, nameplate.actuator.travel_m)
     span = span_of(nameplate, spring)
@@ -111,13 +111,6 @@ def without_common_travel(motion: RecordedMotion, uniform: UniformMotion, namepl
         "curve": branch_curve(motion, None, nameplate),
     }
     return signature_of(figures, bench_set(nameplate, preload, full, span), span, about)
-
-
-def _are_bent(motion: RecordedMotion, uniform: UniformMotion) -> bool:
-    """Whether the rows lie off the straight lines by more than noise: a slope through them is no spring rate."""
-    samples = motion.samples
-    noise_n = math.hypot(samples.force_noise_n, uniform.spring_n_per_m * samples.position_noise_m)
-    return uniform.residual_rms_n > math.hypot(_STRAIGHT * noise_n, _STRAIGHT_SHARE * uniform.friction_n)
 
 
 def _straight_lines(

@@ -11,7 +11,7 @@ import numpy as np
 from estimators.motion.phases import After, Stretch
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.motion.stops import rows_off_stops
-from estimators.motion.uniform_motion import steady_rows
+from estimators.motion.uniform_motion import UniformMotion, steady_rows
 from estimators.samples import FloatArray, IntArray, Samples
 from valve.nameplate import Action
 
@@ -27,11 +27,13 @@ _SURE_OF_A_TRANSIENT: Final = 25.0  # fall of chi-square that a transient must b
 _UNSTEADY: Final = 0.25  # by which the speed may miss that of the ramp: a stem after a step misses it by all of it
 _BINS: Final = 120
 _FEWEST_ROWS: Final = 8
+_EVEN: Final = 3.0  # noises, that rows in uniform motion may lie off the line
+_EVEN_SHARE: Final = 1.0e-3  # of the friction, that they may besides: ten times what is left of a transient
 
 
 @dataclass(frozen=True, slots=True)
 class StartLine:
-    """F = k x + F_0 +- A as a start, N/m and N; ``even``: the motion was uniform, so the friction hardly varies."""
+    """F = k x + F_0 +- A as a start, N/m and N; ``even``: the motion was uniform and hardly left the line."""
 
     spring_n_per_m: float
     preload_n: float
@@ -84,7 +86,8 @@ def start_line(motion: RecordedMotion) -> StartLine | None:
     if uniform is not None:
         preload_n = uniform.preload_n
         both_ways = preload_n is not None or motion.action is Action.DOUBLE
-        line = StartLine(uniform.spring_n_per_m, preload_n or 0.0, uniform.friction_n, even=True)
+        even = not lies_off(motion, uniform, _EVEN, _EVEN_SHARE)
+        line = StartLine(uniform.spring_n_per_m, preload_n or 0.0, uniform.friction_n, even=even)
         return line if both_ways else None
     samples, rows, way = motion.samples, [], []
     for stretch in motion.phases.stretches:
@@ -101,6 +104,13 @@ def start_line(motion: RecordedMotion) -> StartLine | None:
     if rank < 3 or spring <= 0.0 or friction <= 0.0:
         return None
     return StartLine(float(spring), float(preload), float(friction), even=False)
+
+
+def lies_off(motion: RecordedMotion, uniform: UniformMotion, noises: float, share: float) -> bool:
+    """Whether the rows of the uniform motion lie off its lines by more than these noises and this share of friction."""
+    samples = motion.samples
+    noise_n = math.hypot(samples.force_noise_n, uniform.spring_n_per_m * samples.position_noise_m)
+    return uniform.residual_rms_n > math.hypot(noises * noise_n, share * uniform.friction_n)
 
 
 def _straight(samples: Samples, rows: IntArray) -> bool:

@@ -15,7 +15,7 @@ from valve.extended_motion import simulate_extended
 from valve.extended_valve import ExtendedValve
 from valve.nameplate import Action, Actuator, Nameplate
 from valve.parameter_sets import parameter_set
-from valve.parameters import TravelStops
+from valve.parameters import TravelStops, ValveParameters
 from valve.recording import FloatArray, Recording
 from valve.waveform import multi_rate_periods, multi_rate_triangle, triangle
 
@@ -287,3 +287,20 @@ def test_branches_that_are_bent_and_share_no_travel_give_no_slope_through_them()
         assert "no straight lines" in found.figures[name].note
     assert found.bench_set[0].value is None
     assert found.figures["dead_band_percent"].value is not None
+
+
+@pytest.mark.parametrize("share", [0.1, 0.35])
+def test_a_narrow_tight_spot_shows_as_the_greatest_friction_and_settled_motion_before_it(share: float) -> None:
+    truth = ValveParameters(1.4, 52560.0, 3500.0, 180.0, 230.0, 1.0e-4, 1337.0)
+    plate = Nameplate("FV-7", Actuator(diaphragm_area_m2=0.0323, travel_m=0.0381))
+    wave = triangle(20.0, 2, 38_000.0, 108_000.0)
+    time_s: FloatArray = np.arange(0.0, wave.duration_s, 1.0e-3)
+    force_n = 0.0323 * wave.at(time_s)
+    spot = EFFECTS["local_friction"](rise_n=share * 180.0, centre_m=0.02, width_m=0.7e-3)
+    position_m = simulate_extended(with_effects(ExtendedValve(truth), [spot]), time_s, force_n, time_s).position_m
+    noise_m = np.random.default_rng(1).normal(0.0, 10.0e-6, time_s.size)
+    found = measure_signature(Recording(time_s, position_m + noise_m, pressure_pa=force_n / 0.0323), plate)
+    away_n = 180.0 + 3500.0 * 0.0323 * 7000.0 / 52560.0
+    assert value(found, "friction_min_n") == pytest.approx(away_n, rel=0.005)
+    assert away_n + 0.5 * share * 180.0 < value(found, "friction_max_n") < away_n + 1.05 * share * 180.0
+    assert value(found, "spring_rate_n_per_m") == pytest.approx(52560.0, rel=0.002)
