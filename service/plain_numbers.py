@@ -34,11 +34,18 @@ def half_width(interval: dict[str, Any] | None, scale: float = 1.0) -> float | N
 
 
 def with_span(value: float, low: float, high: float, *, digits: int = 5) -> tuple[str, str]:
-    """Value and the ends of its interval, ``250.02`` and ``249.97 to 250.07``: so many digits that the ends differ."""
-    for shown in range(digits, _MOST_DIGITS):
-        if f"{low:.{shown}g}" != f"{high:.{shown}g}":
-            return f"{value:.{shown}g}", f"{low:.{shown}g} to {high:.{shown}g}"
-    return f"{value:.{digits}g}", f"{low:.{digits}g} to {high:.{digits}g}"
+    """Value and the ends of its interval, ``250.020`` and ``249.970 to 250.070``: with two digits of its half.
+
+    Where there is no interval, ``digits`` digits of the value stand for all three.
+    """
+    half_width = 0.5 * (high - low)
+    if not half_width > 1.0e-9 * abs(value):
+        return _plain(value, digits), f"{_plain(low, digits)} to {_plain(high, digits)}"
+    places = 1 - math.floor(math.log10(half_width))
+    if abs(value) >= 1.0e7 or places > _MOST_DIGITS:
+        return f"{value:.{digits}g}", f"{low:.{digits}g} to {high:.{digits}g}"
+    shown, least, most = (f"{round(number, places) + 0.0:.{max(places, 0)}f}" for number in (value, low, high))
+    return shown, f"{least} to {most}"
 
 
 def _plain(value: float, digits: int) -> str:

@@ -1,0 +1,26 @@
+"""Numbers are shown with as many digits as are known of them."""
+
+from __future__ import annotations
+
+import pytest
+
+from service.plain_numbers import with_span
+
+
+@pytest.mark.parametrize(
+    ("value", "low", "high", "shown"),
+    [
+        (250.0213, 249.9713, 250.0713, ("250.021", "249.971 to 250.071")),
+        (1.6007, 1.003, 2.5546, ("1.60", "1.00 to 2.55")),
+        (105124.3, 105122.1, 105126.4, ("105124.3", "105122.1 to 105126.4")),
+        (12345.0, 2345.0, 22345.0, ("12000", "2000 to 22000")),
+        (0.00011217, 9.7e-5, 1.29e-4, ("0.000112", "0.000097 to 0.000129")),
+        (-0.001, -0.02, 0.018, ("-0.001", "-0.020 to 0.018")),
+        (5.0e8, 4.0e8, 6.0e8, ("5e+08", "4e+08 to 6e+08")),
+        (0.7, 0.7, 0.7, ("0.70000", "0.70000 to 0.70000")),
+    ],
+)
+def test_a_value_and_its_interval_have_two_digits_of_half_of_it(
+    value: float, low: float, high: float, shown: tuple[str, str]
+) -> None:
+    assert with_span(value, low, high) == shown
