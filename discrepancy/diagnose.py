@@ -23,6 +23,7 @@ from discrepancy.line_errors import with_line_errors
 from discrepancy.observed import observe
 from discrepancy.preload import PRELOAD, asymmetry_instead, bent_instead, preload_offset
 from discrepancy.pressure_findings import with_pressure_findings
+from discrepancy.profile import at_the_lowest
 from discrepancy.registry import CAUSES
 from discrepancy.residuals import show
 from discrepancy.saved_model import SavedModel
@@ -106,6 +107,7 @@ def diagnose(
             baseline = standing.free
         known = [one for one in CAUSES.values() if one.is_visible(observed) and one.name not in baseline.model.causes]
         choice = choose(baseline, known, lambda share, phase: tell(0.15 + 0.65 * share, phase))
+        choice = at_the_lowest(choice)
         tell(0.8, "measuring the gain")
         found = _concluded(choice, nameplate, held_out, standing)
         return with_pressure_findings(found, choice.best, recordings, nameplate, held_out)

@@ -22,10 +22,23 @@ _JUMP: Final = 0.5  # own choice: the backward slope over the forward one, in si
 def standard_errors(fit: Fit) -> FloatArray:
     """Return the standard error of each coordinate, shape (p,); infinite where the residuals do not know it.
 
-    The larger of what the forward slopes say and those without jumps.
+    The largest of what the forward slopes say, those without jumps, and the walks along the cost where they were made.
     """
     forward = _slopes(fit)
-    return np.maximum(_errors(fit, forward), _errors(fit, _of_no_jump(fit, forward)))
+    errors = np.maximum(_errors(fit, forward), _errors(fit, _of_no_jump(fit, forward)))
+    return errors if fit.least_errors is None else np.maximum(errors, fit.least_errors)
+
+
+def follow(fit: Fit, place: int) -> FloatArray:
+    """Return by how much each coordinate goes, shape (p,), where the one at ``place`` goes by 1 and the cost least."""
+    known, scale, values, vectors = _information(fit, _of_no_jump(fit, _slopes(fit)))
+    moved = np.zeros(fit.point.size)
+    moved[place] = 1.0
+    if known[place]:
+        own = int(np.count_nonzero(known[:place]))
+        column = (vectors / values) @ vectors[own] / scale
+        moved[known] = column / column[own]
+    return moved
 
 
 def _errors(fit: Fit, slopes: FloatArray) -> FloatArray:

@@ -25,6 +25,7 @@ class Fit:
 
     The cost is the sum of squares of residuals and prior departures; infinite where nothing could be followed.
     ``refined_to``: the cost from which a search for other places led hardly lower; infinite where none was made.
+    ``least_errors``: standard errors (p,) that walks along the cost leave (discrepancy.profile); None before them.
     """
 
     model: Model
@@ -33,6 +34,7 @@ class Fit:
     slopes: FloatArray | None
     cost: float
     refined_to: float = math.inf
+    least_errors: FloatArray | None = None
 
     @property
     def values(self) -> dict[str, float]:
