@@ -17,6 +17,7 @@ from discrepancy.diagnosis import Diagnosis, Finding, Verdict
 from discrepancy.doubts import doubt
 from discrepancy.force_diagnosis import diagnose_forces
 from discrepancy.gain import Gain, held_out_gain, left_out_gain
+from discrepancy.gauge_tone import gauge_tone
 from discrepancy.intervals import fitted_values, may_be_nothing
 from discrepancy.least_squares import Fit
 from discrepancy.line_errors import with_line_errors
@@ -132,6 +133,9 @@ def _concluded(
     pictures: dict[str, Any] = {"before": show(baseline), "baseline": baseline, "details": details}
     if not (explains(best, baseline) or explains(with_line_errors(best), baseline)):
         return Diagnosis(Verdict.UNEXPLAINED, unexplained_message(choice), **pictures)
+    undone = gauge_tone(best)
+    if undone:
+        return Diagnosis(Verdict.UNEXPLAINED, undone, **pictures)
     findings = [] if standing is None else standing.findings(best)
     own = [finding_of(best, baseline, cause) for cause in choice.causes]
     if any(may_be_nothing(cause, one.parameters) for cause, one in zip(choice.causes, own, strict=True)):

@@ -72,6 +72,15 @@ def test_a_bench_set_that_is_off_is_told_from_the_nameplate_and_only_with_one() 
     assert diagnose([case.recording], unknown).verdict is Verdict.NONE
 
 
+def test_a_tone_of_the_gauge_that_the_stem_does_not_follow_is_no_vibration() -> None:
+    case = short("vendor", seed=3)
+    assert case.recording.pressure_pa is not None
+    tone_pa = 200.0 * np.sin(2.0 * np.pi * case.recording.time_s)
+    found = diagnose([replace(case.recording, pressure_pa=case.recording.pressure_pa + tone_pa)], case.nameplate)
+    assert found.verdict is Verdict.UNEXPLAINED
+    assert "swings by 200 Pa to either side at 1.00 Hz" in found.message
+
+
 def test_play_is_not_visible_where_the_stem_only_slides_to_and_fro_and_nothing_else_is_named_for_it() -> None:
     found = diagnosed(short("vendor", effect_from_values("position_backlash", {"play_m": 2.0e-4}), seed=6))
     assert {finding.cause for finding in found.causes} <= {"position_backlash"}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -296,7 +297,8 @@ def test_a_narrow_tight_spot_shows_as_the_greatest_friction_and_settled_motion_b
     wave = triangle(20.0, 2, 38_000.0, 108_000.0)
     time_s: FloatArray = np.arange(0.0, wave.duration_s, 1.0e-3)
     force_n = 0.0323 * wave.at(time_s)
-    spot = EFFECTS["local_friction"](rise_n=share * 180.0, centre_m=0.02, width_m=0.7e-3)
+    own: dict[str, Any] = {"rise_n": share * 180.0, "centre_m": 0.02, "width_m": 0.7e-3}
+    spot = EFFECTS["local_friction"](**own)
     position_m = simulate_extended(with_effects(ExtendedValve(truth), [spot]), time_s, force_n, time_s).position_m
     noise_m = np.random.default_rng(1).normal(0.0, 10.0e-6, time_s.size)
     found = measure_signature(Recording(time_s, position_m + noise_m, pressure_pa=force_n / 0.0323), plate)
