@@ -31,7 +31,8 @@ _SPEEDS: Final = 41
 _SLOWEST: Final = 1.0e-3  # of the fastest
 _RAMPS: Final = 3.0  # times their speed: the stem is as fast as that when it breaks away
 _WIDE: Final = 0.2  # of the ramps' speed, above which DV stands in for something: valves have a tenth or less
-_SPEEDS_OF_LIMIT: Final = (1.0, 0.5, 2.0, 4.0)  # v_s, times DV
+# v_s, times DV, half an octave apart where it usually is: a start an octave away keeps its slips out of phase.
+_SPEEDS_OF_LIMIT: Final = (0.7, 1.0, 0.5, 1.4, 2.0, 4.0)
 _BLUR_S: Final = 0.1
 _BLURRED_STEPS: Final = 6
 _SHARP_STEPS: Final = 8

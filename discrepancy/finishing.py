@@ -11,6 +11,7 @@ from typing import Final
 from discrepancy.baseline import LIMIT_MEDIAN
 from discrepancy.falling_friction import has_wide_limit
 from discrepancy.least_squares import Fit, descend, start_fit
+from discrepancy.running_on import running_on
 from discrepancy.setting import setting_of
 from discrepancy.significance import is_noise, misfit
 from discrepancy.sills import over_sills
@@ -29,21 +30,23 @@ def finished(fit: Fit) -> Fit:
     A DV that may as well be narrow is: a wide one stood in for the cause while that was not in the valve, no ramp of
     one rate tells it, and at any other rate it makes the stem rest where it slides.
     """
-    if not fit.model.causes or misfit(fit) > _NEARLY:
+    if misfit(fit) > _NEARLY:
         return fit
-    best = over_sills(fit, most_steps=_STEPS)
+    if not fit.model.causes:
+        return running_on(fit)
+    best = running_on(over_sills(fit, most_steps=_STEPS))
     place = fit.model.unknowns.names.index("d")
     for share in _STATIC:
         if is_noise(best):
             break
         point = best.point.copy()
         point[place] += share
-        best = min(best, descend(start_fit(fit.model, point), most_steps=_OTHER_STEPS), key=lambda one: one.cost)
+        best = min(best, descend(start_fit(best.model, point), most_steps=_OTHER_STEPS), key=lambda one: one.cost)
     setting = setting_of(best)
     if not has_wide_limit(best, setting):
         return best
     values = {**best.values, "DV": LIMIT_MEDIAN * setting.sliding_m_per_s}
-    narrow = start_fit(fit.model, fit.model.unknowns.point(values))
+    narrow = start_fit(best.model, best.model.unknowns.point(values))
     narrow = over_sills(narrow, most_steps=_OTHER_STEPS, held=frozenset({"DV"}))
     return narrow if _squares(narrow) < _squares(best) + _AS_GOOD else best
 

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from discrepancy.observed import Observed, Segment
+from discrepancy.pauses import rest_ends
 from discrepancy.residuals import paired
 from discrepancy.waves import highest_of, wave_sums
 from estimators.motion.recorded_motion import RecordedMotion
@@ -216,22 +217,11 @@ class _End:
 def _ended(segment: Segment, motion: RecordedMotion, late_s: float) -> list[_End]:
     time_s = motion.samples.time_s
     begins_s = float(time_s[0])
-    lasts = np.array([stretch.last for stretch in motion.phases.stretches])
     found = []
-    for one in motion.phases.breakaways[1:]:
+    for one in rest_ends(motion)[1:]:
         breaks_s = float(time_s[one.row]) - late_s
-        before = lasts[lasts < one.row]
-        if before.size and segment.time_s[0] <= breaks_s <= segment.time_s[-1]:
-            lasted_s = breaks_s - float(time_s[before[-1]])
-            found.append(
-                _End(
-                    begins_s,
-                    breaks_s - begins_s,
-                    lasted_s,
-                    float(one.rest_m),
-                    float(one.direction),
-                    segment.corner_s,
-                    segment.corner_n,
-                )
-            )
+        lasted_s = breaks_s - float(time_s[one.first])
+        if segment.time_s[0] <= breaks_s <= segment.time_s[-1]:
+            corners = segment.corner_s, segment.corner_n
+            found.append(_End(begins_s, breaks_s - begins_s, lasted_s, one.rest_m, one.direction, *corners))
     return found

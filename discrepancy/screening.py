@@ -7,8 +7,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-
 from discrepancy import periodic
 from discrepancy.baseline import DYNAMIC, FIRST_RISES, STATIC_SCAN, scanned
 from discrepancy.causes.base import Cause, Setting, Values
@@ -23,8 +21,9 @@ from discrepancy.falling_friction import (
 from discrepancy.least_squares import Fit, blur, descend, on, start_fit
 from discrepancy.model import Model
 from discrepancy.periodic import has_place
-from discrepancy.significance import excess, is_noise, misfit
-from discrepancy.sliding import sliding_rows, sliding_starts
+from discrepancy.projected import Projected
+from discrepancy.significance import excess, is_noise, is_significant, misfit
+from discrepancy.sliding import sliding_rows, sliding_starts, sliding_valve
 from estimators.samples import FloatArray
 
 # Blurred residuals have one basin where sharp ones have many (docs/diagnosis.md).
@@ -55,15 +54,18 @@ def screen(fit: Fit, causes: Iterable[Cause], setting: Setting) -> list[Candidat
     """Return the causes by what they promise to win of the misfit of ``fit``, the most first."""
     base = fit.slopes if fit.slopes is not None else fit.model.slopes(fit.point, fit.residual)
     blurs = [blur(fit.model, span_s) for span_s in BLURS_S]
-    spaces = [_Projected(over(base), over(fit.residual)) for over in blurs]
+    spaces = [Projected(over(base), over(fit.residual)) for over in blurs]
     found = []
     causes = list(causes)
     rows = sliding_rows(fit)
     by_force = {} if rows is None else sliding_starts(rows, fit, causes, setting)
+    beside_stop = None if rows is None else sliding_valve(rows, fit)
     for cause in causes:
         seen = list(zip(spaces, blurs, strict=True))[-1 if cause.is_periodic else 0 :]
         tried: list[tuple[float, Values]] = []
         begun = cause.starts(setting)
+        if cause.is_end and beside_stop is not None:
+            begun += [{**beside_stop, **start} for start in begun]
         for start in begun:
             residual = _with(fit, cause, start, setting)
             if residual is None:
@@ -80,44 +82,14 @@ def screen(fit: Fit, causes: Iterable[Cause], setting: Setting) -> list[Candidat
                 tried.append((promise, {**start, cause.strength: factor * start[cause.strength]}))
         if tried:
             tried.sort(key=lambda entry: -entry[0])
-            most = _GRID_FOLLOWED if cause.is_hard else _STARTS_FOLLOWED
+            most = _GRID_FOLLOWED if cause.is_hard or _goes_slip_by_slip(fit.model, cause) else _STARTS_FOLLOWED
             ranked = [start for _, start in tried]
             starts = tuple(_of_all_periods(fit, begun, ranked) if cause.is_periodic else distinct(ranked)[:most])
             share, balanced = by_force.get(cause.name, (0.0, None))
+            if cause.is_end:
+                balanced = next((start for start in ranked if has_place(start, fit.values)), None)
             found.append(Candidate(cause, starts, max(tried[0][0], share), balanced))
     return sorted(found, key=lambda candidate: -candidate.promise)
-
-
-class _Projected:
-    """Residuals without what the baseline's unknowns can take up."""
-
-    def __init__(self, slopes: FloatArray, residual: FloatArray) -> None:
-        scale = np.sqrt(np.sum(slopes * slopes, axis=1))
-        used = slopes[scale > 0.0] / scale[scale > 0.0, None]
-        values, vectors = np.linalg.eigh(used @ used.T)
-        kept = values > 1.0e-10 * values.max()
-        self._basis = (vectors[:, kept] / np.sqrt(values[kept])).T @ used
-        self._residual = self._without(residual)
-        self._cost = max(float(self._residual @ self._residual), 1.0e-300)
-
-    def _without(self, row: FloatArray) -> FloatArray:
-        return np.asarray(row - self._basis.T @ (self._basis @ row))
-
-    def along(self, change: FloatArray, low: float, high: float) -> tuple[float, float]:
-        """Share of the cost that a multiple of this change within the bounds takes away, and the multiple."""
-        own = self._without(change)
-        square = float(own @ own)
-        if square <= 1.0e-12 * max(float(change @ change), 1.0e-300):
-            return 0.0, 1.0
-        product = float(own @ self._residual)
-        factor = min(max(-product / square, low), high)
-        won = -2.0 * factor * product - factor * factor * square
-        return won / self._cost, factor
-
-    def direct(self, residual: FloatArray) -> float:
-        """Share of the cost that these residuals lack."""
-        own = self._without(residual)
-        return 1.0 - float(own @ own) / self._cost
 
 
 def extended_model(model: Model, cause: Cause, setting: Setting) -> Model:
@@ -179,7 +151,11 @@ def refit(fit: Fit, candidate: Candidate, setting: Setting, bar: float = math.in
         wide = from_wide_limit(fit, model, setting)
         if wide is not None and (best is None or wide.cost < best.cost):
             best = wide
-        if best is not None and is_noise(best):
+        if best is not None and (is_noise(best) or (misfit(best) < _FOUND and is_significant(fit, on(whole, best)))):
+            return descend(on(whole, best), most_steps=_STEPS[-1])
+    if _goes_slip_by_slip(model, cause):
+        best = _slip_by_slip(fit, model, candidate, last)
+        if best is not None and misfit(best) < _FOUND and is_significant(fit, on(whole, best)):
             return descend(on(whole, best), most_steps=_STEPS[-1])
     for point in _promising(fit, model, candidate, last):
         if best is not None and model.tally.work > last:
@@ -241,6 +217,28 @@ def _from_balance(start: Fit) -> Fit | None:
     return descend(tried, most_steps=_STEPS[-1])
 
 
+def _goes_slip_by_slip(model: Model, cause: Cause) -> bool:
+    """Whether a cause begins at places of its own in a stick-slip, whose stem begins anew at each measured rest."""
+    return cause.neutral is None and not cause.is_end and any(one.rest_m.size for one in model.observed.segments)
+
+
+def _slip_by_slip(fit: Fit, model: Model, candidate: Candidate, last: float) -> Fit | None:
+    """Return the lowest fit from a cause's places by sharp residuals alone.
+
+    Each slip stands for itself there, and its shape is what tells a cause that makes it slower or later; means over
+    many slips only hold where they end.
+    """
+    best: Fit | None = None
+    for start in candidate.starts:
+        if best is not None and (misfit(best) < _FOUND or model.tally.work > last):
+            break
+        begun = scanned(start_fit(model, _point(fit, model, candidate.cause, start)), "d", STATIC_SCAN)
+        tried = descend(begun, most_steps=_STEPS[-1])
+        if tried.is_followed and (best is None or tried.cost < best.cost):
+            best = tried
+    return best
+
+
 def _promising(fit: Fit, model: Model, candidate: Candidate, last: float) -> list[FloatArray]:
     """Return the points to fit from; of a grid those that lead furthest in a few steps on blurred residuals.
 
@@ -248,7 +246,7 @@ def _promising(fit: Fit, model: Model, candidate: Candidate, last: float) -> lis
     """
     points = [_point(fit, model, candidate.cause, start) for start in candidate.starts]
     if not candidate.cause.is_hard:
-        return points
+        return points[:_STARTS_FOLLOWED]
     followed: list[Fit] = []
     for point in points:
         if followed and model.tally.work > last:

@@ -19,6 +19,7 @@ import numpy as np
 
 from discrepancy.balance import COLUMNS, Sliding
 from discrepancy.observed import Observed, Segment
+from discrepancy.pauses import rest_ends
 from discrepancy.residuals import paired
 from discrepancy.unknowns import SEPARATOR
 from discrepancy.waves import highest_of, share_taken
@@ -166,16 +167,16 @@ def _shaken(
 
 
 def _breakaways(motion: RecordedMotion) -> list[tuple[float, float, float, float]]:
-    """Times from the record's start, s, forces, N, places, m, and directions of the breakaways of a recording."""
+    """Times from the record's start, s, forces, N, places, m, and directions of a recording's breakaways."""
     samples = motion.samples
     return [
         (
             float(samples.time_s[one.row] - samples.time_s[0]),
             float(samples.force_n[one.row]),
-            float(one.rest_m),
-            float(one.direction),
+            one.rest_m,
+            one.direction,
         )
-        for one in motion.phases.breakaways
+        for one in rest_ends(motion)
     ]
 
 

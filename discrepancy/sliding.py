@@ -9,6 +9,7 @@ the shape that it has: else what it leaves of the balance hides what comes besid
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -74,10 +75,18 @@ def sliding_starts(
             if best is None or share > best[0]:
                 best = (share, start, column)
         if best is not None:
-            values = _values(rows, fit, cause, (best[1], cause.held(setting)), best[2])
+            values = _values(rows, fit, _Added(cause, best[1], cause.held(setting), best[2]))
             if values is not None:
                 found[cause.name] = (best[0], values)
     return found
+
+
+def sliding_valve(rows: Sliding, fit: Fit) -> Values | None:
+    """Return the valve, with its causes, by the balance of forces in steady motion; None where that makes none.
+
+    What ends a motion adds nothing to it: it is the valve beside a travel stop, whatever the rests there made of a fit.
+    """
+    return _values(rows, fit, None)
 
 
 def steady_valve(rows: Sliding, fit: Fit) -> Values | None:
@@ -99,7 +108,7 @@ def steady_valve(rows: Sliding, fit: Fit) -> Values | None:
     if static_n is None:
         return None
     return {
-        **{one.own(one.strength): size / (spring if one.name in TIMES_K else 1.0) for one, _, size in terms},
+        **{one.own(one.strength): _strength(one, size, spring) for one, _, size in terms},
         **_usual(fit),
         "k": spring,
         "F_0": preload_n - _by_direction(fit) * coulomb_n,
@@ -139,14 +148,29 @@ def _without(basis: FloatArray, column: FloatArray) -> FloatArray:
     return np.asarray(column - basis @ (basis.T @ column))
 
 
-def _values(rows: Sliding, fit: Fit, cause: Cause, begun: tuple[Values, Values], column: FloatArray) -> Values | None:
-    """Values of the cause and of the valve by a fit of all of them; None where they are no valve's.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Added:
+    """A cause that comes to those in the valve: its start, what of it is held, and its term of strength 1, (n,)."""
 
-    ``begun``: the start of the cause, and what of it is held.
-    """
-    start, held = begun
+    cause: Cause
+    start: Values
+    held: Values
+    column: FloatArray
+
+    def strength(self, size: float, spring: float) -> Values:
+        """Its start with the strength that a term of this size is."""
+        return {**self.start, self.cause.strength: _strength(self.cause, size, spring)}
+
+
+def _strength(cause: Cause, size: float, spring: float) -> float:
+    return size / spring if cause.name in TIMES_K else size
+
+
+def _values(rows: Sliding, fit: Fit, added: _Added | None) -> Values | None:
+    """Values of the valve, and of a cause that comes to it, by a fit of all of them; None where they are no valve's."""
     present = _with_a_term(fit)
-    columns = np.column_stack([rows.base, *_present(rows, fit), column])
+    more = [] if added is None else [added.column]
+    columns = np.column_stack([rows.base, *_present(rows, fit), *more])
     scale = np.maximum(np.linalg.norm(columns, axis=0), _LEAST)
     solved = np.linalg.lstsq(columns / scale, rows.force_n, rcond=1.0e-9)[0] / scale
     spring, preload_n, coulomb_n, viscous = (float(value) for value in solved[:_PLAIN])
@@ -163,18 +187,17 @@ def _values(rows: Sliding, fit: Fit, cause: Cause, begun: tuple[Values, Values],
     if fast < _RATES_APART * slow or viscous <= 0.0:
         # one rate of ramps cannot tell F_v from F_c: both, and what goes with them, begin anew
         coulomb_n, viscous = (1.0 - _VISCOUS_SHARE) * kinetic_n, _VISCOUS_SHARE * kinetic_n / speed
-    terms = [(one, _own(fit, one)) for one in present] + [(cause, {**held, **start})]
+    terms = [(one, _own(fit, one)) for one in present]
+    terms += [] if added is None else [(added.cause, {**added.held, **added.start})]
     static_n = _static_friction(
         fit, [(*term, size) for term, size in zip(terms, sizes, strict=True)], spring, preload_n
     )
     if static_n is None:
         # the breakaway's excess over F_c stays: F_s at the reversals shifts with F_c
         static_n = coulomb_n + own["F_c"] * own["d"]
-    strengths = [size / spring if one.name in TIMES_K else size for (one, _), size in zip(terms, sizes, strict=True)]
     return {
-        **start,
-        **{one.own(one.strength): size for one, size in zip(present, strengths[:-1], strict=True)},
-        cause.strength: strengths[-1],
+        **{one.own(one.strength): _strength(one, size, spring) for one, size in zip(present, sizes, strict=False)},
+        **({} if added is None else added.strength(sizes[-1], spring)),
         "k": spring,
         "F_0": preload_n - _by_direction(fit) * coulomb_n,
         **_usual(fit),

@@ -97,6 +97,7 @@ class Cause:
     is_shy: bool = False  # usual tests show little of it, and others mimic that: always tried beside them
     is_slow: bool = False  # its motions take ten times as long: not tried once another leaves noise alone
     is_quick: bool = False  # its fit takes a third of the others' work, and takes nearly all or nothing
+    is_end: bool = False  # it ends motions, and the balance of forces in them is that of the valve without it
     is_periodic: bool = False  # it moves the stem to and fro: blurred residuals say nothing of it
     neutral: float | None = 0.0  # of the strength; None where the start does not grow out of the baseline
 

@@ -126,6 +126,7 @@ LOW_STOP: Final = Cause(
     held=lambda _setting: {"rate_n_per_m": 0.0},
     neutral=None,
     is_quick=True,
+    is_end=True,
 )
 HIGH_STOP: Final = Cause(
     "travel_stop_high",
@@ -137,6 +138,7 @@ HIGH_STOP: Final = Cause(
     held=lambda _setting: {"rate_n_per_m": 0.0},
     neutral=None,
     is_quick=True,
+    is_end=True,
 )
 
 

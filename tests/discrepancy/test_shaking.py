@@ -13,8 +13,10 @@ from discrepancy import shaking
 from discrepancy.baseline import baseline_unknowns, fit_baseline
 from discrepancy.causes.forces import AREA, VIBRATION
 from discrepancy.least_squares import Fit, descend, start_fit
+from discrepancy.locking import locked_forces
 from discrepancy.model import Model
 from discrepancy.observed import Observed, observe
+from discrepancy.pauses import rest_ends
 from discrepancy.periodic import along_strength, followed
 from discrepancy.screening import extended_model, refit, screen
 from discrepancy.setting import setting_of
@@ -165,3 +167,17 @@ def test_beside_another_cause_the_friction_in_motion_begins_anew_and_the_static_
     assert misfit(fit) < 1.1
     assert fit.values["F_c"] == pytest.approx(valve.coulomb_friction_n, rel=0.02)
     assert fit.values["vibration.force_n"] == pytest.approx(hidden["force_n"], rel=0.1)
+
+
+def test_slips_that_noise_runs_together_are_told_by_what_lies_between_the_jumps() -> None:
+    case = made(9008, "triangle")
+    hidden = case.hidden[0].parameters
+    observed = observe(case.recordings, case.nameplate)
+    assert isinstance(observed, Observed)
+    motion = observed.motions[0]
+    assert len(motion.phases.breakaways) == 2, "a window as wide as the noise asks for bridges the rests"
+    assert len(rest_ends(motion)) > 40
+    found = shaken_breakaways(observed, 3)
+    assert found[0].frequency_hz == pytest.approx(hidden["frequency_hz"], abs=5.0e-3)
+    assert found[0].static_n == pytest.approx(case.truth.parameters.static_friction_n, rel=0.02)
+    assert locked_forces(observed, 1.0e-3)[0].frequency_hz == pytest.approx(hidden["frequency_hz"], abs=5.0e-4)

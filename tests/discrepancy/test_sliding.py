@@ -5,12 +5,15 @@ from __future__ import annotations
 import pytest
 
 from discrepancy.baseline import fit_baseline
+from discrepancy.causes.forces import HIGH_STOP, LOW_STOP
 from discrepancy.least_squares import start_fit
 from discrepancy.observed import Observed, observe
 from discrepancy.registry import CAUSES
-from discrepancy.screening import extended_model
+from discrepancy.screening import extended_model, refit, screen
 from discrepancy.setting import setting_of
+from discrepancy.significance import misfit
 from discrepancy.sliding import sliding_rows, sliding_starts
+from tests.blind.cases import blind_case
 from tests.discrepancy.hidden import AREA_M2, FULL_PA, hidden, recorded_of
 from valve.diagnostic_waveform import diagnostic
 from valve.effects import effect_from_values
@@ -59,3 +62,21 @@ def test_the_balance_beside_a_cause_counts_that_cause_too() -> None:
     assert share > 0.8, "the spot is in the valve already: it must not hide the drift"
     assert start["change_n"] == pytest.approx(-60.0, rel=0.4)
     assert start["local_friction.rise_n"] == pytest.approx(300.0, rel=0.1)
+
+
+def test_a_stop_begins_with_the_valve_of_the_slides_and_not_with_what_its_rests_made_of_a_fit() -> None:
+    case = blind_case(9020, "triangle")
+    observed = observe(case.recordings, case.nameplate)
+    assert isinstance(observed, Observed)
+    plain = fit_baseline(observed)
+    assert plain is not None
+    true_rate = case.truth.parameters.spring_rate_n_per_m
+    assert plain.values["k"] > 1.02 * true_rate, "the rests at the stop are taken for those of a stiffer spring"
+    setting = setting_of(plain)
+    found, *_ = screen(plain, [LOW_STOP, HIGH_STOP], setting)
+    assert found.cause is LOW_STOP
+    assert found.balanced is not None
+    assert found.balanced["k"] == pytest.approx(true_rate, rel=1.0e-3)
+    fit = refit(plain, found, setting)
+    assert misfit(fit) < 1.3
+    assert fit.values["travel_stop_low.position_m"] == pytest.approx(case.hidden[0].parameters["position_m"], abs=1e-4)

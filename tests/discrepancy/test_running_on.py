@@ -1,0 +1,67 @@
+"""A stick-slip is searched from measured rest to measured rest, and judged with a stem that runs on through its own."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import pytest
+
+from discrepancy.baseline import fit_baseline
+from discrepancy.causes.base import Cause
+from discrepancy.causes.channels import READING_LAG
+from discrepancy.causes.friction import STRIBECK
+from discrepancy.finishing import finished
+from discrepancy.least_squares import Fit
+from discrepancy.observed import Observed, observe
+from discrepancy.running_on import running_on
+from discrepancy.screening import refit, screen
+from discrepancy.setting import setting_of
+from discrepancy.significance import is_significant, misfit, noise_factor
+from tests.blind.cases import blind_case
+
+made = cache(blind_case)
+
+
+@cache
+def plain(seed: int) -> Fit:
+    case = made(seed, "triangle")
+    observed = observe(case.recordings, case.nameplate)
+    assert isinstance(observed, Observed)
+    found = fit_baseline(observed)
+    assert found is not None
+    return found
+
+
+@cache
+def refitted(seed: int, cause: Cause) -> Fit:
+    setting = setting_of(plain(seed))
+    (candidate,) = screen(plain(seed), [cause], setting)
+    return refit(plain(seed), candidate, setting)
+
+
+def test_a_slow_reading_is_found_by_the_shape_of_single_slips_where_means_over_many_lead_nowhere() -> None:
+    fit = refitted(8965, READING_LAG)
+    assert misfit(fit) < 1.3
+    true_s = made(8965, "triangle").hidden[0].parameters["lag_s"]
+    assert fit.values["position_lag.lag_s"] == pytest.approx(true_s, rel=0.05)
+
+
+def test_a_stem_that_runs_on_leaves_noise_where_rests_that_a_slow_reading_moved_do_not() -> None:
+    fit = refitted(8965, READING_LAG)
+    assert noise_factor(fit) > 5.0
+    found = finished(fit)
+    assert noise_factor(found) < 1.1
+    assert found.cost < fit.cost - 1000.0
+    assert not any(one.rest_m.size for one in found.model.observed.segments)
+
+
+def test_a_stem_that_is_out_of_phase_keeps_its_measured_rests() -> None:
+    fit = plain(9008)
+    assert running_on(fit) is fit
+
+
+def test_a_falling_friction_begins_near_enough_to_a_wide_limit_to_be_in_phase() -> None:
+    fit = refitted(8968, STRIBECK)
+    assert is_significant(plain(8968), fit)
+    true = made(8968, "triangle").hidden[0].parameters["speed_m_per_s"]
+    assert fit.values["stribeck_friction.speed_m_per_s"] == pytest.approx(true, rel=0.1)
