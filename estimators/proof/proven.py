@@ -65,12 +65,12 @@ def _judged(estimate: Estimate, own: Place, proofs: list[Proof], seen: WholeMoti
             by_delay=float(by_delay[place]),
             scale=scale.get(symbol),
         )
-    hidden_n = max(hidden_block_jumps_n(seen, proof.place, motion) for proof in proofs)
+    hidden_n = max(hidden_block_jumps_n(seen, proof.place, motion, own.cost) for proof in proofs)
     if hidden_n > 0.0:
         parameters = _without_jumps(parameters, hidden_n, seen, own)
     if seen.is_stepped and parameters["DV"].value is not None:
         parameters["DV"] = absent(_STEPPED)
-    if _may_creep(estimate, parameters, own, motion):
+    if _may_creep(estimate, parameters, motion):
         parameters["F_c"] = absent(_CREEPING)
     ratio = seen.ratio(own.cost)
     return _with_status(replace(estimate, parameters=parameters), estimate, ratio)
@@ -91,19 +91,21 @@ def _without_jumps(
     return kept
 
 
-def _may_creep(
-    estimate: Estimate, parameters: dict[str, ParameterEstimate], own: Place, motion: RecordedMotion
-) -> bool:
+def _may_creep(estimate: Estimate, parameters: dict[str, ParameterEstimate], motion: RecordedMotion) -> bool:
     """Whether the friction in motion may be F_s: at one speed, without a slip jump, and with an F_v that does not show.
 
-    A stem slower than DV feels F_s alone, so that its motion says nothing of F_c.
+    A stem slower than DV feels F_s alone, so that its motion says nothing of F_c. A slip jump is seen where F_s is
+    known to be above.
     """
     if parameters["F_v"].value is not None or parameters["DV"].value is not None:
         return False
     if motion.uniform is None or motion.uniform.viscous_n_s_per_m is not None:
         return False
     friction = float(estimate.diagnostics.get("raw", {}).get("A", math.nan))
-    return float(own.values[SYMBOLS.index("F_s")]) < (1.0 + _NO_JUMP) * friction
+    static = parameters["F_s"]
+    if static.value is None or static.std_error is None:
+        return True
+    return static.value - _AGREES * static.std_error < (1.0 + _NO_JUMP) * friction
 
 
 def _widened(
