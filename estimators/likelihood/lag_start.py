@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from itertools import product
 from typing import Final
@@ -21,13 +22,14 @@ _HALVED: Final = (0.2, 0.07, 0.02, 0.007)  # steps about the best, of the lag, a
 _ROUNDS: Final = 4  # so often at most
 _FEWEST: Final = 8  # breakaways, of five unknowns
 _ENOUGH: Final = 200
+_TOLD: Final = 1.5  # between the longest and the shortest delay that chance leaves
 
 
 def started_behind_lag(path: TransducerPath, motion: RecordedMotion) -> tuple[TransducerPath, RecordedMotion]:
     """Return the path that begins at the lag and dead time of the breakaways, and the motion under its force.
 
     At each breakaway F = k x + F_0 +- F_s; the force of a wrong lag is off it, the more the faster the ramp and the
-    nearer its corner. Both as they are where too few breakaways tell, or tell nothing better than no lag.
+    nearer its corner. Both as they are where too few breakaways tell, or leave several delays.
     """
     best = _lowest(path, motion)
     if best is None:
@@ -52,12 +54,16 @@ def _lowest(path: TransducerPath, motion: RecordedMotion) -> tuple[float, float]
             middle, before = best, least
             for longer, later in product(_CLOSER, _CLOSER):
                 pair = middle[0] * (1.0 + step * longer), max(middle[1] + step * middle[0] * later, 0.0)
-                off = _off(path, motion, pair)
-                if off < least:
-                    best, least = pair, off
+                found[pair] = _off(path, motion, pair)
+                if found[pair] < least:
+                    best, least = pair, found[pair]
             if least == before:
                 break
-    return best if least < _off(path, motion, (0.0, 0.0)) else None
+    # on ramps of one rate any delay may do, with another F_s
+    alike = least * (1.0 + 1.0 / math.sqrt(2.0 * len(taken)))
+    delays_s = [sum(pair) for pair, off in found.items() if off <= alike]
+    is_told = max(delays_s) < _TOLD * min(delays_s)
+    return best if is_told and least < _off(path, motion, (0.0, 0.0)) else None
 
 
 def _off(path: TransducerPath, motion: RecordedMotion, pair: tuple[float, float]) -> float:
