@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -182,8 +183,9 @@ def _rests(observed: Observed, late_s: float) -> Rests | None:
     ends = [one for segment, motion in paired(observed) for one in _ended(segment, motion, late_s)]
     if len(ends) < _FEWEST:
         return None
-    # noise splits a slip, and what parts it is no rest
-    least_s = _REST_SHARE * float(np.quantile([one.lasted_s for one in ends], 0.9))
+    # noise splits a slip, and what parts it is no rest; one at a turn of the force is ten times as long as a step's
+    on_the_way = [one.lasted_s for before, one in pairwise(ends) if one.sense == before.sense]
+    least_s = _REST_SHARE * float(np.quantile(on_the_way or [one.lasted_s for one in ends], 0.9))
     ends = [one for one in ends if one.lasted_s > least_s]
     if len(ends) < _FEWEST:
         return None

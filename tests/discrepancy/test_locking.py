@@ -77,3 +77,14 @@ def test_a_stem_that_slides_has_too_few_breakaways_to_lock() -> None:
     observed = observe(case.recordings, case.nameplate)
     assert isinstance(observed, Observed)
     assert locked_forces(observed, 1.0e-3) == []
+
+
+def test_a_few_steps_a_ramp_are_no_shreds_beside_the_rests_at_its_turns() -> None:
+    """Nine steps of 0.8 s lie between rests of 8 s: they were left out as what noise makes of one slip."""
+    case = blind_case(9071, "triangle")
+    observed = observe(case.recordings, case.nameplate)
+    assert isinstance(observed, Observed)
+    hidden = case.hidden[0].parameters
+    found = locked_forces(observed, 1.2e-3)
+    assert found[0].frequency_hz == pytest.approx(hidden["frequency_hz"], rel=5.0e-4)
+    assert found[0].force_n == pytest.approx(hidden["force_n"], rel=0.3)
