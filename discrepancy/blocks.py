@@ -23,9 +23,9 @@ _ENOUGH: Final = 100
 class Blocks:
     """The blocks of one recording."""
 
-    def __init__(self, samples: Samples, phases: Phases, noise_m: float) -> None:
-        """Find where this motion is fast beside the sensor's noise, m."""
-        length_s = _length(samples, phases, noise_m)
+    def __init__(self, samples: Samples, phases: Phases, noise_m: float, longest_s: float = math.inf) -> None:
+        """Find where this motion is fast beside the sensor's noise, m; no block is longer than ``longest_s``."""
+        length_s = min(_length(samples, phases, noise_m), longest_s)
         self._samples, self._rows = samples, max(1, round(length_s / samples.period_s))
         self._fast = _fast(samples, phases, noise_m, length_s)
 

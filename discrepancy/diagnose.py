@@ -15,6 +15,7 @@ from discrepancy.causes.friction import ASYMMETRY
 from discrepancy.choice import Choice
 from discrepancy.diagnosis import Diagnosis, Finding, Verdict
 from discrepancy.doubts import doubt
+from discrepancy.fine_rows import told_from
 from discrepancy.force_diagnosis import diagnose_forces
 from discrepancy.gain import Gain, held_out_gain, left_out_gain
 from discrepancy.gauge_tone import gauge_tone
@@ -110,12 +111,13 @@ def diagnose(
         choice = choose(baseline, known, lambda share, phase: tell(0.15 + 0.65 * share, phase))
         choice = at_the_lowest(choice)
         tell(0.8, "measuring the gain")
-        found = _concluded(choice, nameplate, held_out, standing)
+        found = _concluded(choice, recordings, nameplate, held_out, standing)
         return with_pressure_findings(found, choice.best, recordings, nameplate, held_out)
 
 
 def _concluded(
     choice: Choice,
+    recordings: Sequence[Recording],
     nameplate: Nameplate,
     held_out: Sequence[tuple[str, Recording]],
     standing: Standing | None = None,
@@ -137,7 +139,8 @@ def _concluded(
     if undone:
         return Diagnosis(Verdict.UNEXPLAINED, undone, **pictures)
     findings = [] if standing is None else standing.findings(best)
-    own = [finding_of(best, baseline, cause) for cause in choice.causes]
+    fine = told_from(best, recordings, nameplate)
+    own = [finding_of(best, fine, baseline, cause) for cause in choice.causes]
     if any(may_be_nothing(cause, one.parameters) for cause, one in zip(choice.causes, own, strict=True)):
         message = (
             f"{_listed(choice.causes)} would explain the misfit, and its strength is known so badly that it may be "
@@ -181,7 +184,7 @@ def _concluded(
         tuple(rivals),
         tuple(gains),
         after=show(best),
-        extended=best,
+        extended=fine,
         rival_fits=tuple(rival_fits),
         **pictures,
     )
@@ -223,9 +226,9 @@ def explains(fit: Fit, baseline: Fit | None = None) -> bool:
     return noise_factor(fit) < _LARGEST_FACTORS[min(causes, len(_LARGEST_FACTORS) - 1)]
 
 
-def finding_of(best: Fit, baseline: Fit, cause: Cause) -> Finding:
-    """Return a cause with its sentence, its parameters and the share of the misfit that all causes explain."""
-    values = fitted_values(best, cause)
+def finding_of(best: Fit, fine: Fit, baseline: Fit, cause: Cause) -> Finding:
+    """Return a cause with its sentence, its parameters by ``fine``, and the share of the misfit that all explain."""
+    values = fitted_values(fine, cause)
     sentence = cause.sentence(values, setting_of(best))
     share = 1.0 - excess(best) / max(excess(baseline), excess(best), 1.0e-12)
     return Finding(cause.name, sentence, cause.action, values, min(max(share, 0.0), 1.0))

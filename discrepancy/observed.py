@@ -121,8 +121,8 @@ class Observed:
         return residual if self.spread is None else residual - self.spread @ (self.spread.T @ residual)
 
 
-def observe(recordings: Sequence[Recording], nameplate: Nameplate) -> Observed | Outcome:
-    """Return what these recordings of one valve hold for a fit, or the outcome that says why one does not."""
+def observe(recordings: Sequence[Recording], nameplate: Nameplate, longest_s: float = math.inf) -> Observed | Outcome:
+    """Return what these recordings hold for a fit in blocks of up to ``longest_s``, or the outcome why one does not."""
     segments: list[Segment] = []
     motions: list[RecordedMotion] = []
     deviations: list[tuple[Corners, ...]] = []
@@ -142,7 +142,7 @@ def observe(recordings: Sequence[Recording], nameplate: Nameplate) -> Observed |
         if own_delay is not None and own_delay.prior_sd > _UNKNOWN_DELAY_PERIODS * period_s:
             delay = own_delay
         timing_s = recording.provenance.timing_uncertainty_s or 0.0
-        own = _segments(motion, path, noise_m, max(timing_s, _TIMING_SHARE * period_s))
+        own = _segments(motion, path, noise_m, max(timing_s, _TIMING_SHARE * period_s), longest_s)
         deviations = [(*one, *(_corners(segment) for segment in own)) for one in deviations]
         before = [_corners(segment) for segment in segments]
         deviations += [
@@ -229,13 +229,15 @@ def _full_force(nameplate: Nameplate) -> float | None:
     return None if area_m2 is None or signal is None else area_m2 * signal.range_pa[1]
 
 
-def _segments(motion: RecordedMotion, path: InputPath, noise_m: float, timing_s: float) -> list[Segment]:
+def _segments(
+    motion: RecordedMotion, path: InputPath, noise_m: float, timing_s: float, longest_s: float
+) -> list[Segment]:
     samples, phases = motion.samples, motion.phases
     neutral = np.zeros(len(path.nuisances))
     corner_s, corner_n = path.corners(neutral)
     corner_n = flat_where_held(corner_n)
     starts = [0, *(int(row) for row in np.searchsorted(samples.time_s, path.breaks_s[:, 1])), samples.count]
-    firsts = Blocks(samples, phases, noise_m)
+    firsts = Blocks(samples, phases, noise_m, longest_s)
     rest_row, rest_m, rest_sense = _stick_slip_rests(motion)
     instants_m = _timing_errors(motion, noise_m)
     found = []
