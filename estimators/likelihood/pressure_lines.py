@@ -9,8 +9,9 @@ from typing import Final
 import numpy as np
 
 from estimators.base import Outcome
+from estimators.likelihood.answered_lines import answered_corners
 from estimators.likelihood.nuisance import Nuisance
-from estimators.likelihood.stretches import ROWS_A_STEP, Corners, Stretch, find_stretches
+from estimators.likelihood.stretches import ROWS_A_STEP, Corners, KnownCorners, Stretch, find_stretches
 from estimators.samples import FloatArray
 from valve.recording import Acquisition, Recording
 
@@ -95,16 +96,23 @@ def measured_path(recording: Recording, force_n: FloatArray) -> MeasuredPath | O
     more than the noise, as an I/P makes them, and else cubics; they are drawn with chords. Where values
     are missing the pieces on both sides are drawn on to their crossing; where they do not cross, where more than
     0.5 s (and 25 rows) are missing about a corner, or where time jumps by 5 periods without a row (as between two
-    recordings that were put together) there is a break.
+    recordings that were put together) there is a break. A polled pressure that its command tells between the rows
+    is drawn as that has it, through all gaps.
     """
+    answered = answered_corners(recording, force_n)
+    if answered is not None:
+        return MeasuredPath((KnownCorners(*answered),), _delay(recording), 0.0, np.empty((0, 2)))
     found = find_stretches(recording, force_n, ROWS_A_STEP)
     if isinstance(found, Outcome):
         return found
     stretches, breaks_s, noise_n = found
+    return MeasuredPath(stretches, _delay(recording), noise_n, breaks_s)
+
+
+def _delay(recording: Recording) -> Nuisance:
     period_s = recording.sample_period_s
     most_s = max(_DELAY_PERIODS * period_s, _DELAY_S)
-    delay = Nuisance("delay_s", 0.0, 0.1 * period_s, -most_s, most_s, delay_prior_s(recording))
-    return MeasuredPath(stretches, delay, noise_n, breaks_s)
+    return Nuisance("delay_s", 0.0, 0.1 * period_s, -most_s, most_s, delay_prior_s(recording))
 
 
 def delay_prior_s(recording: Recording) -> float:
