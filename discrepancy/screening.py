@@ -10,7 +10,7 @@ from typing import Final
 from discrepancy import periodic
 from discrepancy.baseline import DYNAMIC, FIRST_RISES, STATIC_SCAN, scanned
 from discrepancy.causes.base import Cause, Setting, Values
-from discrepancy.causes.friction import STRIBECK
+from discrepancy.causes.friction import LOCAL, STRIBECK
 from discrepancy.falling_friction import (
     along_valley,
     from_first_slips,
@@ -23,7 +23,7 @@ from discrepancy.model import Model
 from discrepancy.periodic import has_place
 from discrepancy.projected import Projected
 from discrepancy.significance import excess, is_noise, is_significant, misfit
-from discrepancy.sliding import sliding_rows, sliding_starts, sliding_valve
+from discrepancy.sliding import sliding_rows, sliding_starts, sliding_valve, spots_at_rests
 from estimators.samples import FloatArray
 
 # Blurred residuals have one basin where sharp ones have many (docs/diagnosis.md).
@@ -66,6 +66,8 @@ def screen(fit: Fit, causes: Iterable[Cause], setting: Setting) -> list[Candidat
         begun = cause.starts(setting)
         if cause.is_end and beside_stop is not None:
             begun += [{**beside_stop, **start} for start in begun]
+        if cause is LOCAL and rows is not None:
+            begun += spots_at_rests(rows, fit, setting)
         for start in begun:
             residual = _with(fit, cause, start, setting)
             if residual is None:

@@ -8,8 +8,10 @@ the shape that it has: else what it leaves of the balance hides what comes besid
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Final
 
 import numpy as np
@@ -24,15 +26,20 @@ from estimators.samples import FloatArray
 
 _SLOWER: Final = 0.5  # of the speed at which the force leads the stem: slower is a start or an end
 _FASTER: Final = 2.0  # than it: beyond is a slip
-_FEWEST_ROWS: Final = 200
+_FEWEST_ROWS: Final = 100
 _FEWEST_SHARE: Final = 0.2  # of the blocks in motion
-_MARGIN: Final = 12  # blocks about a start or an end of steady motion
+_MARGIN: Final = 12  # blocks about a start or an end of steady motion, as the most
+_MARGIN_S: Final = 0.12
 _LEAST: Final = 1.0e-12
 _PLAIN: Final = 4  # columns of the plain valve
 _FEWEST_BREAKAWAYS: Final = 4
 _EARLY: Final = 0.25
 _RATES_APART: Final = 1.5  # times: the fast ramps' speed over the slow ones', from which on F_v is told from F_c
 _VISCOUS_SHARE: Final = 0.05  # of the friction in motion
+_SPOTS: Final = 2
+_LEAST_RISE: Final = 0.03  # of F_s, that a breakaway at a tight spot needs more
+_SPOT_WIDTH: Final = 0.02  # of the travel that was swept
+_VISCOUS_SHARES: Final = (0.05, 0.003)  # of the friction in motion: a stem in grease, and a dry one that jumps
 
 
 def sliding_rows(fit: Fit) -> Sliding | None:
@@ -42,7 +49,9 @@ def sliding_rows(fit: Fit) -> Sliding | None:
     # a stem that slides follows the ramp at F'/k, whichever rate the ramp has
     ramp = np.abs(at["force rate"]) / fit.values["k"]
     steady = moving & (speed > _SLOWER * ramp) & (speed < _FASTER * ramp)
-    held = np.convolve((~steady).astype(np.float64), np.ones(2 * _MARGIN + 1), mode="same") > 0.5
+    # polled rows are further apart than blocks are: a dozen of them about each end would leave none of a fast ramp
+    margin = min(_MARGIN, math.ceil(_MARGIN_S / fit.model.observed.motions[0].samples.period_s))
+    held = np.convolve((~steady).astype(np.float64), np.ones(2 * margin + 1), mode="same") > 0.5
     rows = np.flatnonzero(~held)
     if rows.size < max(_FEWEST_ROWS, _FEWEST_SHARE * np.count_nonzero(moving)):
         return None
@@ -116,6 +125,34 @@ def steady_valve(rows: Sliding, fit: Fit) -> Values | None:
         "F_v": viscous,
         "d": max(static_n / coulomb_n - 1.0, 0.0),
     }
+
+
+def spots_at_rests(rows: Sliding, fit: Fit, setting: Setting) -> list[Values]:
+    """Return tight spots by the breakaways that overcame most, beyond F_s, each with the valve by the balance.
+
+    A stem that a spot has stopped is not seen to slide there: where it rests is the spot, and what lets it go its rise.
+    """
+    scale = np.maximum(np.linalg.norm(rows.base, axis=0), _LEAST)
+    solved = np.linalg.lstsq(rows.base / scale, rows.force_n, rcond=1.0e-9)[0] / scale
+    spring, preload_n, coulomb_n, viscous = (float(value) for value in solved)
+    speed = float(np.median(np.abs(rows.velocity)))
+    kinetic_n = coulomb_n + viscous * speed
+    if fit.model.causes or not (spring > 0.0 and kinetic_n > 0.0):
+        return []
+    needed_n, place_m = _needed(fit, (), spring, preload_n)
+    if needed_n.size < _FEWEST_BREAKAWAYS:
+        return []
+    static_n = float(np.quantile(needed_n, _EARLY))
+    highest = np.argsort(needed_n)[::-1][:_SPOTS]
+    found: list[Values] = []
+    for one, viscous_share in product(highest, _VISCOUS_SHARES):
+        rise_n, coulomb_n = float(needed_n[one]) - static_n, (1.0 - viscous_share) * kinetic_n
+        if rise_n > _LEAST_RISE * static_n:
+            spot = {"rise_n": rise_n, "centre_m": float(place_m[one]), "width_m": _SPOT_WIDTH * setting.swept_m}
+            viscous = viscous_share * kinetic_n / speed
+            valve = {"k": spring, "F_0": preload_n, "F_c": coulomb_n, "F_v": viscous, "d": static_n / coulomb_n - 1.0}
+            found.append({**spot, **_usual(fit), **valve, "d": max(valve["d"], 0.0)})
+    return found
 
 
 def _usual(fit: Fit) -> Values:
@@ -214,7 +251,16 @@ def _static_friction(
 
     A low quantile over all breakaways: the first is harder than the others, and on a fast ramp they are seen late.
     """
-    needed: list[float] = []
+    needed_n = _needed(fit, terms, spring, preload_n)[0]
+    return float(np.quantile(needed_n, _EARLY)) if needed_n.size >= _FEWEST_BREAKAWAYS else None
+
+
+def _needed(
+    fit: Fit, terms: Sequence[tuple[Cause, Values, float]], spring: float, preload_n: float
+) -> tuple[FloatArray, FloatArray]:
+    """Friction that each breakaway overcame, N, and the place of its rest, m, both shape (b,)."""
+    needed: list[FloatArray] = []
+    places: list[FloatArray] = []
     for motion in fit.model.observed.motions:
         samples, breakaways = motion.samples, motion.phases.breakaways
         place = np.array([one.row for one in breakaways], dtype=np.int64)
@@ -224,5 +270,6 @@ def _static_friction(
         left_n = rows.force_n - spring * rest_m - preload_n
         for cause, own, size in terms:
             left_n = left_n - size * COLUMNS[cause.name](rows, own)
-        needed += (sense * left_n).tolist()
-    return float(np.quantile(needed, _EARLY)) if len(needed) >= _FEWEST_BREAKAWAYS else None
+        needed.append(sense * left_n)
+        places.append(rest_m)
+    return np.concatenate(needed), np.concatenate(places)

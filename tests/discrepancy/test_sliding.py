@@ -12,7 +12,7 @@ from discrepancy.registry import CAUSES
 from discrepancy.screening import extended_model, refit, screen
 from discrepancy.setting import setting_of
 from discrepancy.significance import misfit
-from discrepancy.sliding import sliding_rows, sliding_starts
+from discrepancy.sliding import sliding_rows, sliding_starts, spots_at_rests
 from tests.blind.cases import blind_case
 from tests.discrepancy.hidden import AREA_M2, FULL_PA, hidden, recorded_of
 from valve.diagnostic_waveform import diagnostic
@@ -80,3 +80,30 @@ def test_a_stop_begins_with_the_valve_of_the_slides_and_not_with_what_its_rests_
     fit = refit(plain, found, setting)
     assert misfit(fit) < 1.3
     assert fit.values["travel_stop_low.position_m"] == pytest.approx(case.hidden[0].parameters["position_m"], abs=1e-4)
+
+
+def test_fast_ramps_of_polled_rows_tell_friction_that_grows_with_pressure() -> None:
+    case = blind_case(8909, "polled")
+    observed = observe(case.recordings, case.nameplate)
+    assert isinstance(observed, Observed)
+    fit = fit_baseline(observed)
+    assert fit is not None
+    rows = sliding_rows(fit)
+    assert rows is not None, "about each start and end 12 rows of 20 ms were left out"
+    share, start = sliding_starts(rows, fit, list(CAUSES.values()), setting_of(fit))["pressure_dependent_friction"]
+    assert share > 0.9
+    assert start["share"] == pytest.approx(case.hidden[0].parameters["share"], rel=0.05)
+
+
+def test_a_spot_that_stops_the_stem_is_found_where_it_rests() -> None:
+    case = blind_case(8969, "polled")
+    observed = observe(case.recordings, case.nameplate)
+    assert isinstance(observed, Observed)
+    fit = fit_baseline(observed)
+    assert fit is not None
+    rows = sliding_rows(fit)
+    assert rows is not None
+    spot = spots_at_rests(rows, fit, setting_of(fit))[0]
+    hidden = case.hidden[0].parameters
+    assert spot["rise_n"] == pytest.approx(hidden["rise_n"], rel=0.1)
+    assert abs(spot["centre_m"] - hidden["centre_m"]) < hidden["width_m"]
