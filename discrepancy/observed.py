@@ -13,7 +13,7 @@ import numpy as np
 from discrepancy.beginning import beginning, last_motion
 from discrepancy.blocks import Blocks
 from discrepancy.force_corners import Corners, corners_from, deviations_of, flat_where_held, unresolved_variance
-from discrepancy.pace import speeds
+from discrepancy.pace import timing_doubts
 from discrepancy.pauses import pauses
 from estimators.base import Outcome
 from estimators.likelihood.input_path import CommandedPath, InputPath, Nuisance, input_path
@@ -27,9 +27,6 @@ from valve.nameplate import Nameplate
 from valve.recording import Recording
 
 # Own choices, from valves without and with hidden effects (docs/diagnosis.md).
-# Timing that nobody vouches for, as a share of the period: else the few samples of a slip outweigh all others.
-_TIMING_SHARE: Final = 0.2
-_BESIDE: Final = 2  # rows before and after one, over which its speed may change
 _STEPS_A_TURN: Final = 3.0  # rests for each turn of the force, from which on the motion is a stick-slip
 _NO_NOISE: Final = 1.0e-7  # of the travel: a position without noise is still only as good as its model
 _MAY_BE_A_STAIRCASE: Final = (Outcome.NEVER_MOVED, Outcome.NO_UNIFORM_MOTION)
@@ -142,7 +139,7 @@ def observe(recordings: Sequence[Recording], nameplate: Nameplate, longest_s: fl
         period_s = motion.samples.period_s
         if own_delay is not None and own_delay.prior_sd > _UNKNOWN_DELAY_PERIODS * period_s:
             delay = own_delay
-        doubts_m = _timing_doubts(motion, recording.provenance.timing_uncertainty_s)
+        doubts_m = timing_doubts(motion, recording.provenance.timing_uncertainty_s)
         own = _segments(motion, path, noise_m, doubts_m, longest_s)
         deviations = [(*one, *(_corners(segment) for segment in own)) for one in deviations]
         before = [_corners(segment) for segment in segments]
@@ -228,20 +225,6 @@ def _doubt_in_noises(motion: RecordedMotion, path: InputPath, noise_m: float) ->
 def _full_force(nameplate: Nameplate) -> float | None:
     area_m2, signal = nameplate.actuator.diaphragm_area_m2, nameplate.signal
     return None if area_m2 is None or signal is None else area_m2 * signal.range_pa[1]
-
-
-def _timing_doubts(motion: RecordedMotion, vouched_s: float | None) -> FloatArray:
-    """What the instants of the rows leave unknown of each position, m, (n,), ``vouched_s`` being what is said of it.
-
-    A delay that all rows share is fitted: where the stem is steady, what is said of them is all that is left. Where its
-    speed changes from row to row, as in a slip, the instant of the change is no better known than nobody's word.
-    """
-    unsaid_s, speed = _TIMING_SHARE * motion.samples.period_s, speeds(motion)
-    if vouched_s is None:
-        return np.asarray(speed * unsaid_s)
-    near = np.lib.stride_tricks.sliding_window_view(np.pad(speed, _BESIDE, mode="edge"), 2 * _BESIDE + 1)
-    changed = near.max(axis=1) - near.min(axis=1)
-    return np.asarray(np.hypot(speed * vouched_s, changed * max(unsaid_s, vouched_s)))
 
 
 def _segments(
