@@ -9,7 +9,8 @@ from typing import Final
 import numpy as np
 
 from estimators.base import Estimate, Outcome, failed, measured
-from estimators.likelihood.conclusion import conclude, ramps_of, searched_model
+from estimators.likelihood.conclusion import conclude, ramps_of
+from estimators.likelihood.delay import searched_model
 from estimators.likelihood.force_recording import estimate_force_recording
 from estimators.likelihood.hopping import Hopping
 from estimators.likelihood.input_errors import hopped_anew, refit, searched_anew, step_instants, with_input_errors

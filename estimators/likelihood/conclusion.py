@@ -23,7 +23,7 @@ from estimators.base import (
 from estimators.identifiability.bound import Knowledge
 from estimators.likelihood.all_rows import EXACT, certified
 from estimators.likelihood.arrival import arrived, led_to
-from estimators.likelihood.delay import DELAY, Weighed, at_one_instant, delayed, says_nothing, weigh
+from estimators.likelihood.delay import DELAY, Weighed, delayed, says_nothing, weigh
 from estimators.likelihood.intervals import CHECKED, Flatness, Ramps, flat_errors, inflation, known, natural_values
 from estimators.likelihood.micro_jumps import hidden_micro_jumps_n
 from estimators.likelihood.model import StemModel
@@ -230,11 +230,6 @@ def _residuals(model: StemModel, point: FloatArray) -> FloatArray:
     if residual is None:
         raise RuntimeError("the fitted valve cannot be followed any more")  # it was, in the search
     return residual
-
-
-def searched_model(problem: Problem, period_s: float) -> StemModel:
-    """Return the model that is searched: without a delay first, where the recording does not tell of one."""
-    return at_one_instant(problem.model, period_s) if says_nothing(problem.model, period_s) else problem.model
 
 
 def ramps_of(motion: RecordedMotion) -> Ramps:

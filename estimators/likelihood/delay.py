@@ -18,12 +18,14 @@ from estimators.likelihood.elimination import descend_with_errors
 from estimators.likelihood.intervals import Ramps, known, natural_values
 from estimators.likelihood.mixture import mixed, reaching
 from estimators.likelihood.model import StemModel
+from estimators.likelihood.problem import Problem
 from estimators.samples import FloatArray
 
 DELAY: Final = "delay_s"
 # A file has one time a row, so that a delay is the exception: it has one chance in twenty beforehand.
 _FREE_BEFOREHAND: Final = 0.05
 _ONE_INSTANT: Final = 0.005  # of a period: what remains where both channels are read at one instant
+_BELIEVED: Final = 5.0  # standard deviations: by chance one in two million is further off
 _DECIDED: Final = 0.01
 _STEPS: Final = 15
 _LAST_STEPS: Final = 4
@@ -48,6 +50,13 @@ class Weighed:
     weight: float
 
 
+def searched_model(problem: Problem, period_s: float) -> StemModel:
+    """Return the model that is searched: without a delay first, where the recording does not tell of one."""
+    if says_nothing(problem.model, period_s):
+        return at_one_instant(problem.model, period_s)
+    return within_belief(problem.model) if problem.jumps else problem.model
+
+
 def at_one_instant(model: StemModel, period_s: float) -> StemModel:
     """Return the model in which the channels are read at one instant."""
     entries = tuple(
@@ -61,6 +70,25 @@ def delayed(model: StemModel, free: StemModel) -> StemModel:
     """Return the model with the delay as free as it is in ``free``."""
     own = {entry.name: entry for entry in free.coordinates.entries}
     entries = tuple(own[DELAY] if entry.name == DELAY else entry for entry in model.coordinates.entries)
+    return replace(model, coordinates=Coordinates(entries))
+
+
+def within_belief(model: StemModel) -> StemModel:
+    """Return the model whose delay is no further off than 5 standard deviations of what the recording says of it.
+
+    A wrong trial falls out of step with the measured jumps, and a delay of a period puts it beside the next ones: that
+    gains more than the delay's prior costs, so that both searches may end there.
+    """
+    entries = tuple(
+        replace(
+            entry,
+            lower=max(entry.lower, entry.prior - _BELIEVED * entry.prior_sd),
+            upper=min(entry.upper, entry.prior + _BELIEVED * entry.prior_sd),
+        )
+        if entry.name == DELAY
+        else entry
+        for entry in model.coordinates.entries
+    )
     return replace(model, coordinates=Coordinates(entries))
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from estimators.base import Outcome
 from estimators.likelihood.arrival import arrived, left_to_gain
-from estimators.likelihood.conclusion import searched_model
+from estimators.likelihood.delay import searched_model
 from estimators.likelihood.hopping import Hopping
 from estimators.likelihood.input_path import input_path
 from estimators.likelihood.problem import pose

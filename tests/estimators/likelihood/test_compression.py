@@ -10,7 +10,7 @@ from estimators.base import Outcome
 from estimators.likelihood.block_kernel import straight_blocks
 from estimators.likelihood.certificate import certify
 from estimators.likelihood.compression import compressed
-from estimators.likelihood.conclusion import searched_model
+from estimators.likelihood.delay import searched_model
 from estimators.likelihood.input_path import input_path
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.problem import pose

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from estimators.base import NORMAL_95, Status
 from estimators.identifiability.bound import Knowledge
-from estimators.likelihood.delay import _is_of_one_clock
+from estimators.likelihood.delay import DELAY, _is_of_one_clock, delayed, searched_model
 from estimators.likelihood.mixture import reaching
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
+from tests.estimators.likelihood.posed import posed
 from tests.estimators.random_valves import random_test
 
 SEED = 2103  # the pressure is read 0.18 periods late; without a delay a DV 15 times too large fits nearly as well
 DELAYED = 2306  # the pressure is read 0.25 periods late: without a delay the rows misfit wherever the stem accelerates
 HASTY = 2685  # overdamped: what a delay of a tenth of a period does, a third of m does
+DENIED = 2583  # polled, its channels read within 62 us of each other; 561 jumps
 FOLLOWING = 2126  # overdamped, at 5 ms: a delay of 0.3 periods and 1.5 % of F_v are one
 
 
@@ -67,6 +71,24 @@ def test_a_fit_with_a_delay_is_judged_by_what_it_leaves_with_the_delay() -> None
     assert estimate.diagnostics["weight_of_delay"] > 0.99
     for symbol in ("m", "k", "F_v", "F_c", "F_s", "F_0"):
         assert estimate.value(symbol) == pytest.approx(truth[symbol], rel=0.01), symbol
+
+
+def test_a_stem_that_jumps_is_searched_with_no_delay_that_its_recording_denies() -> None:
+    # of a 5 ms period: 4.7 ms were found, 76 times what its polling says, and all but k wrong
+    problem, motion = posed(DENIED)
+    period_s = motion.samples.period_s
+    told_s = random_test(DENIED).recording.provenance.timing_uncertainty_s
+    assert told_s is not None
+    searched = searched_model(problem, period_s).coordinates
+    values = problem.trials[0].values
+    for late_s in (period_s, -period_s):
+        delay_s = searched.values(searched.point(values | {DELAY: late_s}))[DELAY]
+        assert delay_s == pytest.approx(np.copysign(5.0 * told_s, late_s))
+    # one that slides may have a position or a pressure that lags; a file that tells nothing may have any delay
+    assert searched_model(replace(problem, jumps=False), period_s) is problem.model
+    silent = delayed(problem.model, posed(SEED)[0].model)
+    silent_searched = searched_model(replace(problem, model=silent), period_s).coordinates
+    assert silent_searched.values(silent_searched.point(values | {DELAY: period_s}))[DELAY] == pytest.approx(period_s)
 
 
 def test_intervals_reach_other_values_along_the_line_to_them() -> None:

@@ -51,7 +51,7 @@ def test_a_stem_that_chatters_too_often_to_be_followed_is_tried_with_a_lower_lim
 
 
 # 24 jumps in 1162 rows, 34 in 3083: the second search ended for want of work, so that only k and F_0 were given.
-# 2583: the first one ended 126,000 above the second, to which one from the rivals of the best comes back.
+# 2583: the first one ends 630,000 above the second, to which one from the rivals of the best comes back.
 @pytest.mark.parametrize(
     ("seed", "symbols"),
     [(2327, ("m", "F_s")), (2334, ("m", "F_v", "F_c", "F_s")), (2583, ("m", "F_v", "F_c", "F_s"))],
