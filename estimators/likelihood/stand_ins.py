@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -33,6 +34,7 @@ _AT_BOUND: Final = 0.01  # of a logarithm
 _TRIED: Final = ((1.05, 3.0), (1.4, 3.0), (1.05, 0.2))
 _VISCOUS_SHARE: Final = 0.2  # of the friction in motion; a stem below DV does not feel it
 _MOST_EVENTS: Final = 12_000  # of small jumps
+_NO_JUMP: Final = 0.01  # F_s beside the friction in motion, by that
 _STEPS: Final = 10
 _HOPELESS: Final = 4.0  # times what is asked: a start so far off does not come there
 _NEARLY: Final = 25.0  # of the cost: small jumps that are out of step cost something too
@@ -75,8 +77,18 @@ def without_lone_coulomb(
     asked = parameters["F_c"].identifiable and len(ramps.rates_n_per_s) == 1
     if not asked or parameters["F_v"].identifiable or parameters["DV"].identifiable:
         return parameters
-    is_open = may_creep(model, point, ramps.rates_n_per_s[0], noise_factor)
+    rate_n_per_s = ramps.rates_n_per_s[0]
+    is_open = _is_static(parameters["F_s"], model.coordinates.values(point), rate_n_per_s)
+    is_open = is_open or may_creep(model, point, rate_n_per_s, noise_factor)
     return parameters | {"F_c": absent(_MAY_CREEP)} if is_open else parameters
+
+
+def _is_static(static: ParameterEstimate, values: Mapping[str, float], rate_n_per_s: float) -> bool:
+    """Whether the friction in motion is F_s, as that of a stem slower than DV is; one with no slip jump may be one."""
+    if static.value is None:
+        return False
+    friction_n = values["F_c"] + values["F_v"] * rate_n_per_s / values["k"]
+    return abs(static.value - friction_n) < _NO_JUMP * friction_n
 
 
 def may_creep(model: StemModel, point: FloatArray, rate_n_per_s: float, noise_factor: float) -> bool:
