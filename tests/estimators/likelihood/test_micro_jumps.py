@@ -33,7 +33,7 @@ def test_a_stem_that_slides_at_its_limit_makes_no_jumps_and_is_known() -> None:
 
 @pytest.mark.parametrize("seed", [83, 227, 263, 563, 671])
 def test_no_coulomb_friction_is_given_of_a_stem_that_may_have_crept_at_one_speed(seed: int) -> None:
-    # it was 32 to 44 % too large, for it was F_s that the stem felt, with which it agrees (563, 671); F_v and DV do not show
+    # it was 32 to 44 % too large, for it was F_s that the stem felt; F_v and DV do not show
     test = scattered_test(seed)[0]
     estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
     assert estimate.status is not Status.OK
