@@ -134,9 +134,10 @@ def weigh(free: StemModel, narrow: StemModel, point: FloatArray, ramps: Ramps, n
     weight = _share(evidence + math.log(_FREE_BEFOREHAND / (1.0 - _FREE_BEFOREHAND)))
     if weight > 1.0 - _DECIDED:
         return Weighed(free, found.point, shifted, 1.0)
+    alone = _with_inertia_as_open(alone, shifted)
     is_open = is_asked and _share(evidence) > _FREE_BEFOREHAND
     if weight < _DECIDED and not is_open:
-        return Weighed(narrow, point, _with_inertia_as_open(alone, shifted), 0.0)
+        return Weighed(narrow, point, alone, 0.0)
     knows = mixed([1.0 - weight, weight], [alone, shifted])
     if is_open:
         others = [dict(zip(one.symbols, one.values, strict=True)) for one in (alone, shifted)]
