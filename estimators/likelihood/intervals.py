@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Final
@@ -16,25 +15,21 @@ from estimators.likelihood.budget import Budget
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.descent import descend
 from estimators.likelihood.elimination import FEW_ERRORS, eliminated
+from estimators.likelihood.far_places import FOLLOWING_STEPS, next_teeth, with_other_limits, with_other_stiction
 from estimators.likelihood.limit_median import median_place
 from estimators.likelihood.model import STEP, StemModel
 from estimators.likelihood.pool import Place
-from estimators.likelihood.valley import FARTHEST, WALKED, along, walk
+from estimators.likelihood.valley import FARTHEST, WALKED, walk
 from estimators.samples import FloatArray
 
 _PIECES: Final = (1, 4, 16, 64, 256, 1024)
 _FEWEST_PIECES: Final = 20
 _FAINT: Final = 0.1  # of a standard deviation that a unit of a coordinate moves all samples together
 _LARGER_STEP: Final = 1.0e-3
-_FOLLOWING_STEPS: Final = 10
 _FARTHER: Final = 3  # times a factor of 10, where the cost has not risen there
 _STRIDE: Final = 0.6  # of a logarithm
 _ALL_THE_WAY: Final = 0.99
-_TOOTHED: Final = ("F_v", "DV")
-_TEETH_SIGMAS: Final = (-30.0, -10.0, 10.0, 30.0)
 _LOWER_TOOTH: Final = 1.0  # of the cost
-_LONGEST_TOOTH: Final = 0.4  # of a logarithm
-_OTHER_STICTION: Final = ((0.25, 0.0), (0.7, 0.0), (1.0, 0.05), (1.0, 0.4))  # factors of F_s/F_c - 1, and added to it
 CHECKED: Final = ("m", "F_v", "F_c", "F_s", "DV")
 _WITHIN_95: Final = 3.84
 _WITHIN_SILLS: Final = 9.0
@@ -149,7 +144,7 @@ def flat_errors(
         small, point = near_errors.model, point[: near_errors.count]
     budget = Budget.limited(min(Budget.of(small).whole, _MOST_WORK))
     most = budget.most_at_once(small, 0.5)
-    near = descend(small, point, most_steps=_FOLLOWING_STEPS, most_simulations=most)
+    near = descend(small, point, most_steps=FOLLOWING_STEPS, most_simulations=most)
     start = Place(near.point, near.cost)
     within = (_WITHIN_SILLS if jumps else _WITHIN_95) * noise_factor**2
     walks = [
@@ -157,9 +152,10 @@ def flat_errors(
         for name, sense in product(WALKED, (-1, 1))
     ]
     if not jumps:
-        walks += [[start, place] for place in _with_other_stiction(small, start.point, budget)]
+        walks += [[start, place] for place in with_other_stiction(small, start.point, budget)]
     if creeps:
-        walks.append([start, *_next_teeth(small, start.point, budget)])
+        walks.append([start, *next_teeth(small, start.point, budget)])
+        walks += [with_other_limits(small, start, sense, budget, within) for sense in (-1, 1)]
     # blocks have another bottom than all rows, and a walk may find it lower
     lowest = min((place for places in walks for place in places), key=lambda place: place.cost)
     middle = None
@@ -218,32 +214,6 @@ def _walked(
         if not on.places:
             break
     return places
-
-
-def _with_other_stiction(small: StemModel, point: FloatArray, budget: Budget) -> Iterator[Place]:
-    """Yield where the others go with an F_s far off: under a step it may not show at all up to a sharp limit."""
-    number = small.coordinates.names.index("d")
-    for factor, more in _OTHER_STICTION:
-        if budget.left > 0.0:
-            other = point.copy()
-            other[number] = factor * point[number] + more
-            found = descend(small, other, most_steps=_FOLLOWING_STEPS, held=("d",), arrived=0.1, one_sided=True)
-            budget.spend(small, found.simulations)
-            yield Place(found.point, found.cost)
-
-
-def _next_teeth(small: StemModel, point: FloatArray, budget: Budget) -> Iterator[Place]:
-    """Yield where descents end that begin many standard errors off along the valley, beyond its sills."""
-    names = small.coordinates.names
-    for name, sigmas in product(_TOOTHED, _TEETH_SIGMAS):
-        tangent = along(small, point, names.index(name), list(range(len(names))))
-        if tangent is None or budget.left < 0.0:
-            break
-        step = float(np.clip(sigmas * tangent[1], -_LONGEST_TOOTH, _LONGEST_TOOTH))
-        trial = point + step * tangent[0]
-        found = descend(small, trial, most_steps=_FOLLOWING_STEPS, arrived=0.1, one_sided=True)
-        budget.spend(small, found.simulations)
-        yield Place(found.point, found.cost)
 
 
 def _within(lowest: float, places: list[Place], rise: float) -> list[FloatArray]:

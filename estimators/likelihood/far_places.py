@@ -1,0 +1,72 @@
+"""Places far from a fit that no walk along its slopes finds: another F_s, a DV across a cliff, teeth of a comb."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import product
+from typing import Final
+
+import numpy as np
+
+from estimators.likelihood.budget import Budget
+from estimators.likelihood.descent import descend
+from estimators.likelihood.model import StemModel
+from estimators.likelihood.pool import Place
+from estimators.likelihood.valley import along
+from estimators.samples import FloatArray
+
+FOLLOWING_STEPS: Final = 10
+_TOOTHED: Final = ("F_v", "DV")
+_TEETH_SIGMAS: Final = (-30.0, -10.0, 10.0, 30.0)
+_LONGEST_TOOTH: Final = 0.4  # of a logarithm
+_OTHER_STICTION: Final = ((0.25, 0.0), (0.7, 0.0), (1.0, 0.05), (1.0, 0.4))  # factors of F_s/F_c - 1, and added to it
+_OTHER_LIMITS: Final = (1.02, 1.05, 1.1, 1.2, 1.4)  # factors of DV; farther it is not known to 30 %
+
+
+def with_other_stiction(small: StemModel, point: FloatArray, budget: Budget) -> Iterator[Place]:
+    """Yield where the others go with an F_s far off: under a step it may not show at all up to a sharp limit."""
+    number = small.coordinates.names.index("d")
+    for factor, more in _OTHER_STICTION:
+        if budget.left > 0.0:
+            other = point.copy()
+            other[number] = factor * point[number] + more
+            found = descend(small, other, most_steps=FOLLOWING_STEPS, held=("d",), arrived=0.1, one_sided=True)
+            budget.spend(small, found.simulations)
+            yield Place(found.point, found.cost)
+
+
+def with_other_limits(small: StemModel, start: Place, sense: int, budget: Budget, within: float) -> list[Place]:
+    """Return places with a higher DV (``sense`` 1) or a lower one, all else at its best; from the start on.
+
+    A DV at a ramp's speed is at a cliff: below it the stem slides. The slopes there are the cliff's, and along these
+    no walk finds the higher DVs, with which a stem that creeps moves alike. They end where the cost has risen by
+    ``within``; where it has at once, the slopes tell how far DV goes, and the start alone is returned.
+    """
+    own = small.coordinates
+    number = own.names.index("DV")
+    places = [start]
+    for factor in _OTHER_LIMITS:
+        if budget.left < 0.0 or places[-1].cost > start.cost + within:
+            break
+        trial = places[-1].point.copy()
+        trial[number] = start.point[number] + sense * math.log(factor)
+        trial = np.clip(trial, own.lower, own.upper)
+        found = descend(small, trial, most_steps=FOLLOWING_STEPS, held=("DV",), arrived=0.1, one_sided=True)
+        budget.spend(small, found.simulations)
+        places.append(Place(found.point, found.cost))
+    return places if places[:2][-1].cost <= start.cost + within else [start]
+
+
+def next_teeth(small: StemModel, point: FloatArray, budget: Budget) -> Iterator[Place]:
+    """Yield where descents end that begin many standard errors off along the valley, beyond its sills."""
+    names = small.coordinates.names
+    for name, sigmas in product(_TOOTHED, _TEETH_SIGMAS):
+        tangent = along(small, point, names.index(name), list(range(len(names))))
+        if tangent is None or budget.left < 0.0:
+            break
+        step = float(np.clip(sigmas * tangent[1], -_LONGEST_TOOTH, _LONGEST_TOOTH))
+        trial = point + step * tangent[0]
+        found = descend(small, trial, most_steps=FOLLOWING_STEPS, arrived=0.1, one_sided=True)
+        budget.spend(small, found.simulations)
+        yield Place(found.point, found.cost)
