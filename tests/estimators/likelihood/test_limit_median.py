@@ -47,12 +47,12 @@ def test_noise_that_favours_another_limit_velocity_does_not_carry_the_friction_f
 
 def test_errors_about_the_middle_are_those_of_the_values_that_are_given_there() -> None:
     # behind a noisy pressure F_v may be anything up to 3800 N s/m (true 177); 3750 +- 390 was given, for the bottom on
-    # blocks
-    # has another F_v than that of all rows, from where the way to the middle began
+    # blocks has another F_v than that of all rows, from where the way to the middle began
+    # F_c is F_s here, as of a stem that creeps
     estimate = MaximumLikelihoodEstimator().estimate(random_test(2640).recording, random_test(2640).nameplate)
     truth = random_test(2640).truth.by_symbol()
     assert estimate.value("F_v") is None
-    for symbol in ("k", "F_c", "F_s", "F_0"):
+    for symbol in ("k", "F_s", "F_0"):
         entry = estimate.parameters[symbol]
         assert entry.value is not None, symbol
         assert entry.std_error is not None
