@@ -9,14 +9,13 @@ import pytest
 from discrepancy.baseline import fit_baseline
 from discrepancy.causes.base import Cause
 from discrepancy.causes.channels import READING_LAG
-from discrepancy.causes.friction import STRIBECK
 from discrepancy.finishing import finished
 from discrepancy.least_squares import Fit
 from discrepancy.observed import Observed, observe
 from discrepancy.running_on import running_on
 from discrepancy.screening import refit, screen
 from discrepancy.setting import setting_of
-from discrepancy.significance import is_significant, misfit, noise_factor
+from discrepancy.significance import misfit, noise_factor
 from tests.blind.cases import blind_case
 
 made = cache(blind_case)
@@ -58,10 +57,3 @@ def test_a_stem_that_runs_on_leaves_noise_where_rests_that_a_slow_reading_moved_
 def test_a_stem_that_is_out_of_phase_keeps_its_measured_rests() -> None:
     fit = plain(9008)
     assert running_on(fit) is fit
-
-
-def test_a_falling_friction_begins_near_enough_to_a_wide_limit_to_be_in_phase() -> None:
-    fit = refitted(8968, STRIBECK)
-    assert is_significant(plain(8968), fit)
-    true = made(8968, "triangle").hidden[0].parameters["speed_m_per_s"]
-    assert fit.values["stribeck_friction.speed_m_per_s"] == pytest.approx(true, rel=0.1)
