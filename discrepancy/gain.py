@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, Protocol, TypeVar
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
+from discrepancy.causes.base import Values
 from discrepancy.growing import first_part
 from discrepancy.intervals import drawn_points
 from discrepancy.least_squares import Fit, descend, start_fit
@@ -31,6 +33,10 @@ _FEWEST_ROWS: Final = 50
 _DRAWN: Final = 12
 _AS_GOOD: Final = 2
 _SEED: Final = 1
+_DELAY_ERRORS: Final = 4.0  # of what is known beforehand of a delay between channels, about the one that was fitted
+_CLOSE: Final = 0.02  # of that
+_TRIES: Final = 16
+_FAR: Final = 1.0e30
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,12 +78,16 @@ class Gain:
 
 
 def held_out_gain(name: str, recording: Recording, nameplate: Nameplate, before: Fit, after: Fit) -> Gain | None:
-    """Return the gain on a recording that had no part in the fits; None where it cannot be read or followed."""
+    """Return the gain on a recording that had no part in the fits; None where it cannot be read or followed.
+
+    How much later its pressure was read than its position is that recording's own, as its start is, and says nothing
+    of the valve: where it is not known it is found in it, for both models alike.
+    """
     observed = observe([recording], nameplate)
     if isinstance(observed, Outcome):
         return None
     free = _without_rests(observed)
-    return _gain(name, free, (before, after), 0.0, own_start=False)
+    return _gain(name, free, (before, after), 0.0, (_own_delay(free, before), _own_delay(free, after)))
 
 
 def prediction_error(recording: Recording, nameplate: Nameplate, fit: Fit) -> tuple[float, float] | None:
@@ -85,7 +95,7 @@ def prediction_error(recording: Recording, nameplate: Nameplate, fit: Fit) -> tu
     observed = observe([recording], nameplate)
     if isinstance(observed, Outcome):
         return None
-    error_m = _rmse(_without_rests(observed), fit, 0.0, own_start=False)
+    error_m = _rmse(_without_rests(observed), fit, 0.0, {})
     return None if error_m is None else (error_m, observed.noise_m)
 
 
@@ -107,19 +117,47 @@ def left_out_gain(before: Fit, after: Fit) -> Gain | None:
         descend(start_fit(replace(fit.model, observed=part, thin=None), fit.point), most_steps=_STEPS)
         for fit in (before, after)
     )
-    return _gain(LEFT_OUT, free, (first, second), split_s, own_start=True)
+    return _gain(LEFT_OUT, free, (first, second), split_s, (None, None))
 
 
-def _gain(name: str, free: Observed, fits: tuple[Fit, Fit], from_s: float, *, own_start: bool) -> Gain | None:
+def _own_delay(observed: Observed, fit: Fit) -> Values:
+    """Return the delay between the channels with which a fit predicts what was ``observed`` best, by name, s."""
+    delay = observed.delay
+    if delay is None:
+        return {"delay_s": 0.0}
+
+    def cost(delay_s: float) -> float:
+        try:
+            predicted_m = simulated(observed, fit.model.valve(fit.point), _foreign(fit, {"delay_s": delay_s}))
+        except (MotionError, ParameterError):
+            return _FAR
+        residual = observed.residuals(predicted_m)
+        return float(residual @ residual) + ((delay_s - delay.start) / delay.prior_sd) ** 2
+
+    fitted_s, off_s = fit.values.get("delay_s", delay.start), _DELAY_ERRORS * delay.prior_sd
+    bounds = max(fitted_s - off_s, delay.lower), min(fitted_s + off_s, delay.upper)
+    close = _CLOSE * delay.prior_sd
+    found = minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": close, "maxiter": _TRIES})
+    return {"delay_s": min((float(found.x), fitted_s, delay.start), key=cost)}
+
+
+def _foreign(fit: Fit, own: Values) -> Values:
+    """Return a fit's values for a recording that had no part in it, with the nuisances that are its own."""
+    return {name: value for name, value in fit.values.items() if not of_a_segment(name)} | own
+
+
+def _gain(
+    name: str, free: Observed, fits: tuple[Fit, Fit], from_s: float, own: tuple[Values | None, Values | None]
+) -> Gain | None:
     after = fits[1]
-    before_m, after_m = (_rmse(free, fit, from_s, own_start=own_start) for fit in fits)
+    before_m, after_m = (_rmse(free, fit, from_s, nuisances) for fit, nuisances in zip(fits, own, strict=True))
     if before_m is None or after_m is None:
         return None
     found = Gain(name, before_m, after_m, free.noise_m)
     if not (found.is_worse and after.is_followed):
         return found
     drawn = [replace(after, point=point) for point in drawn_points(after, _DRAWN, _SEED)]
-    errors = [_rmse(free, one, from_s, own_start=own_start) for one in drawn]
+    errors = [_rmse(free, one, from_s, own[1]) for one in drawn]
     followed = sorted(error for error in errors if error is not None)
     return replace(found, allowed_m=followed[_AS_GOOD - 1]) if len(followed) >= _AS_GOOD else found
 
@@ -142,11 +180,12 @@ def decisive(gains: Sequence[GainT]) -> GainT | None:
     return worse[0] if worse else (gains[0] if gains else None)
 
 
-def _rmse(observed: Observed, fit: Fit, from_s: float, *, own_start: bool) -> float | None:
-    """Error of prediction per row: that of the block means, and the noise that averaging took away."""
-    values = fit.values
-    if not own_start:
-        values = {name: value for name, value in values.items() if not of_a_segment(name)}
+def _rmse(observed: Observed, fit: Fit, from_s: float, own: Values | None) -> float | None:
+    """Error of prediction per row: that of the block means, and the noise that averaging took away.
+
+    ``own``: the nuisances of a recording that had no part in the fit; None where it had.
+    """
+    values = fit.values if own is None else _foreign(fit, own)
     try:
         predicted_m = simulated(observed, fit.model.valve(fit.point), values)
     except (MotionError, ParameterError):

@@ -32,7 +32,7 @@ _NO_NOISE: Final = 1.0e-7  # of the travel: a position without noise is still on
 _MAY_BE_A_STAIRCASE: Final = (Outcome.NEVER_MOVED, Outcome.NO_UNIFORM_MOTION)
 _ENOUGH_AT_REST: Final = 100
 _SURELY_LESS: Final = 0.8
-_UNKNOWN_DELAY_PERIODS: Final = 0.05  # a delay between the channels known better than this is not fitted
+_KNOWN_DELAY_PERIODS: Final = 0.01  # a delay between the channels that is known so well is not fitted: captured rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,7 +137,7 @@ def observe(recordings: Sequence[Recording], nameplate: Nameplate, longest_s: fl
         noise_m = resting_noise(motion)
         own_delay = None if motion.command_only else path.nuisances[0]
         period_s = motion.samples.period_s
-        if own_delay is not None and own_delay.prior_sd > _UNKNOWN_DELAY_PERIODS * period_s:
+        if own_delay is not None and own_delay.prior_sd > _KNOWN_DELAY_PERIODS * period_s:
             delay = own_delay
         doubts_m = timing_doubts(motion, recording.provenance.timing_uncertainty_s)
         own = _segments(motion, path, noise_m, doubts_m, longest_s)
