@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -25,20 +26,27 @@ def standard_errors(fit: Fit) -> FloatArray:
     The largest of what the forward slopes say, those without jumps, and the walks along the cost where they were made.
     """
     forward = _slopes(fit)
-    errors = np.maximum(_errors(fit, forward), _errors(fit, _of_no_jump(fit, forward)))
+    return _largest(fit, forward, _of_no_jump(fit, forward))
+
+
+def with_errors_and_ways(fit: Fit) -> tuple[Fit, FloatArray, FloatArray]:
+    """Return the fit with its slopes, its standard errors (p,), and the ways along its valley, shape (p, p).
+
+    By row i of the last each coordinate goes where the one at i goes by 1 and the cost least.
+    """
+    fit = replace(fit, slopes=_slopes(fit))
+    forward = _slopes(fit)
+    smooth = _of_no_jump(fit, forward)
+    known, scale, values, vectors = _information(fit, smooth)
+    covariance = (vectors / values) @ vectors.T / np.outer(scale, scale)
+    ways = np.eye(fit.point.size)
+    ways[np.ix_(known, known)] = covariance / np.diag(covariance)[:, None]
+    return fit, _largest(fit, forward, smooth), ways
+
+
+def _largest(fit: Fit, forward: FloatArray, smooth: FloatArray) -> FloatArray:
+    errors = np.maximum(_errors(fit, forward), _errors(fit, smooth))
     return errors if fit.least_errors is None else np.maximum(errors, fit.least_errors)
-
-
-def follow(fit: Fit, place: int) -> FloatArray:
-    """Return by how much each coordinate goes, shape (p,), where the one at ``place`` goes by 1 and the cost least."""
-    known, scale, values, vectors = _information(fit, _of_no_jump(fit, _slopes(fit)))
-    moved = np.zeros(fit.point.size)
-    moved[place] = 1.0
-    if known[place]:
-        own = int(np.count_nonzero(known[:place]))
-        column = (vectors / values) @ vectors[own] / scale
-        moved[known] = column / column[own]
-    return moved
 
 
 def _errors(fit: Fit, slopes: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from discrepancy.choice import Choice
-from discrepancy.intervals import follow, standard_errors
+from discrepancy.intervals import with_errors_and_ways
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.rounds import is_possible
 from discrepancy.setting import setting_of
@@ -29,6 +29,7 @@ _WITHIN_95: Final = 3.84  # of the cost, in units of what is left as noise
 _LOWER: Final = 1.0  # of the cost: that much lower the fit was not at the bottom
 # Own choices, from blind cases (docs/diagnosis.md).
 _MOST_ANEW: Final = 4
+_STRAIGHT: Final = (0.95, 1.05)  # times 3.84: so much the cost is higher where a straight valley's interval ends
 _STRIDES: Final = 5  # one way, each as long as the interval at the point
 _FOLLOWING_STEPS: Final = 8
 _STEPS: Final = 20
@@ -71,19 +72,22 @@ def profiled(fit: Fit) -> Fit:
 
 def _walks(fit: Fit, last: float) -> Iterator[list[Fit]]:
     """Yield the fits of each walk from this one on, until its cost is above what the intervals hold."""
-    errors = standard_errors(fit)
+    fit, errors, ways = with_errors_and_ways(fit)
     names = fit.model.unknowns.names
     for place in (number for number, name in enumerate(names) if SEPARATOR in name and math.isfinite(errors[number])):
-        along = follow(fit, place)
         for sense in (-1.0, 1.0):
             if fit.model.tally.work > last:
                 return
-            yield list(_walk(fit, place, along, sense * NORMAL_95 * float(errors[place])))
+            yield list(_walk(fit, place, ways[place], sense * NORMAL_95 * float(errors[place])))
 
 
 def _walk(fit: Fit, place: int, along: FloatArray, stride: float) -> Iterator[Fit]:
     unknowns, before, here = fit.model.unknowns, fit, fit
     yield fit
+    end = start_fit(fit.model, np.clip(fit.point + along * stride, unknowns.lower, unknowns.upper))
+    if _is_straight(fit, end):
+        yield end
+        return
     for number in range(_STRIDES):
         # on from the last two places: the valley bends
         ahead = along * stride if number == 0 else here.point - before.point
@@ -99,6 +103,12 @@ def _walk(fit: Fit, place: int, along: FloatArray, stride: float) -> Iterator[Fi
         yield here
         if here.cost - fit.cost > _WITHIN_95 * noise_factor(fit):
             return
+
+
+def _is_straight(fit: Fit, end: Fit) -> bool:
+    """Whether the cost rises to the end of the interval at the point as its information says: no walk is needed."""
+    rise = (end.cost - fit.cost) / (_WITHIN_95 * noise_factor(fit))
+    return _STRAIGHT[0] < rise < _STRAIGHT[1]
 
 
 def _within(fit: Fit, walk: list[Fit]) -> Iterator[FloatArray]:

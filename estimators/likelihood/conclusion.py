@@ -96,12 +96,7 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
     if problem.jumps:
         apart = others_apart(model, point, found)
         least = {symbol: max(least.get(symbol, 0.0), apart.get(symbol, 0.0)) for symbol in CHECKED}
-        rates = ramps_of(motion).rates_n_per_s
-        if len(rates) == 1:
-            # ramps of one rate show F_s + sqrt(2 m DV rate) alone; which DV it is only the count of jumps seems to tell
-            least["DV"] = values["DV"]
-            raised_n = math.sqrt(2.0 * values["m"] * values["DV"] * rates[0])
-            least["F_s"] = math.hypot(least["F_s"], raised_n / NORMAL_95)
+        least = of_jumps(least, values, ramps_of(motion).rates_n_per_s)
     parameters = {symbol: _parameter(symbol, values, knows, least.get(symbol, 0.0)) for symbol in PARAMETER_SYMBOLS}
     if problem.jumps and knows is not None and not parameters["F_v"].identifiable:
         # the jumps are between one and two times (F_s - F_c)/k long, by their damping
@@ -160,6 +155,17 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         "stand_ins": {symbol: values[symbol] for symbol, entry in complete.items() if entry.value is None},
     }
     return Estimate(method, status, " ".join(sentences), rms_m, complete, diagnostics)
+
+
+def of_jumps(least: dict[str, float], values: dict[str, float], rates_n_per_s: tuple[float, ...]) -> dict[str, float]:
+    """Return the least standard errors of a stem that jumps: ramps of one rate show F_s + sqrt(2 m DV rate) alone.
+
+    Which DV it is only the count of jumps seems to tell.
+    """
+    if len(rates_n_per_s) != 1:
+        return least
+    raised_n = math.sqrt(2.0 * values["m"] * values["DV"] * rates_n_per_s[0])
+    return least | {"DV": values["DV"], "F_s": math.hypot(least["F_s"], raised_n / NORMAL_95)}
 
 
 def strain(model: StemModel, point: FloatArray) -> float:

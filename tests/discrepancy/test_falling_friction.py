@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
@@ -10,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 import pytest
 
-from discrepancy import rounds
+from discrepancy import falling_friction, rounds
 from discrepancy.baseline import baseline_unknowns, fit_baseline
 from discrepancy.causes.friction import LOCAL, STRIBECK
 from discrepancy.falling_friction import SPEED, has_wide_limit, may_ring
@@ -135,3 +136,26 @@ def test_a_wide_limit_velocity_of_the_plain_valve_leads_to_the_speed_at_which_fr
     assert found.values["F_v"] == pytest.approx(case.truth.parameters.viscous_friction_n_s_per_m, rel=0.1)
     narrow = start_fit(plain.model, unknowns.point({**plain.values, "DV": 1.0e-4}))
     assert not has_wide_limit(narrow, setting)
+
+
+def test_a_start_lies_within_a_quarter_octave_of_every_usual_speed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From half an octave off and more the slips stay out of phase, whatever else is fitted."""
+    begun: list[dict[str, float]] = []
+
+    def start(model: Any, point: dict[str, float]) -> Fit:
+        begun.append(point)
+        return Fit(model, np.zeros(1), np.zeros(1), None, float(len(begun)))
+
+    monkeypatch.setattr(falling_friction, "start_fit", start)
+    monkeypatch.setattr(falling_friction, "descend", lambda fit, **_: fit)
+    monkeypatch.setattr(falling_friction, "scanned", lambda fit, *_: fit)
+    plain: Any = SimpleNamespace(values={"m": 1.3, "DV": 3.4e-3})
+    model: Any = SimpleNamespace(tally=SimpleNamespace(work=0.0), unknowns=SimpleNamespace(point=lambda values: values))
+    motion = SimpleNamespace(moving_mass_kg=1.2)
+    setting: Any = SimpleNamespace(observed=SimpleNamespace(motions=(motion,)), sliding_m_per_s=9.2e-3)
+    assert falling_friction.from_wide_limit(plain, model, setting) is not None
+    for mass_kg in (1.2, 1.3):
+        octaves = np.array([math.log2(one[SPEED] / 3.4e-3) for one in begun if one["m"] == mass_kg])
+        for octave in np.linspace(-1.0, 1.0, 21):
+            assert np.abs(octaves - octave).min() < 0.27, f"v_s of {2.0**octave:.2f} DV has no start"
+        assert octaves.max() == pytest.approx(2.0)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import pytest
 
 from discrepancy.choice import Choice
-from discrepancy.intervals import follow, standard_errors
+from discrepancy.intervals import standard_errors, with_errors_and_ways
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.model import Model
 from discrepancy.profile import at_the_lowest, profiled
@@ -66,7 +66,9 @@ def test_intervals_reach_as_far_as_the_cost_stays_low() -> None:
 
 
 def test_the_others_follow_along_the_valley() -> None:
-    assert follow(at(Bent, 1.0, 1.0), 0) == pytest.approx([1.0, 3.0], rel=1.0e-3)
+    _, errors, ways = with_errors_and_ways(at(Bent, 1.0, 1.0))
+    assert ways[0] == pytest.approx([1.0, 3.0], rel=1.0e-3)
+    assert errors == pytest.approx(standard_errors(at(Bent, 1.0, 1.0)))
 
 
 def test_a_lowest_place_that_no_valve_can_have_is_not_told(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -79,6 +81,27 @@ def test_a_lowest_place_that_no_valve_can_have_is_not_told(monkeypatch: pytest.M
     assert at_the_lowest(choice).best.cost < stuck.cost - 20.0
     healthy = replace(choice, causes=())
     assert at_the_lowest(healthy) is healthy
+
+
+class Counted(Fading):
+    """A straight valley whose motions are counted."""
+
+    followed: ClassVar[list[FloatArray]] = []
+
+    def residuals(self, point: FloatArray) -> FloatArray | None:
+        """Noise and two straight directions."""
+        self.followed.append(point)
+        return np.asarray(LEFT + point[0] * ALONG + point[1] * ACROSS)
+
+
+def test_no_walk_is_made_where_the_cost_rises_as_the_point_says() -> None:
+    fit = descend(at(Counted, 0.01, 0.3), most_steps=20)
+    before = standard_errors(fit)
+    Counted.followed.clear()
+    walked = profiled(fit)
+    # slopes forward and backward of two unknowns, and one motion to either end of the interval
+    assert len(Counted.followed) == 6
+    assert standard_errors(walked) == pytest.approx(before, rel=1.0e-6)
 
 
 def test_a_straight_valley_keeps_its_intervals() -> None:

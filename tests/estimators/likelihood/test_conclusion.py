@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 
 from estimators.base import Status, absent, measured
+from estimators.likelihood.conclusion import of_jumps
 from estimators.likelihood.stand_ins import without_lone_limit
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from tests.benchmarks.coverage import scattered_test
 from tests.benchmarks.efficiency import Case, phased
-from tests.estimators.random_valves import random_test
 
 
 def test_no_limit_velocity_is_given_of_a_stem_that_shows_neither_its_mass_nor_its_damping() -> None:
@@ -39,15 +41,12 @@ def test_a_creeping_stem_is_not_given_from_one_tooth_of_a_comb() -> None:
     assert estimate.value("k") is not None
 
 
-def test_a_jumping_stem_under_ramps_of_one_rate_has_no_limit_velocity_and_a_static_friction_as_wide_as_that() -> None:
-    test = random_test(2221)  # 7 times the DV and 3 % less F_s fit within what a search comes to
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
-    assert estimate.value("DV") is None
-    entry = estimate.parameters["F_s"]
-    if entry.ci95 is None:
-        assert "searches from other starts did not come to as good a fit" in entry.note
-    else:
-        assert entry.ci95[0] < test.truth.static_friction_n < entry.ci95[1]
+def test_ramps_of_one_rate_tell_of_a_stem_that_jumps_no_limit_velocity_and_no_static_friction_closer() -> None:
+    least, values = {"DV": 1.0e-6, "F_s": 0.3, "F_v": 2.0}, {"m": 2.0, "DV": 4.0e-5, "F_s": 100.0}
+    found = of_jumps(least, values, (1000.0,))
+    # jumps begin where v = DV is reached, sqrt(2 m DV rate) = 0.4 N above F_s
+    assert found == pytest.approx({"DV": 4.0e-5, "F_s": math.hypot(0.3, 0.4 / 1.96), "F_v": 2.0}, rel=1.0e-3)
+    assert of_jumps(least, values, (1000.0, 3000.0)) == least
 
 
 def test_what_a_walk_along_the_valley_finds_lower_is_gone_down_to() -> None:
