@@ -137,7 +137,7 @@ def simulated(
         if observed.command_only and not valve.input.is_neutral:
             corner_s, corner_n = input_corners(valve.input, corner_s, corner_n, float(segment.time_s[-1]))
         begin_m, speed = values.get(f"x_{number}", segment.start_m), values.get(f"v_{number}", segment.start_velocity)
-        state = start_state(segment, begin_m, speed, valve)
+        state = start_state(segment, begin_m, speed, valve, float(corner_n[0]))
         rests = rests_of(segment, valve.sensor)
         sensed_m, passes = stem.sensed(state, corner_s, corner_n, segment.time_s, rests=rests)
         parts.append(sensed_m)

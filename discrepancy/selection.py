@@ -10,7 +10,7 @@ from typing import Final
 from discrepancy.causes.base import Cause
 from discrepancy.choice import Choice, Way
 from discrepancy.finishing import finished
-from discrepancy.least_squares import Fit
+from discrepancy.least_squares import Fit, descend
 from discrepancy.pruning import pruned, with_causes
 from discrepancy.refining import refined
 from discrepancy.rounds import (
@@ -43,6 +43,8 @@ from discrepancy.significance import (
 )
 
 MOST_CAUSES: Final = 3
+_LAST_STEPS: Final = 15
+_LEAST_LEFT: Final = 0.8  # misfit: no valve leaves less than that of a sensor whose noise is known so well
 _EXCHANGED: Final = 2  # causes in the valve, from which on the first is tried again beside the other
 _REFITTED: Final = (9, 6, 5)  # in the first, second and third round
 # Work of a round that has a cause beside it, whatever the rounds before took: a second cause needs its turn.
@@ -77,7 +79,10 @@ def choose(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str], 
 
 def _chosen(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str], None], share: float) -> Choice:
     tally = baseline.model.tally
-    if misfit(baseline) < LARGE_MISFIT and not is_noise(baseline):
+    if is_noise(baseline):
+        # what a fit's last steps win is no cause's
+        baseline = descend(baseline, most_steps=_LAST_STEPS)
+    elif misfit(baseline) < LARGE_MISFIT:
         # a small misfit may be the fit's own: a cause that only helps it down is none
         baseline = refined(baseline)
     last = tally.work + share * MOST_WORK
@@ -170,6 +175,11 @@ def _is_near(fit: Fit, best: Fit) -> bool:
     return fit.is_followed and fit.cost - best.cost < NEAR * noise_factor(best)
 
 
+def own_error(chosen: Iterable[Cause], plain: Fit, best: Fit) -> float:
+    """Return how much of the cost what is chosen may leave by its own laws' errors: another cause must win more."""
+    return max((cause.law_error for cause in chosen), default=0.0) ** 2 * (plain.cost - best.cost)
+
+
 class _Search:
     """The forward choices from one baseline: what each round tried is kept for the next that comes by."""
 
@@ -207,7 +217,7 @@ class _Search:
                 fits = sorted(fits, key=lambda pair: not is_possible(pair[0], pair[1], setting))
                 until = tally.work + share_of_work(way.best) * CLOSER_WORK
                 fits = closer(way.best, fits, min(until, self._last) if number else until)
-            further = _taken(way, fits)
+            further = _taken(way, fits, self._begun.best)
             if further is None:
                 break
             way = further
@@ -225,7 +235,7 @@ class _Search:
             return way
         if (first.name, second.name) not in self._exchanges:
             self._give_work()
-            self._exchanges[first.name, second.name] = _taken(alone, self._round(alone))
+            self._exchanges[first.name, second.name] = _taken(alone, self._round(alone), self._begun.best)
         other = self._exchanges[first.name, second.name]
         return way if other is None or other.best.cost >= way.best.cost else other
 
@@ -257,11 +267,13 @@ class _Search:
         return fits
 
 
-def _taken(way: Way, fits: Fits) -> Way | None:
+def _taken(way: Way, fits: Fits, plain: Fit) -> Way | None:
     """Return the way with the lowest of these fits that is possible; None where none is worth it."""
     best, setting = way.best, setting_of(way.best)
     found = [(cause, fit) for cause, fit in fits if is_possible(cause, fit, setting)]
     if not found or not is_significant(best, found[0][1]):
+        return None
+    if best.cost - found[0][1].cost < own_error(way.chosen, plain, best):
         return None
     (cause, fit), others = found[0], found[1:]
     if not is_settled(best, fit):
@@ -271,4 +283,6 @@ def _taken(way: Way, fits: Fits) -> Way | None:
     if way.chosen and 1.0 - excess(fit) / max(excess(best), 1.0e-9) < _SECOND_SHARE and misfit(best) > DONE_MISFIT:
         return None
     rivals = [pair for pair in others if _is_near(pair[1], fit) and is_significant(best, pair[1])]
-    return Way(fit, (*way.chosen, cause), tuple(rivals), is_settled(best, fit), frozenset(one.name for one, _ in fits))
+    chosen = (*way.chosen, cause)
+    is_all = is_settled(best, fit) or fit.cost - _LEAST_LEFT * fit.model.observed.count < own_error(chosen, plain, fit)
+    return Way(fit, chosen, tuple(rivals), is_all, frozenset(one.name for one, _ in fits))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 
@@ -10,15 +11,22 @@ from discrepancy.observed import Segment
 from estimators.samples import FloatArray
 from valve.extended_state import ExtendedState, Rests
 from valve.extended_valve import ExtendedValve, SensorPath
+from valve.kernel.loads import extra_static, load, static_level
 from valve.stem import StemState
 
+_AT_A_STOP: Final = 5.0  # standard errors of the first place, within which a stop may be where the stem rests
 
-def start_state(segment: Segment, shown_m: float, velocity: float, valve: ExtendedValve) -> ExtendedState:
+
+def start_state(
+    segment: Segment, shown_m: float, velocity: float, valve: ExtendedValve, force_n: float
+) -> ExtendedState:
     """Return the state in which this valve begins a segment whose first reading, without noise, is ``shown_m``.
 
-    ``velocity``: that of the stem there, m/s.
+    ``velocity``: that of the stem there, m/s; ``force_n``: what the actuator pushes with.
 
     After a gap the stem has moved before: its first breakaway is over, and a play's lever trails where it came from.
+    A stem that rests beside a rigid stop, and is pushed there by more than friction holds, rests at the stop: begun a
+    noise away it would fall the rest of the way, and have its first breakaway behind it.
     """
     sensor = valve.sensor
     settled_m = shown_m + velocity * sensor.lag_s
@@ -28,13 +36,28 @@ def start_state(segment: Segment, shown_m: float, velocity: float, valve: Extend
     low_m = stops.low_m if math.isinf(stops.low_rate_n_per_m) else -math.inf
     high_m = stops.high_m if math.isinf(stops.high_rate_n_per_m) else math.inf
     has_moved = segment.start_sense != 0.0
+    stem_m = min(max(stem_m, low_m), high_m)
+    if not has_moved and velocity == 0.0:
+        near_m = _AT_A_STOP * segment.start_error_m
+        if low_m < stem_m <= low_m + near_m and _pushed(valve, stem_m, segment.elapsed_s, force_n) < 0.0:
+            stem_m = low_m
+        elif high_m - near_m <= stem_m < high_m and _pushed(valve, stem_m, segment.elapsed_s, force_n) > 0.0:
+            stem_m = high_m
     return ExtendedState(
-        StemState(min(max(stem_m, low_m), high_m), velocity),
+        StemState(stem_m, velocity),
         elapsed_s=segment.elapsed_s,
         rest_since_s=segment.rest_since_s,
         never_moved=not has_moved,
         sensor_m=(played_m, settled_m, shown_m) if has_moved else None,
     )
+
+
+def _pushed(valve: ExtendedValve, stem_m: float, elapsed_s: float, force_n: float) -> float:
+    """Return the direction in which the forces move a stem that rests there, 0 where friction holds it."""
+    q = valve.vector()
+    net_n, more_n, _ = load(q, valve.curves(), stem_m, elapsed_s, force_n)
+    side = math.copysign(1.0, net_n)
+    return side if abs(net_n) > static_level(q, side, more_n, extra_static(q, 0.0, True)) else 0.0
 
 
 def rests_of(segment: Segment, sensor: SensorPath) -> Rests | None:

@@ -99,6 +99,7 @@ class Cause:
     is_quick: bool = False  # its fit takes a third of the others' work, and takes nearly all or nothing
     is_end: bool = False  # it ends motions, and the balance of forces in them is that of the valve without it
     is_periodic: bool = False  # it moves the stem to and fro: blurred residuals say nothing of it
+    law_error: float = 0.0  # of what it does, rms: the share that its law in the kernel is not known better than
     neutral: float | None = 0.0  # of the strength; None where the start does not grow out of the baseline
 
     def unknowns(self, setting: Setting) -> tuple[Unknown, ...]:

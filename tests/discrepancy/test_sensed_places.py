@@ -12,10 +12,12 @@ from discrepancy.least_squares import Fit, start_fit
 from discrepancy.observed import Observed, observe
 from discrepancy.registry import CAUSES
 from discrepancy.screening import extended_model
+from discrepancy.sensed_places import start_state
 from discrepancy.setting import setting_of
 from discrepancy.significance import misfit
 from tests.discrepancy.hidden import hidden, recorded_of
 from valve.effects import Effect, effect_from_values
+from valve.extended_valve import FrictionSlots, StopSlots
 from valve.waveform import triangle
 
 
@@ -68,3 +70,25 @@ def test_what_a_sensor_adds_is_no_displacement_of_the_stem_after_a_gap(cause: st
 def test_the_first_breakaway_is_the_record_s_first_and_not_that_after_a_gap() -> None:
     effect = effect_from_values("spring_hardening", {"hardening_n_per_m2": 1.0e4})
     assert misfit(at_the_truth(effect, "spring_hardening", first_rise_n=300.0)) < 1.5
+
+
+@pytest.mark.parametrize(
+    ("beside_m", "pressed_n", "begun_m"),
+    [(2.0e-6, -2500.0, 0.0), (-2.0e-6, -2500.0, 0.0), (2.0e-6, -1800.0, 2.0e-6), (5.0e-4, -2500.0, 5.0e-4)],
+    ids=["read beside the stop", "read beyond it", "held by friction", "too far to be a stop"],
+)
+def test_a_stem_that_is_pressed_onto_a_stop_begins_at_it(beside_m: float, pressed_n: float, begun_m: float) -> None:
+    """Begun a noise away it falls onto the stop at once, and has its first breakaway behind it (9146)."""
+    stop_m, rise_n = 0.02, 200.0
+    made = hidden("nominal", seed=1, cycle_s=3.0)
+    observed = observe([made.recording], made.nameplate)
+    assert isinstance(observed, Observed)
+    segment = replace(observed.segments[0], start_m=stop_m, start_error_m=3.0e-6)
+    friction = FrictionSlots(first_rise_n=rise_n)
+    valve = replace(made.valve, stops=StopSlots(low_m=stop_m), friction=friction)
+    own = valve.parameters
+    assert 1800.0 < own.static_friction_n + rise_n < 2500.0
+    force_n = own.spring_rate_n_per_m * (stop_m + beside_m) + own.preload_n + pressed_n
+    state = start_state(segment, stop_m + beside_m, 0.0, valve, force_n)
+    assert state.never_moved
+    assert state.stem.position_m == pytest.approx(stop_m + begun_m, abs=1.0e-9)
