@@ -17,6 +17,7 @@ from discrepancy.diagnosis import Diagnosis, Finding, Verdict
 from discrepancy.doubts import doubt
 from discrepancy.fine_rows import told_from
 from discrepancy.force_diagnosis import diagnose_forces
+from discrepancy.from_balance import from_balance
 from discrepancy.gain import Gain, held_out_gain, left_out_gain
 from discrepancy.gauge_tone import gauge_tone
 from discrepancy.intervals import fitted_values, may_be_nothing
@@ -103,7 +104,7 @@ def diagnose(
             return Diagnosis(Verdict.NOT_ASSESSED, unit, before=show(baseline), baseline=baseline)
         if observed.doubt_in_noises > _IN_DOUBT:
             return with_pressure_findings(_of_doubtful_instants(baseline), baseline, recordings, nameplate, held_out)
-        baseline = with_line_errors(baseline)
+        baseline = from_balance(with_line_errors(baseline))
         standing = None if accepted is None else stand(baseline, accepted)
         if standing is not None:
             baseline = standing.free

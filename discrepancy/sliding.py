@@ -118,7 +118,7 @@ def steady_valve(rows: Sliding, fit: Fit) -> Values | None:
         return None
     return {
         **{one.own(one.strength): _strength(one, size, spring) for one, _, size in terms},
-        **_usual(fit),
+        **usual_values(fit),
         "k": spring,
         "F_0": preload_n - _by_direction(fit) * coulomb_n,
         "F_c": coulomb_n,
@@ -132,14 +132,11 @@ def spots_at_rests(rows: Sliding, fit: Fit, setting: Setting) -> list[Values]:
 
     A stem that a spot has stopped is not seen to slide there: where it rests is the spot, and what lets it go its rise.
     """
-    scale = np.maximum(np.linalg.norm(rows.base, axis=0), _LEAST)
-    solved = np.linalg.lstsq(rows.base / scale, rows.force_n, rcond=1.0e-9)[0] / scale
-    spring, preload_n, coulomb_n, viscous = (float(value) for value in solved)
-    speed = float(np.median(np.abs(rows.velocity)))
-    kinetic_n = coulomb_n + viscous * speed
-    if fit.model.causes or not (spring > 0.0 and kinetic_n > 0.0):
+    balance = plain_balance(rows)
+    if fit.model.causes or balance is None:
         return []
-    needed_n, place_m = _needed(fit, (), spring, preload_n)
+    spring, preload_n, kinetic_n, speed = balance
+    needed_n, place_m = needed_friction(fit, (), spring, preload_n)
     if needed_n.size < _FEWEST_BREAKAWAYS:
         return []
     static_n = float(np.quantile(needed_n, _EARLY))
@@ -151,11 +148,24 @@ def spots_at_rests(rows: Sliding, fit: Fit, setting: Setting) -> list[Values]:
             spot = {"rise_n": rise_n, "centre_m": float(place_m[one]), "width_m": _SPOT_WIDTH * setting.swept_m}
             viscous = viscous_share * kinetic_n / speed
             valve = {"k": spring, "F_0": preload_n, "F_c": coulomb_n, "F_v": viscous, "d": static_n / coulomb_n - 1.0}
-            found.append({**spot, **_usual(fit), **valve, "d": max(valve["d"], 0.0)})
+            found.append({**spot, **usual_values(fit), **valve, "d": max(valve["d"], 0.0)})
     return found
 
 
-def _usual(fit: Fit) -> Values:
+def plain_balance(rows: Sliding) -> tuple[float, float, float, float] | None:
+    """Return spring rate, preload and friction in motion by the plain balance, and the usual speed; None for no valve.
+
+    How much of that friction is damping is not asked: ramps of one rate do not tell.
+    """
+    scale = np.maximum(np.linalg.norm(rows.base, axis=0), _LEAST)
+    solved = np.linalg.lstsq(rows.base / scale, rows.force_n, rcond=1.0e-9)[0] / scale
+    spring, preload_n, coulomb_n, viscous = (float(value) for value in solved)
+    speed = float(np.median(np.abs(rows.velocity)))
+    kinetic_n = coulomb_n + viscous * speed
+    return (spring, preload_n, kinetic_n, speed) if spring > 0.0 and kinetic_n > 0.0 and speed > 0.0 else None
+
+
+def usual_values(fit: Fit) -> Values:
     """Mass and DV as one would begin with, and a first breakaway like the others."""
     priors = {one.name: one.value(one.prior) for one in fit.model.unknowns.entries if one.name in {"m", "DV"}}
     return {**priors, "first_rise": 0.0}
@@ -237,7 +247,7 @@ def _values(rows: Sliding, fit: Fit, added: _Added | None) -> Values | None:
         **({} if added is None else added.strength(sizes[-1], spring)),
         "k": spring,
         "F_0": preload_n - _by_direction(fit) * coulomb_n,
-        **_usual(fit),
+        **usual_values(fit),
         "F_c": coulomb_n,
         "F_v": viscous,
         "d": max(static_n / coulomb_n - 1.0, 0.0),
@@ -251,11 +261,11 @@ def _static_friction(
 
     A low quantile over all breakaways: the first is harder than the others, and on a fast ramp they are seen late.
     """
-    needed_n = _needed(fit, terms, spring, preload_n)[0]
+    needed_n = needed_friction(fit, terms, spring, preload_n)[0]
     return float(np.quantile(needed_n, _EARLY)) if needed_n.size >= _FEWEST_BREAKAWAYS else None
 
 
-def _needed(
+def needed_friction(
     fit: Fit, terms: Sequence[tuple[Cause, Values, float]], spring: float, preload_n: float
 ) -> tuple[FloatArray, FloatArray]:
     """Friction that each breakaway overcame, N, and the place of its rest, m, both shape (b,)."""
