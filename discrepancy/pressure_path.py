@@ -10,9 +10,10 @@ from typing import Final
 
 import numpy as np
 from scipy.optimize import minimize
-from scipy.signal import lfilter
 
 from discrepancy.causes.base import Fitted
+from estimators.likelihood.answered_command import answer_of, command_lines
+from estimators.likelihood.stretches import Corners
 from estimators.samples import FloatArray, channel_noise
 from valve.recording import Acquisition, Recording
 
@@ -30,7 +31,7 @@ _LAG_STARTS_S: Final = (0.03, 0.3)
 _DELAY_STARTS_S: Final = (0.02, 0.15, 0.6)
 _LIMIT_STARTS: Final = (0.002, 0.03, 0.1)  # of the range, below the highest pressure that is asked for
 _SIGMAS: Final = 4.0
-_FINE_S: Final = 2.0e-3  # of the grid on which a command is followed
+_FINE_S: Final = 2.0e-3  # between the corners of a command that is no straight lines
 CAUSES: Final = ("transducer_lag", "transducer_dead_time", "supply_saturation", "actuator_leak")
 
 
@@ -64,10 +65,9 @@ class PressurePath:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rows:
-    """A command on an even grid, and the rows at which the pressure was read."""
+    """A command's corners, and the rows at which the pressure was read."""
 
-    grid_s: FloatArray
-    asked_pa: FloatArray
+    command: Corners
     time_s: FloatArray
     pressure_pa: FloatArray
 
@@ -75,29 +75,30 @@ class _Rows:
     def of(cls, recording: Recording) -> _Rows:
         assert recording.command_pa is not None
         pressure_pa = recording.command_pa if recording.pressure_pa is None else recording.pressure_pa
-        known = np.isfinite(recording.command_pa)
-        written_s = _written(recording)
-        step_s = min(max(0.5 * recording.sample_period_s, _FINE_S), 0.02) if written_s is None else _FINE_S
-        first_s, last_s = float(recording.time_s[0]), float(recording.time_s[-1])
-        grid_s: FloatArray = np.arange(first_s, last_s + step_s, step_s, dtype=np.float64)
-        if written_s is None:
-            asked_pa = np.interp(grid_s, recording.time_s[known], recording.command_pa[known])
-        else:
-            known &= np.isfinite(written_s)
-            last = np.searchsorted(written_s[known], grid_s, side="right") - 1
-            asked_pa = recording.command_pa[known][np.clip(last, 0, None)]
-        return cls(grid_s, asked_pa, recording.time_s, pressure_pa)
+        return cls(_asked(recording), recording.time_s, pressure_pa)
 
     def answer(self, lag_s: float, dead_time_s: float, limit_pa: float) -> FloatArray:
         """Return the command limited, late and lagged, at the rows."""
-        step_s = float(self.grid_s[1] - self.grid_s[0])
-        target = np.minimum(self.asked_pa, limit_pa)
-        if lag_s > 1.0e-4:
-            # exact for what is straight between the grid's points
-            left = math.exp(-step_s / lag_s)
-            mean = (1.0 - left) * lag_s / step_s
-            target = target[0] + lfilter([1.0 - mean, mean - left], [1.0, -left], target - target[0])
-        return np.asarray(np.interp(self.time_s - dead_time_s, self.grid_s, target))
+        return np.interp(self.time_s, *answer_of(self.command, lag_s, dead_time_s, limit_pa))
+
+
+def _asked(recording: Recording) -> Corners:
+    """Return the command's corners: held from each write on, its straight lines, or its rows."""
+    assert recording.command_pa is not None
+    written_s, known = _written(recording), np.isfinite(recording.command_pa)
+    if written_s is not None:
+        known &= np.isfinite(written_s)
+        held_pa = recording.command_pa[known]
+        first_s, end_s = min(recording.time_s[0], written_s[known][0]), max(recording.time_s[-1], written_s[known][-1])
+        return np.concatenate([[first_s], np.repeat(written_s[known][1:], 2), [end_s]]), np.repeat(held_pa, 2)
+    lines = command_lines(recording)
+    if lines is not None:
+        return lines
+    time_s, asked_pa = recording.time_s[known], recording.command_pa[known]
+    if recording.sample_period_s >= _FINE_S:
+        return time_s, asked_pa
+    grid_s: FloatArray = np.arange(time_s[0], time_s[-1] + _FINE_S, _FINE_S, dtype=np.float64)
+    return grid_s, np.interp(grid_s, time_s, asked_pa)
 
 
 def _written(recording: Recording) -> FloatArray | None:
@@ -235,7 +236,7 @@ class _Fitting:
     @property
     def highest_pa(self) -> float:
         """The highest pressure that was asked for, Pa."""
-        return max(float(one.asked_pa.max()) for one in self.rows)
+        return max(float(one.command[1].max()) for one in self.rows)
 
     def with_cause(self, fit: _Fit, cause: str) -> _Fit | None:
         """Return the fit with one cause more, from several starts."""

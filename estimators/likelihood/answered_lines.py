@@ -16,18 +16,12 @@ from typing import Final
 import numpy as np
 from scipy.optimize import least_squares
 
-from estimators.likelihood.exact_lines import exact_corners
-from estimators.likelihood.lag_kernel import lagged
+from estimators.likelihood.answered_command import answer_of, command_lines
 from estimators.likelihood.stretches import Corners
 from estimators.samples import FloatArray
 from valve.recording import Acquisition, Recording
 
 _FEWEST_ROWS: Final = 50
-_BOTH_ENDS: Final = 2  # corners that are no crossing of two lines
-_LONGEST_GAP_S: Final = 0.5
-_ROUNDING: Final = 1.0e-12  # of the span, that rows may be off a command's line by
-_CHORD_ERROR: Final = 1.0e-5  # of the span: 1 um of 100 mm
-_SHORTEST_LAG_S: Final = 1.0e-3  # what is shorter is a dead time
 _LONGEST_S: Final = 5.0
 # Starts: an I/P without and with a small and a large volume behind it; shares of the command's span cut off.
 _LAGS_S: Final = (0.0, 0.03, 0.3)
@@ -47,22 +41,13 @@ _BETTER: Final = 0.25
 class _Rows:
     """The command's corners, and the rows at which the force was measured."""
 
-    corner_s: FloatArray
-    asked: FloatArray
+    command: Corners
     time_s: FloatArray
     force_n: FloatArray
 
-    def answer(self, lag_s: float, dead_time_s: float, limit: float) -> Corners:
-        """Corners of the command limited, late and lagged."""
-        corner_s, asked = _limited(self.corner_s, self.asked, limit)
-        if lag_s > _SHORTEST_LAG_S:
-            tolerance = _CHORD_ERROR * float(np.ptp(asked))
-            corner_s, asked = lagged(corner_s, asked, float(asked[0]), lag_s, tolerance)
-        return corner_s + dead_time_s, asked
-
     def solved(self, values: FloatArray) -> tuple[float, float, FloatArray]:
         """Offset, gain, and what they leave of the force, N, shape (n,), with this lag, dead time and limit."""
-        answer = np.interp(self.time_s, *self.answer(*(float(value) for value in values)))
+        answer = np.interp(self.time_s, *answer_of(self.command, *(float(value) for value in values)))
         centred = answer - answer.mean()
         gain = float(centred @ self.force_n) / max(float(centred @ centred), 1.0e-300)
         offset_n = float(self.force_n.mean()) - gain * float(answer.mean())
@@ -81,52 +66,22 @@ def answered_corners(recording: Recording, force_n: FloatArray) -> Corners | Non
     is_asked = recording.command_pa is not None and recording.pressure_pa is not None and recording.force_n is None
     if not (is_polled and is_asked) or np.count_nonzero(known) < _FEWEST_ROWS:
         return None
-    command = _command_lines(recording)
+    command = command_lines(recording)
     if command is None:
         return None
-    rows = _Rows(*command, recording.time_s[known], force_n[known])
+    rows = _Rows(command, recording.time_s[known], force_n[known])
     best = _fitted(rows)
     offset_n, gain, left_n = rows.solved(best)
     if not _rms(left_n) < _BETTER * _rms(_off_neighbours(rows.time_s, rows.force_n)):
         return None
-    corner_s, asked = rows.answer(*(float(value) for value in best))
+    corner_s, asked = answer_of(command, *(float(value) for value in best))
     return corner_s, offset_n + gain * asked
-
-
-def _command_lines(recording: Recording) -> Corners | None:
-    """Corners of a command that is straight lines to rounding, each crossing the next; None where it is not."""
-    assert recording.command_pa is not None
-    known = np.isfinite(recording.command_pa)
-    if np.count_nonzero(known) < _FEWEST_ROWS:
-        return None
-    time_s, asked = recording.time_s[known], recording.command_pa[known]
-    corner_s, level, others = exact_corners(time_s, asked, _ROUNDING * max(float(np.abs(asked).max()), 1.0e-300))
-    gaps = np.diff(time_s) > _LONGEST_GAP_S
-    if others > _BOTH_ENDS or gaps.any():
-        return None
-    # the pressure may be read later than the command: of its last row the last line tells
-    share = recording.sample_period_s / (corner_s[-1] - corner_s[-2])
-    beyond_s, beyond = (one[-1] + share * (one[-1] - one[-2]) for one in (corner_s, level))
-    return np.append(corner_s, beyond_s), np.append(level, beyond)
-
-
-def _limited(time_s: FloatArray, value: FloatArray, limit: float) -> Corners:
-    """Return lines cut off at a limit, with corners where they cross it."""
-    over = value > limit
-    crossed = np.flatnonzero(over[1:] != over[:-1])
-    if crossed.size == 0:
-        return time_s, np.minimum(value, limit)
-    share = (limit - value[crossed]) / (value[crossed + 1] - value[crossed])
-    at_s = time_s[crossed] + share * (time_s[crossed + 1] - time_s[crossed])
-    return (
-        np.insert(time_s, crossed + 1, at_s),
-        np.insert(np.minimum(value, limit), crossed + 1, np.full(crossed.size, limit)),
-    )
 
 
 def _fitted(rows: _Rows) -> FloatArray:
     """Lag, dead time and limit with the least left, from the best of some starts; an infinite limit where none is."""
-    span, highest = float(np.ptp(rows.asked)), float(rows.asked.max())
+    asked = rows.command[1]
+    span, highest = float(np.ptp(asked)), float(asked.max())
     limits = (math.inf, *(highest - cut * span for cut in _CUTS))
     tried = [np.array(values) for values in product(_LAGS_S, _DEAD_TIMES_S, limits)]
     tried.sort(key=lambda values: _rms(rows.solved(values)[2]))

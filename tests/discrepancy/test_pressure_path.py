@@ -46,6 +46,13 @@ def test_what_delays_limits_or_loses_the_pressure_is_read_from_it(cause: str, pe
     assert found.share > 0.9
 
 
+def test_a_command_of_straight_lines_turns_between_two_rows_where_its_lines_cross() -> None:
+    found = read_pressure_path([recorded(InputPath(dead_time_s=0.08), period_s=0.023, noise_pa=0.0)])
+    assert found is not None
+    assert found.causes[0][1].value == pytest.approx(0.08, rel=1.0e-6)
+    assert found.rms_after_pa < 1.0e-9 * FULL_PA  # drawn from row to row it was 6e-5
+
+
 def test_two_causes_of_the_path_are_told_apart() -> None:
     found = read_pressure_path([recorded(InputPath(lag_s=0.1, leak=0.02))])
     assert found is not None
