@@ -38,6 +38,12 @@ _MUCH_LOWER: Final = 0.8  # and from which on it is followed again
 _REFINEMENTS: Final = 4
 _REFINED_EARLY: Final = 2
 NEARLY_ALL: Final = 0.2  # of the misfit is left
+_NEXT_TO_ALL: Final = 0.02  # of it, above which none but a kin is refined once a cause leaves noise alone
+# Causes that shape the same curve, friction or spring force over travel: none is named before the others were tried.
+KIN: Final = (
+    frozenset({"friction_gradient", "pressure_dependent_friction"}),
+    frozenset({"spring_hardening", "dual_rate_spring", "diaphragm_area_change", "position_nonlinearity"}),
+)
 _LEAST_PROMISE: Final = 25.0  # of the cost: with less a cause is not worth a fit
 _RIVAL_SHARE: Final = 0.5
 
@@ -91,13 +97,19 @@ def refits(best: Fit, candidates: list[Candidate], setting: Setting, most: int, 
         fit = refit(best, one, setting, lowest, share_of_work(best) * work)
         if not fit.is_followed:
             continue
-        if early > 0 and not is_settled(best, fit) and excess(fit) < NEARLY_ALL * excess(best):
+        is_rival = explained and not _are_kin(one.cause, min(fits, key=lambda pair: pair[1].cost)[0])
+        left = (_NEXT_TO_ALL if is_rival else NEARLY_ALL) * excess(best)
+        if early > 0 and not is_settled(best, fit) and excess(fit) < left:
             # it is likely the one: if it leaves noise alone, the others need no fit
             fit, early = _refined(fit), early - 1
         fits.append((one.cause, fit))
         if fit.cost < lowest:
             lowest, explained, promise = fit.cost, is_settled(best, fit), one.promise
     return sorted(fits, key=lambda pair: pair[1].cost)
+
+
+def _are_kin(one: Cause, other: Cause) -> bool:
+    return any({one.name, other.name} <= group for group in KIN)
 
 
 def is_possible(cause: Cause, fit: Fit, setting: Setting) -> bool:

@@ -16,6 +16,7 @@ from discrepancy.refining import refined
 from discrepancy.rounds import (
     CLOSER_WORK,
     CLOSING_WORK,
+    KIN,
     MOST_WORK,
     NEARLY_ALL,
     WHOLE_WORK,
@@ -54,11 +55,6 @@ _FURTHER_IN_ALL: Final = 6.0e7  # given to such rounds together: what no pair ex
 _LITTLE_LEFT: Final = 0.02
 # A second cause must win this share of what the first left, for a wrong first one drags others along.
 _SECOND_SHARE: Final = 0.3
-# Causes that shape the same curve, friction or spring force over travel: none is named before the others were tried.
-_KIN: Final = (
-    frozenset({"friction_gradient", "pressure_dependent_friction"}),
-    frozenset({"spring_hardening", "dual_rate_spring", "diaphragm_area_change", "position_nonlinearity"}),
-)
 _WORTH_KIN: Final = 2.0  # misfit of several causes, below which kin may make the difference
 _WORTH: Final = 12.0  # gain of a short fit, from which on a long one is made
 
@@ -130,7 +126,7 @@ def _beside_kin(
     """
     for cause in tuple(chosen):
         fitted = way.fitted if cause is way.chosen[-1] else frozenset[str]()
-        group = next((group for group in _KIN if cause.name in group), frozenset[str]()) - fitted
+        group = next((group for group in KIN if cause.name in group), frozenset[str]()) - fitted
         kin = [other for other in search.known if other.name in group and other not in chosen]
         if not kin:
             continue

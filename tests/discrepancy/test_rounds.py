@@ -59,6 +59,37 @@ def test_causes_are_fitted_by_promise_and_quick_ones_before_the_work_is_used_up(
     assert fitted == [names[place] for place in order]
 
 
+@pytest.mark.parametrize(("found", "left", "is_refined"), [(0.0, 0.1, False), (0.5, 0.1, True), (0.0, 0.01, True)])
+def test_beside_a_cause_that_leaves_noise_alone_none_but_a_kin_is_refined_from_far_off(
+    found: float, left: float, is_refined: bool, plain: Fit, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half of the work of a search went into the refinement of causes that were 200 noises off and stayed there."""
+    searched: list[str] = []
+    shares: dict[str, float] = {"dual_rate_spring": found, "flow_force": left, "spring_hardening": left}
+    far = replace(plain, residual=30.0 * plain.residual, cost=900.0 * plain.cost)
+
+    def fitted(_fit: Fit, candidate: Candidate, *_others: Any) -> Fit:
+        share = shares[candidate.cause.name]
+        model = replace(plain.model, causes=(candidate.cause.name,))
+        size = math.sqrt(1.0 + 899.0 * share)
+        return replace(plain, model=model, residual=size * plain.residual, cost=size**2 * plain.cost)
+
+    def noted(fit: Fit) -> Fit:
+        searched.extend(fit.model.causes)
+        return fit
+
+    monkeypatch.setattr(rounds, "refit", fitted)
+    monkeypatch.setattr(rounds, "refined", noted)
+    monkeypatch.setattr(rounds, "may_ring", lambda _fit, _setting: False)
+    candidates = [Candidate(CAUSES[name], (), 0.9) for name in ("dual_rate_spring", "flow_force")]
+    rounds.refits(far, candidates, setting_of(plain), 9, math.inf)
+    assert searched == ["flow_force"] * is_refined
+    searched.clear()
+    candidates = [Candidate(CAUSES[name], (), 0.9) for name in ("dual_rate_spring", "spring_hardening")]
+    rounds.refits(far, candidates, setting_of(plain), 9, math.inf)
+    assert searched == ["spring_hardening"]
+
+
 def test_a_lag_in_place_of_damping_begins_with_the_nameplates_mass(plain: Fit) -> None:
     setting = setting_of(plain)
     heavy = replace(setting, values={**setting.values, "m": 96.0})
