@@ -11,24 +11,31 @@ import pytest
 
 from discrepancy import rounds
 from discrepancy.causes.friction import LOCAL, STRIBECK
+from discrepancy.diagnose import Diagnosis, Verdict, diagnose
 from discrepancy.least_squares import Fit
 from discrepancy.screening import Candidate
+from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from tests.blind.cases import blind_case
-from tests.blind.diagnosers import product
+
+
+def product(seed: int) -> Diagnosis:
+    """As the product asks, without the methods that the diagnosis does not begin at."""
+    case = blind_case(seed, "polled")
+    estimate = MaximumLikelihoodEstimator().estimate(case.recordings[0], case.nameplate)
+    return diagnose(case.recordings, case.nameplate, estimate=estimate)
 
 
 def test_a_polled_stop_is_named_though_the_short_fits_take_all_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
     # the stop that this test was made for, counted from the end of what the force could sweep
     monkeypatch.setattr("tests.blind.cases.STOPS", ())
-    found = product(blind_case(7004, "polled")).discrepancy
-    assert found["verdict"] == "named"
-    assert [one["cause"] for one in found["causes"]] == ["travel_stop_low"]
+    found = product(7004)
+    assert found.verdict is Verdict.NAMED
+    assert [one.cause for one in found.causes] == ["travel_stop_low"]
 
 
 def test_friction_that_grows_with_travel_is_not_named_before_friction_that_grows_with_pressure_was_fitted() -> None:
     """Far from the valve's own values the pressure promises a hundredth of what the travel does."""
-    found = product(blind_case(7313, "polled")).discrepancy
-    assert [one["cause"] for one in found["causes"]] == ["pressure_dependent_friction"]
+    assert [one.cause for one in product(7313).causes] == ["pressure_dependent_friction"]
 
 
 @pytest.mark.parametrize(("period_s", "left", "tried"), [(20.0e-3, 0.1, 1), (20.0e-3, 0.5, 2), (1.0e-3, 0.1, 2)])
