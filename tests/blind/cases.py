@@ -227,10 +227,8 @@ class _Hiding:
         if oddity is not None:
             return Expected.UNEXPLAINED
         p, known = self.plant.parameters, self.group.bench_set_known
-        stiction = p.static_friction_n > p.coulomb_friction_n
-        answers = {
-            expected(one.cause, names, self.acquired, bench_set_known=known, stiction=stiction) for one in hidden
-        }
+        sticks = p.static_friction_n > p.coulomb_friction_n
+        answers = {expected(one.cause, names, self.acquired, bench_set_known=known, stiction=sticks) for one in hidden}
         # of two causes, the one that is hardest to be sure of decides
         for answer in (Expected.SET, Expected.HIDDEN, Expected.NAMED):
             if answer in answers:
