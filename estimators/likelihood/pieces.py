@@ -97,11 +97,8 @@ def fit_pieces(time_s: FloatArray, value: FloatArray, noise: float) -> Pieces:
     test has, the noise is raised until there are not.
     """
     price = _PRICE * float(np.log(max(time_s.size, 8)))
-    edges = _edges(time_s, value, noise, price)
     most = max(_MANY_PIECES, int(_MOST_PIECES_SHARE * time_s.size))
-    while edges.size - 1 > most:
-        noise *= 1.5
-        edges = _edges(time_s, value, noise, price)
+    noise, edges = _few_enough(time_s, value, noise, price, most)
     apart = _fitted_apart(time_s, value, noise, edges, price)
     for _ in range(_EDGE_ROUNDS):
         moved = _moved(time_s, edges, apart)
@@ -110,6 +107,23 @@ def fit_pieces(time_s: FloatArray, value: FloatArray, noise: float) -> Pieces:
         edges = moved
         apart = _fitted_apart(time_s, value, noise, edges, price)
     return _smoothed(time_s, value, noise, edges, apart)
+
+
+def _few_enough(time_s: FloatArray, value: FloatArray, noise: float, price: float, most: int) -> tuple[float, IntArray]:
+    """Return the noise, raised by half as often as it takes to at most so many pieces, and their edges."""
+    edges = _edges(time_s, value, noise, price)
+    many, few = -1, 0  # how often: too seldom, and enough
+    while edges.size - 1 > most:
+        many, few = few, max(1, 2 * few)
+        edges = _edges(time_s, value, noise * 1.5**few, price)
+    while few - many > 1:
+        between = (many + few) // 2
+        tried = _edges(time_s, value, noise * 1.5**between, price)
+        if tried.size - 1 > most:
+            many = between
+        else:
+            few, edges = between, tried
+    return noise * 1.5**few, edges
 
 
 def _edges(time_s: FloatArray, value: FloatArray, noise: float, price: float) -> IntArray:
