@@ -10,6 +10,7 @@ import numpy as np
 
 from estimators.base import Estimate, Outcome, failed, measured
 from estimators.likelihood.conclusion import conclude, ramps_of
+from estimators.likelihood.cycle_starts import with_jump_cycle
 from estimators.likelihood.delay import searched_model
 from estimators.likelihood.force_recording import estimate_force_recording
 from estimators.likelihood.hopping import Hopping
@@ -69,6 +70,7 @@ class MaximumLikelihoodEstimator:
         found = search(model, problem.trials, problem.rests, breakaways=breakaways, hopping=hopping)
         if found is None:
             return failed(self.method, Outcome.UNPHYSICAL)
+        found = with_jump_cycle(found, motion, problem.rests)
         aliased = may_alias(found.model.coordinates.values(found.point)["k"], motion.samples.period_s)
         if aliased and not (found.certificate.is_good or hopping.jumps or problem.is_noise_free):
             found = with_scanned_mass(found, hopping.speed_m_per_s)

@@ -1,0 +1,82 @@
+"""A stem that sticks and slips within a few rows is found by its cycle, and what was taken for noise is its jumps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimators.likelihood.cycle_starts import with_jump_cycle
+from estimators.likelihood.delay import searched_model
+from estimators.likelihood.hopping import Hopping
+from estimators.likelihood.jump_cycle import is_waved, jump_cycles
+from estimators.likelihood.search import search
+from estimators.samples import Samples
+from tests.estimators.likelihood.posed import posed
+from tests.estimators.random_valves import random_test
+
+_PERIOD_S = 0.05
+_CYCLE_S = 0.0717
+_NOISE_M = 5.0e-6
+
+
+def _sawtooth(*, even: bool) -> Samples:
+    """Two ramps of 12 s on which the stem jumps by 60 um, seen at 50 ms."""
+    rng = np.random.default_rng(7)
+    time_s = np.arange(480, dtype=np.float64) * _PERIOD_S
+    if not even:
+        time_s[1:] += np.clip(rng.normal(0.0, 0.1, 479), -0.4, 0.4) * _PERIOD_S
+    driven_s = np.minimum(time_s, 24.0 - time_s)
+    position_m = 1.0e-3 * driven_s + 60.0e-6 * (0.5 - np.mod(driven_s, _CYCLE_S) / _CYCLE_S)
+    position_m += _NOISE_M * rng.standard_normal(480)
+    ones = np.zeros(480, dtype=np.int64)
+    return Samples(time_s, position_m, 100.0 * driven_s, ones, ones + 479, _PERIOD_S, 30.0e-6, 0.0)
+
+
+_CORNERS = np.array([0.0, 12.0, 24.0]), np.array([0.0, 1200.0, 0.0])
+
+
+def test_a_cycle_shorter_than_two_rows_is_found_where_the_rows_are_uneven() -> None:
+    found = jump_cycles(_sawtooth(even=False), _CORNERS)
+    assert found[0].period_s == pytest.approx(_CYCLE_S, rel=3.0e-4)
+    assert found[0].rate_n_per_s == pytest.approx(100.0)
+    assert found[0].count == pytest.approx(24.0 / _CYCLE_S, abs=2.0)
+    # of a sawtooth of 60 um
+    assert found[0].waves_m[0] == pytest.approx(60.0e-6 / np.pi, rel=0.1)
+    # even rows see another cycle in its place: nothing shorter than two of them is asked for
+    assert all(cycle.period_s > 2.0 * _PERIOD_S for cycle in jump_cycles(_sawtooth(even=True), _CORNERS))
+
+
+def test_noise_has_no_cycle() -> None:
+    samples = _sawtooth(even=False)
+    noise_m = _NOISE_M * np.random.default_rng(8).standard_normal(480)
+    sliding = replace(samples, position_m=1.0e-5 * samples.force_n + noise_m)
+    assert jump_cycles(sliding, _CORNERS) == []
+
+
+def test_a_wave_is_told_from_noise_by_how_seldom_it_is_about_its_mean() -> None:
+    rng = np.random.default_rng(9)
+    noise, phase = rng.standard_normal(1000), rng.uniform(0.0, 1.0, 1000)
+    assert not is_waved(noise)
+    assert is_waved(6.0 * phase + 0.5 * noise)
+    assert is_waved(2.0 * np.sin(2.0 * np.pi * phase) + 0.5 * noise)
+    # what lies beyond a valve that is at a wrong place has a few large residuals instead
+    assert not is_waved(np.where(phase < 0.05, 8.0, 1.0) * noise)
+
+
+def test_a_stick_slip_taken_for_noise_is_found_with_its_mass_and_the_noise_beneath_it() -> None:
+    # 11.5 kg, jumps each 75 ms on ramps of 20 s, 20 ms rows: the noise was taken 4.4 times too large
+    test = random_test(2732)
+    problem, motion = posed(2732)
+    model = searched_model(problem, motion.samples.period_s)
+    hopping = Hopping(motion.phases.moving_speed, False, np.inf)
+    before = search(model, problem.trials, problem.rests, breakaways=4, hopping=hopping)
+    assert before is not None
+    found = with_jump_cycle(before, motion, problem.rests)
+    assert problem.noise_m * found.noise_factor == pytest.approx(test.noise_m, rel=0.1)
+    assert found.certificate.is_good
+    assert found.is_confirmed
+    values = found.model.coordinates.values(found.point)
+    assert values["m"] == pytest.approx(test.truth.mass_kg, rel=0.03)
+    assert values["F_c"] * (1.0 + values["d"]) == pytest.approx(test.truth.static_friction_n, rel=0.02)
