@@ -91,11 +91,15 @@ def held_out_gain(name: str, recording: Recording, nameplate: Nameplate, before:
 
 
 def prediction_error(recording: Recording, nameplate: Nameplate, fit: Fit) -> tuple[float, float] | None:
-    """Return the error of the predicted position and the noise, m, for the pressure in this recording."""
+    """Return the error of the predicted position and the noise, m, for the pressure in this recording.
+
+    An unknown delay between the channels is found in it, as ``held_out_gain`` does.
+    """
     observed = observe([recording], nameplate)
     if isinstance(observed, Outcome):
         return None
-    error_m = _rmse(_without_rests(observed), fit, 0.0, {})
+    free = _without_rests(observed)
+    error_m = _rmse(free, fit, 0.0, _own_delay(free, fit))
     return None if error_m is None else (error_m, observed.noise_m)
 
 

@@ -194,9 +194,14 @@ _ROWS_THAT_COUNT_AS_ONE: Final = 100.0
 
 
 def without_pressure(recording: Recording, path: PressurePath | None) -> Recording:
-    """Return the recording with the pressure that its command would give: through the path, or at once."""
+    """Return the recording with the pressure that its command would give: through the path, or at once.
+
+    Where no writes were recorded the command goes: a polled pressure that follows it to the digit would be read as one
+    that is held from row to row.
+    """
     pressure_pa = recording.command_pa if path is None else path.answered(recording)
-    return replace(recording, pressure_pa=pressure_pa)
+    command_pa = None if _written(recording) is None else recording.command_pa
+    return replace(recording, pressure_pa=pressure_pa, command_pa=command_pa)
 
 
 def _stands_out(fit: _Fit, cause: str, recordings: Sequence[Recording], range_pa: float, highest_pa: float) -> bool:

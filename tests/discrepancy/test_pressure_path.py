@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from discrepancy.diagnose import Verdict, diagnose
-from discrepancy.pressure_path import read_pressure_path
+from discrepancy.pressure_path import read_pressure_path, without_pressure
+from estimators.base import Outcome
+from estimators.likelihood.input_path import input_path
 from tests.blind.plant import acting_force
 from tests.discrepancy.hidden import FULL_PA, hidden
 from valve.extended_valve import InputPath
-from valve.recording import FloatArray, Recording
+from valve.parameter_sets import parameter_set
+from valve.recording import Acquisition, FloatArray, Provenance, Recording
 from valve.waveform import triangle
 
 WAVE = triangle(12.0, 2, 3_000.0, FULL_PA)
@@ -103,6 +106,23 @@ def test_a_prompt_transducer_and_a_gauge_with_a_zero_have_no_cause() -> None:
 
 def test_a_recording_without_a_command_says_nothing_of_the_path() -> None:
     assert read_pressure_path([replace(recorded(InputPath()), command_pa=None)]) is None
+
+
+def test_a_polled_pressure_that_its_command_gives_is_drawn_between_the_rows_and_not_held() -> None:
+    """Held from row to row, 10 ms late, it left a stem that sticks 0.3 mm off; the valve itself leaves noise."""
+    recording, nameplate = recorded(InputPath(), period_s=2.0e-2), parameter_set("nominal").nameplate
+    area_m2 = nameplate.actuator.diaphragm_area_m2
+    assert area_m2 is not None
+    polled = Provenance(Acquisition.POLLED, requested_period_s=2.0e-2, timing_uncertainty_s=1.0e-3)
+    jitter = np.clip(np.random.default_rng(1).standard_normal(recording.samples), -3.0, 3.0)
+    time_s = recording.time_s + 2.0e-3 * np.where(recording.time_s > 0.0, jitter, 0.0)
+    asked_pa = 0.5 * FULL_PA - 3.9e4 * np.cos(0.8 * time_s)
+    made = without_pressure(replace(recording, time_s=time_s, command_pa=asked_pa, provenance=polled), None)
+    path = input_path(made, nameplate)
+    assert not isinstance(path, Outcome)
+    at_s = time_s[5:-5] + 0.5e-2
+    drawn_n = np.interp(at_s, *path.corners(np.zeros(len(path.nuisances))))
+    assert drawn_n == pytest.approx(area_m2 * (0.5 * FULL_PA - 3.9e4 * np.cos(0.8 * at_s)), abs=1.0)
 
 
 def test_a_valve_behind_a_slow_transducer_is_named_for_it_alone_and_predicted_from_the_command() -> None:
