@@ -12,6 +12,7 @@ import numpy as np
 
 from discrepancy.baseline import STATIC_SCAN, scanned
 from discrepancy.causes.base import Cause, Values
+from discrepancy.dithered import from_first_rests
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.sills import rest_edges
 from discrepancy.unknowns import SEPARATOR
@@ -28,6 +29,7 @@ _OF_SLIPS: Final = frozenset({"F_c", "F_v", "d"})
 _FACTORS: Final = (1.3, 1.0 / 1.3)  # of the force, in a walk
 _LOWER: Final = 0.9  # of the cost
 _CLEARLY: Final = 0.5  # of the cost at any other frequency: this one it is, and a walk worth its work
+_NEXT_TO_NOTHING: Final = 0.1  # of the cost of all starts
 _SAME: Final = 0.01  # frequencies
 _DROPS: Final = (0.03, 0.06, 0.1, 0.15, 0.22, 0.35)  # F_s over F_c, less 1
 _DAMPINGS: Final = (0.1, 0.3, 0.7, 1.2, 1.8, 3.0)  # of a slip, as shares of the critical one
@@ -51,6 +53,10 @@ def followed(starts: Sequence[tuple[Values, Fit]], cause: Cause, most: float) ->
     The force is held first, and with it k and F_0 where the start has them, until friction and mass have found their
     places beside it: all at once they leave it again, for a slip that is off by a period costs as much as any.
     """
+    balanced = [fit for start, fit in starts if "k" in start and "F_v" not in start and fit.is_followed]
+    dithered = from_first_rests(balanced, cause)
+    if dithered is not None and dithered.cost < _NEXT_TO_NOTHING * min(fit.cost for _, fit in starts):
+        return descend(dithered, most_steps=_LAST_STEPS)
     short: list[Fit] = []
     for start, fit in starts:
         is_found = any(one.cost < _FOUND * fit.model.observed.count for one in short)

@@ -76,7 +76,9 @@ def refits(best: Fit, candidates: list[Candidate], setting: Setting, most: int, 
     ordinary = [*quick, *(one for one in ordinary if one not in quick)]
     hard = [one for one in candidates if one.cause.is_hard]
     # a valve without damping, or with a wide DV, rings: no other cause does, and after all others no work is left
-    if not _is_coarse(best) and may_ring(best, setting):
+    # but for a clear wave in the forces at hundreds of breakaways, which that stands in for
+    is_shaken = bool(ordinary) and ordinary[0].cause.promise(setting) > 0.0
+    if not _is_coarse(best) and may_ring(best, setting) and not is_shaken:
         ordinary, hard = [*hard, *ordinary], []
     fits: Fits = []
     lowest, explained, promise = math.inf, False, 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from discrepancy import periodic
@@ -90,13 +90,17 @@ def screen(fit: Fit, causes: Iterable[Cause], setting: Setting) -> list[Candidat
             share, balanced = by_force.get(cause.name, (0.0, None))
             if cause.is_end:
                 balanced = next((start for start in ranked if has_place(start, fit.values)), None)
-            found.append(Candidate(cause, starts, max(tried[0][0], share), balanced))
+            found.append(Candidate(cause, starts, max(tried[0][0], share, cause.promise(setting)), balanced))
     return sorted(found, key=lambda candidate: -candidate.promise)
 
 
 def extended_model(model: Model, cause: Cause, setting: Setting) -> Model:
     """Return the model with this cause in it."""
-    return model.with_causes((cause.name,), cause.unknowns(setting), cause.full(cause.held(setting)))
+    extended = model.with_causes((cause.name,), cause.unknowns(setting), cause.full(cause.held(setting)))
+    if math.isinf(cause.widest_limit):
+        return extended
+    limited = extended.unknowns.below("DV", cause.widest_limit * setting.sliding_m_per_s)
+    return replace(extended, unknowns=limited)
 
 
 def held_of(fit: Fit, causes: Iterable[Cause]) -> dict[str, float]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -33,6 +33,9 @@ _GRID_S: Final = 5.0e-3
 _FINER: Final = 8  # frequencies a line's width: the phase at either end of a record is off by pi/8 at most
 _APART: Final = 3.0  # line widths between two lines
 _FEWEST_BREAKAWAYS: Final = 12
+# One frequency of thousands takes half of a dozen forces by chance, and nothing like it of some hundred.
+_MANY_BREAKAWAYS: Final = 120
+_CLEAR: Final = 0.8
 _MOVING_SHARE: Final = 0.3  # of the usual speed
 # Causes that bend the balance of forces at the breakaways too, and the strength of each.
 _BENDING: Final = {
@@ -74,6 +77,7 @@ class Shaken:
     spring_n_per_m: float
     preload_n: float
     static_n: float
+    share: float = 0.0  # of the forces that spring and static friction leave, that it takes
     beside: Mapping[str, float] = field(default_factory=dict)  # strengths of causes that bend the balance, by full name
 
 
@@ -140,7 +144,18 @@ def shaken_breakaways(observed: Observed, most: int, values: Mapping[str, float]
     frequency_hz = np.arange(LOWEST_HZ, HIGHEST_HZ, 1.0 / (_FINER * span_s))
     taken = share_taken(frequency_hz, time_s, base, force_n)
     found = highest_of(frequency_hz, taken, _APART / span_s, most)
-    return [shaken for at_hz in found if (shaken := _shaken(at_hz, base, force_n, time_s, tuple(bent))) is not None]
+    shares = [float(taken[int(np.argmin(np.abs(frequency_hz - at_hz)))]) for at_hz in found]
+    told = [
+        (_shaken(at_hz, base, force_n, time_s, tuple(bent)), share) for at_hz, share in zip(found, shares, strict=True)
+    ]
+    return [replace(shaken, share=share) for shaken, share in told if shaken is not None]
+
+
+def clear_share(observed: Observed, values: Mapping[str, float]) -> float:
+    """Return the share of the forces at hundreds of breakaways that one wave takes; 0 where it is no clear one."""
+    if sum(len(motion.phases.breakaways) for motion in observed.motions) < _MANY_BREAKAWAYS:
+        return 0.0
+    return max((one.share for one in shaken_breakaways(observed, 1, values) if one.share > _CLEAR), default=0.0)
 
 
 def _shaken(
@@ -162,7 +177,7 @@ def _shaken(
         float(spring),
         float(preload_n),
         float(static_n),
-        {name: float(strength) for name, strength in zip(bent, solved[3:-2], strict=True)},
+        beside={name: float(strength) for name, strength in zip(bent, solved[3:-2], strict=True)},
     )
 
 

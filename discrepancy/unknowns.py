@@ -91,6 +91,15 @@ class Unknowns:
         """Return these and more."""
         return Unknowns((*self.entries, *more))
 
+    def below(self, name: str, upper: float) -> Unknowns:
+        """Return these with an unknown that goes no higher than ``upper``, nor than it went."""
+        return Unknowns(
+            tuple(
+                replace(entry, upper=min(entry.upper, max(upper, entry.lower))) if entry.name == name else entry
+                for entry in self.entries
+            )
+        )
+
 
 def of_a_segment(name: str) -> bool:
     """Whether an unknown is the position or the velocity at which a segment begins: it says nothing about the valve."""

@@ -93,6 +93,7 @@ class Cause:
     action: str
     held: Callable[[Setting], Values] = lambda _setting: {}
     is_visible: Callable[[Observed], bool] = lambda _observed: True
+    promise: Callable[[Setting], float] = lambda _setting: 0.0  # share of the misfit that something else tells of it
     is_hard: bool = False  # its starts are a grid that must be followed some way before the best is seen
     is_shy: bool = False  # usual tests show little of it, and others mimic that: always tried beside them
     is_slow: bool = False  # its motions take ten times as long: not tried once another leaves noise alone
@@ -100,6 +101,7 @@ class Cause:
     is_end: bool = False  # it ends motions, and the balance of forces in them is that of the valve without it
     is_periodic: bool = False  # it moves the stem to and fro: blurred residuals say nothing of it
     law_error: float = 0.0  # of what it does, rms: the share that its law in the kernel is not known better than
+    widest_limit: float = math.inf  # DV beside it, of the sliding speed: a wider one stands in for what its model lacks
     neutral: float | None = 0.0  # of the strength; None where the start does not grow out of the baseline
 
     def unknowns(self, setting: Setting) -> tuple[Unknown, ...]:

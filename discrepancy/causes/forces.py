@@ -10,9 +10,10 @@ import numpy as np
 
 from discrepancy.causes.base import Cause, Fitted, Part, Setting, Values, strongest_frequencies, with_interval
 from discrepancy.locking import locked_forces
-from discrepancy.shaking import lines, shaken_breakaways
+from discrepancy.shaking import clear_share, lines, shaken_breakaways
 
 _SEEN_NOISES: Final = 4.0  # that a stem must have moved to be seen to
+_MOST_STATIC: Final = 5.0  # of F_c, as far as a fit's d goes
 _LEAST_EXCESS: Final = 0.02  # of F_c
 
 
@@ -154,13 +155,20 @@ def _locked_starts(setting: Setting, anew: Values) -> list[Values]:
             "phase_rad": one.phase_rad,
             "k": one.spring_n_per_m,
             "F_0": one.preload_n,
-            "d": max(one.static_n / own["F_c"] - 1.0, 0.0),
+            **_static(one.static_n, own),
             "F_v": own["F_v"],
             "first_rise": first_n + one.force_n - one.static_n,
             **anew,
         }
         for one in locked_forces(setting.observed, _seen_late(setting, anew["m"]))
     ]
+
+
+def _static(static_n: float, own: Mapping[str, float]) -> Values:
+    """Return the unknowns of this static friction, with F_c as it is; anew where that is next to nothing beside it."""
+    if static_n > _MOST_STATIC * own["F_c"]:
+        return {"F_c": static_n, "d": 0.0}
+    return {"d": max(static_n / own["F_c"] - 1.0, 0.0)}
 
 
 def _seen_late(setting: Setting, mass_kg: float) -> float:
@@ -195,7 +203,7 @@ def _vibration_starts(setting: Setting) -> list[Values]:
             "phase_rad": shaken.phase_rad,
             "k": shaken.spring_n_per_m,
             "F_0": shaken.preload_n,
-            "d": max(shaken.static_n / own["F_c"] - 1.0, 0.0),
+            **_static(shaken.static_n, own),
             **anew,
             **shaken.beside,
         }
@@ -228,6 +236,7 @@ VIBRATION: Final = Cause(
     _vibration_starts,
     _vibration_sentence,
     "Look for what shakes at this frequency: a pump, flow past the plug, a loose bracket.",
+    promise=lambda setting: clear_share(setting.observed, setting.values),
     is_slow=True,
     is_periodic=True,
 )

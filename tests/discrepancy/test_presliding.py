@@ -9,12 +9,13 @@ from discrepancy.baseline import fit_baseline
 from discrepancy.causes.friction import PRESLIDING
 from discrepancy.observed import Observed, all_rests, observe
 from discrepancy.pauses import pauses
-from discrepancy.screening import refit, screen
+from discrepancy.screening import extended_model, refit, screen
 from discrepancy.setting import setting_of
 from discrepancy.significance import misfit
 from tests.blind.cases import blind_case
 from tests.blind.plant import VALVES
 from tests.blind.strengths import STRENGTHS
+from tests.discrepancy.hidden import hidden
 from valve.effects import EFFECTS, ValveScale
 from valve.parameter_sets import parameter_set
 
@@ -68,3 +69,18 @@ def test_a_soft_packing_of_the_smallest_valve_is_within_the_bounds(valve: str) -
     hidden = STRENGTHS["presliding"]
     _, high_m = entry.range(ValveScale(plate.actuator.travel_m, 1.0, 1.0, 1.0))
     assert high_m > 10.0 * hidden.smallest
+
+
+def test_beside_bristles_the_band_of_rest_is_no_wider_than_a_fifth_of_the_speed() -> None:
+    made = hidden("nominal", seed=1, cycle_s=8.0)
+    observed = observe([made.recording], made.nameplate)
+    assert isinstance(observed, Observed)
+    baseline = fit_baseline(observed)
+    assert baseline is not None
+    setting = setting_of(baseline)
+    wide = {**baseline.values, "DV": 0.6 * setting.sliding_m_per_s, "presliding.deflection_m": 1.0e-4}
+    beside = extended_model(baseline.model, PRESLIDING, setting)
+    # a stem of no mass on its bristles is made up for by a wide one at the ramps' speed, and at no other
+    assert beside.values(beside.unknowns.point(wide))["DV"] == pytest.approx(0.2 * setting.sliding_m_per_s)
+    alone = baseline.model
+    assert alone.values(alone.unknowns.point(wide))["DV"] == pytest.approx(0.6 * setting.sliding_m_per_s)
