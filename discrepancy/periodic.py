@@ -14,6 +14,7 @@ from discrepancy.baseline import STATIC_SCAN, scanned
 from discrepancy.causes.base import Cause, Values
 from discrepancy.dithered import from_first_rests
 from discrepancy.least_squares import Fit, descend, start_fit
+from discrepancy.shaken_damping import with_other_damping
 from discrepancy.sills import rest_edges
 from discrepancy.unknowns import SEPARATOR
 from discrepancy.walking import walked
@@ -83,6 +84,7 @@ def followed(starts: Sequence[tuple[Values, Fit]], cause: Cause, most: float) ->
         return None
     at_hz = cause.own("frequency_hz")
     others = [one.cost for one in short if abs(math.log(one.values[at_hz] / best.values[at_hz])) > _SAME]
+    best = with_other_damping(best, cause)
     return along_strength(best, cause) if best.cost < _CLEARLY * min(others, default=0.0) else best
 
 
