@@ -9,6 +9,7 @@ size a crest before or after it would have let the stem go; and so do the steps 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
@@ -40,7 +41,7 @@ _INSTANT_S: Final = 3.0e-3  # as well as the beginning of a slow slip is seen
 _LIKELY: Final = 0.5  # of log(1 + (off/instant)^2), above which no start is worth it
 _FEWEST: Final = 12
 _REST_SHARE: Final = 0.2  # of a long rest, that any lasts
-_OTHERS: Final = 3  # frequencies
+_OTHERS: Final = 3  # frequencies that come nearest
 _KEPT: Final = 3
 _MOST_CALLS: Final = 30
 _SAME_RAD: Final = 0.02
@@ -99,14 +100,20 @@ def locked_forces(observed: Observed, late_s: float) -> list[Locked]:
         _best_at(rests, at_hz, complex(mean[int(np.argmin(np.abs(frequency_hz - at_hz)))]))
         for at_hz in highest_of(frequency_hz, length, _APART / span_s, _FREQUENCIES)
     ]
-    tried.sort(key=lambda of_sizes: min(one.off for one in of_sizes))
+    # a multiple may come nearer on the grid: only led to its best does a frequency show how near it comes
+    led = [(_refined(rests, best), sizes) for sizes in tried if (best := _nearest(sizes)).off < _LIKELY]
+    led.sort(key=lambda one: one[0].off)
     # sizes have a valley of their own each; of other frequencies the best is enough
-    begun = [*tried[0][::2], *(min(others, key=lambda one: one.off) for others in tried[1:_OTHERS])] if tried else []
+    others = [_refined(rests, one) for one in (led[0][1][::2] if led else []) if one.off < _LIKELY]
     refined: list[Locked] = []
-    for one in sorted((_refined(rests, one) for one in begun if one.off < _LIKELY), key=lambda one: one.off):
+    for one in sorted([*others, *(best for best, _ in led[:_OTHERS])], key=lambda one: one.off):
         if not any(math.isclose(one.phase_rad, other.phase_rad, abs_tol=_SAME_RAD) for other in refined):
             refined.append(one)
     return refined[:_KEPT]
+
+
+def _nearest(found: Iterable[Locked]) -> Locked:
+    return min(found, key=lambda one: one.off)
 
 
 def _best_at(rests: Rests, frequency_hz: float, mean: complex) -> list[Locked]:
@@ -125,7 +132,7 @@ def _best_at(rests: Rests, frequency_hz: float, mean: complex) -> list[Locked]:
             one = Locked(frequency_hz, phase_rad, float(size_n), spring, preload_n, static_n, math.inf)
             off = float(np.mean(np.log1p((_off_s(rests, one) / _INSTANT_S) ** 2)))
             of_phases.append(replace(one, off=off))
-        found.append(min(of_phases, key=lambda one: one.off))
+        found.append(_nearest(of_phases))
     return found
 
 

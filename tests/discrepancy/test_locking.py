@@ -88,3 +88,15 @@ def test_a_few_steps_a_ramp_are_no_shreds_beside_the_rests_at_its_turns() -> Non
     found = locked_forces(observed, 1.2e-3)
     assert found[0].frequency_hz == pytest.approx(hidden["frequency_hz"], rel=5.0e-4)
     assert found[0].force_n == pytest.approx(hidden["force_n"], rel=0.3)
+
+
+def test_odd_multiples_that_come_nearer_on_the_grid_do_not_hide_the_frequency() -> None:
+    """At 3, 5, 7 and 9 times the frequency the instants were less off than at the best of its own trial phases."""
+    case = blind_case(9218, "triangle")
+    observed = observe(case.recordings, case.nameplate)
+    assert isinstance(observed, Observed)
+    hidden = case.hidden[0].parameters
+    found = locked_forces(observed, 1.0e-3)
+    assert found[0].frequency_hz == pytest.approx(hidden["frequency_hz"], rel=5.0e-4)
+    assert found[0].force_n == pytest.approx(hidden["force_n"], rel=0.1)
+    assert found[0].off < 0.5 * found[-1].off
