@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
@@ -22,7 +23,7 @@ MOST_WORK: Final = 8.0e7
 WHOLE_WORK: Final = 1.5e8  # of all rounds together, whatever each is given: after it no fit is led further
 CLOSING_WORK: Final = 3.0e7  # beside it, of telling needless causes and rivals of what was found
 CLOSER_WORK: Final = 2.5e7  # of following the lowest further, in each round
-_CAUSE_WORK: Final = 1.5e7  # of one cause, from which on no other start of it is tried
+CAUSE_WORK: Final = 1.5e7  # of one cause, from which on no other start of it is tried
 _HARD_WORK: Final = 3.5e7  # that hard causes have to themselves, where the ordinary ones took all
 _UNCLEAR_SHARE: Final = 0.3  # of that, for a slow one that promises little
 _USUAL_S: Final = 60.0
@@ -44,6 +45,7 @@ KIN: Final = (
     frozenset({"friction_gradient", "pressure_dependent_friction"}),
     frozenset({"spring_hardening", "dual_rate_spring", "diaphragm_area_change", "position_nonlinearity"}),
 )
+_LEAST_LEFT: Final = 0.8  # misfit: no valve leaves less than that of a sensor whose noise is known so well
 _LEAST_PROMISE: Final = 25.0  # of the cost: with less a cause is not worth a fit
 _RIVAL_SHARE: Final = 0.5
 
@@ -92,10 +94,10 @@ def refits(best: Fit, candidates: list[Candidate], setting: Setting, most: int, 
         is_found = _is_coarse(best) and any(excess(fit) < NEARLY_ALL * excess(best) for _, fit in fits)
         own = share_of_work(best) * _HARD_WORK if one.cause.is_hard and not is_found else 0.0
         if one.cause.is_slow and not _is_coarse(best):
-            own = share_of_work(best) * _CAUSE_WORK
+            own = share_of_work(best) * CAUSE_WORK
         if best.model.tally.work > last + own:
             continue
-        work = _UNCLEAR_SHARE * _CAUSE_WORK if one in slow else _CAUSE_WORK
+        work = _UNCLEAR_SHARE * CAUSE_WORK if one in slow else CAUSE_WORK
         fit = refit(best, one, setting, lowest, share_of_work(best) * work)
         if not fit.is_followed:
             continue
@@ -118,6 +120,16 @@ def is_possible(cause: Cause, fit: Fit, setting: Setting) -> bool:
     """Whether all parameters of a cause are the data's and not a bound's, and its strength is no trifle."""
     found = [(unknown, fit.values[unknown.name]) for unknown in cause.unknowns(setting)]
     return not any(is_at_bound(cause, unknown, value) or is_trifle(cause, unknown, value) for unknown, value in found)
+
+
+def own_error(chosen: Iterable[Cause], plain: Fit, best: Fit) -> float:
+    """Return how much of the cost what is chosen may leave by its own laws' errors: another cause must win more."""
+    return max((cause.law_error for cause in chosen), default=0.0) ** 2 * (plain.cost - best.cost)
+
+
+def is_all_but_own_error(chosen: Iterable[Cause], plain: Fit, fit: Fit) -> bool:
+    """Whether a fit with these causes leaves no more beside noise than their own laws' errors may."""
+    return fit.cost - _LEAST_LEFT * fit.model.observed.count < own_error(chosen, plain, fit)
 
 
 def is_promising(candidate: Candidate, best: Fit) -> bool:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Final
 
+from discrepancy.by_forces import way_by_forces
 from discrepancy.causes.base import Cause
 from discrepancy.choice import Choice, Way
 from discrepancy.finishing import finished
@@ -22,8 +23,10 @@ from discrepancy.rounds import (
     WHOLE_WORK,
     Fits,
     closer,
+    is_all_but_own_error,
     is_possible,
     is_promising,
+    own_error,
     polished,
     refits,
     share_of_work,
@@ -45,7 +48,6 @@ from discrepancy.significance import (
 
 MOST_CAUSES: Final = 3
 _LAST_STEPS: Final = 15
-_LEAST_LEFT: Final = 0.8  # misfit: no valve leaves less than that of a sensor whose noise is known so well
 _EXCHANGED: Final = 2  # causes in the valve, from which on the first is tried again beside the other
 _REFITTED: Final = (9, 6, 5)  # in the first, second and third round
 # Work of a round that has a cause beside it, whatever the rounds before took: a second cause needs its turn.
@@ -68,12 +70,14 @@ def choose(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str], 
     tally, share = baseline.model.tally, share_of_work(baseline)
     tally.most = tally.work + share * WHOLE_WORK
     try:
-        return _chosen(baseline, causes, tell, share)
+        return _chosen(baseline, list(causes), tell, share)
     finally:
         tally.most = math.inf
 
 
-def _chosen(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str], None], share: float) -> Choice:
+def _chosen(
+    baseline: Fit, known: list[Cause], tell: Callable[[float, str], None], share: float, *, by_forces: bool = True
+) -> Choice:
     tally = baseline.model.tally
     if is_noise(baseline):
         # what a fit's last steps win is no cause's
@@ -81,8 +85,8 @@ def _chosen(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str],
     elif misfit(baseline) < LARGE_MISFIT:
         # a small misfit may be the fit's own: a cause that only helps it down is none
         baseline = refined(baseline)
-    last = tally.work + share * MOST_WORK
-    search = _Search(list(causes), Way(baseline), last, tell)
+    told = way_by_forces(baseline, known) if by_forces else None
+    search = _Search(known, Way(baseline) if told is None else told, tally.work + share * MOST_WORK, tell)
     way = search.followed(is_closer=False)
     if not (way.is_done or is_noise(way.best)):
         other = search.followed(is_closer=True)
@@ -90,6 +94,9 @@ def _chosen(baseline: Fit, causes: Iterable[Cause], tell: Callable[[float, str],
     is_cut = search.is_cut
     tally.most = max(tally.work, tally.most) + share * CLOSING_WORK
     best, chosen = pruned(baseline, way.best, list(way.chosen))
+    if told is not None and len(chosen) == 1:
+        # the forces told of one too many: what explains alone is chosen among its rivals
+        return _chosen(baseline, known, tell, share, by_forces=False)
     if len(chosen) == len(way.chosen) and (len(chosen) == 1 or misfit(best) < _WORTH_KIN):
         before = chosen
         best, chosen, way = _beside_kin(baseline, best, chosen, way, search)
@@ -169,11 +176,6 @@ def _near(best: Fit, chosen: list[Cause], way: Way, pruned_from: Fit | None = No
 def _is_near(fit: Fit, best: Fit) -> bool:
     """Whether a fit explains as well as the best: noise may make the difference."""
     return fit.is_followed and fit.cost - best.cost < NEAR * noise_factor(best)
-
-
-def own_error(chosen: Iterable[Cause], plain: Fit, best: Fit) -> float:
-    """Return how much of the cost what is chosen may leave by its own laws' errors: another cause must win more."""
-    return max((cause.law_error for cause in chosen), default=0.0) ** 2 * (plain.cost - best.cost)
 
 
 class _Search:
@@ -280,5 +282,5 @@ def _taken(way: Way, fits: Fits, plain: Fit) -> Way | None:
         return None
     rivals = [pair for pair in others if _is_near(pair[1], fit) and is_significant(best, pair[1])]
     chosen = (*way.chosen, cause)
-    is_all = is_settled(best, fit) or fit.cost - _LEAST_LEFT * fit.model.observed.count < own_error(chosen, plain, fit)
+    is_all = is_settled(best, fit) or is_all_but_own_error(chosen, plain, fit)
     return Way(fit, chosen, tuple(rivals), is_all, frozenset(one.name for one, _ in fits))

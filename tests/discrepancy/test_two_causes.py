@@ -11,6 +11,7 @@ import pytest
 from discrepancy import pruning, selection
 from discrepancy.baseline import fit_baseline
 from discrepancy.causes.base import Cause, Setting
+from discrepancy.choice import Way
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.observed import Observed, observe
 from discrepancy.pruning import pruned
@@ -245,3 +246,15 @@ def test_a_second_cause_that_only_let_the_first_out_of_its_place_is_dropped(monk
     monkeypatch.setattr(pruning, "may_be_nothing", lambda *_: False)
     assert len(pruned(baseline, both, causes)[1]) == 2
     assert [cause.name for cause in pruned(baseline, both, causes, fades=True)[1]] == ["friction_asymmetry"]
+
+
+def test_one_too_many_by_the_forces_leaves_the_choice_to_a_round(
+    plain: Fit, scripted: Callable[..., Scripted], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    knee, lag = CAUSES["dual_rate_spring"], CAUSES["position_lag"]
+    found = scripted({frozenset({knee.name}): 1.0, frozenset({knee.name, lag.name}): 1.0})
+    told = Way(found.fit([knee.name, lag.name]), (knee, lag), is_done=True)
+    monkeypatch.setattr(selection, "way_by_forces", lambda _baseline, _known: told)
+    monkeypatch.setattr(selection, "pruned", lambda *_given, **_named: (found.fit([knee.name]), [knee]))
+    assert chosen_of(plain)[0] == {knee.name}
+    assert found.rounds[:1] == [()], "its rivals were tried"
