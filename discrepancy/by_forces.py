@@ -24,6 +24,7 @@ from discrepancy.told_by_forces import Told, told_by_forces
 # Own choices, from valves with two hidden effects (docs/diagnosis.md).
 _CLEAR: Final = 0.8  # of the misfit beside what the forces tell, that one step must promise to take
 _MOST_BESIDE: Final = 2
+_MOST_CAUSES: Final = 2
 _STATIC_SCAN: Final = np.linspace(-0.1, 0.1, 21)
 _STEPS: Final = 15
 
@@ -31,15 +32,15 @@ _STEPS: Final = 15
 def way_by_forces(baseline: Fit, known: Sequence[Cause]) -> Way | None:
     """Return the way to causes of which the forces tell one or more; None where they tell none or all alone.
 
-    What they tell alone is found in a round, beside its rivals.
+    What they tell alone is found in a round, beside its rivals. Two in all: three shapes mimic what is not among them.
     """
-    told = told_by_forces(baseline, known)
+    told = [one for one in told_by_forces(baseline, known) if len(one.causes) <= _MOST_CAUSES]
     whole = [one for one in told if is_settled(baseline, one.led)]
     if not told or any(len(one.causes) == 1 for one in whole):
         return None
     found = sorted((one for one in whole if _is_possible(one.led, one.causes)), key=lambda one: one.led.cost)
     if not found:
-        return _beside(baseline, told[0], known)
+        return _beside(baseline, told[0], known) if len(told[0].causes) < _MOST_CAUSES else None
     first, others = found[0], found[1:]
     rivals = [(one.causes[-1], one.led) for one in others if one.causes[:-1] == first.causes[:-1]]
     near = [pair for pair in rivals if pair[1].cost - first.led.cost < NEAR * noise_factor(first.led)]

@@ -15,7 +15,7 @@ from discrepancy.baseline import baseline_unknowns
 from discrepancy.by_forces import way_by_forces
 from discrepancy.causes.base import Cause
 from discrepancy.causes.forces import FLOW
-from discrepancy.causes.friction import GRADIENT, PRESLIDING
+from discrepancy.causes.friction import ASYMMETRY, GRADIENT, PRESLIDING
 from discrepancy.least_squares import Fit, start_fit
 from discrepancy.line_errors import with_line_errors
 from discrepancy.model import Model
@@ -185,3 +185,14 @@ def test_what_the_forces_tell_alone_is_left_to_the_round(
     monkeypatch.setattr(by_forces, "told_by_forces", lambda *_given: [Told((FLOW,), alone, alone)])
     assert way_by_forces(lost, list(CAUSES.values())) is None
     assert beside.tried == []
+
+
+def test_a_third_cause_is_not_looked_for_beside_two(lost: Fit, beside: Beside, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Gradient, flow force and asymmetry made up for an area change and a bent reading (pair 9103)."""
+    two = beside.with_causes([GRADIENT, FLOW], 50.0)
+    monkeypatch.setattr(by_forces, "told_by_forces", lambda *_given: [Told((GRADIENT, FLOW), two, two)])
+    assert way_by_forces(lost, list(CAUSES.values())) is None
+    assert beside.tried == []
+    three = beside.with_causes([ASYMMETRY, GRADIENT, FLOW], 0.9)
+    monkeypatch.setattr(by_forces, "told_by_forces", lambda *_given: [Told((ASYMMETRY, GRADIENT, FLOW), three, three)])
+    assert way_by_forces(lost, list(CAUSES.values())) is None
