@@ -33,6 +33,8 @@ _STRIDE: Final = 0.6  # of a logarithm
 _ALL_THE_WAY: Final = 0.99
 _LOWER_TOOTH: Final = 1.0  # of the cost
 CHECKED: Final = ("m", "F_v", "F_c", "F_s", "DV")
+# What may be far off where DV is at the ramp's speed; the intervals of m hold often enough by what is usual.
+_FRICTION: Final = ("F_v", "F_c", "F_s", "DV")
 _WITHIN_95: Final = 3.84
 _WITHIN_SILLS: Final = 9.0
 _MOST_WORK: Final = 1.2e6  # of the walks
@@ -174,11 +176,11 @@ def flat_errors(
     # the point of all rows goes to the middle as the blocks' bottom does: the errors are those of what is given there
     values = natural_values(small, lowest.point if middle is None else point + middle - lowest.point)
     least: dict[str, float] = {}
-    reached = [point for places in walks for point in _within(lowest.cost, places, within)]
-    reached += _within(min(place.cost for place in upwards), upwards, within)
-    for far_point in reached:
+    reached = [(point, CHECKED) for places in walks for point in _within(lowest.cost, places, within)]
+    reached += [(point, _FRICTION) for point in _within(min(place.cost for place in upwards), upwards, within)]
+    for far_point, symbols in reached:
         far_values = natural_values(small, far_point)
-        for symbol in CHECKED:
+        for symbol in symbols:
             far = abs(far_values[symbol] - values[symbol]) / NORMAL_95
             least[symbol] = max(least.get(symbol, 0.0), far)
     # the blocks of a staircase's rows, weighted by their instants, have a bottom apart from that of all rows
