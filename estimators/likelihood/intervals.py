@@ -32,9 +32,9 @@ _FARTHER: Final = 3  # times a factor of 10, where the cost has not risen there
 _STRIDE: Final = 0.6  # of a logarithm
 _ALL_THE_WAY: Final = 0.99
 _LOWER_TOOTH: Final = 1.0  # of the cost
-CHECKED: Final = ("m", "F_v", "F_c", "F_s", "DV")
+CHECKED: Final[tuple[str, ...]] = ("m", "F_v", "F_c", "F_s", "DV")
 # What may be far off where DV is at the ramp's speed; the intervals of m hold often enough by what is usual.
-_FRICTION: Final = ("F_v", "F_c", "F_s", "DV")
+_FRICTION: Final[tuple[str, ...]] = ("F_v", "F_c", "F_s", "DV")
 _WITHIN_95: Final = 3.84
 _WITHIN_SILLS: Final = 9.0
 _MOST_WORK: Final = 1.2e6  # of the walks
