@@ -96,11 +96,8 @@ def likely_sets(rows: Sliding, known: Iterable[Cause], setting: Setting) -> list
     Of each cause the start that leaves least. Two only where they leave far less than any one.
     """
     plain_n = balanced(rows).left_n
-    terms = [
-        [(cause, {**cause.held(setting), **start}) for start in cause.starts(setting)]
-        for cause in known
-        if cause.name in COLUMNS
-    ]
+    begun = ((cause, cause.starts(setting)) for cause in known if cause.name in COLUMNS)
+    terms = [[(cause, {**cause.held(setting), **start}) for start in starts] for cause, starts in begun if starts]
     ones = _valves(_best(rows, [[term] for term in one]) for one in terms)
     twos = _valves(
         _best(rows, [[*first.terms, term] for term in second])
@@ -209,6 +206,8 @@ def told_by_forces(fit: Fit, known: Sequence[Cause]) -> list[Told]:
         if directed is None:
             continue
         valve, told = directed
+        if not valve.is_a_valve:
+            continue
         causes = tuple(cause for cause, _ in valve.terms)
         causes = (ASYMMETRY, *causes) if told["asymmetry"] != 0.0 and ASYMMETRY in known else causes
         begun = _started(fit, causes, valve, told, setting)

@@ -118,6 +118,7 @@ def test_forces_that_no_cause_explains_tell_none(lost: Fit) -> None:
     bent = 80.0 * np.sin(300.0 * slides.position_m + 2.0 * slides.sense)
     rows = replace(slides, force_n=slides.force_n + bent)
     assert likely_sets(rows, list(CAUSES.values()), setting_of(lost)) == []
+    assert likely_sets(rows, [replace(GRADIENT, starts=lambda _setting: [])], setting_of(lost)) == []
 
 
 class Beside:
