@@ -100,7 +100,7 @@ def search(
     first = ranked(stages[0], chosen_trials(trials, budget.most_simulations(stages[0], _RANKING_SHARE)), budget)
     if not first:
         return None
-    found = Searching(small, stages, hopping)
+    found = Searching(limited, small, stages, rests, hopping)
     places = found.lowest(first, budget)
     apart: list[Place] = []
     if hopping.jumps:
