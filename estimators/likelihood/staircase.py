@@ -61,9 +61,8 @@ def read_staircase(
     samples = prepare(recording, nameplate) if isinstance(motion, Outcome) else motion.samples
     if isinstance(samples, Outcome):
         return None
-    rests = find_rests(samples)
-    if rests is None and isinstance(motion, Outcome):
-        rests = find_rests(samples, among_pieces=True)
+    # pieces of the jumps may outnumber the rests, whether or not the stem also slides on other ramps
+    rests = find_rests(samples) or find_rests(samples, among_pieces=True)
     if rests is None:
         return None
     stretches, breakaways = _steps(samples, rests)

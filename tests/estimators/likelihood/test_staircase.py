@@ -65,6 +65,17 @@ def test_a_stem_that_jumps_on_slow_ramps_and_slides_on_fast_ones_is_read_by_its_
     assert np.count_nonzero(test.recording.time_s[rows] > slow_s) < 0.06 * rows.size
 
 
+def test_pieces_of_jumps_that_outnumber_the_rests_do_not_hide_them_from_a_stem_that_slides_too() -> None:
+    # 162 jumps of 9 mm, each in some pieces within the noise of 0.1 mm, on the slow ramps; the fast ones slide
+    test = random_test(2808)
+    usual = read_motion(test.recording, test.nameplate)
+    assert isinstance(usual, RecordedMotion)
+    assert usual.uniform is not None
+    motion = read_staircase(test.recording, test.nameplate, usual)
+    assert motion is not None
+    assert len(motion.phases.breakaways) == pytest.approx(162, abs=8)
+
+
 def test_the_stops_that_a_jumping_stem_rests_on_are_found_and_modelled() -> None:
     test = random_test(2140)  # 103 jumps between two stops; without these no valve explains them
     estimate, truth = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate), test.truth.by_symbol()
