@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -15,6 +15,7 @@ from estimators.samples import FloatArray
 # Own choice: what counts as arrived.
 _ARRIVED: Final = 1.0e-3  # of a unit of the cost, whose minimum is uncertain by the number of unknowns
 _MOST_DAMPING: Final = 1.0e12
+_AT_A_CLIFF: Final = 3  # steps on end that lead higher, each a part of the one before, at the end of a descent
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,6 +26,7 @@ class Descent:
     cost: float
     simulations: int
     arrived: bool
+    rejected: int = 0  # steps that led higher before the last one
 
 
 def descend(
@@ -42,7 +44,48 @@ def descend(
 
     It has arrived where a step gains less than ``arrived`` of the cost. One-sided differences cost half as much. It
     ends soon after ``most_simulations``. ``difference`` is the step of the derivatives' differences.
+
+    The first speed of a section near DV is at a cliff: a stem that begins slower, or the other way, rests there first.
+    Where all steps over it lead higher the descent goes on without it.
     """
+    found = _descend(
+        model,
+        start,
+        most_steps=most_steps,
+        held=held,
+        arrived=arrived,
+        one_sided=one_sided,
+        most_simulations=most_simulations,
+        difference=difference,
+    )
+    speeds = tuple(name for name in model.coordinates.names if name.startswith("v_") and name not in held)
+    if found.rejected < _AT_A_CLIFF or not speeds:
+        return found
+    further = _descend(
+        model,
+        found.point,
+        most_steps=most_steps,
+        held=(*held, *speeds),
+        arrived=arrived,
+        one_sided=one_sided,
+        most_simulations=most_simulations - found.simulations,
+        difference=difference,
+    )
+    simulations = found.simulations + further.simulations
+    return replace(further if further.cost < found.cost else found, simulations=simulations)
+
+
+def _descend(
+    model: StemModel,
+    start: FloatArray,
+    *,
+    most_steps: int,
+    held: tuple[str, ...],
+    arrived: float,
+    one_sided: bool,
+    most_simulations: float,
+    difference: float,
+) -> Descent:
     names = model.coordinates.names
     moving = [number for number, name in enumerate(names) if name not in held]
     may_move = np.zeros(len(names), dtype=np.bool_)
@@ -57,7 +100,7 @@ def descend(
         return Descent(point, float("inf"), simulations, False)
     residual = model.left_by(here)
     cost = float(residual @ residual) + model.prior_cost(point)
-    damping, growth, known = 1.0e-3, 2.0, np.diag(weight)
+    damping, growth, known, rejected = 1.0e-3, 2.0, np.diag(weight), 0
     differences = np.full(point.size, difference)
     for _ in range(most_steps):
         if simulations > most_simulations:
@@ -68,14 +111,14 @@ def descend(
             break
         normal = slopes @ slopes.T + known
         pull = slopes @ residual - weight * (point - prior)
-        accepted = False
+        accepted, rejected = False, 0
         while damping < _MOST_DAMPING and simulations <= most_simulations:
             step = bounded_step(normal, pull, damping, may_move, point, lower, upper, longest)
             trial = np.clip(point + step, lower, upper)
             step = trial - point
             gain = float(2.0 * pull @ step - step @ normal @ step)
             if gain <= arrived * 1.0e-3 or not np.abs(step).max() > 1.0e-13:
-                return Descent(point, cost, simulations, True)
+                return Descent(point, cost, simulations, True, rejected)
             there = model.simulate(trial)
             simulations += 1
             trial_cost, trial_residual = float("inf"), residual
@@ -89,12 +132,13 @@ def descend(
                 fall = cost - trial_cost
                 point, here, residual, cost, accepted = trial, there, trial_residual, trial_cost, True
                 if fall < arrived and gain < arrived:
-                    return Descent(point, cost, simulations, True)
+                    return Descent(point, cost, simulations, True, rejected)
                 break
+            rejected += 1
             if gain < arrived:
-                return Descent(point, cost, simulations, True)
+                return Descent(point, cost, simulations, True, rejected)
             damping *= growth
             growth *= 2.0
         if not accepted:
             break
-    return Descent(point, cost, simulations, False)
+    return Descent(point, cost, simulations, False, rejected)

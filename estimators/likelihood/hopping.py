@@ -16,7 +16,7 @@ from estimators.likelihood.pool import Place, distinct, followed_from
 from estimators.likelihood.valley import led_down
 
 # Own choices.
-_HOP_STEPS: Final = ((30, 2), (8, 5), (3, 8))  # how many are followed, and for how many steps
+_HOP_STEPS: Final = ((36, 2), (8, 5), (3, 8))  # how many are followed, and for how many steps
 _SCAN_STEPS: Final = 7
 LAST_SHARE: Final = 0.15  # of the budget
 _LED_OF_JUMPS: Final = 2  # places that are led down: the valley of jumps has sills

@@ -22,6 +22,8 @@ _LIMITS_OF_JUMPS: Final = (0.02, 0.15, 1.0, 5.0)
 _RATIOS: Final = (0.8, 1.25, 0.6)
 _LAG_SHARES: Final = (0.98, 0.5, 0.02)  # of lag + F_v/k
 _LAG_RATIOS: Final = (0.02, 0.1)  # F_s/F_c - 1, beside the own: a lag's corners look like stiction
+_OFF_SIGMAS: Final = 4.0  # of the first row of a section at rest: it was not at rest there
+_MOST_SECTIONS: Final = 4  # begun anew, each alone
 
 
 def ratio_kept(here: dict[str, float], other: dict[str, float], rate_n_per_s: float) -> float:
@@ -56,6 +58,7 @@ def hops(model: StemModel, point: FloatArray, speed_m_per_s: float, *, jumps: bo
         coulomb_n = max(static_n - stiction_n, 0.02 * static_n)
         return at(F_v=2.0 * damping * math.sqrt(here["k"] * here["m"]), F_c=coulomb_n, **changed)
 
+    yield from _begun_anew(model, here)
     own = 0.5 * here["F_v"] / math.sqrt(here["k"] * here["m"])
     if jumps:
         for damping, factor in product(_DAMPINGS, _LIMITS_OF_JUMPS):
@@ -89,6 +92,26 @@ def hops(model: StemModel, point: FloatArray, speed_m_per_s: float, *, jumps: bo
     for factor in (0.1, 10.0):
         yield with_viscous(here["F_v"] / 3.0, DV=factor * here["DV"])
         yield with_viscous(here["F_v"] * 3.0, DV=factor * here["DV"])
+
+
+def _begun_anew(model: StemModel, here: dict[str, float]) -> Iterator[FloatArray]:
+    """Yield points with the sections in motion begun as they were measured: all of them, and each alone.
+
+    Between two rows a stem that rings may turn once more or once less, so that a section's first speed has many places.
+    """
+    own = model.coordinates
+    begun: list[dict[str, float]] = []
+    for number, row in enumerate(model.section_row):
+        entry = next((entry for entry in own.entries if entry.name == f"v_{number}"), None)
+        at_m = float(model.position_m[row])
+        if entry is not None:
+            begun.append({f"x_{number}": at_m, entry.name: entry.value(entry.prior)})
+        elif abs(here[f"x_{number}"] - at_m) * model.weight[row] > _OFF_SIGMAS:
+            begun.append({f"x_{number}": at_m})
+    if len(begun) > 1:
+        yield own.point(here | {name: value for section in begun for name, value in section.items()})
+    for section in begun[:_MOST_SECTIONS]:
+        yield own.point(here | section)
 
 
 def beyond_balance(damping: float) -> float:
