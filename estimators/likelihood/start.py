@@ -23,6 +23,8 @@ _LIMIT_SHARES: Final = (0.015, 0.4, 0.9, 1.4)
 _STATIC_SHARES: Final = (0.0, 1.08, 1.25, 1.5)
 _DAMPINGS: Final = (0.02, 0.1, 0.3, 0.6, 0.9, 1.5, 4.0)  # ratios, of a stem that jumps
 _SAME: Final = 0.02
+_UNKNOWN: Final = 3  # k, F_s and F_0: as many breakaways are enough for a start
+_MANY: Final = 6  # breakaways: of fewer no two need follow each other in one sense
 _SETTLED_SHARE: Final = 0.3  # of a stretch, left out of a balance
 
 
@@ -83,27 +85,38 @@ def _from_all_motion(motion: RecordedMotion) -> FirstGuess | None:
 
 def _from_breakaways(motion: RecordedMotion) -> FirstGuess | None:
     """By least squares of F = k x + F_0 +- F_s over the breakaways; the friction in motion is taken as 0.8 of it."""
-    solved = breakaway_balance(motion.samples, motion.phases)
+    jumps_alone = motion.uniform is None
+    solved = breakaway_balance(motion.samples, motion.phases, _UNKNOWN if jumps_alone else _UNKNOWN + 1)
     if solved is None:
         return None
     static_n = float(solved[1])
     sense = np.array([float(breakaway.direction) for breakaway in motion.phases.breakaways])
     rest_m = np.array([breakaway.rest_m for breakaway in motion.phases.breakaways])
     # a lightly damped jump is 2 (F_s - F_c)/k long
-    jump_m = None
-    if motion.uniform is None:
-        # from one rest to the next, where the sense stays
-        steps_m = np.abs(np.diff(rest_m))[sense[1:] == sense[:-1]]
-        jump_m = float(np.median(steps_m)) if steps_m.size > 0 else None
+    jump_m = _jump(rest_m, sense) if jumps_alone else None
     spring, preload_n = float(solved[0]), float(solved[2])
     return FirstGuess(spring, preload_n, 0.8 * static_n, motion.phases.moving_speed, static_n, jump_m)
 
 
-def breakaway_balance(samples: Samples, phases: Phases) -> FloatArray | None:
+def _jump(rest_m: FloatArray, sense: FloatArray) -> float | None:
+    """How long a jump is, m, by the rests that the stem broke away from, shape (b,), and their senses; None for none.
+
+    From one rest to the next where the sense stays. Of few breakaways, one a ramp, it is the shorter one of those to
+    where the stem turned: a jump that was not seen makes the other longer, or ends where it began.
+    """
+    moved_m = np.diff(rest_m)
+    if rest_m.size >= _MANY:
+        steps_m = np.abs(moved_m)[sense[1:] == sense[:-1]]
+        return float(np.median(steps_m)) if steps_m.size > 0 else None
+    jumps_m = np.sort((moved_m * sense[:-1])[moved_m * sense[:-1] > 0.0])
+    return float(jumps_m[(jumps_m.size - 1) // 2]) if jumps_m.size > 0 else None
+
+
+def breakaway_balance(samples: Samples, phases: Phases, fewest: int = _UNKNOWN + 1) -> FloatArray | None:
     """k, F_s and F_0, shape (3,), by least squares of F = k x + F_0 +- F_s over the breakaways; None for too few."""
     rows = np.array([breakaway.row for breakaway in phases.breakaways], dtype=np.int64)
     sense = np.array([float(breakaway.direction) for breakaway in phases.breakaways])
-    if rows.size < 4 or np.unique(sense).size < 2:
+    if rows.size < fewest or np.unique(sense).size < 2:
         return None
     rest_m = np.array([breakaway.rest_m for breakaway in phases.breakaways])
     solved = _solved([rest_m, sense, np.ones(rows.size)], samples.force_n[rows])

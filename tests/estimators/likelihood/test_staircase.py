@@ -76,6 +76,16 @@ def test_pieces_of_jumps_that_outnumber_the_rests_do_not_hide_them_from_a_stem_t
     assert len(motion.phases.breakaways) == pytest.approx(162, abs=8)
 
 
+# three and four breakaways in a minute, one jump a half turn of a sine, and one that was not seen
+@pytest.mark.parametrize(("seed", "symbols"), [(2720, ("m", "k", "F_c", "F_s")), (2811, ("m", "k", "F_c", "F_s"))])
+def test_a_stem_that_jumps_once_a_ramp_is_begun_with_its_jump(seed: int, symbols: tuple[str, ...]) -> None:
+    test = random_test(seed)
+    estimate, truth = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate), test.truth.by_symbol()
+    assert estimate.status is not Status.FAILED
+    for symbol in symbols:
+        assert estimate.value(symbol) == pytest.approx(truth[symbol], rel=0.05), symbol
+
+
 def test_the_stops_that_a_jumping_stem_rests_on_are_found_and_modelled() -> None:
     test = random_test(2140)  # 103 jumps between two stops; without these no valve explains them
     estimate, truth = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate), test.truth.by_symbol()
