@@ -105,6 +105,11 @@ class Observed:
         """Number of blocks."""
         return int(self.time_s.size)
 
+    @property
+    def has_exact_force(self) -> bool:
+        """Whether the force was measured, and with errors that no residual shows."""
+        return not (self.command_only or self.deviations)
+
     def of(self, segments: Sequence[Segment]) -> Observed:
         """Return the same valve's with other segments, whose force is taken as exact."""
         return replace(self, segments=tuple(segments), deviations=(), spread=None)

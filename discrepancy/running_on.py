@@ -27,8 +27,13 @@ def running_on(fit: Fit) -> Fit:
     """Return the fit with a stem that runs on through all its rests where that costs less; the fit itself elsewhere."""
     if not fit.is_followed or is_noise(fit) or not any(one.rest_m.size for one in fit.model.observed.segments):
         return fit
-    free = over_sills(start_fit(_without_rests(fit.model), fit.point), most_steps=_STEPS)
+    free = followed_freely(fit)
     return free if free.cost < fit.cost else fit
+
+
+def followed_freely(fit: Fit) -> Fit:
+    """Return the fit with a stem that runs on through all its rests, at its lowest."""
+    return over_sills(start_fit(_without_rests(fit.model), fit.point), most_steps=_STEPS)
 
 
 def _without_rests(model: Model) -> Model:

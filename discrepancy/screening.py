@@ -17,6 +17,7 @@ from discrepancy.falling_friction import (
     from_steady_motion,
     from_wide_limit,
     has_wide_limit,
+    may_ring,
 )
 from discrepancy.least_squares import Fit, blur, descend, on, start_fit
 from discrepancy.model import Model
@@ -122,9 +123,19 @@ def _with(fit: Fit, cause: Cause, start: Values, setting: Setting) -> FloatArray
 
 
 def glance(fit: Fit, candidate: Candidate, setting: Setting) -> Fit:
-    """Return a short fit with this cause from its best start, for a misfit that noise may well explain."""
+    """Return a short fit with this cause from its best start, for a misfit that noise may well explain.
+
+    Where the plain valve explains a falling friction by a wide DV or next to no damping, no start of a grid is as near
+    as these are.
+    """
     model = extended_model(fit.model, candidate.cause, setting)
     starts = [start_fit(model, _point(fit, model, candidate.cause, start)) for start in distinct(candidate.starts)]
+    if candidate.cause is STRIBECK and may_ring(fit, setting):
+        for begin in (from_wide_limit, from_first_slips):
+            begun = begin(fit, model, setting)
+            starts += [] if begun is None else [begun]
+            if begun is not None and is_significant(fit, begun):
+                break
     return descend(min(starts, key=lambda one: one.cost), most_steps=_GLANCE_STEPS)
 
 
@@ -141,7 +152,10 @@ def refit(fit: Fit, candidate: Candidate, setting: Setting, bar: float = math.in
     if cause is STRIBECK:
         found = from_first_slips(fit, whole, setting)
         if found is not None and misfit(found) < _FOUND:
-            return descend(found, most_steps=_STEPS[-1])
+            found = descend(found, most_steps=_STEPS[-1])
+            # beside a plain valve that leaves little it may be one of many places that do
+            if is_significant(fit, found):
+                return found
     model = whole.thinned()
     best: Fit | None = None
     if candidate.balanced is not None:

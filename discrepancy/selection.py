@@ -31,6 +31,7 @@ from discrepancy.rounds import (
     refits,
     share_of_work,
 )
+from discrepancy.running_on import running_on
 from discrepancy.screening import glance, refit, screen
 from discrepancy.setting import setting_of
 from discrepancy.significance import (
@@ -85,6 +86,9 @@ def _chosen(
     elif misfit(baseline) < LARGE_MISFIT:
         # a small misfit may be the fit's own: a cause that only helps it down is none
         baseline = refined(baseline)
+        # measured rests may be all that hangs together: then no cause is looked for in them
+        free = running_on(baseline)
+        baseline = free if is_noise(free) else baseline
     told = way_by_forces(baseline, known) if by_forces else None
     search = _Search(known, Way(baseline) if told is None else told, tally.work + share * MOST_WORK, tell)
     way = search.followed(is_closer=False)

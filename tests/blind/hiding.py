@@ -11,6 +11,7 @@ from discrepancy.line_errors import with_line_errors
 from discrepancy.observed import Observed, observe
 from discrepancy.refining import refined
 from discrepancy.registry import CAUSES
+from discrepancy.running_on import followed_freely
 from discrepancy.screening import extended_model
 from discrepancy.setting import setting_of
 from discrepancy.significance import gain
@@ -37,8 +38,9 @@ def seen_by(case: BlindCase) -> float | None:
     if plain is None:
         return None
     plain = over_sills(refined(with_line_errors(plain)), most_steps=_MORE_STEPS)
-    true = _true_fit(case, plain)
-    lowest = over_sills(true, most_steps=_MORE_STEPS)
+    lowest = over_sills(_true_fit(case, plain), most_steps=_MORE_STEPS)
+    # measured rests are wrong by their own noise: of both what costs less, with them or without
+    plain, lowest = (min(one, followed_freely(one), key=lambda fit: fit.cost) for one in (plain, lowest))
     return gain(plain, lowest) if lowest.is_followed else None
 
 

@@ -19,9 +19,9 @@ from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.model import Model
 from discrepancy.observed import Observed, observe
 from discrepancy.refining import refined
-from discrepancy.screening import Candidate, extended_model, refit, screen
+from discrepancy.screening import Candidate, extended_model, glance, refit, screen
 from discrepancy.setting import setting_of
-from discrepancy.significance import misfit
+from discrepancy.significance import gain, is_noise, is_significant, misfit
 from discrepancy.thinning import thinned
 from tests.blind.cases import blind_case
 
@@ -136,6 +136,23 @@ def test_a_wide_limit_velocity_of_the_plain_valve_leads_to_the_speed_at_which_fr
     assert found.values["F_v"] == pytest.approx(case.truth.parameters.viscous_friction_n_s_per_m, rel=0.1)
     narrow = start_fit(plain.model, unknowns.point({**plain.values, "DV": 1.0e-4}))
     assert not has_wide_limit(narrow, setting)
+
+
+def test_a_glance_at_what_noise_may_explain_begins_at_a_wide_limit_velocity() -> None:
+    """A DV of twice the ramps' speed explains all but 400 of the cost."""
+    case = blind_case(9430, "triangle")
+    observed = observe(case.recordings, case.nameplate)
+    assert isinstance(observed, Observed)
+    baseline = fit_baseline(observed)
+    assert baseline is not None
+    plain = refined(baseline)
+    assert is_noise(plain)
+    setting = setting_of(plain)
+    (candidate,) = screen(plain, [STRIBECK], setting)
+    found = glance(plain, candidate, setting)
+    assert is_significant(plain, found)
+    assert gain(plain, found) > 300.0
+    assert found.values[SPEED] == pytest.approx(case.hidden[0].parameters["speed_m_per_s"], rel=0.1)
 
 
 def test_a_start_lies_within_a_quarter_octave_of_every_usual_speed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -70,6 +70,9 @@ def test_an_exact_pressure_is_left_as_it_is() -> None:
     fit = fit_baseline(observed)
     assert fit is not None
     assert with_line_errors(fit) is fit
+    assert observed.has_exact_force
+    # a command is what was asked for, and no measured force
+    assert not replace(observed, command_only=True).has_exact_force
 
 
 def test_what_pieces_of_a_noisy_curve_lack_of_its_shape_is_noise() -> None:
@@ -97,4 +100,5 @@ def test_straight_lines_lack_nothing_of_their_shape() -> None:
     observed = observe([case.recording], case.nameplate)
     assert isinstance(observed, Observed)
     assert observed.deviations
+    assert not observed.has_exact_force
     assert observed.unresolved == 0.0

@@ -9,13 +9,17 @@ import pytest
 from discrepancy.baseline import fit_baseline
 from discrepancy.causes.base import Cause
 from discrepancy.causes.channels import READING_LAG
+from discrepancy.diagnose import explains
 from discrepancy.finishing import finished
 from discrepancy.least_squares import Fit
 from discrepancy.observed import Observed, observe
+from discrepancy.registry import CAUSES
 from discrepancy.running_on import running_on
 from discrepancy.screening import refit, screen
+from discrepancy.selection import choose
 from discrepancy.setting import setting_of
 from discrepancy.significance import misfit, noise_factor
+from estimators.registry import estimate_all
 from tests.blind.cases import blind_case
 
 made = cache(blind_case)
@@ -57,3 +61,21 @@ def test_a_stem_that_runs_on_leaves_noise_where_rests_that_a_slow_reading_moved_
 def test_a_stem_that_is_out_of_phase_keeps_its_measured_rests() -> None:
     fit = plain(9008)
     assert running_on(fit) is fit
+
+
+def test_a_plain_valve_that_explains_all_but_how_its_rests_were_measured_is_the_answer() -> None:
+    """Its rests hang together, and what falls with speed there is worth 17, which nobody tells from nothing."""
+    case = made(9451, "triangle")
+    likelihood = next(
+        one for one in estimate_all(case.recordings[0], case.nameplate) if one.method == "maximum_likelihood"
+    )
+    observed = observe(case.recordings, case.nameplate)
+    assert isinstance(observed, Observed)
+    fit = fit_baseline(observed, likelihood)
+    assert fit is not None
+    assert noise_factor(fit) > 2.0
+    assert not explains(fit)
+    choice = choose(fit, CAUSES.values(), lambda _share, _phase: None)
+    assert not choice.causes
+    assert explains(choice.baseline)
+    assert not any(one.rest_m.size for one in choice.baseline.model.observed.segments)

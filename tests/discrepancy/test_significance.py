@@ -33,6 +33,7 @@ class _Observed:
         self.count = COUNT
         self.rows = rows
         self.unresolved_rms = 0.0
+        self.has_exact_force = False
 
 
 class _Model:
@@ -87,6 +88,18 @@ def test_half_of_that_is_enough_of_a_periodic_force(white: FloatArray, share: fl
     before = fit_of(white, rows=rows, cost=5000.0 + share**2 * rows)
     assert is_significant(before, fit_of(white, rows=rows, cost=5000.0, causes=("vibration",))) == counts
     assert not is_significant(before, fit_of(white, rows=rows, cost=5000.0, causes=("flow_force",)))
+
+
+def test_half_of_that_is_enough_of_a_first_cause_where_the_force_has_no_errors(white: FloatArray) -> None:
+    rows = 1_000_000
+    for share, counts in ((0.029, False), (0.031, True)):
+        after = fit_of(white, rows=rows, cost=5000.0, causes=("stribeck_friction",))
+        before = fit_of(white, rows=rows, cost=5000.0 + share**2 * rows)
+        cast("Any", before.model.observed).has_exact_force = True
+        assert is_significant(before, after) == counts
+        beside = fit_of(white, rows=rows, cost=before.cost, causes=("presliding",))
+        cast("Any", beside.model.observed).has_exact_force = True
+        assert not is_significant(beside, after)
 
 
 @pytest.mark.parametrize(("scale", "noise"), [(1.14, True), (1.16, False)])
