@@ -16,7 +16,7 @@ import numpy as np
 from discrepancy.baseline import DYNAMIC, LIMIT_MEDIAN, STATIC_SCAN, scanned
 from discrepancy.causes.base import Setting, Values
 from discrepancy.causes.friction import STRIBECK
-from discrepancy.growing import as_good, grown
+from discrepancy.growing import Pace, as_good, fewest_blocks_s, grown
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.model import Model
 from discrepancy.setting import setting_of
@@ -40,6 +40,13 @@ _FOLLOWED: Final = 2
 _SHARES_OF_SPEED: Final = (0.7, 1.5, 0.3)  # v_s, of the usual speed
 _DROPS: Final = (0.25, 0.1, 0.5)  # of F_s to F_c
 _LEAST_VISCOUS: Final = 0.02  # of the friction at the usual speed
+# Of slips that damping makes slow: how many times critical, and starts from the graphite valves of 9409 and 9262.
+_SLOW: Final = 10.0
+_SHARES_OF_SLOW: Final = (0.7, 1.4)
+_DROPS_OF_SLOW: Final = (0.5, 1.0)
+_VISCOUS_OF_SLOW: Final = (0.4, 1.0)  # of the plain valve's F_v
+_RELAXATIONS: Final = 2.4  # F_v/k of the plain valve, that the first part is long
+_SLOW_GROWTH: Final = 1.6
 _RINGING: Final = 0.05  # of critical: with less damping a stem rings from one slip to the next
 _SHARES_OF_SLOWEST: Final = (0.15, 0.3, 0.6, 1.2)  # v_s, of the slowest steady motion
 _MOST_WORK: Final = 1.5e7  # passes, after which no other start is tried: many small steps take ten times as much
@@ -125,6 +132,28 @@ def from_first_slips(fit: Fit, model: Model, setting: Setting) -> Fit | None:
         shape = {"F_c": coulomb_n, "d": drop, "F_v": max(viscous_n, _LEAST_VISCOUS * total_n) / speed}
         starts.append({**own, **own_speed, **shape, "m": mass_kg, "first_rise": 0.0})
     return grown(model, starts, ("m", SPEED), frozenset({"m", "DV"}))
+
+
+def from_slow_slips(fit: Fit, model: Model, setting: Setting) -> Fit | None:
+    """Return the fit of a ``model`` with the falling friction that begins with slips that damping makes slow.
+
+    Far above critical damping a slip lasts some F_v/k, a rest is no rest, and no speed is steady: neither the balance
+    of forces nor the usual speed tells the friction in motion. F_s is what the plain valve has; the rest begins on a
+    grid, and is walked to its place before the record grows by small steps. None where damping is not so large.
+    """
+    own, speed = fit.values, setting.sliding_m_per_s
+    mass_kg = setting.observed.motions[0].moving_mass_kg or own["m"]
+    if own["F_v"] < _SLOW * 2.0 * math.sqrt(mass_kg * own["k"]):
+        return None
+    static_n = own["F_c"] * (1.0 + own["d"])
+    starts = []
+    for share, drop, viscous in product(_SHARES_OF_SLOW, _DROPS_OF_SLOW, _VISCOUS_OF_SLOW):
+        own_speed = {SPEED: share * speed, "DV": LIMIT_MEDIAN * speed}
+        shape = {"F_c": static_n / (1.0 + drop), "d": drop, "F_v": viscous * own["F_v"]}
+        starts.append({**own, **own_speed, **shape, "m": mass_kg, "first_rise": 0.0})
+    least_s = max(_RELAXATIONS * own["F_v"] / own["k"], 1.01 * fewest_blocks_s(model))
+    pace = Pace(least_s, _SLOW_GROWTH, promising=math.inf, followed=3, is_patient=True)
+    return grown(model, starts, ("m", SPEED), frozenset({"m", "DV"}), pace)
 
 
 def as_good_speeds(fit: Fit) -> tuple[float, float] | None:

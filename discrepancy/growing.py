@@ -79,14 +79,34 @@ class _Times:
     length_s: float
 
 
-def grown(model: Model, starts: Sequence[Values], along: Sequence[str], held: frozenset[str]) -> Fit | None:
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """How a record grows: its first part is ``least_s`` or more long, and each ``growth`` times the one before.
+
+    A start is walked from where it leaves a misfit below ``promising``, the best ``followed`` of them; ``is_patient``:
+    a part that is left with more than noise is walked as the first one is before it ends the growth.
+    """
+
+    least_s: float = 0.0
+    growth: float = _GROWTH
+    promising: float = _PROMISING
+    followed: int = _FOLLOWED
+    is_patient: bool = False
+
+
+_USUAL: Final = Pace()
+
+
+def grown(
+    model: Model, starts: Sequence[Values], along: Sequence[str], held: frozenset[str], pace: Pace = _USUAL
+) -> Fit | None:
     """Return the fit of a ``model`` that begins at these values on the first part; None where none fits that.
 
     What one direction does not tell from friction stays until the force has turned, and ``held`` in first steps. The
     first part has a valley ``along`` some logarithmic unknowns, and there a walk costs next to nothing. A part that is
     left with much more than noise ends it: what comes later needs what was there.
     """
-    times = _times(model, starts[0])
+    times = _times(model, starts[0], pace.least_s)
     if times is None:
         return None
     fixed = _fixed(model)
@@ -95,29 +115,32 @@ def grown(model: Model, starts: Sequence[Values], along: Sequence[str], held: fr
     for values in starts:
         short = descend(start_fit(part, model.unknowns.point(values)), most_steps=_STEPS, held=fixed | held)
         short = descend(short, most_steps=_STEPS, held=fixed)
-        if short.is_followed and misfit(short) < _PROMISING:
+        if short.is_followed and misfit(short) < pace.promising:
             begun.append(short)
     begun.sort(key=lambda one: one.cost)
-    for one in begun[:_FOLLOWED]:
-        found = _followed(one, model, times, along, fixed)
+    for one in begun[: pace.followed]:
+        found = _followed(one, model, times, along, pace)
         if found is not None:
             return found
     return None
 
 
-def _followed(fit: Fit, whole: Model, times: _Times, along: Sequence[str], fixed: frozenset[str]) -> Fit | None:
+def _followed(fit: Fit, whole: Model, times: _Times, along: Sequence[str], pace: Pace) -> Fit | None:
     """Return the fit of the whole that a fit of the first part leads to, through parts that are longer each."""
-    length_s = times.length_s
+    length_s, fixed = times.length_s, _fixed(whole)
     fit = _along(fit, along, fixed)
     while misfit(fit) < _ENOUGH:
         if fit.model is whole:
             return fit
-        length_s *= _GROWTH
+        length_s *= pace.growth
         until_s = times.moves_s + length_s
         fit = start_fit(whole if until_s >= times.ends_s else _part(whole, until_s), fit.point)
         if not fit.is_followed:
             break
-        fit = descend(fit, most_steps=_STEPS, held=frozenset() if until_s > times.turns_s else fixed)
+        still = frozenset() if until_s > times.turns_s else fixed
+        fit = descend(fit, most_steps=_STEPS, held=still)
+        if pace.is_patient and misfit(fit) >= _ENOUGH:
+            fit = _along(fit, along, still)
     return None
 
 
@@ -193,7 +216,12 @@ def _part(model: Model, until_s: float) -> Model:
     return replace(model, observed=model.observed.of([first_part(segment, until_s)]), thin=None)
 
 
-def _times(model: Model, values: Values) -> _Times | None:
+def fewest_blocks_s(model: Model) -> float:
+    """Return how long a first part must be to hold as many blocks as it needs, s."""
+    return _FEWEST_BLOCKS * model.observed.motions[0].samples.period_s
+
+
+def _times(model: Model, values: Values, least_s: float = 0.0) -> _Times | None:
     """Return the times of the only record; None where it is in pieces, never moves, or is too coarse for its slips."""
     observed = model.observed
     motion, segment = observed.motions[0], observed.segments[0]
@@ -202,7 +230,7 @@ def _times(model: Model, values: Values) -> _Times | None:
     time_s, ends_s = motion.samples.time_s, float(segment.time_s[-1])
     moves_s = float(time_s[motion.phases.breakaways[0].row])
     turns_s = min((float(at) for at in time_s[motion.phases.corners] if at > moves_s), default=ends_s)
-    length_s = _PERIODS * math.tau * math.sqrt(values["m"] / values["k"])
+    length_s = max(_PERIODS * math.tau * math.sqrt(values["m"] / values["k"]), least_s)
     is_within = (segment.time_s > moves_s) & (segment.time_s < min(moves_s + length_s, turns_s))
     if np.count_nonzero(is_within) < _FEWEST_BLOCKS or moves_s + length_s > turns_s:
         return None

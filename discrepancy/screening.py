@@ -14,6 +14,7 @@ from discrepancy.causes.friction import LOCAL, STRIBECK
 from discrepancy.falling_friction import (
     along_valley,
     from_first_slips,
+    from_slow_slips,
     from_steady_motion,
     from_wide_limit,
     has_wide_limit,
@@ -150,11 +151,11 @@ def refit(fit: Fit, candidate: Candidate, setting: Setting, bar: float = math.in
     if cause.is_periodic:
         return _of_periods(fit, whole, candidate, last)
     if cause is STRIBECK:
-        found = from_first_slips(fit, whole, setting)
+        found = from_first_slips(fit, whole, setting) or from_slow_slips(fit, whole, setting)
         if found is not None and misfit(found) < _FOUND:
             found = descend(found, most_steps=_STEPS[-1])
-            # beside a plain valve that leaves little it may be one of many places that do
-            if is_significant(fit, found):
+            # beside a plain valve that leaves noise alone it may be one of many places that do
+            if is_significant(fit, found) or not is_noise(fit):
                 return found
     model = whole.thinned()
     best: Fit | None = None

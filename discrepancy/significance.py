@@ -16,7 +16,7 @@ _PIECES: Final = (1, 4, 16, 64, 256, 1024)
 _FEWEST_PIECES: Final = 20
 LEAST_RMS: Final = 0.06  # of the noise of one row, that a cause must move all rows by
 # A gauge's noise makes a stem wander, and at no single frequency: half of that is enough of a periodic force, and of
-# any first cause where the force was measured without errors of its own.
+# any single cause that leaves noise alone where the force was measured without errors of its own.
 _LEAST_SURE_RMS: Final = 0.03
 # A rival within this is not told apart: 4 standard deviations of the difference.
 NEAR: Final = 16.0
@@ -53,8 +53,8 @@ def is_significant(before: Fit, after: Fit) -> bool:
     """Whether the fall of the misfit is beyond chance, and no trifle beside the noise."""
     added = set(after.model.causes) - set(before.model.causes)
     is_line = bool(added) and all(CAUSES[name].is_periodic for name in added)
-    # beside another cause what that one's law and its search leave is not the force's
-    is_exact = before.model.observed.has_exact_force and not before.model.causes
+    # what another cause's law or a search leaves is not the force's: a small cause must be all that there is
+    is_exact = before.model.observed.has_exact_force and not before.model.causes and is_noise(after)
     least = least_rms(before, _LEAST_SURE_RMS if is_line or is_exact else LEAST_RMS) ** 2 * before.model.observed.rows
     return gain(before, after) > SURE and before.cost - after.cost > least
 

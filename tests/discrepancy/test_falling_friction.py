@@ -14,7 +14,7 @@ import pytest
 from discrepancy import falling_friction, rounds
 from discrepancy.baseline import baseline_unknowns, fit_baseline
 from discrepancy.causes.friction import LOCAL, STRIBECK
-from discrepancy.falling_friction import SPEED, has_wide_limit, may_ring
+from discrepancy.falling_friction import SPEED, from_slow_slips, has_wide_limit, may_ring
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.model import Model
 from discrepancy.observed import Observed, observe
@@ -153,6 +153,23 @@ def test_a_glance_at_what_noise_may_explain_begins_at_a_wide_limit_velocity() ->
     assert is_significant(plain, found)
     assert gain(plain, found) > 300.0
     assert found.values[SPEED] == pytest.approx(case.hidden[0].parameters["speed_m_per_s"], rel=0.1)
+
+
+def test_slips_that_damping_makes_slow_lead_from_the_first_of_them_to_the_whole_record() -> None:
+    """Read every 20 ms, forty times critical damping: no rest is seen, and the plain valve leaves 43 of the noise."""
+    case = blind_case(9262, "polled")
+    observed = observe(case.recordings, case.nameplate)
+    assert isinstance(observed, Observed)
+    plain = fit_baseline(observed)
+    assert plain is not None
+    assert misfit(plain) > 30.0
+    setting = setting_of(plain)
+    found = from_slow_slips(plain, extended_model(plain.model, STRIBECK, setting), setting)
+    assert found is not None
+    assert misfit(found) < 1.3
+    assert found.values[SPEED] == pytest.approx(case.hidden[0].parameters["speed_m_per_s"], rel=0.15)
+    quick = start_fit(plain.model, plain.model.unknowns.point({**plain.values, "F_v": 100.0}))
+    assert from_slow_slips(quick, found.model, setting) is None
 
 
 def test_a_start_lies_within_a_quarter_octave_of_every_usual_speed(monkeypatch: pytest.MonkeyPatch) -> None:

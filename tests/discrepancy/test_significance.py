@@ -90,8 +90,9 @@ def test_half_of_that_is_enough_of_a_periodic_force(white: FloatArray, share: fl
     assert not is_significant(before, fit_of(white, rows=rows, cost=5000.0, causes=("flow_force",)))
 
 
-def test_half_of_that_is_enough_of_a_first_cause_where_the_force_has_no_errors(white: FloatArray) -> None:
+def test_half_of_that_is_enough_of_a_cause_that_leaves_noise_where_the_force_has_no_errors(white: FloatArray) -> None:
     rows = 1_000_000
+    slow = np.repeat(np.random.default_rng(5).standard_normal(COUNT // 16), 16)
     for share, counts in ((0.029, False), (0.031, True)):
         after = fit_of(white, rows=rows, cost=5000.0, causes=("stribeck_friction",))
         before = fit_of(white, rows=rows, cost=5000.0 + share**2 * rows)
@@ -100,6 +101,9 @@ def test_half_of_that_is_enough_of_a_first_cause_where_the_force_has_no_errors(w
         beside = fit_of(white, rows=rows, cost=before.cost, causes=("presliding",))
         cast("Any", beside.model.observed).has_exact_force = True
         assert not is_significant(beside, after)
+        left = fit_of(0.9 * white + 0.4 * slow, rows=rows, cost=5000.0, causes=("local_friction",))
+        assert not is_noise(left)
+        assert not is_significant(before, left)
 
 
 @pytest.mark.parametrize(("scale", "noise"), [(1.14, True), (1.16, False)])
