@@ -14,7 +14,9 @@ from discrepancy.baseline import STATIC_SCAN, scanned
 from discrepancy.causes.base import Cause, Values
 from discrepancy.dithered import from_first_rests
 from discrepancy.least_squares import Fit, descend, start_fit
+from discrepancy.most_rests import FEWEST_RESTS, by_most_rests, farness
 from discrepancy.shaken_damping import with_other_damping
+from discrepancy.significance import misfit
 from discrepancy.sills import rest_edges
 from discrepancy.unknowns import SEPARATOR
 from discrepancy.walking import walked
@@ -26,7 +28,6 @@ _STEPS: Final = 4
 _FOLLOWED: Final = 2
 _LAST_STEPS: Final = 15
 _SHAPED: Final = frozenset({"k", "F_0"})  # what the forces at the breakaways tell beside the periodic one
-_OF_SLIPS: Final = frozenset({"F_c", "F_v", "d"})
 _FACTORS: Final = (1.3, 1.0 / 1.3)  # of the force, in a walk
 _LOWER: Final = 0.9  # of the cost
 _CLEARLY: Final = 0.5  # of the cost at any other frequency: this one it is, and a walk worth its work
@@ -37,10 +38,11 @@ _DAMPINGS: Final = (0.1, 0.3, 0.7, 1.2, 1.8, 3.0)  # of a slip, as shares of the
 # the valley of what most slips show is narrow, and bends
 _FINE_DROPS: Final = np.geomspace(0.02, 0.5, 20)
 _FINE_DAMPINGS: Final = np.geomspace(0.1, 5.0, 20)
-_CLOSER_SLIPS: Final = (1.1, 1.04)  # of both, from the best on
+_CLOSER_SLIPS: Final = (1.3, 1.1, 1.04)  # of both, from the best on
 _CLOSE_RISES: Final = np.linspace(-0.04, 0.04, 17)  # of the friction
 _MOST_SLIPS: Final = 4  # steps of each
 _FOUND: Final = 1.3  # misfit, below which no other start is tried
+_INSTANTS_WORK: Final = 4.5e7  # passes, that starts by the instants of breakaways may take besides
 
 
 def has_place(start: Values, values: Values) -> bool:
@@ -58,8 +60,16 @@ def followed(starts: Sequence[tuple[Values, Fit]], cause: Cause, most: float) ->
     dithered = from_first_rests(balanced, cause)
     if dithered is not None and dithered.cost < _NEXT_TO_NOTHING * min(fit.cost for _, fit in starts):
         return descend(dithered, most_steps=_LAST_STEPS)
+    alone = [pair for pair in starts if not any(SEPARATOR in name for name in pair[0])]
     short: list[Fit] = []
+    for is_timed in (True, False):
+        # the instants tell more than the forces do
+        told = [fit for start, fit in alone if "k" in start and ("F_v" in start) == is_timed and fit.is_followed]
+        if not any(misfit(one) < _FOUND for one in short):
+            short += _from_breakaways(told, most + _INSTANTS_WORK if is_timed else most)
     for start, fit in starts:
+        if "F_v" in start:
+            continue
         is_found = any(one.cost < _FOUND * fit.model.observed.count for one in short)
         if is_found or (short and fit.model.tally.work > most):
             break
@@ -67,9 +77,6 @@ def followed(starts: Sequence[tuple[Values, Fit]], cause: Cause, most: float) ->
             continue
         own = frozenset(cause.own(name) for name in start) | (_SHAPED & frozenset(start))
         beside = frozenset(name for name in start if SEPARATOR in name)
-        if "F_v" in start:
-            short.append(_from_instants(fit, cause, own))
-            continue
         tried = _begun_anew(fit, own | beside) if beside else scanned(fit, "d", STATIC_SCAN)
         tried = descend(tried, most_steps=_BLURRED_STEPS, span_s=_BLUR_S, held=own | beside)
         tried = descend(tried, most_steps=_STEPS, held=own | beside)
@@ -106,26 +113,31 @@ def _begun_anew(fit: Fit, held: frozenset[str]) -> Fit:
     return scanned(best, "d", STATIC_SCAN)
 
 
-def _from_instants(fit: Fit, cause: Cause, own: frozenset[str]) -> Fit:
-    """Return the fit from a force, spring and preload that the instants of the breakaways told.
+def _from_breakaways(starts: Sequence[Fit], most: float) -> list[Fit]:
+    """Return the fits from forces, springs and preloads that the breakaways told, the lowest first.
 
-    What they tell best stays at first, or else all but the force and the slips: a crest that lets go or not within the
-    step of a slope ends a fit, and which of the two meets one is seen only then.
+    Waves of many sizes time them alike, each with its own phase and static friction. Those whose slips come nearest go
+    first, and none after the one that leaves noise, nor after ``most`` work.
     """
-    begun = _with_other_slips(fit)
-    moving = _OF_SLIPS | {name for name in fit.model.unknowns.names if name.startswith(cause.own(""))}
-    beside = descend(begun, most_steps=_BLURRED_STEPS, span_s=_BLUR_S, held=own)
-    ways = (
-        descend(beside, most_steps=_STEPS, held=own),
-        descend(begun, most_steps=_BLURRED_STEPS, held=frozenset(fit.model.unknowns.names) - moving),
-    )
-    return min((descend(one, most_steps=_BLURRED_STEPS) for one in ways), key=lambda one: one.cost)
+    found: list[Fit] = []
+    begun: list[Fit] = []
+    for fit in starts:
+        if rest_edges(fit).size < FEWEST_RESTS or fit.model.tally.work > most:
+            break
+        begun.append(_with_other_slips(fit, min(begun, key=farness, default=None)))
+    for fit in sorted(begun, key=farness):
+        is_found = any(misfit(one) < _FOUND for one in found)
+        if is_found or fit.model.tally.work > most:
+            break
+        found.append(by_most_rests(fit))
+    return sorted(found, key=lambda one: one.cost)
 
 
-def _with_other_slips(fit: Fit) -> Fit:
+def _with_other_slips(fit: Fit, before: Fit | None = None) -> Fit:
     """Return the fit with the friction in motion whose slips come nearest, all else and the static friction kept.
 
     How far the slips go tells it, and those of most rests do: one that a crest lets go too early outweighs all others.
+    Begun with the friction in motion of a fit ``before`` where there is one, else with all.
     """
     values = fit.values
     static_n = values["F_c"] * (1.0 + values["d"])
@@ -137,9 +149,11 @@ def _with_other_slips(fit: Fit) -> Fit:
         tried = start_fit(fit.model, fit.model.unknowns.point({**values, **slips}))
         return float(np.median(np.add.reduceat(tried.residual**2, edges))) if tried.is_followed else math.inf, tried
 
-    usual, best, drop, damping = min(
-        ((*at(*one), *one) for one in product(_FINE_DROPS, _FINE_DAMPINGS)), key=lambda one: one[0]
-    )
+    begun = list(product(_FINE_DROPS, _FINE_DAMPINGS))
+    if before is not None:
+        other = before.values
+        begun = [(max(static_n / other["F_c"] - 1.0, 0.0), other["F_v"] / critical)]
+    usual, best, drop, damping = min(((*at(*one), *one) for one in begun), key=lambda one: one[0])
     for factor in _CLOSER_SLIPS:
         turns = (1.0, factor, 1.0 / factor)
         for _ in range(_MOST_SLIPS):

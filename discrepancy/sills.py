@@ -36,7 +36,7 @@ def over_sills(fit: Fit, *, most_steps: int, held: frozenset[str] = frozenset())
 
 def _begun_beside(fit: Fit, most_steps: int, held: frozenset[str]) -> Fit:
     """Return where the rests that do not hang on an edge lead; the fit itself where none does."""
-    edged, model = _edged(fit), fit.model
+    edged, model = edged_blocks(fit), fit.model
     if not edged.any():
         return fit
     segments, first = [], 0
@@ -58,7 +58,7 @@ def rest_edges(fit: Fit) -> IntArray:
     return np.asarray(kept[kept < first], np.int64)
 
 
-def _edged(fit: Fit) -> BoolArray:
+def edged_blocks(fit: Fit) -> BoolArray:
     """Return where a block is of a rest that a step one way changes far more than one the other way, shape (n,)."""
     none = np.zeros(fit.residual.size, dtype=bool)
     edges = rest_edges(fit)

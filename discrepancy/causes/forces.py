@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from discrepancy.causes.base import Cause, Fitted, Part, Setting, Values, strongest_frequencies, with_interval
-from discrepancy.locking import locked_forces
+from discrepancy.locking import locked_forces, locked_share
 from discrepancy.shaking import clear_share, lines, shaken_breakaways
 
 _SEEN_NOISES: Final = 4.0  # that a stem must have moved to be seen to
@@ -224,6 +224,13 @@ def _vibration_starts(setting: Setting) -> list[Values]:
     return starts
 
 
+def _vibration_promise(setting: Setting) -> float:
+    """Return what a clear wave takes of the forces at hundreds of breakaways, or of when some dozens of them came."""
+    observed = setting.observed
+    mass_kg = observed.motions[0].moving_mass_kg or setting.values["m"]
+    return max(clear_share(observed, setting.values), locked_share(observed, _seen_late(setting, mass_kg)))
+
+
 def _vibration_sentence(values: Mapping[str, Fitted], _setting: Setting) -> str:
     force = with_interval(values["force_n"], 1.0, "N")
     return f"A periodic force of {force} shakes the stem at {values['frequency_hz'].value:.2f} Hz."
@@ -236,7 +243,7 @@ VIBRATION: Final = Cause(
     _vibration_starts,
     _vibration_sentence,
     "Look for what shakes at this frequency: a pump, flow past the plug, a loose bracket.",
-    promise=lambda setting: clear_share(setting.observed, setting.values),
+    promise=_vibration_promise,
     is_slow=True,
     is_periodic=True,
 )

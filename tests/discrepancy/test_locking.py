@@ -12,7 +12,7 @@ from discrepancy.baseline import baseline_unknowns
 from discrepancy.causes.forces import VIBRATION
 from discrepancy.finishing import finished
 from discrepancy.least_squares import Fit, start_fit
-from discrepancy.locking import locked_forces
+from discrepancy.locking import locked_forces, locked_share
 from discrepancy.model import Model
 from discrepancy.observed import Observed, observe
 from discrepancy.screening import refit, screen
@@ -76,19 +76,33 @@ def test_a_stem_that_slides_has_too_few_breakaways_to_lock() -> None:
     case = made(7328, "triangle")
     observed = observe(case.recordings, case.nameplate)
     assert isinstance(observed, Observed)
-    assert locked_forces(observed, 1.0e-3) == []
+    assert locked_forces(observed, 1.0e-3) == ()
 
 
 # Nine steps of 0.8 s between rests of 8 s were left out as what noise makes of one slip; at 3, 5, 7 and 9 times the
 # frequency the instants were less off than at the best of its own trial phases.
-@pytest.mark.parametrize(("seed", "late_s", "within"), [(9071, 1.2e-3, 0.3), (9218, 1.0e-3, 0.1)])
-def test_neither_long_rests_at_the_turns_nor_odd_multiples_hide_the_force(
-    seed: int, late_s: float, within: float
-) -> None:
+@pytest.mark.parametrize(("seed", "late_s"), [(9071, 1.2e-3), (9218, 1.0e-3)])
+def test_neither_long_rests_at_the_turns_nor_odd_multiples_hide_the_force(seed: int, late_s: float) -> None:
     case = blind_case(seed, "triangle")
     observed = observe(case.recordings, case.nameplate)
     assert isinstance(observed, Observed)
     hidden = case.hidden[0].parameters
     found = locked_forces(observed, late_s)
     assert found[0].frequency_hz == pytest.approx(hidden["frequency_hz"], rel=5.0e-4)
-    assert found[0].force_n == pytest.approx(hidden["force_n"], rel=within)
+    assert any(one.force_n == pytest.approx(hidden["force_n"], rel=0.2) for one in found), "all sizes are tried"
+
+
+def test_what_lets_go_of_the_stem_and_did_not_before_tells_the_wave_from_all_others() -> None:
+    """Near the stem's own frequency: of its breakaways' forces alone a quarter of the force was told, a crest off."""
+    case = blind_case(9239, "triangle")
+    observed = observe(case.recordings, case.nameplate)
+    assert isinstance(observed, Observed)
+    hidden, valve = case.hidden[0].parameters, case.truth.parameters
+    found = locked_forces(observed, 1.1e-3)
+    assert all(one.frequency_hz == pytest.approx(hidden["frequency_hz"], abs=3.0e-3) for one in found if one.off < 0.01)
+    (near, *_) = (one for one in found if one.force_n == pytest.approx(hidden["force_n"], rel=0.2))
+    assert near.off < 1.0e-3
+    assert near.share > 0.99
+    assert near.spring_n_per_m == pytest.approx(valve.spring_rate_n_per_m, rel=1.0e-3)
+    assert near.static_n == pytest.approx(valve.static_friction_n, rel=0.01)
+    assert locked_share(observed, 1.1e-3) > 0.99
