@@ -36,7 +36,9 @@ COLUMNS: Final[dict[str, Column]] = {
         rows.sense * np.exp(-0.5 * ((rows.position_m - own["centre_m"]) / own["width_m"]) ** 2)
     ),
     "friction_gradient": lambda rows, own: rows.sense * (rows.position_m - own["reference_m"]),
-    "friction_drift": lambda rows, own: rows.sense * (1.0 - np.exp(-rows.time_s / own["time_constant_s"])),
+    "friction_drift": lambda rows, own: (
+        rows.sense * np.expm1(-rows.time_s / own["time_constant_s"]) / np.expm1(-own["span_s"] / own["time_constant_s"])
+    ),
     "pressure_dependent_friction": lambda rows, _own: rows.sense * np.abs(rows.force_n),
     "spring_hardening": lambda rows, _own: 0.5 * rows.position_m**2,
     "dual_rate_spring": lambda rows, own: np.maximum(rows.position_m - own["knee_m"], 0.0),

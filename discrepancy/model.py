@@ -68,6 +68,10 @@ class Model:
             held={**self.held, **held},
         )
 
+    def with_free(self, more: tuple[Unknown, ...], held: Mapping[str, float]) -> Model:
+        """Return the model with these unknowns besides, which were held; ``held`` is what still is."""
+        return replace(self, unknowns=self.unknowns.joined(more), held=held)
+
     def thinned(self) -> Model:
         """Return the model of the recordings in longer blocks, for fits that have not found their place yet."""
         return self if self.thin is None else replace(self, observed=self.thin, thin=None, longest_s=_THIN_SUB_STEP_S)

@@ -10,6 +10,7 @@ from discrepancy.finishing import finished
 from discrepancy.intervals import fitted_values, may_be_nothing
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.refining import refined
+from discrepancy.law_forms import has_free_form
 from discrepancy.screening import extended_model, held_of
 from discrepancy.setting import setting_of
 from discrepancy.significance import is_significant, misfit
@@ -46,7 +47,7 @@ def with_causes(baseline: Fit, fit: Fit, causes: list[Cause], most_steps: int = 
     """Return the fit with these causes and no others, descended from where ``fit`` has them."""
     model, setting = baseline.model, setting_of(fit)
     for cause in causes:
-        model = extended_model(model, cause, setting)
+        model = extended_model(model, cause, setting, is_free=has_free_form(fit, cause))
     model = replace(model, held={**model.held, **held_of(fit, causes)})
     return descend(start_fit(model, model.unknowns.point(fit.values)), most_steps=most_steps)
 

@@ -20,6 +20,7 @@ from discrepancy.falling_friction import (
     has_wide_limit,
     may_ring,
 )
+from discrepancy.law_forms import in_its_own_form
 from discrepancy.least_squares import Fit, blur, descend, on, start_fit
 from discrepancy.model import Model
 from discrepancy.periodic import has_place
@@ -96,9 +97,14 @@ def screen(fit: Fit, causes: Iterable[Cause], setting: Setting) -> list[Candidat
     return sorted(found, key=lambda candidate: -candidate.promise)
 
 
-def extended_model(model: Model, cause: Cause, setting: Setting) -> Model:
-    """Return the model with this cause in it."""
-    extended = model.with_causes((cause.name,), cause.unknowns(setting), cause.full(cause.held(setting)))
+def extended_model(model: Model, cause: Cause, setting: Setting, *, is_free: bool = False) -> Model:
+    """Return the model with this cause in it; ``is_free``: its law's form is unknown too."""
+    unknowns, held = cause.unknowns(setting), cause.held(setting)
+    if is_free:
+        unknowns += cause.free_forms(setting)
+    else:
+        held |= cause.usual_forms()
+    extended = model.with_causes((cause.name,), unknowns, cause.full(held))
     if math.isinf(cause.widest_limit):
         return extended
     limited = extended.unknowns.below("DV", cause.widest_limit * setting.sliding_m_per_s)
@@ -141,10 +147,15 @@ def glance(fit: Fit, candidate: Candidate, setting: Setting) -> Fit:
 
 
 def refit(fit: Fit, candidate: Candidate, setting: Setting, bar: float = math.inf, most: float = math.inf) -> Fit:
-    """Return the fit with this cause, from the best of its starts: blurred first, then sharp.
+    """Return the fit with this cause, from the best of its starts: blurred first, then sharp, then in its own form.
 
     Not sharp where the blurred fits leave a cost far above ``bar``. From no further start after ``most`` work.
     """
+    found = _in_usual_form(fit, candidate, setting, bar, most)
+    return in_its_own_form(fit, found, candidate.cause, setting, candidate.balanced)
+
+
+def _in_usual_form(fit: Fit, candidate: Candidate, setting: Setting, bar: float, most: float) -> Fit:
     last = fit.model.tally.work + most
     cause = candidate.cause
     whole = extended_model(fit.model, cause, setting)

@@ -12,6 +12,7 @@ from discrepancy.causes.base import Cause
 from discrepancy.choice import Choice, Way
 from discrepancy.finishing import finished
 from discrepancy.least_squares import Fit, descend
+from discrepancy.law_forms import has_free_form
 from discrepancy.pruning import pruned, with_causes
 from discrepancy.refining import refined
 from discrepancy.rounds import (
@@ -287,4 +288,6 @@ def _taken(way: Way, fits: Fits, plain: Fit) -> Way | None:
     rivals = [pair for pair in others if _is_near(pair[1], fit) and is_significant(best, pair[1])]
     chosen = (*way.chosen, cause)
     is_all = is_settled(best, fit) or is_all_but_own_error(chosen, plain, fit)
-    return Way(fit, chosen, tuple(rivals), is_all, frozenset(one.name for one, _ in fits))
+    # what was left far behind in its usual form is fitted again beside one whose form was free
+    fitted = [one for one, each in fits if not (has_free_form(fit, cause) and one.forms and not _is_near(each, fit))]
+    return Way(fit, chosen, tuple(rivals), is_all, frozenset(one.name for one in fitted))

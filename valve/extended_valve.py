@@ -5,7 +5,7 @@ With x the travel, t the time, F_a = S_a P the actuator force and s the directio
     m x'' = F_a A(x) + p(t) - k x - F_0 - G(x) - friction,
 
 G the spring's slot, A the area's (1 when neutral), p the vibration. Friction has the levels C_s = (F_c + L)(1 + s a_c)
-and S_s = (F_s + L + E)(1 + s a_s), where L(x, t, F_a) is what place, time and pressure add and E what a rest adds:
+and S_s = (F_s + q L + E)(1 + s a_s), where L(x, t, F_a) is what place, time and pressure add and E what a rest adds:
 at rest up to S_s, below DV S_s, above C_s + (S_s - C_s) exp(-(v/v_s)^2) + F_v (1 + s a_v) |v|.
 """
 
@@ -85,7 +85,8 @@ class FrictionSlots:
     """What friction has beside F_c, F_s and F_v.
 
     L = gradient (x - reference) + spot exp(-((x - centre)/width)^2/2) + curve(x) + drift (1 - exp(-t/drift_time))
-    + pressure_share |F_a|; E = dwell_rise T/(T + dwell_time) after a rest of T, + first_rise before the first slip.
+    + pressure_share |F_a|, of which the static friction takes q = ``static_share``; E = dwell_rise T/(T + dwell_time)
+    after a rest of T, + first_rise before the first slip.
     ``stribeck_velocity_m_per_s`` 0: the friction is C as soon as the stem slips. ``presliding_m`` is F_s over the
     bristles' stiffness; 0: a stem at rest does not give.
     """
@@ -99,6 +100,7 @@ class FrictionSlots:
     drift_n: float = 0.0
     drift_time_s: float = 1.0
     pressure_share: float = 0.0
+    static_share: float = 1.0
     coulomb_asymmetry: float = 0.0
     static_asymmetry: float = 0.0
     viscous_asymmetry: float = 0.0
@@ -201,6 +203,7 @@ _SLOTS: Final[dict[type, tuple[str, ...]]] = {
     AreaSlots: ("area_slope", "area_reference"),
     FrictionSlots: (
         "gradient", "gradient_reference", "spot", "spot_centre", "spot_width", "drift", "drift_time", "pressure_share",
+        "static_share",
         "coulomb_asymmetry", "static_asymmetry", "viscous_asymmetry", "stribeck_velocity", "dwell_rise", "dwell_time",
         "first_rise", "presliding",
     ),

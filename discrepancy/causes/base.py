@@ -75,6 +75,7 @@ class Part:
     low: float | None = None  # narrower bounds than the effect's, SI
     high: float | None = None
     step: float = 1.0e-4
+    is_endless: bool = False  # its upper bound stands for what lies beyond, and is a value like others
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +83,7 @@ class Cause:
     """One entry of the catalogue.
 
     ``strength`` names the parameter that screening scales, from the value that ``starts`` gives it; ``held`` are those
-    that are not fitted. ``is_visible`` says whether a recording can show the cause at all.
+    that are not fitted; ``forms`` those that are fitted only where the usual law leaves more than noise. ``is_visible`` says whether a recording can show the cause at all.
     """
 
     name: str
@@ -92,6 +93,7 @@ class Cause:
     sentence: Sentence
     action: str
     held: Callable[[Setting], Values] = lambda _setting: {}
+    forms: tuple[Part, ...] = ()
     is_visible: Callable[[Observed], bool] = lambda _observed: True
     promise: Callable[[Setting], float] = lambda _setting: 0.0  # share of the misfit that something else tells of it
     is_hard: bool = False  # its starts are a grid that must be followed some way before the best is seen
@@ -106,9 +108,21 @@ class Cause:
 
     def unknowns(self, setting: Setting) -> tuple[Unknown, ...]:
         """Return its unknowns with their physical bounds for this valve."""
+        return self._unknowns(self.parts, setting)
+
+    def free_forms(self, setting: Setting) -> tuple[Unknown, ...]:
+        """Return the unknowns of its law's form."""
+        return self._unknowns(self.forms, setting)
+
+    def usual_forms(self) -> Values:
+        """Return the values that its law's form usually has."""
+        names = {part.name for part in self.forms}
+        return {entry.name: entry.typical for entry in EFFECTS[self.name].parameters if entry.name in names}
+
+    def _unknowns(self, parts: tuple[Part, ...], setting: Setting) -> tuple[Unknown, ...]:
         entries = {entry.name: entry for entry in EFFECTS[self.name].parameters}
         found = []
-        for part in self.parts:
+        for part in parts:
             low, high = entries[part.name].range(setting.scale)
             low = low if part.low is None else part.low
             high = high if part.high is None else part.high
@@ -133,7 +147,8 @@ def is_at_bound(cause: Cause, unknown: Unknown, value: float) -> bool:
     at = unknown.coordinate(value)
     margin = _BOUND_SHARE * (high - low)
     may_be_least = unknown.lower == 0.0 and unknown.name == cause.own(cause.strength)
-    return at > high - margin or (at < low + margin and not may_be_least)
+    is_endless = any(part.is_endless and cause.own(part.name) == unknown.name for part in cause.parts)
+    return (at > high - margin and not is_endless) or (at < low + margin and not may_be_least)
 
 
 def is_trifle(cause: Cause, unknown: Unknown, value: float) -> bool:

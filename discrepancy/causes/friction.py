@@ -11,6 +11,8 @@ import numpy as np
 from discrepancy.causes.base import Cause, Fitted, Part, Setting, Values, newtons, with_interval
 
 _PACKING: Final = "Look at packing and stem guide"
+# What is added is in F_c and F_s alike, in proportion to each, or in F_c alone: no law says which.
+_STATIC_FORM: Final = (Part("static_share"),)
 
 
 def _asymmetry_starts(_setting: Setting) -> list[Values]:
@@ -94,6 +96,7 @@ LOCAL: Final = Cause(
     _spot_starts,
     _spot_sentence,
     "Look at stem and packing there: a bent stem, galling, a deposit.",
+    forms=_STATIC_FORM,
 )
 
 
@@ -112,29 +115,36 @@ GRADIENT: Final = Cause(
     _gradient_sentence,
     "Look at the guide: out of line, or worn at one end.",
     held=lambda setting: {"reference_m": setting.at(0.5)},
+    forms=_STATIC_FORM,
 )
 
 
 def _drift_starts(setting: Setting) -> list[Values]:
-    return [{"change_n": -0.02 * setting.scale.friction_n, "time_constant_s": time_s} for time_s in (6.0, 25.0, 120.0)]
+    change_n = -0.02 * setting.scale.friction_n
+    return [{"change_n": change_n, "time_constant_s": time_s} for time_s in (6.0, 25.0, 120.0, 3000.0)]
 
 
-def _drift_sentence(values: Mapping[str, Fitted], setting: Setting) -> str:
-    last_s = max(
-        float(segment.time_s[-1] - segment.time_s[0]) + segment.elapsed_s for segment in setting.observed.segments
-    )
-    share = 1.0 - float(np.exp(-last_s / values["time_constant_s"].value))
+def _drift_held(setting: Setting) -> Values:
+    """Count the change at the record's end: that is known where the time constant is not."""
+    segments = setting.observed.segments
+    return {"span_s": max(float(one.time_s[-1] - one.time_s[0]) + one.elapsed_s for one in segments)}
+
+
+def _drift_sentence(values: Mapping[str, Fitted], _setting: Setting) -> str:
     sense = "rose" if values["change_n"].value > 0.0 else "fell"
-    return f"Friction {sense} by {with_interval(values['change_n'], share, 'N')} during the record."
+    return f"Friction {sense} by {with_interval(values['change_n'], 1.0, 'N')} during the record."
 
 
 DRIFT: Final = Cause(
     "friction_drift",
     "change_n",
-    (Part("change_n"), Part("time_constant_s", is_log=True, step=1.0e-3)),
+    # a very long time constant is a straight line
+    (Part("change_n"), Part("time_constant_s", is_log=True, step=1.0e-3, is_endless=True)),
     _drift_starts,
     _drift_sentence,
     "Exercise the valve and test again; if it goes on, look at packing and lubrication.",
+    held=_drift_held,
+    forms=_STATIC_FORM,
 )
 
 
@@ -149,6 +159,7 @@ PRESSURE: Final = Cause(
     lambda _setting: [{"share": 0.003}],
     _pressure_sentence,
     "Look at the piston's or diaphragm's seals.",
+    forms=_STATIC_FORM,
 )
 
 

@@ -180,7 +180,7 @@ def _errors(
     delay_squared = seen.delay_sd_s**2
     if seen.delay_doubt_s > 0.0:
         # what is left of the delay's own information, and its pull, when all else follows it
-        own = float(normal[_DELAY, _DELAY] - column @ inverse @ column) + seen.delay_doubt_s**-2.0
+        own = seen.delay_doubt_s**-2.0 + max(float(normal[_DELAY, _DELAY] - column @ inverse @ column), 0.0)
         pull = float(side[_DELAY] - column @ inverse @ np.delete(side, _DELAY))
         found_s, spread_s = pull / own, own**-0.5
         odds = math.log(_DELAYED / (1.0 - _DELAYED)) + 0.5 * pull * found_s + math.log(spread_s / seen.delay_doubt_s)

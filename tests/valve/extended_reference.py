@@ -50,6 +50,7 @@ class Reference(NamedTuple):
     drift: float
     drift_time: float
     pressure_share: float
+    static_share: float
     a_c: float
     a_s: float
     a_v: float
@@ -93,7 +94,7 @@ def numbers(valve: ExtendedValve) -> Reference:
         area.slope_per_m, area.reference_m,
         friction.gradient_n_per_m, friction.gradient_reference_m,
         friction.spot_n, friction.spot_centre_m, friction.spot_width_m,
-        friction.drift_n, friction.drift_time_s, friction.pressure_share,
+        friction.drift_n, friction.drift_time_s, friction.pressure_share, friction.static_share,
         friction.coulomb_asymmetry, friction.static_asymmetry, friction.viscous_asymmetry,
         friction.stribeck_velocity_m_per_s, friction.dwell_rise_n, friction.dwell_time_s, friction.first_rise_n,
         friction.presliding_m,
@@ -171,7 +172,9 @@ def integrate_numbers(q, table_x, table_n, time, force, step, count, stride):
             if first:
                 extra += q.first_rise
         push = 1.0 if net > 0.0 else -1.0
-        S = max((q.F_s + more + extra) * (1.0 + push * q.a_s), (q.F_c + more) * (1.0 + push * q.a_c), 0.0)
+        S = max(
+            (q.F_s + q.static_share * more + extra) * (1.0 + push * q.a_s), (q.F_c + more) * (1.0 + push * q.a_c), 0.0
+        )
         held = abs(net) <= S
         if bound:
             if math.isnan(bristle):
@@ -195,7 +198,7 @@ def integrate_numbers(q, table_x, table_n, time, force, step, count, stride):
                 v = after
             else:
                 extra, first = 0.0, False
-                base = max((q.F_s + more) * (1.0 + s * q.a_s), C)
+                base = max((q.F_s + q.static_share * more) * (1.0 + s * q.a_s), C)
                 drag = C
                 if q.v_s > 0.0:
                     drag += (base - C) * math.exp(-((v / q.v_s) ** 2))

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from enum import StrEnum
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Final, Self
 
 from valve.errors import ParameterError
-from valve.extended_valve import ExtendedValve, require_finite
+from valve.extended_valve import ExtendedValve, FrictionSlots, require_finite
 from valve.parameters import ValveParameters
 
 ARMSTRONG: str = (
@@ -90,6 +90,11 @@ class EffectParameter:
         return self.low * size, self.high * size
 
 
+STATIC_SHARE: Final = EffectParameter(
+    "static_share", "q", "1", "share of it by which F_s changes", 0.0, 1.0, 3.0, is_strength=False
+)
+
+
 @dataclass(frozen=True, slots=True)
 class Effect(ABC):
     """A departure from the Karnopp valve. Raises ParameterError where a number is not finite or not physical."""
@@ -133,3 +138,15 @@ def require_free(cause: str, slots: Any, *names: str) -> None:
     for name in names:
         if getattr(slots, name) != getattr(neutral, name):
             raise ParameterError(f"{cause}: {name} is {getattr(slots, name):g} already, one valve has one: drop one")
+
+
+def with_static_share(cause: str, slots: FrictionSlots, share: float) -> FrictionSlots:
+    """Return the slots with this share of what is added to the friction in F_s.
+
+    Raises ParameterError where another effect has another share.
+    """
+    if 1.0 not in {slots.static_share, share} and share != slots.static_share:
+        raise ParameterError(
+            f"{cause}: static_share is {share:g}, and {slots.static_share:g} already: give both effects the same"
+        )
+    return replace(slots, static_share=share if slots.static_share == 1.0 else slots.static_share)

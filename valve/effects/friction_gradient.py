@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from valve.effects.base import HANDBOOK, Effect, EffectParameter, Per, require_free
+from valve.effects.base import HANDBOOK, STATIC_SHARE, Effect, EffectParameter, Per, require_free, with_static_share
 from valve.extended_valve import ExtendedValve
 
 
@@ -14,7 +14,7 @@ class FrictionGradient(Effect):
     """Friction that grows along the travel: a guide out of line, wear at one end."""
 
     cause: ClassVar[str] = "friction_gradient"
-    equation: ClassVar[str] = "F_c, F_s -> F + g (x - reference)"
+    equation: ClassVar[str] = "F_c -> F_c + g (x - reference), F_s -> F_s + q times that"
     source: ClassVar[str] = HANDBOOK
     parameters: ClassVar[tuple[EffectParameter, ...]] = (
         EffectParameter(
@@ -23,14 +23,16 @@ class FrictionGradient(Effect):
         EffectParameter(
             "reference_m", "x_r", "m", "where F_c and F_s hold", 0.0, 0.5, 1.0, Per.TRAVEL, is_strength=False
         ),
+        STATIC_SHARE,
     )
 
     gradient_n_per_m: float
     reference_m: float = 0.0
+    static_share: float = 1.0
 
     def apply(self, valve: ExtendedValve) -> ExtendedValve:
         """Return the valve with this effect in it."""
         slots = valve.friction
         require_free(self.cause, slots, "gradient_n_per_m")
         filled = replace(slots, gradient_n_per_m=self.gradient_n_per_m, gradient_reference_m=self.reference_m)
-        return replace(valve, friction=filled)
+        return replace(valve, friction=with_static_share(self.cause, filled, self.static_share))

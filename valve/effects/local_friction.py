@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from valve.effects.base import HANDBOOK, Effect, EffectParameter, Per, require_free
+from valve.effects.base import HANDBOOK, STATIC_SHARE, Effect, EffectParameter, Per, require_free, with_static_share
 from valve.extended_valve import ExtendedValve
 
 
@@ -14,7 +14,7 @@ class LocalFriction(Effect):
     """A tight spot: friction raised over a few percent of the travel (bent stem, galling)."""
 
     cause: ClassVar[str] = "local_friction"
-    equation: ClassVar[str] = "F_c, F_s -> F + rise exp(-((x - centre)/width)^2/2)"
+    equation: ClassVar[str] = "F_c -> F_c + rise exp(-((x - centre)/width)^2/2), F_s -> F_s + q times that"
     source: ClassVar[str] = HANDBOOK
     parameters: ClassVar[tuple[EffectParameter, ...]] = (
         EffectParameter(
@@ -32,15 +32,17 @@ class LocalFriction(Effect):
             Per.TRAVEL,
             is_strength=False,
         ),
+        STATIC_SHARE,
     )
 
     rise_n: float
     centre_m: float
     width_m: float
+    static_share: float = 1.0
 
     def apply(self, valve: ExtendedValve) -> ExtendedValve:
         """Return the valve with this effect in it."""
         slots = valve.friction
         require_free(self.cause, slots, "spot_n")
         filled = replace(slots, spot_n=self.rise_n, spot_centre_m=self.centre_m, spot_width_m=self.width_m)
-        return replace(valve, friction=filled)
+        return replace(valve, friction=with_static_share(self.cause, filled, self.static_share))

@@ -19,6 +19,7 @@ from valve.kernel.slots import (
     F_S,
     PRESSURE_SHARE,
     STATIC_ASYMMETRY,
+    STATIC_SHARE,
     VIBRATION,
     VIBRATION_RATE,
     K,
@@ -42,11 +43,12 @@ def rest_length(q, curves, x, t, force, slope, rested, never_moved, away, left):
             rates += vibration_rate(q, t + tau)
             bend = abs(q[VIBRATION]) * q[VIBRATION_RATE] * q[VIBRATION_RATE]
         if q[DRIFT] != 0.0:
-            more_rate = q[DRIFT] / q[DRIFT_TIME] * math.exp(-(t + tau) / q[DRIFT_TIME])
+            more_rate = q[STATIC_SHARE] * q[DRIFT] / q[DRIFT_TIME] * math.exp(-(t + tau) / q[DRIFT_TIME])
             more_bend = abs(more_rate) / q[DRIFT_TIME]
         if q[PRESSURE_SHARE] != 0.0:
             now = force + slope * tau
-            more_rate += q[PRESSURE_SHARE] * slope * (1.0 if now > 0.0 or (now == 0.0 and slope > 0.0) else -1.0)
+            grows = slope if now > 0.0 or (now == 0.0 and slope > 0.0) else -slope
+            more_rate += q[STATIC_SHARE] * q[PRESSURE_SHARE] * grows
         extra = extra_static(q, rested + tau, never_moved)
         if q[DWELL_RISE] != 0.0:
             long = max(rested, 0.0) + tau + q[DWELL_TIME]

@@ -48,6 +48,7 @@ from valve.kernel.slots import (
     SPRING_POINTS,
     SPRING_TO,
     STATIC_ASYMMETRY,
+    STATIC_SHARE,
     STRIBECK,
     VIBRATION,
     VIBRATION_PHASE,
@@ -128,7 +129,7 @@ def coulomb_level(q, s, more):
 @kernel
 def static_level(q, s, more, extra):
     """Static friction in the direction s, never below the Coulomb friction there."""
-    return max((q[F_S] + more + extra) * (1.0 + s * q[STATIC_ASYMMETRY]), coulomb_level(q, s, more))
+    return max((q[F_S] + q[STATIC_SHARE] * more + extra) * (1.0 + s * q[STATIC_ASYMMETRY]), coulomb_level(q, s, more))
 
 
 @kernel

@@ -1,0 +1,59 @@
+"""The form of a cause's law: what of it no test tells beforehand is fitted where the usual form leaves more than noise.
+
+Friction that a tight spot or a warm packing adds is in F_c and F_s alike, or in proportion to each, or in F_c alone. A
+law of the wrong one of these leaves breakaways where they are not, and an asymmetry and a preload make up for that.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from discrepancy.baseline import DYNAMIC, FIRST_RISES, STATIC_SCAN, scanned
+from discrepancy.causes.base import Cause, Setting, Values
+from discrepancy.least_squares import Fit, descend, start_fit
+from discrepancy.model import Model
+from discrepancy.significance import excess, is_noise, is_significant
+
+_STEPS: Final = 15
+_BLURRED_STEPS: Final = 8
+_BLUR_S: Final = 0.1
+# Of the misfit: with more left by the usual form no other makes a name of it.
+_WORTH: Final = 0.5
+
+
+def has_free_form(fit: Fit, cause: Cause) -> bool:
+    """Whether the form of this cause's law is among what a fit has fitted."""
+    return bool(cause.forms) and cause.own(cause.forms[0].name) in fit.model.unknowns.names
+
+
+def in_its_own_form(before: Fit, fit: Fit, cause: Cause, setting: Setting, balanced: Values | None) -> Fit:
+    """Return the fit with this cause, which ``before`` lacks, in the form that the data tell; as it is where they do not.
+
+    Begun where the usual form led, and at ``balanced``, what the forces of steady motion tell, for F_s is not in them.
+    """
+    if not cause.forms or not fit.is_followed or is_noise(fit):
+        return fit
+    names = {cause.own(part.name) for part in cause.forms}
+    held = {name: value for name, value in fit.model.held.items() if name not in names}
+    model = fit.model.with_free(cause.free_forms(setting), held)
+    starts = []
+    if excess(fit) < _WORTH * excess(before):
+        starts.append(_best(model, cause, fit.values))
+    if balanced is not None:
+        values = dict(fit.values)
+        for name, value in balanced.items():
+            values[name if name in values else cause.own(name)] = value
+        start = scanned(scanned(_best(model, cause, values), "d", STATIC_SCAN), "first_rise", FIRST_RISES)
+        if excess(start) < _WORTH * excess(before):
+            starts.append(descend(start, most_steps=_BLURRED_STEPS, span_s=_BLUR_S, held=DYNAMIC))
+    found = min((descend(start, most_steps=_STEPS) for start in starts), key=lambda one: one.cost, default=fit)
+    return found if is_significant(fit, found) else fit
+
+
+def _best(model: Model, cause: Cause, values: Values) -> Fit:
+    """Return the lowest of the natural forms at these values: F_s changes as F_c does, in proportion, or not at all."""
+    starts = []
+    for static_share in (1.0, 1.0 + values["d"], 0.0):
+        own = cause.full({**cause.usual_forms(), "static_share": static_share})
+        starts.append(start_fit(model, model.unknowns.point({**values, **own})))
+    return min(starts, key=lambda one: one.cost)
