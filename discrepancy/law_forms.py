@@ -27,9 +27,10 @@ def has_free_form(fit: Fit, cause: Cause) -> bool:
 
 
 def in_its_own_form(before: Fit, fit: Fit, cause: Cause, setting: Setting, balanced: Values | None) -> Fit:
-    """Return the fit with this cause, which ``before`` lacks, in the form that the data tell; as it is where they do not.
+    """Return the fit with this cause, which ``before`` lacks, in the form that the data tell.
 
-    Begun where the usual form led, and at ``balanced``, what the forces of steady motion tell, for F_s is not in them.
+    As it is where they tell none. Begun where the usual form led, and at ``balanced``, what the forces of steady motion
+    tell, for F_s is not in them.
     """
     if not cause.forms or not fit.is_followed or is_noise(fit):
         return fit
@@ -52,8 +53,9 @@ def in_its_own_form(before: Fit, fit: Fit, cause: Cause, setting: Setting, balan
 
 def _best(model: Model, cause: Cause, values: Values) -> Fit:
     """Return the lowest of the natural forms at these values: F_s changes as F_c does, in proportion, or not at all."""
-    starts = []
-    for static_share in (1.0, 1.0 + values["d"], 0.0):
-        own = cause.full({**cause.usual_forms(), "static_share": static_share})
-        starts.append(start_fit(model, model.unknowns.point({**values, **own})))
+    usual = cause.usual_forms()
+    forms = [usual]
+    if "static_share" in usual:
+        forms += [{**usual, "static_share": share} for share in (1.0 + values["d"], 0.0)]
+    starts = [start_fit(model, model.unknowns.point({**values, **cause.full(own)})) for own in forms]
     return min(starts, key=lambda one: one.cost)

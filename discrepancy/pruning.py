@@ -8,9 +8,9 @@ from typing import Final
 from discrepancy.causes.base import Cause
 from discrepancy.finishing import finished
 from discrepancy.intervals import fitted_values, may_be_nothing
+from discrepancy.law_forms import has_free_form
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.refining import refined
-from discrepancy.law_forms import has_free_form
 from discrepancy.screening import extended_model, held_of
 from discrepancy.setting import setting_of
 from discrepancy.significance import is_significant, misfit

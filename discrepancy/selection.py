@@ -11,8 +11,8 @@ from discrepancy.by_forces import way_by_forces
 from discrepancy.causes.base import Cause
 from discrepancy.choice import Choice, Way
 from discrepancy.finishing import finished
-from discrepancy.least_squares import Fit, descend
 from discrepancy.law_forms import has_free_form
+from discrepancy.least_squares import Fit, descend
 from discrepancy.pruning import pruned, with_causes
 from discrepancy.refining import refined
 from discrepancy.rounds import (

@@ -79,5 +79,6 @@ def _followed(shown_m: FloatArray, sensor: SensorPath) -> FloatArray:
     place = straight
     for _ in range(3):
         u = (place - sensor.bow_low_m) / sensor.bow_span_m
-        place = straight - 4.0 * sensor.bow_m * u * (1.0 - u)
+        way = 2.0 * u - 1.0
+        place = straight - 4.0 * sensor.bow_m * u * (1.0 - u) * (1.0 + way * (sensor.bow_skew + sensor.bow_ends * way))
     return place

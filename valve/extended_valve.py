@@ -58,9 +58,14 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class SpringSlots:
-    """G(x) = hardening x^2/2 + knee_rate max(x - knee, 0) - flow_force exp(-x/flow_decay) + curve(x), N."""
+    """G = hardening x^2/2 + bend x^2/2 (x/3 - middle) + knee_rate max(x - knee, 0) - flow_force exp(-x/decay) + curve.
+
+    All in N.
+    """
 
     hardening_n_per_m2: float = 0.0
+    hardening_bend_n_per_m3: float = 0.0
+    hardening_middle_m: float = 0.0
     knee_m: float = 0.0
     knee_rate_n_per_m: float = 0.0
     flow_force_n: float = 0.0
@@ -84,7 +89,8 @@ class AreaSlots:
 class FrictionSlots:
     """What friction has beside F_c, F_s and F_v.
 
-    L = gradient (x - reference) + spot exp(-((x - centre)/width)^2/2) + curve(x) + drift (1 - exp(-t/drift_time))
+    L = gradient (x - reference) + bend (x - reference)^2 + spot exp(-((x - centre)/width)^2/2) + curve(x)
+    + drift (1 - exp(-t/drift_time))
     + pressure_share |F_a|, of which the static friction takes q = ``static_share``; E = dwell_rise T/(T + dwell_time)
     after a rest of T, + first_rise before the first slip.
     ``stribeck_velocity_m_per_s`` 0: the friction is C as soon as the stem slips. ``presliding_m`` is F_s over the
@@ -93,6 +99,7 @@ class FrictionSlots:
 
     gradient_n_per_m: float = 0.0
     gradient_reference_m: float = 0.0
+    gradient_bend_n_per_m2: float = 0.0
     spot_n: float = 0.0
     spot_centre_m: float = 0.0
     spot_width_m: float = 1.0
@@ -178,8 +185,8 @@ class InputPath:
 class SensorPath:
     """From the stem to the position that is read: play, then bow and gain, then lag.
 
-    The play's lever stays within half of ``play_m`` of the stem; y = r + gain (w + 4 bow u (1 - u) - r) with
-    u = (w - bow_low)/bow_span and r the reference; lag T y' = y(w) - y.
+    The play's lever stays within half of ``play_m`` of the stem; with r the reference, u = (w - bow_low)/bow_span and
+    z = 2 u - 1, y = r + gain (w + 4 bow u (1 - u) (1 + z (skew + ends z)) - r); lag T y' = y(w) - y.
     """
 
     gain: float = 1.0
@@ -187,6 +194,8 @@ class SensorPath:
     bow_m: float = 0.0
     bow_low_m: float = 0.0
     bow_span_m: float = 1.0
+    bow_skew: float = 0.0
+    bow_ends: float = 0.0
     lag_s: float = 0.0
     play_m: float = 0.0
 
@@ -199,16 +208,19 @@ class SensorPath:
 
 # Which slot of the kernel each field fills, in the field order of its class.
 _SLOTS: Final[dict[type, tuple[str, ...]]] = {
-    SpringSlots: ("hardening", "knee", "knee_rate", "flow", "flow_decay"),
+    SpringSlots: ("hardening", "hardening_bend", "hardening_middle", "knee", "knee_rate", "flow", "flow_decay"),
     AreaSlots: ("area_slope", "area_reference"),
     FrictionSlots: (
-        "gradient", "gradient_reference", "spot", "spot_centre", "spot_width", "drift", "drift_time", "pressure_share",
+        "gradient", "gradient_reference", "gradient_bend", "spot", "spot_centre", "spot_width",
+        "drift", "drift_time", "pressure_share",
         "static_share",
         "coulomb_asymmetry", "static_asymmetry", "viscous_asymmetry", "stribeck_velocity", "dwell_rise", "dwell_time",
         "first_rise", "presliding",
     ),
     StopSlots: ("low", "high", "low_rate", "high_rate"),
-    SensorPath: ("position_gain", "gain_reference", "bow", "bow_low", "bow_span", "position_lag", "play"),
+    SensorPath: (
+        "position_gain", "gain_reference", "bow", "bow_low", "bow_span", "bow_skew", "bow_ends", "position_lag", "play",
+    ),
 }  # fmt: skip
 _PLACE: Final = {name: place for place, name in enumerate(SLOTS)}
 _PLACES: Final = {kind: tuple(_PLACE[name] for name in names) for kind, names in _SLOTS.items()}

@@ -83,7 +83,8 @@ class Cause:
     """One entry of the catalogue.
 
     ``strength`` names the parameter that screening scales, from the value that ``starts`` gives it; ``held`` are those
-    that are not fitted; ``forms`` those that are fitted only where the usual law leaves more than noise. ``is_visible`` says whether a recording can show the cause at all.
+    that are not fitted; ``forms`` those that are fitted only where the usual law leaves more than noise.
+    ``is_visible`` says whether a recording can show the cause at all.
     """
 
     name: str

@@ -122,6 +122,7 @@ BOW: Final = Cause(
     "Put the sensor's lever square to the stem at mid travel, or linearise the sensor.",
     # a sensor is set at both ends of the rated travel: from there on what is straight in the reading is no bow
     held=lambda setting: {"span_m": setting.scale.travel_m, "low_m": 0.0},
+    forms=(Part("skew"), Part("ends")),
 )
 
 

@@ -31,6 +31,8 @@ HARDENING: Final = Cause(
     lambda setting: [{"hardening_n_per_m2": 0.02 * setting.values["k"] / setting.scale.travel_m}],
     _hardening_sentence,
     "Look at the actuator's spring: coils that close, a wrong spring.",
+    held=lambda setting: {"middle_m": setting.at(0.5)},
+    forms=(Part("bend_n_per_m3"),),
 )
 
 

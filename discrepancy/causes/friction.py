@@ -115,7 +115,7 @@ GRADIENT: Final = Cause(
     _gradient_sentence,
     "Look at the guide: out of line, or worn at one end.",
     held=lambda setting: {"reference_m": setting.at(0.5)},
-    forms=_STATIC_FORM,
+    forms=(*_STATIC_FORM, Part("bend_n_per_m2")),
 )
 
 

@@ -18,7 +18,7 @@ from valve.recording import Recording
 
 HIDDEN: dict[str, tuple[str, dict[str, float]]] = {
     "local_friction": ("nominal", {"rise_n": 150.0, "centre_m": 0.055, "width_m": 0.0015}),
-    "friction_drift": ("nominal", {"change_n": -90.0, "time_constant_s": 15.0}),
+    "friction_drift": ("nominal", {"change_n": -59.0, "time_constant_s": 15.0, "span_s": 15.95}),
     "dual_rate_spring": ("vendor", {"rate_change_n_per_m": 4_000.0, "knee_m": 0.05}),
     "position_lag": ("nominal", {"lag_s": 0.03}),
 }

@@ -36,6 +36,8 @@ class Reference(NamedTuple):
     DV: float
     F_0: float
     hardening: float
+    hardening_bend: float
+    hardening_middle: float
     knee: float
     knee_rate: float
     flow_force: float
@@ -44,6 +46,7 @@ class Reference(NamedTuple):
     area_reference: float
     gradient: float
     gradient_reference: float
+    gradient_bend: float
     spot: float
     centre: float
     width: float
@@ -76,6 +79,8 @@ class Reference(NamedTuple):
     bow: float
     bow_low: float
     bow_span: float
+    bow_skew: float
+    bow_ends: float
     lag: float
     play: float
 
@@ -90,9 +95,10 @@ def numbers(valve: ExtendedValve) -> Reference:
     return Reference(
         p.mass_kg, p.spring_rate_n_per_m, p.viscous_friction_n_s_per_m, p.coulomb_friction_n, p.static_friction_n,
         p.limit_velocity_m_per_s, p.preload_n,
-        spring.hardening_n_per_m2, spring.knee_m, spring.knee_rate_n_per_m, spring.flow_force_n, spring.flow_decay_m,
+        spring.hardening_n_per_m2, spring.hardening_bend_n_per_m3, spring.hardening_middle_m,
+        spring.knee_m, spring.knee_rate_n_per_m, spring.flow_force_n, spring.flow_decay_m,
         area.slope_per_m, area.reference_m,
-        friction.gradient_n_per_m, friction.gradient_reference_m,
+        friction.gradient_n_per_m, friction.gradient_reference_m, friction.gradient_bend_n_per_m2,
         friction.spot_n, friction.spot_centre_m, friction.spot_width_m,
         friction.drift_n, friction.drift_time_s, friction.pressure_share, friction.static_share,
         friction.coulomb_asymmetry, friction.static_asymmetry, friction.viscous_asymmetry,
@@ -101,7 +107,8 @@ def numbers(valve: ExtendedValve) -> Reference:
         stops.low_m, stops.high_m, stops.low_rate_n_per_m, stops.high_rate_n_per_m,
         vibration.force_n, vibration.frequency_hz, vibration.phase_rad,
         path.gain, path.leak, path.limit_n, path.lag_s, path.dead_time_s,
-        sensor.gain, sensor.gain_reference_m, sensor.bow_m, sensor.bow_low_m, sensor.bow_span_m, sensor.lag_s,
+        sensor.gain, sensor.gain_reference_m, sensor.bow_m, sensor.bow_low_m, sensor.bow_span_m,
+        sensor.bow_skew, sensor.bow_ends, sensor.lag_s,
         sensor.play_m,
     )  # fmt: skip
 
@@ -110,7 +117,8 @@ def numbers(valve: ExtendedValve) -> Reference:
 def reading(q, played):
     """Return what the sensor shows, bow and gain in it, of a position that has its play in it, m."""
     share = (played - q.bow_low) / q.bow_span
-    y = played + 4.0 * q.bow * share * (1.0 - share)
+    z = 2.0 * share - 1.0
+    y = played + 4.0 * q.bow * share * (1.0 - share) * (1.0 + q.bow_skew * z + q.bow_ends * z * z)
     return q.gain_reference + q.gain * (y - q.gain_reference)
 
 
@@ -147,6 +155,7 @@ def integrate_numbers(q, table_x, table_n, time, force, step, count, stride):
             acting = target
         # all but friction
         net = acting * (1.0 + q.area_slope * (x - q.area_reference)) - q.k * x - q.F_0
+        net -= q.hardening_bend * (x**3 / 6.0 - q.hardening_middle * x * x / 2.0)
         net -= 0.5 * q.hardening * x * x + q.knee_rate * max(x - q.knee, 0.0)
         if q.flow_force != 0.0:
             net += q.flow_force * math.exp(-max(x, 0.0) / q.flow_decay)
@@ -157,7 +166,7 @@ def integrate_numbers(q, table_x, table_n, time, force, step, count, stride):
         if q.high_rate < math.inf:
             net -= q.high_rate * max(x - q.high, 0.0)
         # levels of friction
-        more = q.gradient * (x - q.gradient_reference)
+        more = q.gradient * (x - q.gradient_reference) + q.gradient_bend * (x - q.gradient_reference) ** 2
         if q.spot != 0.0:
             more += q.spot * math.exp(-0.5 * ((x - q.centre) / q.width) ** 2)
         risen = q.drift * (1.0 - math.exp(-t / q.drift_time)) if q.drift != 0.0 else 0.0

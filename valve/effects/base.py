@@ -27,8 +27,10 @@ class Per(StrEnum):
     FULL_FORCE = "force at full pressure"
     TRAVEL = "travel"
     FRICTION_OVER_TRAVEL = "F_c/travel"
+    FRICTION_OVER_TRAVEL_SQUARED = "F_c/travel^2"
     RATE = "k"
     RATE_OVER_TRAVEL = "k/travel"
+    RATE_OVER_TRAVEL_SQUARED = "k/travel^2"
     ONE_OVER_TRAVEL = "1/travel"
 
 
@@ -61,8 +63,10 @@ class ValveScale:
             Per.FULL_FORCE: self.full_force_n,
             Per.TRAVEL: self.travel_m,
             Per.FRICTION_OVER_TRAVEL: self.friction_n / self.travel_m,
+            Per.FRICTION_OVER_TRAVEL_SQUARED: self.friction_n / self.travel_m**2,
             Per.RATE: self.spring_rate_n_per_m,
             Per.RATE_OVER_TRAVEL: self.spring_rate_n_per_m / self.travel_m,
+            Per.RATE_OVER_TRAVEL_SQUARED: self.spring_rate_n_per_m / self.travel_m**2,
             Per.ONE_OVER_TRAVEL: 1.0 / self.travel_m,
         }[per]
 

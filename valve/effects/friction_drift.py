@@ -16,8 +16,8 @@ class FrictionDrift(Effect):
 
     cause: ClassVar[str] = "friction_drift"
     equation: ClassVar[str] = (
-        "F_c -> F_c + change (1 - exp(-t/T))/(1 - exp(-S/T)), F_s -> F_s + q times that, t from the start of the record; "
-        "S = 0: over 1"
+        "F_c -> F_c + change (1 - exp(-t/T))/(1 - exp(-S/T)), F_s -> F_s + q times that, "
+        "t from the start of the record; S = 0: over 1"
     )
     source: ClassVar[str] = ARMSTRONG
     parameters: ClassVar[tuple[EffectParameter, ...]] = (

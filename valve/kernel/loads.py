@@ -31,8 +31,11 @@ from valve.kernel.slots import (
     FRICTION_POINTS,
     FRICTION_TO,
     GRADIENT,
+    GRADIENT_BEND,
     GRADIENT_REFERENCE,
     HARDENING,
+    HARDENING_BEND,
+    HARDENING_MIDDLE,
     HIGH,
     HIGH_RATE,
     KNEE,
@@ -85,6 +88,8 @@ def load(q, curves, x, t, force):
     net = force * area - q[K] * x - q[F_0]
     if q[HARDENING] != 0.0:
         net -= 0.5 * q[HARDENING] * x * x
+    if q[HARDENING_BEND] != 0.0:
+        net -= 0.5 * q[HARDENING_BEND] * x * x * (x / 3.0 - q[HARDENING_MIDDLE])
     if q[KNEE_RATE] != 0.0 and x > q[KNEE]:
         net -= q[KNEE_RATE] * (x - q[KNEE])
     if q[FLOW] != 0.0:
@@ -100,6 +105,8 @@ def load(q, curves, x, t, force):
     more = 0.0
     if q[GRADIENT] != 0.0:
         more += q[GRADIENT] * (x - q[GRADIENT_REFERENCE])
+    if q[GRADIENT_BEND] != 0.0:
+        more += q[GRADIENT_BEND] * (x - q[GRADIENT_REFERENCE]) ** 2
     if q[SPOT] != 0.0:
         u = (x - q[SPOT_CENTRE]) / q[SPOT_WIDTH]
         more += q[SPOT] * math.exp(-0.5 * u * u)
@@ -181,8 +188,9 @@ def zone(q, x, heading):
 def is_neutral_in_motion(q):
     """Whether a slip obeys one linear equation a direction: nothing is added to it over time and travel."""
     return (
-        q[HARDENING] == 0.0 and q[KNEE_RATE] == 0.0 and q[FLOW] == 0.0 and q[AREA_SLOPE] == 0.0
-        and q[GRADIENT] == 0.0 and q[SPOT] == 0.0 and q[DRIFT] == 0.0 and q[PRESSURE_SHARE] == 0.0
+        q[HARDENING] == 0.0 and q[HARDENING_BEND] == 0.0 and q[KNEE_RATE] == 0.0 and q[FLOW] == 0.0
+        and q[AREA_SLOPE] == 0.0 and q[GRADIENT] == 0.0 and q[GRADIENT_BEND] == 0.0 and q[SPOT] == 0.0
+        and q[DRIFT] == 0.0 and q[PRESSURE_SHARE] == 0.0
         and q[STRIBECK] == 0.0 and q[VIBRATION] == 0.0
         and q[SPRING_POINTS] == 0.0 and q[AREA_POINTS] == 0.0 and q[FRICTION_POINTS] == 0.0
         and (q[LOW_RATE] == math.inf or q[LOW] == -math.inf) and (q[HIGH_RATE] == math.inf or q[HIGH] == math.inf)

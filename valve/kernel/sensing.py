@@ -8,7 +8,20 @@ from __future__ import annotations
 import math
 
 from valve.kernel.compiled import kernel
-from valve.kernel.slots import BOW, BOW_LOW, BOW_SPAN, GAIN, GAIN_REFERENCE, LAGGED, PLAY, PLAYED, POSITION_LAG, SHOWN
+from valve.kernel.slots import (
+    BOW,
+    BOW_ENDS,
+    BOW_LOW,
+    BOW_SKEW,
+    BOW_SPAN,
+    GAIN,
+    GAIN_REFERENCE,
+    LAGGED,
+    PLAY,
+    PLAYED,
+    POSITION_LAG,
+    SHOWN,
+)
 
 
 @kernel
@@ -17,7 +30,8 @@ def displayed(q, played):
     y = played
     if q[BOW] != 0.0:
         u = (y - q[BOW_LOW]) / q[BOW_SPAN]
-        y += 4.0 * q[BOW] * u * (1.0 - u)
+        way = 2.0 * u - 1.0
+        y += 4.0 * q[BOW] * u * (1.0 - u) * (1.0 + way * (q[BOW_SKEW] + q[BOW_ENDS] * way))
     return q[GAIN_REFERENCE] + q[GAIN] * (y - q[GAIN_REFERENCE])
 
 

@@ -34,6 +34,12 @@ WIDER_UM: Final = {
 SHAPES: Final = {
     "friction_asymmetry": {"viscous_asymmetry": 0.2},
     "dwell_dependent_breakaway": {"time_s": 0.1},
+    "local_friction": {"static_share": 0.4},
+    "friction_gradient": {"static_share": 1.3, "bend_n_per_m2": 1.0e4},
+    "friction_drift": {"static_share": 1.6, "time_constant_s": 3.0, "span_s": 2.0},
+    "pressure_dependent_friction": {"static_share": 2.0},
+    "spring_hardening": {"bend_n_per_m3": 1.0e6, "middle_m": 0.04},
+    "position_nonlinearity": {"skew": 0.4, "ends": -0.3},
     "travel_stop_high": {"position_m": 0.05},
 }
 
