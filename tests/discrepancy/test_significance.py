@@ -101,9 +101,11 @@ def test_half_of_that_is_enough_of_a_cause_that_leaves_noise_where_the_force_has
         beside = fit_of(white, rows=rows, cost=before.cost, causes=("presliding",))
         cast("Any", beside.model.observed).has_exact_force = True
         assert not is_significant(beside, after)
-        left = fit_of(0.9 * white + 0.4 * slow, rows=rows, cost=5000.0, causes=("local_friction",))
+        left = fit_of(0.9 * white + 0.4 * slow, rows=rows, cost=5000.0, causes=("stribeck_friction",))
         assert not is_noise(left)
         assert not is_significant(before, left)
+        elastic = fit_of(white, rows=rows, cost=5000.0, causes=("presliding",))
+        assert not is_significant(before, elastic)
 
 
 @pytest.mark.parametrize(("scale", "noise"), [(1.14, True), (1.16, False)])

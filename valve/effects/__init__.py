@@ -6,6 +6,7 @@ One file an effect and one line in EFFECTS: the contract tests then check it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, fields
 from typing import Final
 
 from valve.effects.actuator_leak import ActuatorLeak
@@ -83,7 +84,8 @@ def effect_from_values(cause: str, values: Mapping[str, float]) -> Effect:
     try:
         return kind(**values)
     except TypeError:
-        missing = [name for name in known if name not in values]
+        needed = {entry.name for entry in fields(kind) if entry.default is MISSING}
+        missing = [name for name in known if name in needed - set(values)]
         raise ParameterError(f"{cause}: {', '.join(missing)}: missing, or given by a strength: add it") from None
 
 
