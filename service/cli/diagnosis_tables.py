@@ -79,6 +79,9 @@ def _parameters(causes: list[dict[str, Any]]) -> Table:
         table.add_column(heading, justify="right")
     for found in causes:
         for name, entry in found["parameters"].items():
+            if entry["ci95"][0] == entry["ci95"][1]:
+                # held, as where a gradient is counted from: nothing that the recording told
+                continue
             value, span = with_span(entry["value"], *entry["ci95"])
             unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
             table.add_row(_plain(found["cause"]), name, f"{value}{unit}", span)

@@ -55,6 +55,15 @@ def test_the_ends_of_a_narrow_interval_differ_in_the_tables() -> None:
     assert out.getvalue().count("1423.39990 to 1423.40010") == 2
 
 
+def test_what_was_held_is_not_told_as_found() -> None:
+    held = {"value": 1.0, "ci95": [1.0, 1.0], "unit": "1"}
+    cause = {**FOUND["causes"][0], "parameters": {**FOUND["causes"][0]["parameters"], "static_share": held}}
+    out = io.StringIO()
+    print_diagnosis(Console(file=out, width=160), {**FOUND, "causes": [cause]})
+    assert "rise_n" in out.getvalue()
+    assert "static_share" not in out.getvalue()
+
+
 def test_a_healthy_valve_is_one_sentence() -> None:
     lines = diagnosis_lines({**FOUND, "verdict": "none", "causes": [], "not_told_apart_from": [], "gain": None})
     assert lines[0] == "Diagnosis: nothing beyond the noise: the simulation explains this recording."
