@@ -11,7 +11,6 @@ import numpy as np
 from discrepancy.accepted import Standing, stand
 from discrepancy.baseline import fit_baseline
 from discrepancy.causes.base import Cause
-from discrepancy.causes.friction import ASYMMETRY
 from discrepancy.choice import Choice
 from discrepancy.diagnosis import Diagnosis, Finding, Verdict
 from discrepancy.doubts import doubt
@@ -24,7 +23,7 @@ from discrepancy.intervals import fitted_values, may_be_nothing
 from discrepancy.least_squares import Fit
 from discrepancy.line_errors import with_line_errors
 from discrepancy.observed import observe
-from discrepancy.preload import PRELOAD, asymmetry_instead, bent_instead, preload_offset
+from discrepancy.preload import PRELOAD, bent_instead, friction_instead, preload_offset
 from discrepancy.pressure_findings import with_pressure_findings
 from discrepancy.profile import at_the_lowest
 from discrepancy.registry import CAUSES
@@ -155,15 +154,12 @@ def _concluded(
         sentence = PRELOAD.sentence({"offset_n": offset}, setting_of(best))
         told = Finding(PRELOAD.name, sentence, PRELOAD.action, {"offset_n": offset}, 0.0)
         bent = bent_instead(best, CAUSES.values())
-        instead = asymmetry_instead(best)
+        instead = friction_instead(best)
         # the one that has rivals is told first
-        place = 0 if not rivals and (bent or instead is not None) else len(findings)
+        place = 0 if not rivals and (bent or instead) else len(findings)
         findings.insert(place, told)
-        rivals += [cause.name for cause, _ in bent]
-        rival_fits += [fit for _, fit in bent]
-        if instead is not None:
-            rivals.append(ASYMMETRY.name)
-            rival_fits.append(instead)
+        rivals += [cause.name for cause, _ in (*bent, *instead)]
+        rival_fits += [fit for _, fit in (*bent, *instead)]
     if not findings:
         return Diagnosis(Verdict.NONE, "" if standing is None else _NOTHING_NEW, **pictures)
     gains: list[Gain] = []

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Final
 
-from discrepancy.baseline import held_fit
+from discrepancy.baseline import DYNAMIC, held_fit
 from discrepancy.causes.base import Cause, Fitted, Setting, is_at_bound, with_interval
 from discrepancy.causes.channels import BOW
 from discrepancy.causes.forces import AREA
-from discrepancy.causes.friction import ASYMMETRY
+from discrepancy.causes.friction import ASYMMETRY, DRIFT
 from discrepancy.intervals import standard_errors
-from discrepancy.least_squares import Fit, descend
-from discrepancy.screening import Candidate, refit, screen
+from discrepancy.least_squares import Fit, descend, start_fit
+from discrepancy.screening import Candidate, extended_model, refit, screen
 from discrepancy.setting import setting_of
 from discrepancy.significance import NEAR, noise_factor
 from estimators.base import NORMAL_95
@@ -21,6 +21,8 @@ from estimators.base import NORMAL_95
 TOLERANCE: Final = 2.0e-3
 _SURE: Final = 4.0  # standard errors
 _STEPS: Final = 15
+_BLUR_S: Final = 0.1
+_EVENLY_S: Final = 3.0e3  # a time constant, that a minute shows a straight line of
 # What bends the line of force over travel.
 BENDING: Final = frozenset(
     {
@@ -116,16 +118,42 @@ def conventional_preload(fit: Fit) -> float:
     return found_n
 
 
-def asymmetry_instead(fit: Fit) -> Fit | None:
-    """Return the fit with the nameplate's preload and an asymmetry of friction, where that does as well."""
+def friction_instead(fit: Fit) -> list[tuple[Cause, Fit]]:
+    """Return an asymmetry and a drift of friction, each with its fit, where that does as well as another preload."""
     nominal_n = fit.model.observed.nameplate.nominal_preload_n
-    if nominal_n is None or ASYMMETRY.name in fit.model.causes:
-        return None
+    if nominal_n is None:
+        return []
     held = held_fit(fit, F_0=nominal_n)
-    setting = setting_of(fit)
-    start = {"asymmetry": (fit.values["F_0"] - nominal_n) / max(fit.values["F_c"], 1.0e-9)}
-    found = refit(held, Candidate(ASYMMETRY, (start,), 1.0), setting)
-    if not found.is_followed or found.cost - fit.cost > NEAR * noise_factor(fit):
-        return None
-    at_bound = any(is_at_bound(ASYMMETRY, one, found.values[one.name]) for one in ASYMMETRY.unknowns(setting))
-    return None if at_bound else found
+    offset_n = fit.values["F_0"] - nominal_n
+    found = []
+    for cause, instead in ((ASYMMETRY, _asymmetry), (DRIFT, _drift)):
+        other = None if cause.name in fit.model.causes else instead(held, offset_n)
+        if other is None or not other.is_followed or other.cost - fit.cost > NEAR * noise_factor(fit):
+            continue
+        if not any(is_at_bound(cause, one, other.values[one.name]) for one in cause.unknowns(setting_of(fit))):
+            found.append((cause, other))
+    return found
+
+
+def _asymmetry(held: Fit, offset_n: float) -> Fit:
+    start = {"asymmetry": offset_n / max(held.values["F_c"], 1.0e-9)}
+    return refit(held, Candidate(ASYMMETRY, (start,), 1.0), setting_of(held))
+
+
+def _drift(held: Fit, offset_n: float) -> Fit:
+    """Return the fit with a friction that changes evenly: once open and back, that is another spring and preload.
+
+    With h half the change, F_0 - h, F_c + h, F_s + h and k + h over the swept travel stand for it.
+    """
+    setting, own, half_n = setting_of(held), held.values, -offset_n
+    model = extended_model(held.model, DRIFT, setting)
+    coulomb_n = max(own["F_c"] - half_n, 1.0e-9)
+    values = {
+        **own,
+        **DRIFT.full({"change_n": 2.0 * half_n, "time_constant_s": _EVENLY_S}),
+        "F_c": coulomb_n,
+        "d": max((own["F_c"] * (1.0 + own["d"]) - half_n) / coulomb_n - 1.0, 0.0),
+        "k": own["k"] - half_n / setting.swept_m,
+    }
+    start = descend(start_fit(model, model.unknowns.point(values)), most_steps=_STEPS, span_s=_BLUR_S, held=DYNAMIC)
+    return descend(start, most_steps=2 * _STEPS)
