@@ -215,7 +215,8 @@ class _Hiding:
         times = drawn_factor(rng, large=large)
         times = times if factor is None else factor
         strength = times * STRENGTHS[cause].smallest
-        effect = STRENGTHS[cause].effect(strength, self.plant.swept(self.waves[0]), rng)
+        swept = self.plant.swept(self.waves[0])
+        effect = STRENGTHS[cause].effect(strength, swept, rng, other_law=self.group.other_laws)
         return HiddenCause(cause, strength, times, effect.values()), effect
 
     def course(self, valve: ExtendedValve, wave: Waveform, oddity: Oddity | None) -> Course:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from tests.blind.oddities import ODDITIES
-from tests.blind.strengths import STRENGTHS, Acquired, Expected, expected
+from tests.blind.strengths import OTHER_LAWS, STRENGTHS, Acquired, Expected, expected
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +19,7 @@ class Kind:
     causes: tuple[str, ...] = ()
     hidden: int = 1
     bench_set_known: bool = True
+    other_laws: bool = False  # of another form than the usual one
     cases: int = 100  # without a number given
     meaning: str = ""
 
@@ -40,6 +41,10 @@ KINDS: Final[dict[str, Kind]] = {
         Kind(
             "triangle", (_TRIANGLE,), (Acquired.CAPTURED,), _named(_TRIANGLE, Acquired.CAPTURED), cases=500,
             meaning="paper's triangle, 1 ms, measured pressure: causes that it can show",
+        ),
+        Kind(
+            "other_law", (_TRIANGLE,), (Acquired.CAPTURED,), tuple(OTHER_LAWS), other_laws=True, cases=60,
+            meaning="as triangle, causes that obey another law than the usual one",
         ),
         Kind(
             "hidden", (_TRIANGLE,), (Acquired.CAPTURED,),

@@ -199,7 +199,7 @@ def on_the_integrations_clock(valve: ExtendedValve) -> ExtendedValve:
     levels = replace(
         p,
         coulomb_friction_n=p.coulomb_friction_n - before_n,
-        static_friction_n=p.static_friction_n - before_n,
+        static_friction_n=p.static_friction_n - slots.static_share * before_n,
     )
     phase_rad = math.remainder(shaking.phase_rad - math.tau * shaking.frequency_hz * SETTLING_S, math.tau)
     return replace(

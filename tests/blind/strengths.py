@@ -72,10 +72,12 @@ class Hidden:
     acquired: frozenset[Acquired] | None = None  # with which it is visible; None: any
     springless: bool = False  # whether a drive without a spring can have it
 
-    def effect(self, strength: float, swept: Swept, rng: np.random.Generator) -> Effect:
-        """The effect at this strength, its shape drawn."""
+    def effect(self, strength: float, swept: Swept, rng: np.random.Generator, *, other_law: bool = False) -> Effect:
+        """The effect at this strength, its shape drawn; ``other_law``: of another form than the usual one."""
         sign = float(rng.choice((-1.0, 1.0))) if self.has_sign else 1.0
         values: Any = self.fill(sign * strength, swept, rng)
+        if other_law:
+            values = {**values, **OTHER_LAWS[self.cause](sign * strength, swept, rng)}
         return EFFECTS[self.cause](**values)
 
 
@@ -259,6 +261,28 @@ STRENGTHS: Final[dict[str, Hidden]] = {
     )
 }
 
+
+def _other_share(rng: np.random.Generator) -> dict[str, float]:
+    """In F_c alone, or in proportion to F_c and F_s of the usual valve; the usual law has both rise alike."""
+    return {"static_share": float(rng.choice((0.0, 1.2)))}
+
+
+# What an effect of the same strength is where it obeys another law: straight over time, bent over travel, a sine.
+OTHER_LAWS: Final[dict[str, Fill]] = {
+    "local_friction": lambda _s, _w, r: _other_share(r),
+    "friction_gradient": lambda s, w, r: {
+        **_other_share(r),
+        "bend_n_per_m2": float(r.choice((-1.0, 0.0, 1.0))) * s * w.scale.friction_n / w.scale.travel_m**2,
+    },
+    "friction_drift": lambda s, w, r: {
+        **_other_share(r), "change_n": s * w.scale.friction_n, "time_constant_s": 1.0e5, "span_s": w.duration_s
+    },
+    "pressure_dependent_friction": lambda _s, _w, r: _other_share(r),
+    "spring_hardening": lambda s, w, _r: {
+        "hardening_n_per_m2": 0.0, "bend_n_per_m3": 4.0 * s * w.scale.spring_rate_n_per_m / w.scale.travel_m**2
+    },
+    "position_nonlinearity": lambda _s, _w, _r: {"ends": -0.22},
+}  # fmt: skip
 STOPS: Final = ("travel_stop_low", "travel_stop_high")
 
 
