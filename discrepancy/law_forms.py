@@ -6,12 +6,16 @@ law of the wrong one of these leaves breakaways where they are not, and an asymm
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Final
 
 from discrepancy.baseline import DYNAMIC, FIRST_RISES, STATIC_SCAN, scanned
-from discrepancy.causes.base import Cause, Setting, Values
+from discrepancy.causes.base import Cause, Values
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.model import Model
+from discrepancy.rounds import Fits, is_possible
+from discrepancy.screening import refit, screen
+from discrepancy.setting import setting_of
 from discrepancy.significance import excess, is_noise, is_significant
 
 _STEPS: Final = 15
@@ -26,17 +30,33 @@ def has_free_form(fit: Fit, cause: Cause) -> bool:
     return bool(cause.forms) and cause.own(cause.forms[0].name) in fit.model.unknowns.names
 
 
-def in_its_own_form(before: Fit, fit: Fit, cause: Cause, setting: Setting, balanced: Values | None) -> Fit:
+def in_own_forms(baseline: Fit, known: Iterable[Cause], tried: Fits) -> Fits:
+    """Return the fits with one cause each whose law has another form than the usual one, the lowest first.
+
+    ``tried`` are those of usual forms, as far as they were fitted.
+    """
+    setting, usual = setting_of(baseline), {cause.name: fit for cause, fit in tried}
+    found: Fits = []
+    for candidate in screen(baseline, [cause for cause in known if cause.forms], setting):
+        cause = candidate.cause
+        fit = usual[cause.name] if cause.name in usual else refit(baseline, candidate, setting)
+        own = _in_its_own_form(baseline, fit, cause, candidate.balanced)
+        if has_free_form(own, cause) and is_possible(cause, own, setting):
+            found.append((cause, own))
+    return sorted(found, key=lambda pair: pair[1].cost)
+
+
+def _in_its_own_form(before: Fit, fit: Fit, cause: Cause, balanced: Values | None) -> Fit:
     """Return the fit with this cause, which ``before`` lacks, in the form that the data tell.
 
     As it is where they tell none. Begun where the usual form led, and at ``balanced``, what the forces of steady motion
     tell, for F_s is not in them.
     """
-    if not cause.forms or not fit.is_followed or is_noise(fit):
+    if not fit.is_followed or is_noise(fit):
         return fit
     names = {cause.own(part.name) for part in cause.forms}
     held = {name: value for name, value in fit.model.held.items() if name not in names}
-    model = fit.model.with_free(cause.free_forms(setting), held)
+    model = fit.model.with_free(cause.free_forms(setting_of(before)), held)
     starts = []
     if excess(fit) < _WORTH * excess(before):
         starts.append(_best(model, cause, fit.values))

@@ -20,7 +20,6 @@ from discrepancy.falling_friction import (
     has_wide_limit,
     may_ring,
 )
-from discrepancy.law_forms import in_its_own_form
 from discrepancy.least_squares import Fit, blur, descend, on, start_fit
 from discrepancy.model import Model
 from discrepancy.periodic import has_place
@@ -147,15 +146,10 @@ def glance(fit: Fit, candidate: Candidate, setting: Setting) -> Fit:
 
 
 def refit(fit: Fit, candidate: Candidate, setting: Setting, bar: float = math.inf, most: float = math.inf) -> Fit:
-    """Return the fit with this cause, from the best of its starts: blurred first, then sharp, then in its own form.
+    """Return the fit with this cause, from the best of its starts: blurred first, then sharp.
 
     Not sharp where the blurred fits leave a cost far above ``bar``. From no further start after ``most`` work.
     """
-    found = _in_usual_form(fit, candidate, setting, bar, most)
-    return in_its_own_form(fit, found, candidate.cause, setting, candidate.balanced)
-
-
-def _in_usual_form(fit: Fit, candidate: Candidate, setting: Setting, bar: float, most: float) -> Fit:
     last = fit.model.tally.work + most
     cause = candidate.cause
     whole = extended_model(fit.model, cause, setting)

@@ -11,7 +11,7 @@ from discrepancy.by_forces import way_by_forces
 from discrepancy.causes.base import Cause
 from discrepancy.choice import Choice, Way
 from discrepancy.finishing import finished
-from discrepancy.law_forms import has_free_form
+from discrepancy.law_forms import in_own_forms
 from discrepancy.least_squares import Fit, descend
 from discrepancy.pruning import pruned, with_causes
 from discrepancy.refining import refined
@@ -60,6 +60,8 @@ _LITTLE_LEFT: Final = 0.02
 # A second cause must win this share of what the first left, for a wrong first one drags others along.
 _SECOND_SHARE: Final = 0.3
 _WORTH_KIN: Final = 2.0  # misfit of several causes, below which kin may make the difference
+_FORM_WORK: Final = 4.0e7  # for causes in other forms than the usual ones, after all else
+_LARGEST_FACTOR: Final = 1.5  # of the noise, that one in another form may leave: a form that is free takes much
 _WORTH: Final = 12.0  # gain of a short fit, from which on a long one is made
 
 
@@ -109,6 +111,10 @@ def _chosen(
             # what made up for a kin's other shape is needless beside the right one
             best, chosen = pruned(baseline, best, chosen, fades=True)
     tried = tuple((cause.name, gain(baseline, fit)) for cause, fit in search.tried)
+    if len(chosen) > 1 or misfit(best) >= DONE_MISFIT:
+        one = _one_of_another_form(baseline, best, known, search.tried, share)
+        if one is not None:
+            return replace(one, tried=tried, is_cut=is_cut)
     if not chosen:
         # what looked like a cause only showed the baseline a better place
         return Choice(best, best, (), (), (), tried, is_cut)
@@ -126,6 +132,25 @@ def _chosen(
         tried,
         is_cut,
     )
+
+
+def _one_of_another_form(baseline: Fit, best: Fit, known: list[Cause], tried: Fits, share: float) -> Choice | None:
+    """Return one cause whose law has another form than the usual one, where that explains as well as ``best`` does.
+
+    What a wrong form leaves, others make up for: a few together leave noise, or the search finds nothing.
+    """
+    tally = baseline.model.tally
+    tally.most = max(tally.work, tally.most) + share * _FORM_WORK
+    fits = in_own_forms(baseline, known, tried)
+    if not fits:
+        return None
+    cause, fit = fits[0]
+    fit = finished(fit if misfit(fit) < _WORTH_KIN else refined(fit))
+    if misfit(fit) >= DONE_MISFIT or noise_factor(fit) >= _LARGEST_FACTOR or is_significant(fit, best):
+        return None
+    others = [pair for pair in (*fits[1:], *tried) if pair[0] is not cause]
+    rivals = {one.name: each for one, each in others if _is_near(each, fit) and is_significant(baseline, each)}
+    return Choice(baseline, fit, (cause,), tuple(rivals), tuple(rivals.values()), ())
 
 
 def _beside_kin(
@@ -288,6 +313,4 @@ def _taken(way: Way, fits: Fits, plain: Fit) -> Way | None:
     rivals = [pair for pair in others if _is_near(pair[1], fit) and is_significant(best, pair[1])]
     chosen = (*way.chosen, cause)
     is_all = is_settled(best, fit) or is_all_but_own_error(chosen, plain, fit)
-    # what was left far behind in its usual form is fitted again beside one whose form was free
-    fitted = [one for one, each in fits if not (has_free_form(fit, cause) and one.forms and not _is_near(each, fit))]
-    return Way(fit, chosen, tuple(rivals), is_all, frozenset(one.name for one in fitted))
+    return Way(fit, chosen, tuple(rivals), is_all, frozenset(one.name for one, _ in fits))
