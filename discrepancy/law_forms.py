@@ -14,7 +14,7 @@ from discrepancy.causes.base import Cause, Values
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.model import Model
 from discrepancy.rounds import Fits, is_possible
-from discrepancy.screening import refit, screen
+from discrepancy.screening import begun, screen
 from discrepancy.setting import setting_of
 from discrepancy.significance import excess, is_noise, is_significant
 
@@ -33,13 +33,13 @@ def has_free_form(fit: Fit, cause: Cause) -> bool:
 def in_own_forms(baseline: Fit, known: Iterable[Cause], tried: Fits) -> Fits:
     """Return the fits with one cause each whose law has another form than the usual one, the lowest first.
 
-    ``tried`` are those of usual forms, as far as they were fitted.
+    ``tried`` are those of usual forms; what was not fitted there begins as it promised.
     """
     setting, usual = setting_of(baseline), {cause.name: fit for cause, fit in tried}
     found: Fits = []
     for candidate in screen(baseline, [cause for cause in known if cause.forms], setting):
         cause = candidate.cause
-        fit = usual[cause.name] if cause.name in usual else refit(baseline, candidate, setting)
+        fit = usual.get(cause.name) or begun(baseline, candidate, setting)
         own = _in_its_own_form(baseline, fit, cause, candidate.balanced)
         if has_free_form(own, cause) and is_possible(cause, own, setting):
             found.append((cause, own))

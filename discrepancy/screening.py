@@ -128,6 +128,12 @@ def _with(fit: Fit, cause: Cause, start: Values, setting: Setting) -> FloatArray
     return model.residuals(_point(fit, model, cause, start))
 
 
+def begun(fit: Fit, candidate: Candidate, setting: Setting) -> Fit:
+    """Return the fit as it stands with this cause at its most promising start."""
+    model = extended_model(fit.model, candidate.cause, setting)
+    return start_fit(model, _point(fit, model, candidate.cause, candidate.starts[0]))
+
+
 def glance(fit: Fit, candidate: Candidate, setting: Setting) -> Fit:
     """Return a short fit with this cause from its best start, for a misfit that noise may well explain.
 
