@@ -41,6 +41,7 @@ _SHARES_OF_SPEED: Final = (0.7, 1.5, 0.3)  # v_s, of the usual speed
 _DROPS: Final = (0.25, 0.1, 0.5)  # of F_s to F_c
 _LEAST_VISCOUS: Final = 0.02  # of the friction at the usual speed
 # Of slips that damping makes slow: how many times critical, and starts from the graphite valves of 9409 and 9262.
+_SLIPS_SEEN_S: Final = 8.0e-3  # between rows, below which a slip far above critical damping shows its course
 _SLOW: Final = 10.0
 _SHARES_OF_SLOW: Final = (0.7, 1.4)
 _DROPS_OF_SLOW: Final = (0.5, 1.0)
@@ -139,11 +140,13 @@ def from_slow_slips(fit: Fit, model: Model, setting: Setting) -> Fit | None:
 
     Far above critical damping a slip lasts some F_v/k, a rest is no rest, and no speed is steady: neither the balance
     of forces nor the usual speed tells the friction in motion. F_s is what the plain valve has; the rest begins on a
-    grid, and is walked to its place before the record grows by small steps. None where damping is not so large.
+    grid, and is walked to its place before the record grows by small steps. None where damping is not so large, and of
+    fast rows: those show the slips themselves, and the grid would take the work of all other causes (10091).
     """
     own, speed = fit.values, setting.sliding_m_per_s
     mass_kg = setting.observed.motions[0].moving_mass_kg or own["m"]
-    if own["F_v"] < _SLOW * 2.0 * math.sqrt(mass_kg * own["k"]):
+    is_fast = setting.observed.motions[0].samples.period_s < _SLIPS_SEEN_S
+    if is_fast or own["F_v"] < _SLOW * 2.0 * math.sqrt(mass_kg * own["k"]):
         return None
     static_n = own["F_c"] * (1.0 + own["d"])
     starts = []
