@@ -40,8 +40,8 @@ _FOLLOWED: Final = 2
 _SHARES_OF_SPEED: Final = (0.7, 1.5, 0.3)  # v_s, of the usual speed
 _DROPS: Final = (0.25, 0.1, 0.5)  # of F_s to F_c
 _LEAST_VISCOUS: Final = 0.02  # of the friction at the usual speed
-# Of slips that damping makes slow: how many times critical, and starts from the graphite valves of 9409 and 9262.
 _SLIPS_SEEN_S: Final = 8.0e-3  # between rows, below which a slip far above critical damping shows its course
+# Of slips that damping makes slow: how many times critical, and starts from the graphite valves of 9409 and 9262.
 _SLOW: Final = 10.0
 _SHARES_OF_SLOW: Final = (0.7, 1.4)
 _DROPS_OF_SLOW: Final = (0.5, 1.0)

@@ -144,9 +144,9 @@ def glance(fit: Fit, candidate: Candidate, setting: Setting) -> Fit:
     starts = [start_fit(model, _point(fit, model, candidate.cause, start)) for start in distinct(candidate.starts)]
     if candidate.cause is STRIBECK and may_ring(fit, setting):
         for begin in (from_wide_limit, from_first_slips):
-            begun = begin(fit, model, setting)
-            starts += [] if begun is None else [begun]
-            if begun is not None and is_significant(fit, begun):
+            own = begin(fit, model, setting)
+            starts += [] if own is None else [own]
+            if own is not None and is_significant(fit, own):
                 break
     return descend(min(starts, key=lambda one: one.cost), most_steps=_GLANCE_STEPS)
 
