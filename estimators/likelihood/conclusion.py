@@ -9,7 +9,6 @@ from typing import Any, Final
 import numpy as np
 
 from estimators.base import (
-    NORMAL_95,
     ONE_WAY,
     Estimate,
     Outcome,
@@ -25,6 +24,7 @@ from estimators.likelihood.all_rows import EXACT, certified
 from estimators.likelihood.arrival import arrived, led_to
 from estimators.likelihood.delay import DELAY, Weighed, delayed, says_nothing, weigh
 from estimators.likelihood.intervals import CHECKED, Flatness, Ramps, flat_errors, inflation, known, natural_values
+from estimators.likelihood.jump_lengths import coulomb_error_n, of_jumps
 from estimators.likelihood.micro_jumps import hidden_micro_jumps_n
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.optima import others_apart, with_others
@@ -41,7 +41,6 @@ _SURE_OF_DELAY: Final = 0.99
 _SAME: Final = 0.1  # speeds and rates that differ by less are one
 _SLOW_SAMPLING_S: Final = 2.0e-3
 _IN_THE_VALLEY: Final = ("m", "F_v", "F_c", "F_s", "DV")
-_JUMP_UNSURE: Final = 0.5
 _LED: Final = 2  # times to what a walk along the valley finds lower
 _NOT_ARRIVED: Final = (
     "the fit did not come to the bottom of its cost, a narrow valley of m, F_v, F_c, F_s and DV: "
@@ -99,9 +98,9 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         least = of_jumps(least, values, ramps_of(motion).rates_n_per_s)
     parameters = {symbol: _parameter(symbol, values, knows, least.get(symbol, 0.0)) for symbol in PARAMETER_SYMBOLS}
     if problem.jumps and knows is not None and not parameters["F_v"].identifiable:
-        # the jumps are between one and two times (F_s - F_c)/k long, by their damping
-        beyond_n = _JUMP_UNSURE * (values["F_s"] - values["F_c"])
-        parameters["F_c"] = _parameter("F_c", values, knows, max(least.get("F_c", 0.0), beyond_n))
+        viscous_error = max(knows.std_error("F_v"), least["F_v"])
+        beyond_n = coulomb_error_n(values, viscous_error if parameters["m"].identifiable else math.inf)
+        parameters["F_c"] = _parameter("F_c", values, knows, max(least["F_c"], beyond_n))
     # a nameplate may have too small a mass
     heaviest_kg = heaviest_believed_kg(motion.moving_mass_kg, float(np.ptp(motion.samples.force_n)))
     is_too_heavy = parameters["m"].identifiable and values["m"] > heaviest_kg
@@ -127,7 +126,7 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
     if doubt:
         sentences.append(f"{doubt[0].upper()}{doubt[1:]}.")
     if missing:
-        sentences.append(f"Not given: {', '.join(missing)}.")
+        sentences += [f"Not given: {', '.join(missing)}.", *weighed.unsaid(missing)]
     if weighed.weight > _SURE_OF_DELAY:
         late = "later" if values[DELAY] > 0.0 else "earlier"
         sentences.append(f"The force acts {1.0e3 * abs(values[DELAY]):.3g} ms {late} than its samples' times say.")
@@ -155,17 +154,6 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         "stand_ins": {symbol: values[symbol] for symbol, entry in complete.items() if entry.value is None},
     }
     return Estimate(method, status, " ".join(sentences), rms_m, complete, diagnostics)
-
-
-def of_jumps(least: dict[str, float], values: dict[str, float], rates_n_per_s: tuple[float, ...]) -> dict[str, float]:
-    """Return the least standard errors of a stem that jumps: ramps of one rate show F_s + sqrt(2 m DV rate) alone.
-
-    Which DV it is only the count of jumps seems to tell.
-    """
-    if len(rates_n_per_s) != 1:
-        return least
-    raised_n = math.sqrt(2.0 * values["m"] * values["DV"] * rates_n_per_s[0])
-    return least | {"DV": values["DV"], "F_s": math.hypot(least["F_s"], raised_n / NORMAL_95)}
 
 
 def strain(model: StemModel, point: FloatArray) -> float:

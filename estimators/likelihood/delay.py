@@ -34,20 +34,34 @@ _AT_ONCE: Final = 1.0  # of a search's budget, for one descent on all rows
 _SHOWN: Final = 3.84  # of the cost: one value in twenty is as far off by chance
 _FAST_S: Final = 2.0e-3
 _EVEN: Final = 1.0e-3  # of a period
+_NEAREST_ROW: Final = 0.5  # of a period: what is read later stands in the next row
 _PROFILED: Final = (0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5, 0.7, 1.0)  # of the delay's prior width
 _FEW_INPUTS: Final = 15  # errors of the input that follow too
 _OF_INERTIA: Final = ("m", "DV")
+_UNSAID: Final = (
+    "The file does not say how its channels were read, and a delay between them leaves {} open: "
+    "give the columns sent_s and received_s, or Parquet with acquisition = captured in its provenance."
+)
 _TRIED: Final = (-4.0, -3.0, -2.0, -1.0, 1.0, 2.0, 3.0, 4.0)  # prior widths
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Weighed:
-    """The model and point (p,) of the likelier hypothesis, what is known under both, and the weight of a delay."""
+    """The model and point (p,) of the likelier hypothesis, what is known under both, and the weight of a delay.
+
+    ``opened``: the symbols that only what some delay explains as well leaves unknown.
+    """
 
     model: StemModel
     point: FloatArray
     knows: Knowledge | None
     weight: float
+    opened: tuple[str, ...] = ()
+
+    def unsaid(self, missing: list[str]) -> list[str]:
+        """Return what the file does not say, where that is why some of the ``missing`` symbols are not given."""
+        named = [symbol for symbol in missing if symbol in self.opened]
+        return [_UNSAID.format(", ".join(named))] if named else []
 
 
 def searched_model(problem: Problem, period_s: float) -> StemModel:
@@ -105,7 +119,8 @@ def weigh(free: StemModel, narrow: StemModel, point: FloatArray, ramps: Ramps, n
     log odds of a delay = log(0.05/0.95) + (cost without - cost with)/2 + log(posterior over prior width). Between 1 and
     99 % what is known is the mixture of both: its mean and covariance. Where it is only the odds beforehand that speak
     against a delay (even ones would leave it 5 % or more), the intervals reach all that some delay explains as well:
-    F_v, m or DV may stand in its place. Of rows that one fast clock took the cost itself has to show a delay for that.
+    F_v, m or DV may stand in its place. Of rows that one fast clock took that is a delay to the nearest row at most,
+    unless the cost itself shows one.
     """
     width_s = next(entry.prior_sd * entry.unit for entry in free.coordinates.entries if entry.name == DELAY)
     alone = known(narrow, point, ramps, noise_factor=noise_factor)
@@ -127,23 +142,27 @@ def weigh(free: StemModel, narrow: StemModel, point: FloatArray, ramps: Ramps, n
     if alone is None or shifted is None:
         return Weighed(narrow, point, alone, 0.0)
     fall = (narrow.cost(point) - found.cost) / noise_factor**2
-    is_asked = fall > _SHOWN or not _is_of_one_clock(free.time_s)
-    ends = _ends(small, found.point, held, noise_factor) if is_asked else []
+    is_near = fall <= _SHOWN and _is_of_one_clock(free.time_s)
+    ends = _ends(small, found.point, held, noise_factor, _NEAREST_ROW * width_s if is_near else math.inf)
     widths = max([shifted.std_error(DELAY), *(abs(end[DELAY]) / NORMAL_95 for end in ends)]) / width_s
     evidence = 0.5 * fall + math.log(min(max(widths, 1.0e-300), 1.0))
     weight = _share(evidence + math.log(_FREE_BEFOREHAND / (1.0 - _FREE_BEFOREHAND)))
     if weight > 1.0 - _DECIDED:
         return Weighed(free, found.point, shifted, 1.0)
-    alone = _with_inertia_as_open(alone, shifted)
-    is_open = is_asked and _share(evidence) > _FREE_BEFOREHAND
+    undelayed, alone = alone, _with_inertia_as_open(alone, shifted)
+    is_open = _share(evidence) > _FREE_BEFOREHAND
     if weight < _DECIDED and not is_open:
-        return Weighed(narrow, point, alone, 0.0)
+        return Weighed(narrow, point, alone, 0.0, _opened(undelayed, alone))
     knows = mixed([1.0 - weight, weight], [alone, shifted])
     if is_open:
         others = [dict(zip(one.symbols, one.values, strict=True)) for one in (alone, shifted)]
         knows = reaching(knows, [*others, *ends])
     likelier = (free, found.point) if weight > 0.5 else (narrow, point)
-    return Weighed(*likelier, knows, weight)
+    return Weighed(*likelier, knows, weight, _opened(undelayed, knows))
+
+
+def _opened(before: Knowledge, after: Knowledge) -> tuple[str, ...]:
+    return tuple(s for s in after.symbols if before.identifiable(s) and not after.identifiable(s))
 
 
 def _with_inertia_as_open(alone: Knowledge, shifted: Knowledge) -> Knowledge:
@@ -159,9 +178,9 @@ def _with_inertia_as_open(alone: Knowledge, shifted: Knowledge) -> Knowledge:
 
 
 def _is_of_one_clock(time_s: FloatArray) -> bool:
-    """Whether rows, (n,), are as fast and even as a card's clock makes them, which holds its channels at one instant.
+    """Whether rows, (n,), are as fast and even as a card's clock makes them, which reads a row within its period.
 
-    What is slower or uneven was read one channel after the other.
+    What is slower or uneven was read one channel after the other, whenever each was answered.
     """
     step_s = np.diff(time_s)
     usual_s = float(np.median(step_s))
@@ -172,10 +191,13 @@ def _share(log_odds: float) -> float:
     return 1.0 / (1.0 + math.exp(-min(max(log_odds, -700.0), 700.0)))
 
 
-def _ends(small: StemModel, point: FloatArray, held: tuple[str, ...], noise_factor: float) -> list[dict[str, float]]:
+def _ends(
+    small: StemModel, point: FloatArray, held: tuple[str, ...], noise_factor: float, longest_s: float
+) -> list[dict[str, float]]:
     """Values by symbol at the longest delays either way that cost less than 3.84 more, all others following.
 
     It is the profile likelihood: under a delay F_v may go to its bound, and the curvature at the point says nothing.
+    No delay is longer than ``longest_s``.
     """
     held = held if len(held) > _FEW_INPUTS else ()
     near = descend(small, point, most_steps=_STEPS, held=held, one_sided=True)
@@ -186,6 +208,8 @@ def _ends(small: StemModel, point: FloatArray, held: tuple[str, ...], noise_fact
         for share in _PROFILED:
             values = small.coordinates.values(last)
             late_s = begun[DELAY] + sense * share * entry.prior_sd * entry.unit
+            if sense * late_s > longest_s:
+                break
             # the force acts later: the damping that delayed the stem is less
             viscous = max(values["F_v"] - values["k"] * (late_s - values[DELAY]), 0.1 * values["F_v"])
             starts = [small.coordinates.point(values | {DELAY: late_s, "F_v": own}) for own in (viscous, values["F_v"])]

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from itertools import product
 from typing import Final
 
+from estimators.likelihood.jump_lengths import beyond_balance
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.transducer_path import LAG
 from estimators.samples import FloatArray
@@ -112,8 +113,3 @@ def _begun_anew(model: StemModel, here: dict[str, float]) -> Iterator[FloatArray
         yield own.point(here | {name: value for section in begun for name, value in section.items()})
     for section in begun[:_MOST_SECTIONS]:
         yield own.point(here | section)
-
-
-def beyond_balance(damping: float) -> float:
-    """How far a jump goes beyond its balance, as a share of the way to it."""
-    return math.exp(-math.pi * damping / math.sqrt(1.0 - damping**2)) if damping < 1.0 else 0.0

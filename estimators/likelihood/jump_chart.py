@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from estimators.likelihood.coordinates import Coordinates
-from estimators.likelihood.hops import beyond_balance
+from estimators.likelihood.jump_lengths import beyond_balance
 from estimators.samples import FloatArray, IntArray
 
 _STEP: Final = 1.0e-6  # of differences

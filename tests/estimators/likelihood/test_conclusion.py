@@ -6,12 +6,13 @@ import math
 
 import pytest
 
-from estimators.base import Status, absent, measured
-from estimators.likelihood.conclusion import of_jumps
+from estimators.base import NORMAL_95, Status, absent, measured
+from estimators.likelihood.jump_lengths import coulomb_error_n, of_jumps
 from estimators.likelihood.stand_ins import without_lone_limit
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from tests.benchmarks.coverage import scattered_test
 from tests.benchmarks.efficiency import Case, phased
+from tests.estimators.random_valves import random_test
 
 
 def test_no_limit_velocity_is_given_of_a_stem_that_shows_neither_its_mass_nor_its_damping() -> None:
@@ -47,6 +48,29 @@ def test_ramps_of_one_rate_tell_of_a_stem_that_jumps_no_limit_velocity_and_no_st
     # jumps begin where v = DV is reached, sqrt(2 m DV rate) = 0.4 N above F_s
     assert found == pytest.approx({"DV": 4.0e-5, "F_s": math.hypot(0.3, 0.4 / 1.96), "F_v": 2.0}, rel=1.0e-3)
     assert of_jumps(least, values, (1000.0, 3000.0)) == least
+
+
+def test_jumps_tell_the_coulomb_friction_as_far_as_their_damping_is_known() -> None:
+    # 2 sqrt(k m) = 1000 N s/m: a damping of 0.05, and of 0.03 at the farther end
+    values = {"m": 2.5, "k": 1.0e5, "F_v": 50.0, "F_c": 400.0, "F_s": 600.0}
+    own, farther = (1.0 + math.exp(-math.pi * damping / math.sqrt(1.0 - damping**2)) for damping in (0.05, 0.03))
+    error_n = 200.0 * (1.0 - own / farther) / NORMAL_95
+    assert coulomb_error_n(values, 20.0 / NORMAL_95) == pytest.approx(error_n)
+    assert coulomb_error_n(values, 0.0) == 0.0
+    # between one and two times (F_s - F_c)/k long: nothing else is known without F_v and m
+    assert coulomb_error_n(values, math.inf) == 100.0
+    assert coulomb_error_n(values, 1.0e5) <= 100.0
+
+
+@pytest.mark.parametrize("seed", [2900, 3107])
+def test_the_coulomb_friction_of_a_stem_that_jumps_lightly_damped_is_given_without_its_damping(seed: int) -> None:
+    test = random_test(seed)
+    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    assert estimate.value("F_v") is None
+    entry = estimate.parameters["F_c"]
+    assert entry.value is not None
+    assert entry.std_error is not None
+    assert abs(entry.value - test.truth.coulomb_friction_n) < 3.0 * entry.std_error < 0.1 * entry.value
 
 
 def test_what_a_walk_along_the_valley_finds_lower_is_gone_down_to() -> None:

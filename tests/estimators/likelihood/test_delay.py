@@ -12,12 +12,15 @@ from estimators.identifiability.bound import Knowledge
 from estimators.likelihood.delay import DELAY, _is_of_one_clock, _with_inertia_as_open, delayed, searched_model
 from estimators.likelihood.mixture import reaching
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
+from tests.benchmarks.efficiency import Case, phased
 from tests.estimators.likelihood.posed import posed
 from tests.estimators.random_valves import random_test
+from valve.recording import Acquisition, Provenance
 
 SEED = 2103  # the pressure is read 0.18 periods late; without a delay a DV 15 times too large fits nearly as well
 DELAYED = 2306  # the pressure is read 0.25 periods late: without a delay the rows misfit wherever the stem accelerates
 DENIED = 2583  # polled, its channels read within 62 us of each other; 561 jumps
+CLOCKED = 2902  # by one fast clock, the pressure is read 0.1 ms late; m/F_v is 1.8 ms
 FOLLOWING = 2126  # overdamped, at 5 ms: a delay of 0.3 periods and 1.5 % of F_v are one
 
 
@@ -45,11 +48,43 @@ def test_the_damping_of_a_stem_that_follows_is_known_no_better_than_the_delay_of
     delay_n_s_per_m = truth.spring_rate_n_per_m * abs(test.delay_s)
     assert 0.3 * delay_n_s_per_m < entry.std_error < delay_n_s_per_m
     assert abs(entry.value - truth.viscous_friction_n_s_per_m) < 3.0 * entry.std_error
-    # the same rows by one fast clock: its channels are of one instant as long as the cost does not say otherwise
+    # the same rows by one fast clock: its channels are no more than half a period apart
     clock = np.linspace(0.0, 1.0, 1001)
     assert _is_of_one_clock(clock)
     assert not _is_of_one_clock(test.recording.time_s)
     assert not _is_of_one_clock(5.0 * clock)
+
+
+def test_an_inertia_is_known_no_better_than_a_delay_to_the_nearest_row_of_a_file_that_does_not_say_leaves_it() -> None:
+    # m was ok, 5.5 % and 18 standard errors off
+    test = random_test(CLOCKED)
+    assert _is_of_one_clock(test.recording.time_s)
+    silent = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    told = replace(test.recording, provenance=Provenance(Acquisition.CAPTURED))
+    captured = MaximumLikelihoodEstimator().estimate(told, test.nameplate)
+    assert silent.status is Status.OK, silent.message
+    for symbol, value in test.truth.by_symbol().items():
+        entry, without = silent.parameters[symbol], captured.parameters[symbol]
+        assert entry.value is not None, symbol
+        assert entry.std_error is not None
+        assert without.value is not None
+        assert without.std_error is not None
+        assert abs(entry.value - value) < 3.0 * entry.std_error, symbol
+        # the intervals are wider, and the values are where they were
+        assert entry.std_error > 0.99 * without.std_error, symbol
+        assert entry.value == pytest.approx(without.value, rel=0.002), symbol
+
+
+def test_a_file_that_does_not_say_how_it_was_read_is_told_what_that_takes_from_it() -> None:
+    test = phased(Case("vendor", "triangle", 5.0e-6, 2))
+    captured = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    silent = MaximumLikelihoodEstimator().estimate(replace(test.recording, provenance=Provenance()), test.nameplate)
+    assert captured.value("m") is not None
+    assert "how its channels were read" not in captured.message
+    assert silent.value("m") is None
+    assert "how its channels were read, and a delay between them leaves m open" in silent.message
+    for symbol in ("k", "F_v", "F_c", "F_s", "F_0"):
+        assert silent.value(symbol) == pytest.approx(captured.value(symbol), rel=0.01), symbol
 
 
 def test_no_inertia_is_told_from_a_delay_where_it_is_shorter_than_a_period() -> None:

@@ -12,6 +12,7 @@ from estimators.base import Estimate, Outcome, Status, failed
 from estimators.likelihood import conclusion, confirmation, search
 from estimators.likelihood.all_rows import certified
 from estimators.likelihood.input_path import input_path
+from estimators.likelihood.jump_lengths import of_jumps
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.pool import Place
 from estimators.likelihood.problem import pose
@@ -29,13 +30,13 @@ def estimated() -> Estimate:
 
 
 def test_a_stem_that_jumps_is_followed_over_the_sill_to_the_lowest_fit(monkeypatch: pytest.MonkeyPatch) -> None:
-    real, asked = conclusion.of_jumps, list[float]()
+    asked = list[float]()
 
-    def of_jumps(least: dict[str, float], values: dict[str, float], rates: tuple[float, ...]) -> dict[str, float]:
+    def asking(least: dict[str, float], values: dict[str, float], rates: tuple[float, ...]) -> dict[str, float]:
         asked.extend(rates)
-        return real(least, values, rates)
+        return of_jumps(least, values, rates)
 
-    monkeypatch.setattr(conclusion, "of_jumps", of_jumps)
+    monkeypatch.setattr(conclusion, "of_jumps", asking)
     estimate, truth = estimated(), random_test(SEED).truth.by_symbol()
     assert estimate.status is Status.OK, estimate.message
     # rounding moves F_v by 1 % along the valley's floor
