@@ -96,7 +96,7 @@ def may_creep(model: StemModel, point: FloatArray, rate_n_per_s: float, noise_fa
 
     It feels F_s in motion, so that F_s is what F_c + F_v v was, at the speed v of a ramp with this rate of the force.
     """
-    small = _with_any_limit(compressed(replace(model, most_events=max(model.most_events, _MOST_EVENTS))))
+    small = with_any_limit(compressed(replace(model, most_events=max(model.most_events, _MOST_EVENTS))))
     values = model.coordinates.values(point)
     speed = rate_n_per_s / values["k"]
     friction_n = values["F_c"] + values["F_v"] * speed
@@ -119,8 +119,8 @@ def may_creep(model: StemModel, point: FloatArray, rate_n_per_s: float, noise_fa
     return False
 
 
-def _with_any_limit(model: StemModel) -> StemModel:
-    """The model in which DV may be above the speed of every ramp."""
+def with_any_limit(model: StemModel) -> StemModel:
+    """Return the model in which DV may be above the speed of every ramp."""
     entries = tuple(
         replace(entry, upper=math.inf) if entry.name == "DV" else entry for entry in model.coordinates.entries
     )

@@ -5,12 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.base import Status
+from estimators.base import Outcome, Status
 from estimators.likelihood.budget import Budget
+from estimators.likelihood.conclusion import ramps_of
 from estimators.likelihood.coordinates import Coordinates, linear, logarithmic
 from estimators.likelihood.far_places import with_other_limits
+from estimators.likelihood.input_path import input_path
+from estimators.likelihood.micro_jumps import hidden_micro_jumps_n
 from estimators.likelihood.pool import Place
+from estimators.likelihood.problem import pose
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
+from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from estimators.samples import BoolArray, FloatArray
 from tests.benchmarks.coverage import scattered_test
 from tests.estimators.likelihood.computed_model import ComputedModel
@@ -45,6 +50,24 @@ def test_a_stem_whose_small_jumps_hide_in_the_noise_keeps_its_spring_and_preload
             assert entry.ci95[0] <= truth[symbol] <= entry.ci95[1]
         else:
             assert entry.value is None
+
+
+def test_jumps_beyond_the_rim_that_a_fit_slides_at_hide_as_its_own_do() -> None:
+    # as rounding has it, the fit ends at the speed of the slow ramp, below which the cost rises by 63 within 1e-4 of DV
+    test = scattered_test(271)[0]
+    motion, path = read_motion(test.recording, test.nameplate), input_path(test.recording, test.nameplate)
+    assert isinstance(motion, RecordedMotion)
+    assert not isinstance(path, Outcome)
+    problem = pose(motion, path)
+    assert problem is not None
+    own, truth = problem.model.coordinates, test.truth.by_symbol()
+    speed = min(ramps_of(motion).rates_n_per_s) / truth["k"]
+    rim = {"m": 0.32, "k": truth["k"], "F_v": 84.56e3, "F_c": 503.3, "d": 0.444, "F_0": truth["F_0"]}
+    point = own.point(problem.trials[0].values | rim | {"DV": speed / 1.0003})
+    assert hidden_micro_jumps_n(problem.model, point, motion) > 0.0
+    # what is well below the rim slides
+    below = own.point(own.values(point) | {"DV": 0.9 * speed})
+    assert hidden_micro_jumps_n(problem.model, below, motion) == 0.0
 
 
 def test_a_stem_that_slides_at_its_limit_makes_no_jumps_and_is_known() -> None:
