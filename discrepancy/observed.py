@@ -15,23 +15,20 @@ from discrepancy.blocks import Blocks
 from discrepancy.force_corners import Corners, corners_from, deviations_of, flat_where_held, unresolved_variance
 from discrepancy.pace import timing_doubts
 from discrepancy.pauses import pauses
+from discrepancy.row_noise import repeated_errors, resting_noise, timing_errors
 from estimators.base import Outcome
 from estimators.likelihood.input_path import CommandedPath, InputPath, Nuisance, input_path
-from estimators.likelihood.row_timing import position_doubts, shared_by_rest, still_rows
+from estimators.likelihood.row_timing import position_doubts, still_rows
 from estimators.likelihood.search import measured_rests
 from estimators.likelihood.staircase import read_staircase
-from estimators.likelihood.start import resting_rows
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
-from estimators.samples import FloatArray, IntArray, position_noise
+from estimators.samples import FloatArray, IntArray
 from valve.nameplate import Nameplate
 from valve.recording import Recording
 
 # Own choices, from valves without and with hidden effects (docs/diagnosis.md).
 _STEPS_A_TURN: Final = 3.0  # rests for each turn of the force, from which on the motion is a stick-slip
-_NO_NOISE: Final = 1.0e-7  # of the travel: a position without noise is still only as good as its model
 _MAY_BE_A_STAIRCASE: Final = (Outcome.NEVER_MOVED, Outcome.NO_UNIFORM_MOTION)
-_ENOUGH_AT_REST: Final = 100
-_SURELY_LESS: Final = 0.8
 _KNOWN_DELAY_PERIODS: Final = 0.01  # a delay between the channels that is known so well is not fitted: captured rows
 
 
@@ -181,32 +178,6 @@ def _corners(segment: Segment) -> Corners:
     return segment.corner_s, segment.corner_n
 
 
-def resting_noise(motion: RecordedMotion) -> float:
-    """Noise of the position, one standard deviation, m: no more than what is seen at rest."""
-    samples = motion.samples
-    noise_m = samples.position_noise_m
-    resting = np.flatnonzero(resting_rows(motion))
-    if noise_m > 0.0 and resting.size >= _ENOUGH_AT_REST:
-        run_first = np.maximum.accumulate(np.where(np.diff(resting, prepend=-2) > 1, np.arange(resting.size), 0))
-        at_rest_m = position_noise(samples.time_s[resting], samples.position_m[resting], run_first)
-        if 0.0 < at_rest_m < _SURELY_LESS * noise_m:
-            noise_m = at_rest_m
-    return max(noise_m, _NO_NOISE * float(np.ptp(samples.position_m)))
-
-
-def _timing_errors(motion: RecordedMotion, noise_m: float) -> FloatArray:
-    """What the instants of polled writes and looks leave unknown of each position, m, (n,): more where rests share."""
-    samples = motion.samples
-    if motion.recording is None:
-        return np.zeros(samples.count)
-    doubts = position_doubts(motion.recording, samples.time_s, samples.position_m, samples.position_noise_m)
-    if not doubts.lasting_m.any():
-        return doubts.total_m
-    total_m = np.hypot(noise_m, doubts.total_m)
-    share = shared_by_rest(still_rows(samples.position_m, samples.position_noise_m), total_m, doubts.lasting_m)
-    return np.asarray(np.sqrt(np.maximum((total_m / share) ** 2 - noise_m**2, 0.0)))
-
-
 def _doubt_in_noises(motion: RecordedMotion, path: InputPath, noise_m: float) -> float:
     """How far the doubt in their instants moves positions in motion, in noises: its root mean square.
 
@@ -242,7 +213,7 @@ def _segments(
     starts = [0, *(int(row) for row in np.searchsorted(samples.time_s, path.breaks_s[:, 1])), samples.count]
     firsts = Blocks(samples, phases, noise_m, longest_s)
     rest_row, rest_m, rest_sense = _stick_slip_rests(motion)
-    instants_m = _timing_errors(motion, noise_m)
+    instants_m, repeated = timing_errors(motion, noise_m), repeated_errors(motion, noise_m)
     found = []
     for first, end in pairwise(starts):
         if end - first < 2:
@@ -253,11 +224,11 @@ def _segments(
         time_s = np.add.reduceat(samples.time_s[own], edges - first) / counts
         position_m = np.add.reduceat(samples.position_m[own], edges - first) / counts
         doubt_m = np.add.reduceat(timing_m[own], edges - first) / counts
-        variance = (noise_m**2 + doubt_m**2) / counts
+        variance = (noise_m**2 + doubt_m**2 + np.add.reduceat(repeated[own], edges - first) / counts) / counts
         # what writes leave unknown is the same for the rows of a block
         variance += np.add.reduceat(instants_m[own] ** 2, edges - first) / counts
         inside = (rest_row >= first) & (rest_row < end)
-        begun = beginning(motion, first, noise_m)
+        begun = beginning(motion, first, math.sqrt(noise_m**2 + float(repeated[first])))
         begin_s = float(time_s[0])
         sense, since_s = last_motion(motion, first)
         # the stem begins where the first block lies

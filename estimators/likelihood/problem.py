@@ -77,7 +77,7 @@ def pose(motion: RecordedMotion, path: InputPath) -> Problem | None:
     if jumps:
         guesses = jumping
     range_m, range_n = float(np.ptp(samples.position_m)), float(np.ptp(samples.force_n))
-    noise_m = max(_rounded_noise(samples, _noise(motion)), NO_NOISE * range_m)
+    noise_m = max(row_noise(motion), NO_NOISE * range_m)
     moving = np.zeros(samples.count, dtype=np.bool_)
     for stretch in phases.stretches:
         moving[stretch.rows] = True
@@ -173,6 +173,11 @@ def _stop_values(motion: RecordedMotion) -> dict[str, float]:
         return {}
     both = {"low": motion.stops.low_m, "high": motion.stops.high_m}
     return {name: value for name, value in both.items() if math.isfinite(value)}
+
+
+def row_noise(motion: RecordedMotion) -> float:
+    """Noise of the position, one standard deviation, m: as seen at rest, with the steps of a converter in it."""
+    return _rounded_noise(motion.samples, _noise(motion))
 
 
 def _noise(motion: RecordedMotion) -> float:
