@@ -205,7 +205,8 @@ def explains(fit: Fit, baseline: Fit | None = None) -> bool:
 
     The plain valve also where what hangs together is less than a cause would have to be; a single hard cause also where
     it leaves next to nothing of a ``baseline``'s large misfit, for slips follow the last digits of a fit; any causes
-    also where no more than a five-hundredth of the misfit's size hangs together, and lies below the noise.
+    also where no more than a five-hundredth of the misfit's size hangs together, and lies below the noise; or, of a
+    single one, no more than its law's own error leaves of what hung together.
     """
     if misfit(fit) >= _LARGEST_MISFIT:
         return False
@@ -218,7 +219,9 @@ def explains(fit: Fit, baseline: Fit | None = None) -> bool:
             return True
     if causes > 0 and baseline is not None and misfit(fit) < DONE_MISFIT:
         missed = math.sqrt(excess(baseline))
-        if wander(fit) < _NO_MIMICRY * missed:
+        # what one cause does its law is not known better than to its own error
+        own_error = CAUSES[fit.model.causes[0]].law_error if causes == 1 else 0.0
+        if wander(fit) < max(_NO_MIMICRY * missed, own_error * wander(baseline)):
             return True
     return noise_factor(fit) < _LARGEST_FACTORS[min(causes, len(_LARGEST_FACTORS) - 1)]
 

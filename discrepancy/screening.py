@@ -9,8 +9,9 @@ from typing import Final
 
 from discrepancy import periodic
 from discrepancy.baseline import DYNAMIC, FIRST_RISES, STATIC_SCAN, scanned
+from discrepancy.by_direction import starts_by_direction
 from discrepancy.causes.base import Cause, Setting, Values
-from discrepancy.causes.friction import LOCAL, STRIBECK
+from discrepancy.causes.friction import ASYMMETRY, LOCAL, STRIBECK
 from discrepancy.falling_friction import (
     along_valley,
     from_first_slips,
@@ -18,7 +19,6 @@ from discrepancy.falling_friction import (
     from_steady_motion,
     from_wide_limit,
     has_wide_limit,
-    may_ring,
 )
 from discrepancy.least_squares import Fit, blur, descend, on, start_fit
 from discrepancy.model import Model
@@ -31,7 +31,6 @@ from estimators.samples import FloatArray
 # Blurred residuals have one basin where sharp ones have many (docs/diagnosis.md).
 BLURS_S: Final = (1.0, 0.1, 0.0)
 _STEPS: Final = (10, 8, 12)
-_GLANCE_STEPS: Final = 3
 _HOPELESS: Final = 5.0
 _STARTS_FOLLOWED: Final = 3
 _SCALES: Final = (0.5, 0.2)
@@ -70,6 +69,8 @@ def screen(fit: Fit, causes: Iterable[Cause], setting: Setting) -> list[Candidat
             begun += [{**beside_stop, **start} for start in begun]
         if cause is LOCAL and rows is not None:
             begun += spots_at_rests(rows, fit, setting)
+        if cause is ASYMMETRY:
+            begun += starts_by_direction(fit, rows)
         for start in begun:
             residual = _with(fit, cause, start, setting)
             if residual is None:
@@ -92,6 +93,8 @@ def screen(fit: Fit, causes: Iterable[Cause], setting: Setting) -> list[Candidat
             share, balanced = by_force.get(cause.name, (0.0, None))
             if cause.is_end:
                 balanced = next((start for start in ranked if has_place(start, fit.values)), None)
+            elif cause is ASYMMETRY and has_place(ranked[0], fit.values):
+                balanced = ranked[0]
             found.append(Candidate(cause, starts, max(tried[0][0], share, cause.promise(setting)), balanced))
     return sorted(found, key=lambda candidate: -candidate.promise)
 
@@ -116,7 +119,8 @@ def held_of(fit: Fit, causes: Iterable[Cause]) -> dict[str, float]:
     return {name: value for name, value in fit.model.held.items() if name.startswith(own)}
 
 
-def _point(fit: Fit, model: Model, cause: Cause, start: Values) -> FloatArray:
+def point_of(fit: Fit, model: Model, cause: Cause, start: Values) -> FloatArray:
+    """Return the fit's point in a model with this cause at this start."""
     values = dict(fit.values)
     for name, value in start.items():
         values[name if name in values else cause.own(name)] = value
@@ -125,30 +129,13 @@ def _point(fit: Fit, model: Model, cause: Cause, start: Values) -> FloatArray:
 
 def _with(fit: Fit, cause: Cause, start: Values, setting: Setting) -> FloatArray | None:
     model = extended_model(fit.model, cause, setting)
-    return model.residuals(_point(fit, model, cause, start))
+    return model.residuals(point_of(fit, model, cause, start))
 
 
 def begun(fit: Fit, candidate: Candidate, setting: Setting) -> Fit:
     """Return the fit as it stands with this cause at its most promising start."""
     model = extended_model(fit.model, candidate.cause, setting)
-    return start_fit(model, _point(fit, model, candidate.cause, candidate.starts[0]))
-
-
-def glance(fit: Fit, candidate: Candidate, setting: Setting) -> Fit:
-    """Return a short fit with this cause from its best start, for a misfit that noise may well explain.
-
-    Where the plain valve explains a falling friction by a wide DV or next to no damping, no start of a grid is as near
-    as these are.
-    """
-    model = extended_model(fit.model, candidate.cause, setting)
-    starts = [start_fit(model, _point(fit, model, candidate.cause, start)) for start in distinct(candidate.starts)]
-    if candidate.cause is STRIBECK and may_ring(fit, setting):
-        for begin in (from_wide_limit, from_first_slips):
-            own = begin(fit, model, setting)
-            starts += [] if own is None else [own]
-            if own is not None and is_significant(fit, own):
-                break
-    return descend(min(starts, key=lambda one: one.cost), most_steps=_GLANCE_STEPS)
+    return start_fit(model, point_of(fit, model, candidate.cause, candidate.starts[0]))
 
 
 def refit(fit: Fit, candidate: Candidate, setting: Setting, bar: float = math.inf, most: float = math.inf) -> Fit:
@@ -171,7 +158,7 @@ def refit(fit: Fit, candidate: Candidate, setting: Setting, bar: float = math.in
     model = whole.thinned()
     best: Fit | None = None
     if candidate.balanced is not None:
-        best = _from_balance(start_fit(model, _point(fit, model, cause, candidate.balanced)))
+        best = _from_balance(start_fit(model, point_of(fit, model, cause, candidate.balanced)))
         if best is not None and misfit(best) < _FOUND:
             return descend(on(whole, best), most_steps=_STEPS[-1])
     steady = from_steady_motion(fit, model) if cause is STRIBECK else None
@@ -234,7 +221,7 @@ def _of_all_periods(fit: Fit, begun: list[Values], ranked: list[Values]) -> list
 
 def _of_periods(fit: Fit, model: Model, candidate: Candidate, last: float) -> Fit:
     """Return the fit with a periodic cause."""
-    starts = [(start, start_fit(model, _point(fit, model, candidate.cause, start))) for start in candidate.starts]
+    starts = [(start, start_fit(model, point_of(fit, model, candidate.cause, start))) for start in candidate.starts]
     found = periodic.followed(starts, candidate.cause, last)
     return Fit(model, fit.point, fit.residual, None, math.inf) if found is None else found
 
@@ -264,7 +251,7 @@ def _slip_by_slip(fit: Fit, model: Model, candidate: Candidate, last: float) -> 
     for start in candidate.starts:
         if best is not None and (misfit(best) < _FOUND or model.tally.work > last):
             break
-        begun = scanned(start_fit(model, _point(fit, model, candidate.cause, start)), "d", STATIC_SCAN)
+        begun = scanned(start_fit(model, point_of(fit, model, candidate.cause, start)), "d", STATIC_SCAN)
         tried = descend(begun, most_steps=_STEPS[-1])
         if tried.is_followed and (best is None or tried.cost < best.cost):
             best = tried
@@ -276,7 +263,7 @@ def _promising(fit: Fit, model: Model, candidate: Candidate, last: float) -> lis
 
     Of a grid no point is tried after ``last`` work.
     """
-    points = [_point(fit, model, candidate.cause, start) for start in candidate.starts]
+    points = [point_of(fit, model, candidate.cause, start) for start in candidate.starts]
     if not candidate.cause.is_hard:
         return points[:_STARTS_FOLLOWED]
     followed: list[Fit] = []
@@ -299,4 +286,4 @@ def distinct(starts: Iterable[Values]) -> list[Values]:
     return kept
 
 
-__all__ = ["BLURS_S", "Candidate", "distinct", "extended_model", "refit", "screen"]
+__all__ = ["BLURS_S", "Candidate", "distinct", "extended_model", "point_of", "refit", "screen"]

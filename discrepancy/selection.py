@@ -7,14 +7,16 @@ from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Final
 
+from discrepancy.another_form import one_of_another_form
 from discrepancy.by_forces import way_by_forces
 from discrepancy.causes.base import Cause
 from discrepancy.choice import Choice, Way
 from discrepancy.finishing import finished
-from discrepancy.law_forms import in_own_forms
+from discrepancy.glancing import glance
 from discrepancy.least_squares import Fit, descend
 from discrepancy.pruning import pruned, with_causes
 from discrepancy.refining import refined
+from discrepancy.rivals import is_near, rivals_of
 from discrepancy.rounds import (
     CLOSER_WORK,
     CLOSING_WORK,
@@ -33,19 +35,17 @@ from discrepancy.rounds import (
     share_of_work,
 )
 from discrepancy.running_on import running_on
-from discrepancy.screening import glance, refit, screen
+from discrepancy.screening import refit, screen
 from discrepancy.setting import setting_of
 from discrepancy.significance import (
     DONE_MISFIT,
     LARGE_MISFIT,
-    NEAR,
     excess,
     gain,
     is_noise,
     is_settled,
     is_significant,
     misfit,
-    noise_factor,
 )
 
 MOST_CAUSES: Final = 3
@@ -60,8 +60,6 @@ _LITTLE_LEFT: Final = 0.02
 # A second cause must win this share of what the first left, for a wrong first one drags others along.
 _SECOND_SHARE: Final = 0.3
 _WORTH_KIN: Final = 2.0  # misfit of several causes, below which kin may make the difference
-_FORM_WORK: Final = 4.0e7  # for causes in other forms than the usual ones, after all else
-_LARGEST_FACTOR: Final = 1.5  # of the noise, that one in another form may leave: a form that is free takes much
 _WORTH: Final = 12.0  # gain of a short fit, from which on a long one is made
 
 
@@ -112,16 +110,16 @@ def _chosen(
             best, chosen = pruned(baseline, best, chosen, fades=True)
     tried = tuple((cause.name, gain(baseline, fit)) for cause, fit in search.tried)
     if len(chosen) > 1 or misfit(best) >= DONE_MISFIT:
-        one = _one_of_another_form(baseline, best, known, search.tried, share)
+        one = one_of_another_form(baseline, best, known, search.tried, share)
         if one is not None:
             return replace(one, tried=tried, is_cut=is_cut)
     if not chosen:
         # what looked like a cause only showed the baseline a better place
         return Choice(best, best, (), (), (), tried, is_cut)
-    rivals = _near(best, chosen, way) if len(way.chosen) == len(chosen) else _near(best, chosen, way, baseline)
+    rivals = rivals_of(best, chosen, way, None if len(way.chosen) == len(chosen) else baseline)
     best = finished(best)
     # those that were near are led as far
-    rivals = [(cause, fit) for cause, fit in ((one, finished(fit)) for one, fit in rivals) if _is_near(fit, best)]
+    rivals = [(cause, fit) for cause, fit in ((one, finished(fit)) for one, fit in rivals) if is_near(fit, best)]
     return Choice(
         baseline,
         best,
@@ -132,25 +130,6 @@ def _chosen(
         tried,
         is_cut,
     )
-
-
-def _one_of_another_form(baseline: Fit, best: Fit, known: list[Cause], tried: Fits, share: float) -> Choice | None:
-    """Return one cause whose law has another form than the usual one, where that explains as well as ``best`` does.
-
-    What a wrong form leaves, others make up for: a few together leave noise, or the search finds nothing.
-    """
-    tally = baseline.model.tally
-    tally.most = max(tally.work, tally.most) + share * _FORM_WORK
-    fits = in_own_forms(baseline, known, tried)
-    if not fits:
-        return None
-    cause, fit = fits[0]
-    fit = finished(fit if misfit(fit) < _WORTH_KIN else refined(fit))
-    if misfit(fit) >= DONE_MISFIT or noise_factor(fit) >= _LARGEST_FACTOR or is_significant(fit, best):
-        return None
-    others = [pair for pair in (*fits[1:], *tried) if pair[0] is not cause]
-    rivals = {one.name: each for one, each in others if _is_near(each, fit) and is_significant(baseline, each)}
-    return Choice(baseline, fit, (cause,), tuple(rivals), tuple(rivals.values()), ())
 
 
 def _beside_kin(
@@ -176,7 +155,7 @@ def _beside_kin(
             if fit.is_followed and is_possible(candidate.cause, fit, setting) and is_significant(baseline, fit):
                 fits.append((candidate.cause, fit))
         fits.sort(key=lambda pair: pair[1].cost)
-        (lowest, fit), near = fits[0], [pair for pair in fits[1:] if _is_near(pair[1], fits[0][1])]
+        (lowest, fit), near = fits[0], [pair for pair in fits[1:] if is_near(pair[1], fits[0][1])]
         if cause is way.chosen[-1]:
             near += [pair for pair in way.rivals if pair[0] is not lowest]
         elif lowest is cause and not near:
@@ -185,27 +164,6 @@ def _beside_kin(
         best, chosen = fit, [*others, lowest]
         way = replace(way, best=fit, chosen=tuple(chosen), rivals=tuple(near), fitted=frozenset())
     return best, chosen, way
-
-
-def _near(best: Fit, chosen: list[Cause], way: Way, pruned_from: Fit | None = None) -> Fits:
-    """Return what explains as well as the last chosen cause, the others being in the valve too.
-
-    Where causes were dropped since, from ``pruned_from`` on, each rival has to do without them as well.
-    """
-    if chosen[-1] not in way.chosen[-1:]:
-        return []
-    found: Fits = []
-    for cause, whole in way.rivals:
-        causes = [*chosen[:-1], cause]
-        fit = whole if pruned_from is None else with_causes(pruned_from, whole, causes)
-        if _is_near(fit, best):
-            found.append((cause, fit))
-    return found
-
-
-def _is_near(fit: Fit, best: Fit) -> bool:
-    """Whether a fit explains as well as the best: noise may make the difference."""
-    return fit.is_followed and fit.cost - best.cost < NEAR * noise_factor(best)
 
 
 class _Search:
@@ -288,9 +246,14 @@ class _Search:
         may_be_hard = number == 0 or (number == 1 and excess(best) < _LITTLE_LEFT * excess(self._begun.best))
         left = [cause for cause in self.known if cause not in way.chosen and (may_be_hard or not cause.is_hard)]
         candidates = [one for one in screen(best, left, setting) if is_promising(one, best)]
+        glanced: dict[str, Fit] = {}
         if is_noise(best):
-            candidates = [one for one in candidates if gain(best, glance(best, one, setting)) > _WORTH]
-        fits = polished(refits(best, candidates, setting, _REFITTED[number], self._last))
+            glanced = {one.cause.name: glance(best, one, setting) for one in candidates}
+            candidates = [one for one in candidates if gain(best, glanced[one.cause.name]) > _WORTH]
+        fits = refits(best, candidates, setting, _REFITTED[number], self._last)
+        # beside noise the valve is at its place already, and a search from afar may end above the glance
+        fits = [(cause, min(fit, glanced.get(cause.name, fit), key=lambda one: one.cost)) for cause, fit in fits]
+        fits = polished(sorted(fits, key=lambda pair: pair[1].cost))
         self._rounds.append((best, fits))
         return fits
 
@@ -306,11 +269,11 @@ def _taken(way: Way, fits: Fits, plain: Fit) -> Way | None:
     (cause, fit), others = found[0], found[1:]
     if not is_settled(best, fit):
         # what it leaves of itself is no second cause's, nor does a rival end where its search did
-        near = [(other, finished(one)) for other, one in others if _is_near(one, fit)]
+        near = [(other, finished(one)) for other, one in others if is_near(one, fit)]
         fit, others = finished(fit), near
     if way.chosen and 1.0 - excess(fit) / max(excess(best), 1.0e-9) < _SECOND_SHARE and misfit(best) > DONE_MISFIT:
         return None
-    rivals = [pair for pair in others if _is_near(pair[1], fit) and is_significant(best, pair[1])]
+    rivals = [pair for pair in others if is_near(pair[1], fit) and is_significant(best, pair[1])]
     chosen = (*way.chosen, cause)
     is_all = is_settled(best, fit) or is_all_but_own_error(chosen, plain, fit)
     return Way(fit, chosen, tuple(rivals), is_all, frozenset(one.name for one, _ in fits))

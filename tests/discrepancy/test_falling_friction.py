@@ -15,11 +15,12 @@ from discrepancy import falling_friction, rounds
 from discrepancy.baseline import baseline_unknowns, fit_baseline
 from discrepancy.causes.friction import LOCAL, STRIBECK
 from discrepancy.falling_friction import SPEED, from_slow_slips, has_wide_limit, may_ring
+from discrepancy.glancing import glance
 from discrepancy.least_squares import Fit, descend, start_fit
 from discrepancy.model import Model
 from discrepancy.observed import Observed, observe
 from discrepancy.refining import refined
-from discrepancy.screening import Candidate, extended_model, glance, refit, screen
+from discrepancy.screening import Candidate, extended_model, refit, screen
 from discrepancy.setting import setting_of
 from discrepancy.significance import gain, is_noise, is_significant, misfit
 from discrepancy.thinning import thinned
