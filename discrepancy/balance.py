@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from discrepancy.causes.base import Values
+from discrepancy.unknowns import SEPARATOR
 from estimators.samples import FloatArray
 
 
@@ -47,6 +48,29 @@ COLUMNS: Final[dict[str, Column]] = {
     "position_nonlinearity": lambda rows, own: -4.0 * _place(rows, own) * (1.0 - _place(rows, own)),
 }
 TIMES_K: Final = frozenset({"position_nonlinearity"})  # the term's size is k times the strength
+STRENGTHS: Final = {
+    "local_friction": "rise_n",
+    "friction_gradient": "gradient_n_per_m",
+    "friction_drift": "change_n",
+    "pressure_dependent_friction": "share",
+    "spring_hardening": "hardening_n_per_m2",
+    "dual_rate_spring": "rate_change_n_per_m",
+    "diaphragm_area_change": "slope_per_m",
+    "flow_force": "force_n",
+    "position_nonlinearity": "bow_m",
+}
+
+
+def added_n(rows: Sliding, values: Mapping[str, float]) -> FloatArray:
+    """Return the force that the causes of a valve with these ``values`` add at these rows, N, shape (n,)."""
+    total_n = np.zeros(rows.position_m.size)
+    for cause, strength in STRENGTHS.items():
+        start = cause + SEPARATOR
+        own = {name.removeprefix(start): value for name, value in values.items() if name.startswith(start)}
+        if strength in own:
+            size = own[strength] * (values["k"] if cause in TIMES_K else 1.0)
+            total_n += size * COLUMNS[cause](rows, own)
+    return total_n
 
 
 def _place(rows: Sliding, own: Values) -> FloatArray:

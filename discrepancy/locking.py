@@ -11,7 +11,7 @@ far they are out of them has no step along any of it; the instants themselves ju
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise, product
@@ -20,9 +20,11 @@ from typing import Final
 import numpy as np
 from scipy.optimize import minimize
 
+from discrepancy.balance import Sliding, added_n
 from discrepancy.observed import Observed, Segment
 from discrepancy.pauses import rest_ends
 from discrepancy.residuals import paired
+from discrepancy.unknowns import SEPARATOR
 from discrepancy.waves import highest_of, wave_sums
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import BoolArray, FloatArray
@@ -93,22 +95,28 @@ class Rests:
         return self.time_s[:, self.column]
 
 
-def locked_share(observed: Observed, late_s: float) -> float:
+def locked_share(observed: Observed, late_s: float, values: Mapping[str, float] | None = None) -> float:
     """Return the share of what the breakaways miss of a plain valve that a wave takes; 0 where it leaves much.
 
-    ``late_s``: how long after it a breakaway is seen.
+    ``late_s``: how long after it a breakaway is seen. ``values`` as in ``locked_forces``.
     """
-    return max((one.share for one in locked_forces(observed, late_s) if one.off < _CLEAR), default=0.0)
+    return max((one.share for one in locked_forces(observed, late_s, values) if one.off < _CLEAR), default=0.0)
+
+
+def locked_forces(observed: Observed, late_s: float, values: Mapping[str, float] | None = None) -> tuple[Locked, ...]:
+    """Return the periodic forces that may time the breakaways, of many sizes each, the likeliest frequency first.
+
+    ``values`` are a fit's: what a cause in it adds to the forces is no wave's. None where no steps are locked, or no
+    force times them. Kept, for it is asked for again.
+    """
+    beside = tuple(sorted((name, one) for name, one in (values or {}).items() if SEPARATOR in name or name == "k"))
+    return _locked_forces(observed, late_s, beside if len(beside) > 1 else ())
 
 
 @lru_cache(maxsize=4)
-def locked_forces(observed: Observed, late_s: float) -> tuple[Locked, ...]:
-    """Return the periodic forces that may time the breakaways, of many sizes each, the likeliest frequency first.
-
-    None where no steps are locked, or no force times them. Kept, for it is asked for again.
-    """
+def _locked_forces(observed: Observed, late_s: float, beside: tuple[tuple[str, float], ...]) -> tuple[Locked, ...]:
     within_s = max(_INSTANT_S, late_s)
-    rests = _rests(observed, late_s, _NARROWER[0] * within_s)
+    rests = _rests(observed, late_s, _NARROWER[0] * within_s, dict(beside))
     if rests is None:
         return ()
     span_s = float(np.ptp(rests.ends_s))
@@ -226,8 +234,11 @@ class _Bounds:
         return self._rests.force_n + force_n * (math.cos(phase_rad) * sine + math.sin(phase_rad) * cosine)
 
 
-def _rests(observed: Observed, late_s: float, within_s: float) -> Rests | None:
-    """Return all rests but the first of each record, which another force ends; None where they are too few."""
+def _rests(observed: Observed, late_s: float, within_s: float, values: Mapping[str, float]) -> Rests | None:
+    """Return all rests but the first of each record, which another force ends; None where they are too few.
+
+    Without what the causes with these ``values`` add to the forces.
+    """
     ends = [one for segment, motion in paired(observed) for one in _ended(segment, motion, late_s)]
     if len(ends) < _FEWEST:
         return None
@@ -243,6 +254,9 @@ def _rests(observed: Observed, late_s: float, within_s: float) -> Rests | None:
     from_s = _STEP_S * (np.arange(column + math.ceil(within_s / _STEP_S) + 1) - column)
     sense, place_m = np.array([one.sense for one in ends]), np.array([one.place_m for one in ends])
     force_n = np.array([np.interp(one.begins_s + one.breaks_s + from_s, one.corner_s, one.corner_n) for one in ends])
+    breaks_s = np.array([one.breaks_s for one in ends])
+    at = Sliding(place_m, np.zeros(sense.size), sense, force_n[:, column], breaks_s)
+    force_n = force_n - added_n(at, values)[:, None]
     return Rests(
         np.array([one.breaks_s + from_s for one in ends]),
         sense[:, None] * force_n,

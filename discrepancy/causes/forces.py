@@ -162,7 +162,7 @@ def _locked_starts(setting: Setting, anew: Values) -> list[Values]:
             "first_rise": first_n + one.force_n - one.static_n,
             **anew,
         }
-        for one in locked_forces(setting.observed, _seen_late(setting, anew["m"]))
+        for one in locked_forces(setting.observed, _seen_late(setting, anew["m"]), own)
     ]
 
 
@@ -230,7 +230,8 @@ def _vibration_promise(setting: Setting) -> float:
     """Return what a clear wave takes of the forces at hundreds of breakaways, or of when some dozens of them came."""
     observed = setting.observed
     mass_kg = observed.motions[0].moving_mass_kg or setting.values["m"]
-    return max(clear_share(observed, setting.values), locked_share(observed, _seen_late(setting, mass_kg)))
+    late_s = _seen_late(setting, mass_kg)
+    return max(clear_share(observed, setting.values), locked_share(observed, late_s, setting.values))
 
 
 def _vibration_sentence(values: Mapping[str, Fitted], _setting: Setting) -> str:

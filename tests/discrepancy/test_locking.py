@@ -8,13 +8,16 @@ from typing import Final
 
 import pytest
 
+from discrepancy.balance import COLUMNS, STRENGTHS
 from discrepancy.baseline import baseline_unknowns
 from discrepancy.causes.forces import VIBRATION
+from discrepancy.causes.friction import GRADIENT
 from discrepancy.finishing import finished
 from discrepancy.least_squares import Fit, start_fit
 from discrepancy.locking import locked_forces, locked_share
 from discrepancy.model import Model
 from discrepancy.observed import Observed, observe
+from discrepancy.registry import CAUSES
 from discrepancy.screening import refit, screen
 from discrepancy.setting import setting_of
 from discrepancy.shaking import shaken_breakaways
@@ -106,3 +109,25 @@ def test_what_lets_go_of_the_stem_and_did_not_before_tells_the_wave_from_all_oth
     assert near.spring_n_per_m == pytest.approx(valve.spring_rate_n_per_m, rel=1.0e-3)
     assert near.static_n == pytest.approx(valve.static_friction_n, rel=0.01)
     assert locked_share(observed, 1.1e-3) > 0.99
+
+
+@pytest.mark.parametrize("off", [0.0, 1.0e-13])
+def test_what_a_cause_in_the_valve_adds_to_the_forces_hides_no_wave(off: float) -> None:
+    """Friction that grows along travel moves the bounds by ten times what the wave does."""
+    case = made(11003, "pair")
+    observed = observe(case.recordings, case.nameplate)
+    assert isinstance(observed, Observed)
+    hidden = next(one for one in case.hidden if one.cause == "vibration").parameters
+    own = {"gradient_n_per_m": 4044.2 * (1.0 + off), "reference_m": 0.040125}
+    values = {"k": 64567.0 * (1.0 + off), **GRADIENT.full(own)}
+    bare = locked_forces(observed, 2.0e-3)
+    assert all(one.frequency_hz != pytest.approx(hidden["frequency_hz"], abs=0.1) for one in bare)
+    found = locked_forces(observed, 2.0e-3, values)
+    assert all(one.frequency_hz == pytest.approx(hidden["frequency_hz"], abs=2.0e-3) for one in found)
+    assert any(one.force_n == pytest.approx(hidden["force_n"], rel=0.2) for one in found)
+    assert locked_share(observed, 2.0e-3, values) > 0.99
+    assert locked_share(observed, 2.0e-3) < 0.5
+
+
+def test_each_term_of_the_balance_has_its_strength() -> None:
+    assert {name: CAUSES[name].strength for name in COLUMNS} == STRENGTHS
