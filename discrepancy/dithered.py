@@ -29,7 +29,7 @@ _STEPS: Final = 12
 _GROWING_STEPS: Final = 6
 _GROWTH: Final = 4.0  # of a part to the next
 _PROMISING: Final = 100.0  # misfit of the first part, above which what began it is not followed
-_HELD: Final = frozenset({"m", "k", "F_0", "DV", "first_rise", "delay_s"})
+HELD: Final = frozenset({"m", "k", "F_0", "DV", "first_rise", "delay_s"})
 
 
 def from_first_rests(starts: Sequence[Fit], cause: Cause) -> Fit | None:
@@ -39,13 +39,20 @@ def from_first_rests(starts: Sequence[Fit], cause: Cause) -> Fit | None:
     the frequency tells the forces at the breakaways as well, and no motion. None also where the record has hardly more
     rests than its first part. What another cause does later is left for that.
     """
-    segments = starts[0].model.observed.segments if starts else ()
+    until_s = first_rests_until_s(starts[0].model) if starts else None
+    if until_s is None:
+        return None
+    held = HELD | {cause.own("frequency_hz")}
+    best = min((_begun(part_until(one.model, until_s), one, held) for one in starts), key=lambda one: one.cost)
+    return grown_from(best, starts[0].model, until_s) if misfit(best) < _PROMISING else None
+
+
+def first_rests_until_s(model: Model) -> float | None:
+    """Return when the first rests of the only record end, s; None where they are not much shorter than the record."""
+    segments = model.observed.segments
     if len(segments) != 1 or segments[0].rest_time_s.size < _SHORT * _RESTS:
         return None
-    until_s = float(segments[0].rest_time_s[_RESTS])
-    held = _HELD | {cause.own("frequency_hz")}
-    best = min((_begun(_part(one.model, until_s), one, held) for one in starts), key=lambda one: one.cost)
-    return _grown(best, starts[0].model, until_s) if misfit(best) < _PROMISING else None
+    return float(segments[0].rest_time_s[_RESTS])
 
 
 def _begun(part: Model, start: Fit, held: frozenset[str]) -> Fit:
@@ -61,19 +68,20 @@ def _begun(part: Model, start: Fit, held: frozenset[str]) -> Fit:
     return min((descend(one, most_steps=_STEPS, held=held) for one in tried[:_FOLLOWED]), key=lambda one: one.cost)
 
 
-def _grown(fit: Fit, whole: Model, until_s: float) -> Fit | None:
+def grown_from(fit: Fit, whole: Model, until_s: float) -> Fit | None:
     """Return the fit of the whole that a fit of the first part leads to, through parts that are longer each."""
     segment = whole.observed.segments[0]
     begin_s, end_s = float(segment.time_s[0]), float(segment.time_s[-1])
     while fit.model is not whole:
         until_s = begin_s + _GROWTH * (until_s - begin_s)
-        fit = start_fit(whole if until_s >= end_s else _part(whole, until_s), fit.point)
+        fit = start_fit(whole if until_s >= end_s else part_until(whole, until_s), fit.point)
         fit = descend(fit, most_steps=_GROWING_STEPS)
         if not fit.is_followed:
             return None
     return fit
 
 
-def _part(model: Model, until_s: float) -> Model:
+def part_until(model: Model, until_s: float) -> Model:
+    """Return the model of what comes before a time, s, of the only record."""
     segment = model.observed.segments[0]
     return replace(model, observed=model.observed.of([first_part(segment, until_s)]), thin=None)

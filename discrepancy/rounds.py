@@ -15,6 +15,7 @@ from discrepancy.least_squares import Fit, descend
 from discrepancy.refining import refined
 from discrepancy.screening import Candidate, refit
 from discrepancy.significance import excess, is_settled
+from discrepancy.to_and_fro import from_any_phase
 
 Fits = list[tuple[Cause, Fit]]  # of one round, the lowest first
 
@@ -84,6 +85,12 @@ def refits(best: Fit, candidates: list[Candidate], setting: Setting, most: int, 
         ordinary, hard = [*hard, *ordinary], []
     fits: Fits = []
     lowest, explained, promise = math.inf, False, 0.0
+    for one in [one for one in candidates if one.cause.is_periodic and not _is_coarse(best)]:
+        # of hundreds of rests the first tell a force within a second, and all else takes what work there is
+        fit = from_any_phase(best, one, setting)
+        if fit is not None and is_settled(best, fit):
+            fits, lowest, explained, promise = [(one.cause, fit)], fit.cost, True, max(one.promise, 1.0 - NEARLY_ALL)
+            ordinary, slow = ([other for other in group if other is not one] for group in (ordinary, slow))
     # of polled rows one refinement would take the work of all that was not tried yet
     early = 0 if _is_coarse(best) else _REFINED_EARLY
     for one in [*ordinary, *hard, *slow]:
