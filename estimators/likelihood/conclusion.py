@@ -204,7 +204,8 @@ def _assessed(motion: RecordedMotion, problem: Problem, found: Found) -> _Assess
     model, point = weighed.model, weighed.point
     values = model.coordinates.values(point)
     # a ramp slower than DV is followed in jumps, however small
-    creeps = values["DV"] * values["k"] > min(ramps.rates_n_per_s, default=math.inf)
+    slowest = min(ramps.rates_n_per_s, default=math.inf) / values["k"]
+    creeps = values["DV"] > slowest
     # thousands of jumps too small to see make teeth of the cost that are closer than any search tells apart
     is_bottom &= not creeps or replace(model, most_events=problem.model.most_events).simulate(point) is not None
     # of several places the mean is given already
@@ -212,7 +213,13 @@ def _assessed(motion: RecordedMotion, problem: Problem, found: Found) -> _Assess
     # without noise a DV is where the cost is lowest, however flat it looks beside what is computed
     about_middle &= found.certificate.ratio >= EXACT and not problem.is_noise_free
     flatness = flat_errors(
-        model, point, noise_factor=factor, jumps=problem.jumps, creeps=creeps, about_middle=about_middle
+        model,
+        point,
+        noise_factor=factor,
+        jumps=problem.jumps,
+        creeps=creeps,
+        about_middle=about_middle,
+        slowest_m_per_s=slowest,
     )
     if flatness.to_middle is not None:
         knows = known(model, point + flatness.to_middle, ramps, noise_factor=factor) or knows

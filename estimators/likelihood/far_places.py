@@ -21,6 +21,8 @@ _TOOTHED: Final = ("F_v", "DV")
 _TEETH_SIGMAS: Final = (-30.0, -10.0, 10.0, 30.0)
 _LONGEST_TOOTH: Final = 0.4  # of a logarithm
 _OTHER_STICTION: Final = ((0.25, 0.0), (0.7, 0.0), (1.0, 0.05), (1.0, 0.4))  # factors of F_s/F_c - 1, and added to it
+_NEAR_SPEED: Final = 0.93  # of the slowest ramp's
+_VISCOUS_SHARES: Final = (0.1, 0.3)  # of the friction in motion
 _OTHER_LIMITS: Final = (1.02, 1.05, 1.1, 1.2, 1.4)  # factors of DV; farther it is not known to 30 %
 
 
@@ -34,6 +36,25 @@ def with_other_stiction(small: StemModel, point: FloatArray, budget: Budget) -> 
             found = descend(small, other, most_steps=FOLLOWING_STEPS, held=("d",), arrived=0.1, one_sided=True)
             budget.spend(small, found.simulations)
             yield Place(found.point, found.cost)
+
+
+def with_limit_at_speed(model: StemModel, point: FloatArray, speed_m_per_s: float, budget: Budget) -> Iterator[Place]:
+    """Yield where the others go with a DV just below the slowest ramp's speed, at one friction in motion.
+
+    The stem breaks away undamped there, and F_v may be any beside F_c: a hump may lie between, over which no walk goes.
+    """
+    values = model.coordinates.values(point)
+    friction_n = values["F_c"] + values["F_v"] * speed_m_per_s
+    for share in _VISCOUS_SHARES:
+        if budget.left < 0.0 or not math.isfinite(speed_m_per_s):
+            break
+        coulomb_n = (1.0 - share) * friction_n
+        static_n = max(values["F_c"] * (1.0 + values["d"]), friction_n)
+        other = {"DV": _NEAR_SPEED * speed_m_per_s, "F_v": share * friction_n / speed_m_per_s, "F_c": coulomb_n}
+        start = model.coordinates.point(values | other | {"d": static_n / coulomb_n - 1.0})
+        found = descend(model, start, most_steps=FOLLOWING_STEPS, held=("DV",), arrived=0.1, one_sided=True)
+        budget.spend(model, found.simulations)
+        yield Place(found.point, found.cost)
 
 
 def with_other_limits(small: StemModel, start: Place, sense: int, budget: Budget, within: float) -> list[Place]:

@@ -17,7 +17,13 @@ from estimators.likelihood.compression import compressed
 from estimators.likelihood.coordinates import Coordinates
 from estimators.likelihood.descent import descend
 from estimators.likelihood.elimination import FEW_ERRORS, eliminated
-from estimators.likelihood.far_places import FOLLOWING_STEPS, next_teeth, with_other_limits, with_other_stiction
+from estimators.likelihood.far_places import (
+    FOLLOWING_STEPS,
+    next_teeth,
+    with_limit_at_speed,
+    with_other_limits,
+    with_other_stiction,
+)
 from estimators.likelihood.limit_median import median_place
 from estimators.likelihood.model import STEP, StemModel
 from estimators.likelihood.pool import Place
@@ -135,6 +141,7 @@ def flat_errors(
     jumps: bool,
     creeps: bool = False,
     about_middle: bool = False,
+    slowest_m_per_s: float = math.inf,
 ) -> Flatness:
     """Least standard errors of m, F_v, F_c, F_s and DV that the cost itself leaves, far from the point.
 
@@ -162,6 +169,9 @@ def flat_errors(
     begun = Place(start.point, start.cost - closing(start.point))
     upwards = [begun, *_walked(opened, begun, "DV", 1, budget=budget, within=within)]
     walks.append([Place(place.point, place.cost + closing(place.point)) for place in upwards])
+    limited: list[Place] = []
+    if not (jumps or creeps):
+        limited = list(with_limit_at_speed(opened, begun.point, slowest_m_per_s, budget))
     if not jumps:
         walks += [[start, place] for place in with_other_stiction(small, start.point, budget)]
     if creeps:
@@ -177,7 +187,9 @@ def flat_errors(
     values = natural_values(small, lowest.point if middle is None else point + middle - lowest.point)
     least: dict[str, float] = {}
     reached = [(point, CHECKED) for places in walks for point in _within(lowest.cost, places, within)]
-    reached += [(point, _FRICTION) for point in _within(min(place.cost for place in upwards), upwards, within)]
+    lowest_opened = min(place.cost for place in (*upwards, *limited))
+    reached += [(point, _FRICTION) for point in _within(lowest_opened, upwards, within)]
+    reached += [(place.point, _FRICTION) for place in limited if place.cost <= lowest_opened + within]
     for far_point, symbols in reached:
         far_values = natural_values(small, far_point)
         for symbol in symbols:
