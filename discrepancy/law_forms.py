@@ -59,19 +59,21 @@ def _in_its_own_form(before: Fit, fit: Fit, cause: Cause, balanced: Values | Non
     model = fit.model.with_free(cause.free_forms(setting_of(before)), held)
     starts = []
     if excess(fit) < _WORTH * excess(before):
-        starts.append(_best(model, cause, fit.values))
+        starts.append(of_the_likeliest_form(model, cause, fit.values))
     if balanced is not None:
         values = dict(fit.values)
         for name, value in balanced.items():
             values[name if name in values else cause.own(name)] = value
-        start = scanned(scanned(_best(model, cause, values), "d", STATIC_SCAN), "first_rise", FIRST_RISES)
+        start = scanned(
+            scanned(of_the_likeliest_form(model, cause, values), "d", STATIC_SCAN), "first_rise", FIRST_RISES
+        )
         if excess(start) < _WORTH * excess(before):
             starts.append(descend(start, most_steps=_BLURRED_STEPS, span_s=_BLUR_S, held=DYNAMIC))
     found = min((descend(start, most_steps=_STEPS) for start in starts), key=lambda one: one.cost, default=fit)
     return found if is_significant(fit, found) else fit
 
 
-def _best(model: Model, cause: Cause, values: Values) -> Fit:
+def of_the_likeliest_form(model: Model, cause: Cause, values: Values) -> Fit:
     """Return the lowest of the natural forms at these values: F_s changes as F_c does, in proportion, or not at all."""
     usual = cause.usual_forms()
     forms = [usual]

@@ -13,6 +13,7 @@ from discrepancy.causes.base import Cause
 from discrepancy.choice import Choice, Way
 from discrepancy.finishing import finished
 from discrepancy.glancing import glance
+from discrepancy.kin_friction import other_kind
 from discrepancy.least_squares import Fit, descend
 from discrepancy.pruning import pruned, with_causes
 from discrepancy.refining import refined
@@ -120,6 +121,9 @@ def _chosen(
     best = finished(best)
     # those that were near are led as far
     rivals = [(cause, fit) for cause, fit in ((one, finished(fit)) for one, fit in rivals) if is_near(fit, best)]
+    known_rivals = {cause.name for cause, _ in rivals}
+    kin = other_kind(baseline, best, chosen)
+    rivals += [(one, fit) for one, fit in kin if one.name not in known_rivals and is_near(fit, best)]
     return Choice(
         baseline,
         best,
