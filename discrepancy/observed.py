@@ -18,6 +18,7 @@ from discrepancy.pauses import pauses
 from discrepancy.row_noise import repeated_errors, resting_noise, timing_errors
 from estimators.base import Outcome
 from estimators.likelihood.input_path import CommandedPath, InputPath, Nuisance, input_path
+from estimators.likelihood.problem import repeated_share
 from estimators.likelihood.row_timing import position_doubts, still_rows
 from estimators.likelihood.search import measured_rests
 from estimators.likelihood.staircase import read_staircase
@@ -86,6 +87,8 @@ class Observed:
     # the force's errors that no deviation holds: their variance over that of all these, and what they move a row by
     unresolved: float = 0.0
     unresolved_rms: float = 0.0
+    # the most that a converter's steps move rows by at one frequency while the stem goes evenly, rms, over the noise
+    stepped_rms: float = 0.0
     # of a command alone: the valve behind an I/P as maximum likelihood has it (discrepancy.commanded)
     commanded: Mapping[str, float] = field(default_factory=dict)
     # of all blocks: times, positions and weights, 1/m, shape (count,)
@@ -126,7 +129,7 @@ def observe(recordings: Sequence[Recording], nameplate: Nameplate, longest_s: fl
     segments: list[Segment] = []
     motions: list[RecordedMotion] = []
     deviations: list[tuple[Corners, ...]] = []
-    noises, delay, rows, forces, doubted, missed = [], None, 0, [], 0.0, np.zeros(2)
+    noises, delay, rows, forces, doubted, stepped, missed = [], None, 0, [], 0.0, 0.0, np.zeros(2)
     for recording in recordings:
         motion = read_motion(recording, nameplate)
         if motion in _MAY_BE_A_STAIRCASE:
@@ -151,6 +154,7 @@ def observe(recordings: Sequence[Recording], nameplate: Nameplate, longest_s: fl
         segments += own
         missed += unresolved_variance(path)
         doubted = max(doubted, _doubt_in_noises(motion, path, noise_m))
+        stepped = max(stepped, math.sqrt(repeated_share(motion.samples, noise_m)))
         motions.append(motion)
         noises.append(noise_m)
         rows += motion.samples.count
@@ -171,6 +175,7 @@ def observe(recordings: Sequence[Recording], nameplate: Nameplate, longest_s: fl
         doubted,
         tuple(deviations),
         unresolved=float(missed[0] / max(missed[1], 1.0e-300)),
+        stepped_rms=stepped,
     )
 
 

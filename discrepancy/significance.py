@@ -57,8 +57,11 @@ def is_significant(before: Fit, after: Fit) -> bool:
     # that hides in usual tests; a stem that creeps at rest moves an elastic one by as little (odd 9705)
     hides = bool(added) and all(CAUSES[name].is_hard or CAUSES[name].is_shy for name in added)
     is_exact = hides and before.model.observed.has_exact_force and not before.model.causes and is_noise(after)
-    least = least_rms(before, _LEAST_SURE_RMS if is_line or is_exact else LEAST_RMS) ** 2 * before.model.observed.rows
-    return gain(before, after) > SURE and before.cost - after.cost > least
+    least = least_rms(before, _LEAST_SURE_RMS if is_line or is_exact else LEAST_RMS)
+    if is_line:
+        # a stem that goes evenly meets a converter's steps at one frequency
+        least = math.hypot(least, before.model.observed.stepped_rms)
+    return gain(before, after) > SURE and before.cost - after.cost > least**2 * before.model.observed.rows
 
 
 def least_rms(fit: Fit, least: float = LEAST_RMS) -> float:

@@ -252,6 +252,16 @@ def resolution_noise(position_m: FloatArray) -> float:
     return float(change_m.min()) / math.sqrt(12.0) if is_stepped else 0.0
 
 
+def repeated_share(samples: Samples, noise_m: float) -> float:
+    """Share of the noise's variance that rounding to a step repeats: no more than 1, 0 where no step is known."""
+    step_m = samples.position_step_m
+    if samples.position_noise_m == 0.0 or step_m == 0.0:
+        return 0.0
+    rounding = step_m**2 / 12.0
+    shaken = max(noise_m**2 - rounding, 0.0)
+    return min(rounding * math.exp(-((2.0 * math.pi) ** 2) * shaken / step_m**2) / noise_m**2, 1.0)
+
+
 def independent_share(samples: Samples, noise_m: float) -> FloatArray:
     """Weight of each row, shape (n,), as a share of that of a row whose error is its own.
 
@@ -259,12 +269,7 @@ def independent_share(samples: Samples, noise_m: float) -> FloatArray:
     n / (1 + (n - 1) b^2/noise^2) times what one does, and so do all rests within one step. Noise s before the rounding
     makes it independent: b^2 is q^2/12 exp(-(2 pi s/q)^2), the first harmonic of the rounded noise's mean.
     """
-    step_m = samples.position_step_m
-    if samples.position_noise_m == 0.0 or step_m == 0.0:
-        return np.ones(samples.count)
-    rounding = step_m**2 / 12.0
-    shaken = max(noise_m**2 - rounding, 0.0)
-    repeated = min(rounding * math.exp(-((2.0 * math.pi) ** 2) * shaken / step_m**2) / noise_m**2, 1.0)
+    step_m, repeated = samples.position_step_m, repeated_share(samples, noise_m)
     share = np.ones(samples.count)
     if repeated < _TRIFLE:
         return share

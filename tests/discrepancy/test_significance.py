@@ -34,6 +34,7 @@ class _Observed:
         self.count = COUNT
         self.rows = rows
         self.unresolved_rms = 0.0
+        self.stepped_rms = 0.0
         self.has_exact_force = False
 
 
@@ -89,6 +90,14 @@ def test_half_of_that_is_enough_of_a_periodic_force(white: FloatArray, share: fl
     before = fit_of(white, rows=rows, cost=5000.0 + share**2 * rows)
     assert is_significant(before, fit_of(white, rows=rows, cost=5000.0, causes=("vibration",))) == counts
     assert not is_significant(before, fit_of(white, rows=rows, cost=5000.0, causes=("flow_force",)))
+
+
+def test_a_periodic_force_must_move_the_stem_by_more_than_a_converter_has_it_seem(white: FloatArray) -> None:
+    rows = 1_000_000
+    for share, counts in ((0.79, False), (0.81, True)):
+        before = fit_of(white, rows=rows, cost=5000.0 + share**2 * rows)
+        cast("Any", before.model.observed).stepped_rms = 0.8
+        assert is_significant(before, fit_of(white, rows=rows, cost=5000.0, causes=("vibration",))) == counts
 
 
 def test_half_of_that_is_enough_of_a_cause_that_leaves_noise_where_the_force_has_no_errors(white: FloatArray) -> None:
