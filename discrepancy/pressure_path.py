@@ -12,8 +12,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from discrepancy.causes.base import Fitted
-from estimators.likelihood.answered_command import answer_of, command_lines
-from estimators.likelihood.stretches import Corners
+from discrepancy.commanded_rows import FEWEST_ROWS, CommandedRows, written
 from estimators.samples import FloatArray, channel_noise
 from valve.recording import Acquisition, Recording
 
@@ -26,12 +25,14 @@ _GAUGE: Final = 1.0e-4  # of the range: no gauge agrees better with a model
 _LEAST_SHARE: Final = 0.25  # of the mean square misfit, that a further cause must take
 _SURE: Final = 1.5  # times the noise, below which nothing is missed
 _MOST_CAUSES: Final = 3
+_SEVERAL: Final = 2
 _LONGEST_S: Final = 5.0
 _LAG_STARTS_S: Final = (0.03, 0.3)
 _DELAY_STARTS_S: Final = (0.02, 0.15, 0.6)
 _LIMIT_STARTS: Final = (0.002, 0.03, 0.1)  # of the range, below the highest pressure that is asked for
 _SIGMAS: Final = 4.0
-_FINE_S: Final = 2.0e-3  # between the corners of a command that is no straight lines
+_FAR: Final = 1.0e6  # mean squares of the range: what no fit leaves
+_ROWS_THAT_COUNT_AS_ONE: Final = 100.0
 CAUSES: Final = ("transducer_lag", "transducer_dead_time", "supply_saturation", "actuator_leak")
 
 
@@ -58,55 +59,9 @@ class PressurePath:
 
     def answered(self, recording: Recording) -> FloatArray:
         """Return the pressure that this path makes of a recording's command, Pa, shape (n,)."""
-        return _Rows.of(recording).answer(self.lag_s, self.dead_time_s, self.limit_pa) * (1.0 - self.leak) + (
+        return CommandedRows.of(recording).answer(self.lag_s, self.dead_time_s, self.limit_pa) * (1.0 - self.leak) + (
             self.offset_pa
         )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Rows:
-    """A command's corners, and the rows at which the pressure was read."""
-
-    command: Corners
-    time_s: FloatArray
-    pressure_pa: FloatArray
-
-    @classmethod
-    def of(cls, recording: Recording) -> _Rows:
-        assert recording.command_pa is not None
-        pressure_pa = recording.command_pa if recording.pressure_pa is None else recording.pressure_pa
-        return cls(_asked(recording), recording.time_s, pressure_pa)
-
-    def answer(self, lag_s: float, dead_time_s: float, limit_pa: float) -> FloatArray:
-        """Return the command limited, late and lagged, at the rows."""
-        return np.interp(self.time_s, *answer_of(self.command, lag_s, dead_time_s, limit_pa))
-
-
-def _asked(recording: Recording) -> Corners:
-    """Return the command's corners: held from each write on, its straight lines, or its rows."""
-    assert recording.command_pa is not None
-    written_s, known = _written(recording), np.isfinite(recording.command_pa)
-    if written_s is not None:
-        known &= np.isfinite(written_s)
-        held_pa = recording.command_pa[known]
-        first_s, end_s = min(recording.time_s[0], written_s[known][0]), max(recording.time_s[-1], written_s[known][-1])
-        return np.concatenate([[first_s], np.repeat(written_s[known][1:], 2), [end_s]]), np.repeat(held_pa, 2)
-    lines = command_lines(recording)
-    if lines is not None:
-        return lines
-    time_s, asked_pa = recording.time_s[known], recording.command_pa[known]
-    if recording.sample_period_s >= _FINE_S:
-        return time_s, asked_pa
-    grid_s: FloatArray = np.arange(time_s[0], time_s[-1] + _FINE_S, _FINE_S, dtype=np.float64)
-    return grid_s, np.interp(grid_s, time_s, asked_pa)
-
-
-def _written(recording: Recording) -> FloatArray | None:
-    """Return when each command reached the device, s, shape (n,), where that was recorded: it is held from then on."""
-    if recording.write_sent_s is None or recording.written_s is None:
-        return None
-    middle_s = 0.5 * (recording.write_sent_s + recording.written_s)
-    return middle_s if np.count_nonzero(np.isfinite(middle_s)) >= _FEWEST_ROWS else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,9 +86,9 @@ def read_pressure_path(recordings: Sequence[Recording]) -> PressurePath | None:
     """Return what stands between command and pressure in these recordings; None where either was not recorded."""
     if not recordings or any(one.command_pa is None or one.pressure_pa is None for one in recordings):
         return None
-    rows = [_Rows.of(recording) for recording in recordings]
+    rows = [CommandedRows.of(recording) for recording in recordings]
     finite = [np.isfinite(one.pressure_pa) for one in rows]
-    if min(int(np.count_nonzero(known)) for known in finite) < _FEWEST_ROWS:
+    if min(int(np.count_nonzero(known)) for known in finite) < FEWEST_ROWS:
         return None
     pressures = np.concatenate([one.pressure_pa[known] for one, known in zip(rows, finite, strict=True)])
     range_pa = float(np.ptp(pressures))
@@ -147,6 +102,7 @@ def read_pressure_path(recordings: Sequence[Recording]) -> PressurePath | None:
         # the first alone may stand for two others: a lag rounds the corners that a limit cuts off
         pair = _lowest_pair(fitting, before)
         best = _chosen(fitting, pair, floor) if _is_worth(best, pair, floor) else best
+    best = _exchanged(fitting, best)
     spread = math.sqrt(max(best.mean_square, floor) / max(pressures.size / _ROWS_THAT_COUNT_AS_ONE, 1.0))
     named = tuple(
         (cause, _fitted(best, cause, spread, range_pa))
@@ -184,13 +140,20 @@ def _lowest_pair(fitting: _Fitting, before: _Fit) -> _Fit:
     return min((one for one in tried if one is not None), key=lambda one: one.mean_square, default=before)
 
 
+def _exchanged(fitting: _Fitting, best: _Fit) -> _Fit:
+    """Return the fit with each of several causes in place of which another leaves less: the first was chosen alone."""
+    if len(best.causes) < _SEVERAL:
+        return best
+    for cause in best.causes:
+        others = [one for one in CAUSES if one not in best.causes]
+        tried = [one for other in others if (one := fitting.with_other(best, cause, other)) is not None]
+        best = min([best, *tried], key=lambda one: one.mean_square)
+    return best
+
+
 def _is_worth(best: _Fit, found: _Fit, floor: float) -> bool:
     """Whether a fit leaves so much less than another that no gauge makes the difference."""
     return best.mean_square - found.mean_square >= max(_LEAST_SHARE * best.mean_square, floor)
-
-
-_FEWEST_ROWS: Final = 50
-_ROWS_THAT_COUNT_AS_ONE: Final = 100.0
 
 
 def without_pressure(recording: Recording, path: PressurePath | None) -> Recording:
@@ -200,7 +163,7 @@ def without_pressure(recording: Recording, path: PressurePath | None) -> Recordi
     that is held from row to row.
     """
     pressure_pa = recording.command_pa if path is None else path.answered(recording)
-    command_pa = None if _written(recording) is None else recording.command_pa
+    command_pa = None if written(recording) is None else recording.command_pa
     return replace(recording, pressure_pa=pressure_pa, command_pa=command_pa)
 
 
@@ -234,7 +197,7 @@ def _fitted(fit: _Fit, cause: str, spread_pa: float, range_pa: float) -> Fitted:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fitting:
-    rows: list[_Rows]
+    rows: list[CommandedRows]
     finite: list[np.ndarray[tuple[int], np.dtype[np.bool_]]]
     range_pa: float
 
@@ -255,6 +218,11 @@ class _Fitting:
             starts = [self.highest_pa - share * self.range_pa for share in _LIMIT_STARTS]
         fits = [self.fitted(causes, (*(fit.value(one) for one in fit.causes), start)) for start in starts]
         return min(fits, key=lambda one: one.mean_square, default=None)
+
+    def with_other(self, fit: _Fit, cause: str, other: str) -> _Fit | None:
+        """Return the fit with another cause in place of one, from where the rest are."""
+        kept = tuple(one for one in fit.causes if one != cause)
+        return self.with_cause(replace(fit, causes=kept), other)
 
     def fitted(self, causes: tuple[str, ...], start: tuple[float, ...]) -> _Fit:
         """Return the fit of these causes from a start; leak and offset are linear."""
@@ -290,6 +258,3 @@ class _Fitting:
         offset_pa = float(np.mean(pressure_pa - rate * answer))
         left = pressure_pa - rate * answer - offset_pa
         return _Fit(causes, lag_s, dead_time_s, limit_pa, 1.0 - rate, offset_pa, float(np.mean(left**2)))
-
-
-_FAR: Final = 1.0e6

@@ -14,19 +14,21 @@ from tests.discrepancy.hidden import FULL_PA, hidden
 from valve.extended_valve import InputPath
 from valve.parameter_sets import parameter_set
 from valve.recording import Acquisition, FloatArray, Provenance, Recording
-from valve.waveform import triangle
+from valve.waveform import Waveform, triangle
 
 WAVE = triangle(12.0, 2, 3_000.0, FULL_PA)
 
 
-def recorded(path: InputPath, seed: int = 1, period_s: float = 2.0e-3, noise_pa: float = 15.0) -> Recording:
+def recorded(
+    path: InputPath, seed: int = 1, period_s: float = 2.0e-3, noise_pa: float = 15.0, wave: Waveform = WAVE
+) -> Recording:
     """A command and the pressure that follows it through this path; the stem does not matter here."""
-    time_s: FloatArray = np.arange(int(WAVE.duration_s / period_s), dtype=np.float64) * period_s
-    acting_s, acting_pa = acting_force(path, WAVE, 1.0)
+    time_s: FloatArray = np.arange(int(wave.duration_s / period_s), dtype=np.float64) * period_s
+    acting_s, acting_pa = acting_force(path, wave, 1.0)
     pressure_pa = np.interp(time_s + 2.0, acting_s, acting_pa)
     noise = noise_pa * np.random.default_rng(seed).standard_normal(time_s.size)
     return Recording(
-        time_s=time_s, position_m=0.0 * time_s, command_pa=WAVE.at(time_s), pressure_pa=pressure_pa + noise
+        time_s=time_s, position_m=0.0 * time_s, command_pa=wave.at(time_s), pressure_pa=pressure_pa + noise
     )
 
 
@@ -67,6 +69,16 @@ def test_a_late_and_limited_pressure_is_not_taken_for_a_lag_which_alone_is_neare
     found = read_pressure_path([recorded(path, noise_pa=0.0)])
     assert found is not None
     assert {name for name, _ in found.causes} == {"transducer_dead_time", "supply_saturation"}
+
+
+@pytest.mark.parametrize(("name", "late"), [("lag_s", "transducer_lag"), ("dead_time_s", "transducer_dead_time")])
+def test_what_is_late_is_chosen_anew_once_the_limit_is_known(name: str, late: str) -> None:
+    """Two ramps of 20 s and a limit of 1 % of the range: a lag beside it leaves less than a gauge is off."""
+    wave = triangle(20.0, 2, 3_000.0, FULL_PA)
+    path = InputPath(limit_n=0.99 * FULL_PA, **{name: 0.0366})
+    found = read_pressure_path([recorded(path, noise_pa=0.0, wave=wave)])
+    assert found is not None
+    assert {cause for cause, _ in found.causes} == {late, "supply_saturation"}
 
 
 def test_a_command_that_is_written_every_20_ms_is_held_until_the_next() -> None:
