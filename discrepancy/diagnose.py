@@ -167,11 +167,13 @@ def _concluded(
         measured = [held_out_gain(name, one, nameplate, baseline, best) for name, one in held_out]
         left = left_out_gain(baseline, best)
         gains = [gain for gain in (*measured, left) if gain is not None]
-        if any(gain.is_worse for gain in gains):
+        if any(gain.is_worse or gain.is_none for gain in gains):
             named = _listed((*changed, *choice.causes))
+            is_worse = any(gain.is_worse for gain in gains)
+            gained = "worse than the plain valve does" if is_worse else "no better than the plain valve does"
             message = (
-                f"{named} would explain the misfit, and predicts data that it was not fitted to "
-                "worse than the plain valve does: no cause is named."
+                f"{named} would explain the misfit, and predicts data that it was not fitted to {gained}: "
+                "no cause is named."
             )
             return Diagnosis(Verdict.UNEXPLAINED, message, gains=tuple(gains), **pictures)
     return Diagnosis(

@@ -28,6 +28,9 @@ _KEPT_SHARE: Final = (0.5, 0.8)  # of the duration, within which the fitted part
 _USUAL_SHARE: Final = 0.65
 _STEPS: Final = 8
 _WORSE: Final = 1.02  # times the error before: a cause that predicts worse than this is none
+_MUCH: Final = (
+    3.0  # times the noise: what the plain valve misses then is more than chance, and a cause takes some of it
+)
 _FEWEST_ROWS: Final = 50
 # Own choices: predictions drawn within the errors of the parameters, and how many of them have to be as good.
 _DRAWN: Final = 12
@@ -44,7 +47,7 @@ class Gain:
     """Root mean square errors of the predicted position, m; ``noise_floor_m`` is what no model can go below.
 
     ``allowed_m`` is what the extended model may come to with other parameters within their errors, where its own
-    prediction was worse: one slip more or less moves the stem for seconds, and no fit knows the last digits.
+    prediction gained nothing: one slip more or less moves the stem for seconds, and no fit knows the last digits.
     """
 
     held_out: str
@@ -56,8 +59,16 @@ class Gain:
     @property
     def is_worse(self) -> bool:
         """Whether the extended model predicts worse than the baseline, by more than its parameters' errors allow."""
-        after_m = self.rmse_after_m if self.allowed_m is None else min(self.allowed_m, self.rmse_after_m)
-        return after_m > _WORSE * self.rmse_before_m
+        return self._least_after_m > _WORSE * self.rmse_before_m
+
+    @property
+    def is_none(self) -> bool:
+        """Whether the extended model takes nothing of what the baseline misses, though that is far beyond the noise."""
+        return self.rmse_before_m > _MUCH * self.noise_floor_m and self._least_after_m > self.rmse_before_m / _WORSE
+
+    @property
+    def _least_after_m(self) -> float:
+        return self.rmse_after_m if self.allowed_m is None else min(self.allowed_m, self.rmse_after_m)
 
     @property
     def share(self) -> float:
@@ -158,7 +169,7 @@ def _gain(
     if before_m is None or after_m is None:
         return None
     found = Gain(name, before_m, after_m, free.noise_m)
-    if not (found.is_worse and after.is_followed):
+    if not ((found.is_worse or found.is_none) and after.is_followed):
         return found
     drawn = [replace(after, point=point) for point in drawn_points(after, _DRAWN, _SEED)]
     errors = [_rmse(free, one, from_s, own[1]) for one in drawn]

@@ -37,6 +37,7 @@ _EXPLAINED: Final = 0.2  # of the plain valve's misfit of forces, that may be le
 _SECOND: Final = 0.5  # of what one cause leaves, that another beside it may leave
 _ALIKE: Final = 1.5  # times what the best leaves: as likely
 _MOST_SETS: Final = 3
+_LEAST_SPRING: Final = 0.01  # of the plain valve's: with less there is none, and a stem runs off
 _FIRST_OF_PAIRS: Final = 3
 _FEWEST_BREAKAWAYS: Final = 4  # of one direction
 _SURE: Final = 5.0  # standard errors, by which breakaways must differ by direction
@@ -206,7 +207,7 @@ def told_by_forces(fit: Fit, known: Sequence[Cause]) -> list[Told]:
         if directed is None:
             continue
         valve, told = directed
-        if not valve.is_a_valve:
+        if not valve.is_a_valve or valve.spring < _LEAST_SPRING * fit.values["k"]:
             continue
         causes = tuple(cause for cause, _ in valve.terms)
         causes = (ASYMMETRY, *causes) if told["asymmetry"] != 0.0 and ASYMMETRY in known else causes

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from valve.errors import MotionError, ParameterError, WaveformError
-from valve.kernel.modes import ROOT_NOT_FOUND
+from valve.kernel.modes import ROOT_NOT_FOUND, TOO_MANY_STEPS
 from valve.kernel.sampling import first_fall
 from valve.parameters import TravelStops, ValveParameters
 from valve.stem import FloatArray, StemState
@@ -85,7 +85,7 @@ def require_within_stops(state: StemState, stops: TravelStops | None) -> None:
 def motion_error(
     arguments: tuple[float, ...], status: int, events: int, most_events: int, *, subject: str = "the stem"
 ) -> MotionError:
-    """Return the error for a kernel's ``status``: too many events, or a root that was not found."""
+    """Return the error for a kernel's ``status``: too many events or steps, or a root that was not found."""
     named = ", ".join(
         f"{symbol} = {value:.6g}"
         for symbol, value in zip(("m", "k", "F_v", "F_c", "F_s", "DV", "F_0"), arguments, strict=False)
@@ -93,6 +93,11 @@ def motion_error(
     if status == ROOT_NOT_FOUND:
         return MotionError(
             f"{subject} ({named}): the end of a slip was not found after {events} changes of mode: report these numbers"
+        )
+    if status == TOO_MANY_STEPS:
+        return MotionError(
+            f"{subject} ({named}): more steps than 100000 a second and a million besides: no spring and friction of a "
+            "valve hold it, so look at these values"
         )
     creep_n_per_s = arguments[1] * arguments[5]
     return MotionError(

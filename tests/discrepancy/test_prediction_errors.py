@@ -10,7 +10,7 @@ import pytest
 
 from discrepancy.baseline import baseline_unknowns
 from discrepancy.causes.forces import VIBRATION
-from discrepancy.gain import held_out_gain, left_out_gain
+from discrepancy.gain import Gain, held_out_gain, left_out_gain
 from discrepancy.intervals import drawn_points, standard_errors
 from discrepancy.least_squares import Fit, start_fit
 from discrepancy.model import Model
@@ -19,6 +19,8 @@ from discrepancy.screening import extended_model
 from discrepancy.setting import setting_of
 from discrepancy.significance import misfit
 from tests.blind.cases import BlindCase, blind_case
+from tests.blind.grading import Grade
+from tests.blind.runs import Run, run_one
 
 # Where the fits end on this case: a creeping stem that a vibration stops and lets go. Its mass is known to a third.
 PLAIN: Final = {
@@ -67,6 +69,29 @@ def test_a_prediction_that_no_parameters_within_their_errors_mend_is_worse() -> 
     assert right is not None
     assert right.allowed_m is None  # nothing is drawn where nothing is in doubt
     assert right.rmse_after_m < 0.1 * right.rmse_before_m
+
+
+def test_a_cause_that_takes_nothing_of_a_prediction_that_misses_much_is_not_named() -> None:
+    """A weak vibration took most of what a falling friction missed, and nothing of the sine's 30 noises."""
+    found = run_one(Run("triangle", 11320, "product"))
+    assert found.grade is not Grade.FAILED
+    assert "vibration" not in found.causes
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "allowed", "is_none"),
+    [
+        (10.0, 10.0, None, True),
+        (10.0, 9.7, None, False),
+        (10.0, 10.0, 9.7, False),
+        (10.0, 10.0, 9.9, True),
+        (2.5, 2.5, None, False),
+    ],
+)
+def test_what_is_missed_counts_from_three_noises_on_and_what_is_taken_from_2_percent(
+    before: float, after: float, allowed: float | None, is_none: bool
+) -> None:
+    assert Gain("sine", before, after, 1.0, allowed).is_none is is_none
 
 
 def test_points_are_drawn_as_far_as_the_standard_errors_say_and_are_the_same_for_a_seed() -> None:

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import pytest
 
-from discrepancy import by_forces
+from discrepancy import by_forces, told_by_forces
 from discrepancy.balance import Sliding
 from discrepancy.baseline import baseline_unknowns
 from discrepancy.by_forces import way_by_forces
@@ -24,7 +24,7 @@ from discrepancy.registry import CAUSES
 from discrepancy.screening import Candidate, extended_model
 from discrepancy.setting import setting_of
 from discrepancy.significance import is_noise, misfit
-from discrepancy.told_by_forces import Breakaways, Told, balanced, likely_sets, with_directions
+from discrepancy.told_by_forces import Balanced, Breakaways, Term, Told, balanced, likely_sets, with_directions
 from tests.blind.cases import BlindCase, blind_case
 
 # Where the plain valve's descents ended: small loops break away in it that never did.
@@ -111,6 +111,20 @@ def test_two_causes_are_found_where_the_plain_valve_is_lost(case: BlindCase, los
     assert values["friction_asymmetry.asymmetry"] == pytest.approx(case.hidden[1].parameters["asymmetry"], rel=0.01)
     assert values["k"] == pytest.approx(case.truth.parameters.spring_rate_n_per_m, rel=1.0e-3)
     assert lost.model.tally.work < 1.5e7
+
+
+def test_a_balance_without_a_spring_is_not_begun_with(lost: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its stem runs off: one motion took minutes (diagnostic 11111)."""
+    told = {"asymmetry": 0.0, "d": 0.2, "first_rise": 0.0}
+    begun = []
+
+    def loose(rows: Sliding, _breakaways: Breakaways, terms: Sequence[Term]) -> tuple[Balanced, dict[str, float]]:
+        begun.append(terms)
+        return replace(balanced(rows, terms), spring=1.0e-3, coulomb_n=1.0, viscous=1.0), told
+
+    monkeypatch.setattr(told_by_forces, "with_directions", loose)
+    assert told_by_forces.told_by_forces(lost, list(CAUSES.values())) == []
+    assert begun, "there were balances to begin with"
 
 
 def test_forces_that_no_cause_explains_tell_none(lost: Fit) -> None:

@@ -243,6 +243,20 @@ def test_what_cannot_be_is_refused() -> None:
         simulate_extended(FILLED, COURSE_S, COURSE_N, EVERY_MS, most_events=3)
 
 
+def test_a_stem_without_a_spring_that_runs_off_over_a_spot_ends_with_an_error() -> None:
+    """What a search may try (blind case diagnostic 11111) took minutes of steps as fine as the spot."""
+    loose = replace(
+        NOMINAL,
+        spring_rate_n_per_m=1.0e-3,
+        viscous_friction_n_s_per_m=0.0114,
+        coulomb_friction_n=0.0062,
+        static_friction_n=0.068,
+    )
+    valve = ExtendedValve(loose, friction=FrictionSlots(spot_n=-1.0e-11, spot_centre_m=0.023, spot_width_m=2.0e-3))
+    with pytest.raises(MotionError, match="more steps"):
+        simulate_extended(valve, COURSE_S, COURSE_N, EVERY_MS)
+
+
 def test_steep_steps_late_in_a_sampled_record_do_not_stop_the_clock() -> None:
     time_s = np.arange(20_001, dtype=np.float64) * 1.0e-3
     force_n = FULL_FORCE_N * steps([0.0, 1.0, 0.5, 0.0], 5.0).at(time_s)

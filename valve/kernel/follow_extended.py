@@ -42,7 +42,17 @@ from valve.kernel.loads import (
     static_level,
     zone,
 )
-from valve.kernel.modes import FOLLOWED, ROOT_NOT_FOUND, SLIDE, SLIP, STOPPED, STUCK, TOO_MANY_EVENTS, regime
+from valve.kernel.modes import (
+    FOLLOWED,
+    ROOT_NOT_FOUND,
+    SLIDE,
+    SLIP,
+    STOPPED,
+    STUCK,
+    TOO_MANY_EVENTS,
+    TOO_MANY_STEPS,
+    regime,
+)
 from valve.kernel.sensing import displayed, sampled, sampled_rest, sense
 from valve.kernel.slots import (
     AT_V,
@@ -76,6 +86,10 @@ from valve.kernel.slots import (
     K,
 )
 
+# Twenty times what valves with any effect take (5 kHz at most): beyond, a stem without a spring runs off over a spot.
+STEPS_A_SECOND = 1.0e5
+FEWEST_STEPS = 1.0e6
+
 
 @kernel
 def follow_extended(
@@ -107,6 +121,7 @@ def follow_extended(
     viscous, coulomb, highest, drag, rounding = 0.0, 0.0, 0.0, 0.0, 0.0
     rate_before, most_there, swing, stalls = math.nan, math.inf, math.inf, 0
     rate, edge, held_force, fresh, loaded = q[K], math.inf, corner_force[0], True, False
+    most_passes = FEWEST_STEPS + STEPS_A_SECOND * (end_time - corner_time[0])
     lagging, follow = q[POSITION_LAG] > 0.0, FIRST_FOLLOWED_S
     if mode == STUCK and v == 0.0 and (x >= high or x <= low):
         mode = STOPPED
@@ -122,6 +137,9 @@ def follow_extended(
         now_s, tau, going, follow = start, 0.0, True, min(FIRST_FOLLOWED_S, longest)
         while going:
             passes += 1
+            if passes > most_passes:
+                state[AT_X], state[AT_V], state[IN_MODE] = x, v, mode
+                return TOO_MANY_STEPS, n_events, passes
             force, t = corner_force[i] + slope * tau, now_s + clock
             if put < n_rest and rest_time[put] <= now_s:
                 while put + 1 < n_rest and rest_time[put + 1] <= now_s:

@@ -17,6 +17,7 @@ STOPPED: Final = 4  # at rest on a travel stop
 FOLLOWED: Final = 0
 TOO_MANY_EVENTS: Final = 1
 ROOT_NOT_FOUND: Final = 2
+TOO_MANY_STEPS: Final = 3
 
 
 @kernel
