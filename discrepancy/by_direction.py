@@ -70,16 +70,8 @@ def _by_breakaways(ends: _Ends, rows: Sliding) -> list[Values]:
         coulomb_n = (1.0 - share) * kinetic_n
         if static_n > coulomb_n:
             asymmetry = 0.5 * (up_n - down_n) / (static_n - coulomb_n)
-            found.append(
-                {
-                    "asymmetry": asymmetry,
-                    "k": spring,
-                    "F_0": shifted_n - asymmetry * coulomb_n,
-                    "F_c": coulomb_n,
-                    "d": static_n / coulomb_n - 1.0,
-                    "F_v": share * kinetic_n / speed,
-                }
-            )
+            preload_n = shifted_n - asymmetry * coulomb_n
+            found.append(_valve(asymmetry, spring, preload_n, (static_n, coulomb_n), share * kinetic_n / speed))
     return found
 
 
@@ -101,17 +93,17 @@ def _by_strides(ends: _Ends, fit: Fit) -> list[Values]:
     found = []
     for damping in _DAMPINGS:
         coulomb_n = static_n - 0.5 * (up_m + down_m) * spring / (1.0 + _overshoot(damping))
-        found.append(
-            {
-                "asymmetry": asymmetry,
-                "k": spring,
-                "F_0": shifted_n - asymmetry * static_n,
-                "F_c": coulomb_n,
-                "d": static_n / coulomb_n - 1.0,
-                "F_v": damping * critical,
-            }
-        )
+        preload_n = shifted_n - asymmetry * static_n
+        found.append(_valve(asymmetry, spring, preload_n, (static_n, coulomb_n), damping * critical))
     return found
+
+
+def _valve(
+    asymmetry: float, spring: float, preload_n: float, friction_n: tuple[float, float], viscous: float
+) -> Values:
+    static_n, coulomb_n = friction_n
+    values = {"asymmetry": asymmetry, "k": spring, "F_0": preload_n, "F_v": viscous}
+    return {**values, "F_c": coulomb_n, "d": static_n / coulomb_n - 1.0}
 
 
 def _overshoot(damping: float) -> float:
@@ -142,6 +134,3 @@ def _table(motion: RecordedMotion) -> FloatArray:
         for one, after in pairwise(ends)
     ]
     return np.array(rows, np.float64).reshape(-1, 5)
-
-
-__all__ = ["starts_by_direction"]
