@@ -21,6 +21,7 @@ from discrepancy.causes.base import Values
 from discrepancy.least_squares import Fit
 from discrepancy.pauses import rest_ends
 from discrepancy.sliding import plain_balance, usual_values
+from estimators.likelihood.jump_lengths import beyond_balance
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import BoolArray, FloatArray
 
@@ -92,7 +93,7 @@ def _by_strides(ends: _Ends, fit: Fit) -> list[Values]:
     critical = 2.0 * math.sqrt(spring * usual_values(fit)["m"])
     found = []
     for damping in _DAMPINGS:
-        coulomb_n = static_n - 0.5 * (up_m + down_m) * spring / (1.0 + _overshoot(damping))
+        coulomb_n = static_n - 0.5 * (up_m + down_m) * spring / (1.0 + beyond_balance(damping))
         preload_n = shifted_n - asymmetry * static_n
         found.append(_valve(asymmetry, spring, preload_n, (static_n, coulomb_n), damping * critical))
     return found
@@ -104,10 +105,6 @@ def _valve(
     static_n, coulomb_n = friction_n
     values = {"asymmetry": asymmetry, "k": spring, "F_0": preload_n, "F_v": viscous}
     return {**values, "F_c": coulomb_n, "d": static_n / coulomb_n - 1.0}
-
-
-def _overshoot(damping: float) -> float:
-    return math.exp(-math.pi * damping / math.sqrt(1.0 - damping**2)) if damping < 1.0 else 0.0
 
 
 def _error_of_median(values: FloatArray) -> float:
