@@ -11,8 +11,9 @@ import numpy as np
 
 from estimators.base import Outcome
 from estimators.likelihood.exact_lines import exact_corners
+from estimators.likelihood.joined_pieces import Joint, Pieces
 from estimators.likelihood.lagged_lines import lagged_lines
-from estimators.likelihood.pieces import Joint, Pieces, fit_pieces
+from estimators.likelihood.pieces import fit_pieces
 from estimators.samples import FloatArray, IntArray, position_noise, resolution
 from valve.recording import Recording
 
