@@ -17,7 +17,8 @@ import pytest
 from service.bus_lock import FOLDER_VARIABLE
 from tests.scheduling import WaitingBeside
 
-os.environ[FOLDER_VARIABLE] = tempfile.mkdtemp(prefix="breakaway-locks-")
+_locks = tempfile.TemporaryDirectory(prefix="breakaway-locks-")  # removed as the process ends
+os.environ[FOLDER_VARIABLE] = _locks.name
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 

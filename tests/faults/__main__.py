@@ -134,5 +134,7 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    os.environ[FOLDER_VARIABLE] = tempfile.mkdtemp(prefix="breakaway-locks-")
-    sys.exit(main())
+    with tempfile.TemporaryDirectory(prefix="breakaway-locks-") as locks:
+        os.environ[FOLDER_VARIABLE] = locks
+        found = main()
+    sys.exit(found)
