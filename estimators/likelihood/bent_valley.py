@@ -17,7 +17,7 @@ from estimators.likelihood.descent import Descent
 from estimators.likelihood.jump_chart import JumpChart
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.step_kernel import bounded_step
-from estimators.samples import FloatArray
+from estimators.samples import BoolArray, FloatArray
 
 # Own choices, from random valves that stick and slip.
 _FIRST_DAMPING: Final = 1.0e-3
@@ -44,25 +44,29 @@ class _Place:
     cost: float
 
 
-def descend_bent(model: StemModel, start: FloatArray, *, most_simulations: float, arrived: float) -> Descent:
+def descend_bent(
+    model: StemModel, start: FloatArray, *, most_simulations: float, arrived: float, held: tuple[str, ...] = ()
+) -> Descent:
     """Return the lowest point reached from ``start`` (p,), within so many simulations or a few more.
 
-    It has arrived where the step without damping promises less than ``arrived`` of the cost, or some steps together
-    gained no more. Where steps gain undamped they go on further: the slopes' squares alone make the valley too steep.
+    What is ``held`` stays, F_c and d as what the chart has in their places. It has arrived where the step without
+    damping promises less than ``arrived`` of the cost, or some steps together gained no more. Where steps gain undamped
+    they go on further: the slopes' squares alone make the valley too steep.
     """
-    chart = JumpChart(model.coordinates)
+    chart = chart_of(model, start)
     own = chart.charted(start)
     here = None if own is None else _placed(model, chart, own)
     if here is None:
         return Descent(start, model.cost(start), 1, False)
     simulations, damping, reach = 1, _FIRST_DAMPING, 1.0
     costs = [here.cost]
+    moving = np.array([name not in held for name in model.coordinates.names])
     while simulations < most_simulations:
         slopes, along = model.slopes(here.point, here=here.position_m), chart.slopes(here.own)
         simulations += 2 * start.size
         if slopes is None or along is None:
             break
-        local = _Local(model, chart, here, slopes, along)
+        local = _Local(model, chart, here, slopes, along, moving)
         if local.gain(local.step(local.pull, _LEAST_DAMPING)) < arrived:
             return Descent(here.point, here.cost, simulations, True)
         found: _Place | None = None
@@ -94,6 +98,7 @@ class _Local:
     here: _Place
     slopes: FloatArray
     along: FloatArray
+    moving: BoolArray  # of the charted unknowns (p,)
     charted: FloatArray = field(init=False)
     normal: FloatArray = field(init=False)
     pull: FloatArray = field(init=False)
@@ -109,8 +114,8 @@ class _Local:
     def step(self, pull: FloatArray, damping: float) -> FloatArray:
         """Return the damped step of the charted point, shape (p,), for this pull (p,)."""
         count = pull.size
-        every, far, longest = np.ones(count, dtype=np.bool_), np.full(count, math.inf), np.full(count, _LONGEST)
-        return bounded_step(self.normal, pull, damping, every, self.here.own, -far, far, longest)
+        far, longest = np.full(count, math.inf), np.full(count, _LONGEST)
+        return bounded_step(self.normal, pull, damping, self.moving, self.here.own, -far, far, longest)
 
     def gain(self, step: FloatArray) -> float:
         """Return what this step (p,) would gain if nothing bent."""
@@ -145,3 +150,17 @@ def _placed(model: StemModel, chart: JumpChart, own: FloatArray) -> _Place | Non
         return None
     residual = model.left_by(position_m)
     return _Place(own, point, position_m, residual, float(residual @ residual) + model.prior_cost(point))
+
+
+def chart_of(model: StemModel, point: FloatArray) -> JumpChart:
+    """Return the chart of jumps on the ramps that drive this model at this point (p,)."""
+    return JumpChart(model.coordinates, usual_rate(*model.corners(model.coordinates.values(point))))
+
+
+def usual_rate(time_s: FloatArray, force_n: FloatArray) -> float:
+    """Rate of force, N/s, that half of the time on ramps is spent below; of the corners (c,) of a force; 0 if flat."""
+    lasts_s = np.diff(time_s)
+    rate = np.abs(np.divide(np.diff(force_n), lasts_s, out=np.zeros_like(lasts_s), where=lasts_s > 0.0))
+    order = np.argsort(rate)[np.count_nonzero(rate == 0.0) :]
+    passed_s = np.cumsum(lasts_s[order])
+    return float(rate[order[np.searchsorted(passed_s, 0.5 * passed_s[-1])]]) if order.size else 0.0

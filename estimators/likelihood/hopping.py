@@ -8,12 +8,15 @@ from typing import Final
 
 import numpy as np
 
-from estimators.likelihood.bent_valley import descend_bent
+from estimators.likelihood.bent_valley import chart_of, descend_bent
 from estimators.likelihood.budget import Budget
+from estimators.likelihood.descent import Descent
 from estimators.likelihood.hops import hops
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.pool import Place, distinct, followed_from
-from estimators.likelihood.valley import led_down
+from estimators.likelihood.valley import STRAIGHT, Way, led_down
+from estimators.likelihood.valley_of_jumps import walk_of_jumps
+from estimators.samples import FloatArray
 
 # Own choices.
 _HOP_STEPS: Final = ((36, 2), (8, 5), (3, 8))  # how many are followed, and for how many steps
@@ -65,17 +68,22 @@ def hopped(
         led = [led_along_jumps(small, one, budget, reserve * whole) for one in places[:_LED_OF_JUMPS]]
         places = distinct(small, [*led, *places])
     elif places:
-        places = distinct(small, [led_down(small, places[0], budget, reserve * whole), *places])
+        places = distinct(small, [led_down(small, places[0], STRAIGHT, budget, reserve * whole), *places])
     return places
 
 
 def led_along_jumps(small: StemModel, place: Place, budget: Budget, reserve: float) -> Place:
     """Go down from a low place of a stem that jumps, in the unknowns that its jumps show, and walk from there."""
-    most = budget.most_at_once(small, _AT_ONCE)
-    found = descend_bent(small, place.point, most_simulations=most, arrived=_BETTER)
+    if chart_of(small, place.point).charted(place.point) is None:
+        return led_down(small, place, STRAIGHT, budget, reserve)
+    found = _down_bent(small, place.point, most_simulations=budget.most_at_once(small, _AT_ONCE))
     budget.spend(small, found.simulations)
     lower = Place(found.point, found.cost) if found.cost < place.cost else place
-    return led_down(small, lower, budget, reserve)
+    return led_down(small, lower, Way(walk_of_jumps, _down_bent), budget, reserve)
+
+
+def _down_bent(model: StemModel, start: FloatArray, *, most_simulations: float) -> Descent:
+    return descend_bent(model, start, most_simulations=most_simulations, arrived=_BETTER)
 
 
 def _followed(small: StemModel, places: list[Place], steps: int, budget: Budget, *, fine: bool) -> list[Place]:

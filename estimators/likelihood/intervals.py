@@ -28,6 +28,7 @@ from estimators.likelihood.limit_median import median_place
 from estimators.likelihood.model import STEP, StemModel
 from estimators.likelihood.pool import Place
 from estimators.likelihood.valley import FARTHEST, WALKED, walk
+from estimators.likelihood.valley_of_jumps import walk_of_jumps
 from estimators.samples import FloatArray
 
 _PIECES: Final = (1, 4, 16, 64, 256, 1024)
@@ -161,13 +162,13 @@ def flat_errors(
     start = Place(near.point, near.cost)
     within = (_WITHIN_SILLS if jumps else _WITHIN_95) * noise_factor**2
     walks = [
-        [start, *_walked(small, start, name, sense, budget=budget, within=within)]
+        [start, *_walked(small, start, name, sense, budget=budget, within=within, jumps=jumps)]
         for name, sense in product(WALKED, (-1, 1))
         if (name, sense) != ("DV", 1)
     ]
     opened, closing = _of_open_limit(small)
     begun = Place(start.point, start.cost - closing(start.point))
-    upwards = [begun, *_walked(opened, begun, "DV", 1, budget=budget, within=within)]
+    upwards = [begun, *_walked(opened, begun, "DV", 1, budget=budget, within=within, jumps=jumps)]
     walks.append([Place(place.point, place.cost + closing(place.point)) for place in upwards])
     limited: list[Place] = []
     if not (jumps or creeps):
@@ -226,8 +227,13 @@ def _walked(
     *,
     budget: Budget,
     within: float,
+    jumps: bool,
 ) -> list[Place]:
     """Places of a walk until the cost has risen: an unknown that hardly shows goes on in strides, far off."""
+    if jumps:
+        places = walk_of_jumps(small, start, name, sense, budget=budget, largest_rise=2.0 * within).places
+        if places:
+            return places
     number = small.coordinates.names.index(name)
     places = walk(small, start, name, sense, budget=budget, largest_rise=2.0 * within).places
     for _ in range(_FARTHER):

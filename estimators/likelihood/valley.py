@@ -5,19 +5,19 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import product
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 
 from estimators.likelihood.budget import Budget
-from estimators.likelihood.descent import descend
+from estimators.likelihood.descent import Descent, descend
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.pool import Place
 from estimators.samples import FloatArray
 
 # Own choices, from random valves that stick and slip.
 WALKED: Final = ("F_v", "m", "DV")
-_LARGEST_RISE: Final = 12.0  # of the cost: behind a low sill the bottom may be lower
+LARGEST_RISE: Final = 12.0  # of the cost: behind a low sill the bottom may be lower
 _LOWER: Final = 0.5  # of the cost
 _DOWN_STEPS: Final = 20
 _ROUNDS: Final = 4
@@ -42,7 +42,29 @@ class Walk:
     simulations: int
 
 
-def led_down(model: StemModel, start: Place, budget: Budget, reserve: float) -> Place:
+class Walking(Protocol):
+    """How a walk goes along one unknown: ``walk``, or another way that keeps to the valley."""
+
+    def __call__(  # noqa: D102 - the class says what it does
+        self, model: StemModel, start: Place, name: str, sense: int, *, budget: Budget, reserve: float
+    ) -> Walk: ...
+
+
+class Descending(Protocol):
+    """How the bottom is reached from a lower place: within so many simulations."""
+
+    def __call__(self, model: StemModel, start: FloatArray, *, most_simulations: float) -> Descent: ...  # noqa: D102
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """How a valley is gone along, and down."""
+
+    walking: Walking
+    descending: Descending
+
+
+def led_down(model: StemModel, start: Place, way: Way, budget: Budget, reserve: float) -> Place:
     """Walk from a low place both ways along each unknown, and go down from wherever that is lower, again and again.
 
     It ends where no walk leads lower, or where no more than ``reserve`` of the budget is left.
@@ -53,18 +75,10 @@ def led_down(model: StemModel, start: Place, budget: Budget, reserve: float) -> 
         for name, sense in product(WALKED, (1, -1)):
             if budget.left < reserve:
                 return best
-            walked = walk(model, best, name, sense, budget=budget, reserve=reserve)
+            walked = way.walking(model, best, name, sense, budget=budget, reserve=reserve)
             lowest = min(walked.places, key=lambda place: place.cost, default=best)
             if lowest.cost < best.cost - _LOWER:
-                most = budget.most_at_once(model, _AT_ONCE)
-                found = descend(
-                    model,
-                    lowest.point,
-                    most_steps=_DOWN_STEPS,
-                    one_sided=True,
-                    arrived=_FOLLOWED,
-                    most_simulations=most,
-                )
+                found = way.descending(model, lowest.point, most_simulations=budget.most_at_once(model, _AT_ONCE))
                 budget.spend(model, found.simulations)
                 best = Place(found.point, found.cost)
         if best.cost > before - _LOWER:
@@ -81,7 +95,7 @@ def walk(
     budget: Budget,
     reserve: float = 0.0,
     held: tuple[str, ...] = (),
-    largest_rise: float = _LARGEST_RISE,
+    largest_rise: float = LARGEST_RISE,
     longest: float = _LONGEST,
 ) -> Walk:
     """Follow the unknown ``name`` upwards or downwards from a low place until the cost has risen or it is far off.
@@ -127,6 +141,13 @@ def walk(
     return Walk(places, simulations)
 
 
+def _down(model: StemModel, start: FloatArray, *, most_simulations: float) -> Descent:
+    """Descend from the lowest place of a walk, point (p,)."""
+    return descend(
+        model, start, most_steps=_DOWN_STEPS, one_sided=True, arrived=_FOLLOWED, most_simulations=most_simulations
+    )
+
+
 def along(model: StemModel, point: FloatArray, number: int, moving: list[int]) -> tuple[FloatArray, float] | None:
     """Change of all unknowns, shape (p,), while one goes on by 1 and the others follow, and its standard error."""
     slopes = model.slopes(point, moving, one_sided=True)
@@ -144,3 +165,6 @@ def along(model: StemModel, point: FloatArray, number: int, moving: list[int]) -
     tangent[free] = np.linalg.lstsq(own, right, rcond=_LEAST_SHARE)[0] / scale
     bend = float(tangent @ normal @ tangent)
     return tangent, 1.0 / math.sqrt(bend) if bend > 0.0 else math.inf
+
+
+STRAIGHT: Final = Way(walk, _down)

@@ -18,7 +18,7 @@ from estimators.likelihood.intervals import flat_errors
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.pool import Place
 from estimators.likelihood.problem import pose
-from estimators.likelihood.valley import led_down, walk
+from estimators.likelihood.valley import STRAIGHT, led_down, walk
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from estimators.samples import BoolArray, FloatArray
 from tests.estimators.likelihood.computed_model import ComputedModel
@@ -45,7 +45,7 @@ def test_what_lies_up_the_valley_is_led_down_to_its_bottom() -> None:
     model, truth = jumping()
     small = compressed(model)
     found = descend(small, truth, most_steps=20, one_sided=True)
-    bottom = led_down(small, Place(found.point, found.cost), Budget.limited(2.0e6), 0.0)
+    bottom = led_down(small, Place(found.point, found.cost), STRAIGHT, Budget.limited(2.0e6), 0.0)
     assert bottom.cost <= found.cost
     walked = walk(small, bottom, "F_v", 1, budget=Budget.limited(2.0e6), largest_rise=30.0)
     rises = [place.cost - bottom.cost for place in walked.places]
@@ -54,7 +54,7 @@ def test_what_lies_up_the_valley_is_led_down_to_its_bottom() -> None:
     alone = bottom.point.copy()
     alone[number] = walked.places[-1].point[number]
     assert small.cost(alone) > 10.0 * walked.places[-1].cost
-    back = led_down(small, walked.places[-1], Budget.limited(2.0e6), 0.0)
+    back = led_down(small, walked.places[-1], STRAIGHT, Budget.limited(2.0e6), 0.0)
     assert back.cost == pytest.approx(bottom.cost, abs=1.0)
     assert back.point[number] == pytest.approx(bottom.point[number], abs=0.02)
 

@@ -1,0 +1,66 @@
+"""The valley of F_v and DV in 300 jumps: walked to its end, where a walk in the unknowns themselves stays behind."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimators.base import Outcome
+from estimators.likelihood.bent_valley import chart_of, descend_bent
+from estimators.likelihood.budget import Budget
+from estimators.likelihood.compression import compressed
+from estimators.likelihood.input_path import input_path
+from estimators.likelihood.model import StemModel
+from estimators.likelihood.pool import Place
+from estimators.likelihood.problem import pose
+from estimators.likelihood.valley import walk
+from estimators.likelihood.valley_of_jumps import walk_of_jumps
+from estimators.samples import FloatArray
+from tests.estimators.likelihood.posed import at_truth, motion_of
+from tests.estimators.random_valves import random_test
+
+FAR = {"F_v": 109.83, "DV": 3.0e-6}  # 64 % too large, where a search once ended
+
+
+@pytest.fixture(scope="module")
+def valley() -> tuple[StemModel, Place, FloatArray]:
+    """Return the model on blocks, a place far up the valley of a valve with an F_v of 67, and the true point."""
+    test = random_test(3303, "captured")
+    motion, path = motion_of(test), input_path(test.recording, test.nameplate)
+    assert not isinstance(path, Outcome)
+    problem = pose(motion, path)
+    assert problem is not None
+    model, truth = at_truth(problem, test)
+    small = compressed(replace(model, most_events=4000), keeping=truth)
+    chart, names = chart_of(small, truth), small.coordinates.names
+    own = chart.charted(truth)
+    assert own is not None
+    for name, value in FAR.items():
+        own[names.index(name)] = np.log(value)
+    far = chart.point(own)
+    assert far is not None
+    found = descend_bent(small, far, most_simulations=600, arrived=0.2, held=("F_v",))
+    return small, Place(found.point, found.cost), truth
+
+
+def test_a_walk_leads_from_far_up_the_valley_to_the_true_damping(valley: tuple[StemModel, Place, FloatArray]) -> None:
+    small, far, truth = valley
+    number = small.coordinates.names.index("F_v")
+    assert far.point[number] == pytest.approx(np.log(FAR["F_v"]), abs=1.0e-12)  # as it was held
+    true_cost = small.cost(truth)
+    assert far.cost < true_cost + 25.0
+    places = walk_of_jumps(small, far, "F_v", -1, budget=Budget.limited(1.0e9), largest_rise=30.0).places
+    lowest = min(places, key=lambda place: place.cost)
+    assert lowest.cost < min(far.cost, true_cost + 2.0)
+    assert places[-1].point[number] < truth[number] - 0.3
+    # along the unknowns themselves the walk ends before it
+    straight = walk(small, far, "F_v", -1, budget=Budget.limited(1.0e9), largest_rise=30.0).places
+    assert all(place.point[number] > truth[number] + 0.2 for place in straight if place.cost < far.cost + 30.0)
+
+
+def test_a_walk_ends_where_its_budget_does(valley: tuple[StemModel, Place, FloatArray]) -> None:
+    small, far, _truth = valley
+    budget = Budget.limited(1.0e9)
+    assert walk_of_jumps(small, far, "F_v", -1, budget=budget, reserve=1.0e9).places == []
