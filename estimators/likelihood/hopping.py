@@ -8,14 +8,14 @@ from typing import Final
 
 import numpy as np
 
-from estimators.likelihood.bent_valley import chart_of, descend_bent
+from estimators.likelihood.bent_valley import descend_bent
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.descent import Descent
 from estimators.likelihood.hops import hops
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.pool import Place, distinct, followed_from
 from estimators.likelihood.valley import STRAIGHT, Way, led_down
-from estimators.likelihood.valley_of_jumps import walk_of_jumps
+from estimators.likelihood.valley_of_jumps import is_charted, walk_of_jumps
 from estimators.samples import FloatArray
 
 # Own choices.
@@ -74,7 +74,7 @@ def hopped(
 
 def led_along_jumps(small: StemModel, place: Place, budget: Budget, reserve: float) -> Place:
     """Go down from a low place of a stem that jumps, in the unknowns that its jumps show, and walk from there."""
-    if chart_of(small, place.point).charted(place.point) is None:
+    if not is_charted(small, place.point):
         return led_down(small, place, STRAIGHT, budget, reserve)
     found = _down_bent(small, place.point, most_simulations=budget.most_at_once(small, _AT_ONCE))
     budget.spend(small, found.simulations)

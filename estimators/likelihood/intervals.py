@@ -28,7 +28,7 @@ from estimators.likelihood.limit_median import median_place
 from estimators.likelihood.model import STEP, StemModel
 from estimators.likelihood.pool import Place
 from estimators.likelihood.valley import FARTHEST, WALKED, walk
-from estimators.likelihood.valley_of_jumps import walk_of_jumps
+from estimators.likelihood.valley_of_jumps import is_charted, walk_of_jumps
 from estimators.samples import FloatArray
 
 _PIECES: Final = (1, 4, 16, 64, 256, 1024)
@@ -148,9 +148,10 @@ def flat_errors(
 
     Profile likelihood on blocks of rows: one of them goes on either way, the others follow, and all intervals reach
     whatever costs less than 3.84. The information at the point may be of a kink, or of one bend of a valley; of a stem
-    that ``jumps`` the valley has sills, so that more is believed possible. One that ``creeps``, slower than DV, moves
-    in jumps too, though they be smaller than the noise: their number makes a comb of minima, and it is looked whether
-    the next teeth are lower. ``about_middle``: the errors are those of the median of a DV that hardly shows.
+    that ``jumps``, but not on the usual ramp, the walks meet sills, so that more is believed possible. One that
+    ``creeps``, slower than DV, moves in jumps too, though they be smaller than the noise: their number makes a comb of
+    minima, and it is looked whether the next teeth are lower. ``about_middle``: the errors are those of the median of a
+    DV that hardly shows.
     """
     small = compressed(model, keeping=point)
     near_errors = eliminated(small, point) if len(model.deviations) > FEW_ERRORS else None
@@ -160,15 +161,16 @@ def flat_errors(
     most = budget.most_at_once(small, 0.5)
     near = descend(small, point, most_steps=FOLLOWING_STEPS, most_simulations=most)
     start = Place(near.point, near.cost)
-    within = (_WITHIN_SILLS if jumps else _WITHIN_95) * noise_factor**2
+    charted = jumps and is_charted(small, start.point)
+    within = (_WITHIN_SILLS if jumps and not charted else _WITHIN_95) * noise_factor**2
     walks = [
-        [start, *_walked(small, start, name, sense, budget=budget, within=within, jumps=jumps)]
+        [start, *_walked(small, start, name, sense, budget=budget, within=within, charted=charted)]
         for name, sense in product(WALKED, (-1, 1))
         if (name, sense) != ("DV", 1)
     ]
     opened, closing = _of_open_limit(small)
     begun = Place(start.point, start.cost - closing(start.point))
-    upwards = [begun, *_walked(opened, begun, "DV", 1, budget=budget, within=within, jumps=jumps)]
+    upwards = [begun, *_walked(opened, begun, "DV", 1, budget=budget, within=within, charted=charted)]
     walks.append([Place(place.point, place.cost + closing(place.point)) for place in upwards])
     limited: list[Place] = []
     if not (jumps or creeps):
@@ -227,13 +229,11 @@ def _walked(
     *,
     budget: Budget,
     within: float,
-    jumps: bool,
+    charted: bool,
 ) -> list[Place]:
     """Places of a walk until the cost has risen: an unknown that hardly shows goes on in strides, far off."""
-    if jumps:
-        places = walk_of_jumps(small, start, name, sense, budget=budget, largest_rise=2.0 * within).places
-        if places:
-            return places
+    if charted:
+        return walk_of_jumps(small, start, name, sense, budget=budget, largest_rise=2.0 * within).places
     number = small.coordinates.names.index(name)
     places = walk(small, start, name, sense, budget=budget, largest_rise=2.0 * within).places
     for _ in range(_FARTHER):

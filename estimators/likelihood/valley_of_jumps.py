@@ -26,6 +26,11 @@ _TOO_HIGH: Final = 60.0  # of the cost: a shorter step stays in the valley
 _LEAST_SHARE: Final = 1.0e-13
 
 
+def is_charted(model: StemModel, point: FloatArray) -> bool:
+    """Whether the stem jumps on the ramps at this point (p,), so that its valley can be walked as that of jumps."""
+    return chart_of(model, point).charted(point) is not None
+
+
 def walk_of_jumps(
     model: StemModel,
     start: Place,

@@ -12,6 +12,7 @@ from estimators.likelihood.bent_valley import chart_of, descend_bent
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.input_path import input_path
+from estimators.likelihood.intervals import flat_errors
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.pool import Place
 from estimators.likelihood.problem import pose
@@ -64,3 +65,14 @@ def test_a_walk_ends_where_its_budget_does(valley: tuple[StemModel, Place, Float
     small, far, _truth = valley
     budget = Budget.limited(1.0e9)
     assert walk_of_jumps(small, far, "F_v", -1, budget=budget, reserve=1.0e9).places == []
+
+
+def test_the_damping_is_known_no_better_than_the_valley_is_flat(valley: tuple[StemModel, Place, FloatArray]) -> None:
+    small, _far, truth = valley
+    bottom = flat_errors(small, truth, noise_factor=1.0, jumps=True).lowest
+    flat = flat_errors(small, bottom, noise_factor=1.0, jumps=True)
+    assert flat.is_lowest
+    viscous = small.coordinates.values(bottom)["F_v"]
+    # by the slopes there it is 10 %; the valley bends, and DV takes its place
+    assert 0.15 * viscous < flat.least["F_v"] < 0.6 * viscous
+    assert flat.least["m"] < 0.01 * small.coordinates.values(bottom)["m"]
