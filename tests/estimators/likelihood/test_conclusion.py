@@ -111,3 +111,21 @@ def test_a_coulomb_friction_reaches_what_a_limit_velocity_at_the_ramps_speed_lea
     else:
         assert entry.ci95[0] < truth < entry.ci95[1]
     assert estimate.value("F_s") == pytest.approx(test.truth.static_friction_n, rel=0.05)
+
+
+def test_a_stem_whose_small_jumps_would_show_did_not_creep_and_its_coulomb_friction_is_given() -> None:
+    # F_s = F_c, no slip jump, no F_v: below DV the lightest stem would fall behind by the noise, 500 times a ramp
+    test = random_test(3305, "captured")
+    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    assert estimate.value("F_v") is None
+    entry = estimate.parameters["F_c"]
+    assert entry.value is not None
+    assert entry.std_error is not None
+    assert abs(entry.value - test.truth.coulomb_friction_n) < 3.5 * entry.std_error < 0.01 * entry.value
+
+
+def test_slow_rows_may_hide_the_small_jumps_of_a_creeping_stem() -> None:
+    test = random_test(2904)
+    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    assert estimate.value("F_c") is None
+    assert "crept" in estimate.parameters["F_c"].note
