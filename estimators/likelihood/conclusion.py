@@ -122,7 +122,7 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
     missing = [symbol for symbol, entry in complete.items() if entry.value is None and symbol != "DV"]
     sentences = [str(outcome) for outcome in outcomes]
     if not explained:
-        sentences.append(_misfit(rms_m, noise_m, problem.is_noise_free, found))
+        sentences.append(_misfit(rms_m, noise_m, problem.is_noise_free, found, gives=knows is not None))
     if doubt:
         sentences.append(f"{doubt[0].upper()}{doubt[1:]}.")
     if missing:
@@ -283,7 +283,7 @@ def _outcomes(
     return found
 
 
-def _misfit(rms_m: float, noise_m: float, is_noise_free: bool, found: Found) -> str:
+def _misfit(rms_m: float, noise_m: float, is_noise_free: bool, found: Found, *, gives: bool) -> str:
     if is_noise_free:
         return (
             f"The model leaves {1.0e6 * rms_m:.3g} um of a position without noise unexplained: "
@@ -292,5 +292,6 @@ def _misfit(rms_m: float, noise_m: float, is_noise_free: bool, found: Found) -> 
     return (
         f"The model does not explain the recording: its misfit is {found.certificate.ratio:.3g} times the position's "
         f"noise of {1.0e6 * noise_m:.3g} um, and {found.certificate.piece:.3g} standard deviations at its "
-        "worst place. The intervals are widened by that; the valve does something else besides, or a channel is wrong."
+        f"worst place. {'The intervals are widened by that: t' if gives else 'T'}he valve does something else besides, "
+        "a channel is wrong, or the position's noise is not white, as behind a filter."
     )

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
+import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from estimators.base import NORMAL_95, Status, absent, measured
 from estimators.likelihood.jump_lengths import coulomb_error_n, of_jumps
@@ -129,3 +132,16 @@ def test_slow_rows_may_hide_the_small_jumps_of_a_creeping_stem() -> None:
     estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
     assert estimate.value("F_c") is None
     assert "crept" in estimate.parameters["F_c"].note
+
+
+def test_a_misfit_that_leaves_no_value_speaks_of_no_intervals() -> None:
+    # noise behind a filter of 5 ms, three times as large as its differences from sample to sample say
+    test = phased(Case("nominal", "triangle", 0.0, 0), 1.0e-3, 0.0)
+    kept = math.exp(-1.0e-3 / 5.0e-3)
+    noise = np.random.default_rng(14000).standard_normal(test.recording.time_s.size)
+    filtered_m = lfilter([20.0e-6 * math.sqrt(1.0 - kept**2)], [1.0, -kept], noise)
+    recording = replace(test.recording, position_m=test.recording.position_m + filtered_m)
+    estimate = MaximumLikelihoodEstimator().estimate(recording, test.nameplate)
+    assert estimate.status is Status.FAILED
+    assert "noise is not white" in estimate.message
+    assert "intervals" not in estimate.message
