@@ -11,9 +11,11 @@ from estimators.likelihood.all_rows import EXACT, certified
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.descent import descend
 from estimators.likelihood.elimination import FEW_ERRORS, descend_with_errors, eliminated
+from estimators.likelihood.hopping import led_along_jumps
 from estimators.likelihood.model import STEP
 from estimators.likelihood.pool import Place, distinct
 from estimators.likelihood.search import Found
+from estimators.likelihood.valley_of_jumps import is_charted
 from estimators.samples import FloatArray
 
 # A bottom is left by less than two standard errors in all; a narrow, bent valley of m, F_v, F_c and DV by far more.
@@ -22,6 +24,7 @@ _FURTHER_STEPS: Final = 30
 _ROUNDS: Final = 4  # in which many errors of the input are found anew
 _FURTHER_SHARE: Final = 0.3  # of the budget
 _LOWER: Final = 1.0  # of the cost
+_FOR_JUMPS: Final = 3.0e6  # of work
 # steps of differences that smooth what many hidden jumps make of the cost; the last is worth a second descent
 _COARSER: Final = (1.0e-4, 1.0e-3, 1.0e-3)
 _SMALLEST_SHARE: Final = 1.0e-12  # of the largest eigenvalue: below it a direction is not seen at all
@@ -48,16 +51,17 @@ def left_to_gain(found: Found, difference: float = STEP) -> float:
     return float(solution @ own)
 
 
-def arrived(found: Found) -> tuple[Found, bool]:
+def arrived(found: Found, *, jumps: bool = False) -> tuple[Found, bool]:
     """Return the fit, led further where it had not arrived, and whether it is at the bottom now.
 
     Each jump that a change of the unknowns adds makes a kink of the cost: where finer differences see nothing but
-    kinks, coarser ones lead on and judge. Many errors of the input go where they go best with the others.
+    kinks, coarser ones lead on and judge. Many errors of the input go where they go best with the others. One that
+    ``jumps`` is led along its valley before.
     """
     if found.certificate.ratio < EXACT:
         return found, True
     if len(found.model.deviations) <= FEW_ERRORS:
-        return _led_further(found)
+        return _led_further(found, jumps=jumps)
     for _ in range(_ROUNDS):
         near = eliminated(found.model, found.point)
         if near is None:
@@ -75,10 +79,11 @@ def arrived(found: Found) -> tuple[Found, bool]:
     return _led_further(found)
 
 
-def _led_further(found: Found) -> tuple[Found, bool]:
+def _led_further(found: Found, *, jumps: bool = False) -> tuple[Found, bool]:
     """Return the fit where descents of coarser and coarser differences lead to, and whether that is the bottom."""
     if left_to_gain(found) < _LARGEST_GAIN:
         return found, True
+    found = _led_along_jumps(found) if jumps else found
     most = Budget.of(found.model).most_at_once(found.model, _FURTHER_SHARE)
     for difference in (STEP, *_COARSER):
         further = descend(
@@ -92,19 +97,28 @@ def _led_further(found: Found) -> tuple[Found, bool]:
     return found, left_to_gain(found) < _LARGEST_GAIN
 
 
-def led_to(found: Found, point: FloatArray) -> Found | None:
+def _led_along_jumps(found: Found) -> Found:
+    """Return the fit led down the valley of jumps on all rows: blocks of them have sills of their own."""
+    if found.model.deviations or not is_charted(found.model, found.point):
+        return found
+    budget = Budget.limited(_FOR_JUMPS)
+    led = led_along_jumps(found.model, Place(found.point, found.cost), budget, 0.0)
+    return replace(found, point=led.point, cost=led.cost, simulations=found.simulations + budget.simulations)
+
+
+def led_to(found: Found, point: FloatArray, *, jumps: bool = False) -> Found | None:
     """Return the fit at the bottom that ``point`` (p,) leads to, with the old one beside it; None if it is no lower."""
     model = found.model
     most = Budget.of(model).most_at_once(model, _FURTHER_SHARE)
     further = descend_with_errors(model, point, most_steps=_FURTHER_STEPS, most_simulations=most)
-    if not further.cost < found.cost - _LOWER:
+    simulations = found.simulations + further.simulations
+    led = replace(found, point=further.point, cost=further.cost, simulations=simulations)
+    led = _led_along_jumps(led) if jumps else led
+    if not led.cost < found.cost - _LOWER:
         return None
-    best = Place(further.point, further.cost)
+    best = Place(led.point, led.cost)
     return replace(
-        found,
-        point=further.point,
-        cost=further.cost,
-        certificate=certified(model, further.point),
+        led,
+        certificate=certified(model, led.point),
         others=tuple(distinct(model, [best, Place(found.point, found.cost), *found.others])[1:]),
-        simulations=found.simulations + further.simulations,
     )

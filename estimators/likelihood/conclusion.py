@@ -31,6 +31,7 @@ from estimators.likelihood.optima import others_apart, with_others
 from estimators.likelihood.problem import Problem
 from estimators.likelihood.search import Found
 from estimators.likelihood.stand_ins import without_lone_coulomb, without_lone_limit, without_mass_at_bound
+from estimators.likelihood.valley_of_jumps import is_charted
 from estimators.motion.balance import heaviest_believed_kg
 from estimators.motion.hidden_jumps import HIDDEN_JUMPS
 from estimators.motion.recorded_motion import RecordedMotion
@@ -42,6 +43,7 @@ _SAME: Final = 0.1  # speeds and rates that differ by less are one
 _SLOW_SAMPLING_S: Final = 2.0e-3
 _IN_THE_VALLEY: Final = ("m", "F_v", "F_c", "F_s", "DV")
 _LED: Final = 2  # times to what a walk along the valley finds lower
+_LED_OF_JUMPS: Final = 3  # whose valley is long and bent
 _NOT_ARRIVED: Final = (
     "the fit did not come to the bottom of its cost, a narrow valley of m, F_v, F_c, F_s and DV: "
     "repeat with ramps at several rates"
@@ -64,20 +66,21 @@ _LARGEST_STRAIN: Final = 6.5  # standard deviations that one error of the measur
 
 def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found) -> Estimate:
     """Return the estimate: ok where the fit explains the recording and all but DV and a hidden m is known."""
-    assessed, is_led = _assessed(motion, problem, found), False
-    for _ in range(_LED):
+    assessed, is_comb = _assessed(motion, problem, found), False
+    for _ in range(_LED_OF_JUMPS if problem.jumps else _LED):
         if assessed.flatness.is_lowest or assessed.found.certificate.ratio < EXACT:
             break
-        led = led_to(assessed.found, assessed.flatness.lowest)
+        led = led_to(assessed.found, assessed.flatness.lowest, jumps=problem.jumps)
         if led is None:
             break
-        assessed, is_led = _assessed(motion, problem, led), True
-        if problem.jumps or assessed.creeps:
+        assessed = _assessed(motion, problem, led)
+        is_comb = assessed.creeps or (problem.jumps and not is_charted(led.model, led.point))
+        if is_comb:
             break
     found, weighed, factor, flatness = assessed.found, assessed.weighed, assessed.factor, assessed.flatness
     knows = assessed.knows
     # of a comb of minima one that was left for a lower one may have a lower one still
-    is_bottom = assessed.is_bottom and not (is_led and (problem.jumps or assessed.creeps))
+    is_bottom = assessed.is_bottom and not is_comb
     model, point = weighed.model, weighed.point
     noise_m = problem.noise_m * found.noise_factor
     residual = _residuals(model, point)
@@ -188,7 +191,7 @@ class _Assessed:
 def _assessed(motion: RecordedMotion, problem: Problem, found: Found) -> _Assessed:
     """Go down from the fit if it is on a slope, weigh a delay and the other places, and walk along its valley."""
     period_s = motion.samples.period_s
-    found, is_bottom = arrived(found)
+    found, is_bottom = arrived(found, jumps=problem.jumps)
     searched = found.model
     factor, ramps = inflation(_residuals(searched, found.point), searched.weight), ramps_of(motion)
     if says_nothing(problem.model, period_s) and found.certificate.ratio >= EXACT:

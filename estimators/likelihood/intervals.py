@@ -45,6 +45,7 @@ _FRICTION: Final[tuple[str, ...]] = ("F_v", "F_c", "F_s", "DV")
 _WITHIN_95: Final = 3.84
 _WITHIN_SILLS: Final = 9.0
 _MOST_WORK: Final = 1.2e6  # of the walks
+_FOR_JUMPS: Final = 3.0e6
 _OF_LIMIT: Final = slice(4, 6)  # among the walks: those of DV, downwards and upwards
 _OPENER: Final = 1.5  # times the prior's width: 97 of 100 valves have a DV below the fastest speed then
 _SURE: Final = 3.0  # standard errors by which the variance of pieces must exceed that of white noise
@@ -157,11 +158,11 @@ def flat_errors(
     near_errors = eliminated(small, point) if len(model.deviations) > FEW_ERRORS else None
     if near_errors is not None:
         small, point = near_errors.model, point[: near_errors.count]
-    budget = Budget.limited(min(Budget.of(small).whole, _MOST_WORK))
+    charted = jumps and is_charted(small, point)
+    budget = Budget.limited(_FOR_JUMPS if charted else min(Budget.of(small).whole, _MOST_WORK))
     most = budget.most_at_once(small, 0.5)
     near = descend(small, point, most_steps=FOLLOWING_STEPS, most_simulations=most)
     start = Place(near.point, near.cost)
-    charted = jumps and is_charted(small, start.point)
     within = (_WITHIN_SILLS if jumps and not charted else _WITHIN_95) * noise_factor**2
     walks = [
         [start, *_walked(small, start, name, sense, budget=budget, within=within, charted=charted)]

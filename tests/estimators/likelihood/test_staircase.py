@@ -83,7 +83,7 @@ def test_a_stem_that_jumps_once_a_ramp_is_begun_with_its_jump(seed: int, symbols
     estimate, truth = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate), test.truth.by_symbol()
     assert estimate.status is not Status.FAILED
     for symbol in symbols:
-        assert estimate.value(symbol) == pytest.approx(truth[symbol], rel=0.05), symbol
+        assert estimate.value(symbol) == pytest.approx(truth[symbol], rel=0.1), symbol
 
 
 def test_the_stops_that_a_jumping_stem_rests_on_are_found_and_modelled() -> None:
