@@ -48,6 +48,8 @@ _MOST_ROUNDED: Final = 1.5
 _TRIFLE: Final = 1.0e-6  # of the noise's square: even a rest of a minute at 1 kHz does not show it
 _AT_REST_ROWS: Final = 10
 _WITHIN_STEPS: Final = 0.75  # of the grid, from the mean of a run: one value and its neighbours now and then
+_ROUNDED_STEPS: Final = 0.5  # of the grid: what rounding itself moves a row
+_SHAKEN_SIGMAS: Final = 4.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -267,13 +269,17 @@ def independent_share(samples: Samples, noise_m: float) -> FloatArray:
 
     Rounding to a step q repeats its error b while the stem stays within the step: n such rows tell of its level
     n / (1 + (n - 1) b^2/noise^2) times what one does, and so do all rests within one step. Noise s before the rounding
-    makes it independent: b^2 is q^2/12 exp(-(2 pi s/q)^2), the first harmonic of the rounded noise's mean.
+    makes it independent: b^2 is q^2/12 exp(-(2 pi s/q)^2), the first harmonic of the rounded noise's mean. A run is
+    as wide as that noise scatters its rows: were a rest cut where a row differs, its weights would go by the noise, and
+    so would its level.
     """
     step_m, repeated = samples.position_step_m, repeated_share(samples, noise_m)
     share = np.ones(samples.count)
     if repeated < _TRIFLE:
         return share
-    runs = level_runs(samples.position_m, samples.run_last, _WITHIN_STEPS * step_m, 2)
+    shaken_m = math.sqrt(max(noise_m**2 - step_m**2 / 12.0, 0.0))
+    within_m = max(_WITHIN_STEPS * step_m, _ROUNDED_STEPS * step_m + _SHAKEN_SIGMAS * shaken_m)
+    runs = level_runs(samples.position_m, samples.run_last, within_m, 2)
     lengths = runs[:, 1] - runs[:, 0] + 1
     step_of = np.rint(np.array([float(np.median(samples.position_m[i : j + 1])) for i, j in runs]) / step_m)
     # a stem that comes to rest at the same place in each cycle meets the same error there

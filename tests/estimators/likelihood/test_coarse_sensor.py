@@ -61,6 +61,20 @@ def test_a_rest_on_one_step_tells_of_its_level_once() -> None:
     assert float(share @ share) < 0.35 * share.size
 
 
+def test_a_row_of_a_rest_has_no_weight_of_its_own_noise() -> None:
+    # noise of half a step: rows that lay a step off kept a whole weight, and drew the rest's level by 1 um
+    test = on_converters("nominal", 12.0e-6, 12)
+    share, _ = weights(test)
+    still_m = recorded("nominal", noise_m=0.0, waveform=paper_triangle("nominal", 2)).recording.position_m
+    levels_m, rest, rows = np.unique(np.round(still_m, 9), return_inverse=True, return_counts=True)
+    long = np.flatnonzero(rows > 1000)
+    assert long.size >= 2
+    for number in long:
+        own = share[rest == number]
+        assert np.median(own) < 0.95, levels_m[number]
+        assert np.mean(np.abs(own / np.median(own) - 1.0) > 1.0e-3) < 0.01, levels_m[number]
+
+
 def test_noise_that_shakes_the_sensor_through_its_steps_makes_every_row_count() -> None:
     share, _ = weights(on_converters("rough", 5.0e-6, 16))
     assert share == pytest.approx(1.0)
