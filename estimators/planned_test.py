@@ -23,6 +23,7 @@ LIMIT_VELOCITY_PRIOR: Final = 1.5
 _DELAY_STEP_S: Final = 1.0e-6
 _LAG_STEP: Final = 1.0e-4
 _LAG_TOLERANCE: Final = 1.0e-6  # of the force's span: what straight lines leave the lag's exponential by
+HALF_A_PERIOD: Final = 0.5  # as the channels of one exchange may be apart
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +31,8 @@ class PlannedTest:
     """A waveform on a diaphragm area, m2, and how the stem's position is sampled: period, s, and noise, m rms.
 
     ``lag_s`` rounds the pressure's corners, 0 does not. Where the pressure is measured it is known, but for a delay
-    between the channels of half a period; where not, the command alone is, and neither lag nor dead time.
+    between the channels of ``delay_periods`` of a period, one standard deviation: half of one, or ``ONE_INSTANT``
+    where a device captures both at once. Where it is not, the command alone is, and neither lag nor dead time.
     """
 
     waveform: Waveform
@@ -40,9 +42,10 @@ class PlannedTest:
     lag_s: float = 0.0
     pressure_measured: bool = True
     stops: TravelStops | None = None
+    delay_periods: float = HALF_A_PERIOD
 
     def __post_init__(self) -> None:
-        for name in ("area_m2", "sample_period_s", "noise_m"):
+        for name in ("area_m2", "sample_period_s", "noise_m", "delay_periods"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise WaveformError(f"planned test: {name} is {value:g}, it must be above 0: correct it")
@@ -104,7 +107,7 @@ def planned_knowledge(parameters: ValveParameters, test: PlannedTest, *, start_m
     if test.pressure_measured:
         symbols.append("delay_s")
         values.append(0.0)
-        prior_sd["delay_s"] = 0.5 * test.sample_period_s
+        prior_sd["delay_s"] = test.delay_periods * test.sample_period_s
     else:
         step_s = _LAG_STEP * test.lag_s
         change = position(test.lag_s + step_s, 0.0) - position(test.lag_s - step_s, 0.0)

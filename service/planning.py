@@ -7,10 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from drivers.addresses import Mode
 from drivers.waveform_check import check_waveform
 from estimators.base import NORMAL_95
 from estimators.identifiability.bound import Knowledge
-from estimators.planned_test import PlannedTest, planned_knowledge
+from estimators.likelihood.pressure_lines import ONE_INSTANT
+from estimators.planned_test import HALF_A_PERIOD, PlannedTest, planned_knowledge
 from service.expected_valve import ExpectedValve
 from service.runs.sequences import build_waveform, default_of
 from service.settings import PlantValve
@@ -68,6 +70,7 @@ def plan_sequence(valve: PlantValve, expected: ExpectedValve, name: str, overrid
             expected.lag_s,
             expected.pressure_measured,
             TravelStops(-margin_m, actuator.travel_m + margin_m),
+            ONE_INSTANT if valve.wiring.acquisition.mode is Mode.CAPTURED else HALF_A_PERIOD,
         )
         start_m = _rest_m(expected.parameters, valve.nameplate, float(waveform.pressure_pa[0]))
         return SequencePlan(name, waveform, planned_knowledge(expected.parameters, test, start_m=start_m))

@@ -18,13 +18,13 @@ from estimators.likelihood.elimination import descend_with_errors
 from estimators.likelihood.intervals import Ramps, known, natural_values
 from estimators.likelihood.mixture import mixed, reaching
 from estimators.likelihood.model import StemModel
+from estimators.likelihood.pressure_lines import ONE_INSTANT
 from estimators.likelihood.problem import Problem
 from estimators.samples import FloatArray
 
 DELAY: Final = "delay_s"
 # A file has one time a row, so that a delay is the exception: it has one chance in twenty beforehand.
 _FREE_BEFOREHAND: Final = 0.05
-_ONE_INSTANT: Final = 0.005  # of a period: what remains where both channels are read at one instant
 _BELIEVED: Final = 5.0  # standard deviations: by chance one in two million is further off
 _DECIDED: Final = 0.01
 _STEPS: Final = 15
@@ -74,7 +74,7 @@ def searched_model(problem: Problem, period_s: float) -> StemModel:
 def at_one_instant(model: StemModel, period_s: float) -> StemModel:
     """Return the model in which the channels are read at one instant."""
     entries = tuple(
-        replace(entry, prior_sd=_ONE_INSTANT * period_s / entry.unit) if entry.name == DELAY else entry
+        replace(entry, prior_sd=ONE_INSTANT * period_s / entry.unit) if entry.name == DELAY else entry
         for entry in model.coordinates.entries
     )
     return replace(model, coordinates=Coordinates(entries))

@@ -18,7 +18,7 @@ from valve.recording import Acquisition, Recording
 MOST_VARIATIONS: Final = 100
 _DELAY_PERIODS: Final = 5.0
 _DELAY_S: Final = 0.02
-_ONE_INSTANT: Final = 0.005  # of a period
+ONE_INSTANT: Final = 0.005  # of a period: what remains where both channels are read at one instant
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,8 +126,8 @@ def delay_prior_s(recording: Recording) -> float:
     period_s = recording.sample_period_s
     provenance = recording.provenance
     if provenance.acquisition in {Acquisition.CAPTURED, Acquisition.SIMULATED}:
-        return _ONE_INSTANT * period_s
+        return ONE_INSTANT * period_s
     if provenance.timing_uncertainty_s is not None:
-        return max(provenance.timing_uncertainty_s, _ONE_INSTANT * period_s)
+        return max(provenance.timing_uncertainty_s, ONE_INSTANT * period_s)
     exchange_s = recording.sampling_quality().median_exchange_s
-    return period_s if exchange_s is None else max(0.5 * exchange_s, _ONE_INSTANT * period_s)
+    return period_s if exchange_s is None else max(0.5 * exchange_s, ONE_INSTANT * period_s)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from estimators.identifiability.sensitivities import position_sensitivities
+from estimators.likelihood.pressure_lines import ONE_INSTANT
 from estimators.planned_test import PlannedTest, planned_knowledge
 from valve.errors import WaveformError
 from valve.motion import simulate_motion
@@ -93,3 +96,15 @@ def test_rates_of_the_force_are_those_of_the_ramps() -> None:
 def test_a_test_that_cannot_be_is_refused(change: dict[str, float], words: str) -> None:
     with pytest.raises(WaveformError, match=words):
         planned(TRIANGLE, **change)  # type: ignore[arg-type]  # the point of the test
+
+
+def test_where_a_device_captures_both_channels_at_once_damping_and_mass_are_told_more_narrowly() -> None:
+    parameters = parameter_set("vendor").parameters
+    polled = planned(MULTI_RATE)
+    at_once = replace(polled, delay_periods=ONE_INSTANT)
+    apart, together = planned_knowledge(parameters, polled), planned_knowledge(parameters, at_once)
+    assert together.relative("m") < 0.5 * apart.relative("m")
+    assert together.relative("F_v") < 0.3 * apart.relative("F_v")
+    assert together.relative("k") == pytest.approx(apart.relative("k"), rel=0.2)
+    with pytest.raises(WaveformError, match="delay_periods"):
+        replace(polled, delay_periods=0.0)
