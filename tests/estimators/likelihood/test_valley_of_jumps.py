@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from estimators.base import Outcome
+from estimators.likelihood.all_rows import certified
+from estimators.likelihood.arrival import led_to
 from estimators.likelihood.bent_valley import chart_of, descend_bent
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.compression import compressed
@@ -16,6 +18,7 @@ from estimators.likelihood.intervals import flat_errors
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.pool import Place
 from estimators.likelihood.problem import pose
+from estimators.likelihood.search import Found
 from estimators.likelihood.valley import walk
 from estimators.likelihood.valley_of_jumps import walk_of_jumps
 from estimators.samples import FloatArray
@@ -76,3 +79,15 @@ def test_the_damping_is_known_no_better_than_the_valley_is_flat(valley: tuple[St
     # by the slopes there it is 10 %; the valley bends, and DV takes its place
     assert 0.15 * viscous < flat.least["F_v"] < 0.6 * viscous
     assert flat.least["m"] < 0.01 * small.coordinates.values(bottom)["m"]
+
+
+def test_a_fit_far_up_the_valley_is_led_down_it_where_the_stem_is_known_to_jump(
+    valley: tuple[StemModel, Place, FloatArray],
+) -> None:
+    small, far, truth = valley
+    found = Found(small, far.point, far.cost, certified(small, far.point), (), 1.0, 0, 0, 1.0)
+    led = led_to(found, far.point, jumps=True)
+    assert led is not None
+    assert led.cost < min(far.cost, small.cost(truth) + 1.0)
+    straight = led_to(found, far.point)
+    assert straight is None or straight.cost > led.cost + 2.0
