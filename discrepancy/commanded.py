@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Final
 
 from discrepancy.observed import Observed
-from estimators.likelihood.transducer_path import DEAD_TIME, LAG
+from estimators.likelihood.inputs.transducer_path import DEAD_TIME, LAG
 
 _VALVE: Final = ("m", "k", "F_v", "F_c", "F_0", "DV")
 # What a command comes late by in this fit: an I/P's lag, and its dead time beside it, s.

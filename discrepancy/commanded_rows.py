@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from estimators.likelihood.answered_command import answer_of, command_lines
-from estimators.likelihood.stretches import Corners
+from estimators.likelihood.inputs.answered_command import answer_of, command_lines
+from estimators.likelihood.lines.stretches import Corners
 from estimators.samples import FloatArray
 from valve.recording import Recording
 

@@ -7,10 +7,10 @@ from typing import Final
 
 import numpy as np
 
-from estimators.likelihood.input_path import InputPath, MeasuredPath
-from estimators.likelihood.pressure_lines import MOST_VARIATIONS
-from estimators.likelihood.smooth_spans import SHAPE_ERROR
-from estimators.likelihood.stretches import DrawnPieces, Stretch
+from estimators.likelihood.inputs.input_path import InputPath, MeasuredPath
+from estimators.likelihood.inputs.pressure_lines import MOST_VARIATIONS
+from estimators.likelihood.lines.smooth_spans import SHAPE_ERROR
+from estimators.likelihood.lines.stretches import DrawnPieces, Stretch
 from estimators.samples import FloatArray
 
 Corners = tuple[FloatArray, FloatArray]  # times, s, and force, N, both shape (n,)

@@ -12,10 +12,10 @@ from estimators.base import Estimate, Outcome, failed, measured
 from estimators.likelihood.conclusion import conclude, ramps_of
 from estimators.likelihood.cycle_starts import with_jump_cycle
 from estimators.likelihood.delay import searched_model
-from estimators.likelihood.force_recording import estimate_force_recording
+from estimators.likelihood.drive.recording import estimate_force_recording
 from estimators.likelihood.hopping import Hopping
 from estimators.likelihood.input_errors import hopped_anew, refit, searched_anew, step_instants, with_input_errors
-from estimators.likelihood.input_path import CommandedPath, InputPath, input_path
+from estimators.likelihood.inputs.input_path import CommandedPath, InputPath, input_path
 from estimators.likelihood.lag_exchange import with_other_lags
 from estimators.likelihood.mass_scan import may_alias, with_scanned_mass
 from estimators.likelihood.problem import Problem, pose

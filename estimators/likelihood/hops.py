@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from itertools import product
 from typing import Final
 
+from estimators.likelihood.inputs.transducer_path import LAG
 from estimators.likelihood.jump_lengths import beyond_balance
 from estimators.likelihood.model import StemModel
-from estimators.likelihood.transducer_path import LAG
 from estimators.samples import FloatArray
 
 # Own choices: factors of one parameter, the others changed so that what the test shows best stays as it is.

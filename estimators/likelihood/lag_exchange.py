@@ -13,10 +13,10 @@ from estimators.likelihood.arrival import led_to
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.descent import descend
+from estimators.likelihood.inputs.transducer_path import LAG
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.pool import Place, distinct
 from estimators.likelihood.search import Found
-from estimators.likelihood.transducer_path import LAG
 from estimators.samples import FloatArray
 
 # Own choices, from random valves of which a wrong place was 200 to 300 above the truth (2481, 2483).

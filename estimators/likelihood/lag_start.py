@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
+from estimators.likelihood.inputs.transducer_path import DEAD_TIME, LAG, TransducerPath
 from estimators.likelihood.start import breakaway_balance
-from estimators.likelihood.transducer_path import DEAD_TIME, LAG, TransducerPath
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import FloatArray
 

@@ -10,13 +10,13 @@ from typing import Final
 import numpy as np
 
 from estimators.likelihood.coordinates import Coordinate, Coordinates, linear, logarithmic
-from estimators.likelihood.input_path import CommandedPath, InputPath, TransducerPath
+from estimators.likelihood.inputs.input_path import CommandedPath, InputPath, TransducerPath
+from estimators.likelihood.inputs.nuisance import Nuisance
+from estimators.likelihood.inputs.row_timing import PositionDoubts, position_doubts, shared_by_rest, still_rows
 from estimators.likelihood.lag_start import started_behind_lag
 from estimators.likelihood.level_kernel import level_runs
 from estimators.likelihood.model import NO_NOISE, StemModel
-from estimators.likelihood.nuisance import Nuisance
 from estimators.likelihood.places import Restarts
-from estimators.likelihood.row_timing import PositionDoubts, position_doubts, shared_by_rest, still_rows
 from estimators.likelihood.search import measured_rests
 from estimators.likelihood.start import Trial, first_guesses, resting_rows, trials
 from estimators.motion.recorded_motion import RecordedMotion

@@ -9,9 +9,9 @@ from typing import Final
 
 import numpy as np
 
-from estimators.likelihood.command_steps import written_steps
-from estimators.likelihood.pressure_lines import MeasuredPath, measured_path
-from estimators.likelihood.row_timing import position_doubts
+from estimators.likelihood.inputs.command_steps import written_steps
+from estimators.likelihood.inputs.pressure_lines import MeasuredPath, measured_path
+from estimators.likelihood.inputs.row_timing import position_doubts
 from estimators.motion.phases import After
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.proof.row_blocks import block_firsts, block_means

@@ -8,7 +8,7 @@ import pytest
 from discrepancy.diagnose import Verdict, diagnose
 from discrepancy.pressure_path import read_pressure_path, without_pressure
 from estimators.base import Outcome
-from estimators.likelihood.input_path import input_path
+from estimators.likelihood.inputs.input_path import input_path
 from tests.blind.plant import acting_force
 from tests.discrepancy.hidden import FULL_PA, hidden
 from valve.extended_valve import InputPath

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimators.likelihood.commanded_path import CommandedPath
-from estimators.likelihood.input_path import input_path
+from estimators.likelihood.inputs.commanded_path import CommandedPath
+from estimators.likelihood.inputs.input_path import input_path
 from service.settings import load_plant
 from tests.service.fake_rig import FakeAnalyst
 from tests.service.running_service import running_service

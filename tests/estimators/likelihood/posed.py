@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from estimators.base import Outcome
-from estimators.likelihood.input_path import input_path
+from estimators.likelihood.inputs.input_path import input_path
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.problem import Problem, pose
 from estimators.likelihood.staircase import read_staircase, with_stops

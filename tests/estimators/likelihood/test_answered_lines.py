@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.likelihood.answered_lines import answered_corners
-from estimators.likelihood.lag_kernel import lagged
-from estimators.likelihood.pressure_lines import MeasuredPath, measured_path
+from estimators.likelihood.inputs.answered_lines import answered_corners
+from estimators.likelihood.inputs.pressure_lines import MeasuredPath, measured_path
+from estimators.likelihood.lines.lag_kernel import lagged
 from estimators.samples import BoolArray, FloatArray
 from valve.recording import Acquisition, Provenance, Recording
 

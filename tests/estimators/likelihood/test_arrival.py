@@ -10,7 +10,7 @@ from estimators.base import Outcome
 from estimators.likelihood.arrival import arrived, left_to_gain
 from estimators.likelihood.delay import searched_model
 from estimators.likelihood.hopping import Hopping
-from estimators.likelihood.input_path import input_path
+from estimators.likelihood.inputs.input_path import input_path
 from estimators.likelihood.problem import pose
 from estimators.likelihood.search import Found, search
 from estimators.motion.recorded_motion import RecordedMotion, read_motion

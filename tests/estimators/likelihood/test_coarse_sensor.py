@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimators.base import Status
-from estimators.likelihood.input_path import MeasuredPath, input_path
+from estimators.likelihood.inputs.input_path import MeasuredPath, input_path
 from estimators.likelihood.problem import pose
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import RecordedMotion, read_motion

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.likelihood.transducer_path import DEAD_TIME, LAG
+from estimators.likelihood.inputs.transducer_path import DEAD_TIME, LAG
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from tests.benchmarks.random_valves import what_is_wrong
 from tests.estimators.likelihood.posed import posed

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from estimators.likelihood.commanded_path import CommandedPath
-from estimators.likelihood.input_path import InputPath, MeasuredPath, TransducerPath, input_path
-from estimators.likelihood.lag_kernel import lagged
-from estimators.likelihood.pressure_lines import measured_path
-from estimators.likelihood.stair_kernel import stair_answer
-from estimators.likelihood.write_instants import lateness_s
+from estimators.likelihood.inputs.commanded_path import CommandedPath
+from estimators.likelihood.inputs.input_path import InputPath, MeasuredPath, TransducerPath, input_path
+from estimators.likelihood.inputs.pressure_lines import measured_path
+from estimators.likelihood.inputs.stair_kernel import stair_answer
+from estimators.likelihood.inputs.write_instants import lateness_s
+from estimators.likelihood.lines.lag_kernel import lagged
 from estimators.samples import FloatArray
 from valve.motion import simulate_motion
 from valve.nameplate import Nameplate

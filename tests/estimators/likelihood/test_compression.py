@@ -11,7 +11,7 @@ from estimators.likelihood.block_kernel import straight_blocks
 from estimators.likelihood.certificate import certify
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.delay import searched_model
-from estimators.likelihood.input_path import input_path
+from estimators.likelihood.inputs.input_path import input_path
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.problem import pose
 from estimators.likelihood.staircase import find_rests

@@ -16,7 +16,7 @@ from estimators.likelihood.descent import descend
 from estimators.likelihood.elimination import eliminated
 from estimators.likelihood.hopping import Hopping
 from estimators.likelihood.input_errors import hopped_anew, with_input_errors
-from estimators.likelihood.input_path import input_path
+from estimators.likelihood.inputs.input_path import input_path
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.search import Found, with_events
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator

@@ -10,8 +10,8 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import uniform_filter1d
 
 from estimators.base import Estimate, Outcome, Status
-from estimators.likelihood.force_equation import COLUMNS, window
-from estimators.likelihood.force_recording import estimate_force_recording
+from estimators.likelihood.drive.equation import COLUMNS, window
+from estimators.likelihood.drive.recording import estimate_force_recording
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from tests.estimators.likelihood.force_axes import NAMEPLATE, Axis, Reference, random_axis
 from valve.motion import simulate_motion

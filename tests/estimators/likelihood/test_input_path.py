@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimators.base import Outcome
-from estimators.likelihood.input_path import InputPath, input_path
+from estimators.likelihood.inputs.input_path import InputPath, input_path
 from estimators.samples import FloatArray
 from valve.nameplate import Actuator, Nameplate
 from valve.recording import Acquisition, Provenance, Recording

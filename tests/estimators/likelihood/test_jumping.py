@@ -11,7 +11,7 @@ from estimators import maximum_likelihood
 from estimators.base import Estimate, Outcome, Status, failed
 from estimators.likelihood import conclusion, confirmation, search
 from estimators.likelihood.all_rows import certified
-from estimators.likelihood.input_path import input_path
+from estimators.likelihood.inputs.input_path import input_path
 from estimators.likelihood.jump_lengths import of_jumps
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.pool import Place

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.likelihood.joined_pieces import Joint
-from estimators.likelihood.lagged_lines import LaggedLines, lagged_lines
-from estimators.likelihood.pieces import fit_pieces
+from estimators.likelihood.lines.joined_pieces import Joint
+from estimators.likelihood.lines.lagged_lines import LaggedLines, lagged_lines
+from estimators.likelihood.lines.pieces import fit_pieces
 from estimators.samples import FloatArray
 from simulator import transducer
 from valve.waveform import Waveform, multi_rate_triangle, sine, steps, triangle

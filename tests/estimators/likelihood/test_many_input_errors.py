@@ -13,9 +13,9 @@ from estimators.likelihood.compression import compressed
 from estimators.likelihood.descent import descend
 from estimators.likelihood.elimination import FEW_ERRORS, descend_with_errors, spread_of
 from estimators.likelihood.input_errors import with_input_errors
-from estimators.likelihood.input_path import input_path
+from estimators.likelihood.inputs.input_path import input_path
+from estimators.likelihood.inputs.pressure_lines import MeasuredPath
 from estimators.likelihood.model import StemModel
-from estimators.likelihood.pressure_lines import MeasuredPath
 from estimators.likelihood.problem import pose
 from estimators.likelihood.stand_ins import without_lone_limit, without_mass_at_bound
 from estimators.likelihood.thinned_force import thinned

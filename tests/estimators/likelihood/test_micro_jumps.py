@@ -10,7 +10,7 @@ from estimators.likelihood.budget import Budget
 from estimators.likelihood.conclusion import ramps_of
 from estimators.likelihood.coordinates import Coordinates, linear, logarithmic
 from estimators.likelihood.far_places import with_other_limits
-from estimators.likelihood.input_path import input_path
+from estimators.likelihood.inputs.input_path import input_path
 from estimators.likelihood.micro_jumps import hidden_micro_jumps_n
 from estimators.likelihood.pool import Place
 from estimators.likelihood.problem import pose

@@ -10,7 +10,7 @@ import pytest
 
 from estimators.base import Outcome
 from estimators.likelihood.compression import compressed
-from estimators.likelihood.input_path import input_path
+from estimators.likelihood.inputs.input_path import input_path
 from estimators.likelihood.model import STEP, StemModel
 from estimators.likelihood.places import Restarts
 from estimators.likelihood.problem import pose

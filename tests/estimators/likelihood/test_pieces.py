@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.likelihood import pieces
+from estimators.likelihood.lines import pieces
 from estimators.samples import FloatArray, IntArray
 
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from estimators.likelihood import commanded_path, transducer_fit
-from estimators.likelihood.input_path import CommandedPath, MeasuredPath, input_path
+from estimators.likelihood.inputs import commanded_path, transducer_fit
+from estimators.likelihood.inputs.input_path import CommandedPath, MeasuredPath, input_path
 from tests.blind.cases import blind_case
 from tests.estimators.likelihood.polled_recordings import written_test
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from estimators.base import Outcome
-from estimators.likelihood.input_path import TransducerPath, input_path
-from estimators.likelihood.lag_kernel import lagged
+from estimators.likelihood.inputs.input_path import TransducerPath, input_path
+from estimators.likelihood.lines.lag_kernel import lagged
 from estimators.samples import FloatArray
 from simulator import transducer
 from valve.nameplate import Actuator, Nameplate, Signal

@@ -13,7 +13,7 @@ from estimators.likelihood.budget import Budget
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.coordinates import Coordinates, linear, logarithmic
 from estimators.likelihood.descent import descend
-from estimators.likelihood.input_path import input_path
+from estimators.likelihood.inputs.input_path import input_path
 from estimators.likelihood.intervals import flat_errors
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.pool import Place

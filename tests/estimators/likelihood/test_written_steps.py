@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from estimators.base import Status
-from estimators.likelihood.command_steps import written_steps
-from estimators.likelihood.commanded_path import CommandedPath
 from estimators.likelihood.compression import compressed
-from estimators.likelihood.input_path import input_path
+from estimators.likelihood.inputs.command_steps import written_steps
+from estimators.likelihood.inputs.commanded_path import CommandedPath
+from estimators.likelihood.inputs.input_path import input_path
+from estimators.likelihood.inputs.row_timing import look_doubts_s, position_doubts, shared_by_rest, write_doubts_s
 from estimators.likelihood.problem import pose
-from estimators.likelihood.row_timing import look_doubts_s, position_doubts, shared_by_rest, write_doubts_s
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from estimators.samples import resolution

@@ -46,7 +46,7 @@ def test_a_minimum_that_explains_nothing_and_one_that_is_reached_take_no_more_ro
 
 def test_no_step_of_a_converter_is_looked_for_in_a_pressure_of_few_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     counted = _Counted(resolution)
-    monkeypatch.setattr("estimators.likelihood.stretches.resolution", counted)
+    monkeypatch.setattr("estimators.likelihood.lines.stretches.resolution", counted)
     test = recorded("nominal", noise_m=5.0e-6, period_s=5.0e-3)
     estimate = RegressionEstimator().estimate(test.recording, test.nameplate)
     assert estimate.value("F_c") == pytest.approx(test.truth.coulomb_friction_n, rel=1.0e-3)

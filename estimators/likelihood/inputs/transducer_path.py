@@ -9,11 +9,11 @@ from typing import Final
 import numpy as np
 
 from estimators.base import Outcome
-from estimators.likelihood.command_steps import stair_corners, within_signal, written_steps
-from estimators.likelihood.lag_kernel import lagged
-from estimators.likelihood.nuisance import Nuisance
-from estimators.likelihood.pressure_lines import held_together
-from estimators.likelihood.stretches import Corners, KnownCorners, Stretch, find_stretches
+from estimators.likelihood.inputs.command_steps import stair_corners, within_signal, written_steps
+from estimators.likelihood.inputs.nuisance import Nuisance
+from estimators.likelihood.inputs.pressure_lines import held_together
+from estimators.likelihood.lines.lag_kernel import lagged
+from estimators.likelihood.lines.stretches import Corners, KnownCorners, Stretch, find_stretches
 from estimators.samples import FloatArray, position_noise
 from valve.nameplate import Nameplate
 from valve.recording import Recording

@@ -10,10 +10,10 @@ from typing import Final, Protocol
 import numpy as np
 
 from estimators.base import Outcome
-from estimators.likelihood.exact_lines import exact_corners
-from estimators.likelihood.joined_pieces import Joint, Pieces
-from estimators.likelihood.lagged_lines import lagged_lines
-from estimators.likelihood.pieces import fit_pieces
+from estimators.likelihood.lines.exact_lines import exact_corners
+from estimators.likelihood.lines.joined_pieces import Joint, Pieces
+from estimators.likelihood.lines.lagged_lines import lagged_lines
+from estimators.likelihood.lines.pieces import fit_pieces
 from estimators.samples import FloatArray, IntArray, position_noise, resolution
 from valve.recording import Recording
 

@@ -13,8 +13,8 @@ from collections.abc import Callable
 import numpy as np
 
 from estimators.compiled import kernel_of
-from estimators.likelihood import piece_factors
-from estimators.likelihood.piece_factors import (
+from estimators.likelihood.lines import piece_factors
+from estimators.likelihood.lines.piece_factors import (
     COLUMNS,
     add_range,
     add_rows,

@@ -7,10 +7,10 @@ from functools import lru_cache
 from typing import Final, Protocol
 
 from estimators.base import Outcome
-from estimators.likelihood.commanded_path import CommandedPath, commanded_path
-from estimators.likelihood.nuisance import Nuisance
-from estimators.likelihood.pressure_lines import MeasuredPath, measured_path
-from estimators.likelihood.transducer_path import TransducerPath, transducer_path
+from estimators.likelihood.inputs.commanded_path import CommandedPath, commanded_path
+from estimators.likelihood.inputs.nuisance import Nuisance
+from estimators.likelihood.inputs.pressure_lines import MeasuredPath, measured_path
+from estimators.likelihood.inputs.transducer_path import TransducerPath, transducer_path
 from estimators.samples import FloatArray
 from valve.errors import RecordingError
 from valve.nameplate import Nameplate

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimators.likelihood.piece_kernel import lines
+from estimators.likelihood.lines.piece_kernel import lines
 from estimators.samples import BoolArray, FloatArray, IntArray
 
 _ENOUGH_ROWS = 3  # fewer lie on a line by chance

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from estimators.likelihood.piece_factors import chunks_of, piece_factor
+from estimators.likelihood.lines.piece_factors import chunks_of, piece_factor
 from estimators.samples import BoolArray, FloatArray, IntArray
 
 # Weight of a line's or a parabola's own condition, in rows of unit noise a row of the piece.

@@ -27,11 +27,11 @@ from estimators.base import (
     measured,
     offset_estimate,
 )
-from estimators.likelihood.force_breakaways import static_friction
-from estimators.likelihood.force_equation import COLUMNS
-from estimators.likelihood.force_fit import correlated_errors, sampling_errors, slow_covariance, spring_that_shows
-from estimators.likelihood.force_places import locked_errors, repeated_misfit
-from estimators.likelihood.force_search import FittedForce, search
+from estimators.likelihood.drive.breakaways import static_friction
+from estimators.likelihood.drive.equation import COLUMNS
+from estimators.likelihood.drive.fit import correlated_errors, sampling_errors, slow_covariance, spring_that_shows
+from estimators.likelihood.drive.places import locked_errors, repeated_misfit
+from estimators.likelihood.drive.search import FittedForce, search
 from estimators.motion.moving_rows import MovingRows, find_moving_rows
 from estimators.samples import FloatArray, Samples, prepare
 from valve.nameplate import Nameplate

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from estimators.base import Outcome, ParameterEstimate, absent, measured
-from estimators.likelihood.force_senses import passage
+from estimators.likelihood.drive.senses import passage
 from estimators.motion.moving_rows import MovingRows
 from estimators.motion.phases import Phases, find_phases
 from estimators.motion.static_friction import BreakawayForces, breakaway_forces, force_at

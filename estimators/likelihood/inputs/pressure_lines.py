@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 
 from estimators.base import Outcome
-from estimators.likelihood.answered_lines import answered_corners
-from estimators.likelihood.nuisance import Nuisance
-from estimators.likelihood.stretches import ROWS_A_STEP, Corners, KnownCorners, Stretch, find_stretches
+from estimators.likelihood.inputs.answered_lines import answered_corners
+from estimators.likelihood.inputs.nuisance import Nuisance
+from estimators.likelihood.lines.stretches import ROWS_A_STEP, Corners, KnownCorners, Stretch, find_stretches
 from estimators.samples import FloatArray
 from valve.recording import Acquisition, Recording
 

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from estimators.likelihood.force_fit import ForceFit, by_waves, influences
+from estimators.likelihood.drive.fit import ForceFit, by_waves, influences
 from estimators.motion.moving_rows import MovingRows
 from estimators.samples import FloatArray, Samples
 

@@ -3,7 +3,7 @@
     lag L' = min(u(t - dead time), limit) - L
 
 All that stands between a command and a pressure follows this law, with a gain and an offset: a polled pressure is drawn
-by it between its rows (estimators.likelihood.answered_lines), and an I/P's faults are read from it
+by it between its rows (estimators.likelihood.inputs.answered_lines), and an I/P's faults are read from it
 (discrepancy.pressure_path).
 """
 
@@ -13,9 +13,9 @@ from typing import Final
 
 import numpy as np
 
-from estimators.likelihood.exact_lines import exact_corners
-from estimators.likelihood.lag_kernel import lagged
-from estimators.likelihood.stretches import Corners
+from estimators.likelihood.lines.exact_lines import exact_corners
+from estimators.likelihood.lines.lag_kernel import lagged
+from estimators.likelihood.lines.stretches import Corners
 from estimators.samples import FloatArray
 from valve.recording import Recording
 

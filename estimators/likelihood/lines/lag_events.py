@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from estimators.likelihood.piece_kernel import fitted, merged, refined
+from estimators.likelihood.lines.piece_kernel import fitted, merged, refined
 from estimators.samples import BoolArray, FloatArray, IntArray
 
 # Own choices, tried on triangles, multi-rate triangles and steps behind lags of 0.02 to 1 s at 1-50 ms.

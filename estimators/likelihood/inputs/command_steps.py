@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from estimators.likelihood.row_timing import write_doubts_s
-from estimators.likelihood.write_instants import lateness_s
+from estimators.likelihood.inputs.row_timing import write_doubts_s
+from estimators.likelihood.inputs.write_instants import lateness_s
 from estimators.samples import FloatArray
 from valve.nameplate import Nameplate, Signal
 from valve.recording import Acquisition, Recording

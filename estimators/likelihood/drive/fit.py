@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import t as student_t
 
 from estimators.base import NORMAL_95
-from estimators.likelihood.force_equation import COLUMNS, Spectra, Window
+from estimators.likelihood.drive.equation import COLUMNS, Spectra, Window
 from estimators.samples import BoolArray, FloatArray, Samples
 
 _WAVES: Final = 24  # own choice: correlation up to a 12th of the recording is seen; on simulated axes

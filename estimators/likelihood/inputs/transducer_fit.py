@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from scipy import optimize
 
-from estimators.likelihood.stair_kernel import stair_answer
+from estimators.likelihood.inputs.stair_kernel import stair_answer
 from estimators.samples import BoolArray, FloatArray, position_noise, resolution
 
 _FEWEST_ROWS: Final = 40

@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from estimators.likelihood.joined_pieces import Joint, Pieces
-from estimators.likelihood.piece_kernel import fitted, merged, refined
-from estimators.likelihood.smooth_spans import SHAPE_ERROR, smooth_span
+from estimators.likelihood.lines.joined_pieces import Joint, Pieces
+from estimators.likelihood.lines.piece_kernel import fitted, merged, refined
+from estimators.likelihood.lines.smooth_spans import SHAPE_ERROR, smooth_span
 from estimators.samples import FloatArray, IntArray
 
 # Own choices, tried on triangles, multi-rate triangles, sines, steps and lagged triangles at 1-50 ms, 0.01-0.5 % noise.

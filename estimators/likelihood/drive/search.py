@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from estimators.likelihood.force_equation import Spectra, spectra, window
-from estimators.likelihood.force_fit import ForceFit, fit_force, force_error_n, white_errors
-from estimators.likelihood.force_senses import Senses, senses_by_force, surely_moving
+from estimators.likelihood.drive.equation import Spectra, spectra, window
+from estimators.likelihood.drive.fit import ForceFit, fit_force, force_error_n, white_errors
+from estimators.likelihood.drive.senses import Senses, senses_by_force, surely_moving
 from estimators.motion.moving_rows import MovingRows
 from estimators.samples import Samples
 

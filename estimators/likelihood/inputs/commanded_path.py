@@ -8,14 +8,14 @@ from typing import Final
 
 import numpy as np
 
-from estimators.likelihood.command_steps import stair_corners, within_signal, write_lead_s, written_steps
-from estimators.likelihood.lag_kernel import lagged
-from estimators.likelihood.nuisance import Nuisance
-from estimators.likelihood.pressure_lines import delay_prior_s
-from estimators.likelihood.row_timing import look_doubts_s
-from estimators.likelihood.stair_kernel import stair_answer
-from estimators.likelihood.stretches import Corners
-from estimators.likelihood.transducer_fit import TransducerFit, fit_transducer
+from estimators.likelihood.inputs.command_steps import stair_corners, within_signal, write_lead_s, written_steps
+from estimators.likelihood.inputs.nuisance import Nuisance
+from estimators.likelihood.inputs.pressure_lines import delay_prior_s
+from estimators.likelihood.inputs.row_timing import look_doubts_s
+from estimators.likelihood.inputs.stair_kernel import stair_answer
+from estimators.likelihood.inputs.transducer_fit import TransducerFit, fit_transducer
+from estimators.likelihood.lines.lag_kernel import lagged
+from estimators.likelihood.lines.stretches import Corners
 from estimators.samples import FloatArray
 from valve.nameplate import Nameplate
 from valve.recording import Recording
