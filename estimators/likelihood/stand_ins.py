@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
-import numpy as np
-
 from estimators.base import ParameterEstimate, absent
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.coordinates import Coordinates
@@ -40,10 +38,6 @@ _NO_JUMP: Final = 0.01  # F_s beside the friction in motion, by that
 _STEPS: Final = 10
 _HOPELESS: Final = 4.0  # times what is asked: a start so far off does not come there
 _NEARLY: Final = 25.0  # of the cost: small jumps that are out of step cost something too
-_LIGHTEST_KG: Final = 0.2  # of all that moves with a stem
-_SURELY: Final = 100.0  # of the cost, times the misfit's square: no start and no phase of small jumps makes it good
-_STEADY_SHARE: Final = 0.5  # of the rows, at least, of ramps that go on and on
-_ROWS_A_SWING: Final = 4.0  # of small jumps, which show as such
 
 
 def without_lone_limit(
@@ -84,8 +78,6 @@ def without_lone_coulomb(
     if not asked or parameters["F_v"].identifiable or parameters["DV"].identifiable:
         return parameters
     rate_n_per_s = ramps.rates_n_per_s[0]
-    if _would_show(model, model.coordinates.values(point), rate_n_per_s, noise_factor):
-        return parameters
     is_open = _is_static(parameters["F_s"], model.coordinates.values(point), rate_n_per_s)
     is_open = is_open or may_creep(model, point, rate_n_per_s, noise_factor)
     return parameters | {"F_c": absent(_MAY_CREEP)} if is_open else parameters
@@ -97,19 +89,6 @@ def _is_static(static: ParameterEstimate, values: Mapping[str, float], rate_n_pe
         return False
     friction_n = values["F_c"] + values["F_v"] * rate_n_per_s / values["k"]
     return abs(static.value - friction_n) < _NO_JUMP * friction_n
-
-
-def _would_show(model: StemModel, values: Mapping[str, float], rate_n_per_s: float, noise_factor: float) -> bool:
-    """Whether the small jumps of a stem slower than DV would surely show, however light it is: then it does not creep.
-
-    At a speed v it falls behind by v sqrt(m/k) while it is accelerated to DV, again and again: a sawtooth at least.
-    """
-    swing_s = math.sqrt(_LIGHTEST_KG / values["k"])
-    if float(np.median(np.diff(model.time_s))) > 2.0 * math.pi * swing_s / _ROWS_A_SWING:
-        return False
-    behind_m = rate_n_per_s / values["k"] * swing_s
-    shown = _STEADY_SHARE * float(model.weight @ model.weight) * behind_m**2 / 12.0
-    return shown > _SURELY * noise_factor**2
 
 
 def may_creep(model: StemModel, point: FloatArray, rate_n_per_s: float, noise_factor: float) -> bool:
