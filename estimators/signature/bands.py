@@ -52,7 +52,11 @@ def stiction(band: Measured, jump: Measured, span: Span | None) -> Parts:
     """S and J in percent of span; a J that is not known to 30 % of itself or 0.1 % of span is absent."""
     reason = "the breakaways scatter, or start too softly to be timed"
     small_n = 0.0 if span is None else _SMALL_JUMP * span.force_n
-    unseen = "" if jump.value > jump.half_width else "no jump beyond its error"
+    unseen = ""
+    if jump.value < -jump.half_width:
+        unseen = "no jump: the stem breaks away at less than its friction in motion"
+    elif jump.value <= jump.half_width:
+        unseen = "no jump beyond its error"
     most = (
         "" if span is None else f"at most {100.0 * max(0.0, jump.value + jump.half_width) / span.force_n:.2g} % of span"
     )

@@ -93,6 +93,16 @@ def test_two_parameters_that_enter_as_one_sum_are_tied_and_the_sum_is_known() ->
     assert known.note("k") == ""
 
 
+def test_the_speed_of_a_tie_has_the_digits_that_its_sum_is_known_to() -> None:
+    column = np.random.default_rng(2).standard_normal((200, 1)) * 100.0
+    known = knowledge(["F_c", "F_v"], [590.0, 77000.0], line_information(column * np.array([1.0, 0.0033142])))
+    tie = known.ties("F_c")
+    assert tie is not None
+    # a thousandth of a N: of 255 N of viscous friction the sixth digit
+    assert tie.std_error < 0.001
+    assert "slides at 3.3142 mm/s" in known.note("F_c")
+
+
 def test_friction_at_one_speed_is_tied_and_at_two_is_not() -> None:
     one = known_of("vendor", [20.0] * 3, sample_period_s=0.02)
     tie = one.ties("F_v")

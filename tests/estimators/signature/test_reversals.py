@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 
 from estimators.classic.regression import RegressionEstimator
+from estimators.signature.bands import stiction
 from estimators.signature.measure import measure_signature
+from estimators.signature.scatter import Measured
+from estimators.signature.span import Span
 from tests.benchmarks.signature import truth
 from tests.estimators.recordings import VALVES, Recorded, recorded
 from valve.motion import simulate_motion
@@ -113,6 +116,15 @@ def test_a_jump_that_may_be_anything_is_not_given() -> None:
     assert jump.value is None
     assert "at most" in jump.note
     assert "no jump beyond its error" in jump.note
+
+
+@pytest.mark.parametrize(
+    ("jump_n", "told"), [(3.0, "no jump beyond its error"), (-3.0, "no jump beyond its error"), (-30.0, "at less than")]
+)
+def test_a_jump_that_is_none_says_whether_its_error_hides_it(jump_n: float, told: str) -> None:
+    span = Span(1000.0, None, None, "the bench set")
+    found = stiction(Measured(300.0, 2.0), Measured(jump_n, 5.0), span)["slip_jump_percent"]
+    assert told in found.note
 
 
 def test_a_breakaway_that_cannot_be_timed_gives_no_dead_band() -> None:
