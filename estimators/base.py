@@ -12,6 +12,8 @@ from valve.nameplate import Nameplate
 from valve.parameters import PARAMETER_SYMBOLS, ValveParameters, parameters_from_symbols
 from valve.recording import Recording
 
+_FEWEST_DIGITS: Final = 3
+_MOST_DIGITS: Final = 7
 NORMAL_95: Final = 1.959964  # two-sided 95 % of the normal distribution
 # A 95 % interval wider than +-30 % of the value is no knowledge of it (the contract's limit of identifiability).
 LARGEST_RELATIVE_HALF_WIDTH: Final = 0.30
@@ -124,6 +126,12 @@ class ParameterEstimate:
             "identifiable": self.identifiable,
             "note": self.note,
         }
+
+
+def digits_within(share: float) -> int:
+    """Significant digits of a factor, 3 to 7, that leave less than this share of its product open."""
+    needed = math.ceil(math.log10(5.0 / share)) if share > 0.0 else _MOST_DIGITS
+    return min(max(_FEWEST_DIGITS, needed), _MOST_DIGITS)
 
 
 def absent(note: str) -> ParameterEstimate:

@@ -5,7 +5,16 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from estimators.base import Form, Outcome, ParameterEstimate, absent, measured, offset_estimate
+from estimators.base import (
+    NORMAL_95,
+    Form,
+    Outcome,
+    ParameterEstimate,
+    absent,
+    digits_within,
+    measured,
+    offset_estimate,
+)
 from estimators.classic.transients import Transients
 from estimators.motion.balance import Balance
 from estimators.motion.static_friction import BreakawayForces
@@ -73,9 +82,11 @@ def _tied_note(balance: Balance, transients: Transients) -> str:
     """What is known where F_c is told from F_v badly; nothing for a drive without a spring, which has other speeds."""
     if balance.action is Action.DOUBLE:
         return ""
-    known = (
-        f"F_c + {balance.speed:.3g} m/s * F_v = {balance.friction[0]:.5g} N is known to +-{balance.friction[1]:.2g} N"
-    )
+    friction_n, error_n = balance.friction[0], NORMAL_95 * balance.friction[1]
+    viscous_n = balance.speed * transients.viscous_used[0]
+    digits = digits_within(error_n / abs(viscous_n or friction_n))
+    more = digits_within(error_n / abs(friction_n))
+    known = f"F_c + {balance.speed:.{digits}g} m/s * F_v = {friction_n:.{more}g} N is known to +-{error_n:.2g} N"
     if transients.viscous.value is None:
         return f"{known}; at one speed of the ramps it is tied to F_v, which is not known"
     return f"{known}; without a slip jump F_c is told from F_v by the ends of the ramps alone"

@@ -6,14 +6,13 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Final
 
+from estimators.base import digits_within
 from estimators.identifiability.ties import INPUT_TIMES, Quantities, Tie
 
 SEVERAL_RATES: Final = "ramps at several rates tell them apart (sequence multi_rate)"
 BOTH_WAYS: Final = "a stroke and its way back tell them apart (sequence triangle)"
 MEASURE: Final = "measure the pressure at the actuator"
 _ALIKE: Final = 0.3  # a speed or rate that a tie implies, against those of the test
-_FEWEST_DIGITS: Final = 3  # of a speed
-_MOST_DIGITS: Final = 7
 _LEFT: Final = 0.3  # of a friction's error, where a sum of forces is what is known
 
 
@@ -23,9 +22,7 @@ def _sliding_friction(symbol: str, other: str, known: Quantities) -> Tie | None:
     speed = float(weights[0])
     if not _among(speed, known.sliding_speeds_m_per_s):
         return None
-    # so many that what they leave of v F_v is less than the sum's error
-    share = error / abs(speed * known.value("F_v"))
-    digits = min(max(_FEWEST_DIGITS, math.ceil(-math.log10(share))) if share > 0.0 else _MOST_DIGITS, _MOST_DIGITS)
+    digits = digits_within(error / abs(speed * known.value("F_v")))
     return Tie(
         (symbol, other),
         known.correlation("F_c", "F_v"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -72,7 +73,7 @@ def test_polled_at_20_hz_differences_give_neither_m_nor_f_v_of_the_nominal_valve
         assert "sampling rate" in estimate.parameters[symbol].note
     for symbol, rel in (("k", 1.0e-3), ("F_c", 0.01), ("F_s", 0.01)):
         assert estimate.value(symbol) == pytest.approx(test.truth.by_symbol()[symbol], rel=rel), symbol
-    assert "F_c + 0.0102 m/s * F_v" in estimate.parameters["F_c"].note
+    assert re.search(r"F_c \+ 0\.010(2|16\d*) m/s \* F_v = 14[23]\d", estimate.parameters["F_c"].note)
 
 
 @pytest.mark.parametrize("estimator", BOTH, ids=by_form)
