@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from estimators.base import Estimate, Outcome, failed, measured
-from estimators.likelihood.conclusion import conclude, ramps_of
+from estimators.likelihood.conclusion import conclude
 from estimators.likelihood.cycle_starts import with_jump_cycle
 from estimators.likelihood.delay import searched_model
 from estimators.likelihood.drive.recording import estimate_force_recording
@@ -19,6 +19,7 @@ from estimators.likelihood.inputs.input_path import CommandedPath, InputPath, in
 from estimators.likelihood.lag_exchange import with_other_lags
 from estimators.likelihood.mass_scan import may_alias, with_scanned_mass
 from estimators.likelihood.problem import Problem, pose
+from estimators.likelihood.ramps import ramps_of
 from estimators.likelihood.search import Found, search
 from estimators.likelihood.staircase import read_staircase, with_stops
 from estimators.likelihood.write_errors import reweighted

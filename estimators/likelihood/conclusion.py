@@ -23,45 +23,34 @@ from estimators.identifiability.bound import Knowledge
 from estimators.likelihood.all_rows import EXACT, certified
 from estimators.likelihood.arrival import arrived, led_to
 from estimators.likelihood.delay import DELAY, Weighed, delayed, says_nothing, weigh
-from estimators.likelihood.intervals import CHECKED, Flatness, Ramps, flat_errors, inflation, known, natural_values
+from estimators.likelihood.doubts import doubt_of
+from estimators.likelihood.gauge_lag import hidden_lateness_s, known_lateness_s, least_errors
+from estimators.likelihood.intervals import CHECKED, Flatness, flat_errors, inflation, known, natural_values
 from estimators.likelihood.jump_lengths import coulomb_error_n, of_jumps
 from estimators.likelihood.micro_jumps import hidden_micro_jumps_n
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.optima import others_apart, with_others
 from estimators.likelihood.problem import Problem
+from estimators.likelihood.ramps import ramps_of
 from estimators.likelihood.search import Found
-from estimators.likelihood.stand_ins import without_lone_coulomb, without_lone_limit, without_mass_at_bound
+from estimators.likelihood.stand_ins import (
+    without_limit_of_late_pressure,
+    without_lone_coulomb,
+    without_lone_limit,
+    without_mass_at_bound,
+    without_mass_that_rings,
+)
 from estimators.likelihood.valley_of_jumps import is_charted
 from estimators.motion.balance import heaviest_believed_kg
-from estimators.motion.hidden_jumps import HIDDEN_JUMPS
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import FloatArray
 from valve.parameters import PARAMETER_SYMBOLS
 
 _SURE_OF_DELAY: Final = 0.99
-_SAME: Final = 0.1  # speeds and rates that differ by less are one
 _SLOW_SAMPLING_S: Final = 2.0e-3
 _IN_THE_VALLEY: Final = ("m", "F_v", "F_c", "F_s", "DV")
 _LED: Final = 2  # times to what a walk along the valley finds lower
 _LED_OF_JUMPS: Final = 3  # whose valley is long and bent
-_NOT_ARRIVED: Final = (
-    "the fit did not come to the bottom of its cost, a narrow valley of m, F_v, F_c, F_s and DV: "
-    "repeat with ramps at several rates"
-)
-
-_ALONE: Final = (
-    "the stem jumps, and searches from other starts did not come to as good a fit, so that a better one may be "
-    "missing still: repeat with ramps at several rates"
-)
-_STRAINED: Final = (
-    "the position asks for another force than was measured, by more than the noise of its channel allows, and friction "
-    "may stand in for what its lines miss: record it faster"
-)
-_TOO_HEAVY: Final = (
-    "the fit has a mass that no valve's moving parts have, which stands in for what the model misses: look for what "
-    "else moves or holds the stem"
-)
-_LARGEST_STRAIN: Final = 6.5  # standard deviations that one error of the measured input may be from none
 
 
 def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found) -> Estimate:
@@ -82,6 +71,7 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
     # of a comb of minima one that was left for a lower one may have a lower one still
     is_bottom = assessed.is_bottom and not is_comb
     model, point = weighed.model, weighed.point
+    period_s, ramps = motion.samples.period_s, ramps_of(motion)
     noise_m = problem.noise_m * found.noise_factor
     residual = _residuals(model, point)
     values = natural_values(model, point)
@@ -98,7 +88,13 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
     if problem.jumps:
         apart = others_apart(model, point, found)
         least = {symbol: max(least.get(symbol, 0.0), apart.get(symbol, 0.0)) for symbol in CHECKED}
-        least = of_jumps(least, values, ramps_of(motion).rates_n_per_s)
+        least = of_jumps(least, values, ramps.rates_n_per_s)
+    is_delayed = weighed.weight > _SURE_OF_DELAY
+    is_silent = says_nothing(problem.model, period_s) and not (is_delayed or problem.is_noise_free)
+    hidden_s = hidden_lateness_s(values, ramps) if is_silent and not motion.command_only else 0.0
+    late_s = max(hidden_s, known_lateness_s(values, period_s, is_delayed=is_delayed))
+    of_lateness = least_errors(late_s, min(ramps.rates_n_per_s, default=0.0))
+    least = least | {symbol: max(least.get(symbol, 0.0), error) for symbol, error in of_lateness.items()}
     parameters = {symbol: _parameter(symbol, values, knows, least.get(symbol, 0.0)) for symbol in PARAMETER_SYMBOLS}
     if problem.jumps and knows is not None and not parameters["F_v"].identifiable:
         viscous_error = max(knows.std_error("F_v"), least["F_v"])
@@ -108,16 +104,28 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
     heaviest_kg = heaviest_believed_kg(motion.moving_mass_kg, float(np.ptp(motion.samples.force_n)))
     is_too_heavy = parameters["m"].identifiable and values["m"] > heaviest_kg
     # without noise the cost itself tells them apart
-    slowest = math.inf if problem.is_noise_free else min(ramps_of(motion).rates_n_per_s, default=math.inf) / values["k"]
+    slowest = math.inf if problem.is_noise_free else min(ramps.rates_n_per_s, default=math.inf) / values["k"]
     parameters = without_lone_limit(without_mass_at_bound(parameters, model, point), values["DV"], slowest)
+    # jumps are far larger than noise
+    if not (problem.is_noise_free or problem.jumps):
+        parameters = without_mass_that_rings(
+            parameters, model, point, period_s=period_s, ramps=ramps, noise_factor=factor
+        )
+    if hidden_s > 0.0:
+        parameters = without_limit_of_late_pressure(parameters)
     if not (problem.jumps or motion.command_only):
-        parameters = without_lone_coulomb(parameters, model, point, ramps_of(motion), factor)
+        parameters = without_lone_coulomb(parameters, model, point, ramps, factor)
     # without noise the blocks are coarser than the fit, and the bottom is beyond what is computed
     is_bottom &= flatness.is_lowest or found.certificate.ratio < EXACT
     is_bottom |= problem.is_noise_free and found.certificate.ratio < 1.0
     strained = strain(model, point)
-    doubt = _doubt(is_bottom=is_bottom, hides=hidden_n > 0.0, is_confirmed=found.is_confirmed, strain=strained)
-    doubt = doubt or (_TOO_HEAVY if is_too_heavy else "")
+    doubt = doubt_of(
+        is_bottom=is_bottom,
+        hides=hidden_n > 0.0,
+        is_confirmed=found.is_confirmed,
+        strain=strained,
+        is_too_heavy=is_too_heavy,
+    )
     if doubt:
         parameters |= {symbol: absent(doubt) for symbol in _IN_THE_VALLEY if parameters[symbol].identifiable}
     complete = in_order(parameters)
@@ -130,7 +138,7 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         sentences.append(f"{doubt[0].upper()}{doubt[1:]}.")
     if missing:
         sentences += [f"Not given: {', '.join(missing)}.", *weighed.unsaid(missing)]
-    if weighed.weight > _SURE_OF_DELAY:
+    if is_delayed:
         late = "later" if values[DELAY] > 0.0 else "earlier"
         sentences.append(f"The force acts {1.0e3 * abs(values[DELAY]):.3g} ms {late} than its samples' times say.")
     hidden = {"m"} if Outcome.MASS_HIDDEN in outcomes else set()
@@ -163,16 +171,6 @@ def strain(model: StemModel, point: FloatArray) -> float:
     """Return the largest error of the measured input that the fit asks for, in standard deviations of its noise."""
     count = len(model.deviations)
     return float(np.abs(point[point.size - count :]).max(initial=0.0)) if count else 0.0
-
-
-def _doubt(*, is_bottom: bool, hides: bool, is_confirmed: bool, strain: float) -> str:
-    if not is_bottom:
-        return _NOT_ARRIVED
-    if hides:
-        return HIDDEN_JUMPS
-    if strain > _LARGEST_STRAIN:
-        return _STRAINED
-    return "" if is_confirmed else _ALONE
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -234,28 +232,6 @@ def _residuals(model: StemModel, point: FloatArray) -> FloatArray:
     if residual is None:
         raise RuntimeError("the fitted valve cannot be followed any more")  # it was, in the search
     return residual
-
-
-def ramps_of(motion: RecordedMotion) -> Ramps:
-    """Return the speeds and force rates of the driven stretches, those that differ by less than 10 % once."""
-    samples, phases = motion.samples, motion.phases
-    speeds, rates = [], []
-    for stretch in phases.stretches:
-        if not stretch.driven or stretch.last - stretch.first < 4:
-            continue
-        middle = (stretch.first + stretch.last) // 2
-        run_s = float(samples.time_s[stretch.last] - samples.time_s[middle])
-        speeds.append(abs(float(samples.position_m[stretch.last] - samples.position_m[middle])) / run_s)
-        rates.append(abs(float(samples.force_n[stretch.last] - samples.force_n[middle])) / run_s)
-    return Ramps(_distinct(speeds), _distinct(rates))
-
-
-def _distinct(values: list[float]) -> tuple[float, ...]:
-    kept: list[float] = []
-    for value in sorted(values):
-        if value > 0.0 and (not kept or value > (1.0 + _SAME) * kept[-1]):
-            kept.append(value)
-    return tuple(kept)
 
 
 def _parameter(symbol: str, values: dict[str, float], knows: Knowledge | None, least_error: float) -> ParameterEstimate:

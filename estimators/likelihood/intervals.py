@@ -27,6 +27,7 @@ from estimators.likelihood.far_places import (
 from estimators.likelihood.limit_median import median_place
 from estimators.likelihood.model import STEP, StemModel
 from estimators.likelihood.pool import Place
+from estimators.likelihood.ramps import Ramps
 from estimators.likelihood.valley import FARTHEST, WALKED, walk
 from estimators.likelihood.valley_of_jumps import is_charted, walk_of_jumps
 from estimators.samples import FloatArray
@@ -49,14 +50,6 @@ _FOR_JUMPS: Final = 3.0e6
 _OF_LIMIT: Final = slice(4, 6)  # among the walks: those of DV, downwards and upwards
 _OPENER: Final = 1.5  # times the prior's width: 97 of 100 valves have a DV below the fastest speed then
 _SURE: Final = 3.0  # standard errors by which the variance of pieces must exceed that of white noise
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Ramps:
-    """Speeds at which the stem slid, m/s, and rates of the force, N/s."""
-
-    speeds_m_per_s: tuple[float, ...]
-    rates_n_per_s: tuple[float, ...]
 
 
 def inflation(residual: FloatArray, weight: FloatArray) -> float:

@@ -9,10 +9,11 @@ import numpy as np
 
 from estimators.base import NORMAL_95
 from estimators.identifiability.bound import Knowledge
-from estimators.likelihood.intervals import CHECKED, Ramps, known, natural_values
+from estimators.likelihood.intervals import CHECKED, known, natural_values
 from estimators.likelihood.mixture import mixed
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.pool import Place
+from estimators.likelihood.ramps import Ramps
 from estimators.likelihood.search import Found
 from estimators.samples import FloatArray
 

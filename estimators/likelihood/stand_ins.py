@@ -11,8 +11,8 @@ from estimators.base import ParameterEstimate, absent
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.coordinates import Coordinates
 from estimators.likelihood.descent import descend
-from estimators.likelihood.intervals import Ramps
 from estimators.likelihood.model import StemModel
+from estimators.likelihood.ramps import Ramps
 from estimators.samples import FloatArray
 
 _LIMIT_ALONE: Final = (
@@ -28,7 +28,19 @@ _MAY_CREEP: Final = (
     "repeat with a faster ramp"
 )
 _AT_AN_END: Final = "the fit takes it to the end of all masses that there are: it does not show"
-_NEAR_SPEED: Final = 0.5  # of the ramp's
+_RINGS: Final = (
+    "the stem that was fitted rings undamped with fewer than four rows a swing, and so does noise: "
+    "capture in the device at 1 ms"
+)
+_LATE_PRESSURE: Final = (
+    "near the speed of the ramps it does what a pressure does that was read late, and the file does not say how its "
+    "channels were read: use ramps at several rates (sequence multi_rate)"
+)
+NEAR_SPEED: Final = 0.5  # of the ramp's
+_QUARTER_TURN: Final = 0.5 * math.pi
+_OF_MASS: Final = (0.5, 0.1)
+_HARDLY_SWINGS: Final = 1.4  # F_v over the root of k m
+_FEWEST_COULOMB: Final = 0.1
 _AT_BOUND: Final = 0.01  # of a logarithm
 # DV, of the slowest ramp's speed, and m, kg: the small jumps are as the root of it
 _TRIED: Final = ((1.05, 3.0), (1.4, 3.0), (1.05, 0.2))
@@ -47,7 +59,7 @@ def without_lone_limit(
 
     Where F_v does not show, a DV near the speed of the slowest ramp, and the mass that goes with it, stand in for it.
     """
-    stands_in = not parameters["F_v"].identifiable and limit_m_per_s > _NEAR_SPEED * slowest_m_per_s
+    stands_in = not parameters["F_v"].identifiable and limit_m_per_s > NEAR_SPEED * slowest_m_per_s
     if stands_in:
         parameters = parameters | {s: absent(_LIMIT_ALONE) for s in ("m", "DV") if parameters[s].identifiable}
     if parameters["DV"].identifiable and not parameters["F_s"].identifiable:
@@ -55,6 +67,11 @@ def without_lone_limit(
     if parameters["m"].identifiable or parameters["F_v"].identifiable or not parameters["DV"].identifiable:
         return parameters
     return parameters | {"DV": absent(_LIMIT_ALONE)}
+
+
+def without_limit_of_late_pressure(parameters: dict[str, ParameterEstimate]) -> dict[str, ParameterEstimate]:
+    """Return the parameters without a DV that a pressure which was read late may have made."""
+    return parameters | ({"DV": absent(_LATE_PRESSURE)} if parameters["DV"].identifiable else {})
 
 
 def without_mass_at_bound(
@@ -68,6 +85,38 @@ def without_mass_at_bound(
     number = own.names.index("m")
     is_inside = own.lower[number] + _AT_BOUND < point[number] < own.upper[number] - _AT_BOUND
     return parameters if is_inside or not parameters["m"].identifiable else parameters | {"m": absent(_AT_AN_END)}
+
+
+def without_mass_that_rings(
+    parameters: dict[str, ParameterEstimate],
+    model: StemModel,
+    point: FloatArray,
+    *,
+    period_s: float,
+    ramps: Ramps,
+    noise_factor: float,
+) -> dict[str, ParameterEstimate]:
+    """Return the parameters without an m that only noise may show, in rows every ``period_s`` s.
+
+    Of many masses whose swings have fewer than four rows, some fit a noise by chance better than the true one by 10 of
+    the cost. It may be so where what damps the swing does not show, and a stem that hardly swings does nearly as well.
+    """
+    values = model.coordinates.values(point)
+    rings = parameters["m"].identifiable and not parameters["F_v"].identifiable
+    if not rings or period_s * math.sqrt(values["k"] / values["m"]) < _QUARTER_TURN:
+        return parameters
+    small = compressed(model)
+    least = small.cost(point) + _NEARLY * noise_factor**2
+    speed = min(ramps.rates_n_per_s, default=0.0) / values["k"]
+    for share in _OF_MASS:
+        mass_kg = share * values["m"]
+        viscous = _HARDLY_SWINGS * math.sqrt(values["k"] * mass_kg)
+        coulomb_n = max(values["F_c"] - (viscous - values["F_v"]) * speed, _FEWEST_COULOMB * values["F_c"])
+        ratio = max(0.0, values["F_c"] * (1.0 + values["d"]) / coulomb_n - 1.0)
+        start = small.coordinates.point(values | {"m": mass_kg, "F_v": viscous, "F_c": coulomb_n, "d": ratio})
+        if descend(small, start, most_steps=_STEPS, held=("m",), one_sided=True).cost < least:
+            return parameters | {"m": absent(_RINGS)}
+    return parameters
 
 
 def without_lone_coulomb(

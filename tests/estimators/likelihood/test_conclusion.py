@@ -125,6 +125,15 @@ def test_slow_rows_may_hide_the_small_jumps_of_a_creeping_stem() -> None:
     assert "crept" in estimate.parameters["F_c"].note
 
 
+def test_a_mass_whose_swing_has_few_rows_is_not_given_without_what_damps_it() -> None:
+    # noise rings by chance at three rows a swing: m was known to 30 %, 87 % too large
+    test = phased(Case("vendor", "triangle", 100.0e-6, 0), 20.0e-3, 0.1)
+    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    assert estimate.value("m") is None
+    assert "fewer than four rows a swing" in estimate.parameters["m"].note
+    assert estimate.value("k") == pytest.approx(test.truth.spring_rate_n_per_m, rel=1.0e-3)
+
+
 def test_a_misfit_that_leaves_no_value_speaks_of_no_intervals() -> None:
     # noise behind a filter of 5 ms, three times as large as its differences from sample to sample say
     test = phased(Case("nominal", "triangle", 0.0, 0), 1.0e-3, 0.0)

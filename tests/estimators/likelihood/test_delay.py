@@ -15,7 +15,8 @@ from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from tests.benchmarks.efficiency import Case, phased
 from tests.estimators.likelihood.posed import posed
 from tests.estimators.random_valves import random_test
-from valve.recording import Acquisition, Provenance
+from tests.estimators.recordings import Recorded
+from valve.recording import Acquisition, Provenance, Recording
 
 SEED = 2103  # the pressure is read 0.18 periods late; without a delay a DV 15 times too large fits nearly as well
 DELAYED = 2306  # the pressure is read 0.25 periods late: without a delay the rows misfit wherever the stem accelerates
@@ -109,6 +110,54 @@ def test_a_fit_with_a_delay_is_judged_by_what_it_leaves_with_the_delay() -> None
     assert estimate.diagnostics["weight_of_delay"] > 0.99
     for symbol in ("m", "k", "F_v", "F_c", "F_s", "F_0"):
         assert estimate.value(symbol) == pytest.approx(truth[symbol], rel=0.01), symbol
+
+
+def late_by(late_s: float, test: Recorded) -> Recording:
+    """The recording with a pressure that was read late and has noise, in a file that tells nothing of it."""
+    recording = test.recording
+    assert recording.pressure_pa is not None
+    pressure_pa = np.interp(recording.time_s - late_s, recording.time_s, recording.pressure_pa)
+    pressure_pa += np.random.default_rng([9, 1]).normal(0.0, 40.0, pressure_pa.size)
+    return replace(recording, pressure_pa=pressure_pa, provenance=Provenance())
+
+
+def changed_n(late_s: float, test: Recorded) -> float:
+    """What the force changes in this time on the test's ramps."""
+    force_n = test.recording.actuator_force_n(test.nameplate)
+    return late_s * float(np.max(np.abs(np.diff(force_n)))) / test.recording.sample_period_s
+
+
+def test_friction_is_known_to_what_the_force_changes_in_the_time_that_a_gauge_was_late() -> None:
+    # a gauge that lags rounds the corners, which a delay does not: F_c was ok, 0.4 % and 13 standard errors off
+    test = phased(Case("rough", "triangle", 5.0e-6, 1))
+    estimate = MaximumLikelihoodEstimator().estimate(late_by(5.0e-3, test), test.nameplate)
+    truth = test.truth.by_symbol()
+    assert estimate.status is Status.OK, estimate.message
+    assert "earlier than its samples' times say" in estimate.message
+    for symbol in ("F_c", "F_s"):
+        entry = estimate.parameters[symbol]
+        assert entry.value is not None, symbol
+        assert entry.std_error is not None, symbol
+        assert entry.std_error == pytest.approx(changed_n(5.0e-3, test) / NORMAL_95, rel=0.2), symbol
+        assert abs(entry.value - truth[symbol]) < 2.0 * entry.std_error, symbol
+    for symbol, error in (("m", 0.05), ("F_v", 0.005), ("k", 1.0e-4)):
+        assert estimate.value(symbol) == pytest.approx(truth[symbol], rel=error), symbol
+
+
+def test_no_limit_velocity_is_given_that_a_late_pressure_may_have_made() -> None:
+    # DV was given 66 times too large, with F_s 46 standard errors off
+    test = phased(Case("nominal", "triangle", 20.0e-6, 1))
+    estimate, truth = MaximumLikelihoodEstimator().estimate(late_by(5.0e-3, test), test.nameplate), test.truth
+    assert estimate.status is Status.OK, estimate.message
+    assert estimate.diagnostics["fitted"]["DV"] > 10.0 * truth.limit_velocity_m_per_s
+    assert estimate.value("DV") is None
+    assert "read late" in estimate.parameters["DV"].note
+    for symbol in ("F_c", "F_s"):
+        entry = estimate.parameters[symbol]
+        assert entry.value is not None, symbol
+        assert entry.std_error is not None, symbol
+        assert 0.9 * changed_n(0.02, test) < NORMAL_95 * entry.std_error < 0.02 * entry.value, symbol
+        assert abs(entry.value - truth.by_symbol()[symbol]) < 2.0 * entry.std_error, symbol
 
 
 def test_a_stem_that_jumps_is_searched_with_no_delay_that_its_recording_denies() -> None:

@@ -11,13 +11,14 @@ import pytest
 from estimators.base import Outcome, Status
 from estimators.likelihood.all_rows import certified
 from estimators.likelihood.compression import compressed
-from estimators.likelihood.conclusion import _doubt, ramps_of
 from estimators.likelihood.descent import descend
+from estimators.likelihood.doubts import doubt_of
 from estimators.likelihood.elimination import eliminated
 from estimators.likelihood.hopping import Hopping
 from estimators.likelihood.input_errors import hopped_anew, with_input_errors
 from estimators.likelihood.inputs.input_path import input_path
 from estimators.likelihood.model import StemModel
+from estimators.likelihood.ramps import ramps_of
 from estimators.likelihood.search import Found, with_events
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import RecordedMotion
@@ -79,7 +80,7 @@ def test_a_fit_at_a_wrong_dv_is_hopped_from_once_the_errors_of_the_input_are_kno
 
 
 def test_a_fit_at_the_bottom_that_strains_its_input_is_doubted_for_that() -> None:
-    doubt = partial(_doubt, is_bottom=True, hides=False, is_confirmed=True)
+    doubt = partial(doubt_of, is_bottom=True, hides=False, is_confirmed=True, is_too_heavy=False)
     assert "another force than was measured" in doubt(strain=6.6)
     assert doubt(strain=6.4) == ""
 

@@ -7,13 +7,13 @@ import pytest
 
 from estimators.base import Outcome, Status
 from estimators.likelihood.budget import Budget
-from estimators.likelihood.conclusion import ramps_of
 from estimators.likelihood.coordinates import Coordinates, linear, logarithmic
 from estimators.likelihood.far_places import with_other_limits
 from estimators.likelihood.inputs.input_path import input_path
 from estimators.likelihood.micro_jumps import hidden_micro_jumps_n
 from estimators.likelihood.pool import Place
 from estimators.likelihood.problem import pose
+from estimators.likelihood.ramps import ramps_of
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from estimators.samples import BoolArray, FloatArray
