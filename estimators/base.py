@@ -128,10 +128,13 @@ class ParameterEstimate:
         }
 
 
-def digits_within(share: float) -> int:
-    """Significant digits of a factor, 3 to 7, that leave less than this share of its product open."""
-    needed = math.ceil(math.log10(5.0 / share)) if share > 0.0 else _MOST_DIGITS
-    return min(max(_FEWEST_DIGITS, needed), _MOST_DIGITS)
+def digits_within(error: float, product: float) -> int:
+    """Significant digits of a factor, 3 to 7, that leave less than ``error`` of its ``product`` open, in its unit."""
+    if product == 0.0:
+        return _FEWEST_DIGITS
+    share = error / abs(product)
+    needed = -math.log10(share / 5.0) if share > 0.0 else math.inf
+    return math.ceil(min(max(_FEWEST_DIGITS, needed), _MOST_DIGITS))
 
 
 def absent(note: str) -> ParameterEstimate:

@@ -84,8 +84,8 @@ def _tied_note(balance: Balance, transients: Transients) -> str:
         return ""
     friction_n, error_n = balance.friction[0], NORMAL_95 * balance.friction[1]
     viscous_n = balance.speed * transients.viscous_used[0]
-    digits = digits_within(error_n / abs(viscous_n or friction_n))
-    more = digits_within(error_n / abs(friction_n))
+    digits = digits_within(error_n, viscous_n or friction_n)
+    more = digits_within(error_n, friction_n)
     known = f"F_c + {balance.speed:.{digits}g} m/s * F_v = {friction_n:.{more}g} N is known to +-{error_n:.2g} N"
     if transients.viscous.value is None:
         return f"{known}; at one speed of the ramps it is tied to F_v, which is not known"

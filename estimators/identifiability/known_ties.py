@@ -22,7 +22,7 @@ def _sliding_friction(symbol: str, other: str, known: Quantities) -> Tie | None:
     speed = float(weights[0])
     if not _among(speed, known.sliding_speeds_m_per_s):
         return None
-    digits = digits_within(error / abs(speed * known.value("F_v")))
+    digits = digits_within(error, speed * known.value("F_v"))
     return Tie(
         (symbol, other),
         known.correlation("F_c", "F_v"),

@@ -15,7 +15,7 @@ from estimators.likelihood.hopping import led_along_jumps
 from estimators.likelihood.model import STEP
 from estimators.likelihood.pool import Place, distinct
 from estimators.likelihood.search import Found
-from estimators.likelihood.valley_of_jumps import is_charted
+from estimators.likelihood.valley_of_jumps import FOR_JUMPS, is_charted
 from estimators.samples import FloatArray
 
 # A bottom is left by less than two standard errors in all; a narrow, bent valley of m, F_v, F_c and DV by far more.
@@ -24,7 +24,6 @@ _FURTHER_STEPS: Final = 30
 _ROUNDS: Final = 4  # in which many errors of the input are found anew
 _FURTHER_SHARE: Final = 0.3  # of the budget
 _LOWER: Final = 1.0  # of the cost
-_FOR_JUMPS: Final = 3.0e6  # of work
 # steps of differences that smooth what many hidden jumps make of the cost; the last is worth a second descent
 _COARSER: Final = (1.0e-4, 1.0e-3, 1.0e-3)
 _SMALLEST_SHARE: Final = 1.0e-12  # of the largest eigenvalue: below it a direction is not seen at all
@@ -101,7 +100,7 @@ def _led_along_jumps(found: Found) -> Found:
     """Return the fit led down the valley of jumps on all rows: blocks of them have sills of their own."""
     if found.model.deviations or not is_charted(found.model, found.point):
         return found
-    budget = Budget.limited(_FOR_JUMPS)
+    budget = Budget.limited(FOR_JUMPS)
     led = led_along_jumps(found.model, Place(found.point, found.cost), budget, 0.0)
     return replace(found, point=led.point, cost=led.cost, simulations=found.simulations + budget.simulations)
 

@@ -29,7 +29,7 @@ from estimators.likelihood.model import STEP, StemModel
 from estimators.likelihood.pool import Place
 from estimators.likelihood.ramps import Ramps
 from estimators.likelihood.valley import FARTHEST, WALKED, walk
-from estimators.likelihood.valley_of_jumps import is_charted, walk_of_jumps
+from estimators.likelihood.valley_of_jumps import FOR_JUMPS, is_charted, walk_of_jumps
 from estimators.samples import FloatArray
 
 _PIECES: Final = (1, 4, 16, 64, 256, 1024)
@@ -46,7 +46,6 @@ _FRICTION: Final[tuple[str, ...]] = ("F_v", "F_c", "F_s", "DV")
 _WITHIN_95: Final = 3.84
 _WITHIN_SILLS: Final = 9.0
 _MOST_WORK: Final = 1.2e6  # of the walks
-_FOR_JUMPS: Final = 3.0e6
 _OF_LIMIT: Final = slice(4, 6)  # among the walks: those of DV, downwards and upwards
 _OPENER: Final = 1.5  # times the prior's width: 97 of 100 valves have a DV below the fastest speed then
 _SURE: Final = 3.0  # standard errors by which the variance of pieces must exceed that of white noise
@@ -152,7 +151,7 @@ def flat_errors(
     if near_errors is not None:
         small, point = near_errors.model, point[: near_errors.count]
     charted = jumps and is_charted(small, point)
-    budget = Budget.limited(_FOR_JUMPS if charted else min(Budget.of(small).whole, _MOST_WORK))
+    budget = Budget.limited(FOR_JUMPS if charted else min(Budget.of(small).whole, _MOST_WORK))
     most = budget.most_at_once(small, 0.5)
     near = descend(small, point, most_steps=FOLLOWING_STEPS, most_simulations=most)
     start = Place(near.point, near.cost)

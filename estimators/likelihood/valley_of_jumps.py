@@ -14,6 +14,7 @@ from estimators.likelihood.valley import FARTHEST, LARGEST_RISE, Walk
 from estimators.samples import FloatArray
 
 # Own choices, from random valves that stick and slip.
+FOR_JUMPS: Final = 3.0e6  # of work, along the valley
 _FIRST: Final = 0.1  # of a logarithm
 _LONGEST: Final = 0.4
 _SHORTEST: Final = 0.01

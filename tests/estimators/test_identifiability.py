@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import itertools
+import math
 
 import numpy as np
 import pytest
 
+from estimators.base import digits_within
 from estimators.identifiability.bound import Knowledge, knowledge
 from estimators.identifiability.sensitivities import SENSITIVITY_SYMBOLS, position_sensitivities
 from estimators.samples import FloatArray
@@ -236,3 +238,13 @@ def test_a_lag_that_hides_friction_without_being_tied_to_it_alone_is_named() -> 
     known = knowledge(["F_c", "transducer_lag_s"], [1.0, 0.1], np.diag([1.0, 1.0]))
     assert known.ties("F_c") is None
     assert "lag of the transducer hides it" in known.note("F_c")
+
+
+def test_a_factor_has_digits_by_what_they_leave_of_its_product() -> None:
+    assert digits_within(1.0, 100.0) == 3
+    assert digits_within(1.0e-3, 100.0) == 6
+    assert digits_within(0.0, 100.0) == 7
+    assert digits_within(1.0e-12, -100.0) == 7
+    # a stem without viscous friction: no digit of the speed matters
+    assert digits_within(1.0, 0.0) == 3
+    assert digits_within(math.inf, 100.0) == 3
