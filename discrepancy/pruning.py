@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Final
 
+import numpy as np
+
+from discrepancy.baseline import scanned
 from discrepancy.causes.base import Cause
 from discrepancy.finishing import finished
 from discrepancy.intervals import fitted_values, may_be_nothing
@@ -19,6 +23,7 @@ _PRUNING_STEPS: Final = 15
 _LOOK_CLOSER: Final = 2.0  # times the misfit of all causes: one may be needless
 _FADING: Final = (0.7, 0.5, 0.4, 0.2)  # of a strength, one after the other: to 3 % of it
 _FADING_STEPS: Final = 6
+_LIMITS: Final = np.log([0.25, 0.4, 0.6, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0, 6.0, 8.0])  # times DV
 
 
 def pruned(baseline: Fit, best: Fit, chosen: list[Cause], *, fades: bool = False) -> tuple[Fit, list[Cause]]:
@@ -33,6 +38,8 @@ def pruned(baseline: Fit, best: Fit, chosen: list[Cause], *, fades: bool = False
         if is_far and (fades or may_be_nothing(cause, fitted_values(best, cause))):
             # what cannot be told from nothing is needless, however far the rest has to go without it
             fit = with_causes(baseline, _faded(best, cause), others)
+        if is_far:
+            fit = min(fit, _with_another_limit(with_causes(baseline, best, others, most_steps=0)), key=_cost)
         if fit.is_followed and not is_significant(fit, best) and misfit(fit) < _LOOK_CLOSER * misfit(best):
             best, chosen = fit, others
         elif fit.is_followed and misfit(fit) < _LOOK_CLOSER * misfit(best):
@@ -41,6 +48,15 @@ def pruned(baseline: Fit, best: Fit, chosen: list[Cause], *, fades: bool = False
             if not is_significant(fit, best):
                 best, chosen = fit, others
     return best, chosen
+
+
+def _with_another_limit(fit: Fit) -> Fit:
+    """Return the fit with the DV that costs least, descended: a wide one stands for what falls with speed."""
+    return descend(scanned(fit, "DV", _LIMITS), most_steps=_PRUNING_STEPS)
+
+
+def _cost(fit: Fit) -> float:
+    return fit.cost if fit.is_followed else math.inf
 
 
 def with_causes(baseline: Fit, fit: Fit, causes: list[Cause], most_steps: int = _PRUNING_STEPS) -> Fit:

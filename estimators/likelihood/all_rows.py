@@ -29,20 +29,20 @@ _MOST_FINE: Final = 5  # times the simulations of a descent with noise
 _DEARER: Final = 3  # times the rows of blocks: uneven rows that many more are not simulated at each step
 
 
-def _is_computed(model: StemModel) -> bool:
+def is_computed(model: StemModel) -> bool:
     """Whether the position has no noise but the floor that stands for it."""
     return float(model.weight.max()) * model.range_m > _ALL_BUT / NO_NOISE
 
 
 def exactly(model: StemModel) -> float:
     """Misfit, in times the noise, below which no other place can be better: without noise, that of the floor."""
-    return 1.0 if _is_computed(model) else EXACT
+    return 1.0 if is_computed(model) else EXACT
 
 
 def on_all_rows(model: StemModel, places: list[Place], budget: Budget) -> list[Place]:
     """Descend on all rows from the places that may be the lowest; cheapest first."""
     ended: list[Place] = []
-    is_computed, exact = _is_computed(model), exactly(model)
+    computed, exact = is_computed(model), exactly(model)
     is_precise = float(model.weight.max()) * model.range_m > 1.0 / LEAST_NOISE
     near_by = places[:MOST_PLACES]
     if places and not is_precise:
@@ -61,7 +61,7 @@ def on_all_rows(model: StemModel, places: list[Place], budget: Budget) -> list[P
         found = descend(model, near.point, most_steps=_LAST_STEPS, most_simulations=rest)
         if is_precise:
             # the floor that stands for the noise of a computed position hides the bottom of the valley of DV, m and F_s
-            sharp = replace(model, weight=model.weight * _SHARPER) if is_computed else model
+            sharp = replace(model, weight=model.weight * _SHARPER) if computed else model
             bottom = descend(sharp, found.point, most_steps=_FINE_STEPS, most_simulations=_MOST_FINE * most)
             budget.spend(model, bottom.simulations)
             found = replace(found, point=bottom.point, cost=model.cost(bottom.point))

@@ -189,8 +189,11 @@ class _Assessed:
 def _assessed(motion: RecordedMotion, problem: Problem, found: Found) -> _Assessed:
     """Go down from the fit if it is on a slope, weigh a delay and the other places, and walk along its valley."""
     period_s = motion.samples.period_s
+    before = found
     found, is_bottom = arrived(found, jumps=problem.jumps)
     searched = found.model
+    if found.cost < before.cost:
+        found = replace(found, certificate=certified(searched, found.point))
     factor, ramps = inflation(_residuals(searched, found.point), searched.weight), ramps_of(motion)
     if says_nothing(problem.model, period_s) and found.certificate.ratio >= EXACT:
         weighed = weigh(delayed(searched, problem.model), searched, found.point, ramps, factor)

@@ -12,6 +12,7 @@ from estimators.likelihood.bent_valley import descend_bent
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.descent import Descent
 from estimators.likelihood.hops import hops
+from estimators.likelihood.jump_simplex import down_by_simplex
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.pool import Place, distinct, followed_from
 from estimators.likelihood.valley import STRAIGHT, Way, led_down
@@ -79,6 +80,7 @@ def led_along_jumps(small: StemModel, place: Place, budget: Budget, reserve: flo
     found = _down_bent(small, place.point, most_simulations=budget.most_at_once(small, _AT_ONCE))
     budget.spend(small, found.simulations)
     lower = Place(found.point, found.cost) if found.cost < place.cost else place
+    lower = down_by_simplex(small, lower, budget, reserve)
     return led_down(small, lower, Way(walk_of_jumps, _down_bent), budget, reserve)
 
 

@@ -29,7 +29,7 @@ from estimators.likelihood.model import STEP, StemModel
 from estimators.likelihood.pool import Place
 from estimators.likelihood.ramps import Ramps
 from estimators.likelihood.valley import FARTHEST, WALKED, walk
-from estimators.likelihood.valley_of_jumps import FOR_JUMPS, is_charted, walk_of_jumps
+from estimators.likelihood.valley_of_jumps import FOR_JUMPS, far_walk_of_jumps, is_charted
 from estimators.samples import FloatArray
 
 _PIECES: Final = (1, 4, 16, 64, 256, 1024)
@@ -110,7 +110,17 @@ def known(model: StemModel, point: FloatArray, ramps: Ramps, *, noise_factor: fl
         _without_last(change.T @ normal @ change, len(values)),
         sliding_speeds_m_per_s=ramps.speeds_m_per_s,
         ramp_rates_n_per_s=ramps.rates_n_per_s,
+        widest=_widest(model),
     )
+
+
+def _widest(model: StemModel) -> dict[str, float]:
+    """Standard deviations, s, of an input's unknowns of which nothing but their bounds is known beforehand."""
+    return {
+        entry.name: (entry.upper - entry.lower) * entry.unit / math.sqrt(12.0)
+        for entry in model.coordinates.entries
+        if entry.name in model.input_names and math.isinf(entry.prior_sd)
+    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,7 +236,7 @@ def _walked(
 ) -> list[Place]:
     """Places of a walk until the cost has risen: an unknown that hardly shows goes on in strides, far off."""
     if charted:
-        return walk_of_jumps(small, start, name, sense, budget=budget, largest_rise=2.0 * within).places
+        return far_walk_of_jumps(small, start, name, sense, budget=budget, within=within)
     number = small.coordinates.names.index(name)
     places = walk(small, start, name, sense, budget=budget, largest_rise=2.0 * within).places
     for _ in range(_FARTHER):

@@ -8,6 +8,7 @@ same, and its spectrum tells the cycle's length to a part in ten thousand.
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
@@ -68,7 +69,8 @@ def jump_cycles(samples: Samples, corners: tuple[FloatArray, FloatArray]) -> lis
     lines = list(_lines(samples, corners))
     if not lines:
         return []
-    rate = float(np.median([own for _, own, _ in lines]))
+    # the rate of a line: between those of two there may be none
+    rate = statistics.median_low(own for _, own, _ in lines)
     lines = [line for line in lines if abs(line[1] / rate - 1.0) < _ONE_RATE]
     ramps = [ramp for _, _, ramp in lines[:_MOST_RAMPS]]
     length_s = sum(seconds for seconds, _, _ in lines)

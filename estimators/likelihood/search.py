@@ -9,7 +9,14 @@ from typing import Final
 
 import numpy as np
 
-from estimators.likelihood.all_rows import MOST_PLACES, NEAR, certified, exactly, on_all_rows
+from estimators.likelihood.all_rows import (
+    MOST_PLACES,
+    NEAR,
+    certified,
+    exactly,
+    is_computed,
+    on_all_rows,
+)
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.certificate import Certificate
 from estimators.likelihood.compression import compressed, in_parts
@@ -122,19 +129,20 @@ def search(
     if not ended:
         return None
     certificate = certified(model, ended[0].point)
-    # rows of unequal weights leave less than their errors where these repeat: that is no noise taken too large
-    if float(np.ptp(model.weight[model.weight > 0.0])) == 0.0 and exactly(model) < certificate.ratio < _SURELY_LESS:
-        # the differences saw the motion as noise: what the best fit leaves is nearer to it
-        factor = certificate.ratio
-        model = replace(model, weight=model.weight / factor)
-        small = compressed(replace(model, most_events=limited.most_events))
-        budget.left = max(budget.left, _REFILL * whole)
-        again = [Place(place.point, small.cost(place.point)) for place in places]
-        ended = on_all_rows(model, hopped(small, distinct(small, again), hopping, budget, whole), budget)
-        certificate = certified(model, ended[0].point)
-    for _ in range(_MORE_SEARCHES):
-        if certificate.is_good or certificate.ratio < exactly(model):
+    searches = 0
+    while True:
+        if _takes_motion_for_noise(model, certificate):
+            factor *= certificate.ratio
+            model = replace(model, weight=model.weight / certificate.ratio)
+            small = compressed(replace(model, most_events=limited.most_events))
+            budget.left = max(budget.left, _REFILL * whole)
+            again = [Place(place.point, small.cost(place.point)) for place in [*ended, *places]]
+            ended = on_all_rows(model, hopped(small, distinct(small, again), hopping, budget, whole), budget)
+            certificate = certified(model, ended[0].point)
+            continue
+        if certificate.is_good or certificate.ratio < exactly(model) or searches == _MORE_SEARCHES:
             break
+        searches += 1
         budget.left = max(budget.left, _REFILL * whole)
         known = [Place(place.point, small.cost(place.point)) for place in [*ended, *places]]
         more = [hopped(small, [place], hopping, budget, whole) for place in distinct(small, known)[:MOST_PLACES]]
@@ -164,6 +172,15 @@ def search(
         budget.left / whole,
         is_confirmed,
     )
+
+
+def _takes_motion_for_noise(model: StemModel, certificate: Certificate) -> bool:
+    """Whether the fit leaves so little that the position's differences saw its motion as noise.
+
+    Rows of unequal weights leave less than their errors where these repeat: that is no noise taken too large.
+    """
+    is_even = float(np.ptp(model.weight[model.weight > 0.0])) == 0.0
+    return is_even and not is_computed(model) and 0.0 < certificate.ratio < _SURELY_LESS
 
 
 def _creeps(model: StemModel, place: Place, hopping: Hopping) -> bool:

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from estimators.likelihood.inputs.transducer_path import TransducerPath
 from estimators.likelihood.model import Corners, ForcePath, StemModel
 from estimators.samples import FloatArray, IntArray
 from valve.kernel.compiled import kernel
@@ -28,6 +29,10 @@ def thinned(model: StemModel, values: dict[str, float]) -> StemModel:
     largest = float(model.weight.max(initial=0.0))
     if time_s.size < _MANY or largest == 0.0:
         return model
+    if isinstance(model.path, TransducerPath):
+        # another lag has another number of corners
+        own = np.array([values[name] for name in model.input_names])
+        return replace(model, path=model.path.with_fewer_corners(own, _MANY))
     kept = np.flatnonzero(_chord_ends(time_s, force_n, _OFF * values["k"] / largest))
     if kept.size > _WORTH * time_s.size:
         return model

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
@@ -24,12 +25,37 @@ _MOST: Final = 16  # steps of a walk
 _FOLLOWED: Final = 0.2  # of the cost
 _FOLLOWING: Final = 80.0  # simulations
 _TOO_HIGH: Final = 60.0  # of the cost: a shorter step stays in the valley
+_FAINT: Final = 0.003  # damping ratio
+_FARTHER: Final = 3  # times a factor of 10, where the cost has not risen there
+_ALL_THE_WAY: Final = 0.99
 _LEAST_SHARE: Final = 1.0e-13
 
 
 def is_charted(model: StemModel, point: FloatArray) -> bool:
     """Whether the stem jumps on the ramps at this point (p,), so that its valley can be walked as that of jumps."""
     return chart_of(model, point).charted(point) is not None
+
+
+def far_walk_of_jumps(
+    model: StemModel, start: Place, name: str, sense: int, *, budget: Budget, within: float
+) -> list[Place]:
+    """Return the places of a walk that goes on until the cost has risen by ``within``; F_v from where it may show."""
+    here, places = start, list[Place]()
+    number = model.coordinates.names.index(name)
+    shown = _with_faint_damping(model, start.point) if name == "F_v" and sense > 0 else None
+    if shown is not None and shown.cost < start.cost + within:
+        here = shown
+        places.append(shown)
+    for _ in range(1 + _FARTHER):
+        rise = here.cost - start.cost
+        on = walk_of_jumps(model, here, name, sense, budget=budget, largest_rise=2.0 * within - rise).places
+        places += on
+        if not on or on[-1].cost > start.cost + within:
+            break
+        if abs(float(on[-1].point[number] - here.point[number])) < _ALL_THE_WAY * FARTHEST:
+            break
+        here = on[-1]
+    return places
 
 
 def walk_of_jumps(
@@ -77,6 +103,22 @@ def walk_of_jumps(
         length = min(_LONGER * length, _LONGEST, FARTHEST - far)
     budget.spend(model, simulations)
     return Walk(places, simulations)
+
+
+def _with_faint_damping(model: StemModel, point: FloatArray) -> Place | None:
+    """Return this point (p,) with the least F_v that may show, its breakaway and jumps the same.
+
+    None where it has as much. Of a logarithm far below that no walk comes to where it counts.
+    """
+    values, number = model.coordinates.values(point), model.coordinates.names.index("F_v")
+    faint = _FAINT * 2.0 * math.sqrt(values["m"] * values["k"])
+    chart = chart_of(model, point)
+    own = chart.charted(point)
+    if own is None or values["F_v"] >= faint:
+        return None
+    own[number] = math.log(faint)
+    shown = chart.point(own)
+    return None if shown is None else Place(shown, model.cost(shown))
 
 
 def _following(charted: FloatArray, prior: FloatArray, number: int) -> FloatArray:

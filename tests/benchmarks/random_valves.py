@@ -1,7 +1,9 @@
 """A thousand random valves, started from nothing but their recordings: right, silent or wrong, by method.
 
-``BENCH_FIRST_SEED=3000`` draws other valves than those of the seeds from 0 on. Times are of the processor, not of the
-clock on the wall: another program beside it does not lengthen them.
+``BENCH_FIRST_SEED=3000`` draws other valves than those of the seeds from 0 on. All of them take hours:
+``BENCH_JOURNAL=FILE`` keeps each answer as it comes, a line a test, and a run that was ended goes on from there. Delete
+the file when the code has changed. Times are of the processor, not of the clock on the wall: another program beside it
+does not lengthen them.
 """
 
 from __future__ import annotations
@@ -11,12 +13,15 @@ import os
 import signal
 import time
 from collections import defaultdict
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from types import FrameType
 from typing import Final
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 from rich.table import Table
 
 from estimators.base import NORMAL_95, Estimate, Status
@@ -36,6 +41,7 @@ LEAST_OFF: Final = 0.01  # this share of it: a wrong value
 MOST_MISFIT: Final = 1.3  # times the noise: a wrong motion
 SURELY_KNOWN: Final = 0.15  # bound's half width, half of the limit: a value that ought to be given
 LONGEST_S: Final = 60
+JOURNAL: Final = os.environ.get("BENCH_JOURNAL", "")
 LISTED: Final = 40
 
 
@@ -60,12 +66,31 @@ class Verdict:
         return not self.wrong and not self.withheld
 
 
+_LINE: Final = TypeAdapter(list[Verdict])
+
+
 def judged(seed: int) -> list[Verdict]:
-    """Return every method's verdict for the test of this seed."""
+    """Return every method's verdict for the test of this seed, and keep it in the journal if there is one."""
     _warm()
     test = random_test(seed)
     known = known_symbols(test)
-    return [_judged(method, test, known) for method in ESTIMATORS]
+    verdicts = [_judged(method, test, known) for method in ESTIMATORS]
+    if JOURNAL:
+        with Path(JOURNAL).open("ab") as journal:  # one write a test: processes append to it side by side
+            journal.write(_LINE.dump_json(verdicts) + b"\n")
+    return verdicts
+
+
+def _journal() -> dict[int, list[Verdict]]:
+    """Return the verdicts that the journal holds, by seed; a line cut short by the end of a run is left out."""
+    found: dict[int, list[Verdict]] = {}
+    if not JOURNAL or not Path(JOURNAL).exists():
+        return found
+    for line in Path(JOURNAL).read_bytes().splitlines():
+        with suppress(ValidationError):
+            verdicts = _LINE.validate_json(line)
+            found[verdicts[0].seed] = verdicts
+    return found
 
 
 def _judged(method: str, test: RandomTest, known: tuple[str, ...]) -> Verdict:
@@ -170,7 +195,10 @@ def run(count: int | None = None) -> list[Table]:
     """Return the counts by method and kind, what is wrong, and what is withheld."""
     tests = TESTS if count is None else count
     seeds = range(FIRST_SEED, FIRST_SEED + tests)
-    found = [verdict for verdicts in each(judged, seeds, "random valves") for verdict in verdicts]
+    kept = _journal()
+    new = each(judged, [seed for seed in seeds if seed not in kept], "random valves")
+    by_seed = kept | {verdicts[0].seed: verdicts for verdicts in new}
+    found = [verdict for seed in seeds for verdict in by_seed[seed]]
     return [_counts(found, seeds), _wrongs(found), _withheld(found)]
 
 

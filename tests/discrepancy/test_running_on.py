@@ -79,3 +79,12 @@ def test_a_plain_valve_that_explains_all_but_how_its_rests_were_measured_is_the_
     assert not choice.causes
     assert explains(choice.baseline)
     assert not any(one.rest_m.size for one in choice.baseline.model.observed.segments)
+
+
+def test_a_fall_with_speed_that_a_wide_limit_stands_for_is_left_out_again_however_poor_the_first_fit() -> None:
+    """Without the likelihood's values the plain valve is found only by way of the cause that it can do without."""
+    fit = plain(9451)
+    assert misfit(fit) > 5.0
+    choice = choose(fit, CAUSES.values(), lambda _share, _phase: None)
+    assert not choice.causes
+    assert explains(choice.best)

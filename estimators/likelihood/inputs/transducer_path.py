@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from estimators.base import Outcome
+from estimators.likelihood.inputs.command_gaps import over_gaps
 from estimators.likelihood.inputs.command_steps import stair_corners, within_signal, written_steps
 from estimators.likelihood.inputs.nuisance import Nuisance
 from estimators.likelihood.inputs.pressure_lines import held_together
@@ -20,9 +22,12 @@ from valve.recording import Recording
 
 LAG: Final = "transducer_lag_s"
 DEAD_TIME: Final = "transducer_dead_time_s"
-_TOLERANCE: Final = 1.0e-6  # of the span: what the straight lines leave an exponential by, and no less than
-_OF_THE_NOISE: Final = 0.05  # of the position's noise, as a share of the travel: finer lines show in no row
+_TOLERANCE: Final = 1.0e-7  # of the span: what the straight lines leave an exponential by, and no less than
+_TREAD_TOLERANCE: Final = 1.0e-6  # likewise of a staircase's treads
+_OF_THE_MEAN: Final = 0.3  # of the error of the mean of all rows, as a share of the travel
+_OF_THE_NOISE: Final = 0.05  # of the position's noise, likewise
 _LARGEST_TOLERANCE: Final = 1.0e-4
+_COARSER: Final = 4.0  # times: half as many lines
 _LONGEST_S: Final = 5.0
 _OF_A_TREAD: Final = 0.25  # as the most: the answer to a step that is over before the next
 _STEP: Final = 0.02  # of a tread: what a shorter lag gives is a step, later by the lag
@@ -41,9 +46,9 @@ class TransducerPath:
 
     The command is known; what is not are the nuisances ``transducer_lag_s`` (T) and ``transducer_dead_time_s``. On
     ramps of one rate r both delay the force alike, by T + dead time, and the delay times r adds to F_c and F_s:
-    several rates, steps or holds tell them apart. ``stretches`` are of the command, as a force; after a break the
-    pressure is taken to have settled. ``breaks_s`` as of ``MeasuredPath``. Lines leave the exponentials by at most
-    1e-6 of the span.
+    several rates, steps or holds tell them apart. ``stretches`` are of the command, as a force; a gap that its lines
+    go on through is none; after a break the pressure is taken to have settled. ``breaks_s`` as of ``MeasuredPath``.
+    Lines leave the exponentials by less than the position shows.
     """
 
     stretches: tuple[Stretch, ...]
@@ -51,6 +56,7 @@ class TransducerPath:
     breaks_s: FloatArray
     span_n: float
     tolerance: float = _TOLERANCE
+    tread_tolerance: float = _TOLERANCE
 
     def corners(self, values: FloatArray) -> Corners:
         """Corner times, s, and force, N, shape (n,), for this lag and dead time, both s."""
@@ -70,9 +76,17 @@ class TransducerPath:
             tread_n = float(np.median(np.abs(np.diff(asked_n)[is_step])))
             if lag_s < _STEP * tread_s:
                 return np.concatenate([time_s[:1], time_s[1:] + lag_s]), asked_n
-            wide_n = tolerance_n * max(1.0, tread_s / lag_s)
-            tolerance_n = min(wide_n, max(_OF_A_TREAD * tread_n, tolerance_n))
+            coarse_n = self.tread_tolerance * self.span_n
+            wide_n = coarse_n * max(1.0, tread_s / lag_s)
+            tolerance_n = min(wide_n, max(_OF_A_TREAD * tread_n, coarse_n))
         return lagged(time_s, asked_n, float(asked_n[0]), lag_s, tolerance_n)
+
+    def with_fewer_corners(self, values: FloatArray, most: int) -> TransducerPath:
+        """Return the path whose lines are as coarse as leaves about ``most`` corners, for a search."""
+        path = self
+        while path.tolerance < _LARGEST_TOLERANCE and path.corners(values)[0].size > most:
+            path = replace(path, tolerance=_COARSER * path.tolerance)
+        return path
 
     @property
     def tolerance_n(self) -> float:
@@ -102,14 +116,14 @@ def transducer_path(recording: Recording, nameplate: Nameplate, asked_n: FloatAr
         stretches = (KnownCorners(*stair_corners(steps.step_s, steps.level_n, float(recording.time_s[-1]))),)
         breaks_s = np.empty((0, 2))
     period_s = recording.sample_period_s
+    stretches, breaks_s = over_gaps(stretches, breaks_s, period_s)
     nuisances = (
         Nuisance(LAG, _LAG_START_S, _SCALE_S, 0.0, _LONGEST_S, float("inf")),
         # the command's own time stamps may be late by up to a period
         Nuisance(DEAD_TIME, _DEAD_TIME_START_S, _SCALE_S, -period_s, _LONGEST_S, float("inf")),
     )
     span_n = float(np.nanmax(asked_n) - np.nanmin(asked_n))
-    tolerance = _tolerance(recording, nameplate.actuator.travel_m)
-    return TransducerPath(stretches, nuisances, breaks_s, span_n, tolerance)
+    return TransducerPath(stretches, nuisances, breaks_s, span_n, *_tolerances(recording, nameplate.actuator.travel_m))
 
 
 def _is_read(recording: Recording, asked_n: FloatArray, stretches: tuple[Stretch, ...]) -> bool:
@@ -126,9 +140,18 @@ def _is_read(recording: Recording, asked_n: FloatArray, stretches: tuple[Stretch
     return changes > _CHANGES_A_CORNER * sum(stretch.corners()[0].size for stretch in stretches)
 
 
-def _tolerance(recording: Recording, travel_m: float) -> float:
-    """What a line may leave an exponential by, of the span: a small share of the position's noise in the travel."""
+def _tolerances(recording: Recording, travel_m: float) -> tuple[float, float]:
+    """What a line may leave an exponential by, of the span: after a ramp's corner, and within a staircase's treads.
+
+    What is missed at a corner all jumps of the ramp after it keep, so that all rows together show it; each tread has
+    its own.
+    """
     present = np.isfinite(recording.position_m)
     runs = np.zeros(int(present.sum()), dtype=np.int64)
     noise_m = position_noise(recording.time_s[present], recording.position_m[present], runs)
-    return float(np.clip(_OF_THE_NOISE * noise_m / travel_m, _TOLERANCE, _LARGEST_TOLERANCE))
+    of_all_rows = _OF_THE_MEAN * noise_m / travel_m / math.sqrt(max(runs.size, 1))
+    of_a_row = _OF_THE_NOISE * noise_m / travel_m
+    return (
+        float(np.clip(of_all_rows, _TOLERANCE, _LARGEST_TOLERANCE)),
+        float(np.clip(of_a_row, _TREAD_TOLERANCE, _LARGEST_TOLERANCE)),
+    )

@@ -56,11 +56,15 @@ def _lagged(
         # beyond it the exponential is below the tolerance
         least = math.sqrt(tolerance / max(abs(swing), tolerance))
         last = math.exp(-0.5 * run_s / lag_s)
+        # chords lie on one side of the curve, by swing apart^2 / 2 at the most: two thirds of it back, and their mean
+        # is right
+        apart = (1.0 - max(last, 0.5 * least)) / chords
+        back = swing * apart * apart / 3.0
         for number in range(1, chords):
-            share = 1.0 - number / chords * (1.0 - max(last, 0.5 * least))
+            share = 1.0 - number * apart
             after_s = -2.0 * lag_s * math.log(share)
             at_s[count] = time_s[i] + after_s
-            value[count] = target[i] + slope * (after_s - lag_s) + swing * share * share
+            value[count] = target[i] + slope * (after_s - lag_s) + swing * share * share - back
             count += 1
         if last < 0.5 * least:
             # where the exponential ends its line begins: one corner there, the next at the line's end

@@ -214,6 +214,11 @@ def _rounding_noise(time_s: FloatArray, value: FloatArray) -> float:
     return float(np.median(np.abs(off)))
 
 
+def is_long_gap(missing_s: float, period_s: float) -> bool:
+    """Whether a gap of so many seconds may hide more than one corner between two lines."""
+    return missing_s > max(_LONGEST_GAP_S, _LONGEST_GAP_PERIODS * period_s)
+
+
 def _longest_gap(time_s: FloatArray, pieces: Pieces, period_s: float) -> int | None:
     """First row after a gap in which two pieces meet and that hides how; None where there is none."""
     for joint, at_s in zip(pieces.joint, pieces.joint_s, strict=True):
@@ -221,8 +226,7 @@ def _longest_gap(time_s: FloatArray, pieces: Pieces, period_s: float) -> int | N
         if not 0 < after < time_s.size:
             continue
         missing_s = float(time_s[after] - time_s[after - 1])
-        wide = missing_s > max(_LONGEST_GAP_S, _LONGEST_GAP_PERIODS * period_s)
-        if wide or (joint == Joint.STEP and missing_s > _LONGEST_JUMP_PERIODS * period_s):
+        if is_long_gap(missing_s, period_s) or (joint == Joint.STEP and missing_s > _LONGEST_JUMP_PERIODS * period_s):
             return after
     return None
 

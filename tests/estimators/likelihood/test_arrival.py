@@ -13,7 +13,9 @@ from estimators.likelihood.hopping import Hopping
 from estimators.likelihood.inputs.input_path import input_path
 from estimators.likelihood.problem import pose
 from estimators.likelihood.search import Found, search
+from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
+from tests.estimators.random_valves import random_test
 from tests.estimators.recordings import recorded
 
 
@@ -56,3 +58,11 @@ def test_a_fit_on_the_slope_promises_a_fall_and_is_led_on(bottom: Found) -> None
 def test_a_fit_that_cannot_be_led_on_is_not_called_arrived(bottom: Found, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("estimators.likelihood.arrival._FURTHER_STEPS", 0)
     assert not arrived(off_the_bottom(bottom))[1]
+
+
+def test_a_fit_that_went_on_down_is_judged_where_it_ended() -> None:
+    # the search left 1.6 times the noise, and the last descent 1.0: what is given went by the first
+    test = random_test(3372)
+    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    assert estimate.diagnostics["misfit_over_noise"] == pytest.approx(1.0, abs=0.1)
+    assert estimate.value("k") == pytest.approx(test.truth.spring_rate_n_per_m, rel=0.001), estimate.message

@@ -5,10 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from estimators.likelihood.descent import descend
+from estimators.likelihood.hopping import Hopping
 from estimators.likelihood.inputs.transducer_path import DEAD_TIME, LAG
+from estimators.likelihood.search import search
+from estimators.likelihood.start import Trial
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from tests.benchmarks.random_valves import what_is_wrong
-from tests.estimators.likelihood.posed import posed
+from tests.estimators.likelihood.posed import at_truth, posed
 from tests.estimators.random_valves import random_test
 
 
@@ -49,6 +53,49 @@ def test_a_valve_behind_a_lag_is_found_from_its_command() -> None:
     assert what_is_wrong(estimate, test) == ()
     given = [estimate.value(symbol) for symbol in ("m", "k", "F_v", "F_c", "F_s", "F_0")]
     assert np.isfinite(np.array(given, dtype=np.float64)).all(), estimate.message
+
+
+@pytest.mark.parametrize("seed", [3153, 3259])
+def test_where_breakaways_leave_the_lag_open_the_slides_to_a_stop_tell_it(seed: int) -> None:
+    # 4 breakaways: from a lag of 0.1 s and a dead time of 0.02 s k began up to 2 % off, and ended 100 errors off
+    test = random_test(seed)
+    problem, _ = posed(seed)
+    values = problem.trials[0].values
+    assert values[LAG] + values[DEAD_TIME] == pytest.approx(test.lag_s + test.dead_time_s, abs=0.05)
+    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    assert what_is_wrong(estimate, test) == ()
+    assert all(estimate.value(symbol) is not None for symbol in ("k", "F_v", "F_c", "F_s")), estimate.message
+
+
+def test_breakaways_known_no_better_than_their_row_leave_the_lag_open() -> None:
+    problem, _ = posed(3026)  # 2 N of timing, and a fit of 0.02 N at a lag of 0.74 s, where it is 0.08 s
+    values = problem.trials[0].values
+    assert values[LAG] + values[DEAD_TIME] == pytest.approx(0.27, abs=0.05)
+
+
+def test_the_lines_of_the_lag_are_as_fine_as_thousands_of_jumps_need_them() -> None:
+    # what a line misses at a corner all later jumps of the ramp keep: chords of 5 % of the noise cost 380 at the truth
+    test = random_test(3286)
+    problem, _ = posed(3286)
+    model, point = at_truth(problem, test)
+    values = model.coordinates.values(point) | {LAG: test.lag_s, DEAD_TIME: test.dead_time_s}
+    at_the_truth = model.coordinates.point(values)
+    near = descend(model, at_the_truth, most_steps=20)
+    assert model.cost(at_the_truth) - near.cost < 30.0
+
+
+def test_a_noise_taken_twenty_times_too_large_is_taken_from_the_fit() -> None:
+    test = random_test(3029)  # 143 jumps of four rows each, 1 um of noise: their differences look like 22 um
+    problem, motion = posed(3029)
+    assert motion.samples.position_noise_m > 20.0 * test.noise_m
+    values = problem.model.coordinates.values(at_truth(problem, test)[1])
+    begun = values | {LAG: test.lag_s, DEAD_TIME: test.dead_time_s, "m": 1.002 * values["m"]}
+    hopping = Hopping(motion.phases.moving_speed, problem.jumps)
+    breakaways = len(motion.phases.breakaways)
+    found = search(problem.model, [Trial(begun, 1.0e-3, 0.5)], problem.rests, breakaways=breakaways, hopping=hopping)
+    assert found is not None
+    assert found.noise_factor * motion.samples.position_noise_m == pytest.approx(test.noise_m, rel=0.3)
+    assert found.certificate.ratio == pytest.approx(1.0, abs=0.05)
 
 
 def test_a_lag_that_breakaways_on_ramps_of_one_rate_leave_open_is_not_begun_at() -> None:

@@ -55,6 +55,14 @@ def test_noise_has_no_cycle() -> None:
     assert jump_cycles(sliding, _CORNERS) == []
 
 
+def test_of_two_ramps_of_different_rates_the_slower_one_has_its_cycle() -> None:
+    corner_s, _ = _CORNERS
+    samples = _sawtooth(even=False)
+    steeper = np.where(samples.time_s > 12.0, 2.0 * samples.force_n, samples.force_n)
+    found = jump_cycles(replace(samples, force_n=steeper), (corner_s, np.array([0.0, 1200.0, -1200.0])))
+    assert [cycle.rate_n_per_s for cycle in found[:1]] == [pytest.approx(100.0)]
+
+
 def test_a_wave_is_told_from_noise_by_how_seldom_it_is_about_its_mean() -> None:
     rng = np.random.default_rng(9)
     noise, phase = rng.standard_normal(1000), rng.uniform(0.0, 1.0, 1000)
