@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Final
 
@@ -56,18 +57,24 @@ def in_parts(model: StemModel, rests: Restarts, spacing: int) -> StemModel:
     )
 
 
-def compressed(model: StemModel, *, least_noise: float = LEAST_NOISE, keeping: FloatArray | None = None) -> StemModel:
+def compressed(
+    model: StemModel,
+    *,
+    least_noise: float = LEAST_NOISE,
+    keeping: FloatArray | None = None,
+    longest_s: float = math.inf,
+) -> StemModel:
     """Return the model of the means of blocks within which the measured position is straight.
 
     A block of n rows has the weight sqrt(n) of one: on a straight line its mean tells as much of the level there as
     all its rows. Transients keep their rows as far as the noise allows to see them bend; a position without noise
     is searched as if it had ``least_noise`` of its range, for its bottom is reached on all rows.
     What the noise hides of one corner, all corners together may show: with a point ``keeping``, shape (p,), the blocks
-    are halved until they tell what all rows tell of the unknowns there.
+    are halved until they tell what all rows tell of the unknowns there. None is longer than ``longest_s``.
     """
     if model.time_s.size < 2:
         return model
-    weight, edges = _blocks(model, least_noise)
+    weight, edges = _blocks(model, least_noise, longest_s)
     if keeping is not None:
         edges = _informed(model, keeping, weight, edges)
     first = edges[:-1]
@@ -114,12 +121,14 @@ def bent_rows(simulated_m: FloatArray, weight: FloatArray) -> BoolArray:
     return bends
 
 
-def _blocks(model: StemModel, least_noise: float) -> tuple[FloatArray, IntArray]:
+def _blocks(model: StemModel, least_noise: float, longest_s: float) -> tuple[FloatArray, IntArray]:
     """Weights of the rows, shape (n,), and edges of the blocks, shape (k + 1,)."""
     weight = np.minimum(model.weight, 1.0 / (least_noise * model.range_m))
     rows = model.section_row if model.restarts is None else np.concatenate([model.section_row, model.restarts.row])
     longest = max(_FEWEST_LONGEST, int(model.time_s.size * _LONGEST_SHARE))
     step_s = np.diff(model.time_s)
+    if math.isfinite(longest_s):
+        longest = max(1, min(longest, int(longest_s / float(np.median(step_s)))))
     gaps = np.flatnonzero(step_s > 2.0 * float(np.median(step_s))) + 1
     cut = np.unique(np.concatenate([rows, rows + 1, gaps])).astype(np.int64)
     if model.stepped:
@@ -130,7 +139,7 @@ def _blocks(model: StemModel, least_noise: float) -> tuple[FloatArray, IntArray]
     edges = np.array([0, model.time_s.size])
     for limit in _LIMITS:
         edges = straight_blocks(model.time_s, model.position_m, weight, cut, limit, longest)
-        if edges.size <= max(_MOST_BLOCKS, _BLOCKS_AN_EVENT * model.events):
+        if math.isfinite(longest_s) or edges.size <= max(_MOST_BLOCKS, _BLOCKS_AN_EVENT * model.events):
             break
     return weight, edges
 

@@ -33,6 +33,7 @@ from estimators.likelihood.optima import others_apart, with_others
 from estimators.likelihood.problem import Problem
 from estimators.likelihood.ramps import ramps_of
 from estimators.likelihood.search import Found
+from estimators.likelihood.staircase import tells_spring
 from estimators.likelihood.stand_ins import (
     without_limit_of_late_pressure,
     without_lone_coulomb,
@@ -59,7 +60,7 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
     for _ in range(_LED_OF_JUMPS if problem.jumps else _LED):
         if assessed.flatness.is_lowest or assessed.found.certificate.ratio < EXACT:
             break
-        led = led_to(assessed.found, assessed.flatness.lowest, jumps=problem.jumps)
+        led = led_to(assessed.found, assessed.flatness.lowest)
         if led is None:
             break
         assessed = _assessed(motion, problem, led)
@@ -127,7 +128,8 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         is_too_heavy=is_too_heavy,
     )
     if doubt:
-        parameters |= {symbol: absent(doubt) for symbol in _IN_THE_VALLEY if parameters[symbol].identifiable}
+        open_too = _IN_THE_VALLEY if tells_spring(motion) else (*_IN_THE_VALLEY, "k", "F_0")
+        parameters |= {symbol: absent(doubt) for symbol in open_too if parameters[symbol].identifiable}
     complete = in_order(parameters)
     outcomes = _outcomes(motion, complete, values)
     missing = [symbol for symbol, entry in complete.items() if entry.value is None and symbol != "DV"]
@@ -190,7 +192,7 @@ def _assessed(motion: RecordedMotion, problem: Problem, found: Found) -> _Assess
     """Go down from the fit if it is on a slope, weigh a delay and the other places, and walk along its valley."""
     period_s = motion.samples.period_s
     before = found
-    found, is_bottom = arrived(found, jumps=problem.jumps)
+    found, is_bottom = arrived(found)
     searched = found.model
     if found.cost < before.cost:
         found = replace(found, certificate=certified(searched, found.point))

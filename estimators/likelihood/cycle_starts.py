@@ -8,103 +8,149 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import replace
-from itertools import product
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from estimators.likelihood.all_rows import certified
 from estimators.likelihood.arrival import led_to
+from estimators.likelihood.bent_valley import chart_of
+from estimators.likelihood.budget import Budget
 from estimators.likelihood.compression import bent_rows, compressed, in_parts
+from estimators.likelihood.cycle_valves import valves_like
 from estimators.likelihood.descent import descend
+from estimators.likelihood.hopping import led_along_jumps
+from estimators.likelihood.inputs.transducer_path import DEAD_TIME
 from estimators.likelihood.jump_cycle import JumpCycle, is_waved, jump_cycles
+from estimators.likelihood.level_kernel import level_runs
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.places import Restarts
 from estimators.likelihood.pool import Place
 from estimators.likelihood.search import Found
 from estimators.motion.recorded_motion import RecordedMotion
-from estimators.samples import FloatArray
-from valve.errors import MotionError
-from valve.motion import simulate_motion
-from valve.parameters import ValveParameters
-from valve.stem import Mode, StemState
+from estimators.samples import FloatArray, Samples
 
 # Own choices, from random valves that stick and slip between the rows.
-_PERIODS: Final = (0.1, 0.3, 0.5, 0.65, 0.75, 0.8, 0.85, 0.9, 0.94, 0.97)  # of the stem's swing, in cycles
-_DAMPINGS: Final = (0.01, 0.03, 0.06, 0.12, 0.25, 0.5)
-_LIMITS: Final = (0.003, 0.02)  # DV, of the ramp's speed
-_MASSES_KG: Final = (0.01, 200.0)
-_FORCES: Final = (0.01, 0.55)  # of what the ramp adds in a cycle: F_s - F_c
-_HALVINGS: Final = 24
-_NEAR: Final = 1.0e-5  # of F_s - F_c
-_SAME: Final = 1.0e-3  # of the cycle
-_RUN: Final = 7  # cycles, of which the first two come to be like the others
-_PLACES: Final = 64  # of a cycle
-_EVENTS: Final = 200
 _EVENTS_A_CYCLE: Final = 6
-_MOST_EVENTS: Final = 12_000
+_MOST_EVENTS: Final = 40_000
+_MOST_WORK: Final = 15.0e6  # of all cycles
+_MOST_LIKE: Final = (200, 100, 50, 50)  # valves of a cycle, each cycle's
 # places that are followed, rests from one new beginning to the next (0: none), what is held, and steps
-_MOST_LIKE: Final = (14, 5, 5)
 _ROUNDS: Final = (
-    (24, 1, ("m", "F_v", "DV"), 3),
-    (12, 1, (), 6),
-    (6, 1, (), 10),
-    (3, 3, (), 10),
-    (3, 0, (), 15),
+    (36, 1, ("m", "F_v", "DV"), 3),
+    (14, 1, (), 6),
+    (8, 1, (), 10),
+    (5, 3, (), 10),
+    (4, 0, (), 15),
     (3, 0, (), 30),
 )
+_OFF: Final = {"m": 0.005, "F_v": 0.1, "DV": 0.7}  # of logarithms, from where a fit has to come back
+_ALIKE: Final = 0.03  # of m and of F_v, of two places from which one goes on
 _AS_LOW: Final = 3.0  # times the noise that is left, squared: where two starts end
 _FEW_CALM: Final = 8  # rows
 _SURE: Final = 4.0  # standard errors of a variance
-_UNLIKE: Final = 0.05  # of the wave's square: more is no wave of jumps
+_LED: Final = 2  # places that are led down the valley of their jumps
+_LED_SHARE: Final = 0.4  # of the budget of a search, for each, and
+_LED_AT_LEAST: Final = 400  # simulations
 _MUCH_LOWER: Final = 0.6  # times the cost at first, where the stem begins anew at its rests
 _LEAST_RATIO: Final = 1.0e-3
 _COARSE: Final = 0.3  # of the cost
 _LOWER: Final = 25.0  # of the cost
 _SURELY_LESS: Final = 0.8  # of the noise
 _FEW_ROWS: Final = 8_000
-_SHARPER: Final = 10.0  # times the weights: what was taken for noise is what has to be followed
+_OF_A_CYCLE: Final = 0.1  # the longest block
+_CYCLES_LATER: Final = (0.0, 0.5, -0.5, 1.0, -1.0, 1.5, -1.5)
+_OF_A_JUMP: Final = 0.15
+_REST_ROWS: Final = 3
+_LONGER: Final = 1.5  # than a cycle
 _GRID: Final = 0.5  # of the noise: a sensor's steps, whose errors are no wave of the stem
 
 
 def with_jump_cycle(found: Found, motion: RecordedMotion, rests: Restarts) -> Found:
     """Return the fit of a stem that jumps in the cycle that the position shows, where that is far lower.
 
-    What the fit leaves looks like a wave then, and not like noise: where the jumps were taken for noise it is as large
-    as that. The noise is set to what the better fit leaves. A fit that is not good then is not taken.
+    It is looked for where the fit is not good, or what it leaves looks like a wave: where the jumps were taken for
+    noise it is as large as that. The noise is set to what the better fit leaves. One that is not good then is not
+    taken; where its own noise is all that speaks for it, one to which a single start came is not confirmed.
     """
     model, samples = found.model, motion.samples
     residual = model.residuals(found.point)
     if residual is None or samples.position_step_m > _GRID * samples.position_noise_m:
         return found
-    if not is_waved(residual[model.weight > 0.0]):
+    if found.certificate.is_good and not is_waved(residual[model.weight > 0.0]):
         return found
     here = model.coordinates.values(found.point)
+    stops_m = here.get("low", -math.inf), here.get("high", math.inf)
     cycles = [
-        cycle for cycle in jump_cycles(samples, model.corners(here)) if _EVENTS_A_CYCLE * cycle.count < _MOST_EVENTS
+        cycle
+        for cycle in jump_cycles(samples, model.corners(here), stops_m)
+        if _EVENTS_A_CYCLE * cycle.count < _MOST_EVENTS
     ]
     if not cycles:
         return found
     most = _EVENTS_A_CYCLE * max(cycle.count for cycle in cycles)
     model = replace(model, most_events=max(model.most_events, most), events=max(model.events, most // 2))
-    points: list[FloatArray] = []
-    for cycle, most_like in zip(cycles, _MOST_LIKE, strict=False):
-        alike = sorted(_valves(here, motion, cycle), key=lambda valve: valve[0])[:most_like]
-        points += [model.coordinates.point(values) for unlike, values in alike if unlike < _UNLIKE]
-    places = _lowest(model, rests, points, found.point)
-    if not places or not places[0].cost < model.cost(found.point) - _LOWER:
+    places = _lowest_of(model, motion, cycles, found.point, rests)
+    if not places or not model.cost(places[0].point) < model.cost(found.point) - _LOWER:
         return found
     led = led_to(replace(found, model=model), places[0].point)
-    if led is None:
+    led = None if led is None else _with_its_noise(led)
+    if led is None or not led.certificate.is_good:
         return found
-    led = _with_its_noise(led)
-    if not led.certificate.is_good:
-        return found
-    factor = led.noise_factor / found.noise_factor
-    # a noise that is what the fit leaves does not speak against the fit: two starts have to come to it, and the rests
-    is_one = len(places) > 1 and places[1].cost < places[0].cost + (_AS_LOW * factor) ** 2
-    return replace(led, is_confirmed=factor == 1.0 or (is_one and _rests_as_much(led)))
+    # a noise that is what the fit leaves does not speak against the fit: the rests have to
+    is_own = led.noise_factor == found.noise_factor
+    return replace(led, is_confirmed=is_own or (_is_one(model, places) and _rests_as_much(led)))
+
+
+def _lowest_of(
+    model: StemModel, motion: RecordedMotion, cycles: list[JumpCycle], before: FloatArray, rests: Restarts
+) -> list[Place]:
+    """Return the lowest places to which valves of the first of these cycles lead that comes far below ``before``."""
+    here = model.coordinates.values(before)
+    budget, is_staircase = Budget.limited(_MOST_WORK), motion.uniform is None
+    places: list[Place] = []
+    for cycle, most_like in zip(cycles, _MOST_LIKE, strict=False):
+        points = [model.coordinates.point(values) for values in valves_like(here, motion, cycle)[:most_like]]
+        if DEAD_TIME in here:
+            points = [point for own in points for point in _as_late(model, own, cycle)]
+        jump_m = cycle.period_s * cycle.rate_n_per_s / here["k"]
+        beside = rests if is_staircase else _rests_beside(motion.samples, cycle.period_s, jump_m)
+        begun = _Begun(model, beside if beside.row.size else rests, cycle.period_s)
+        places = begun.lowest(points, before, budget) if points else []
+        if places and _is_much_lower(model, model.cost(places[0].point), model.cost(before)):
+            break
+    return places
+
+
+def _as_late(model: StemModel, point: FloatArray, cycle: JumpCycle) -> Iterator[FloatArray]:
+    """Yield this point (p,) and others with another dead time, whose friction is as much less as the ramp gains in it.
+
+    All along a ramp nothing tells them apart; where it turns, a cycle more or less comes out of step.
+    """
+    values = model.coordinates.values(point)
+    for cycles in _CYCLES_LATER:
+        later_s = cycles * cycle.period_s
+        static_n = values["F_c"] * (1.0 + values["d"])
+        coulomb_n = values["F_c"] - later_s * cycle.rate_n_per_s
+        if coulomb_n > 0.0:
+            ratio = (static_n - later_s * cycle.rate_n_per_s) / coulomb_n - 1.0
+            changed = {DEAD_TIME: values[DEAD_TIME] + later_s, "F_c": coulomb_n, "d": ratio}
+            yield model.coordinates.point(values | changed)
+
+
+def _rests_beside(samples: Samples, cycle_s: float, jump_m: float) -> Restarts:
+    """Return where the stem rests for longer than it does between its jumps, of this length, on a ramp.
+
+    Where jumps were taken for noise, rests that were found by that noise lie in the midst of jumps.
+    """
+    runs = level_runs(samples.position_m, samples.run_last, _OF_A_JUMP * jump_m, _REST_ROWS)
+    runs = runs[samples.time_s[runs[:, 1]] - samples.time_s[runs[:, 0]] > _LONGER * cycle_s]
+    inside = [(first + 1, last - 1) if last - first > _REST_ROWS else (first, last) for first, last in runs.tolist()]
+    return Restarts(
+        np.array([(first + last) // 2 for first, last in inside], dtype=np.int64),
+        np.array([float(samples.position_m[first : last + 1].mean()) for first, last in inside]),
+    )
 
 
 def _rests_as_much(found: Found) -> bool:
@@ -121,40 +167,98 @@ def _rests_as_much(found: Found) -> bool:
     return rows < _FEW_CALM or bool(excess < _SURE * math.sqrt(2.0 / rows))
 
 
-def _lowest(model: StemModel, rests: Restarts, points: list[FloatArray], before: FloatArray) -> list[Place]:
-    """Return where the best of these points (p,) lead to, lowest first; the noise comes down with what they leave.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Begun:
+    """The model of a stem that begins anew at some of its rests, and of one that does not, on blocks by the cycle."""
 
-    None of them does where the first steps come no lower than ``before``, shape (p,), by much.
+    model: StemModel
+    rests: Restarts
+    cycle_s: float
 
-    The stem begins anew at the measured rests first: it turns in the midst of a jump, and how far it still goes there,
-    hence when it jumps on the next ramp, hangs on the least difference before.
-    """
-    places = [Place(point, 0.0) for point in points]
-    models = {spacing: _parts(model, rests, spacing) for spacing in {spacing for _, spacing, _, _ in _ROUNDS}}
-    factor = 1.0
-    for kept, spacing, held, steps in _ROUNDS:
-        own = replace(models[spacing], weight=models[spacing].weight / factor)
-        begun = sorted((Place(place.point, own.cost(place.point)) for place in places), key=lambda place: place.cost)
-        places = []
-        for place in begun[:kept]:
-            if math.isfinite(place.cost):
-                few = descend(own, place.point, most_steps=steps, held=held, one_sided=True, arrived=_COARSE)
-                places.append(Place(few.point, few.cost))
+    def lowest(self, points: list[FloatArray], before: FloatArray, budget: Budget) -> list[Place]:
+        """Return where the best of these points (p,) lead to, lowest first, by the noise that they leave at last.
+
+        None of them does where the first steps come no lower than ``before``, shape (p,), by much.
+
+        The stem begins anew at the measured rests first: it turns in the midst of a jump, and how far it still goes
+        there, hence when it jumps on the next ramp, hangs on the least difference before.
+        """
+        places = [Place(point, 0.0) for point in points]
+        models = {spacing: self._parts(spacing) for spacing in {spacing for _, spacing, _, _ in _ROUNDS}}
+        factor, own = 1.0, self.model
+        for kept, spacing, held, steps in _ROUNDS:
+            own = replace(models[spacing], weight=models[spacing].weight / factor)
+            begun = sorted(
+                (Place(place.point, own.cost(place.point)) for place in places), key=lambda place: place.cost
+            )
+            budget.spend(own, len(places))
+            places = []
+            for place in begun[:kept]:
+                if math.isfinite(place.cost) and (budget.left > 0.0 or len(places) < _LED):
+                    few = descend(own, place.point, most_steps=steps, held=held, one_sided=True, arrived=_COARSE)
+                    budget.spend(own, few.simulations)
+                    places.append(Place(few.point, few.cost))
+            places = _unlike(own, places) if spacing else sorted(places, key=lambda place: place.cost)
+            if not places or (held and not _is_much_lower(own, places[0].cost, own.cost(before))):
+                return []
+            # what jumps were taken for noise lets descents end where they still differ
+            factor *= min(1.0, _ratio(own, places[0].point))
+        work = max(_LED_SHARE * Budget.of(self.model, jumps=True).whole, Budget.price(own, _LED_AT_LEAST))
+        places = [led_along_jumps(own, place, Budget.limited(work), 0.0) for place in places[:_LED]]
         places.sort(key=lambda place: place.cost)
-        if not places or (held and places[0].cost > _MUCH_LOWER * own.cost(before)):
-            return []
-        # what jumps were taken for noise lets descents end where they still differ
-        factor *= min(1.0, _ratio(own, places[0].point))
-    return [Place(place.point, model.cost(place.point)) for place in places]
+        if not _is_one(own, places):
+            beside = [led_along_jumps(own, place, Budget.limited(work), 0.0) for place in _beside(own, places[0])]
+            places = sorted([*places, *beside], key=lambda place: place.cost)
+        return places
+
+    def _parts(self, spacing: int) -> StemModel:
+        """Return the model that begins anew at each ``spacing``-th rest, of blocks within which the jumps are straight.
+
+        Within the noise of a row they are too, so that no block is longer than a part of the cycle.
+        """
+        own = self.model if spacing == 0 else in_parts(self.model, self.rests, spacing)
+        return own if own.time_s.size < _FEW_ROWS else compressed(own, longest_s=_OF_A_CYCLE * self.cycle_s)
 
 
-def _parts(model: StemModel, rests: Restarts, spacing: int) -> StemModel:
-    """Return the model that begins anew at each ``spacing``-th rest, of blocks within which the jumps are straight."""
-    own = model if spacing == 0 else in_parts(model, rests, spacing)
-    if own.time_s.size < _FEW_ROWS:
-        return own
-    small = compressed(replace(own, weight=_SHARPER * own.weight))
-    return replace(small, weight=small.weight / _SHARPER)
+def _is_much_lower(model: StemModel, cost: float, before: float) -> bool:
+    """Whether this cost is far below the one before, or what is left of it beyond the noise."""
+    rows = float(np.count_nonzero(model.weight))
+    return cost < _MUCH_LOWER * before or cost - rows < _MUCH_LOWER * (before - rows)
+
+
+def _is_one(model: StemModel, places: list[Place]) -> bool:
+    """Whether the two lowest of these places are one bottom, or two as low."""
+    if len(places) < 2:
+        return False
+    return places[1].cost < places[0].cost + _AS_LOW**2 or _is_near(model, places[0], places[1])
+
+
+def _beside(model: StemModel, place: Place) -> Iterator[Place]:
+    """Yield places with another mass, damping and DV and the same jumps: what leads back from there is no tooth."""
+    chart, names = chart_of(model, place.point), model.coordinates.names
+    own = chart.charted(place.point)
+    for sense in (-1.0, 1.0):
+        beside = (place.point if own is None else own).copy()
+        for name, change in _OFF.items():
+            beside[names.index(name)] += sense * change
+        point = beside if own is None else chart.point(beside)
+        if point is not None:
+            yield Place(point, model.cost(point))
+
+
+def _is_near(model: StemModel, place: Place, other: Place) -> bool:
+    """Whether two places have about the same m and F_v."""
+    compared = [model.coordinates.names.index(name) for name in ("m", "F_v")]
+    return float(np.abs((place.point - other.point)[compared]).max()) < _ALIKE
+
+
+def _unlike(model: StemModel, places: list[Place]) -> list[Place]:
+    """Return the places, lowest first, without those whose m and F_v a lower one has already."""
+    kept: list[Place] = []
+    for place in sorted(places, key=lambda place: place.cost):
+        if not any(_is_near(model, place, other) for other in kept):
+            kept.append(place)
+    return kept
 
 
 def _ratio(model: StemModel, point: FloatArray) -> float:
@@ -174,89 +278,3 @@ def _with_its_noise(found: Found) -> Found:
     again = replace(again, certificate=certified(model, again.point))
     led = led_to(again, again.point)
     return again if led is None else _with_its_noise(led)
-
-
-def _valves(
-    here: dict[str, float], motion: RecordedMotion, cycle: JumpCycle
-) -> Iterator[tuple[float, dict[str, float]]]:
-    """Yield values by name of valves that jump in this cycle, with the mean friction that the ramps show.
-
-    Before them, how far their jumps are from the measured wave, as a share of its square: by the amplitudes alone, for
-    the least error of k and F_0 puts them out of step.
-    """
-    uniform, k = motion.uniform, here["k"]
-    moving_n, preload_n = here["F_c"] + here["F_v"] * cycle.rate_n_per_s / k, here["F_0"]
-    if uniform is not None and uniform.preload_n is not None:
-        k, moving_n, preload_n = uniform.spring_n_per_m, uniform.friction_n, uniform.preload_n
-    speed = cycle.rate_n_per_s / k
-    for share, damping, limit in product(_PERIODS, _DAMPINGS, _LIMITS):
-        mass_kg = k * (share * cycle.period_s / (2.0 * math.pi)) ** 2
-        if not _MASSES_KG[0] < mass_kg < _MASSES_KG[1]:
-            continue
-        viscous = 2.0 * damping * math.sqrt(k * mass_kg)
-        solved = _stiction(cycle, mass_kg, k, viscous, limit * speed)
-        if solved is None:
-            continue
-        more_n, below_n, waves_m = solved
-        off_m = waves_m[: cycle.waves_m.size] - cycle.waves_m
-        unlike = float(off_m @ off_m) / float(cycle.waves_m @ cycle.waves_m)
-        coulomb_n = moving_n + below_n - more_n
-        if coulomb_n > 0.0:
-            changed = {"m": mass_kg, "k": k, "F_v": viscous, "F_c": coulomb_n, "d": more_n / coulomb_n}
-            yield unlike, here | changed | {"DV": limit * speed, "F_0": preload_n}
-
-
-def _stiction(
-    cycle: JumpCycle, mass_kg: float, spring: float, viscous: float, limit: float
-) -> tuple[float, float, FloatArray] | None:
-    """F_s - F_c with which the stem jumps in this cycle, how far the mean friction is below F_s, N, and the wave's
-    amplitude and those of its overtones, m.
-
-    None where no F_s - F_c gives the cycle: the stem slides, or its swing is slower.
-    """
-    gained_n = cycle.period_s * cycle.rate_n_per_s
-    low_n, high_n = _FORCES[0] * gained_n, _FORCES[1] * gained_n
-
-    def valve(more_n: float) -> ValveParameters:
-        return ValveParameters(mass_kg, spring, viscous, gained_n, gained_n + more_n, limit, 0.0)
-
-    if _rests_s(valve(high_n), cycle) is None:
-        return None
-    for _ in range(_HALVINGS):
-        middle_n = math.sqrt(low_n * high_n)
-        rests_s = _rests_s(valve(middle_n), cycle)
-        if rests_s is None or _period(rests_s) < cycle.period_s:
-            low_n = middle_n
-        else:
-            high_n = middle_n
-        if high_n < (1.0 + _NEAR) * low_n:
-            break
-    rests_s = _rests_s(valve(high_n), cycle)
-    if rests_s is None or abs(_period(rests_s) / cycle.period_s - 1.0) > _SAME:
-        return None
-    out_s = np.linspace(rests_s[-2], rests_s[-1], _PLACES, endpoint=False)
-    begin_n = gained_n + high_n
-    position_m = simulate_motion(valve(high_n), *_ramp(begin_n, cycle), out_s, initial=StemState(0.0)).position_m
-    friction_n = float(np.mean(begin_n + cycle.rate_n_per_s * out_s - spring * position_m))
-    off_m = position_m - cycle.rate_n_per_s / spring * out_s
-    return high_n, begin_n - friction_n, np.abs(np.fft.rfft(off_m))[1:] * 2.0 / _PLACES
-
-
-def _ramp(begin_n: float, cycle: JumpCycle) -> tuple[list[float], list[float]]:
-    end_s = _RUN * cycle.period_s
-    return [0.0, end_s], [begin_n, begin_n + cycle.rate_n_per_s * end_s]
-
-
-def _rests_s(valve: ValveParameters, cycle: JumpCycle) -> list[float] | None:
-    """Instants at which the stem comes to rest on a ramp, s, from its third rest on; None where it has too few."""
-    corners = _ramp(valve.static_friction_n, cycle)
-    try:
-        motion = simulate_motion(valve, *corners, [], initial=StemState(0.0), most_events=_EVENTS)
-    except MotionError:
-        return None
-    rests_s: list[float] = motion.events.time_s[motion.events.mode == Mode.STUCK].tolist()
-    return rests_s[2:] if len(rests_s) > _RUN // 2 else None
-
-
-def _period(rests_s: list[float]) -> float:
-    return (rests_s[-1] - rests_s[0]) / (len(rests_s) - 1)

@@ -151,7 +151,8 @@ def weigh(free: StemModel, narrow: StemModel, point: FloatArray, ramps: Ramps, n
     if weight > 1.0 - _DECIDED:
         return Weighed(free, found.point, shifted, 1.0)
     undelayed, alone = alone, _with_inertia_as_open(alone, shifted)
-    is_open = _share(evidence) > _FREE_BEFOREHAND
+    # what is no fast clock's reads one channel after the other: there is some delay, and the odds only say how small
+    is_open = _share(evidence) > _FREE_BEFOREHAND or not _is_of_one_clock(free.time_s)
     if weight < _DECIDED and not is_open:
         return Weighed(narrow, point, alone, 0.0, _opened(undelayed, alone))
     knows = mixed([1.0 - weight, weight], [alone, shifted])

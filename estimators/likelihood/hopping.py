@@ -69,7 +69,7 @@ def hopped(
         led = [led_along_jumps(small, one, budget, reserve * whole) for one in places[:_LED_OF_JUMPS]]
         places = distinct(small, [*led, *places])
     elif places:
-        places = distinct(small, [led_down(small, places[0], STRAIGHT, budget, reserve * whole), *places])
+        places = distinct(small, [led_along_jumps(small, places[0], budget, reserve * whole), *places])
     return places
 
 

@@ -160,7 +160,7 @@ def flat_errors(
     near_errors = eliminated(small, point) if len(model.deviations) > FEW_ERRORS else None
     if near_errors is not None:
         small, point = near_errors.model, point[: near_errors.count]
-    charted = jumps and is_charted(small, point)
+    charted = is_charted(small, point) and (jumps or not creeps)
     budget = Budget.limited(FOR_JUMPS if charted else min(Budget.of(small).whole, _MOST_WORK))
     most = budget.most_at_once(small, 0.5)
     near = descend(small, point, most_steps=FOLLOWING_STEPS, most_simulations=most)

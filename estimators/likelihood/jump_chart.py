@@ -12,6 +12,7 @@ from estimators.likelihood.coordinates import Coordinates
 from estimators.likelihood.jump_kernel import breakaway, jump_excess, jump_length
 from estimators.samples import FloatArray, IntArray
 
+CHARTED: Final = ("m", "k", "F_v", "F_c", "d", "DV")
 _STEP: Final = 1.0e-6  # of differences
 _LEAST_COULOMB: Final = 1.0e-6  # of the breakaway's force: less is no friction in motion
 
@@ -32,7 +33,7 @@ class JumpChart:
 
     def __post_init__(self) -> None:
         names = self.coordinates.names
-        place = np.array([names.index(name) for name in ("m", "k", "F_v", "F_c", "d", "DV")])
+        place = np.array([names.index(name) for name in CHARTED])
         object.__setattr__(self, "_place", place)
 
     def charted(self, point: FloatArray) -> FloatArray | None:

@@ -8,9 +8,9 @@ same, and its spectrum tells the cycle's length to a part in ten thousand.
 from __future__ import annotations
 
 import math
-import statistics
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -20,7 +20,9 @@ from estimators.samples import FloatArray, Samples
 # Own choices, from random valves that stick and slip between the rows.
 _FEWEST_ROWS: Final = 40  # of a ramp
 _ONE_RATE: Final = 0.02
+_RATES: Final = 2  # that most of the time is spent at
 _MOST_RAMPS: Final = 6
+_FROM_STOP: Final = 0.02  # of the range: rows nearer to a travel stop may rest on it
 _MOVED: Final = 0.1  # of a ramp's way: before, the stem may rest
 _TAIL: Final = 0.97  # of a ramp's rows: then it turns
 _FEWEST_CYCLES: Final = 10.0  # of a ramp: fewer are jumps that are seen
@@ -64,16 +66,26 @@ def is_waved(residual: FloatArray) -> bool:
     return kurtosis < _NORMAL_KURTOSIS - _LEAST_EXCESS * math.sqrt(24.0 / residual.size)
 
 
-def jump_cycles(samples: Samples, corners: tuple[FloatArray, FloatArray]) -> list[JumpCycle]:
-    """Return the cycles that the position may have on the ramps between these corners (s, N), the likeliest first."""
-    lines = list(_lines(samples, corners))
-    if not lines:
-        return []
-    # the rate of a line: between those of two there may be none
-    rate = statistics.median_low(own for _, own, _ in lines)
-    lines = [line for line in lines if abs(line[1] / rate - 1.0) < _ONE_RATE]
-    ramps = [ramp for _, _, ramp in lines[:_MOST_RAMPS]]
-    length_s = sum(seconds for seconds, _, _ in lines)
+def jump_cycles(
+    samples: Samples, corners: tuple[FloatArray, FloatArray], stops_m: tuple[float, float] = (-math.inf, math.inf)
+) -> list[JumpCycle]:
+    """Return the cycles that the position may have on the ramps between these corners (s, N), the likeliest first.
+
+    First the likeliest of each rate, of the slower one before, on which jumps take more rows. Of each rate of the ramps
+    by itself; rows on one of the ``stops_m``, or near it, tell of none.
+    """
+    found: list[tuple[int, float, JumpCycle]] = []
+    for rate in sorted(_usual_rates(*corners, _FEWEST_ROWS * samples.period_s)):
+        lines = list(_lines(samples, corners, rate, stops_m))
+        if lines:
+            own = _cycles_of(samples, rate, [ramp for _, ramp in lines], sum(seconds for seconds, _ in lines))
+            found += [(place, rate, cycle) for place, cycle in enumerate(own)]
+    return [cycle for _, _, cycle in sorted(found, key=lambda one: one[:2])]
+
+
+def _cycles_of(samples: Samples, rate_n_per_s: float, ramps: list[_Ramp], length_s: float) -> list[JumpCycle]:
+    """Return the cycles of ramps of one rate, ``length_s`` in all, by the height of their lines."""
+    ramps = ramps[:_MOST_RAMPS]
     step_s = np.diff(samples.time_s)
     is_even = float(np.ptp(step_s)) < 1.0e-3 * samples.period_s
     shortest_s = (_SHORTEST_EVEN if is_even else _SHORTEST) * samples.period_s
@@ -91,30 +103,62 @@ def jump_cycles(samples: Samples, corners: tuple[FloatArray, FloatArray]) -> lis
         highest = max(highest, height)
         if height < max(_SURE, _OTHERS * highest):
             break
-        found.append(JumpCycle(1.0 / refined, rate, round(length_s * refined), _waves(ramps, refined, shortest_s)))
+        waves_m = _waves(ramps, refined, shortest_s)
+        found.append(JumpCycle(1.0 / refined, rate_n_per_s, round(length_s * refined), waves_m))
         power[np.abs(frequency - refined) * span_s < 3.0] = 0.0
     return found
 
 
-def _lines(samples: Samples, corners: tuple[FloatArray, FloatArray]) -> Iterator[tuple[float, float, _Ramp]]:
-    """Yield length, s, rate, N/s, and rows of each straight piece of the force on which the stem moves."""
+def _usual_rates(at_s: FloatArray, force_n: FloatArray, least_s: float) -> list[float]:
+    """Return the rates, N/s, at which the force between these corners spends most of its time, ``least_s`` or more.
+
+    Behind a lag the force comes near to its ramp's rate in many short pieces, each of another rate.
+    """
+    lasts_s = np.diff(at_s)
+    rate = np.abs(np.divide(np.diff(force_n), lasts_s, out=np.zeros_like(lasts_s), where=lasts_s > 0.0))
+    order = np.argsort(rate)
+    rate, lasts_s = rate[order], np.where(rate > 0.0, lasts_s, 0.0)[order]
+    found: list[float] = []
+    for _ in range(_RATES):
+        passed_s = np.concatenate([[0.0], np.cumsum(lasts_s)])
+        ends = np.searchsorted(rate, (1.0 + _ONE_RATE) * rate, side="right")
+        within_s = passed_s[ends] - passed_s[:-1]
+        first = int(np.argmax(within_s))
+        if within_s[first] < least_s:
+            break
+        middle = int(np.searchsorted(passed_s, 0.5 * (passed_s[first] + passed_s[ends[first]]))) - 1
+        found.append(float(rate[middle]))
+        lasts_s = np.where(np.abs(rate / rate[middle] - 1.0) < 2.0 * _ONE_RATE, 0.0, lasts_s)
+    return found
+
+
+def _lines(
+    samples: Samples, corners: tuple[FloatArray, FloatArray], rate_n_per_s: float, stops_m: tuple[float, float]
+) -> Iterator[tuple[float, _Ramp]]:
+    """Yield length, s, and rows of each piece of the force that goes at this rate, where the stem moves."""
     at_s, force_n = corners
-    for number in np.flatnonzero(np.diff(at_s) > _FEWEST_ROWS * samples.period_s):
-        first, last = np.searchsorted(samples.time_s, at_s[number : number + 2]).tolist()
-        seconds = float(at_s[number + 1] - at_s[number])
-        rate = abs(float(force_n[number + 1] - force_n[number])) / seconds
-        own_m = samples.position_m[first:last]
-        if own_m.size < _FEWEST_ROWS or rate == 0.0:
+    lasts_s = np.diff(at_s)
+    rate = np.divide(np.diff(force_n), lasts_s, out=np.zeros_like(lasts_s), where=lasts_s > 0.0)
+    sense = np.where(np.abs(np.abs(rate) / rate_n_per_s - 1.0) < _ONE_RATE, np.sign(rate), 0.0)
+    edges = np.flatnonzero(np.diff(sense, prepend=2.0, append=2.0))
+    margin_m = _FROM_STOP * float(np.ptp(samples.position_m))
+    for begun, ended in pairwise(edges.tolist()):
+        seconds = float(at_s[ended] - at_s[begun])
+        if sense[begun] == 0.0 or seconds < _FEWEST_ROWS * samples.period_s:
+            continue
+        first, last = np.searchsorted(samples.time_s, [at_s[begun], at_s[ended]]).tolist()
+        time_s, own_m = samples.time_s[first:last], samples.position_m[first:last]
+        if own_m.size < _FEWEST_ROWS:
             continue
         moved = np.abs(own_m - own_m[0]) > _MOVED * abs(float(own_m[-1] - own_m[0]))
         begin = int(np.argmax(moved))
-        end = int(_TAIL * own_m.size)
-        if end - begin < _FEWEST_ROWS:
+        free = (own_m > stops_m[0] + margin_m) & (own_m < stops_m[1] - margin_m)
+        free[:begin] = free[int(_TAIL * own_m.size) :] = False
+        time_s, own_m = time_s[free], own_m[free]
+        if own_m.size < _FEWEST_ROWS:
             continue
-        time_s = samples.time_s[first + begin : first + end]
         time_s = time_s - time_s.mean()
-        own_m = own_m[begin:end]
-        yield seconds, rate, _Ramp(time_s, own_m - np.polyval(np.polyfit(time_s, own_m, 2), time_s))
+        yield seconds, _Ramp(time_s, own_m - np.polyval(np.polyfit(time_s, own_m, 2), time_s))
 
 
 def _power(ramp: _Ramp, bin_s: float, count: int) -> FloatArray:

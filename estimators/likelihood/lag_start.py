@@ -117,7 +117,7 @@ def _off_breakaways(path: TransducerPath, motion: RecordedMotion, pair: Pair) ->
     rows = np.array([breakaway.row for breakaway in phases.breakaways], dtype=np.int64)
     force_n = np.zeros(samples.count)
     force_n[rows] = _force(path, pair, samples.time_s[rows])
-    solved = breakaway_balance(replace(samples, force_n=force_n), phases)
+    solved = breakaway_balance(replace(samples, force_n=force_n), phases.breakaways)
     if solved is None:
         return float("inf")
     sense = np.array([float(breakaway.direction) for breakaway in phases.breakaways])

@@ -146,7 +146,9 @@ def _section_values(motion: RecordedMotion, section_row: IntArray) -> dict[str, 
         coming = [stretch for stretch in motion.phases.stretches if stretch.last >= row]
         first = coming[0].first if coming else position_m.size
         if first < row + _STILL_ROWS:
-            values |= {f"x_{number}": float(position_m[row]), f"v_{number}": float(velocity[row : row + 3].mean())}
+            windowed = float(velocity[row : row + 3].mean())
+            speed = windowed if motion.uniform is not None else _speed_at(motion, int(row)) or windowed
+            values |= {f"x_{number}": float(position_m[row]), f"v_{number}": speed}
         else:
             level_m = float(np.mean(position_m[row : min(first, row + _START_ROWS)]))
             off_m = abs(float(position_m[row]) - level_m)
@@ -154,6 +156,17 @@ def _section_values(motion: RecordedMotion, section_row: IntArray) -> dict[str, 
             is_off = off_m > _OUT_OF_BALANCE * motion.samples.position_noise_m + 1.0e-9 * abs(level_m)
             values[f"x_{number}"] = float(position_m[row]) if is_off else level_m
     return values
+
+
+def _speed_at(motion: RecordedMotion, row: int) -> float:
+    """Velocity from this row to the next, m/s, where noise hardly counts in it; else 0.
+
+    In the midst of a jump a windowed one is that of the ramp.
+    """
+    samples = motion.samples
+    moved_m = float(samples.position_m[row + 1] - samples.position_m[row])
+    is_clear = abs(moved_m) > _OUT_OF_BALANCE * samples.position_noise_m
+    return moved_m / float(samples.time_s[row + 1] - samples.time_s[row]) if is_clear else 0.0
 
 
 def _first_speed(

@@ -27,6 +27,9 @@ _LEVEL_SIGMAS: Final = 4.5
 _FEWEST_ROWS: Final = 3
 _FEWEST_STEPS: Final = 6  # where the usual phases hold some; 2 where they hold none
 _FEWEST_AT_ALL: Final = 2
+_MIDST: Final = 0.2  # of a jump
+_BEGUN: Final = 0.1  # of what is left of a jump, in its first rows
+_FEWEST_BEGUN: Final = 4  # rows of a jump in whose midst the recording begins, or goes on after a gap
 _MORE_STEPS: Final = 2  # times the breakaways that the usual phases have
 _AS_MANY: Final = 0.7  # of them are enough where the jumps are brief
 _BRIEF: Final = 0.3  # of the rests
@@ -35,6 +38,8 @@ _ON_STOP: Final = 1.02  # times the largest force at a breakaway, of which a jum
 _CREEPS: Final = 0.3  # of the mean speed about it: a run with so much slope is no rest
 _CLEAR: Final = 25.0
 _PIECE: Final = 0.2  # of a usual rest: a shorter run is a piece of a jump
+_FAR_LONGER: Final = 10.0  # times a jump
+_OF_A_RAMP: Final = 0.5
 _NEIGHBOURS: Final = 15  # on each side of a run, that tell whether the stem creeps there
 _MORE_NOISE: Final = 1.3
 _GRID_STEPS: Final = 3.0
@@ -69,12 +74,12 @@ def read_staircase(
     fewest = float(_FEWEST_AT_ALL)
     if not isinstance(motion, Outcome):
         moving = np.median([stretch.last - stretch.first + 1 for stretch in stretches]) if stretches else np.inf
-        is_brief = moving < _BRIEF * float(np.median(np.diff(rests.rows, axis=1))) and not _slides(motion, stretches)
+        is_brief = moving < _BRIEF * float(np.median(np.diff(rests.rows, axis=1)))
+        is_brief = is_brief and not _slides(motion, stretches, breakaways)
         fewest = max(_FEWEST_STEPS, (_AS_MANY if is_brief else _MORE_STEPS) * len(motion.phases.breakaways))
     if len(breakaways) < fewest or not _jumps_beyond_grid(samples, breakaways):
         return None
-    apart = np.diff([breakaway.row for breakaway in breakaways])
-    half_window = int(np.clip(2.0 * float(np.median(apart)), 2.0, samples.count / 10.0))
+    half_window = _half_window(samples, breakaways)
     velocity = windowed_slope(samples, samples.position_m, half_window)
     moving = np.abs(velocity[[breakaway.row for breakaway in breakaways]])
     phases = Phases(
@@ -102,13 +107,36 @@ def read_staircase(
     )
 
 
+def tells_spring(motion: RecordedMotion) -> bool:
+    """Whether the stem slid evenly, or broke away in one sense from places apart, so that a balance tells k.
+
+    Of jumps to and fro between two places, whose F_s is not known, a spring of any rate has the balance.
+    """
+    levels = [[one.rest_m for one in motion.phases.breakaways if one.direction == sense] for sense in (-1, 1)]
+    apart_m = max((float(np.ptp(own)) for own in levels if own), default=0.0)
+    return motion.uniform is not None or apart_m > _APART_SIGMAS * motion.samples.position_noise_m
+
+
+def _half_window(samples: Samples, breakaways: list[Breakaway]) -> int:
+    """Rows on each side of one in which its speed is seen: about two jumps, and no more than a part of a ramp.
+
+    Over a ramp and back the mean speed is none, however fast the stem is driven.
+    """
+    rows = np.array([breakaway.row for breakaway in breakaways])
+    sense = np.array([breakaway.direction for breakaway in breakaways])
+    turned = np.flatnonzero(np.diff(sense, prepend=-sense[0]))
+    ramp = float(np.median(np.diff(rows[turned]))) if turned.size > 1 else math.inf
+    widest = min(_OF_A_RAMP * ramp, samples.count / 10.0)
+    return int(np.clip(2.0 * float(np.median(np.diff(rows))), 2.0, max(widest, 2.0)))
+
+
 def with_stops(motion: RecordedMotion) -> RecordedMotion:
     """Return the motion with the stops that a stem without uniform motion rested on, by the balance of its breakaways.
 
     Between two breakaways the force on it goes from one F_s to the other; on a stop it goes on.
     """
     samples, phases = motion.samples, motion.phases
-    balance = breakaway_balance(samples, phases)
+    balance = breakaway_balance(samples, phases.breakaways)
     if motion.uniform is not None or motion.stops is not None or balance is None:
         return motion
     spring, static_n, preload_n = (float(value) for value in balance)
@@ -117,15 +145,20 @@ def with_stops(motion: RecordedMotion) -> RecordedMotion:
     return replace(motion, stops=stops_beyond(samples, phases, (spring, preload_n), most_n, excess=_ON_STOP), shared={})
 
 
-def _slides(motion: RecordedMotion, stretches: list[Stretch]) -> bool:
-    """Whether a good part of each motion between two rests is that of the ramp, by the spring of a uniform motion."""
+def _slides(motion: RecordedMotion, stretches: list[Stretch], breakaways: list[Breakaway]) -> bool:
+    """Whether a good part of each motion between two rests is that of the ramp, by the balance of its breakaways.
+
+    A uniform motion may be none but the ends of jumps, and its spring is anything then.
+    """
     if motion.uniform is None or not stretches:
         return False
     first = np.array([stretch.first - 1 for stretch in stretches])
     last = np.array([stretch.last for stretch in stretches])
     moved_m = np.abs(motion.samples.position_m[last] - motion.samples.position_m[first])
     driven_n = np.abs(motion.samples.force_n[last] - motion.samples.force_n[first])
-    return float(np.median(driven_n / moved_m)) > _DRIVEN * motion.uniform.spring_n_per_m
+    balance = breakaway_balance(motion.samples, breakaways)
+    spring = motion.uniform.spring_n_per_m if balance is None else float(balance[0])
+    return float(np.median(driven_n / moved_m)) > _DRIVEN * spring
 
 
 def _jumps_beyond_grid(samples: Samples, breakaways: list[Breakaway]) -> bool:
@@ -160,7 +193,7 @@ def find_rests(samples: Samples, *, among_pieces: bool = False) -> Rests | None:
         if among_pieces and _creep_together(kept, weight, drift):
             return None
     # a few rows of a long jump lie within the noise as well
-    kept[kept] = _long(rows[kept])
+    kept[kept] = _long(rows[kept]) | _apart(rows)[kept]
     if np.count_nonzero(kept) <= _FEWEST_AT_ALL:
         return None
     rows, level_m = rows[kept], level_m[kept]
@@ -192,6 +225,17 @@ def _long(rows: IntArray) -> BoolArray:
     return np.asarray(counts > _PIECE * usual)
 
 
+def _apart(rows: IntArray) -> BoolArray:
+    """Which runs, shape (k,), are far longer than the jumps on both sides of them: pieces of a jump are not.
+
+    Beside the rests after a reversal, which are the longest, a ramp's own may be short.
+    """
+    between = np.concatenate([[1], rows[1:, 0] - rows[:-1, 1] - 1, [1]])
+    longer = np.maximum(between[:-1], between[1:])
+    is_between = np.minimum(between[:-1], between[1:]) > 0
+    return np.asarray(is_between & (rows[:, 1] - rows[:, 0] + 1 > _FAR_LONGER * longer))
+
+
 def _still_together(weight: FloatArray, drift: FloatArray) -> BoolArray:
     """Which runs, shape (k,), are among neighbours that together do not creep: as many before as after."""
     width = min(2 * _NEIGHBOURS + 1, weight.size)
@@ -217,11 +261,29 @@ def _slopes(samples: Samples, rows: IntArray) -> tuple[FloatArray, FloatArray]:
     return slope, squares
 
 
+def _in_motion(samples: Samples, first: int, rest: int, level_m: float, least_m: float) -> Stretch | None:
+    """Return the end of the jump in which the rows from ``first`` on begin, before the ``rest`` at this level.
+
+    None where no more than ``least_m`` of it is left.
+    """
+    way_m = level_m - float(samples.position_m[first])
+    if rest < first + _FEWEST_BEGUN or abs(way_m) < least_m:
+        return None
+    begun_m = abs(float(samples.position_m[first + _FEWEST_BEGUN - 1] - samples.position_m[first]))
+    if begun_m < _BEGUN * least_m:
+        return None  # it rests there, for fewer rows than count as a rest
+    direction = 1 if way_m > 0.0 else -1
+    return Stretch(first, rest - 1, direction, After.UNKNOWN, driven=True)
+
+
 def _steps(samples: Samples, rests: Rests) -> tuple[list[Stretch], list[Breakaway]]:
     """Jumps from one level to the next; a rest that goes on at the same level is one rest."""
     stretches: list[Stretch] = []
     breakaways: list[Breakaway] = []
     rows, level_m = rests.rows, rests.level_m
+    least_m = max(_APART_SIGMAS * rests.noise_m, _MIDST * float(np.median(np.abs(np.diff(level_m)))))
+    begun = _in_motion(samples, 0, int(rows[0, 0]), float(level_m[0]), least_m)
+    stretches += [] if begun is None else [begun]
     for number, other in pairwise(range(level_m.size)):
         rise_m = float(level_m[other] - level_m[number])
         counts = rows[[number, other], 1] - rows[[number, other], 0] + 1
@@ -229,6 +291,9 @@ def _steps(samples: Samples, rests: Rests) -> tuple[list[Stretch], list[Breakawa
             continue
         before, after = int(rows[number, 1]), int(rows[other, 0])
         if samples.run_first[after] > before:
+            first = int(samples.run_first[after])
+            begun = _in_motion(samples, first, after, float(level_m[other]), least_m)
+            stretches += [] if begun is None else [begun]
             continue
         direction = 1 if rise_m > 0.0 else -1
         stretches.append(Stretch(before + 1, max(before + 1, after - 1), direction, After.BREAKAWAY, driven=True))

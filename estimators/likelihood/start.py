@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Final
 
 import numpy as np
 
-from estimators.motion.phases import After, Phases
+from estimators.motion.phases import After
 from estimators.motion.recorded_motion import RecordedMotion
+from estimators.motion.rests import Breakaway
 from estimators.motion.static_friction import breakaway_forces
 from estimators.samples import BoolArray, FloatArray, Samples
 
@@ -86,7 +87,7 @@ def _from_all_motion(motion: RecordedMotion) -> FirstGuess | None:
 def _from_breakaways(motion: RecordedMotion) -> FirstGuess | None:
     """By least squares of F = k x + F_0 +- F_s over the breakaways; the friction in motion is taken as 0.8 of it."""
     jumps_alone = motion.uniform is None
-    solved = breakaway_balance(motion.samples, motion.phases, _UNKNOWN if jumps_alone else _UNKNOWN + 1)
+    solved = breakaway_balance(motion.samples, motion.phases.breakaways, _UNKNOWN if jumps_alone else _UNKNOWN + 1)
     if solved is None:
         return None
     static_n = float(solved[1])
@@ -112,13 +113,15 @@ def _jump(rest_m: FloatArray, sense: FloatArray) -> float | None:
     return float(jumps_m[(jumps_m.size - 1) // 2]) if jumps_m.size > 0 else None
 
 
-def breakaway_balance(samples: Samples, phases: Phases, fewest: int = _UNKNOWN + 1) -> FloatArray | None:
+def breakaway_balance(
+    samples: Samples, breakaways: Sequence[Breakaway], fewest: int = _UNKNOWN + 1
+) -> FloatArray | None:
     """k, F_s and F_0, shape (3,), by least squares of F = k x + F_0 +- F_s over the breakaways; None for too few."""
-    rows = np.array([breakaway.row for breakaway in phases.breakaways], dtype=np.int64)
-    sense = np.array([float(breakaway.direction) for breakaway in phases.breakaways])
+    rows = np.array([breakaway.row for breakaway in breakaways], dtype=np.int64)
+    sense = np.array([float(breakaway.direction) for breakaway in breakaways])
     if rows.size < fewest or np.unique(sense).size < 2:
         return None
-    rest_m = np.array([breakaway.rest_m for breakaway in phases.breakaways])
+    rest_m = np.array([breakaway.rest_m for breakaway in breakaways])
     solved = _solved([rest_m, sense, np.ones(rows.size)], samples.force_n[rows])
     return solved if solved is not None and solved[0] > 0.0 and solved[1] > 0.0 else None
 

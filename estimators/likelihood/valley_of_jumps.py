@@ -9,6 +9,7 @@ import numpy as np
 
 from estimators.likelihood.bent_valley import chart_of, descend_bent
 from estimators.likelihood.budget import Budget
+from estimators.likelihood.jump_chart import CHARTED, JumpChart
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.pool import Place
 from estimators.likelihood.valley import FARTHEST, LARGEST_RISE, Walk
@@ -33,6 +34,8 @@ _LEAST_SHARE: Final = 1.0e-13
 
 def is_charted(model: StemModel, point: FloatArray) -> bool:
     """Whether the stem jumps on the ramps at this point (p,), so that its valley can be walked as that of jumps."""
+    if not set(CHARTED) <= set(model.coordinates.names):
+        return False
     return chart_of(model, point).charted(point) is not None
 
 
@@ -83,9 +86,12 @@ def walk_of_jumps(
         if own is None or slopes is None or along is None:
             break
         tangent = _following(along @ slopes, along * model.coordinates.prior_weight @ along.T, number)
+        alone = np.zeros(tangent.size)
+        alone[number] = 1.0
         reached: Place | None = None
         while reached is None and length >= _SHORTEST and budget.left - budget.price(model, simulations) > reserve:
-            trial = chart.point(own + sense * length * tangent)
+            trial = _lower_of(model, chart, own, [sense * length * tangent, sense * length * alone])
+            simulations += 2
             if trial is not None and trial[number] != here.point[number]:
                 found = descend_bent(model, trial, most_simulations=_FOLLOWING, arrived=_FOLLOWED, held=(name,))
                 simulations += found.simulations
@@ -103,6 +109,15 @@ def walk_of_jumps(
         length = min(_LONGER * length, _LONGEST, FARTHEST - far)
     budget.spend(model, simulations)
     return Walk(places, simulations)
+
+
+def _lower_of(model: StemModel, chart: JumpChart, own: FloatArray, steps: list[FloatArray]) -> FloatArray | None:
+    """Return the point (p,) to which the best of these steps of the charted point leads; None where none leads to one.
+
+    At a kink of the cost the slopes are those of one side, and the step in which the others follow is the worse one.
+    """
+    points = [point for point in (chart.point(own + step) for step in steps) if point is not None]
+    return min(points, key=model.cost, default=None)
 
 
 def _with_faint_damping(model: StemModel, point: FloatArray) -> Place | None:

@@ -1,0 +1,131 @@
+"""Valves that stick and slip in a given cycle: of one mass and damping, the F_s - F_c with which the stem has it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import product
+from typing import Final
+
+import numpy as np
+
+from estimators.likelihood.jump_cycle import JumpCycle
+from estimators.motion.recorded_motion import RecordedMotion
+from estimators.samples import FloatArray
+from valve.errors import MotionError
+from valve.motion import simulate_motion
+from valve.parameters import ValveParameters
+from valve.stem import Mode, StemState
+
+# Own choices, from random valves that stick and slip between the rows.
+_PERIODS: Final = (  # of the stem's swing, in cycles
+    *(0.03, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9),
+    *(0.94, 0.97, 0.985, 0.993),
+)
+_DAMPINGS: Final = (0.01, 0.03, 0.06, 0.12, 0.25, 0.5)
+_LIMITS: Final = (0.003, 0.02)  # DV, of the ramp's speed: when the first jump of a ramp comes hangs on it
+_MASSES_KG: Final = (0.01, 200.0)
+_FORCES: Final = (0.01, 0.55)  # of what the ramp adds in a cycle: F_s - F_c
+_HALVINGS: Final = 24
+_NEAR: Final = 1.0e-5  # of F_s - F_c
+_SAME: Final = 1.0e-3  # of the cycle
+_RUN: Final = 7  # cycles, of which the first two come to be like the others
+_PLACES: Final = 64  # of a cycle
+_EVENTS: Final = 200
+_UNLIKE: Final = 0.05  # of the wave's square: more is no wave of jumps
+
+
+def valves_like(here: dict[str, float], motion: RecordedMotion, cycle: JumpCycle) -> list[dict[str, float]]:
+    """Return the values by name of the valves whose jumps are like the measured wave, the likest first.
+
+    ``here`` are the values of all unknowns at a fit, of which those that a cycle tells nothing of are kept.
+    """
+    alike = sorted(_valves(here, motion, cycle), key=lambda valve: valve[0])
+    return [values for unlike, values in alike if unlike < _UNLIKE]
+
+
+def _valves(
+    here: dict[str, float], motion: RecordedMotion, cycle: JumpCycle
+) -> Iterator[tuple[float, dict[str, float]]]:
+    """Yield values by name of valves that jump in this cycle, with the mean friction that the ramps show.
+
+    Before them, how far their jumps are from the measured wave, as a share of its square: by the amplitudes alone, for
+    the least error of k and F_0 puts them out of step.
+    """
+    uniform, k = motion.uniform, here["k"]
+    moving_n, preload_n = here["F_c"] + here["F_v"] * cycle.rate_n_per_s / k, here["F_0"]
+    # behind a lag that is not known the force is late, which looks like friction
+    if uniform is not None and uniform.preload_n is not None and not motion.command_only:
+        k, moving_n, preload_n = uniform.spring_n_per_m, uniform.friction_n, uniform.preload_n
+    speed = cycle.rate_n_per_s / k
+    for share, damping, limit in product(_PERIODS, _DAMPINGS, _LIMITS):
+        mass_kg = k * (share * cycle.period_s / (2.0 * math.pi)) ** 2
+        if not _MASSES_KG[0] < mass_kg < _MASSES_KG[1]:
+            continue
+        viscous = 2.0 * damping * math.sqrt(k * mass_kg)
+        solved = _stiction(cycle, mass_kg, k, viscous, limit * speed)
+        if solved is None:
+            continue
+        more_n, below_n, waves_m = solved
+        off_m = waves_m[: cycle.waves_m.size] - cycle.waves_m
+        unlike = float(off_m @ off_m) / float(cycle.waves_m @ cycle.waves_m)
+        coulomb_n = moving_n + below_n - more_n
+        if coulomb_n > 0.0:
+            changed = {"m": mass_kg, "k": k, "F_v": viscous, "F_c": coulomb_n, "d": more_n / coulomb_n}
+            yield unlike, here | changed | {"DV": limit * speed, "F_0": preload_n}
+
+
+def _stiction(
+    cycle: JumpCycle, mass_kg: float, spring: float, viscous: float, limit: float
+) -> tuple[float, float, FloatArray] | None:
+    """F_s - F_c with which the stem jumps in this cycle, how far the mean friction is below F_s, N, and the wave's
+    amplitude and those of its overtones, m.
+
+    None where no F_s - F_c gives the cycle: the stem slides, or its swing is slower.
+    """
+    gained_n = cycle.period_s * cycle.rate_n_per_s
+    low_n, high_n = _FORCES[0] * gained_n, _FORCES[1] * gained_n
+
+    def valve(more_n: float) -> ValveParameters:
+        return ValveParameters(mass_kg, spring, viscous, gained_n, gained_n + more_n, limit, 0.0)
+
+    if _rests_s(valve(high_n), cycle) is None:
+        return None
+    for _ in range(_HALVINGS):
+        middle_n = math.sqrt(low_n * high_n)
+        rests_s = _rests_s(valve(middle_n), cycle)
+        if rests_s is None or _period(rests_s) < cycle.period_s:
+            low_n = middle_n
+        else:
+            high_n = middle_n
+        if high_n < (1.0 + _NEAR) * low_n:
+            break
+    rests_s = _rests_s(valve(high_n), cycle)
+    if rests_s is None or abs(_period(rests_s) / cycle.period_s - 1.0) > _SAME:
+        return None
+    out_s = np.linspace(rests_s[-2], rests_s[-1], _PLACES, endpoint=False)
+    begin_n = gained_n + high_n
+    position_m = simulate_motion(valve(high_n), *_ramp(begin_n, cycle), out_s, initial=StemState(0.0)).position_m
+    friction_n = float(np.mean(begin_n + cycle.rate_n_per_s * out_s - spring * position_m))
+    off_m = position_m - cycle.rate_n_per_s / spring * out_s
+    return high_n, begin_n - friction_n, np.abs(np.fft.rfft(off_m))[1:] * 2.0 / _PLACES
+
+
+def _ramp(begin_n: float, cycle: JumpCycle) -> tuple[list[float], list[float]]:
+    end_s = _RUN * cycle.period_s
+    return [0.0, end_s], [begin_n, begin_n + cycle.rate_n_per_s * end_s]
+
+
+def _rests_s(valve: ValveParameters, cycle: JumpCycle) -> list[float] | None:
+    """Instants at which the stem comes to rest on a ramp, s, from its third rest on; None where it has too few."""
+    corners = _ramp(valve.static_friction_n, cycle)
+    try:
+        motion = simulate_motion(valve, *corners, [], initial=StemState(0.0), most_events=_EVENTS)
+    except MotionError:
+        return None
+    rests_s: list[float] = motion.events.time_s[motion.events.mode == Mode.STUCK].tolist()
+    return rests_s[2:] if len(rests_s) > _RUN // 2 else None
+
+
+def _period(rests_s: list[float]) -> float:
+    return (rests_s[-1] - rests_s[0]) / (len(rests_s) - 1)
