@@ -27,6 +27,11 @@ _SURE_LAG: Final = 4.0  # of its errors: a shorter one may be none, and lines th
 _CHI_SIGMAS: Final = 5.0
 _HOPELESS_SIGMAS: Final = 60.0  # before the events have settled
 _LEAST_SIZES: Final = (0.3, 0.05, 0.0)  # of the largest event's
+_SOME_LAGS_S: Final = (0.03, 0.1, 0.3, 0.01, 0.7)
+_TURNS_BY: Final = 8.0  # times the noise, and
+_TURNS_OF_SPAN: Final = 0.02
+_TURN_ROWS: Final = 6000  # means
+_MOST_TURNS: Final = 80
 _CHORD_ERROR: Final = 2.0e-7  # of the span
 
 
@@ -96,6 +101,45 @@ def lagged_lines(time_s: FloatArray, value: FloatArray, noise: float) -> LaggedL
         if fit is not None:
             return fit
     return None
+
+
+def lines_behind_some_lag(time_s: FloatArray, value: FloatArray, noise: float) -> LaggedLines | None:
+    """Return the lines behind a lag, between the turns of a signal that goes to and fro, or None; as ``lagged_lines``.
+
+    The search for the events takes a rounding that hides in the noise of each corner for none, and a curve that many
+    fast ramps make for many small events. What goes up and down turns once between: ln 2 lags late.
+    """
+    turn_s = _turns(time_s, value, noise)
+    if not 0 < turn_s.size <= _MOST_TURNS:
+        return None
+    steps = np.zeros(turn_s.size, dtype=np.bool_)
+    for lag_s in _SOME_LAGS_S:
+        event_s = np.concatenate([turn_s[:1], turn_s[1:] - lag_s * math.log(2.0)])
+        fit = _with_events(time_s, value, noise, np.concatenate([np.zeros(3), [lag_s], event_s]), steps)
+        if fit is not None:
+            return fit
+    return None
+
+
+def _turns(time_s: FloatArray, value: FloatArray, noise: float) -> FloatArray:
+    """Times, s, shape (e,), at which the signal leaves its first value, and turns by far more than the noise."""
+    # means of rows, whose noise is a small part of what counts as a turn
+    least = max(_TURNS_BY * noise, _TURNS_OF_SPAN * float(np.ptp(value)))
+    rows = max(1, time_s.size // _TURN_ROWS)
+    count = time_s.size // rows
+    own_s = time_s[: count * rows].reshape(count, rows).mean(axis=1)
+    own = value[: count * rows].reshape(count, rows).mean(axis=1)
+    begun = np.flatnonzero(np.abs(own - own[0]) > least)
+    if begun.size == 0:
+        return np.empty(0)
+    found, sense, far = [float(own_s[max(begun[0] - 1, 0)])], float(np.sign(own[begun[0]] - own[0])), int(begun[0])
+    for row in range(far, count):
+        if sense * (own[row] - own[far]) > 0.0:
+            far = row
+        elif sense * (own[far] - own[row]) > least:
+            found.append(float(own_s[far]))
+            sense, far = -sense, row
+    return np.array(found)
 
 
 def _with_events(

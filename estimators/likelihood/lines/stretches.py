@@ -12,7 +12,7 @@ import numpy as np
 from estimators.base import Outcome
 from estimators.likelihood.lines.exact_lines import exact_corners
 from estimators.likelihood.lines.joined_pieces import Joint, Pieces
-from estimators.likelihood.lines.lagged_lines import lagged_lines
+from estimators.likelihood.lines.lagged_lines import lagged_lines, lines_behind_some_lag
 from estimators.likelihood.lines.pieces import fit_pieces
 from estimators.samples import FloatArray, IntArray, position_noise, resolution
 from valve.recording import Recording
@@ -23,6 +23,7 @@ _FEWEST_ROWS: Final = 12
 _LONGEST_JUMP_PERIODS: Final = 5.0  # without a row: another recording, or as good as one
 _LONGEST_GAP_S: Final = 0.5
 _LONGEST_GAP_PERIODS: Final = 25.0  # of rows without a value, across which two lines may still be drawn to a corner
+_OF_A_LINE: Final = 0.1  # of its neighbours: a shorter one is a corner that is rounded
 _SMOOTH_NOISE: Final = 1.0e-9  # of the span: what a computed curve is fitted to
 _CHORD_ERROR: Final = 2.0e-7  # of the span, or a tenth of a curve's own error
 _MOST_CHORDS: Final = 2000
@@ -178,7 +179,12 @@ def _fitted_stretches(
     cut = _longest_gap(time_s, pieces, period_s)
     if cut is None:
         curved = bool((pieces.degree > 1).any()) or bool((pieces.joint == Joint.SMOOTH).any())
-        behind_lag = lagged_lines(time_s, value, noise_n) if curved else None
+        # a corner that a short lag rounds is drawn as two
+        apart_s = np.diff(pieces.joint_s)
+        twice = apart_s.size > 1 and bool((apart_s[1:-1] < _OF_A_LINE * np.minimum(apart_s[:-2], apart_s[2:])).any())
+        behind_lag = lagged_lines(time_s, value, noise_n) if curved or twice else None
+        if behind_lag is None and (curved or twice):
+            behind_lag = lines_behind_some_lag(time_s, value, noise_n)
         return [DrawnPieces(pieces, *_drawn(pieces, noise_n, span_n)) if behind_lag is None else behind_lag]
     return [
         *_fitted_stretches(time_s[:cut], value[:cut], noise_n, span_n, period_s),
