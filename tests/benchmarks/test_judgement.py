@@ -10,7 +10,7 @@ import pytest
 from estimators.base import Estimate, ParameterEstimate, Status, absent, in_order, measured
 from tests.benchmarks.bound import bound, relative_half_width
 from tests.benchmarks.coverage import binomial_interval
-from tests.benchmarks.random_valves import acting_force, known_symbols, what_is_wrong
+from tests.benchmarks.random_valves import above_truth, acting_force, known_symbols, what_is_wrong
 from tests.estimators.random_valves import RandomTest, random_test
 from valve.motion import simulate_motion
 from valve.parameter_sets import parameter_set
@@ -55,6 +55,20 @@ def test_ok_with_a_misfit_or_of_a_stem_that_hardly_moved_is_wrong() -> None:
     still = random_test(1, "immobile")
     silent = Estimate("none", Status.OK, "", None, {s: absent("unknown") for s in PARAMETER_SYMBOLS})
     assert what_is_wrong(silent, still) == ("ok of a stem that hardly moved",)
+
+
+def test_a_fit_has_arrived_where_it_leaves_no_more_than_the_truth() -> None:
+    test = random_test(1, "captured")
+    motion = simulate_motion(
+        test.truth, *acting_force(test), test.recording.time_s, stops=test.stops, initial=test.initial
+    )
+    off_m = test.recording.position_m - motion.position_m
+    left_m = float(np.sqrt(np.mean(off_m**2)))
+    parameters = right(test).parameters
+    assert above_truth(Estimate("none", Status.OK, "", left_m, parameters), test) == pytest.approx(0.0, abs=1.0e-6)
+    more_m = math.sqrt(left_m**2 + 100.0 * test.noise_m**2 / off_m.size)
+    assert above_truth(Estimate("none", Status.OK, "", more_m, parameters), test) == pytest.approx(100.0, rel=1.0e-6)
+    assert above_truth(Estimate("none", Status.FAILED, "why", None, parameters), test) is None
 
 
 def test_the_bound_is_that_of_linear_regression_where_the_motion_is_linear() -> None:

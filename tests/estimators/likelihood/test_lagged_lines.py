@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from estimators.likelihood.inputs.pressure_lines import MeasuredPath, measured_path
 from estimators.likelihood.lines.joined_pieces import Joint
-from estimators.likelihood.lines.lagged_lines import LaggedLines, lagged_lines
+from estimators.likelihood.lines.lagged_lines import LaggedLines, lagged_lines, lines_behind_some_lag
 from estimators.likelihood.lines.pieces import fit_pieces
 from estimators.samples import FloatArray
 from simulator import transducer
+from tests.estimators.random_valves import random_test
 from valve.waveform import Waveform, multi_rate_triangle, sine, steps, triangle
 
 LOW_PA, HIGH_PA = 20.0e3, 100.0e3
@@ -97,3 +99,32 @@ def test_a_lag_that_is_no_longer_than_its_error_is_none() -> None:
     for seed in range(4):
         measured_pa = true_pa + NOISE_PA * np.random.default_rng(seed).standard_normal(time_s.size)
         assert lagged_lines(time_s, measured_pa, NOISE_PA) is None, seed
+
+
+@pytest.mark.parametrize(("name", "lag_s", "period_s"), [("multi_rate", 0.07, 1.0e-3), ("triangle", 0.02, 5.0e-3)])
+def test_a_lag_is_found_between_the_turns_of_a_signal(name: str, lag_s: float, period_s: float) -> None:
+    wave = WAVES[name]
+    held = Waveform(name, np.concatenate([[0.0], 0.5 + wave.time_s]), np.concatenate([[LOW_PA], wave.pressure_pa]))
+    time_s, true_pa, measured_pa = measured(held, lag_s, period_s, seed=5)
+    fit = lines_behind_some_lag(time_s, measured_pa, NOISE_PA)
+    assert fit is not None
+    assert fit.steps.size == EVENTS[name] + 1
+    assert fit.lag_s == pytest.approx(lag_s, abs=5.0 * float(np.linalg.norm(fit.root[:, 3])))
+    off_pa = np.interp(time_s, *fit.corners()) - true_pa
+    assert float(np.sqrt(np.mean(off_pa**2))) < 1.6 * NOISE_PA * np.sqrt(fit.parameters.size / time_s.size)
+
+
+def test_sharp_corners_and_a_signal_that_stands_still_have_no_lag() -> None:
+    time_s, _true_pa, measured_pa = measured(WAVES["triangle"], 0.0, 1.0e-3, seed=6)
+    assert lines_behind_some_lag(time_s, measured_pa, NOISE_PA) is None
+    still_pa = LOW_PA + NOISE_PA * np.random.default_rng(7).standard_normal(time_s.size)
+    assert lines_behind_some_lag(time_s, still_pa, NOISE_PA) is None
+
+
+def test_a_corner_that_a_short_lag_rounds_is_drawn_behind_its_lag() -> None:
+    test = random_test(4245)  # 80 ms behind 0.1 % of noise at 5 ms: two straight corners hid it
+    path = measured_path(test.recording, test.recording.actuator_force_n(test.nameplate))
+    assert isinstance(path, MeasuredPath)
+    (lines,) = path.stretches
+    assert isinstance(lines, LaggedLines)
+    assert lines.lag_s == pytest.approx(test.lag_s, rel=0.15)

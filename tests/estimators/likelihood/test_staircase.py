@@ -9,7 +9,7 @@ import pytest
 
 from estimators.base import Outcome, Status
 from estimators.likelihood.search import measured_rests
-from estimators.likelihood.staircase import read_staircase, with_stops
+from estimators.likelihood.staircase import read_staircase, tells_spring, with_stops
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from tests.estimators.likelihood.posed import at_truth, posed
@@ -128,3 +128,44 @@ def test_a_few_rows_of_a_jump_that_lie_within_the_noise_are_no_rest() -> None:
     assert rows.size > 250
     moved_m = np.abs(simulated_m[rows + 1] - simulated_m[rows - 1])
     assert np.mean(moved_m > 0.2 * problem.noise_m) < 0.02
+
+
+# of the ramps' short rests beside those after a reversal the half was left out; jumps of 9 mm looked like a uniform
+# motion, whose spring was a sixtieth of the right one
+@pytest.mark.parametrize(("seed", "breakaways"), [(4222, 7), (4471, 45)])
+def test_rests_of_unlike_length_and_jumps_that_look_uniform_are_a_staircase(seed: int, breakaways: int) -> None:
+    test = random_test(seed)
+    usual = read_motion(test.recording, test.nameplate)
+    assert isinstance(usual, RecordedMotion)
+    assert usual.uniform is not None
+    motion = read_staircase(test.recording, test.nameplate, usual)
+    assert motion is not None
+    assert len(motion.phases.breakaways) == breakaways
+
+
+def test_a_section_that_begins_in_the_midst_of_a_jump_begins_with_its_speed() -> None:
+    problem, motion = posed(4623)  # 12 rows a jump
+    row = int(problem.model.section_row[1])
+    shown = np.diff(motion.samples.position_m[row : row + 3]) / np.diff(motion.samples.time_s[row : row + 3])
+    assert problem.trials[0].values["v_1"] == pytest.approx(float(shown[0]))
+    # one that begins at rest has none to be found, however few rows the rest has
+    assert "v_1" not in posed(2811)[0].model.coordinates.names
+
+
+def test_the_speed_of_a_stem_that_jumps_once_a_ramp_is_seen_within_the_ramp() -> None:
+    # ramps of 1.2 s there and back: over both the mean is none, and DV was kept below 2e-5 m/s, less than the true one
+    problem, _motion = posed(4776)
+    test = random_test(4776)
+    slowest = 1242.0 / test.truth.spring_rate_n_per_m
+    assert problem.fastest_m_per_s > slowest
+
+
+def test_jumps_to_and_fro_between_two_places_tell_no_spring() -> None:
+    to_and_fro = read_staircase(random_test(4697).recording, random_test(4697).nameplate, Outcome.NO_UNIFORM_MOTION)
+    assert to_and_fro is not None
+    assert not tells_spring(to_and_fro)
+    assert tells_spring(posed(2035)[1])
+    # k was given 3.7 times too large, of a fit that had not arrived
+    estimate = MaximumLikelihoodEstimator().estimate(random_test(4697).recording, random_test(4697).nameplate)
+    assert estimate.status is Status.FAILED
+    assert estimate.value("k") is None

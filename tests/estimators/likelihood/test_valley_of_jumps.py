@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.base import Outcome
+from estimators.base import Outcome, Status
 from estimators.likelihood.all_rows import certified
 from estimators.likelihood.arrival import led_to
 from estimators.likelihood.bent_valley import chart_of, descend_bent
@@ -25,7 +25,7 @@ from estimators.likelihood.valley import walk
 from estimators.likelihood.valley_of_jumps import walk_of_jumps
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.samples import FloatArray
-from tests.benchmarks.random_valves import what_is_wrong
+from tests.benchmarks.random_valves import above_truth, what_is_wrong
 from tests.estimators.likelihood.posed import at_truth, motion_of, posed
 from tests.estimators.random_valves import random_test
 
@@ -133,3 +133,21 @@ def test_a_fit_without_viscous_friction_knows_how_much_there_may_be() -> None:
     estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
     assert what_is_wrong(estimate, test) == ()
     assert all(estimate.value(symbol) is not None for symbol in ("m", "k", "F_c", "F_s")), estimate.message
+
+
+# F_v of jumps seen to 1 um was 11 % off by ten of its errors: at a kink the slopes led the walk astray at once; m of a
+# stem of which seven jumps are seen was 11 % off by seven, as it was not known to jump; a file with a delay of half a
+# millisecond had an F_v that was that much off, by ten
+@pytest.mark.parametrize(("seed", "symbols"), [(4451, "m F_v F_c"), (4542, "m F_v F_c"), (4320, "F_v F_c")])
+def test_intervals_reach_along_the_valley_to_the_truth(seed: int, symbols: str) -> None:
+    test = random_test(seed)
+    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    assert estimate.status is Status.OK
+    above = above_truth(estimate, test)
+    assert above is not None
+    assert above < 10.0
+    for symbol in symbols.split():
+        entry = estimate.parameters[symbol]
+        assert entry.value is not None
+        assert entry.std_error is not None
+        assert abs(entry.value - test.truth.by_symbol()[symbol]) < 3.5 * entry.std_error, symbol
