@@ -17,6 +17,7 @@ from estimators.likelihood.hopping import Hopping
 from estimators.likelihood.input_errors import hopped_anew, refit, searched_anew, step_instants, with_input_errors
 from estimators.likelihood.inputs.input_path import CommandedPath, InputPath, input_path
 from estimators.likelihood.lag_exchange import with_other_lags
+from estimators.likelihood.limit_exchange import with_other_limits
 from estimators.likelihood.mass_scan import may_alias, with_scanned_mass
 from estimators.likelihood.problem import Problem, pose
 from estimators.likelihood.ramps import ramps_of
@@ -72,6 +73,7 @@ class MaximumLikelihoodEstimator:
         if found is None:
             return failed(self.method, Outcome.UNPHYSICAL)
         found = with_jump_cycle(found, motion, problem.rests)
+        found = found if problem.is_noise_free else with_other_limits(found)
         aliased = may_alias(found.model.coordinates.values(found.point)["k"], motion.samples.period_s)
         if aliased and not (found.certificate.is_good or hopping.jumps or problem.is_noise_free):
             found = with_scanned_mass(found, hopping.speed_m_per_s)

@@ -45,6 +45,7 @@ _ROUNDS: Final = (
     (4, 0, (), 15),
     (3, 0, (), 30),
 )
+_JUDGED: Final = 1  # the round after which a cycle is given up
 _OFF: Final = {"m": 0.005, "F_v": 0.1, "DV": 0.7}  # of logarithms, from where a fit has to come back
 _ALIKE: Final = 0.03  # of m and of F_v, of two places from which one goes on
 _AS_LOW: Final = 3.0  # times the noise that is left, squared: where two starts end
@@ -70,23 +71,22 @@ _GRID: Final = 0.5  # of the noise: a sensor's steps, whose errors are no wave o
 def with_jump_cycle(found: Found, motion: RecordedMotion, rests: Restarts) -> Found:
     """Return the fit of a stem that jumps in the cycle that the position shows, where that is far lower.
 
-    It is looked for where the fit is not good, or what it leaves looks like a wave: where the jumps were taken for
-    noise it is as large as that. The noise is set to what the better fit leaves. One that is not good then is not
-    taken; where its own noise is all that speaks for it, one to which a single start came is not confirmed.
+    It is looked for in the position where the fit is not good, or what it leaves looks like a wave: where the jumps
+    were taken for noise it is as large as that; else in what it leaves. The noise is set to what the better fit leaves.
+    One that is not good then is not taken; where its own noise is all that speaks for it, one to which a single start
+    came is not confirmed.
     """
     model, samples = found.model, motion.samples
     residual = model.residuals(found.point)
     if residual is None or samples.position_step_m > _GRID * samples.position_noise_m:
         return found
-    if found.certificate.is_good and not is_waved(residual[model.weight > 0.0]):
-        return found
     here = model.coordinates.values(found.point)
     stops_m = here.get("low", -math.inf), here.get("high", math.inf)
-    cycles = [
-        cycle
-        for cycle in jump_cycles(samples, model.corners(here), stops_m)
-        if _EVENTS_A_CYCLE * cycle.count < _MOST_EVENTS
-    ]
+    # of a fit that explains all rows a wave within the noise is what it leaves
+    hides = found.certificate.is_good and not is_waved(residual[model.weight > 0.0])
+    left_m = np.divide(residual, model.weight, out=np.zeros_like(residual), where=model.weight > 0.0) if hides else None
+    shown = jump_cycles(samples, model.corners(here), stops_m, left_m)
+    cycles = [cycle for cycle in shown if _EVENTS_A_CYCLE * cycle.count < _MOST_EVENTS]
     if not cycles:
         return found
     most = _EVENTS_A_CYCLE * max(cycle.count for cycle in cycles)
@@ -178,7 +178,7 @@ class _Begun:
     def lowest(self, points: list[FloatArray], before: FloatArray, budget: Budget) -> list[Place]:
         """Return where the best of these points (p,) lead to, lowest first, by the noise that they leave at last.
 
-        None of them does where the first steps come no lower than ``before``, shape (p,), by much.
+        None of them does where the first rounds come no lower than ``before``, shape (p,), by much.
 
         The stem begins anew at the measured rests first: it turns in the midst of a jump, and how far it still goes
         there, hence when it jumps on the next ramp, hangs on the least difference before.
@@ -186,7 +186,7 @@ class _Begun:
         places = [Place(point, 0.0) for point in points]
         models = {spacing: self._parts(spacing) for spacing in {spacing for _, spacing, _, _ in _ROUNDS}}
         factor, own = 1.0, self.model
-        for kept, spacing, held, steps in _ROUNDS:
+        for number, (kept, spacing, held, steps) in enumerate(_ROUNDS):
             own = replace(models[spacing], weight=models[spacing].weight / factor)
             begun = sorted(
                 (Place(place.point, own.cost(place.point)) for place in places), key=lambda place: place.cost
@@ -199,7 +199,7 @@ class _Begun:
                     budget.spend(own, few.simulations)
                     places.append(Place(few.point, few.cost))
             places = _unlike(own, places) if spacing else sorted(places, key=lambda place: place.cost)
-            if not places or (held and not _is_much_lower(own, places[0].cost, own.cost(before))):
+            if not places or (number == _JUDGED and not _is_much_lower(own, places[0].cost, own.cost(before))):
                 return []
             # what jumps were taken for noise lets descents end where they still differ
             factor *= min(1.0, _ratio(own, places[0].point))

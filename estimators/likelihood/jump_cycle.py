@@ -67,16 +67,20 @@ def is_waved(residual: FloatArray) -> bool:
 
 
 def jump_cycles(
-    samples: Samples, corners: tuple[FloatArray, FloatArray], stops_m: tuple[float, float] = (-math.inf, math.inf)
+    samples: Samples,
+    corners: tuple[FloatArray, FloatArray],
+    stops_m: tuple[float, float] = (-math.inf, math.inf),
+    left_m: FloatArray | None = None,
 ) -> list[JumpCycle]:
     """Return the cycles that the position may have on the ramps between these corners (s, N), the likeliest first.
 
     First the likeliest of each rate, of the slower one before, on which jumps take more rows. Of each rate of the ramps
     by itself; rows on one of the ``stops_m``, or near it, tell of none.
+    Of ``left_m``, shape (n,), where that is given: what a fit leaves of the position.
     """
     found: list[tuple[int, float, JumpCycle]] = []
     for rate in sorted(_usual_rates(*corners, _FEWEST_ROWS * samples.period_s)):
-        lines = list(_lines(samples, corners, rate, stops_m))
+        lines = list(_lines(samples, corners, rate, stops_m, left_m))
         if lines:
             own = _cycles_of(samples, rate, [ramp for _, ramp in lines], sum(seconds for seconds, _ in lines))
             found += [(place, rate, cycle) for place, cycle in enumerate(own)]
@@ -133,7 +137,11 @@ def _usual_rates(at_s: FloatArray, force_n: FloatArray, least_s: float) -> list[
 
 
 def _lines(
-    samples: Samples, corners: tuple[FloatArray, FloatArray], rate_n_per_s: float, stops_m: tuple[float, float]
+    samples: Samples,
+    corners: tuple[FloatArray, FloatArray],
+    rate_n_per_s: float,
+    stops_m: tuple[float, float],
+    left_m: FloatArray | None,
 ) -> Iterator[tuple[float, _Ramp]]:
     """Yield length, s, and rows of each piece of the force that goes at this rate, where the stem moves."""
     at_s, force_n = corners
@@ -154,7 +162,7 @@ def _lines(
         begin = int(np.argmax(moved))
         free = (own_m > stops_m[0] + margin_m) & (own_m < stops_m[1] - margin_m)
         free[:begin] = free[int(_TAIL * own_m.size) :] = False
-        time_s, own_m = time_s[free], own_m[free]
+        time_s, own_m = time_s[free], (own_m if left_m is None else left_m[first:last])[free]
         if own_m.size < _FEWEST_ROWS:
             continue
         time_s = time_s - time_s.mean()

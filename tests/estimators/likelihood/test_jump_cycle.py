@@ -155,3 +155,15 @@ def test_a_stem_that_sticks_and_slips_within_two_rows_on_ramps_of_two_rates_is_f
     assert what_is_wrong(estimate, test) == ()
     for symbol in ("m", "k", "F_v", "F_c", "F_s", "F_0"):
         assert estimate.value(symbol) == pytest.approx(test.truth.by_symbol()[symbol], rel=0.02)
+
+
+def test_a_wave_beneath_the_noise_is_found_in_what_a_fit_leaves() -> None:
+    samples = _sawtooth(even=False)
+    left_m = samples.position_m - 1.0e-5 * samples.force_n
+    noise_m = 20.0e-6 * np.random.default_rng(10).standard_normal(480)
+    # what the fit explains would be the larger wave
+    bowed = replace(samples, position_m=samples.position_m + noise_m + 2.0e-3 * np.sin(samples.time_s))
+    found = jump_cycles(bowed, _CORNERS, left_m=left_m + noise_m)
+    assert found[0].period_s == pytest.approx(_CYCLE_S, rel=1.0e-3)
+    plain = jump_cycles(bowed, _CORNERS)
+    assert not plain or plain[0].period_s != pytest.approx(_CYCLE_S, rel=1.0e-2)
