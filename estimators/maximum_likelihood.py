@@ -73,7 +73,7 @@ class MaximumLikelihoodEstimator:
         if found is None:
             return failed(self.method, Outcome.UNPHYSICAL)
         found = with_jump_cycle(found, motion, problem.rests)
-        found = found if problem.is_noise_free else with_other_limits(found)
+        found = found if problem.is_noise_free else with_other_limits(found, hopping.slowest_n_per_s)
         aliased = may_alias(found.model.coordinates.values(found.point)["k"], motion.samples.period_s)
         if aliased and not (found.certificate.is_good or hopping.jumps or problem.is_noise_free):
             found = with_scanned_mass(found, hopping.speed_m_per_s)

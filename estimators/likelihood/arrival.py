@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from estimators.likelihood.all_rows import EXACT, certified
+from estimators.likelihood.bent_valley import usual_rate
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.descent import descend
 from estimators.likelihood.elimination import FEW_ERRORS, descend_with_errors, eliminated
@@ -50,17 +51,17 @@ def left_to_gain(found: Found, difference: float = STEP) -> float:
     return float(solution @ own)
 
 
-def arrived(found: Found) -> tuple[Found, bool]:
+def arrived(found: Found, *, jumps: bool = False) -> tuple[Found, bool]:
     """Return the fit, led further where it had not arrived, and whether it is at the bottom now.
 
     Each jump that a change of the unknowns adds makes a kink of the cost: where finer differences see nothing but
     kinks, coarser ones lead on and judge. Many errors of the input go where they go best with the others. A stem
-    that jumps on the ramps is led along its valley before.
+    that jumps on the ramps is led along its valley before; one that creeps only if it is known to: ``jumps``.
     """
     if found.certificate.ratio < EXACT:
         return found, True
     if len(found.model.deviations) <= FEW_ERRORS:
-        return _led_further(found)
+        return _led_further(found, jumps=jumps)
     for _ in range(_ROUNDS):
         near = eliminated(found.model, found.point)
         if near is None:
@@ -78,11 +79,11 @@ def arrived(found: Found) -> tuple[Found, bool]:
     return _led_further(found)
 
 
-def _led_further(found: Found) -> tuple[Found, bool]:
+def _led_further(found: Found, *, jumps: bool = False) -> tuple[Found, bool]:
     """Return the fit where descents of coarser and coarser differences lead to, and whether that is the bottom."""
     if left_to_gain(found) < _LARGEST_GAIN:
         return found, True
-    found = _led_along_jumps(found)
+    found = _led_along_jumps(found, jumps=jumps)
     most = Budget.of(found.model).most_at_once(found.model, _FURTHER_SHARE)
     for difference in (STEP, *_COARSER):
         further = descend(
@@ -96,23 +97,29 @@ def _led_further(found: Found) -> tuple[Found, bool]:
     return found, left_to_gain(found) < _LARGEST_GAIN
 
 
-def _led_along_jumps(found: Found) -> Found:
-    """Return the fit led down the valley of jumps on all rows: blocks of them have sills of their own."""
+def _led_along_jumps(found: Found, *, jumps: bool) -> Found:
+    """Return the fit led down the valley of jumps on all rows: blocks of them have sills of their own.
+
+    The small jumps of a stem that is slower than DV make a comb of minima, of which it would come to another one.
+    """
     if found.model.deviations or not is_charted(found.model, found.point):
+        return found
+    values = found.model.coordinates.values(found.point)
+    if not jumps and values["DV"] * values["k"] > usual_rate(*found.model.corners(values)):
         return found
     budget = Budget.limited(FOR_JUMPS)
     led = led_along_jumps(found.model, Place(found.point, found.cost), budget, 0.0)
     return replace(found, point=led.point, cost=led.cost, simulations=found.simulations + budget.simulations)
 
 
-def led_to(found: Found, point: FloatArray) -> Found | None:
+def led_to(found: Found, point: FloatArray, *, jumps: bool = False) -> Found | None:
     """Return the fit at the bottom that ``point`` (p,) leads to, with the old one beside it; None if it is no lower."""
     model = found.model
     most = Budget.of(model).most_at_once(model, _FURTHER_SHARE)
     further = descend_with_errors(model, point, most_steps=_FURTHER_STEPS, most_simulations=most)
     simulations = found.simulations + further.simulations
     led = replace(found, point=further.point, cost=further.cost, simulations=simulations)
-    led = _led_along_jumps(led)
+    led = _led_along_jumps(led, jumps=jumps)
     if not led.cost < found.cost - _LOWER:
         return None
     best = Place(led.point, led.cost)

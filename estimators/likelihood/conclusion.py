@@ -60,7 +60,7 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
     for _ in range(_LED_OF_JUMPS if problem.jumps else _LED):
         if assessed.flatness.is_lowest or assessed.found.certificate.ratio < EXACT:
             break
-        led = led_to(assessed.found, assessed.flatness.lowest)
+        led = led_to(assessed.found, assessed.flatness.lowest, jumps=problem.jumps)
         if led is None:
             break
         assessed = _assessed(motion, problem, led)
@@ -192,7 +192,7 @@ def _assessed(motion: RecordedMotion, problem: Problem, found: Found) -> _Assess
     """Go down from the fit if it is on a slope, weigh a delay and the other places, and walk along its valley."""
     period_s = motion.samples.period_s
     before = found
-    found, is_bottom = arrived(found)
+    found, is_bottom = arrived(found, jumps=problem.jumps)
     searched = found.model
     if found.cost < before.cost:
         found = replace(found, certificate=certified(searched, found.point))

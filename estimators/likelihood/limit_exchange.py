@@ -17,11 +17,16 @@ from estimators.likelihood.search import Found
 # Own choices, from random valves whose DV was 90 times too large.
 _FACTORS: Final = (0.3, 0.03, 3.0)
 _STEPS: Final = 15
+_NEAR_SPEED: Final = 0.9
 _LOWER: Final = 25.0  # of the cost
 
 
-def with_other_limits(found: Found) -> Found:
-    """Return the fit at the lowest place that another DV leads to; itself where it is good, or none is far lower."""
+def with_other_limits(found: Found, slowest_n_per_s: float) -> Found:
+    """Return the fit at the lowest place that another DV leads to; itself where it is good, or none is far lower.
+
+    So it is where the other DV is near the speed of the ramp at ``slowest_n_per_s`` or above it: the stem goes in small
+    jumps there, whose number makes a comb of minima, and one that explains the rows is seldom the right one.
+    """
     if found.certificate.is_good or found.certificate.ratio < EXACT:
         return found
     begun, _ = arrived(found)
@@ -37,4 +42,6 @@ def with_other_limits(found: Found) -> Found:
             lowest, lowest_cost = ended.point, ended.cost
     begun = replace(begun, certificate=certified(model, begun.point))
     led = None if lowest is begun.point else led_to(begun, lowest)
-    return begun if led is None else led
+    led = begun if led is None else led
+    values = model.coordinates.values(led.point)
+    return found if values["DV"] * values["k"] > _NEAR_SPEED * slowest_n_per_s else led

@@ -90,7 +90,7 @@ def test_a_fit_far_up_the_valley_is_led_down_it_where_a_straight_descent_stays(
 ) -> None:
     small, far, truth = valley
     found = Found(small, far.point, far.cost, certified(small, far.point), (), 1.0, 0, 0, 1.0)
-    led = led_to(found, far.point)
+    led = led_to(found, far.point, jumps=True)
     assert led is not None
     assert led.cost < min(far.cost, small.cost(truth) + 1.0)
     assert descend(small, far.point, most_steps=30).cost > led.cost + 2.0
