@@ -166,7 +166,9 @@ def _lines(
         if own_m.size < _FEWEST_ROWS:
             continue
         time_s = time_s - time_s.mean()
-        yield seconds, _Ramp(time_s, own_m - np.polyval(np.polyfit(time_s, own_m, 2), time_s))
+        off_m = own_m - np.polyval(np.polyfit(time_s, own_m, 2), time_s)
+        if off_m.any():
+            yield seconds, _Ramp(time_s, off_m)
 
 
 def _power(ramp: _Ramp, bin_s: float, count: int) -> FloatArray:

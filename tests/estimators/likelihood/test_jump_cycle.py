@@ -61,6 +61,7 @@ def test_noise_has_no_cycle() -> None:
     noise_m = _NOISE_M * np.random.default_rng(8).standard_normal(480)
     sliding = replace(samples, position_m=1.0e-5 * samples.force_n + noise_m)
     assert jump_cycles(sliding, _CORNERS) == []
+    assert jump_cycles(sliding, _CORNERS, left_m=np.zeros(480)) == []
 
 
 def test_of_two_ramps_of_different_rates_the_slower_one_has_its_cycle() -> None:
