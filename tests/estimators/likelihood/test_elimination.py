@@ -17,6 +17,7 @@ from estimators.likelihood.elimination import eliminated
 from estimators.likelihood.hopping import Hopping
 from estimators.likelihood.input_errors import hopped_anew, with_input_errors
 from estimators.likelihood.inputs.input_path import input_path
+from estimators.likelihood.lines import stretches
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.ramps import ramps_of
 from estimators.likelihood.search import Found, with_events
@@ -85,8 +86,13 @@ def test_a_fit_at_the_bottom_that_strains_its_input_is_doubted_for_that() -> Non
     assert doubt(strain=6.4) == ""
 
 
-def test_friction_is_withheld_where_the_position_asks_for_a_force_that_was_not_measured() -> None:
-    # 50 ms behind an I/P of 60 ms: an error of the lines 10 times their noise, and an F_s 10 standard errors off
+def test_friction_is_withheld_where_the_position_asks_for_a_force_that_was_not_measured(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # 50 ms behind an I/P of 60 ms: with sharp corners an error of the lines 10 times their noise, and an F_s that is 10
+    # standard errors off
+    for lines in ("lagged_lines", "lines_behind_some_lag"):
+        monkeypatch.setattr(stretches, lines, lambda *_rows: None)
     test = random_test(2578)
     estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
     assert estimate.status is Status.POOR
@@ -100,3 +106,7 @@ def test_friction_is_withheld_where_the_position_asks_for_a_force_that_was_not_m
         assert entry.value is not None
         assert entry.std_error is not None
         assert abs(entry.value - true) < 4.0 * entry.std_error
+    # behind its lag the force is the measured one
+    monkeypatch.undo()
+    test = random_test(2578)
+    assert MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate).diagnostics["strain_of_input"] < 4.0
