@@ -164,6 +164,8 @@ def _speed_at(motion: RecordedMotion, row: int) -> float:
     In the midst of a jump a windowed one is that of the ramp.
     """
     samples = motion.samples
+    if row >= samples.run_last[row]:
+        return 0.0
     moved_m = float(samples.position_m[row + 1] - samples.position_m[row])
     is_clear = abs(moved_m) > _OUT_OF_BALANCE * samples.position_noise_m
     return moved_m / float(samples.time_s[row + 1] - samples.time_s[row]) if is_clear else 0.0
