@@ -22,8 +22,10 @@ from estimators.base import (
 from estimators.identifiability.bound import Knowledge
 from estimators.likelihood.all_rows import EXACT, certified
 from estimators.likelihood.arrival import arrived, led_to
+from estimators.likelihood.dead_time import about_middle_dead_time
 from estimators.likelihood.delay import DELAY, Weighed, delayed, says_nothing, weigh
 from estimators.likelihood.doubts import doubt_of
+from estimators.likelihood.far_places import is_lowest_tooth
 from estimators.likelihood.gauge_lag import hidden_lateness_s, known_lateness_s, least_errors
 from estimators.likelihood.intervals import CHECKED, Flatness, flat_errors, inflation, known, natural_values
 from estimators.likelihood.jump_lengths import coulomb_error_n, of_jumps
@@ -214,6 +216,7 @@ def _assessed(motion: RecordedMotion, problem: Problem, found: Found) -> _Assess
     creeps = values["DV"] > slowest
     # thousands of jumps too small to see make teeth of the cost that are closer than any search tells apart
     is_bottom &= not creeps or replace(model, most_events=problem.model.most_events).simulate(point) is not None
+    is_bottom &= not creeps or problem.is_noise_free or is_lowest_tooth(model, point)
     # of several places the mean is given already
     about_middle = knows is not None and knows is weighed.knows and weighed.weight == 0.0
     # without noise a DV is where the cost is lowest, however flat it looks beside what is computed
@@ -226,10 +229,19 @@ def _assessed(motion: RecordedMotion, problem: Problem, found: Found) -> _Assess
         creeps=creeps,
         about_middle=about_middle,
         slowest_m_per_s=slowest,
+        doubted=() if knows is None or problem.jumps or problem.is_noise_free else _doubted(knows),
     )
     if flatness.to_middle is not None:
         knows = known(model, point + flatness.to_middle, ramps, noise_factor=factor) or knows
+    if knows is not None:
+        knows = about_middle_dead_time(knows, model, point, factor)
     return _Assessed(found, is_bottom, factor, weighed, knows, flatness, creeps)
+
+
+def _doubted(knows: Knowledge) -> tuple[str, ...]:
+    """Return the unknowns that the slopes may say more of than the cost: DV, and m where F_v is not known."""
+    of_mass = knows.identifiable("m") and not knows.identifiable("F_v")
+    return ("DV",) * knows.identifiable("DV") + ("m",) * of_mass
 
 
 def _residuals(model: StemModel, point: FloatArray) -> FloatArray:

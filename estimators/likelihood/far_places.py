@@ -24,6 +24,9 @@ _OTHER_STICTION: Final = ((0.25, 0.0), (0.7, 0.0), (1.0, 0.05), (1.0, 0.4))  # f
 _NEAR_SPEED: Final = 0.93  # of the slowest ramp's
 _VISCOUS_SHARES: Final = (0.1, 0.3)  # of the friction in motion
 _OTHER_LIMITS: Final = (1.02, 1.05, 1.1, 1.2, 1.4)  # factors of DV; farther it is not known to 30 %
+_FACTORS: Final = (0.5, 0.7, 1.4, 2.0)  # of what the slopes say is known
+_OTHER_MASSES: Final = (1.003, 1.006, 1.01, 1.02)  # factors of m; a tooth is narrower than the first
+_LOWER_TOOTH: Final = 1.0  # of the cost
 
 
 def with_other_stiction(small: StemModel, point: FloatArray, budget: Budget) -> Iterator[Place]:
@@ -34,6 +37,23 @@ def with_other_stiction(small: StemModel, point: FloatArray, budget: Budget) -> 
             other = point.copy()
             other[number] = factor * point[number] + more
             found = descend(small, other, most_steps=FOLLOWING_STEPS, held=("d",), arrived=0.1, one_sided=True)
+            budget.spend(small, found.simulations)
+            yield Place(found.point, found.cost)
+
+
+def with_other_value(small: StemModel, point: FloatArray, name: str, budget: Budget) -> Iterator[Place]:
+    """Yield where the others go with quite another value of an unknown that the slopes say is known.
+
+    Few jumps, or small ones, make kinks of the cost: its slopes there tell of a narrow valley, and no walk along them
+    comes out of it, where another value explains the rows as well or better.
+    """
+    number = small.coordinates.names.index(name)
+    for factor in _FACTORS:
+        if budget.left > 0.0:
+            other = point.copy()
+            other[number] += math.log(factor)
+            other = np.clip(other, small.coordinates.lower, small.coordinates.upper)
+            found = descend(small, other, most_steps=FOLLOWING_STEPS, held=(name,), arrived=0.1, one_sided=True)
             budget.spend(small, found.simulations)
             yield Place(found.point, found.cost)
 
@@ -77,6 +97,29 @@ def with_other_limits(small: StemModel, start: Place, sense: int, budget: Budget
         budget.spend(small, found.simulations)
         places.append(Place(found.point, found.cost))
     return places if places[:2][-1].cost <= start.cost + within else [start]
+
+
+def is_lowest_tooth(model: StemModel, point: FloatArray) -> bool:
+    """Whether no tooth beside this one, at a somewhat larger or smaller m, costs less on all rows.
+
+    Of a stem that creeps each jump makes a kink of the cost, and the slopes at the bottom of a tooth are those of its
+    kinks: they may tell of a valley 20 times narrower than the one that the teeth lie in, and blocks of rows chosen by
+    them have other teeth. Differences to both sides lead from beyond the tooth to what the next ones leave.
+    """
+    number = model.coordinates.names.index("m")
+    here = model.cost(point)
+    for sense in (-1, 1):
+        last = point
+        for factor in _OTHER_MASSES:
+            trial = last.copy()
+            trial[number] = point[number] + sense * math.log(factor)
+            found = descend(model, trial, most_steps=FOLLOWING_STEPS, held=("m",), arrived=0.1)
+            if found.cost < here - _LOWER_TOOTH:
+                return False
+            if found.cost > here + _LOWER_TOOTH:
+                break
+            last = found.point
+    return True
 
 
 def next_teeth(small: StemModel, point: FloatArray, budget: Budget) -> Iterator[Place]:

@@ -23,6 +23,7 @@ from estimators.likelihood.far_places import (
     with_limit_at_speed,
     with_other_limits,
     with_other_stiction,
+    with_other_value,
 )
 from estimators.likelihood.limit_median import median_place
 from estimators.likelihood.model import STEP, StemModel
@@ -46,6 +47,7 @@ _FRICTION: Final[tuple[str, ...]] = ("F_v", "F_c", "F_s", "DV")
 _WITHIN_95: Final = 3.84
 _WITHIN_SILLS: Final = 9.0
 _MOST_WORK: Final = 1.2e6  # of the walks
+_MOST_WORK_OF_DOUBTS: Final = 0.6e6
 _OF_LIMIT: Final = slice(4, 6)  # among the walks: those of DV, downwards and upwards
 _OPENER: Final = 1.5  # times the prior's width: 97 of 100 valves have a DV below the fastest speed then
 _SURE: Final = 3.0  # standard errors by which the variance of pieces must exceed that of white noise
@@ -146,6 +148,7 @@ def flat_errors(
     creeps: bool = False,
     about_middle: bool = False,
     slowest_m_per_s: float = math.inf,
+    doubted: tuple[str, ...] = (),
 ) -> Flatness:
     """Least standard errors of m, F_v, F_c, F_s and DV that the cost itself leaves, far from the point.
 
@@ -153,7 +156,8 @@ def flat_errors(
     whatever costs less than 3.84. The information at the point may be of a kink, or of one bend of a valley; of a stem
     that ``jumps``, but not on the usual ramp, the walks meet sills, so that more is believed possible. One that
     ``creeps``, slower than DV, moves in jumps too, though they be smaller than the noise: their number makes a comb of
-    minima, and it is looked whether the next teeth are lower. ``about_middle``: the errors are those of the median of a
+    minima, and it is looked whether the next teeth are lower. Of the unknowns ``doubted``, which the information says
+    are known, quite other values are tried. ``about_middle``: the errors are those of the median of a
     DV that hardly shows.
     """
     small = compressed(model, keeping=point)
@@ -180,6 +184,8 @@ def flat_errors(
         limited = list(with_limit_at_speed(opened, begun.point, slowest_m_per_s, budget))
     if not jumps:
         walks += [[start, place] for place in with_other_stiction(small, start.point, budget)]
+    more = Budget.limited(_MOST_WORK_OF_DOUBTS)
+    walks += [[start, place] for name in doubted for place in with_other_value(small, start.point, name, more)]
     if creeps:
         walks.append([start, *next_teeth(small, start.point, budget)])
         walks += [with_other_limits(small, start, sense, budget, within) for sense in (-1, 1)]

@@ -25,7 +25,7 @@ _RATIOS: Final = (0.02, 0.1, 0.4)  # F_s/F_c - 1, beside the own
 _HELD_STEPS: Final = 4
 _STEPS: Final = 25
 _COARSE: Final = 0.3  # of the cost
-_FOLLOWED: Final = 4  # places
+_FOLLOWED: Final = 8  # places, each of another share
 _LOWER: Final = 1.0  # of the cost
 _BUDGET_SHARE: Final = 0.5
 _ROUNDS: Final = 2
@@ -57,26 +57,25 @@ def with_other_lags(found: Found) -> Found:
 
 def _followed(small: StemModel, point: FloatArray, budget: Budget) -> list[Place]:
     """Descend from each share with the lag held, then from the lowest of these with all free; cheapest first."""
-    coarse = []
-    for start in _exchanged(small, point):
+    coarse: dict[float, Place] = {}
+    for share, start in _exchanged(small, point):
         if budget.left < 0.0:
             break
         near = descend(small, start, most_steps=_HELD_STEPS, held=(LAG,), arrived=_COARSE, one_sided=True)
         budget.spend(small, near.simulations)
-        if math.isfinite(near.cost):
-            coarse.append(Place(near.point, near.cost))
+        if math.isfinite(near.cost) and (share not in coarse or near.cost < coarse[share].cost):
+            coarse[share] = Place(near.point, near.cost)
     ended = []
-    for place in distinct(small, coarse)[:_FOLLOWED]:
+    for place in distinct(small, list(coarse.values()))[:_FOLLOWED]:
         free = descend(small, place.point, most_steps=_STEPS, arrived=0.1 * _COARSE, one_sided=True)
         ended.append(Place(free.point, free.cost))
     return distinct(small, ended)
 
 
-def _exchanged(small: StemModel, point: FloatArray) -> Iterator[FloatArray]:
-    """Yield points (p,) with the same sum of lag and F_v/k, in other shares, and other F_s/F_c."""
+def _exchanged(small: StemModel, point: FloatArray) -> Iterator[tuple[float, FloatArray]]:
+    """Yield shares of the lag, and points (p,) with the same lag + F_v/k in those shares, and other F_s/F_c."""
     here = small.coordinates.values(point)
     both_s = here[LAG] + here["F_v"] / here["k"]
     for ratio, share in product((here["d"], *_RATIOS), _SHARES):
-        yield small.coordinates.point(
-            here | {LAG: share * both_s, "F_v": (1.0 - share) * both_s * here["k"], "d": ratio}
-        )
+        changed = {LAG: share * both_s, "F_v": (1.0 - share) * both_s * here["k"], "d": ratio}
+        yield share, small.coordinates.point(here | changed)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import statistics
+import time
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -12,6 +14,7 @@ from rich.table import Table
 from estimators.registry import ESTIMATORS
 from tests.benchmarks.bound import IDENTIFIABLE, ONE_INSTANT, bound, delay_slope
 from tests.benchmarks.parallel import each
+from tests.benchmarks.timing import shown
 from tests.estimators.recordings import SYMBOLS, VALVES, Recorded, paper_triangle, recorded
 from valve.parameter_sets import parameter_set
 from valve.recording import Acquisition, Provenance
@@ -21,6 +24,8 @@ SEEDS: Final = 200
 NOISE_M: Final = 20.0e-6
 METHOD: Final = "maximum_likelihood"
 MOST_OF_BOUND: Final = 1.2
+TIMED: Final = 5
+ASKED_S: Final = {1.0e-3: 2.0, 10.0e-3: 0.3}  # seconds of one core, by period
 # asked of the multi-rate sequence, rms in %
 ASKED_MULTI_RATE: Final = {"m": 1.0, "F_v": 0.1, "DV": 10.0}
 
@@ -103,7 +108,7 @@ def answer(case: Case) -> Answer:
 
 
 def run(count: int | None = None) -> list[Table]:
-    """Return the tables of the triangle, of the multi-rate sequence and of tests without noise."""
+    """Return the tables of the triangle, of the multi-rate sequence, of tests without noise, and of times."""
     seeds = SEEDS if count is None else count
     if METHOD not in ESTIMATORS:
         return []
@@ -122,7 +127,36 @@ def run(count: int | None = None) -> list[Table]:
     return [
         *(_noisy(title, [o for o in noisy if o.case.sequence == key]) for key, title in titles.items()),
         _clean(clean),
+        _times(),
     ]
+
+
+def _times() -> Table:
+    """Return the processor time of one estimate at both lengths, alone on its core: medians of five seeds."""
+    lengths = {period_s: f"{round(60.0 / period_s, -3):,.0f} ({1e3 * period_s:g} ms)" for period_s in ASKED_S}
+    asked = "; ".join(f"{lengths[period_s]}: {limit_s:g} s" for period_s, limit_s in ASKED_S.items())
+    table = Table(
+        title=f"Maximum likelihood, processor time, the paper's triangle, 20 um, {TIMED} seeds (asked: {asked})",
+        caption="Median and longest. A star: above what is asked.",
+        title_justify="left",
+    )
+    table.add_column("valve")
+    for heading in lengths.values():
+        table.add_column(heading, justify="right")
+    estimator = ESTIMATORS[METHOD]()
+    for valve in VALVES:
+        cells = []
+        for period_s, limit_s in ASKED_S.items():
+            took_s = []
+            for seed in range(TIMED):
+                test = phased(Case(valve, "triangle", NOISE_M, seed), period_s)
+                begun_s = time.process_time()
+                estimator.estimate(test.recording, test.nameplate)
+                took_s.append(time.process_time() - begun_s)
+            median_s = statistics.median(took_s)
+            cells.append(f"{shown(median_s)}, {shown(max(took_s))}{'*' if median_s > limit_s else ''}")
+        table.add_row(valve, *cells)
+    return table
 
 
 def _noisy(title: str, found: list[Answer]) -> Table:

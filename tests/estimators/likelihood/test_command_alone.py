@@ -102,3 +102,12 @@ def test_a_lag_that_breakaways_on_ramps_of_one_rate_leave_open_is_not_begun_at()
     problem, _ = posed(2751)  # delays of 0.5 to 2 s do, with another F_s: from 2 s the fit gave one 23 % too low
     values = problem.trials[0].values
     assert values[LAG] + values[DEAD_TIME] < 0.6
+
+
+@pytest.mark.parametrize("seed", [5596, 5772])
+def test_a_transducer_far_slower_than_the_stem_is_not_taken_for_its_damping(seed: int) -> None:
+    # F_v was 21 and 8 times too large: the four cheapest of all shares led to one place
+    test = random_test(seed)
+    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    assert what_is_wrong(estimate, test) == ()
+    assert estimate.diagnostics["fitted"]["F_v"] < 2.0 * test.truth.viscous_friction_n_s_per_m

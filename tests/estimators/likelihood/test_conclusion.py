@@ -9,10 +9,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from estimators.base import NORMAL_95, Status, absent, measured
+from estimators.base import NORMAL_95, Outcome, Status, absent, measured
+from estimators.likelihood.inputs.input_path import input_path
 from estimators.likelihood.jump_lengths import coulomb_error_n, of_jumps
-from estimators.likelihood.stand_ins import without_lone_limit
+from estimators.likelihood.problem import pose
+from estimators.likelihood.ramps import ramps_of
+from estimators.likelihood.stand_ins import without_lone_limit, without_mass_that_rings
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
+from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from tests.benchmarks.coverage import scattered_test
 from tests.benchmarks.efficiency import Case, phased
 from tests.estimators.random_valves import random_test
@@ -126,12 +130,25 @@ def test_slow_rows_may_hide_the_small_jumps_of_a_creeping_stem() -> None:
 
 
 def test_a_mass_whose_swing_has_few_rows_is_not_given_without_what_damps_it() -> None:
-    # noise rings by chance at three rows a swing: m was known to 30 %, 87 % too large
+    # noise rings by chance at three rows a swing: m is 87 % too large, and its slopes say it is known to 30 %
     test = phased(Case("vendor", "triangle", 100.0e-6, 0), 20.0e-3, 0.1)
     estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
     assert estimate.value("m") is None
-    assert "fewer than four rows a swing" in estimate.parameters["m"].note
     assert estimate.value("k") == pytest.approx(test.truth.spring_rate_n_per_m, rel=1.0e-3)
+    motion, path = read_motion(test.recording, test.nameplate), input_path(test.recording, test.nameplate)
+    assert isinstance(motion, RecordedMotion)
+    assert not isinstance(path, Outcome)
+    problem = pose(motion, path)
+    assert problem is not None
+    fitted = dict(estimate.diagnostics["fitted"])
+    point = problem.model.coordinates.point(fitted | {"d": fitted["F_s"] / fitted["F_c"] - 1.0})
+    claimed = {"m": measured(fitted["m"], 0.1 * fitted["m"]), "F_v": absent("the stem slides too slowly")}
+    ramps = ramps_of(motion)
+    judged = without_mass_that_rings(claimed, problem.model, point, period_s=20.0e-3, ramps=ramps, noise_factor=1.0)
+    assert "fewer than four rows a swing" in judged["m"].note
+    # with four rows or more a swing is no noise
+    slower = without_mass_that_rings(claimed, problem.model, point, period_s=5.0e-3, ramps=ramps, noise_factor=1.0)
+    assert slower["m"] is claimed["m"]
 
 
 def test_a_misfit_that_leaves_no_value_speaks_of_no_intervals() -> None:
