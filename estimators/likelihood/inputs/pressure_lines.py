@@ -27,8 +27,7 @@ class MeasuredPath:
 
     ``noise_n`` is the noise of the channel, one standard deviation, 0 where it is computed. ``breaks_s``, shape
     (b, 2), are times, on the channel's own clock, between which the force is not known: the stem has to be started
-    anew after each. Between them the polyline holds its last value to the middle and the next one from there.
-    Before the first row and after the last the force is held.
+    anew after each. There, before the first row and after the last, its lines go on as far as a delay may ask.
     """
 
     stretches: tuple[Stretch, ...]
@@ -74,18 +73,32 @@ class MeasuredPath:
         return time_s + delay_s, force_n
 
 
-def held_together(parts: list[Corners], breaks_s: FloatArray, lead_s: float) -> Corners:
-    """Put stretches one after the other, held for ``lead_s`` before the first and half-way into each break."""
+def held_together(parts: list[Corners], breaks_s: FloatArray, lead_s: float, *, settled: bool = False) -> Corners:
+    """Put stretches one after the other, the last line of each drawn on for ``lead_s``, and the first one back.
+
+    A delay between the channels asks for the force beyond the rows that tell it, where a ramp has not ended with the
+    recording. No line goes farther than the middle of a break; it holds its value from there. What is ``settled``
+    before its first row is held there.
+    """
     times: list[FloatArray] = []
     forces: list[FloatArray] = []
     for number, (time_s, force_n) in enumerate(parts):
-        middle_s = time_s[0] - lead_s if number == 0 else 0.5 * float(breaks_s[number - 1].sum())
-        times += [np.array([min(middle_s, float(time_s[0]))]), time_s]
-        forces += [force_n[:1], force_n]
-        if number < len(parts) - 1:
-            times.append(np.array([max(0.5 * float(breaks_s[number].sum()), float(time_s[-1]))]))
-            forces.append(force_n[-1:])
+        begin_s = time_s[0] - lead_s if number == 0 else 0.5 * float(breaks_s[number - 1].sum())
+        end_s = time_s[-1] + lead_s if number == len(parts) - 1 else 0.5 * float(breaks_s[number].sum())
+        back_s, on_s = min(lead_s, max(time_s[0] - begin_s, 0.0)), min(lead_s, max(end_s - time_s[-1], 0.0))
+        before_n = force_n[0] - (0.0 if settled else back_s * _rate(time_s[:2], force_n[:2]))
+        after_n = force_n[-1] + on_s * _rate(time_s[-2:], force_n[-2:])
+        before_s = np.unique([min(begin_s, time_s[0]), time_s[0] - back_s])
+        after_s = np.unique([time_s[-1] + on_s, max(end_s, time_s[-1])])
+        times += [before_s, time_s, after_s]
+        forces += [np.full(before_s.size, before_n), force_n, np.full(after_s.size, after_n)]
     return np.concatenate(times), np.concatenate(forces)
+
+
+def _rate(time_s: FloatArray, force_n: FloatArray) -> float:
+    """Rate of the line between two corners, N/s; 0 of one corner, and of a step."""
+    lasts_s = float(time_s[-1] - time_s[0])
+    return float(force_n[-1] - force_n[0]) / lasts_s if lasts_s > 0.0 else 0.0
 
 
 def measured_path(recording: Recording, force_n: FloatArray) -> MeasuredPath | Outcome:

@@ -64,7 +64,7 @@ class TransducerPath:
         parts = [stretch.corners() for stretch in self.stretches]
         if lag_s > 0.0:
             parts = [self._lagged(time_s, asked_n, lag_s) for time_s, asked_n in parts]
-        time_s, force_n = held_together(parts, self.breaks_s, _LONGEST_S + _DEAD_TIME_START_S)
+        time_s, force_n = held_together(parts, self.breaks_s, _LONGEST_S + _DEAD_TIME_START_S, settled=True)
         return time_s + dead_time_s, force_n
 
     def _lagged(self, time_s: FloatArray, asked_n: FloatArray, lag_s: float) -> Corners:

@@ -187,3 +187,12 @@ def test_intervals_reach_other_values_along_the_line_to_them() -> None:
     # m + k/20 is the same in both, and as well known as before
     along = np.array([0.05, 1.0])
     assert along @ knows.covariance @ along == pytest.approx(along @ here.covariance @ along)
+
+
+def test_a_delay_is_found_of_a_recording_that_ends_on_a_ramp() -> None:
+    # the force acts 7 ms earlier: held after the last row, it was 75 N off there, and nothing was given of 840 rows
+    test = random_test(6051)
+    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    assert estimate.status is Status.OK, estimate.message
+    assert estimate.diagnostics["fitted"][DELAY] == pytest.approx(-test.delay_s, abs=2.0e-4)
+    assert estimate.value("F_c") == pytest.approx(test.truth.coulomb_friction_n, rel=0.01)

@@ -9,6 +9,7 @@ import pytest
 
 from estimators.base import Outcome
 from estimators.likelihood.inputs.input_path import InputPath, input_path
+from estimators.likelihood.inputs.pressure_lines import held_together
 from estimators.samples import FloatArray
 from valve.nameplate import Actuator, Nameplate
 from valve.recording import Acquisition, Provenance, Recording
@@ -61,15 +62,15 @@ def test_a_computed_pressure_gives_its_corners_to_rounding(name: str, period_s: 
     wave = WAVES[name]
     path = path_of(measured(wave, period_s, 0.0, jitter=jitter))
     at_s, force_n = path.corners(start(path))
-    assert at_s[1:] == pytest.approx(wave.time_s, abs=1.0e-11)
-    assert force_n[1:] / AREA_M2 == pytest.approx(wave.pressure_pa, abs=1.0e-9 * SPAN_PA)
+    assert at_s[1:-1] == pytest.approx(wave.time_s, abs=1.0e-11)
+    assert force_n[1:-1] / AREA_M2 == pytest.approx(wave.pressure_pa, abs=1.0e-9 * SPAN_PA)
     assert list(path.variations(start(path))) == []
 
 
 def test_corners_between_the_samples_are_found_there() -> None:
     wave = multi_rate_triangle([3.0 * np.sqrt(2.0), np.pi, np.e], LOW_PA, HIGH_PA)
     at_s, _ = path_of(measured(wave, 0.05, 0.0)).corners(np.zeros(1))
-    assert at_s[2:-1] == pytest.approx(wave.time_s[1:-1], abs=1.0e-10)
+    assert at_s[2:-2] == pytest.approx(wave.time_s[1:-1], abs=1.0e-10)
 
 
 @pytest.mark.parametrize("name", WAVES)
@@ -79,12 +80,12 @@ def test_a_noisy_pressure_gets_as_many_lines_as_it_has(name: str, period_s: floa
     wave = WAVES[name]
     path = path_of(measured(wave, period_s, noise * SPAN_PA, jitter=0.2))
     at_s, _ = path.corners(start(path))
-    assert at_s.size == wave.time_s.size + 1
+    assert at_s.size == wave.time_s.size + 2
     # a corner where two lines of some 100 to 10,000 rows cross
     slope = float(np.abs(np.diff(wave.pressure_pa) / np.diff(wave.time_s)).min())
     rows = min(1.0, np.diff(wave.time_s).min()) / period_s
     expected_s = noise * SPAN_PA / np.sqrt(rows) / max(slope, SPAN_PA / 10.0)
-    assert at_s[2:-1] == pytest.approx(wave.time_s[1:-1], abs=10.0 * expected_s)
+    assert at_s[2:-2] == pytest.approx(wave.time_s[1:-1], abs=10.0 * expected_s)
 
 
 @pytest.mark.parametrize("name", WAVES)
@@ -108,8 +109,8 @@ def test_a_converter_of_16_bits_costs_no_lines() -> None:
     wave = WAVES["triangle"]
     path = path_of(measured(wave, 1.0e-3, 0.0, step_pa=1.2 * SPAN_PA / 65534.0))
     at_s, force_n = path.corners(start(path))
-    assert at_s[1:] == pytest.approx(wave.time_s, abs=2.0e-5)
-    assert force_n[1:] / AREA_M2 == pytest.approx(wave.pressure_pa, abs=2.0e-6 * SPAN_PA)
+    assert at_s[1:-1] == pytest.approx(wave.time_s, abs=2.0e-5)
+    assert force_n[1:-1] / AREA_M2 == pytest.approx(wave.pressure_pa, abs=2.0e-6 * SPAN_PA)
 
 
 @pytest.mark.parametrize("noise", [0.0, 1.0e-3])
@@ -146,7 +147,7 @@ def test_a_gap_is_bridged_by_the_lines_on_both_sides() -> None:
     path = path_of(Recording(recording.time_s, recording.position_m, pressure_pa=holed_pa))
     at_s, _ = path.corners(start(path))
     assert path.breaks_s.size == 0
-    assert at_s[1:] == pytest.approx(wave.time_s, abs=0.02)
+    assert at_s[1:-1] == pytest.approx(wave.time_s, abs=0.02)
 
 
 def test_a_long_gap_over_a_corner_is_a_break() -> None:
@@ -176,6 +177,33 @@ def test_between_two_recordings_put_together_is_a_break(noise: float) -> None:
         [WAVES["triangle"].at(one.time_s), WAVES["multi_rate"].at(two.time_s)]
     )
     assert float(np.abs(off_pa).max()) < noise * SPAN_PA + 1.0e-6
+
+
+@pytest.mark.parametrize("late_s", [-0.015, 0.015])
+def test_a_ramp_goes_on_beyond_the_rows_that_tell_it_as_far_as_a_delay_asks(late_s: float) -> None:
+    # a recording of the midst of a triangle: held at its ends, the last rows' force was that of 15 ms before
+    wave = WAVES["triangle"]
+    whole = measured(wave, 0.01, 0.0)
+    assert whole.pressure_pa is not None
+    rows = (whole.time_s >= 3.0) & (whole.time_s <= 57.0)
+    recording = Recording(whole.time_s[rows], whole.position_m[rows], pressure_pa=whole.pressure_pa[rows])
+    at_s, force_n = path_of(recording).corners(np.array([late_s]))
+    acting_pa = np.interp(recording.time_s, at_s, force_n) / AREA_M2
+    assert acting_pa == pytest.approx(wave.at(recording.time_s - late_s), abs=1.0e-9 * SPAN_PA)
+
+
+def test_a_line_goes_no_farther_into_a_break_than_its_middle() -> None:
+    ramp = (np.array([0.0, 10.0]), np.array([0.0, 100.0])), (np.array([10.4, 20.0]), np.array([50.0, 50.0]))
+    breaks_s = np.array([[10.0, 10.4]])
+    at_s, force_n = held_together(list(ramp), breaks_s, 0.5)
+    assert np.interp([10.1, 10.19], at_s, force_n) == pytest.approx([101.0, 101.9])
+    assert np.interp([10.21, 10.4, 20.4], at_s, force_n) == pytest.approx(50.0)
+    # held from the lead on, and where it was settled
+    at_s, force_n = held_together(list(ramp), breaks_s, 0.05, settled=True)
+    assert np.interp([-0.05, 10.05, 10.15], at_s, force_n) == pytest.approx([0.0, 100.5, 100.5])
+    # a step at the end is no ramp
+    at_s, force_n = held_together([(np.array([0.0, 1.0, 1.0]), np.array([0.0, 0.0, 5.0]))], np.empty((0, 2)), 0.5)
+    assert force_n[-1] == 5.0
 
 
 def test_a_delay_moves_all_corners_and_leaves_the_start_covered() -> None:
