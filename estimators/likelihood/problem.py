@@ -28,6 +28,7 @@ _ENOUGH_AT_REST: Final = 16  # rows of one rest
 _REST_ENDS: Final = 3
 _START_ROWS: Final = 50
 _OUT_OF_BALANCE: Final = 6.0  # standard deviations
+_MOVED: Final = 4.0  # likewise, of a row that is out of balance
 _FIRST_ROWS: Final = 6
 _SPEEDS: Final = 3.0  # times what these rows show: between two of them it may be faster
 _STILL_ROWS: Final = 3  # fewer before the first motion: the recording begins in it
@@ -155,11 +156,15 @@ def _section_values(motion: RecordedMotion, section_row: IntArray) -> dict[str, 
             # out of balance the stem leaves its first position before the second sample or so
             is_off = off_m > _OUT_OF_BALANCE * motion.samples.position_noise_m + 1.0e-9 * abs(level_m)
             values[f"x_{number}"] = float(position_m[row]) if is_off else level_m
+            speed = _speed_at(motion, int(row), _MOVED) if is_off and number > 0 else 0.0
+            if speed != 0.0:
+                # in the midst of a jump that is too short to be seen as a motion of its own
+                values[f"v_{number}"] = speed
     return values
 
 
-def _speed_at(motion: RecordedMotion, row: int) -> float:
-    """Velocity from this row to the next, m/s, where noise hardly counts in it; else 0.
+def _speed_at(motion: RecordedMotion, row: int, sigmas: float = _OUT_OF_BALANCE) -> float:
+    """Velocity from this row to the next, m/s, where it is more than so many standard deviations of noise; else 0.
 
     In the midst of a jump a windowed one is that of the ramp.
     """
@@ -167,7 +172,7 @@ def _speed_at(motion: RecordedMotion, row: int) -> float:
     if row >= samples.run_last[row]:
         return 0.0
     moved_m = float(samples.position_m[row + 1] - samples.position_m[row])
-    is_clear = abs(moved_m) > _OUT_OF_BALANCE * samples.position_noise_m
+    is_clear = abs(moved_m) > sigmas * samples.position_noise_m
     return moved_m / float(samples.time_s[row + 1] - samples.time_s[row]) if is_clear else 0.0
 
 

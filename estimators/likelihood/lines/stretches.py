@@ -20,6 +20,7 @@ from valve.recording import Recording
 Corners = tuple[FloatArray, FloatArray]
 
 _FEWEST_ROWS: Final = 12
+_FEWEST_FITTED: Final = 3  # two noisy rows are their line
 _LONGEST_JUMP_PERIODS: Final = 5.0  # without a row: another recording, or as good as one
 _LONGEST_GAP_S: Final = 0.5
 _LONGEST_GAP_PERIODS: Final = 25.0  # of rows without a value, across which two lines may still be drawn to a corner
@@ -139,6 +140,8 @@ def find_stretches(
     noise_n = 0.0 if all(part is not None for part in known) else position_noise(time_s, value, run_first)
     if noise_n > 0.0:
         noise_n = max(noise_n, step_n / math.sqrt(12.0))
+        # of a few rows between two breaks it cannot be told whether they are noisy: as the others are
+        known = [None if j - i < _FEWEST_ROWS else part for (i, j), part in zip(pairwise(edges), known, strict=True)]
     if float(np.std(value)) <= _NO_CHANGE * noise_n or np.ptp(value) == 0.0:
         return Outcome.NO_FORCE_CHANGE
     span_n = float(np.ptp(value))
@@ -172,7 +175,7 @@ def _fitted_stretches(
     time_s: FloatArray, value: FloatArray, noise_n: float, span_n: float, period_s: float
 ) -> list[Stretch]:
     """Stretches of noisy rows, cut where a gap hides how two pieces meet."""
-    if time_s.size < _FEWEST_ROWS:
+    if time_s.size < _FEWEST_FITTED:
         return [KnownCorners(time_s, value)]
     noise_n = max(noise_n, _SMOOTH_NOISE * span_n)
     pieces = fit_pieces(time_s, value, noise_n)

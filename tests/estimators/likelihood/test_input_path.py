@@ -192,6 +192,22 @@ def test_a_ramp_goes_on_beyond_the_rows_that_tell_it_as_far_as_a_delay_asks(late
     assert acting_pa == pytest.approx(wave.at(recording.time_s - late_s), abs=1.0e-9 * SPAN_PA)
 
 
+def test_a_few_noisy_rows_between_two_breaks_are_their_line() -> None:
+    wave = WAVES["triangle"]
+    whole = measured(wave, 0.01, 1.0e-3 * SPAN_PA)
+    assert whole.pressure_pa is not None
+    rows = ~((np.abs(whole.time_s - 5.0) < 0.2) & (np.abs(whole.time_s - 5.0) > 0.05))
+    recording = Recording(whole.time_s[rows], whole.position_m[rows], pressure_pa=whole.pressure_pa[rows])
+    path = path_of(recording)
+    assert path.breaks_s.shape == (2, 2)
+    between_s = np.linspace(4.95, 5.05, 50)
+    at_s, force_n = path.corners(np.zeros(1))
+    off_pa = np.interp(between_s, at_s, force_n) / AREA_M2 - wave.at(between_s)
+    assert float(np.abs(off_pa).max()) < 1.5e-3 * SPAN_PA
+    bent_pa = off_pa - np.polyval(np.polyfit(between_s, off_pa, 1), between_s)
+    assert float(np.abs(bent_pa).max()) < 1.0e-6 * SPAN_PA
+
+
 def test_a_line_goes_no_farther_into_a_break_than_its_middle() -> None:
     ramp = (np.array([0.0, 10.0]), np.array([0.0, 100.0])), (np.array([10.4, 20.0]), np.array([50.0, 50.0]))
     breaks_s = np.array([[10.0, 10.4]])
