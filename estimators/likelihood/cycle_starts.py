@@ -42,9 +42,14 @@ _ROUNDS: Final = (
     (14, 1, (), 6),
     (8, 1, (), 10),
     (5, 3, (), 10),
+    (4, 12, (), 10),
+    (4, 48, (), 10),
+    (4, 192, (), 10),
     (4, 0, (), 15),
     (3, 0, (), 30),
 )
+_ALWAYS: Final = 3  # rests from one new beginning to the next; more only
+_FEWEST_PARTS: Final = 3  # where there are so many parts: a thousand jumps come into step little by little
 _JUDGED: Final = 1  # the round after which a cycle is given up
 _OFF: Final = {"m": 0.005, "F_v": 0.1, "DV": 0.7}  # of logarithms, from where a fit has to come back
 _ALIKE: Final = 0.03  # of m and of F_v, of two places from which one goes on
@@ -60,6 +65,7 @@ _COARSE: Final = 0.3  # of the cost
 _LOWER: Final = 25.0  # of the cost
 _SURELY_LESS: Final = 0.8  # of the noise
 _FEW_ROWS: Final = 8_000
+_OTHER_RATE: Final = 0.05
 _OF_A_CYCLE: Final = 0.1  # the longest block
 _CYCLES_LATER: Final = (0.0, 0.5, -0.5, 1.0, -1.0, 1.5, -1.5)
 _OF_A_JUMP: Final = 0.15
@@ -73,8 +79,8 @@ def with_jump_cycle(found: Found, motion: RecordedMotion, rests: Restarts) -> Fo
 
     It is looked for in the position where the fit is not good, or what it leaves looks like a wave: where the jumps
     were taken for noise it is as large as that; else in what it leaves. The noise is set to what the better fit leaves.
-    One that is not good then is not taken; where its own noise is all that speaks for it, one to which a single start
-    came is not confirmed.
+    One that is not good then is taken only for one that is not good either, and explains far less; where its own noise
+    is all that speaks for it, one to which a single start came is not confirmed.
     """
     model, samples = found.model, motion.samples
     residual = model.residuals(found.point)
@@ -94,10 +100,12 @@ def with_jump_cycle(found: Found, motion: RecordedMotion, rests: Restarts) -> Fo
     places = _lowest_of(model, motion, cycles, found.point, rests)
     if not places or not model.cost(places[0].point) < model.cost(found.point) - _LOWER:
         return found
-    led = led_to(replace(found, model=model), places[0].point)
-    led = None if led is None else _with_its_noise(led)
-    if led is None or not led.certificate.is_good:
-        return found
+    near = led_to(replace(found, model=model), places[0].point)
+    led = None if near is None else _with_its_noise(near)
+    if near is None or led is None or not led.certificate.is_good:
+        # errors of a noisy pressure may be what it leaves, and are fitted later
+        is_better = near is not None and not found.certificate.is_good and near.cost < _MUCH_LOWER * found.cost
+        return near if near is not None and is_better else found
     # a noise that is what the fit leaves does not speak against the fit: the rests have to
     is_own = led.noise_factor == found.noise_factor
     return replace(led, is_confirmed=is_own or (_is_one(model, places) and _rests_as_much(led)))
@@ -111,7 +119,8 @@ def _lowest_of(
     budget, is_staircase = Budget.limited(_MOST_WORK), motion.uniform is None
     places: list[Place] = []
     for cycle, most_like in zip(cycles, _MOST_LIKE, strict=False):
-        points = [model.coordinates.point(values) for values in valves_like(here, motion, cycle)[:most_like]]
+        others = [other for other in cycles if abs(other.rate_n_per_s / cycle.rate_n_per_s - 1.0) > _OTHER_RATE]
+        points = [model.coordinates.point(values) for values in valves_like(here, motion, cycle, others)[:most_like]]
         if DEAD_TIME in here:
             points = [point for own in points for point in _as_late(model, own, cycle)]
         jump_m = cycle.period_s * cycle.rate_n_per_s / here["k"]
@@ -184,9 +193,13 @@ class _Begun:
         there, hence when it jumps on the next ramp, hangs on the least difference before.
         """
         places = [Place(point, 0.0) for point in points]
-        models = {spacing: self._parts(spacing) for spacing in {spacing for _, spacing, _, _ in _ROUNDS}}
+        models: dict[int, StemModel] = {}
         factor, own = 1.0, self.model
         for number, (kept, spacing, held, steps) in enumerate(_ROUNDS):
+            if spacing > _ALWAYS and _FEWEST_PARTS * spacing > self.rests.row.size:
+                continue
+            if spacing not in models:
+                models[spacing] = self._parts(spacing)
             own = replace(models[spacing], weight=models[spacing].weight / factor)
             begun = sorted(
                 (Place(place.point, own.cost(place.point)) for place in places), key=lambda place: place.cost

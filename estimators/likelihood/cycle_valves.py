@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from itertools import product
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise, product
 from typing import Final
 
 import numpy as np
@@ -23,6 +24,9 @@ _PERIODS: Final = (  # of the stem's swing, in cycles
     *(0.94, 0.97, 0.985, 0.993),
 )
 _DAMPINGS: Final = (0.01, 0.03, 0.06, 0.12, 0.25, 0.5)
+_FINE_DAMPINGS: Final = (  # where two cycles tell the mass
+    *(0.01, 0.02, 0.03, 0.045, 0.06, 0.075, 0.09, 0.12, 0.15, 0.18, 0.21, 0.25, 0.3, 0.35, 0.42, 0.5),
+)
 _LIMITS: Final = (0.003, 0.02)  # DV, of the ramp's speed: when the first jump of a ramp comes hangs on it
 _MASSES_KG: Final = (0.01, 200.0)
 _FORCES: Final = (0.01, 0.55)  # of what the ramp adds in a cycle: F_s - F_c
@@ -32,47 +36,107 @@ _SAME: Final = 1.0e-3  # of the cycle
 _RUN: Final = 7  # cycles, of which the first two come to be like the others
 _PLACES: Final = 64  # of a cycle
 _EVENTS: Final = 200
+_NEAR_BOTH: Final = 0.3  # of the other cycle
+_BOTH_STEPS: Final = 8
 _UNLIKE: Final = 0.05  # of the wave's square: more is no wave of jumps
 
 
-def valves_like(here: dict[str, float], motion: RecordedMotion, cycle: JumpCycle) -> list[dict[str, float]]:
+@dataclass(frozen=True, slots=True)
+class _Stem:
+    """A stem that jumps in the cycle: its swing as a share of the cycle, its damping, DV as one of the ramp's speed.
+
+    ``more_n`` is F_s - F_c, ``below_n`` how far the mean friction is below F_s, N, and ``waves_m`` the amplitude of the
+    wave and those of its overtones, m.
+    """
+
+    share: float
+    damping: float
+    limit: float
+    mass_kg: float
+    viscous: float
+    more_n: float
+    below_n: float
+    waves_m: FloatArray
+
+
+def valves_like(
+    here: dict[str, float], motion: RecordedMotion, cycle: JumpCycle, others: Sequence[JumpCycle] = ()
+) -> list[dict[str, float]]:
     """Return the values by name of the valves whose jumps are like the measured wave, the likest first.
 
-    ``here`` are the values of all unknowns at a fit, of which those that a cycle tells nothing of are kept.
+    ``here`` are the values of all unknowns at a fit, of which those that a cycle tells nothing of are kept. The
+    ``others`` are cycles that ramps of other rates may have: of each damping the masses with which a stem has one of
+    these too come first.
     """
-    alike = sorted(_valves(here, motion, cycle), key=lambda valve: valve[0])
-    return [values for unlike, values in alike if unlike < _UNLIKE]
+    k, moving_n, preload_n = _balance(here, motion, cycle)
+    found: list[tuple[bool, float, dict[str, float]]] = []
+    for damping, limit in product(_FINE_DAMPINGS if others else _DAMPINGS, _LIMITS):
+        stems = [_stem(cycle, k, share, damping, limit) for share in _PERIODS]
+        both = [stem for other in others for stem in _of_both(cycle, k, stems, other)]
+        alone = [stem for stem in stems if stem is not None and damping in _DAMPINGS]
+        for stem in (*both, *alone):
+            unlike, coulomb_n = _unlike(stem, cycle), moving_n + stem.below_n - stem.more_n
+            if coulomb_n > 0.0 and unlike < _UNLIKE:
+                own = {"m": stem.mass_kg, "k": k, "F_v": stem.viscous, "F_c": coulomb_n, "d": stem.more_n / coulomb_n}
+                own |= {"DV": limit * cycle.rate_n_per_s / k, "F_0": preload_n}
+                found.append((stem not in both, unlike, here | own))
+    return [values for _, _, values in sorted(found, key=lambda one: one[:2])]
 
 
-def _valves(
-    here: dict[str, float], motion: RecordedMotion, cycle: JumpCycle
-) -> Iterator[tuple[float, dict[str, float]]]:
-    """Yield values by name of valves that jump in this cycle, with the mean friction that the ramps show.
-
-    Before them, how far their jumps are from the measured wave, as a share of its square: by the amplitudes alone, for
-    the least error of k and F_0 puts them out of step.
-    """
+def _balance(here: dict[str, float], motion: RecordedMotion, cycle: JumpCycle) -> tuple[float, float, float]:
+    """Spring rate, N/m, the mean friction that the ramps show, and the preload, N."""
     uniform, k = motion.uniform, here["k"]
-    moving_n, preload_n = here["F_c"] + here["F_v"] * cycle.rate_n_per_s / k, here["F_0"]
     # behind a lag that is not known the force is late, which looks like friction
     if uniform is not None and uniform.preload_n is not None and not motion.command_only:
-        k, moving_n, preload_n = uniform.spring_n_per_m, uniform.friction_n, uniform.preload_n
-    speed = cycle.rate_n_per_s / k
-    for share, damping, limit in product(_PERIODS, _DAMPINGS, _LIMITS):
-        mass_kg = k * (share * cycle.period_s / (2.0 * math.pi)) ** 2
-        if not _MASSES_KG[0] < mass_kg < _MASSES_KG[1]:
+        return uniform.spring_n_per_m, uniform.friction_n, uniform.preload_n
+    return k, here["F_c"] + here["F_v"] * cycle.rate_n_per_s / k, here["F_0"]
+
+
+def _stem(cycle: JumpCycle, k: float, share: float, damping: float, limit: float) -> _Stem | None:
+    """Return the stem of this mass, damping and DV that jumps in the cycle; None where there is none."""
+    mass_kg = k * (share * cycle.period_s / (2.0 * math.pi)) ** 2
+    if not _MASSES_KG[0] < mass_kg < _MASSES_KG[1]:
+        return None
+    viscous = 2.0 * damping * math.sqrt(k * mass_kg)
+    solved = _stiction(cycle, mass_kg, k, viscous, limit * cycle.rate_n_per_s / k)
+    return None if solved is None else _Stem(share, damping, limit, mass_kg, viscous, *solved)
+
+
+def _of_both(cycle: JumpCycle, k: float, stems: list[_Stem | None], other: JumpCycle) -> Iterator[_Stem]:
+    """Yield the stems, between two of these masses, that have the ``other`` cycle on the ramps of its rate too."""
+
+    def too_long(stem: _Stem) -> float:
+        limit = stem.limit * cycle.rate_n_per_s / k
+        gained_n = other.period_s * other.rate_n_per_s
+        valve = ValveParameters(stem.mass_kg, k, stem.viscous, gained_n, gained_n + stem.more_n, limit, 0.0)
+        rests_s = _rests_s(valve, other)
+        return math.nan if rests_s is None else _period(rests_s) / other.period_s - 1.0
+
+    for one, two in pairwise(stems):
+        if one is None or two is None:
             continue
-        viscous = 2.0 * damping * math.sqrt(k * mass_kg)
-        solved = _stiction(cycle, mass_kg, k, viscous, limit * speed)
-        if solved is None:
+        low, high = (one, too_long(one)), (two, too_long(two))
+        if not low[1] * high[1] < 0.0 or max(abs(low[1]), abs(high[1])) > _NEAR_BOTH:
             continue
-        more_n, below_n, waves_m = solved
-        off_m = waves_m[: cycle.waves_m.size] - cycle.waves_m
-        unlike = float(off_m @ off_m) / float(cycle.waves_m @ cycle.waves_m)
-        coulomb_n = moving_n + below_n - more_n
-        if coulomb_n > 0.0:
-            changed = {"m": mass_kg, "k": k, "F_v": viscous, "F_c": coulomb_n, "d": more_n / coulomb_n}
-            yield unlike, here | changed | {"DV": limit * speed, "F_0": preload_n}
+        for _ in range(_BOTH_STEPS):
+            share = low[0].share + (high[0].share - low[0].share) * low[1] / (low[1] - high[1])
+            middle = _stem(cycle, k, share, one.damping, one.limit)
+            off = math.nan if middle is None else too_long(middle)
+            if middle is None or math.isnan(off):
+                break
+            low, high = ((middle, off), high) if off * low[1] > 0.0 else (low, (middle, off))
+            if abs(off) < _SAME:
+                yield middle
+                break
+
+
+def _unlike(stem: _Stem, cycle: JumpCycle) -> float:
+    """How far the stem's jumps are from the measured wave, as a share of its square.
+
+    By the amplitudes alone, for the least error of k and F_0 puts them out of step.
+    """
+    off_m = stem.waves_m[: cycle.waves_m.size] - cycle.waves_m
+    return float(off_m @ off_m) / float(cycle.waves_m @ cycle.waves_m)
 
 
 def _stiction(

@@ -46,9 +46,10 @@ def test_a_pressure_on_a_converters_steps_is_its_ramps_and_not_the_steps() -> No
     path = input_path(test.recording, test.nameplate)
     assert isinstance(path, MeasuredPath)
     time_s, force_n = path.corners(np.zeros(1))
-    assert time_s.size <= 7
+    assert time_s.size <= 8
     span_n = float(np.ptp(test.recording.actuator_force_n(test.nameplate)))
-    assert float(np.ptp(force_n)) == pytest.approx(span_n, rel=1.0e-4)
+    # without the corners that a delay may ask for, beyond the rows
+    assert float(np.ptp(force_n[1:-1])) == pytest.approx(span_n, rel=1.0e-4)
 
 
 def test_a_rest_on_one_step_tells_of_its_level_once() -> None:
