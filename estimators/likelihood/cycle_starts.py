@@ -18,7 +18,7 @@ from estimators.likelihood.arrival import led_to
 from estimators.likelihood.bent_valley import chart_of
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.compression import bent_rows, compressed, in_parts
-from estimators.likelihood.cycle_valves import valves_like
+from estimators.likelihood.cycle_valves import valves_beside, valves_like
 from estimators.likelihood.descent import descend
 from estimators.likelihood.hopping import led_along_jumps
 from estimators.likelihood.inputs.transducer_path import DEAD_TIME
@@ -35,6 +35,7 @@ from estimators.samples import FloatArray, Samples
 _EVENTS_A_CYCLE: Final = 6
 _MOST_EVENTS: Final = 40_000
 _MOST_WORK: Final = 15.0e6  # of all cycles
+_MORE_WORK: Final = 4.0e6  # from what it came to
 _MOST_LIKE: Final = (200, 100, 50, 50)  # valves of a cycle, each cycle's
 # places that are followed, rests from one new beginning to the next (0: none), what is held, and steps
 _ROUNDS: Final = (
@@ -79,8 +80,9 @@ def with_jump_cycle(found: Found, motion: RecordedMotion, rests: Restarts) -> Fo
 
     It is looked for in the position where the fit is not good, or what it leaves looks like a wave: where the jumps
     were taken for noise it is as large as that; else in what it leaves. The noise is set to what the better fit leaves.
-    One that is not good then is taken only for one that is not good either, and explains far less; where its own noise
-    is all that speaks for it, one to which a single start came is not confirmed.
+    One that is not good then is taken only for one that is not good either, and explains far less. One to which a
+    single start came is not confirmed, nor, where its own noise is all that speaks for it, one that leaves more where
+    the stem jumps than at its rests.
     """
     model, samples = found.model, motion.samples
     residual = model.residuals(found.point)
@@ -108,7 +110,7 @@ def with_jump_cycle(found: Found, motion: RecordedMotion, rests: Restarts) -> Fo
         return near if near is not None and is_better else found
     # a noise that is what the fit leaves does not speak against the fit: the rests have to
     is_own = led.noise_factor == found.noise_factor
-    return replace(led, is_confirmed=is_own or (_is_one(model, places) and _rests_as_much(led)))
+    return replace(led, is_confirmed=_is_one(model, places) and (is_own or _rests_as_much(led)))
 
 
 def _lowest_of(
@@ -128,7 +130,12 @@ def _lowest_of(
         begun = _Begun(model, beside if beside.row.size else rests, cycle.period_s)
         places = begun.lowest(points, before, budget) if points else []
         if places and _is_much_lower(model, model.cost(places[0].point), model.cost(before)):
-            break
+            # along m and F_v that keep the cycle the cost is a comb, and a descent ends at one of its teeth
+            near = valves_beside(model.coordinates.values(places[0].point), cycle)
+            begins = [model.coordinates.point(values) for values in near]
+            again = begun.lowest(begins, before, Budget.limited(_MORE_WORK)) if begins else []
+            ended = (Place(place.point, model.cost(place.point)) for place in (*places, *again))
+            return sorted(ended, key=lambda place: place.cost)
     return places
 
 

@@ -36,6 +36,8 @@ _SAME: Final = 1.0e-3  # of the cycle
 _RUN: Final = 7  # cycles, of which the first two come to be like the others
 _PLACES: Final = 64  # of a cycle
 _EVENTS: Final = 200
+_SHARES_BESIDE: Final = (0.99, 1.0, 1.01)
+_DAMPINGS_BESIDE: Final = (0.2, 0.4, 0.55, 0.7, 0.85, 1.2, 1.5)
 _NEAR_BOTH: Final = 0.3  # of the other cycle
 _BOTH_STEPS: Final = 8
 _UNLIKE: Final = 0.05  # of the wave's square: more is no wave of jumps
@@ -81,6 +83,22 @@ def valves_like(
                 own |= {"DV": limit * cycle.rate_n_per_s / k, "F_0": preload_n}
                 found.append((stem not in both, unlike, here | own))
     return [values for _, _, values in sorted(found, key=lambda one: one[:2])]
+
+
+def valves_beside(here: dict[str, float], cycle: JumpCycle) -> list[dict[str, float]]:
+    """Return the values by name of valves that jump in this cycle with other masses and dampings than ``here``."""
+    k, speed = here["k"], cycle.rate_n_per_s / here["k"]
+    own_share = 2.0 * math.pi * math.sqrt(here["m"] / k) / cycle.period_s
+    own_damping = 0.5 * here["F_v"] / math.sqrt(k * here["m"])
+    static_n, limit = here["F_c"] * (1.0 + here["d"]), here["DV"] / speed
+    found = []
+    for share, damping in product(_SHARES_BESIDE, _DAMPINGS_BESIDE):
+        stem = _stem(cycle, k, share * own_share, damping * own_damping, limit)
+        if stem is not None and static_n > stem.more_n:
+            coulomb_n = static_n - stem.more_n
+            own = {"m": stem.mass_kg, "F_v": stem.viscous, "F_c": coulomb_n, "d": stem.more_n / coulomb_n}
+            found.append(here | own)
+    return found
 
 
 def _balance(here: dict[str, float], motion: RecordedMotion, cycle: JumpCycle) -> tuple[float, float, float]:

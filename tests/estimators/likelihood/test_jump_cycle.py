@@ -10,7 +10,7 @@ import pytest
 from estimators.base import Status
 from estimators.likelihood.all_rows import certified
 from estimators.likelihood.cycle_starts import with_jump_cycle
-from estimators.likelihood.cycle_valves import valves_like
+from estimators.likelihood.cycle_valves import valves_beside, valves_like
 from estimators.likelihood.delay import searched_model
 from estimators.likelihood.hopping import Hopping
 from estimators.likelihood.jump_cycle import JumpCycle, is_waved, jump_cycles
@@ -205,3 +205,20 @@ def test_thousands_of_jumps_come_into_step_little_by_little() -> None:
     assert found.certificate.is_good
     assert found.model.coordinates.values(found.point)["m"] == pytest.approx(test.truth.mass_kg, rel=0.01)
     assert found.cost < 1.2 * found.model.time_s.size
+
+
+def test_beside_a_valve_are_others_of_its_cycle_whose_damping_is_less_and_more() -> None:
+    # along them a fit with an F_v 46 % too large, 450 above the bottom, was ok
+    truth, rate = random_test(7200).truth, 15975.2
+    own = truth.by_symbol()
+    here = {name: own[name] for name in ("m", "k", "F_v", "F_c", "DV", "F_0")} | {"d": own["F_s"] / own["F_c"] - 1.0}
+    cycle = _cycle_of(truth, rate)
+    found = valves_beside(here | {"m": 1.002 * own["m"], "F_v": 1.46 * own["F_v"]}, cycle)
+    assert len(found) > 12
+    for values in found:
+        static_n = values["F_c"] * (1.0 + values["d"])
+        beside = ValveParameters(values["m"], values["k"], values["F_v"], values["F_c"], static_n, values["DV"], 0.0)
+        assert static_n == pytest.approx(own["F_s"])
+        assert _period_of(beside, rate) == pytest.approx(cycle.period_s, rel=3.0e-3)
+    off = [abs(values["F_v"] / own["F_v"] - 1.0) + abs(values["F_c"] / own["F_c"] - 1.0) for values in found]
+    assert min(off) < 0.06
