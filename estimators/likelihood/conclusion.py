@@ -37,6 +37,7 @@ from estimators.likelihood.ramps import ramps_of
 from estimators.likelihood.search import Found
 from estimators.likelihood.staircase import tells_spring
 from estimators.likelihood.stand_ins import (
+    without_free_spring,
     without_limit_of_late_pressure,
     without_lone_coulomb,
     without_lone_limit,
@@ -109,6 +110,10 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
     # without noise the cost itself tells them apart
     slowest = math.inf if problem.is_noise_free else min(ramps.rates_n_per_s, default=math.inf) / values["k"]
     parameters = without_lone_limit(without_mass_at_bound(parameters, model, point), values["DV"], slowest)
+    if not tells_spring(motion):
+        rests_m = [breakaway.rest_m for breakaway in motion.phases.breakaways]
+        ends_m = min(rests_m, default=0.0), max(rests_m, default=0.0)
+        parameters = without_free_spring(parameters, model, point, ends_m, factor)
     # jumps are far larger than noise
     if not (problem.is_noise_free or problem.jumps):
         parameters = without_mass_that_rings(

@@ -36,6 +36,14 @@ _LATE_PRESSURE: Final = (
     "near the speed of the ramps it does what a pressure does that was read late, and the file does not say how its "
     "channels were read: use ramps at several rates (sequence multi_rate)"
 )
+_FREE_SPRING: Final = (
+    "the stem jumped to and fro between two places, and a spring of another rate, with friction that fits it, explains "
+    "all of that as well: repeat with a smaller range, or with steps, so that it comes to rest at other places too"
+)
+_OF_SPRING: Final = ("m", "k", "F_v", "F_c", "F_s", "F_0")
+_OTHER_SPRINGS: Final = (0.75, 1.3)
+_SPRING_STEPS: Final = 30
+_AS_WELL: Final = 3.84  # of the cost: one value in twenty is as far off by chance
 NEAR_SPEED: Final = 0.5  # of the ramp's
 _QUARTER_TURN: Final = 0.5 * math.pi
 _OF_MASS: Final = (0.5, 0.1)
@@ -67,6 +75,38 @@ def without_lone_limit(
     if parameters["m"].identifiable or parameters["F_v"].identifiable or not parameters["DV"].identifiable:
         return parameters
     return parameters | {"DV": absent(_LIMIT_ALONE)}
+
+
+def without_free_spring(
+    parameters: dict[str, ParameterEstimate],
+    model: StemModel,
+    point: FloatArray,
+    rests_m: tuple[float, float],
+    noise_factor: float,
+) -> dict[str, ParameterEstimate]:
+    """Return the parameters without any that hang on k, where jumps between these two places leave k open.
+
+    F_s and F_0 keep the forces of both breakaways, and m, F_v and F_s - F_c go with k, so that every jump is the same:
+    nothing tells k, though rounding makes its slopes look as if something did.
+    """
+    if not parameters["k"].identifiable:
+        return parameters
+    here, low_m, high_m = model.coordinates.values(point), *rests_m
+    small = compressed(model, keeping=point)
+    most = small.cost(point) + _AS_WELL * noise_factor**2
+    for factor in _OTHER_SPRINGS:
+        more = (factor - 1.0) * here["k"]
+        static_n = here["F_c"] * (1.0 + here["d"]) + 0.5 * more * (high_m - low_m)
+        coulomb_n = static_n - factor * here["F_c"] * here["d"]
+        if coulomb_n <= 0.0:
+            continue
+        scaled = {name: factor * here[name] for name in ("m", "k", "F_v")}
+        other = scaled | {"F_c": coulomb_n, "d": static_n / coulomb_n - 1.0}
+        other["F_0"] = here["F_0"] - 0.5 * more * (low_m + high_m)
+        found = descend(small, small.coordinates.point(here | other), most_steps=_SPRING_STEPS, held=("k",))
+        if found.cost < most:
+            return parameters | {s: absent(_FREE_SPRING) for s in _OF_SPRING if parameters[s].identifiable}
+    return parameters
 
 
 def without_limit_of_late_pressure(parameters: dict[str, ParameterEstimate]) -> dict[str, ParameterEstimate]:

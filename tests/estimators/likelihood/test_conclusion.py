@@ -179,3 +179,14 @@ def test_a_smoothly_creeping_stem_gives_no_coulomb_friction() -> None:
     recording = replace(drawn.recording, position_m=motion.position_m + noise_m)
     estimate = MaximumLikelihoodEstimator().estimate(recording, drawn.nameplate)
     assert estimate.value("F_c") is None
+
+
+@pytest.mark.parametrize("seed", [7477, 7857])
+def test_jumps_between_two_places_leave_the_spring_open_though_the_fit_explains_them(seed: int) -> None:
+    # k was 47 % too small by 31 of its errors, and 3 times too large: rounding made its slopes look as if it showed
+    test = random_test(seed)
+    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    assert estimate.status is Status.FAILED
+    for symbol in ("m", "k", "F_v", "F_c", "F_s", "F_0"):
+        assert estimate.value(symbol) is None, symbol
+    assert "two places" in estimate.parameters["k"].note
