@@ -19,7 +19,7 @@ from discrepancy.row_noise import repeated_errors, resting_noise, timing_errors
 from estimators.base import Outcome
 from estimators.likelihood.inputs.input_path import CommandedPath, InputPath, Nuisance, input_path
 from estimators.likelihood.inputs.row_timing import position_doubts, still_rows
-from estimators.likelihood.problem import repeated_share
+from estimators.likelihood.row_weights import repeated_share
 from estimators.likelihood.search import measured_rests
 from estimators.likelihood.staircase import read_staircase
 from estimators.motion.recorded_motion import RecordedMotion, read_motion

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from estimators.likelihood.inputs.row_timing import position_doubts, shared_by_rest, still_rows
-from estimators.likelihood.problem import independent_share, row_noise
+from estimators.likelihood.row_weights import independent_share, row_noise
 from estimators.likelihood.start import resting_rows
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import FloatArray, position_noise

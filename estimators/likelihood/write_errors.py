@@ -14,7 +14,8 @@ from estimators.likelihood.descent import descend
 from estimators.likelihood.inputs.commanded_path import CommandedPath
 from estimators.likelihood.inputs.row_timing import PositionDoubts, look_doubts_s, shared_by_rest
 from estimators.likelihood.model import Corners, StemModel
-from estimators.likelihood.problem import Problem, weight_of
+from estimators.likelihood.problem import Problem
+from estimators.likelihood.row_weights import weight_of
 from estimators.likelihood.search import Found
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import BoolArray, FloatArray, Samples
