@@ -37,7 +37,7 @@ from estimators.likelihood.ramps import ramps_of
 from estimators.likelihood.search import Found
 from estimators.likelihood.staircase import tells_spring
 from estimators.likelihood.stand_ins import (
-    without_free_spring,
+    leaves_spring_open,
     without_limit_of_late_pressure,
     without_lone_coulomb,
     without_lone_limit,
@@ -110,10 +110,6 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
     # without noise the cost itself tells them apart
     slowest = math.inf if problem.is_noise_free else min(ramps.rates_n_per_s, default=math.inf) / values["k"]
     parameters = without_lone_limit(without_mass_at_bound(parameters, model, point), values["DV"], slowest)
-    if not tells_spring(motion):
-        rests_m = [breakaway.rest_m for breakaway in motion.phases.breakaways]
-        ends_m = min(rests_m, default=0.0), max(rests_m, default=0.0)
-        parameters = without_free_spring(parameters, model, point, ends_m, factor)
     # jumps are far larger than noise
     if not (problem.is_noise_free or problem.jumps):
         parameters = without_mass_that_rings(
@@ -126,16 +122,17 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
     # without noise the blocks are coarser than the fit, and the bottom is beyond what is computed
     is_bottom &= flatness.is_lowest or found.certificate.ratio < EXACT
     is_bottom |= problem.is_noise_free and found.certificate.ratio < 1.0
-    strained = strain(model, point)
+    strained, tells = strain(model, point), tells_spring(motion)
     doubt = doubt_of(
         is_bottom=is_bottom,
+        is_spring_open=not tells and leaves_spring_open(model, point, _farthest_rests(motion), factor),
         hides=hidden_n > 0.0,
         is_confirmed=found.is_confirmed,
         strain=strained,
         is_too_heavy=is_too_heavy,
     )
     if doubt:
-        open_too = _IN_THE_VALLEY if tells_spring(motion) else (*_IN_THE_VALLEY, "k", "F_0")
+        open_too = _IN_THE_VALLEY if tells else (*_IN_THE_VALLEY, "k", "F_0")
         parameters |= {symbol: absent(doubt) for symbol in open_too if parameters[symbol].identifiable}
     complete = in_order(parameters)
     outcomes = _outcomes(motion, complete, values)
@@ -174,6 +171,12 @@ def conclude(method: str, motion: RecordedMotion, problem: Problem, found: Found
         "stand_ins": {symbol: values[symbol] for symbol, entry in complete.items() if entry.value is None},
     }
     return Estimate(method, status, " ".join(sentences), rms_m, complete, diagnostics)
+
+
+def _farthest_rests(motion: RecordedMotion) -> tuple[float, float]:
+    """Return the two places farthest apart from which the stem broke away, m."""
+    rests_m = [breakaway.rest_m for breakaway in motion.phases.breakaways]
+    return min(rests_m, default=0.0), max(rests_m, default=0.0)
 
 
 def strain(model: StemModel, point: FloatArray) -> float:
@@ -245,8 +248,10 @@ def _assessed(motion: RecordedMotion, problem: Problem, found: Found) -> _Assess
 
 def _doubted(knows: Knowledge) -> tuple[str, ...]:
     """Return the unknowns that the slopes may say more of than the cost: DV, and m where F_v is not known."""
-    of_mass = knows.identifiable("m") and not knows.identifiable("F_v")
-    return ("DV",) * knows.identifiable("DV") + ("m",) * of_mass
+    doubted = ["DV"] if knows.identifiable("DV") else []
+    if knows.identifiable("m") and not knows.identifiable("F_v"):
+        doubted.append("m")
+    return tuple(doubted)
 
 
 def _residuals(model: StemModel, point: FloatArray) -> FloatArray:

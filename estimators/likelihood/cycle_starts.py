@@ -19,6 +19,7 @@ from estimators.likelihood.bent_valley import chart_of
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.compression import bent_rows, compressed, in_parts
 from estimators.likelihood.cycle_valves import valves_beside, valves_like
+from estimators.likelihood.dead_time import acting_later
 from estimators.likelihood.descent import descend
 from estimators.likelihood.hopping import led_along_jumps
 from estimators.likelihood.inputs.transducer_path import DEAD_TIME
@@ -103,11 +104,13 @@ def with_jump_cycle(found: Found, motion: RecordedMotion, rests: Restarts) -> Fo
     if not places or not model.cost(places[0].point) < model.cost(found.point) - _LOWER:
         return found
     near = led_to(replace(found, model=model), places[0].point)
-    led = None if near is None else _with_its_noise(near)
-    if near is None or led is None or not led.certificate.is_good:
+    if near is None:
+        return found
+    led = _with_its_noise(near)
+    if not led.certificate.is_good:
         # errors of a noisy pressure may be what it leaves, and are fitted later
-        is_better = near is not None and not found.certificate.is_good and near.cost < _MUCH_LOWER * found.cost
-        return near if near is not None and is_better else found
+        is_better = not found.certificate.is_good and near.cost < _MUCH_LOWER * found.cost
+        return near if is_better else found
     # a noise that is what the fit leaves does not speak against the fit: the rests have to
     is_own = led.noise_factor == found.noise_factor
     return replace(led, is_confirmed=_is_one(model, places) and (is_own or _rests_as_much(led)))
@@ -146,13 +149,9 @@ def _as_late(model: StemModel, point: FloatArray, cycle: JumpCycle) -> Iterator[
     """
     values = model.coordinates.values(point)
     for cycles in _CYCLES_LATER:
-        later_s = cycles * cycle.period_s
-        static_n = values["F_c"] * (1.0 + values["d"])
-        coulomb_n = values["F_c"] - later_s * cycle.rate_n_per_s
-        if coulomb_n > 0.0:
-            ratio = (static_n - later_s * cycle.rate_n_per_s) / coulomb_n - 1.0
-            changed = {DEAD_TIME: values[DEAD_TIME] + later_s, "F_c": coulomb_n, "d": ratio}
-            yield model.coordinates.point(values | changed)
+        changed = acting_later(values, cycles * cycle.period_s, cycle.rate_n_per_s)
+        if changed["F_c"] > 0.0:
+            yield model.coordinates.point(changed)
 
 
 def _rests_beside(samples: Samples, cycle_s: float, jump_m: float) -> Restarts:

@@ -61,11 +61,17 @@ def _farthest_s(model: StemModel, point: FloatArray, sense: float, highest: floa
     return sense * reached_s
 
 
+def acting_later(values: dict[str, float], late_s: float, rate_n_per_s: float) -> dict[str, float]:
+    """Return the values by name with a dead time longer by ``late_s`` and friction less by what a ramp gains in it.
+
+    Each breakaway on a ramp of this rate comes at the same instant. ``F_c`` is not above 0 where that takes all of it.
+    """
+    less_n = rate_n_per_s * late_s
+    coulomb_n, static_n = values["F_c"] - less_n, values["F_c"] * (1.0 + values["d"]) - less_n
+    ratio = static_n / coulomb_n - 1.0 if coulomb_n > 0.0 else values["d"]
+    return values | {DEAD_TIME: values[DEAD_TIME] + late_s, "F_c": coulomb_n, "d": ratio}
+
+
 def _exchanged(model: StemModel, point: FloatArray, late_s: float) -> FloatArray:
-    """Return the point (p,) with a dead time longer by ``late_s`` and the friction that keeps each breakaway's time."""
     values = model.coordinates.values(point)
-    less_n = usual_rate(*model.corners(values)) * late_s
-    coulomb_n = values["F_c"] - less_n
-    static_n = values["F_c"] * (1.0 + values["d"]) - less_n
-    changed = {DEAD_TIME: values[DEAD_TIME] + late_s, "F_c": coulomb_n, "d": static_n / coulomb_n - 1.0}
-    return model.coordinates.point(values | changed)
+    return model.coordinates.point(acting_later(values, late_s, usual_rate(*model.corners(values))))

@@ -36,9 +36,7 @@ def with_other_stiction(small: StemModel, point: FloatArray, budget: Budget) -> 
         if budget.left > 0.0:
             other = point.copy()
             other[number] = factor * point[number] + more
-            found = descend(small, other, most_steps=FOLLOWING_STEPS, held=("d",), arrived=0.1, one_sided=True)
-            budget.spend(small, found.simulations)
-            yield Place(found.point, found.cost)
+            yield _followed_beside(small, other, "d", budget)
 
 
 def with_other_value(small: StemModel, point: FloatArray, name: str, budget: Budget) -> Iterator[Place]:
@@ -52,10 +50,7 @@ def with_other_value(small: StemModel, point: FloatArray, name: str, budget: Bud
         if budget.left > 0.0:
             other = point.copy()
             other[number] += math.log(factor)
-            other = np.clip(other, small.coordinates.lower, small.coordinates.upper)
-            found = descend(small, other, most_steps=FOLLOWING_STEPS, held=(name,), arrived=0.1, one_sided=True)
-            budget.spend(small, found.simulations)
-            yield Place(found.point, found.cost)
+            yield _followed_beside(small, other, name, budget)
 
 
 def with_limit_at_speed(model: StemModel, point: FloatArray, speed_m_per_s: float, budget: Budget) -> Iterator[Place]:
@@ -72,9 +67,7 @@ def with_limit_at_speed(model: StemModel, point: FloatArray, speed_m_per_s: floa
         static_n = max(values["F_c"] * (1.0 + values["d"]), friction_n)
         other = {"DV": _NEAR_SPEED * speed_m_per_s, "F_v": share * friction_n / speed_m_per_s, "F_c": coulomb_n}
         start = model.coordinates.point(values | other | {"d": static_n / coulomb_n - 1.0})
-        found = descend(model, start, most_steps=FOLLOWING_STEPS, held=("DV",), arrived=0.1, one_sided=True)
-        budget.spend(model, found.simulations)
-        yield Place(found.point, found.cost)
+        yield _followed_beside(model, start, "DV", budget)
 
 
 def with_other_limits(small: StemModel, start: Place, sense: int, budget: Budget, within: float) -> list[Place]:
@@ -84,19 +77,22 @@ def with_other_limits(small: StemModel, start: Place, sense: int, budget: Budget
     no walk finds the higher DVs, with which a stem that creeps moves alike. They end where the cost has risen by
     ``within``; where it has at once, the slopes tell how far DV goes, and the start alone is returned.
     """
-    own = small.coordinates
-    number = own.names.index("DV")
+    number = small.coordinates.names.index("DV")
     places = [start]
     for factor in _OTHER_LIMITS:
         if budget.left < 0.0 or places[-1].cost > start.cost + within:
             break
         trial = places[-1].point.copy()
         trial[number] = start.point[number] + sense * math.log(factor)
-        trial = np.clip(trial, own.lower, own.upper)
-        found = descend(small, trial, most_steps=FOLLOWING_STEPS, held=("DV",), arrived=0.1, one_sided=True)
-        budget.spend(small, found.simulations)
-        places.append(Place(found.point, found.cost))
+        places.append(_followed_beside(small, trial, "DV", budget))
     return places if places[:2][-1].cost <= start.cost + within else [start]
+
+
+def _followed_beside(model: StemModel, start: FloatArray, held: str, budget: Budget) -> Place:
+    """Return where the others go from this start, shape (p,), while the one unknown stays."""
+    found = descend(model, start, most_steps=FOLLOWING_STEPS, held=(held,), arrived=0.1, one_sided=True)
+    budget.spend(model, found.simulations)
+    return Place(found.point, found.cost)
 
 
 def is_lowest_tooth(model: StemModel, point: FloatArray) -> bool:

@@ -36,11 +36,6 @@ _LATE_PRESSURE: Final = (
     "near the speed of the ramps it does what a pressure does that was read late, and the file does not say how its "
     "channels were read: use ramps at several rates (sequence multi_rate)"
 )
-_FREE_SPRING: Final = (
-    "the stem jumped to and fro between two places, and a spring of another rate, with friction that fits it, explains "
-    "all of that as well: repeat with a smaller range, or with steps, so that it comes to rest at other places too"
-)
-_OF_SPRING: Final = ("m", "k", "F_v", "F_c", "F_s", "F_0")
 _OTHER_SPRINGS: Final = (0.75, 1.3)
 _SPRING_STEPS: Final = 30
 _AS_WELL: Final = 3.84  # of the cost: one value in twenty is as far off by chance
@@ -77,20 +72,12 @@ def without_lone_limit(
     return parameters | {"DV": absent(_LIMIT_ALONE)}
 
 
-def without_free_spring(
-    parameters: dict[str, ParameterEstimate],
-    model: StemModel,
-    point: FloatArray,
-    rests_m: tuple[float, float],
-    noise_factor: float,
-) -> dict[str, ParameterEstimate]:
-    """Return the parameters without any that hang on k, where jumps between these two places leave k open.
+def leaves_spring_open(model: StemModel, point: FloatArray, rests_m: tuple[float, float], noise_factor: float) -> bool:
+    """Whether another spring rate explains jumps between these two places as well as that of this point (p,).
 
     F_s and F_0 keep the forces of both breakaways, and m, F_v and F_s - F_c go with k, so that every jump is the same:
     nothing tells k, though rounding makes its slopes look as if something did.
     """
-    if not parameters["k"].identifiable:
-        return parameters
     here, low_m, high_m = model.coordinates.values(point), *rests_m
     small = compressed(model, keeping=point)
     most = small.cost(point) + _AS_WELL * noise_factor**2
@@ -103,10 +90,10 @@ def without_free_spring(
         scaled = {name: factor * here[name] for name in ("m", "k", "F_v")}
         other = scaled | {"F_c": coulomb_n, "d": static_n / coulomb_n - 1.0}
         other["F_0"] = here["F_0"] - 0.5 * more * (low_m + high_m)
-        found = descend(small, small.coordinates.point(here | other), most_steps=_SPRING_STEPS, held=("k",))
-        if found.cost < most:
-            return parameters | {s: absent(_FREE_SPRING) for s in _OF_SPRING if parameters[s].identifiable}
-    return parameters
+        start = small.coordinates.point(here | other)
+        if descend(small, start, most_steps=_SPRING_STEPS, held=("k",)).cost < most:
+            return True
+    return False
 
 
 def without_limit_of_late_pressure(parameters: dict[str, ParameterEstimate]) -> dict[str, ParameterEstimate]:

@@ -190,3 +190,4 @@ def test_jumps_between_two_places_leave_the_spring_open_though_the_fit_explains_
     for symbol in ("m", "k", "F_v", "F_c", "F_s", "F_0"):
         assert estimate.value(symbol) is None, symbol
     assert "two places" in estimate.parameters["k"].note
+    assert "The stem jumped to and fro between two places" in estimate.message

@@ -81,7 +81,7 @@ def test_a_fit_at_a_wrong_dv_is_hopped_from_once_the_errors_of_the_input_are_kno
 
 
 def test_a_fit_at_the_bottom_that_strains_its_input_is_doubted_for_that() -> None:
-    doubt = partial(doubt_of, is_bottom=True, hides=False, is_confirmed=True, is_too_heavy=False)
+    doubt = partial(doubt_of, is_bottom=True, is_spring_open=False, hides=False, is_confirmed=True, is_too_heavy=False)
     assert "another force than was measured" in doubt(strain=6.6)
     assert doubt(strain=6.4) == ""
 
