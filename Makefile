@@ -7,7 +7,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 export PYTHONDONTWRITEBYTECODE =
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check kernels bench faults blind clean lock fuzz compose-check
+.PHONY: help demo test long check kernels bench faults blind clean lock fuzz compose-check
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -24,7 +24,7 @@ $(VENV)/.dev: $(VENV)/.runtime requirements-dev.lock
 	@$(BIN)/python -m pip install --quiet --require-hashes --requirement requirements-dev.lock
 	@touch $@
 
-demo: $(VENV)/.runtime  ## four simulated valves tested over Modbus, then the service stays up
+demo: $(VENV)/.runtime  ## six simulated valves tested over Modbus, then the service stays up
 	@$(BIN)/breakaway demo $(ARGS)
 
 check: $(VENV)/.dev  ## style, types and import contracts
@@ -42,6 +42,9 @@ kernels: $(VENV)/.runtime
 test: $(VENV)/.dev  ## the checks, then every test
 	@$(MAKE) --no-print-directory -j 2 check kernels
 	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder $(ARGS)
+
+long: $(VENV)/.dev  ## whole searches of the estimate and the diagnosis, which `make test` leaves out: 5 minutes
+	$(BIN)/pytest -n 2 -m long $(ARGS)
 
 bench: $(VENV)/.dev  ## speed and accuracy, as tables; one alone: ARGS="coverage 200"
 	$(BIN)/python -m tests.benchmarks $(ARGS)

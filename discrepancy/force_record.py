@@ -10,10 +10,10 @@ import numpy as np
 from scipy.fft import rfft
 
 from estimators.base import Outcome
-from estimators.likelihood.drive.equation import Spectra, Window, spectra, window
-from estimators.likelihood.drive.fit import usable_rows
-from estimators.likelihood.drive.recording import evenly_sampled
-from estimators.likelihood.drive.search import search
+from estimators.drive.equation import Spectra, Window, spectra, window
+from estimators.drive.fit import usable_rows
+from estimators.drive.recording import evenly_sampled
+from estimators.drive.search import search
 from estimators.motion.moving_rows import find_moving_rows
 from estimators.samples import BoolArray, FloatArray, Samples, prepare
 from valve.nameplate import Nameplate

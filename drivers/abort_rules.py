@@ -11,13 +11,16 @@ from drivers.addresses import MotionLimits
 from drivers.device import ValveDevice
 from drivers.outcome import Sample
 from drivers.permissive_watch import PermissiveWatch
+from drivers.recent import Recent, RecentLooks, window_s
 from drivers.stem_rules import StemRules
 from valve.errors import DeviceError, EquipmentError, MeasurementError, WireError
 
-_FAILURES: Final = 5  # looks in a row; fewer would end a test for one disturbance on the line
+_FAILURES: Final = 5  # at least, and half of the looks; fewer would end a test for one disturbance on the line
+_FAILURES_WITHIN: Final = 2.0  # windows
 _SILENCE_S: Final = 1.0  # without any answer, after more than one failure
+_FRESH_S: Final = 0.5  # nothing is driven by a look that is older
 _BLIND_S: Final = 1.0  # without a valid position
-_BEYOND: Final = 2  # samples in a row beyond a limit; a single one may be a spike
+_BEYOND: Final = 2  # samples beyond a limit within a window; a single one may be a spike
 _FOLLOWING_S: Final = 0.5  # a PLC's scan and its output card
 _PROMPT: Final = 5  # changed commands in a row that were there at the next look: this output has no lag
 _FOREIGN: Final = 3  # looks at an output that nobody here asked for; one may be a write that the wire changed
@@ -42,7 +45,8 @@ class AbortRules:
         self._commands: deque[tuple[float, float]] = deque()
         self._asked: deque[tuple[float, float]] = deque()  # what an output that lags may still show
         self._foreign_s: deque[float] = deque(maxlen=_FOREIGN)
-        self._stem = StemRules(device.wiring)
+        self._window_s = window_s(period_s)
+        self._stem = StemRules(device.wiring, self._window_s)
         self._watch: PermissiveWatch | None = None
         self.believed = True
         self.begin()
@@ -55,11 +59,17 @@ class AbortRules:
         ``entry`` is how the valve stood before, ``unrest_m`` how much its position varied then.
         """
         self._watch = watch
+        if watch is not None:
+            watch.begin()
         self._stem.begin(entry, unrest_m)
+        self._looked_s = -math.inf
         if entry is not None:
             self.commanded(entry.output_pa)
+            self._looked_s = entry.sent_s
         self._started_s = self._seen_s = self._followed_s = self._answered_s = time.monotonic()
-        self._failures = self._beyond = 0
+        self._failures = 0  # since the last answer
+        self._looks = RecentLooks(_FAILURES, _FAILURES_WITHIN * self._window_s)
+        self._beyond = Recent(_BEYOND, self._window_s)
         self._prompt, self._judged_pa = _PROMPT, math.nan  # until it shows a lag: that costs one gap
 
     def commanded(self, pressure_pa: float) -> None:
@@ -74,13 +84,19 @@ class AbortRules:
         """Judge no longer whether the stem moves: the pressure goes back because it did not."""
         self._stem.stand_down()
 
-    async def look_around(self, sample: Sample) -> DeviceError | None:
-        """Look at what a sample does not show; return why the test must end. Raises WireError or DeviceError."""
-        return None if self._watch is None else await self._watch.look(sample)
+    @property
+    def look_is_old(self) -> bool:
+        """Whether the last look says too little of now to drive by it."""
+        return time.monotonic() - self._looked_s > _FRESH_S
+
+    def permissive_lost(self) -> DeviceError | None:
+        """Return which permissive that no sample shows is lost; nothing is asked for it."""
+        return None if self._watch is None else self._watch.lost()
 
     def missed(self, error: EquipmentError) -> None:
         """Note a transaction that failed."""
         self._failures += 1
+        self._looks.note(time.monotonic(), failed=True)
         self._last_error = error
 
     def fault(self, sample: Sample | None, *, follows: bool = True) -> EquipmentError | MeasurementError | None:
@@ -88,12 +104,17 @@ class AbortRules:
         tag, now_s = self._device.tag, time.monotonic()
         if now_s - self._started_s > self._longest_s:
             return MeasurementError(f"{tag}: the test lasts longer than {self._longest_s:.3g} s, it is ended")
+        lost = self.permissive_lost()
+        if lost is not None:
+            return lost
+        if sample is not None:
+            self._failures, self._answered_s, self._looked_s = 0, now_s, sample.sent_s
+            self._looks.note(now_s, failed=False)
+        silent = self._failures > 1 and now_s - self._answered_s > self._silence_s
+        if silent or self._looks.too_many_failed:
+            return WireError(f"{tag}: communication is lost, too many looks failed: {self._last_error}")
         if sample is None:
-            lost = self._failures >= _FAILURES or (self._failures > 1 and now_s - self._answered_s > self._silence_s)
-            if lost:
-                return WireError(f"{tag}: communication is lost, {self._failures} times in a row: {self._last_error}")
             return None
-        self._failures, self._answered_s = 0, now_s
         if self._device.drives_safe_itself(sample):
             return DeviceError(f"{tag}: the device went to its safe value by itself: its watchdog tripped")
         if math.isfinite(sample.position_m):
@@ -114,8 +135,7 @@ class AbortRules:
             low_m, high_m = self._limits.position_m
             if sample.position_m < low_m or sample.position_m > high_m:
                 broken = f"position {sample.position_m:g} m is outside {low_m:g} to {high_m:g} m"
-        self._beyond = self._beyond + 1 if broken else 0
-        if self._beyond < _BEYOND:
+        if not (broken and self._beyond.note(sample.sent_s)):
             return None
         return DeviceError(f"{self._device.tag}: {broken}: check the valve and its limits")
 

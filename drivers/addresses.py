@@ -9,18 +9,32 @@ from typing import Literal, TypeAlias
 
 from drivers.permissive_rules import PermissiveRules
 from drivers.points import Point as Point  # noqa: PLC0414  - an address too, and asked for here
-from valve.errors import ConfigurationError
+from drivers.stands_at import RestRules
+from valve.errors import ConfigurationError, refuse
 from valve.units import SI_FACTORS
 
 
-def _require_positive(subject: str, value: float, unit: str) -> None:
-    if not (math.isfinite(value) and value > 0.0):
-        raise ConfigurationError(f"{subject} is {value:g} {unit}, it must be above 0: correct it")
+def _not_positive(subject: str, value: float, unit: str) -> str:
+    if math.isfinite(value) and value > 0.0:
+        return ""
+    return f"{subject} is {value:g} {unit}, it must be above 0: correct it"
 
 
-def _require_port(bus: str, port: int) -> None:
-    if not 1 <= port <= 65535:
-        raise ConfigurationError(f"bus {bus}: port {port} is outside 1 to 65535, correct it")
+def _no_port(bus: str, port: int) -> str:
+    return "" if 1 <= port <= 65535 else f"bus {bus}: port {port} is outside 1 to 65535, correct it"
+
+
+def _network_device_id_fault(device_id: int) -> str:
+    # 248 to 254 are reserved; 0 and 255 are the device at the address itself (Messaging on TCP/IP 1.0b, 4.4.1.2).
+    if 0 <= device_id <= 247 or device_id == 255:
+        return ""
+    return f"device_id {device_id} is none of 0 to 247 and 255, which a network address has: correct it"
+
+
+def _no_baud_rate(bus: str, baud_rate: int) -> str:
+    if 300 <= baud_rate <= 4_000_000:
+        return ""
+    return f"bus {bus}: baud_rate {baud_rate} is outside 300 to 4000000, correct it"
 
 
 class Parity(StrEnum):
@@ -41,9 +55,13 @@ class TcpAddress:
     timeout_s: float = 0.5
     kind: Literal["modbus_tcp"] = "modbus_tcp"
 
+    def device_id_fault(self, device_id: int) -> str:
+        """Return why there can be no such device at this address; "" where there can."""
+        return _network_device_id_fault(device_id)
+
     def __post_init__(self) -> None:
-        _require_port(self.name, self.port)
-        _require_positive(f"bus {self.name}: timeout_s", self.timeout_s, "s")
+        faults = _no_port(self.name, self.port), _not_positive(f"bus {self.name}: timeout_s", self.timeout_s, "s")
+        refuse(ConfigurationError, faults)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,11 +82,15 @@ class TlsAddress:
     timeout_s: float = 0.5
     kind: Literal["modbus_tls"] = "modbus_tls"
 
+    def device_id_fault(self, device_id: int) -> str:
+        """Return why there can be no such device at this address; "" where there can."""
+        return _network_device_id_fault(device_id)
+
     def __post_init__(self) -> None:
-        _require_port(self.name, self.port)
-        _require_positive(f"bus {self.name}: timeout_s", self.timeout_s, "s")
+        faults = [_no_port(self.name, self.port), _not_positive(f"bus {self.name}: timeout_s", self.timeout_s, "s")]
         if (self.certificate_file is None) != (self.key_file is None):
-            raise ConfigurationError(f"bus {self.name}: certificate_file and key_file belong together, give both")
+            faults.append(f"bus {self.name}: certificate_file and key_file belong together, give both")
+        refuse(ConfigurationError, faults)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,12 +111,19 @@ class RtuAddress:
     worst_latency_s: float = 1.0
     kind: Literal["modbus_rtu"] = "modbus_rtu"
 
+    def device_id_fault(self, device_id: int) -> str:
+        """Return why there can be no such device on this line; "" where there can."""
+        # 0 is a broadcast: every device on the line obeys and none answers.
+        if 1 <= device_id <= 247:
+            return ""
+        return f"device_id {device_id} is outside 1 to 247, which a serial line has: correct it"
+
     def __post_init__(self) -> None:
         object.__setattr__(self, "parity", Parity(self.parity))
-        if not 300 <= self.baud_rate <= 4_000_000:
-            raise ConfigurationError(f"bus {self.name}: baud_rate {self.baud_rate} is outside 300 to 4000000")
-        _require_positive(f"bus {self.name}: timeout_s", self.timeout_s, "s")
-        _require_positive(f"bus {self.name}: worst_latency_s", self.worst_latency_s, "s")
+        faults = [_no_baud_rate(self.name, self.baud_rate)]
+        faults.append(_not_positive(f"bus {self.name}: timeout_s", self.timeout_s, "s"))
+        faults.append(_not_positive(f"bus {self.name}: worst_latency_s", self.worst_latency_s, "s"))
+        refuse(ConfigurationError, faults)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,13 +147,15 @@ class GaugeAddress:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parity", Parity(self.parity))
-        _require_positive(f"bus {self.name}: timeout_s", self.timeout_s, "s")
+        faults = [_no_baud_rate(self.name, self.baud_rate)]
+        faults.append(_not_positive(f"bus {self.name}: timeout_s", self.timeout_s, "s"))
         if not self.terminator:
-            raise ConfigurationError(
-                f'bus {self.name}: terminator is empty, give the end of an answer such as "\\r\\n"'
-            )
+            faults.append(f'bus {self.name}: terminator is empty, give the end of an answer such as "\\r\\n"')
+        if not self.request.isascii() or not self.terminator.isascii():
+            faults.append(f"bus {self.name}: request and terminator go over the line as ASCII, remove other characters")
         if SI_FACTORS.get(self.unit, ("", 0.0))[0] != "m":
-            raise ConfigurationError(f"bus {self.name}: unit {self.unit!r} is no length, give m, mm, um or inch")
+            faults.append(f"bus {self.name}: unit {self.unit!r} is no length, give m, mm, um or inch")
+        refuse(ConfigurationError, faults)
 
 
 BusAddress: TypeAlias = TcpAddress | TlsAddress | RtuAddress | GaugeAddress
@@ -148,18 +179,19 @@ class MotionLimits:
     breakaway_pa: float | None = None
 
     def __post_init__(self) -> None:
+        faults = [
+            _not_positive("limits.pressure_rate_pa_per_s", self.pressure_rate_pa_per_s, "Pa/s"),
+            _not_positive("limits.longest_test_s", self.longest_test_s, "s"),
+            "" if self.band_m is None else _not_positive("limits.band_m", self.band_m, "m"),
+            "" if self.breakaway_pa is None else _not_positive("limits.breakaway_pa", self.breakaway_pa, "Pa"),
+        ]
         if not self.pressure_pa[0] < self.pressure_pa[1]:
-            raise ConfigurationError(
+            faults.append(
                 f"limits.pressure_pa is {self.pressure_pa[0]:g} to {self.pressure_pa[1]:g} Pa, it must rise: correct it"
             )
         if self.position_m is not None and not self.position_m[0] < self.position_m[1]:
-            raise ConfigurationError("limits.position_m must rise: give the lower position first")
-        _require_positive("limits.pressure_rate_pa_per_s", self.pressure_rate_pa_per_s, "Pa/s")
-        _require_positive("limits.longest_test_s", self.longest_test_s, "s")
-        if self.band_m is not None:
-            _require_positive("limits.band_m", self.band_m, "m")
-        if self.breakaway_pa is not None:
-            _require_positive("limits.breakaway_pa", self.breakaway_pa, "Pa")
+            faults.append("limits.position_m must rise: give the lower position first")
+        refuse(ConfigurationError, faults)
 
 
 class Mode(StrEnum):
@@ -178,7 +210,7 @@ class Sampling:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mode", Mode(self.mode))
-        _require_positive("acquisition.period_s", self.period_s, "s")
+        refuse(ConfigurationError, [_not_positive("acquisition.period_s", self.period_s, "s")])
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,12 +221,10 @@ class WatchdogChoice:
     waived: str = ""
 
     def __post_init__(self) -> None:
-        if self.timeout_s is not None:
-            _require_positive("watchdog.timeout_s", self.timeout_s, "s")
+        faults = ["" if self.timeout_s is None else _not_positive("watchdog.timeout_s", self.timeout_s, "s")]
         if (self.timeout_s is None) == (self.waived == ""):
-            raise ConfigurationError(
-                "watchdog: give either timeout_s or, for a device that has none, waived = a reason"
-            )
+            faults.append("watchdog: give either timeout_s or, for a device that has none, waived = a reason")
+        refuse(ConfigurationError, faults)
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,13 +240,18 @@ class ValveWiring:
     pressure: Point | None = None
     watchdog: WatchdogChoice = field(default_factory=lambda: WatchdogChoice(timeout_s=2.0))
     permissives: PermissiveRules = field(default_factory=PermissiveRules)
+    rest: RestRules = field(default_factory=RestRules)
 
     def __post_init__(self) -> None:
-        if self.safe_value_pa == "entry":
-            return
-        low_pa, high_pa = self.limits.pressure_pa
-        if not low_pa <= self.safe_value_pa <= high_pa:
-            raise ConfigurationError(
-                f"{self.tag}: safe_value_pa {self.safe_value_pa:g} Pa is outside limits.pressure_pa "
-                f"{low_pa:g} to {high_pa:g} Pa, correct one of them"
-            )
+        refuse(ConfigurationError, [safe_value_fault(self.tag, self.safe_value_pa, self.limits)])
+
+
+def safe_value_fault(tag: str, safe_value_pa: float | Literal["entry"], limits: MotionLimits) -> str:
+    """Return why a safe value does not fit the limits; "" where it does."""
+    low_pa, high_pa = limits.pressure_pa
+    if safe_value_pa == "entry" or low_pa <= safe_value_pa <= high_pa:
+        return ""
+    return (
+        f"{tag}: safe_value_pa {safe_value_pa:g} Pa is outside limits.pressure_pa {low_pa:g} to {high_pa:g} Pa, "
+        "correct one of them"
+    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -18,12 +18,13 @@ from drivers.transport import Exchange
 from drivers.wiring import Unit
 from valve.errors import DeviceError, WaveformError, WireError
 
+AfterEach = Callable[[], None]
 FloatArray = npt.NDArray[np.float64]
 
 _CORNERS_A_WRITE: Final = 30  # 120 words; one write carries 123
 _READS_A_WINDOW: Final = 3  # reading moves nothing, so a window may be read again
-_TIME: Final = Register("corner time", 0, Kind.U32, unit="s", scale=1.0e-6)
-_PRESSURE: Final = Register("corner pressure", 2, Kind.F32, unit="Pa")
+CORNER_TIME: Final = Register("corner time", 0, Kind.U32, unit="s", scale=1.0e-6)
+CORNER_PRESSURE: Final = Register("corner pressure", 2, Kind.F32, unit="Pa")
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +88,7 @@ class CaptureBuffer:
         words = [
             word
             for time_s, pressure_pa in zip(course.waveform.time_s, course.waveform.pressure_pa, strict=True)
-            for word in (*_TIME.encode(float(time_s)), *_PRESSURE.encode(float(pressure_pa)))
+            for word in (*CORNER_TIME.encode(float(time_s)), *CORNER_PRESSURE.encode(float(pressure_pa)))
         ]
         size = 4 * _CORNERS_A_WRITE
         for start in range(0, len(words), size):
@@ -133,11 +134,14 @@ class CaptureBuffer:
         if not (progress.running or progress.done):
             raise DeviceError(f"{self._tag}: {self._unit.subject} does not start its capture: look at its state")
 
-    async def progress(self, *, agreed: bool = False) -> Progress:
-        """How far the capture is; ``agreed``: as two looks in a row show it, for one that has ended."""
+    async def progress(self, *, agreed: bool = False, after_each: AfterEach = lambda: None) -> Progress:
+        """How far the capture is; ``agreed``: as two looks in a row show it, for one that has ended.
+
+        ``after_each`` is called after each transaction; what it raises ends this.
+        """
         capture = self._capture
-        look = self._agreed if agreed else self._unit.values
-        shown = await look(capture.run, capture.state, capture.wanted, capture.taken)
+        names = (capture.run, capture.state, capture.wanted, capture.taken)
+        shown = await (self._agreed(names, after_each) if agreed else self._unit.values(*names))
         state = shown[capture.state]
         return Progress(
             run_number=round(shown[capture.run]),
@@ -148,26 +152,31 @@ class CaptureBuffer:
             aborted=state == capture.states.aborted,
         )
 
-    async def _agreed(self, *names: str) -> dict[str, float]:
+    async def _agreed(self, names: Sequence[str], after_each: AfterEach) -> dict[str, float]:
         """Read registers until two readings agree: no check of their own guards them, and TCP brings a flipped bit.
 
         Raises CorruptBlockError where they never agree, and what a read raises.
         """
         before = await self._unit.values(*names)
+        after_each()
         for _ in range(_READS_A_WINDOW):
             after = await self._unit.values(*names)
+            after_each()
             if after == before:
                 return after
             before = after
         raise CorruptBlockError(f"{self._tag}: {self._unit.subject} shows {names[0]} otherwise at every look")
 
-    async def windows(self, samples: int) -> AsyncIterator[Window]:
-        """Fetch the first ``samples`` samples, window by window. Raises WireError where one cannot be had."""
+    async def windows(self, samples: int, after_each: AfterEach = lambda: None) -> AsyncIterator[Window]:
+        """Fetch the first ``samples`` samples, window by window. Raises WireError where one cannot be had.
+
+        ``after_each`` is called after each transaction but the one that brought a window; what it raises ends this.
+        """
         names = [name for pair in self._capture.ranges for name in pair]
-        shown = await self._agreed(*names)
+        shown = await self._agreed(names, after_each)
         ranges = [(shown[low], shown[high]) for low, high in self._capture.ranges]
         for first in range(0, samples, self._capture.window_samples):
-            raw = await self._window_words(first)
+            raw = await self._window_words(first, after_each)
             count = min(self._capture.window_samples, samples - first)
             rows = np.array(raw[2:-1], dtype=np.float64).reshape(-1, len(ranges))[:count]
             rows[rows == self._capture.missing] = np.nan
@@ -176,20 +185,21 @@ class CaptureBuffer:
             ]
             yield Window(first, *channels)
 
-    async def _window_words(self, first: int) -> tuple[int, ...]:
+    async def _window_words(self, first: int, after_each: AfterEach) -> tuple[int, ...]:
         """One whole window; read again, a few times, where it came wrong."""
         for attempt in range(1, _READS_A_WINDOW + 1):
             try:
-                words = (await self._ask_window(first)).words
+                words = (await self._ask_window(first, after_each)).words
                 if words_crc16(words[:-1]) == words[-1] and (words[0] << 16 | words[1]) == first:
                     return words
                 raise CorruptBlockError(f"{self._tag}: the window of sample {first} came with a wrong check or index")
             except WireError:
                 if attempt == _READS_A_WINDOW:
                     raise
+                after_each()
         raise AssertionError("unreachable")
 
-    async def _ask_window(self, first: int) -> Exchange:
+    async def _ask_window(self, first: int, after_each: AfterEach) -> Exchange:
         capture, unit = self._capture, self._unit
         pointer = unit.map.register(capture.window_index)
         count = 2 + capture.window_samples * len(capture.ranges) + 1
@@ -200,5 +210,7 @@ class CaptureBuffer:
                 )
             except IllegalFunctionError:
                 self._has_read_write = False
+                after_each()
         await unit.bus.write(unit.device_id, pointer.address, pointer.encode(first))
+        after_each()
         return await unit.bus.read_words(unit.device_id, pointer.table, capture.window_address, count)

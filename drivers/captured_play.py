@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.capture_buffer import CaptureBuffer, Progress
 from drivers.course import Course
-from drivers.mover import Mover
+from drivers.mover import Mover, StopAskedError
 from drivers.outcome import Sample, SampleBlock
 from drivers.rows import CapturedRows
 from valve.errors import DeviceError, EquipmentError
@@ -51,13 +51,13 @@ class CapturedPlay:
     async def play(self, mover: Mover) -> None:
         """Let the device play; look at it now and then, keep its watchdog fed, and end with it."""
         device, rules, buffer = mover.device, mover.rules, self._buffer
-        await buffer.start()
+        device.commanded = True
         device.in_force_pa = math.nan
+        await buffer.start()
         while True:
             await mover.pause_until(time.monotonic() + _WATCH_PERIOD_S)
             sample: Sample | None = None
             progress: Progress | None = None
-            gone: DeviceError | None = None
             try:
                 await device.feed_watchdog()
                 mover.require_no_stop()
@@ -65,10 +65,9 @@ class CapturedPlay:
                 mover.require_no_stop()
                 sample = await device.read()
                 mover.require_no_stop()
-                gone = await rules.look_around(sample)
             except EquipmentError as error:
                 rules.missed(error)
-            fault = rules.fault(sample, follows=False) or gone
+            fault = rules.fault(sample, follows=False)
             if fault is not None:
                 raise fault
             if sample is None or progress is None:
@@ -85,26 +84,36 @@ class CapturedPlay:
     async def fetch(self, mover: Mover) -> str:
         """Fetch the samples of this run; the valve rests at its safe value meanwhile.
 
-        A stop ends it at once; where the stop came before, it may take ``_UPLOAD_AFTER_STOP_S``. Returns words about
-        samples that were left behind, none where there are none. Raises EquipmentError where some are lost.
+        A stop ends it after the transaction under way; where the stop came before, it may take
+        ``_UPLOAD_AFTER_STOP_S``. Returns words about samples that were left behind, none where there are none. Raises
+        EquipmentError where some are lost.
         """
-        await mover.device.feed_watchdog()
-        progress = await self._buffer.progress(agreed=True)
-        await mover.device.feed_watchdog()
-        if progress.run_number != mover.device.run_number:
-            return ""  # stopped before it was handed over: what the device keeps is another run's
-        wanted = min(progress.taken, self._course.samples)
         until_s = time.monotonic() + _UPLOAD_AFTER_STOP_S if mover.stop_asked else -math.inf
+        fetched, wanted = 0, self._course.samples
         ready: list[SampleBlock] = []
-        async for window in self._buffer.windows(wanted):
-            await mover.device.feed_watchdog()  # on a slow line a window takes a good part of a second
-            ready.append(self._rows.add(window))
-            fetched = window.first + window.position_m.size
-            if len(ready) == _UPLOAD_BLOCK or fetched == wanted:
-                self._hand_on(ready, fetched / wanted)
-            if fetched < wanted and mover.stop_asked and time.monotonic() > until_s:
-                self._hand_on(ready, 1.0)
-                return f"{fetched} of {wanted} samples were fetched when the stop ended the upload"
+
+        def heard() -> None:
+            if mover.stop_asked and time.monotonic() > until_s:
+                raise StopAskedError
+
+        try:
+            await mover.device.feed_watchdog()
+            heard()
+            progress = await self._buffer.progress(agreed=True, after_each=heard)
+            if progress.run_number != mover.device.run_number:
+                return ""  # stopped before it was handed over: what the device keeps is another run's
+            wanted = min(progress.taken, wanted)
+            async for window in self._buffer.windows(wanted, after_each=heard):
+                ready.append(self._rows.add(window))
+                fetched = window.first + window.position_m.size
+                if len(ready) == _UPLOAD_BLOCK or fetched == wanted:
+                    self._hand_on(ready, fetched / wanted)
+                if fetched < wanted:
+                    heard()
+                    await mover.device.feed_watchdog()  # on a slow line a window takes a good part of a second
+        except StopAskedError:
+            self._hand_on(ready, 1.0)
+            return f"{fetched} of {wanted} samples were fetched when the stop ended the upload"
         return ""
 
     def _hand_on(self, ready: list[SampleBlock], share: float) -> None:

@@ -12,7 +12,7 @@ import logging
 import ssl
 import termios
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Any, Final
 
@@ -28,8 +28,18 @@ from pymodbus.pdu.register_message import (
 )
 
 from drivers.addresses import RtuAddress, TcpAddress, TlsAddress
-from drivers.faults import BadAnswerError, ConnectionLostError, EchoError, NoAnswerError
-from drivers.frames import READ_HOLDING, READ_INPUT, WRITE, Request, checked_words, mbap_answer, rtu_answer
+from drivers.faults import BadAnswerError, ConnectionLostError, EchoError, NoAnswerError, OtherAnswerError
+from drivers.frames import (
+    READ_HOLDING,
+    READ_INPUT,
+    WRITE,
+    Request,
+    checked_words,
+    instead_of_answer,
+    mbap_answer,
+    rtu_answer,
+)
+from drivers.serial_port import why_not_opened
 from valve.errors import ConfigurationError, WireError
 
 _CHARACTER_BITS: Final = 11  # start, eight data, parity or second stop, stop (Modbus over Serial Line 1.02, 2.5.1)
@@ -89,8 +99,11 @@ class Connection:
         self.sent_s = self.heard_s = self.quiet_from_s = 0.0
         self._client: _Client | None = None
         self._outstanding: Request | None = None
+        self._transaction_id = 0
         self._sent = self._heard = b""
+        self._pieces: list[bytes] = []  # what came since the request went out
         self._answer: bytes | None = None
+        self._refused: OSError | None = None  # why the last opening failed
 
     @property
     def _subject(self) -> str:
@@ -121,6 +134,9 @@ class Connection:
 
         Raises WireError where no believable answer came, or the error of the exception that came.
         """
+        fault = self.address.device_id_fault(request.device_id)
+        if fault:
+            raise ConfigurationError(f"{self._subject}: {fault}")
         client = self._client
         if client is None:
             raise ConnectionLostError(f"{self._subject}: it is not connected")
@@ -130,11 +146,11 @@ class Connection:
         pdu = _pdu(request)
         answered: asyncio.Future[ModbusPDU] = loop.create_future()
         late = loop.call_later(self._deadline_s(request), self._late, answered, request)
-        self._outstanding, self._answer, self.unasked = request, None, False
+        self._outstanding, self._answer, self.unasked, self._pieces = request, None, False, []
         self.sent_s = time.monotonic()
         try:
             # What pymodbus' own execute does, with one deadline and no repeats: ours, who comes next is decided above.
-            pdu.transaction_id = client.ctx.getNextTID()
+            pdu.transaction_id = self._transaction_id = client.ctx.getNextTID()
             client.ctx.recv_buffer, client.ctx.response_future = b"", answered
             client.ctx.pdu_send(pdu)
             await answered
@@ -153,19 +169,23 @@ class Connection:
             self._outstanding = None
 
     def _late(self, answered: asyncio.Future[ModbusPDU], request: Request) -> None:
-        if not answered.done():
-            answered.set_exception(
-                NoAnswerError(
-                    f"{self._subject}: {request.subject}: no answer within {self._deadline_s(request):.3g} s: "
-                    "check the device and the wire"
-                )
-            )
+        if answered.done():
+            return
+        # pymodbus drops a frame of another device or transaction before anybody sees it.
+        is_serial = isinstance(self.address, RtuAddress)
+        came = instead_of_answer(request, None if is_serial else self._transaction_id, self._pieces)
+        late = f"{self._subject}: {request.subject}: no answer within {self._deadline_s(request):.3g} s"
+        answered.set_exception(
+            OtherAnswerError(f"{late}, but {came}") if came else NoAnswerError(f"{late}: check the device and the wire")
+        )
 
     def _believed(self, request: Request, transaction_id: int) -> tuple[int, ...]:
-        heard = self._answer or b""
-        if isinstance(self.address, RtuAddress):
-            return checked_words(request, rtu_answer(request, heard))
-        return checked_words(request, mbap_answer(request, transaction_id, heard))
+        heard, is_serial = self._answer or b"", isinstance(self.address, RtuAddress)
+        try:
+            answer = rtu_answer(request, heard) if is_serial else mbap_answer(request, transaction_id, heard)
+            return checked_words(request, answer)
+        except BadAnswerError as error:
+            raise BadAnswerError(f"{self._subject}: {error}") from None
 
     def _deadline_s(self, request: Request) -> float:
         return self.address.timeout_s + self._line_s(request.request_bytes) + self._line_s(request.answer_bytes)
@@ -191,6 +211,7 @@ class Connection:
             self._fail(EchoError(f"{self._subject}: the line returns what is sent: switch off the adapter's echo"))
         else:
             self._heard, self.heard_s = data, now_s
+            self._pieces.append(data)
         return data
 
     def _framed(self, framed: Callable[..., int], data: bytes, addr: object = None) -> int:
@@ -253,12 +274,22 @@ class Connection:
         )
         return client
 
+    async def _created(self, create: Callable[[], Awaitable[Any]]) -> Any:
+        """Open, and keep why that failed: pymodbus tells its log alone."""
+        self._refused = None
+        try:
+            return await create()
+        except OSError as error:
+            self._refused = error
+            raise
+
     async def open(self) -> None:
         """Connect anew. Raises ConnectionLostError where that fails within the deadline."""
         self.close()
         client = self._new_client()
         framed = client.ctx.callback_data
         client.ctx.callback_data = partial(self._framed, framed)  # type: ignore[method-assign]  # it has no other place
+        client.ctx.call_create = partial(self._created, client.ctx.call_create)
         deadline_s = self.address.timeout_s + (_TLS_HANDSHAKE_S if isinstance(self.address, TlsAddress) else 0.0)
         try:
             async with asyncio.timeout(deadline_s):
@@ -276,9 +307,10 @@ class Connection:
             if not client.connected:
                 client.close()
         if not connected:
-            raise ConnectionLostError(
-                f"{self._subject}: {self._place} cannot be opened: check the address and the wire"
-            )
+            reason = "check the address and the wire"
+            if isinstance(self.address, RtuAddress):
+                reason = await asyncio.to_thread(why_not_opened, self._place, self._refused)
+            raise ConnectionLostError(f"{self._subject}: {self._place} cannot be opened: {reason}")
         self._client = client
         self.unasked = False
 

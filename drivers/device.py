@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import math
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Final
 
 from drivers.addresses import ValveWiring
@@ -15,11 +15,11 @@ from drivers.capture_buffer import CaptureBuffer
 from drivers.device_watchdog import DeviceWatchdog
 from drivers.eye import Eye
 from drivers.identity import require_identity
-from drivers.outcome import Sample
+from drivers.outcome import SafeOutcome, Sample
 from drivers.registers import Block
 from drivers.transport import Exchange
-from drivers.wiring import Bus, Signal, Unit, Wired, wire
-from valve.errors import BusyError, ConfigurationError, DeviceError, EquipmentError
+from drivers.wiring import Bus, Signal, Unit, Wired, WiredContact, wire
+from valve.errors import BusyError, ConfigurationError, DeviceError, EquipmentError, ValveError
 
 _SAFE_ATTEMPTS: Final = 3
 _APART_SHARE: Final = 0.1  # of the limits' span, by which a gauge and an I/P may differ
@@ -29,7 +29,8 @@ _SETTLING_S: Final = 0.6  # a PLC's scan and its output card; the valve may take
 _SETTLED_READS: Final = 2  # a slave that wakes up may still carry out an older write: one fitting read is too few
 _UNSEEN_READS: Final = 3  # looks in a row that failed; a lost answer costs a serial line longer than the settling
 _READ_PAUSE_S: Final = 0.02
-_TOLERANCE_SHARE: Final = 1.0e-3  # of the pressure limits' span: an output card's own resolution
+_LOST_ANSWERS: Final = 1.4  # a quarter of the time that a place may stay unread passes before it is asked again
+_UNREAD_SLACK_S: Final = 0.15
 
 
 class ValveDevice:
@@ -41,16 +42,14 @@ class ValveDevice:
         self.in_force_pa = math.nan  # what was written last and confirmed; NaN while nobody knows
         self._asked_pa = math.nan
         self.run_number = 0
+        #: Whether anything that can move the valve was sent: set before the first such write, never taken back.
+        self.commanded = False
+        self.last_seen: Sample | None = None
         self._wired = wired
         self._eye = Eye(wiring.tag, wired)
         places = {"manual": wired.manual, "interlock": wired.interlock, "supply": wired.supply}
-        #: Which of manual, interlock and supply are read at a place of their own, which a sample does not show.
-        self.conditions_elsewhere = frozenset(name for name, place in places.items() if place is not None)
-        self.tolerance_pa = max(
-            _TOLERANCE_SHARE * (wiring.limits.pressure_pa[1] - wiring.limits.pressure_pa[0]),
-            2.0 * wired.command.register.resolution,
-            2.0 * wired.readback.register.resolution,
-        )
+        self._elsewhere = {name: place for name, place in places.items() if place is not None}
+        self.tolerance_pa = wired.tolerance_pa(wiring.limits)
         self._watchdog = DeviceWatchdog(wiring.tag, self.unit, wiring.watchdog.timeout_s, self.tolerance_pa)
         capture = self.unit.map.capture
         self.buffer = None if capture is None else CaptureBuffer(wiring.tag, self.unit, capture)
@@ -76,6 +75,25 @@ class ValveDevice:
         return self.buffer is not None
 
     @property
+    def conditions_elsewhere(self) -> frozenset[str]:
+        """Which of manual, interlock and supply are read at a place of their own, which a sample does not show."""
+        return frozenset(self._elsewhere)
+
+    def place_of(self, condition: str) -> str:
+        """Return where a condition elsewhere is read, in words: contact or register, device and bus."""
+        place = self._elsewhere[condition]
+        name = place.contact.register if isinstance(place, WiredContact) else place.register.name
+        return f"{name} of {place.unit.subject}"
+
+    def unread_s(self, condition: str) -> float:
+        """Return for how long a condition elsewhere may stay unread, s: as the rules say, or as its bus needs.
+
+        On a slow line one lost answer must not be enough.
+        """
+        said_s = self.wiring.permissives.unread_s
+        return max(said_s, _LOST_ANSWERS * self._elsewhere[condition].unit.bus.lost_answer_s + _UNREAD_SLACK_S)
+
+    @property
     def has_watchdog(self) -> bool:
         """Whether the device has a watchdog and the wiring says how long it waits."""
         return self._watchdog.is_used
@@ -94,6 +112,10 @@ class ValveDevice:
         for unit in self._wired.units:
             await require_identity(self.tag, unit)
         return ", ".join(f"{unit.map.name} ({unit.subject})" for unit in self._wired.units)
+
+    async def identify_commanded(self) -> None:
+        """Make sure that the device that is commanded is the one that is configured. Raises as ``identify`` does."""
+        await require_identity(self.tag, self.unit)
 
     async def take_ownership(self, run_number: int) -> None:
         """Fence the device: no other run's blocks count. Nothing is written where the map has no fence.
@@ -146,6 +168,11 @@ class ValveDevice:
         """Switch the watchdog off. Raises DeviceError where it stays on."""
         await self._watchdog.disarm(self.run_number, self.safe_value_pa)
 
+    async def watchdog_armed(self) -> bool:
+        """Whether the device's watchdog runs; False where it has none. Raises WireError or DeviceError."""
+        watchdog = self.unit.map.watchdog
+        return watchdog is not None and await self.unit.value(watchdog.state) == watchdog.armed
+
     async def feed_watchdog(self) -> None:
         """Change the heartbeat where nothing has fed the watchdog for a quarter of its timeout."""
         await self._watchdog.feed(self.run_number, self.safe_value_pa)
@@ -154,35 +181,63 @@ class ValveDevice:
 
     async def read(self, *, priority: bool = False) -> Sample:
         """Take one sample. Raises WireError or DeviceError where there is none: that is a gap."""
-        return await self._eye.look(priority=priority)
+        self.last_seen = await self._eye.look(priority=priority)
+        return self.last_seen
 
     async def output_pa(self) -> float:
         """Read what the device shows as its output, Pa, and nothing else. Raises WireError or DeviceError."""
         return await self._alone(self._wired.readback)
 
-    async def supply_pa(self, sample: Sample) -> float:
+    async def checked_output_pa(self) -> float:
+        """Read the output, Pa, of the device that is configured and of nothing else.
+
+        Raises WireError or DeviceError.
+        """
+        await self.identify_commanded()
+        output_pa = await self._eye.output()
+        if not math.isfinite(output_pa):
+            raise DeviceError(f"{self.tag}: {self.unit.subject} does not show its output: look at the device")
+        return output_pa
+
+    async def position_m(self) -> float:
+        """Read the stem's position, m, of the device that is configured and of nothing else; NaN where it is not valid.
+
+        Raises WireError or DeviceError.
+        """
+        position = self._wired.position
+        if isinstance(position, Signal):
+            await require_identity(self.tag, position.unit)
+        return await self._eye.stem_m()
+
+    async def supply_pa(self, sample: Sample | None) -> float:
         """Air supply, Pa: read at its own place where there is one, otherwise as the sample has it; NaN unknown."""
         signal = self._wired.supply
-        return sample.supply_pa if signal is None else await self._alone(signal)
+        if signal is not None:
+            return await self._alone(signal)
+        return math.nan if sample is None else sample.supply_pa
 
     async def _alone(self, signal: Signal) -> float:
         block = Block((signal.register,), signal.register.address, signal.register.words, signal.register.table)
         words = (await signal.unit.bus.read(signal.unit.device_id, block)).words
         return signal.register.decode(words)
 
-    async def loop_in_manual(self, sample: Sample) -> bool | None:
+    async def loop_in_manual(self, sample: Sample | None) -> bool | None:
         """Whether the loop is in manual, by its contact or the device's status; None where nothing says so."""
         if self._wired.manual is not None:
             return await self._wired.manual.says()
         live = self.unit.map.live
-        return bool(sample.status & live.manual_mask) if live is not None and live.manual_mask else None
+        if sample is None or live is None or not live.manual_mask:
+            return None
+        return bool(sample.status & live.manual_mask)
 
-    async def interlocked(self, sample: Sample) -> bool | None:
+    async def interlocked(self, sample: Sample | None) -> bool | None:
         """Whether an interlock is active, by its contact or the device's status; None where nothing says so."""
         if self._wired.interlock is not None:
             return await self._wired.interlock.says()
         live = self.unit.map.live
-        return bool(sample.status & live.interlock_mask) if live is not None and live.interlock_mask else None
+        if sample is None or live is None or not live.interlock_mask:
+            return None
+        return bool(sample.status & live.interlock_mask)
 
     async def owner(self) -> int | None:
         """Return the run that owns the device; None where the map has no fence."""
@@ -193,6 +248,10 @@ class ValveDevice:
         """Return the number that the installer gave the device; None where it shows none."""
         name = self.unit.map.number
         return None if name is None else round(await self.unit.value(name))
+
+    def takes(self, pressure_pa: float) -> bool:
+        """Whether the device can be told this pressure."""
+        return self._wired.command.register.holds(pressure_pa)
 
     def drives_safe_itself(self, sample: Sample) -> bool:
         """Whether the device says that it has left us and drives its safe value."""
@@ -209,6 +268,7 @@ class ValveDevice:
         if value_pa == self.in_force_pa and not priority:
             return None
         self.in_force_pa, self._asked_pa = math.nan, value_pa
+        self.commanded = True
         exchange = await self._write_command(words, priority)
         self.in_force_pa, self._watchdog.fed_s = value_pa, exchange.sent_s
         return exchange
@@ -238,42 +298,68 @@ class ValveDevice:
                 f"{_SETTLING_S:g} s: check that it is in automatic and the map fits"
             )
 
-    async def go_safe(self) -> bool:
-        """Send the valve to its safe value at once, ahead of everything queued. True where it was read back.
+    async def go_safe(self) -> SafeOutcome:
+        """Send the valve to its safe value at once, ahead of everything queued; return what it reached and why not.
 
-        A further attempt is made only where reading back shows that the one before did not take effect.
+        It raises nothing, whatever fails. A further attempt is made only where reading back shows that the one before
+        did not take effect.
         """
+        found = SafeOutcome(False, reason="it was not reached in time")
         if not math.isfinite(self.safe_value_pa):
-            return False
-        with contextlib.suppress(TimeoutError):
+            return replace(found, reason="its safe value is not known, as the output at entry was never read")
+        try:
             async with asyncio.timeout(_SAFE_DEADLINE_S):
                 for _ in range(_SAFE_ATTEMPTS):
-                    if await self._safe_now():
-                        return True
-        return False
+                    found = await self._safe_now()
+                    if found.confirmed:
+                        break
+        except TimeoutError:
+            return replace(found, reason=f"{found.reason}; given up after {_SAFE_DEADLINE_S:g} s")
+        except Exception as error:  # noqa: BLE001  - whoever makes a valve safe must hear how it stands, whatever fails
+            return replace(found, confirmed=False, reason=f"{type(error).__name__}: {error}")
+        return found
 
-    async def _safe_now(self) -> bool:
-        # A write without an answer may have been carried out all the same: look.
-        with contextlib.suppress(EquipmentError):
+    async def _safe_now(self) -> SafeOutcome:
+        # A write without an answer may have been carried out all the same, and one that cannot be encoded may not be
+        # needed: look.
+        refused = ""
+        try:
             await self.drive(self.safe_value_pa, priority=True)
-        return await self.shows(self.safe_value_pa, priority=True)
+        except ValveError as error:
+            refused = str(error)
+        found = await self.confirmation(self.safe_value_pa, priority=True)
+        if found.confirmed or not refused:
+            return found
+        return replace(found, reason=f"{refused}; {found.reason}")
 
-    async def shows(self, pressure_pa: float, *, reads: int = _SETTLED_READS, priority: bool = False) -> bool:
+    async def shows(self, pressure_pa: float, *, reads: int = _SETTLED_READS) -> bool:
         """Whether the device shows this command within the settling time, so many looks in a row."""
+        return (await self.confirmation(pressure_pa, reads=reads)).confirmed
+
+    async def confirmation(
+        self, pressure_pa: float, *, reads: int = _SETTLED_READS, priority: bool = False
+    ) -> SafeOutcome:
+        """Look whether the device shows this command within the settling time, so many looks in a row.
+
+        Only its output is read: a position or a pressure that cannot be had says nothing about it.
+        """
         fitting, unseen, until_s = 0, 0, time.monotonic() + _SETTLING_S
+        shown_pa, problem = math.nan, ""
         while fitting < reads:
             try:
-                output_pa = (await self.read(priority=priority)).output_pa
-            except EquipmentError:
+                output_pa = await self._eye.output(priority=priority)
+            except EquipmentError as error:
                 unseen += 1  # a look that failed says nothing, neither yes nor no
+                problem = str(error)
             else:
                 fits = abs(output_pa - pressure_pa) <= self.tolerance_pa
-                fitting, unseen = (fitting + 1 if fits else 0), 0
+                fitting, unseen, shown_pa = (fitting + 1 if fits else 0), 0, output_pa
             if fitting < reads:
                 if time.monotonic() > until_s and (fitting == unseen == 0 or unseen >= _UNSEEN_READS):
-                    return False
+                    shows = f"the device shows {shown_pa:g} Pa and not {pressure_pa:g} Pa"
+                    return SafeOutcome(False, shown_pa, problem if unseen else shows)
                 await asyncio.sleep(_READ_PAUSE_S)
-        return True
+        return SafeOutcome(True, shown_pa)
 
     async def pressure_apart(self, within_s: float) -> float:
         """Return the actuator's pressure, Pa, where it is not at the safe value after so long; NaN where it is.

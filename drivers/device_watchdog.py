@@ -37,9 +37,10 @@ class DeviceWatchdog:
         self._heartbeat = round(await self._unit.value(watchdog.heartbeat))
         await self._write(watchdog, timeout_s, run_number, safe_value_pa)
         shown = await self._unit.values(watchdog.timeout, watchdog.state, watchdog.safe_value)
+        timeout = self._unit.map.register(watchdog.timeout)
         if (
             shown[watchdog.state] != watchdog.armed
-            or abs(shown[watchdog.timeout] - timeout_s) > self._unit.map.register(watchdog.timeout).resolution
+            or abs(shown[watchdog.timeout] - timeout.nearest(timeout_s)) > timeout.resolution
             or not abs(shown[watchdog.safe_value] - safe_value_pa) <= self._tolerance_pa
         ):
             raise DeviceError(

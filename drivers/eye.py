@@ -55,6 +55,8 @@ class Eye:
         for unit in wired.units:
             registers = [s.register for s in signals if _device(s.unit) == _device(unit)]
             self._parts.append(_Part(unit, read_blocks(unit, registers)))
+        #: What the output is read by: a block with a check of its own where there is one, otherwise its register alone.
+        self._output_part = _Part(wired.readback.unit, read_blocks(wired.readback.unit, [wired.readback.register]))
         self._gauge = wired.position if isinstance(wired.position, SerialGauge) else None
 
         def found(signal: Signal) -> tuple[int, str]:
@@ -96,6 +98,21 @@ class Eye:
             status=commanded.status,
             supply_pa=math.nan if self._supply is None else commanded.values.get(self._supply, math.nan),
         )
+
+    async def output(self, *, priority: bool = False) -> float:
+        """Read what the commanded device shows as its output, Pa, and nothing of the other devices.
+
+        Raises WireError or DeviceError where it cannot be had.
+        """
+        reading = await self._ask_device(self._output_part, priority)
+        return reading.values[self._output[1]]
+
+    async def stem_m(self) -> float:
+        """Read the position, m, and nothing of the other devices; NaN where it is not valid. Raises as ``look``."""
+        place, name = self._position
+        if self._gauge is not None:
+            return (await self._ask_gauge(self._gauge, False)).values[name]
+        return (await self._ask_device(self._parts[place], False)).values[name]
 
     async def _ask_everybody(self, priority: bool) -> list[_Reading]:
         work: list[Coroutine[Any, Any, _Reading]] = [self._ask_device(part, priority) for part in self._parts]

@@ -11,6 +11,10 @@ class NoAnswerError(WireError):
     """Nothing came before the deadline; a write may or may not have been carried out."""
 
 
+class OtherAnswerError(NoAnswerError):
+    """Nothing came before the deadline but what was no answer to this request: another device's, a torn frame."""
+
+
 class BadAnswerError(WireError):
     """Something came that is no answer to this request."""
 

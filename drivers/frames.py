@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -31,9 +32,8 @@ class Request:
     words: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        if not 1 <= self.device_id <= 247:
-            # 0 is a broadcast: every device on the line obeys and none answers.
-            raise ConfigurationError(f"device id {self.device_id} is outside 1 to 247: correct it in plant.toml")
+        if not 0 <= self.device_id <= 0xFF:  # which of them a line has, its address says
+            raise ConfigurationError(f"device id {self.device_id} is outside 0 to 255: correct it in plant.toml")
         if not 0 <= self.read_count <= MAX_READ_WORDS or len(self.words) > MAX_WRITE_WORDS:
             raise ConfigurationError(
                 f"device {self.device_id}: {self.read_count} words to read and {len(self.words)} to write, one "
@@ -74,27 +74,87 @@ def read_request(device_id: int, table: Table, address: int, count: int) -> Requ
 
 def rtu_answer(request: Request, heard: bytes) -> bytes:
     """Function and data of a serial answer. Raises BadAnswerError unless ``heard`` is that frame and nothing else."""
-    if len(heard) < _RTU_OVERHEAD + 2 or crc16(heard[:-2]) != int.from_bytes(heard[-2:], "little"):
+    if not _is_rtu_frame(heard):
         raise BadAnswerError(f"{request.subject}: {len(heard)} bytes came whose CRC is wrong: check the line")
     if heard[0] != request.device_id:
-        raise BadAnswerError(f"{request.subject}: device {heard[0]} answered instead: check for a second master")
+        raise BadAnswerError(f"{request.subject}: {_other_device(request, heard[0])}")
     return heard[1:-2]
 
 
 def mbap_answer(request: Request, transaction_id: int, heard: bytes) -> bytes:
     """Function and data of the answer with our transaction id among what was heard. Raises BadAnswerError otherwise."""
+    frames = _mbap_frames(heard)
+    for frame in frames:
+        if int.from_bytes(frame[:2], "big") != transaction_id:
+            continue
+        if frame[6] != request.device_id:
+            raise BadAnswerError(f"{request.subject}: {_other_device(request, frame[6])}")
+        return frame[_MBAP_BYTES:]
+    came = _other_frame(request, transaction_id, frames[0]) if frames else f"{len(heard)} bytes came and no whole frame"
+    raise BadAnswerError(f"{request.subject}: {came}")
+
+
+def instead_of_answer(request: Request, transaction_id: int | None, pieces: Sequence[bytes]) -> str:
+    """Return what came where the answer to ``request`` did not, with the remedy; "" where nothing came.
+
+    ``pieces`` are what the line brought, one after the other; ``transaction_id`` is None on a serial line.
+    """
+    whole = b"".join(pieces[-1:])
+    if transaction_id is None:
+        for piece in reversed(pieces):
+            if _is_rtu_frame(piece):
+                return _other_device(request, piece[0]) if piece[0] != request.device_id else _strange(piece[1:-2])
+        due = request.answer_bytes + _RTU_OVERHEAD
+        if 0 < len(whole) < due and whole[0] == request.device_id:
+            return f"{len(whole)} of {due} bytes came: check the line"
+        remedy = "check baud_rate, parity and stop_bits, the line and its ends"
+        return f"{len(whole)} bytes came and no frame whose CRC is right: {remedy}" if whole else ""
+    for piece in pieces:
+        for frame in _mbap_frames(piece):
+            return _other_frame(request, transaction_id, frame)
+    if len(whole) > _MBAP_BYTES and whole[2:4] != b"\x00\x00":
+        return f"{len(whole)} bytes came that are no Modbus/TCP: check host and port, another service may listen there"
+    return f"{len(whole)} of {_MBAP_BYTES + request.answer_bytes} bytes came: check device and network" if whole else ""
+
+
+def _is_rtu_frame(heard: bytes) -> bool:
+    return len(heard) >= _RTU_OVERHEAD + 2 and crc16(heard[:-2]) == int.from_bytes(heard[-2:], "little")
+
+
+def _mbap_frames(heard: bytes) -> list[bytes]:
+    """Whole frames at the beginning of what was heard, headers included."""
+    frames: list[bytes] = []
     rest = heard
     while len(rest) > _MBAP_BYTES:
         length = int.from_bytes(rest[4:6], "big")
         frame, rest = rest[: 6 + length], rest[6 + length :]
         if length < 2 or len(frame) < 6 + length or frame[2:4] != b"\x00\x00":
             break
-        if int.from_bytes(frame[:2], "big") != transaction_id:
-            continue
-        if frame[6] != request.device_id:
-            raise BadAnswerError(f"{request.subject}: device {frame[6]} answered instead: check the gateway")
-        return frame[_MBAP_BYTES:]
-    raise BadAnswerError(f"{request.subject}: no answer carries transaction {transaction_id}: check the gateway")
+        frames.append(frame)
+    return frames
+
+
+def _other_frame(request: Request, transaction_id: int, frame: bytes) -> str:
+    transaction, device_id = int.from_bytes(frame[:2], "big"), frame[6]
+    if transaction != transaction_id:
+        return (
+            f"an answer to transaction {transaction} came, {transaction_id} was asked: the device or gateway gives "
+            "answers to other requests, or a late one: check for a second client, and the firmware"
+        )
+    if device_id != request.device_id:
+        return _other_device(request, device_id)
+    return _strange(frame[_MBAP_BYTES:])
+
+
+def _other_device(request: Request, device_id: int) -> str:
+    return (
+        f"device {device_id} answered, {request.device_id} was asked: correct device_id, or let the device or its "
+        f"gateway answer as {request.device_id}; on a serial line check for a second master"
+    )
+
+
+def _strange(answer: bytes) -> str:
+    return f"an answer to function {answer[0]} came that cannot be read: check that the device speaks Modbus"
 
 
 def checked_words(request: Request, answer: bytes) -> tuple[int, ...]:

@@ -3,61 +3,47 @@
 from __future__ import annotations
 
 import asyncio
-from collections import deque
+import contextlib
+from collections.abc import AsyncIterator
 
 
 class Gate:
-    """A lock with two queues; whoever waits in the priority lane gets it first."""
+    """Two locks of asyncio, which serve in order of arrival and lose no turn by a cancellation.
+
+    Ordinary callers queue at ``_ordinary``, so that one of them at most stands at the bus itself; a stop goes there at
+    once, and that one lets it go first.
+    """
 
     def __init__(self) -> None:
-        self._held = False
-        self._urgent: deque[asyncio.Future[None]] = deque()
-        self._ordinary: deque[asyncio.Future[None]] = deque()
+        self._bus = asyncio.Lock()
+        self._ordinary = asyncio.Lock()
+        self._stops = 0  # that wait for the bus
 
-    def hold(self, *, priority: bool = False) -> Turn:
-        """Return a turn: ``async with`` it, to hold the gate for the length of the block."""
-        return Turn(self, self._urgent if priority else self._ordinary)
-
-    async def acquire(self, lane: deque[asyncio.Future[None]]) -> None:
-        """Wait for the turn in one of the lanes."""
-        if not self._held:
-            self._held = True
-            return
-        turn: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        lane.append(turn)
+    @contextlib.asynccontextmanager
+    async def hold(self, *, priority: bool = False) -> AsyncIterator[None]:
+        """Hold the bus for the length of the block; wait until it is free, with ``priority`` before all others."""
+        await (self._first() if priority else self._in_turn())
         try:
-            await turn
-        except asyncio.CancelledError:
-            if turn.done() and not turn.cancelled():
-                self.release()  # the turn came in the same instant as the cancellation: pass it on
-            else:
-                lane.remove(turn)
-            raise
+            yield
+        finally:
+            self._bus.release()
 
-    def release(self) -> None:
-        """Pass the turn on."""
-        for lane in (self._urgent, self._ordinary):
-            while lane:
-                turn = lane.popleft()
-                if not turn.done():
-                    turn.set_result(None)
-                    return
-        self._held = False
+    @property
+    def stop_waits(self) -> bool:
+        """Whether somebody waits who goes before all others."""
+        return self._stops > 0
 
+    async def _first(self) -> None:
+        self._stops += 1
+        try:
+            await self._bus.acquire()
+        finally:
+            self._stops -= 1
 
-class Turn:
-    """A turn at a gate, as a context."""
-
-    __slots__ = ("_gate", "_lane")
-
-    def __init__(self, gate: Gate, lane: deque[asyncio.Future[None]]) -> None:
-        self._gate = gate
-        self._lane = lane
-
-    async def __aenter__(self) -> None:
-        """Wait for it."""
-        await self._gate.acquire(self._lane)
-
-    async def __aexit__(self, *_: object) -> None:
-        """Pass it on."""
-        self._gate.release()
+    async def _in_turn(self) -> None:
+        async with self._ordinary:
+            await self._bus.acquire()
+            while self._stops:  # one came while this caller waited: it stands next in the lock's own order
+                self._bus.release()
+                await asyncio.sleep(0)  # also one that was cancelled needs a moment to go
+                await self._bus.acquire()

@@ -22,6 +22,10 @@ class StopAskedError(Exception):
     """Somebody asked for the end."""
 
 
+class OldPermissivesError(Exception):
+    """Too much time went by between the permissives and the first write: they must be read again."""
+
+
 class Mover:
     """Moves one valve within the rules; ``stop`` ends whatever is under way."""
 
@@ -31,6 +35,7 @@ class Mover:
         self.device = device
         self.rules = rules
         self.written: Exchange | None = None  # the last step's write; None where it wrote none that was confirmed
+        self.first_before_s = math.inf  # until when the first write may go out, by time.monotonic
         self._stop = stop
         self._rate_pa_per_s = pressure_rate_pa_per_s
 
@@ -54,31 +59,57 @@ class Mover:
         return self._stop.is_set()
 
     async def step(self, pressure_pa: float) -> Sample | None:
-        """Command, look, judge. None where there is no sample to be believed; raises where the test must end.
+        """Look where the last look is old, command, look, judge.
 
-        A stop is heard after every transaction: raises StopAskedError.
+        None where there is no sample to be believed; raises where the test must end. Nothing is commanded where a look
+        that was needed failed. A stop is heard after every transaction: raises StopAskedError. Raises
+        OldPermissivesError where the first write is late.
         """
         device = self.device
         sample: Sample | None = None
-        gone: DeviceError | None = None
         self.written = None
+        if not await self._looked():
+            return None
+        self._require_fresh()
         try:
-            if math.isnan(device.in_force_pa):
-                device.adopt(await device.read())
-                self.require_no_stop()
             self.rules.commanded(pressure_pa)
             self.written = await device.drive(pressure_pa)
             await device.feed_watchdog()
             self.require_no_stop()
             sample = await device.read()
             self.require_no_stop()
-            gone = await self.rules.look_around(sample)
         except EquipmentError as error:
             self.rules.missed(error)
-        fault = self.rules.fault(sample) or gone
+        self._judge(sample)
+        return sample if self.rules.believed else None
+
+    async def _looked(self) -> bool:
+        """Look first where nobody knows what is in force, or the last look is old; False where that look failed."""
+        device, sample = self.device, None
+        unknown = math.isnan(device.in_force_pa)
+        if not (unknown or self.rules.look_is_old):
+            lost = self.rules.permissive_lost()
+            if lost is not None:
+                raise lost
+            return True
+        try:
+            sample = await device.read()
+        except EquipmentError as error:
+            self.rules.missed(error)
+        self.require_no_stop()
+        if sample is not None:
+            device.adopt(sample)
+        self._judge(sample, follows=not unknown)
+        return sample is not None
+
+    def _require_fresh(self) -> None:
+        if not self.device.commanded and time.monotonic() > self.first_before_s:
+            raise OldPermissivesError
+
+    def _judge(self, sample: Sample | None, *, follows: bool = True) -> None:
+        fault = self.rules.fault(sample, follows=follows)
         if fault is not None:
             raise fault
-        return sample if self.rules.believed else None
 
     async def glance(self) -> None:
         """Look between two steps whether the output is still ours; raises where it is, again, somebody else's."""
@@ -93,9 +124,12 @@ class Mover:
         if fault is not None:
             raise fault
 
-    async def ramp_to(self, target_pa: float) -> None:
-        """Go from where the output is to ``target_pa`` at no more than the allowed rate, and see it there."""
-        pressure_pa = await self._present_output_pa()
+    async def ramp_to(self, target_pa: float, from_pa: float | None = None) -> None:
+        """Go from where the output is to ``target_pa`` at no more than the allowed rate, and see it there.
+
+        ``from_pa`` is the output where it was read a moment ago.
+        """
+        pressure_pa = await self._present_output_pa() if from_pa is None else from_pa
         then_s = time.monotonic()
         while pressure_pa != target_pa:
             now_s = time.monotonic()
@@ -107,6 +141,7 @@ class Mover:
             if pressure_pa != target_pa:
                 await self.pause_until(time.monotonic() + _RAMP_PERIOD_S)
         self.require_no_stop()
+        self._require_fresh()
         self.rules.commanded(target_pa)
         await self.device.command(target_pa)
 

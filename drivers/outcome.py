@@ -9,6 +9,7 @@ from enum import StrEnum
 import numpy as np
 import numpy.typing as npt
 
+from drivers.stands_at import StandsAt
 from valve.errors import ValveError
 from valve.recording import Recording
 
@@ -67,11 +68,25 @@ class Ended(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class SafeOutcome:
+    """What became of a valve that was sent to its safe value.
+
+    ``confirmed`` is True only where the device was seen to show the safe value; otherwise ``reason`` says why not.
+    ``output_pa`` is the output that it showed last, Pa, NaN where it showed none. It says nothing of the stem.
+    """
+
+    confirmed: bool
+    output_pa: float = math.nan
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class PlayOutcome:
     """What is left of a test: the recording (None where no sample was taken) and the state of the valve.
 
-    ``safe_confirmed`` is True only where the safe value was read back from the device; ``writes`` counts the write
-    requests that were sent.
+    ``safe_confirmed`` is True only where the safe value was read back from the device, otherwise ``why_unsafe`` says
+    why not; ``writes`` counts the write requests that were sent; ``commanded`` is False only where nothing was sent
+    that can move the valve. ``stands`` is where the last sample showed the valve, as its stem may move on.
     """
 
     recording: Recording | None
@@ -80,3 +95,6 @@ class PlayOutcome:
     error: ValveError | None = None
     notes: tuple[str, ...] = field(default_factory=tuple)
     writes: int = 0
+    commanded: bool = True
+    stands: StandsAt | None = None
+    why_unsafe: str = ""

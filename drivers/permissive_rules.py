@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Final
 
 from drivers.points import Point
-from valve.errors import ConfigurationError
+from valve.errors import ConfigurationError, refuse
+
+_UNREAD_S: Final = (0.2, 10.0)  # less is one slow answer, and more is no interlock
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,14 +28,14 @@ class Contact:
     below: float | None = None
 
     def __post_init__(self) -> None:
-        if not 1 <= self.device_id <= 247:
-            raise ConfigurationError(f"bus {self.bus}: device_id {self.device_id} is outside 1 to 247, correct it")
+        faults, subject = [], f"contact {self.register} on bus {self.bus}"
+        if not 0 <= self.device_id <= 255:
+            faults.append(f"bus {self.bus}: device_id {self.device_id} is outside 0 to 255, correct it")
         if sum(one is not None for one in (self.bit, self.above, self.below)) != 1:
-            raise ConfigurationError(
-                f"contact {self.register} on bus {self.bus}: give exactly one of bit, above and below"
-            )
+            faults.append(f"{subject}: give exactly one of bit, above and below")
         if self.bit is not None and not 0 <= self.bit <= 31:
-            raise ConfigurationError(f"contact {self.register} on bus {self.bus}: bit {self.bit} is outside 0 to 31")
+            faults.append(f"{subject}: bit {self.bit} is outside 0 to 31")
+        refuse(ConfigurationError, faults)
 
     def says(self, value: float) -> bool | None:
         """Whether a value of the register means yes; None where it is no valid value."""
@@ -51,7 +54,8 @@ class PermissiveRules:
 
     ``manual`` shows that the loop is in manual, ``interlock`` that an interlock is active; a map with such bits of its
     own needs neither. ``permit`` demands a permit number of whoever starts a test, which then stands for the manual
-    mode too. ``position_m`` is where a stem can be at all, ``still_m`` how much it may move while it should rest.
+    mode too. ``position_m`` is where a stem can be at all, ``still_m`` how much it may move while it should rest,
+    ``unread_s`` how long a contact or a supply elsewhere may stay unread during a test before it counts as lost.
     """
 
     manual: Contact | None = None
@@ -63,17 +67,26 @@ class PermissiveRules:
     supply_pa: tuple[float, float] | None = None
     position_m: tuple[float, float] | None = None
     still_m: float | None = None
+    unread_s: float = 1.0
 
     def __post_init__(self) -> None:
-        for name, span in (("supply_pa", self.supply_pa), ("position_m", self.position_m)):
-            if span is not None and not span[0] < span[1]:
-                raise ConfigurationError(f"permissives.{name} must rise: give the lower value first")
+        faults = [
+            f"permissives.{name} must rise: give the lower value first"
+            for name, span in (("supply_pa", self.supply_pa), ("position_m", self.position_m))
+            if span is not None and not span[0] < span[1]
+        ]
         if self.still_m is not None and not (math.isfinite(self.still_m) and self.still_m > 0.0):
-            raise ConfigurationError(f"permissives.still_m is {self.still_m:g} m, it must be above 0: correct it")
+            faults.append(f"permissives.still_m is {self.still_m:g} m, it must be above 0: correct it")
+        if not _UNREAD_S[0] <= self.unread_s <= _UNREAD_S[1]:
+            faults.append(
+                f"permissives.unread_s is {self.unread_s:g} s, it must be {_UNREAD_S[0]:g} to {_UNREAD_S[1]:g} s: "
+                "correct it"
+            )
         if self.manual is not None and self.manual_waived:
-            raise ConfigurationError("permissives: manual and manual_waived exclude each other, remove one")
+            faults.append("permissives: manual and manual_waived exclude each other, remove one")
         if self.supply is not None and self.supply_pa is None:
-            raise ConfigurationError("permissives.supply is measured and supply_pa says no limits: give both")
+            faults.append("permissives.supply is measured and supply_pa says no limits: give both")
+        refuse(ConfigurationError, faults)
 
     @property
     def points(self) -> tuple[Point | Contact, ...]:

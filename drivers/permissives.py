@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -41,11 +42,15 @@ class Permissive:
 
 @dataclass(frozen=True, slots=True)
 class Readiness:
-    """All permissives of one valve, the sample that they were judged by and how restless the position was, m."""
+    """All permissives of one valve, the sample that they were judged by and how restless the position was, m.
+
+    ``round_s`` is how long it took to read them once.
+    """
 
     permissives: tuple[Permissive, ...]
     entry: Sample | None = None
     unrest_m: float = math.nan
+    round_s: float = math.nan
 
     def require(self, tag: str) -> None:
         """Raise PermissiveError where one is missing."""
@@ -54,23 +59,28 @@ class Readiness:
 
 def require_met(tag: str, permissives: Iterable[Permissive]) -> None:
     """Raise PermissiveError that names every missing one with its remedy."""
-    missing = [one for one in permissives if one.met is False]
+    missing = missing_words(permissives)
     if missing:
-        reasons = "; ".join(f"{one.name}: {one.value}, {one.limit} is needed: {one.remedy}" for one in missing)
-        raise PermissiveError(f"{tag}: nothing was moved: {reasons}")
+        raise PermissiveError(f"{tag}: nothing was moved: {missing}")
 
 
-async def read_permissives(device: ValveDevice, permit: str | None = None) -> Readiness:
+def missing_words(permissives: Iterable[Permissive]) -> str:
+    """Return every missing one with its value, its limit and its remedy; "" where none is missing."""
+    missing = [one for one in permissives if one.met is False]
+    return "; ".join(f"{one.name}: {one.value}, {one.limit} is needed: {one.remedy}" for one in missing)
+
+
+async def read_permissives(device: ValveDevice, permit: str | None = None, *, owner: int = 0) -> Readiness:
     """Read everything that decides whether this valve may move; nothing is written.
 
-    What cannot be read is a missing permissive with the reason.
+    What cannot be read is a missing permissive with the reason. The run ``owner`` may own the device, 0 is nobody.
     """
     try:
         identity = await device.identify()
         samples = await _looks(device)
         judged = (
             Permissive("device", True, identity, "the device that plant.toml names"),
-            *await _free(device),
+            *await _free(device, owner),
             *await _judged(device, samples, permit),
         )
     except (EquipmentError, ConfigurationError) as error:
@@ -79,14 +89,19 @@ async def read_permissives(device: ValveDevice, permit: str | None = None) -> Re
     return Readiness(judged, samples[-1], _unrest_m(samples))
 
 
-async def judge_entry(device: ValveDevice, permit: str | None) -> Readiness:
-    """Return the same for a device that was identified just now. Raises WireError and DeviceError as they come."""
-    samples = await _looks(device)
+async def judge_entry(device: ValveDevice, permit: str | None, *, feed: bool = False) -> Readiness:
+    """Return the same for a device that was identified just now. Raises WireError and DeviceError as they come.
+
+    ``feed`` where it is ours and its watchdog armed: on a slow line the looks take as long as that waits.
+    """
+    begun_s = time.monotonic()
+    samples = await _looks(device, feed=feed)
     if not math.isfinite(samples[-1].output_pa):
         raise DeviceError(f"{device.tag}: {device.unit.subject} does not show its output: nothing is moved from there")
     if not math.isfinite(samples[-1].position_m):
         raise DeviceError(f"{device.tag}: there is no valid position before the test: check the position sensor")
-    return Readiness(await _judged(device, samples, permit), samples[-1], _unrest_m(samples))
+    judged = await _judged(device, samples, permit)
+    return Readiness(judged, samples[-1], _unrest_m(samples), time.monotonic() - begun_s)
 
 
 async def _judged(device: ValveDevice, samples: Sequence[Sample], permit: str | None) -> tuple[Permissive, ...]:
@@ -102,12 +117,14 @@ async def _judged(device: ValveDevice, samples: Sequence[Sample], permit: str | 
     )
 
 
-async def _looks(device: ValveDevice) -> list[Sample]:
+async def _looks(device: ValveDevice, *, feed: bool = False) -> list[Sample]:
     """Look a few times; a look that fails is left out. Raises the last error where fewer than two came."""
     samples: list[Sample] = []
     problem: EquipmentError | None = None
     for _ in range(_LOOKS):
         try:
+            if feed:
+                await device.feed_watchdog()
             samples.append(await device.read())
         except EquipmentError as error:
             problem = error
@@ -147,13 +164,13 @@ async def _own_number(device: ValveDevice) -> list[Permissive]:
     ]
 
 
-async def _free(device: ValveDevice) -> list[Permissive]:
+async def _free(device: ValveDevice, allowed: int) -> list[Permissive]:
     owner = await device.owner()
     if owner is None:
         return []
     value = "nobody" if owner == 0 else f"run {owner}"
     remedy = "wait for the end of that run or for the device's watchdog, or restart the device where that run is dead"
-    return [Permissive("owner", owner == 0, value, "nobody", remedy)]
+    return [Permissive("owner", owner in (0, allowed), value, "nobody", remedy)]
 
 
 async def _manual(device: ValveDevice, sample: Sample, permit: str | None) -> Permissive:
@@ -207,7 +224,7 @@ def _position(device: ValveDevice, samples: Sequence[Sample]) -> list[Permissive
         Permissive("position", plausible, _mm(position_m), limit, "check the position sensor and its scaling"),
         Permissive(
             "stem_at_rest",
-            unrest_m <= still_m,
+            unrest_m <= still_m * (1.0 + 1.0e-9),  # one step of a coarse sensor may be all that is allowed
             f"{_mm(unrest_m)} between looks",
             f"at most {_mm(still_m)}",
             "wait until the stem rests, and check who moves it",
@@ -218,7 +235,8 @@ def _position(device: ValveDevice, samples: Sequence[Sample]) -> list[Permissive
 def _output(device: ValveDevice, sample: Sample) -> Permissive:
     low_pa, high_pa = device.wiring.limits.pressure_pa
     slack_pa = 0.05 * (high_pa - low_pa)
-    fits = low_pa - slack_pa <= sample.output_pa <= high_pa + slack_pa
+    # A read-back may show what cannot be commanded: then no ramp could begin there, and no "entry" be gone back to.
+    fits = low_pa - slack_pa <= sample.output_pa <= high_pa + slack_pa and device.takes(sample.output_pa)
     limit = f"{_kpa(low_pa)} to {_kpa(high_pa)}"
     remedy = "bring the output inside limits.pressure_pa, or correct the limits"
     return Permissive("output", fits, _kpa(sample.output_pa), limit, remedy)

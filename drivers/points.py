@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from valve.errors import ConfigurationError
+from valve.errors import ConfigurationError, refuse
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,10 +25,14 @@ class Point:
     readback_register: str | None = None
 
     def __post_init__(self) -> None:
-        # 0 would be a broadcast: every valve on the line would move.
-        if self.device_id is not None and not 1 <= self.device_id <= 247:
-            raise ConfigurationError(f"bus {self.bus}: device_id {self.device_id} is outside 1 to 247, correct it")
+        faults = []
+        if self.device_id is not None and not 0 <= self.device_id <= 255:  # which of them a bus has, its kind says
+            faults.append(f"bus {self.bus}: device_id {self.device_id} is outside 0 to 255, correct it")
         if (self.device_id is None) != (self.map is None):
-            raise ConfigurationError(f"bus {self.bus}: device_id and map belong together, give both or (gauge) none")
+            faults.append(f"bus {self.bus}: device_id and map belong together, give both or (gauge) none")
         if (self.signal is None) != (self.quantity is None):
-            raise ConfigurationError(f"bus {self.bus}: signal and quantity belong together, give both or none")
+            faults.append(f"bus {self.bus}: signal and quantity belong together, give both or none")
+        for name, ends in (("signal", self.signal), ("quantity", self.quantity)):
+            if ends is not None and ends[0] == ends[1]:
+                faults.append(f"bus {self.bus}: {name} is {ends[0]:g} to {ends[1]:g}, its ends must differ: correct it")
+        refuse(ConfigurationError, faults)

@@ -38,7 +38,8 @@ class RegisterMap:
     """What one kind of device keeps where. ``source`` cites the manual page.
 
     ``roles`` names the register that serves a role where the wiring names none; ``readbacks`` tells for a command
-    register where the device shows what it really asks for. Raises ConfigurationError where registers overlap, share
+    register where the device shows what it really asks for, ``statuses`` for a measured one where the device says by 0
+    that it is a measurement. Raises ConfigurationError where registers overlap, share
     a name, or a name stands for none.
     """
 
@@ -50,6 +51,7 @@ class RegisterMap:
     version: Canary | None = None
     roles: Mapping[Role, str] = field(default_factory=dict)
     readbacks: Mapping[str, str] = field(default_factory=dict)
+    statuses: Mapping[str, str] = field(default_factory=dict)
     fence: Fence | None = None
     watchdog: Watchdog | None = None
     live: LiveBlock | None = None
@@ -74,7 +76,9 @@ class RegisterMap:
                     )
         mentioned = [check.register for check in (self.canary, self.version) if check is not None]
         mentioned += [] if self.number is None else [self.number]
-        for name in (*mentioned, *self.roles.values(), *self.readbacks, *self.readbacks.values()):
+        for pairs in (self.readbacks, self.statuses):
+            mentioned += [*pairs, *pairs.values()]
+        for name in (*mentioned, *self.roles.values()):
             self.register(name)
 
     def register(self, name: str) -> Register:

@@ -83,6 +83,21 @@ def bytes_to_words(data: bytes) -> tuple[int, ...]:
 
 
 @dataclass(frozen=True, slots=True)
+class Span:
+    """What a register can hold, in ``unit``: from ``least`` to ``greatest``, every ``step``; 0 for a float."""
+
+    least: float
+    greatest: float
+    step: float
+    unit: str
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        steps = f" in steps of {self.step:.4g}" if self.step > 0.0 else ""
+        return f"{self.least:.12g} to {self.greatest:.12g} {self.unit}{steps}"
+
+
+@dataclass(frozen=True, slots=True)
 class Register:
     """One value in a device: where it stands, how it is written and what it means.
 
@@ -137,16 +152,36 @@ class Register:
         Raises ParameterError where the value cannot be written in this register.
         """
         raw = (value - self.offset) / self.scale
-        low, high = _LIMITS[self.kind] if self.raw_range is None else self.raw_range
         if not math.isfinite(raw):
             raise ParameterError(f"register {self.name}: {value} is not a finite number, give one in {self.unit}")
+        low, high = self._raw_ends
         number = raw if self.kind is Kind.F32 else round(raw)
         if not low <= number <= high:
-            ends = sorted((self.scale * low + self.offset, self.scale * high + self.offset))
-            raise ParameterError(
-                f"register {self.name}: {value:g} {self.unit} is outside {ends[0]:g} to {ends[1]:g} {self.unit}"
-            )
+            span = self.span
+            ends = f"{span.least:g} to {span.greatest:g} {self.unit}"
+            raise ParameterError(f"register {self.name}: {value:g} {self.unit} is outside {ends}")
         return bytes_to_words(_ordered(_STRUCT[self.kind].pack(number), self.word_order))
+
+    def nearest(self, value: float) -> float:
+        """Value in ``unit`` that it holds after ``value`` was written. Raises ParameterError as ``encode``."""
+        return self.decode(self.encode(value))
+
+    def holds(self, value: float) -> bool:
+        """Whether ``value`` in ``unit`` can be written, or shown, to the nearest step."""
+        try:
+            return math.isfinite(self.nearest(value))
+        except ParameterError:
+            return False
+
+    @property
+    def _raw_ends(self) -> tuple[float, float]:
+        return _LIMITS[self.kind] if self.raw_range is None else self.raw_range
+
+    @property
+    def span(self) -> Span:
+        """What it can hold."""
+        least, greatest = sorted(self.scale * end + self.offset for end in self._raw_ends)
+        return Span(least, greatest, self.resolution, self.unit)
 
     @property
     def resolution(self) -> float:
@@ -161,7 +196,7 @@ class Register:
         if self.unit != "A" or self.scale <= 0.0:
             return self
         ends = tuple((end - self.offset) / self.scale for end in _STANDARD_SIGNAL_A)
-        low, high = _LIMITS[self.kind] if self.raw_range is None else self.raw_range
+        low, high = self._raw_ends
         return replace(self, raw_range=(max(low, ends[0]), min(high, ends[1])))
 
     def spanning(self, signal: tuple[float, float], quantity: tuple[float, float], unit: str) -> Register:

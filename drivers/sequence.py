@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import math
 from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import replace
+from typing import TypeVar
 
 from drivers.abort_rules import AbortRules
 from drivers.addresses import Mode, MotionLimits
@@ -15,22 +17,29 @@ from drivers.captured_play import CapturedPlay
 from drivers.course import Course
 from drivers.device import ValveDevice
 from drivers.faults import StandstillError
-from drivers.mover import Mover, StopAskedError
-from drivers.outcome import Ended, PlayOutcome, SampleBlock
+from drivers.mover import Mover, OldPermissivesError, StopAskedError
+from drivers.outcome import Ended, PlayOutcome, SafeOutcome, Sample, SampleBlock
 from drivers.permissive_watch import PermissiveWatch
 from drivers.permissives import Permissive, Readiness, judge_entry
 from drivers.polled_play import PolledPlay
+from drivers.recent import window_s
+from drivers.rest_look import seen_last
 from drivers.waveform_check import check_waveform
-from valve.errors import ConfigurationError, DeviceError, EquipmentError, ValveError, WireError
+from valve.errors import BusyError, ConfigurationError, DeviceError, EquipmentError, PermissiveError, ValveError
 from valve.recording import Provenance
 from valve.waveform import Waveform
 
+_LOG = logging.getLogger(__name__)
+_Result = TypeVar("_Result")
 OnSamples = Callable[[SampleBlock], None]
 OnProgress = Callable[[float, str], None]
 OnReady = Callable[[float, str], Awaitable[None]]
+OnIntent = Callable[[], Awaitable[None]]
 OnPermissives = Callable[[tuple[Permissive, ...]], None]
 
 _FOLLOWED_S = 5.0  # own choice: the slowest published I/P (0.93 s) is there within half of it
+_FRESH_S = 0.5  # that the permissives may be old at the first write, or one round of reading them
+_FRESH_READS = 3
 _RELEASE_ATTEMPTS = 3  # it moves nothing, so it may be repeated
 _PLAY_FROM, _PLAY_TO, _POLLED_TO = 0.05, 0.8, 0.95  # shares of the progress
 
@@ -48,14 +57,18 @@ async def play_sequence(
     limits: MotionLimits,
     provenance: Provenance,
     on_ready: OnReady | None = None,
+    on_intent: OnIntent | None = None,
     permit: str | None = None,
     on_permissives: OnPermissives = lambda _: None,
 ) -> PlayOutcome:
     """Play ``waveform`` on a valve and record it.
 
     Everything that can be refused is refused before anything moves, as a ValveError: the waveform against the limits,
-    the device's identity, its permissives (``on_permissives`` hears them, met or not), its owner, its watchdog.
-    ``on_ready`` is awaited with the output at entry (Pa) and the device's name before the first write. From the first
+    the device's identity, its permissives (``on_permissives`` hears them, met or not), its owner, its watchdog. The
+    permissives are read once more when all that takes time is done, and the first write follows at once.
+    ``on_ready`` is awaited with the output at entry (Pa) and the device's name before the first write, ``on_intent``
+    when the device is ours and before the first write that can move the valve: it must be on disk when that returns.
+    ``device.commanded`` tells, also where this raises, whether such a write went out. From the first
     move on every end is an outcome: the valve is sent to its safe value, this is read back, and nothing but the
     release is written afterwards; where it is not confirmed the watchdog stays armed. A cancelled caller gets the
     same, then the cancellation.
@@ -78,6 +91,7 @@ async def play_sequence(
         on_samples=on_samples,
         on_progress=on_progress,
         limits=limits,
+        permitted=device.wiring.permissives.permit and bool(permit),
     )
     on_progress(0.0, "checking")
     identity = await device.identify()
@@ -92,7 +106,7 @@ async def play_sequence(
         await buffer.check(play.course)
     if on_ready is not None:
         await on_ready(entry.output_pa, identity)
-    await _take(device, run_number)
+    await _take(device, run_number, on_intent)
     about = replace(
         provenance,
         tag=device.tag,
@@ -100,33 +114,60 @@ async def play_sequence(
         device=identity,
         requested_period_s=period_s,
     )
-    return await play.run(about, readiness, permitted=device.wiring.permissives.permit and bool(permit))
+    return await play.run(about, entry, permit)
 
 
-async def _take(device: ValveDevice, run_number: int) -> None:
+async def _take(device: ValveDevice, run_number: int, on_intent: OnIntent | None) -> None:
     try:
         await device.take_ownership(run_number)
         await device.arm_watchdog()
-    except (WireError, DeviceError, asyncio.CancelledError):
+        if on_intent is not None:
+            await on_intent()
+    except BusyError:
+        raise  # it is another run's: there is nothing to give back
+    except BaseException as error:
         # Also a take whose answer was lost may have been carried out: nobody else could have the device then.
-        await _to_the_end(_released(device, run_number))
+        kept = await _to_the_end(_released(device, run_number))
+        if kept and isinstance(error, ValveError):
+            raise DeviceError(f"{error}; {device.unit.subject} may stay with run {run_number}: {kept}") from error
         raise
 
 
-async def _released(device: ValveDevice, run_number: int) -> None:
+async def _released(device: ValveDevice, run_number: int) -> str:
+    """Give a device back; return why that failed, "" where it did not."""
+    reason = ""
     for _ in range(_RELEASE_ATTEMPTS):
-        with contextlib.suppress(EquipmentError):
+        try:
             await device.release(run_number)
-            return
+        except EquipmentError as error:
+            reason = str(error)
+        else:
+            return ""
+    _LOG.error("%s: the device was not released: %s", device.tag, reason)
+    return reason
 
 
-async def _to_the_end(work: Coroutine[None, None, None]) -> None:
-    """Do what must be done also for a caller that is cancelled, and cancelled again."""
+async def _over(watching: asyncio.Future[None]) -> None:
+    """Wait for the last reading of a watch that was told to end; what fails in it was judged as not read."""
+    with contextlib.suppress(Exception):
+        await watching
+
+
+async def _to_the_end(work: Coroutine[None, None, _Result], on_cancelled: Callable[[], None] = lambda: None) -> _Result:
+    """Do what must be done also for a caller that is cancelled, and cancelled again; return what came of it.
+
+    ``on_cancelled`` is called where it is. The cancellation goes no further: the caller raises it, or what it was for
+    is done.
+    """
     task = asyncio.ensure_future(work)
     while not task.done():
-        with contextlib.suppress(asyncio.CancelledError):
+        try:
             await asyncio.shield(task)
-    task.result()
+        except asyncio.CancelledError:
+            on_cancelled()
+        except Exception:  # noqa: BLE001  - it stands in the task, and is raised below
+            break
+    return task.result()
 
 
 class _Play:
@@ -143,6 +184,7 @@ class _Play:
         on_samples: OnSamples,
         on_progress: OnProgress,
         limits: MotionLimits,
+        permitted: bool,
     ) -> None:
         self.course = course = Course(waveform, period_s)
         self._device = device
@@ -158,34 +200,57 @@ class _Play:
             self._captured = CapturedPlay(buffer, course, on_samples, self._tell)
         self._polled = PolledPlay(course, on_samples, self._tell)
         self._notes: list[str] = []
-        self._readiness = Readiness(())
-        self._watch: PermissiveWatch | None = None
+        self._stop = stop
+        self._watch = PermissiveWatch(device, permitted=permitted, within_s=window_s(period_s))
 
     def _tell(self, share: float) -> None:
         low, high, phase = self._phase
         self._on_progress(low + (high - low) * share, phase)
 
-    async def run(self, provenance: Provenance, readiness: Readiness, *, permitted: bool) -> PlayOutcome:
-        """Move, make safe, fetch, let go."""
-        self._readiness, self._watch = readiness, PermissiveWatch(self._device, permitted=permitted)
+    async def run(self, provenance: Provenance, entry: Sample, permit: str | None) -> PlayOutcome:
+        """Move, make safe, fetch, let go; ``entry`` is how the valve stood when its safe value was chosen."""
+        watching = asyncio.ensure_future(self._watch.run())
         try:
-            ended, error = await self._move()
-            safe = ended is Ended.COMPLETED and await self._device.shows(self._device.safe_value_pa)
-            safe = safe or await self._device.go_safe()
-            if self._captured is not None and safe:
+            ended, error = await self._move(entry, permit)
+        except BaseException:
+            # A cancelled caller, a full disk under on_samples, a fault of ours: the valve goes to safe all the same.
+            await _to_the_end(self._abandon(watching))
+            raise
+        # From here on a cancellation is heard as a stop: neither what was recorded nor how the valve stands is lost.
+        return await _to_the_end(self._rest(ended, error, provenance, watching), self._stop.set)
+
+    async def _rest(
+        self, ended: Ended, error: ValveError | None, provenance: Provenance, watching: asyncio.Future[None]
+    ) -> PlayOutcome:
+        """See the valve at its safe value, fetch, let go."""
+        device = self._device
+        self._watch.end()
+        try:
+            safe = SafeOutcome(False)
+            if ended is Ended.COMPLETED:
+                safe = await device.confirmation(device.safe_value_pa)
+            if not safe.confirmed:
+                safe = await device.go_safe()
+            if safe.confirmed:
+                self._on_progress(self._phase[1], "at its safe value")  # whoever stopped it waits for nothing else
+            if self._captured is not None and safe.confirmed:
                 ended, error = await self._fetch(self._captured, ended, error)
             played = self._polled if self._captured is None else self._captured
             # In a thread: tests that end together would hold up the valves that still move for 20 ms.
             recording = await asyncio.to_thread(played.recording, provenance)
         except BaseException:
-            # A cancelled caller, a full disk under on_samples, a fault of ours: the valve goes to safe all the same.
-            await _to_the_end(self._abandon())
+            await self._abandon(watching)
             raise
         safe = await self._let_go(safe)
-        if safe and ended is Ended.FAILED:
+        confirmed = safe.confirmed
+        await _over(watching)
+        if confirmed and ended is Ended.FAILED:
             error = await self._told_without_effect(error)
         self._on_progress(1.0, "ended")
-        return PlayOutcome(recording, ended, safe, error, tuple(self._notes), self._device.writes)
+        stands = seen_last(device, confirmed=confirmed)
+        return PlayOutcome(
+            recording, ended, confirmed, error, tuple(self._notes), device.writes, device.commanded, stands, safe.reason
+        )
 
     async def _told_without_effect(self, error: ValveError | None) -> ValveError | None:
         """Return the error, with the pressure where it does not follow the device to the safe value.
@@ -202,36 +267,84 @@ class _Play:
                 )
         return error
 
-    async def _abandon(self) -> None:
-        await self._let_go(await self._device.go_safe())
+    async def _abandon(self, watching: asyncio.Future[None]) -> None:
+        """Make safe and let go; a valve to which nothing was sent stays as it is."""
+        self._watch.end()
+        if self._device.commanded:
+            safe = await self._device.go_safe()
+            if not safe.confirmed:
+                _LOG.error("%s: safe state not confirmed: %s", self._device.tag, safe.reason)
+            await self._let_go(safe)
+        else:
+            await _released(self._device, self._device.run_number)
+        await _over(watching)
 
-    async def _let_go(self, safe: bool) -> bool:
+    async def _let_go(self, safe: SafeOutcome) -> SafeOutcome:
         """Write for the last time. A valve that is not known to be safe keeps its watchdog.
 
         Where a fence closed behind the last write, what is read then is final, and is returned.
         """
         device = self._device
-        if not safe:
-            self._notes.append("the safe value was not read back: the device's watchdog stays armed")
-            return False
-        try:
-            await device.release()
-        except EquipmentError as error:
-            self._notes.append(f"the device was not released: {error}")
-            return True
-        if device.unit.map.fence is None or await device.shows(device.safe_value_pa, reads=1):
-            return True
-        self._notes.append("after the release the device no longer shows the safe value: a late write reached it")
-        return False
+        if not safe.confirmed:
+            self._notes.append(f"the safe value was not read back ({safe.reason}): the device's watchdog stays armed")
+            return safe
+        kept = await _released(device, device.run_number)
+        if kept:
+            self._notes.append(f"the device was not released: {kept}")
+            return safe
+        if device.unit.map.fence is None:
+            return safe
+        final = await device.confirmation(device.safe_value_pa, reads=1)
+        if not final.confirmed:
+            self._notes.append(
+                "after the release the device no longer shows the safe value, as where a late write reached it: "
+                f"{final.reason}"
+            )
+        return final
 
-    async def _move(self) -> tuple[Ended, ValveError | None]:
-        try:
-            if self._captured is not None:
-                self._on_progress(0.005, "handing over")
-                await self._captured.hand_over(self._mover)
+    async def _ready(self, entry: Sample, permit: str | None) -> Readiness:
+        """Read the permissives that the first write follows.
+
+        Raises PermissiveError where one does not hold any more, or the safe value at entry is no longer that.
+        """
+        device = self._device
+        self._mover.require_no_stop()
+        readiness = await judge_entry(device, permit, feed=True)
+        readiness.require(device.tag)
+        now = readiness.entry
+        assert now is not None  # judge_entry raises where there is none
+        away_pa = abs(now.output_pa - entry.output_pa)
+        if device.wiring.safe_value_pa == "entry" and away_pa > device.tolerance_pa:
+            raise PermissiveError(
+                f"{device.tag}: nothing was moved: the output at entry is the safe value, and it went from "
+                f"{entry.output_pa:g} to {now.output_pa:g} Pa meanwhile: check who commands the valve, then start again"
+            )
+        self._mover.require_no_stop()
+        self._rules.begin(now, readiness.unrest_m, self._watch)
+        self._mover.first_before_s = now.sent_s + max(_FRESH_S, readiness.round_s)
+        return readiness
+
+    async def _begin(self, entry: Sample, permit: str | None) -> None:
+        """Hand over what the device plays by itself, then go to the waveform's start by permissives that are fresh."""
+        if self._captured is not None:
+            self._on_progress(0.005, "handing over")
+            await self._captured.hand_over(self._mover)
+        for _ in range(_FRESH_READS):
+            now = (await self._ready(entry, permit)).entry
             self._on_progress(0.01, "ramping")
-            self._rules.begin(self._readiness.entry, self._readiness.unrest_m, self._watch)
-            await self._mover.ramp_to(float(self._waveform.pressure_pa[0]))
+            try:
+                await self._mover.ramp_to(float(self._waveform.pressure_pa[0]), None if now is None else now.output_pa)
+            except OldPermissivesError:
+                continue
+            return
+        raise PermissiveError(
+            f"{self._device.tag}: nothing was moved: the permissives were older than {_FRESH_S:g} s before the first "
+            f"write, {_FRESH_READS} times: this machine or the bus is too busy, start again"
+        )
+
+    async def _move(self, entry: Sample, permit: str | None) -> tuple[Ended, ValveError | None]:
+        try:
+            await self._begin(entry, permit)
             await (self._polled if self._captured is None else self._captured).play(self._mover)
             self._on_progress(self._phase[1], "returning")
             await self._mover.ramp_to(self._device.safe_value_pa)
@@ -241,6 +354,8 @@ class _Play:
             await self._ramp_back()
             return Ended.FAILED, error
         except ValveError as error:
+            if not self._device.commanded:
+                raise  # nothing was moved, and nothing will be
             return Ended.FAILED, error
         return Ended.COMPLETED, None
 

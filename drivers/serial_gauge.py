@@ -17,6 +17,7 @@ import serial
 from drivers.addresses import GaugeAddress
 from drivers.faults import BadAnswerError, ConnectionLostError, NoAnswerError
 from drivers.gate import Gate
+from drivers.serial_port import why_not_opened
 from valve.errors import ConfigurationError, WireError
 from valve.units import SI_FACTORS
 
@@ -103,9 +104,8 @@ class SerialGauge:
                 exclusive=True,
             )
         except (OSError, ValueError, termios.error) as error:
-            raise ConnectionLostError(
-                f"bus {self.name}: {address.serial_port} cannot be opened ({error}): check the port and its settings"
-            ) from error
+            reason = why_not_opened(address.serial_port, error)
+            raise ConnectionLostError(f"bus {self.name}: {address.serial_port} cannot be opened: {reason}") from error
 
     def _close(self) -> None:
         line, self._line = self._line, None

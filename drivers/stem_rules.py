@@ -9,6 +9,7 @@ from typing import Final
 from drivers.addresses import ValveWiring
 from drivers.faults import FrozenSensorError, NoBreakawayError
 from drivers.outcome import Sample
+from drivers.recent import WINDOW_S, Recent
 from valve.errors import DeviceError
 
 _BREAKAWAY_SHARE: Final = 0.95  # of the limits' span; a stem with 90 % of dead band still moves in a whole stroke
@@ -29,13 +30,15 @@ _SPIKES: Final = 3
 _SPIKES_WITHIN_S: Final = 2.0
 _STRUCK_SHARE: Final = 0.05  # of the limits' span between two looks and off the ramp so far: a step of the pressure
 _RINGS_S: Final = 4.0  # after a step a stem with next to no friction swings for so long; F_v of 3 N*s/m on 1.4 kg does
-_OUTSIDE: Final = 3  # looks in a row
+_OUTSIDE: Final = 3  # looks within a window
+_OFF_BAND: Final = 2  # the same
 
 
 class StemRules:
     """Watches the position and the pressure of one test."""
 
-    def __init__(self, wiring: ValveWiring) -> None:
+    def __init__(self, wiring: ValveWiring, within_s: float = WINDOW_S) -> None:
+        self._within_s = within_s
         limits = wiring.limits
         self._tag = wiring.tag
         self._span_pa = limits.pressure_pa[1] - limits.pressure_pa[0]
@@ -55,7 +58,8 @@ class StemRules:
         self._asked: tuple[float, float] = (math.inf, -math.inf)  # the output, since then
         self._behind_pa, self._behind_s = math.nan, -math.inf  # the output behind the slowest I/P
         self._outputs: tuple[float, float] = (math.inf, -math.inf)  # since the pressure moved last
-        self._same = self._outside = self._off_band = 0
+        self._same = 0
+        self._outside, self._off_band = Recent(_OUTSIDE, self._within_s), Recent(_OFF_BAND, self._within_s)
         self._enough_s = self._unfollowed_s = math.inf  # since when the pressure, or the output, changed by enough
         self._recent: deque[tuple[float, float, float]] = deque(maxlen=3)  # time, position, pressure
         self._spikes_s: deque[float] = deque(maxlen=_SPIKES)
@@ -85,16 +89,14 @@ class StemRules:
         position_m = sample.position_m
         if self._range_m is not None:
             outside = not self._range_m[0] <= position_m <= self._range_m[1]
-            self._outside = self._outside + 1 if outside else 0
-            if self._outside >= _OUTSIDE:
+            if outside and self._outside.note(sample.sent_s):
                 return DeviceError(
                     f"{self._tag}: position {position_m:g} m is outside {self._range_m[0]:g} to {self._range_m[1]:g} m,"
                     " where no stem can be: check the position sensor and its scaling"
                 )
         if self._band_m is not None and math.isfinite(self._entry_m):
             away_m = abs(position_m - self._entry_m)
-            self._off_band = self._off_band + 1 if away_m > self._band_m else 0
-            if self._off_band > 1:
+            if away_m > self._band_m and self._off_band.note(sample.sent_s):
                 return DeviceError(
                     f"{self._tag}: the stem is {away_m:g} m from where it stood before the test, limits.band_m allows "
                     f"{self._band_m:g} m: choose a smaller range"

@@ -10,7 +10,6 @@ import asyncio
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
 
 from drivers.addresses import RtuAddress, TcpAddress, TlsAddress
 from drivers.connection import Connection
@@ -30,8 +29,6 @@ from drivers.frames import (
 from drivers.gate import Gate
 from drivers.registers import Block, Table
 from valve.errors import DeviceError, WireError
-
-_CANARY_ATTEMPTS: Final = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +79,14 @@ class Transport:
     def name(self) -> str:
         """Name of the bus in the configuration."""
         return self.address.name
+
+    @property
+    def lost_answer_s(self) -> float:
+        """Longest time that one lost answer costs, s: its deadline, and what a serial line is left alone for then."""
+        address = self.address
+        if isinstance(address, RtuAddress):
+            return 2.0 * max(address.worst_latency_s, address.timeout_s)
+        return address.timeout_s
 
     async def open(self) -> None:
         """Connect. Raises ConnectionLostError where that fails within the deadline."""
@@ -145,22 +150,21 @@ class Transport:
     # ---- recovery
 
     async def _recover(self, request: Request) -> None:
-        """Make the bus trustworthy again. Raises WireError where it is not within the deadlines."""
+        """Make the bus trustworthy again, by one attempt. Raises WireError where it is not, within its deadlines.
+
+        Whoever asks next makes the next attempt: a stop that waits for the bus waits for one opening at most.
+        """
         self.recoveries += 1
-        for _ in range(_CANARY_ATTEMPTS):
-            doubt = self._doubt or _Doubt(request, self._connection.sent_s)
-            self._doubt = doubt
-            if not (isinstance(self.address, RtuAddress) and self._connection.is_open):
-                await self._connection.open()
-            if isinstance(self.address, RtuAddress):
-                await self._drain(doubt.sent_s + self.address.worst_latency_s)
-            try:
-                if await self._canary_sings(request, doubt.request):
-                    self._doubt = None
-                    return
-            except BadAnswerError:
-                continue
-        raise BadAnswerError(f"bus {self.name}: answers keep coming that nobody asked for: check for a second master")
+        self._doubt = doubt = self._doubt or _Doubt(request, self._connection.sent_s)
+        if not (isinstance(self.address, RtuAddress) and self._connection.is_open):
+            await self._connection.open()
+        if isinstance(self.address, RtuAddress):
+            await self._drain(doubt.sent_s + self.address.worst_latency_s)
+        if not await self._canary_sings(request, doubt.request):
+            raise BadAnswerError(
+                f"bus {self.name}: an answer came that nobody asked for: check for a second master, and device_id"
+            )
+        self._doubt = None
 
     async def _canary_sings(self, request: Request, doubtful: Request) -> bool:
         canary = self._canaries.get(request.device_id)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Final, TypeVar
 
-from drivers.addresses import ValveWiring
+from drivers.addresses import MotionLimits, ValveWiring
 from drivers.capabilities import Role
 from drivers.maps import register_map
 from drivers.permissive_rules import Contact, PermissiveRules
@@ -14,9 +15,12 @@ from drivers.register_map import RegisterMap
 from drivers.registers import MAX_READ_WORDS, Block, Register, Table
 from drivers.serial_gauge import SerialGauge
 from drivers.transport import Exchange, Transport
-from valve.errors import ConfigurationError
+from valve.errors import ConfigurationError, refuse
 
 Bus = Transport | SerialGauge
+_Found = TypeVar("_Found")
+
+_TOLERANCE_SHARE: Final = 1.0e-3  # of the pressure limits' span: an output card's own resolution
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,6 +86,14 @@ class Wired:
     interlock: WiredContact | None = None
     supply: Signal | None = None
 
+    def tolerance_pa(self, limits: MotionLimits) -> float:
+        """By how much a command and what the device shows of it may differ, Pa."""
+        return max(
+            _TOLERANCE_SHARE * (limits.pressure_pa[1] - limits.pressure_pa[0]),
+            2.0 * self.command.register.resolution,
+            2.0 * self.readback.register.resolution,
+        )
+
     @property
     def units(self) -> tuple[Unit, ...]:
         """Every device that the valve is wired to, once, the one that is commanded first."""
@@ -100,6 +112,9 @@ def _unit(tag: str, point: Point, buses: Mapping[str, Bus]) -> Unit | SerialGaug
         return bus
     if point.device_id is None or point.map is None:
         raise ConfigurationError(f"{tag}: bus {point.bus} is Modbus, give device_id and map of the device")
+    fault = bus.address.device_id_fault(point.device_id)
+    if fault:
+        raise ConfigurationError(f"{tag}: bus {point.bus}: {fault}")
     return Unit(bus, point.device_id, register_map(point.map))
 
 
@@ -144,52 +159,73 @@ def _commanded(tag: str, unit: Unit, point: Point) -> tuple[Signal, Signal]:
 
 
 def wire(wiring: ValveWiring, buses: Mapping[str, Bus]) -> Wired:
-    """Find what ``wiring`` names. Raises ConfigurationError where it names nothing or contradicts itself."""
-    tag = wiring.tag
-    unit = _unit(tag, wiring.command, buses)
+    """Find what ``wiring`` names. Raises ConfigurationError, a line each, where it names nothing or contradicts itself.
+
+    Nothing is opened or sent.
+    """
+    tag, rules, faults = wiring.tag, wiring.permissives, list[str]()
+
+    def found(make: Callable[[], _Found]) -> _Found | None:
+        try:
+            return make()
+        except ConfigurationError as error:
+            faults.append(str(error))
+            return None
+
+    command = found(lambda: _command(tag, wiring.command, buses))
+    own = None if command is None else command[0].unit
+    position = found(lambda: _position(wiring, own, buses))
+    pressure = found(lambda: _pressure(wiring, own, buses))
+    manual = found(lambda: _contact(tag, rules.manual, buses))
+    interlock = found(lambda: _contact(tag, rules.interlock, buses))
+    supply = found(lambda: _supply(tag, rules, buses))
+    refuse(ConfigurationError, faults)
+    assert command is not None  # each None was refused above
+    assert position is not None
+    return Wired(*command, position, pressure, manual, interlock, supply)
+
+
+def _modbus(tag: str, point: Point, buses: Mapping[str, Bus], lacks: str) -> Unit:
+    unit = _unit(tag, point, buses)
     if isinstance(unit, SerialGauge):
-        raise ConfigurationError(f"{tag}: bus {unit.name} is a gauge, it commands nothing")
-    command, readback = _commanded(tag, unit, wiring.command)
-    position: Signal | SerialGauge
+        raise ConfigurationError(f"{tag}: bus {unit.name} is a gauge, it {lacks}")
+    return unit
+
+
+def _command(tag: str, point: Point, buses: Mapping[str, Bus]) -> tuple[Signal, Signal]:
+    return _commanded(tag, _modbus(tag, point, buses, "commands nothing"), point)
+
+
+def _position(wiring: ValveWiring, own: Unit | None, buses: Mapping[str, Bus]) -> Signal | SerialGauge | None:
     if wiring.position is None:
-        own = Point(wiring.command.bus, wiring.command.device_id, wiring.command.map)
-        position = _measured(tag, Role.POSITION, unit, own, "m")
-    else:
-        other = _unit(tag, wiring.position, buses)
-        if isinstance(other, SerialGauge):
-            position = other
-        else:
-            position = _measured(tag, Role.POSITION, other, wiring.position, "m")
-    pressure: Signal | None = None
+        point = Point(wiring.command.bus, wiring.command.device_id, wiring.command.map)
+        return None if own is None else _measured(wiring.tag, Role.POSITION, own, point, "m")
+    unit = _unit(wiring.tag, wiring.position, buses)
+    if isinstance(unit, SerialGauge):
+        return unit
+    return _measured(wiring.tag, Role.POSITION, unit, wiring.position, "m")
+
+
+def _pressure(wiring: ValveWiring, own: Unit | None, buses: Mapping[str, Bus]) -> Signal | None:
     if wiring.pressure is not None:
-        other = _unit(tag, wiring.pressure, buses)
-        if isinstance(other, SerialGauge):
-            raise ConfigurationError(f"{tag}: bus {other.name} is a gauge, it measures no pressure")
-        pressure = _measured(tag, Role.PRESSURE, other, wiring.pressure, "Pa")
-    elif unit.map.live is not None and Role.PRESSURE in unit.map.roles:
-        pressure = Signal(unit, unit.map.register(unit.map.roles[Role.PRESSURE]))
-    return Wired(command, readback, position, pressure, *_conditions(tag, wiring.permissives, buses))
+        unit = _modbus(wiring.tag, wiring.pressure, buses, "measures no pressure")
+        return _measured(wiring.tag, Role.PRESSURE, unit, wiring.pressure, "Pa")
+    if own is None or own.map.live is None or Role.PRESSURE not in own.map.roles:
+        return None
+    return Signal(own, own.map.register(own.map.roles[Role.PRESSURE]))
 
 
-def _conditions(
-    tag: str, rules: PermissiveRules, buses: Mapping[str, Bus]
-) -> tuple[WiredContact | None, WiredContact | None, Signal | None]:
-    """Find where manual mode, interlock and air supply are shown, as far as the rules name a place."""
-    supply: Signal | None = None
-    if rules.supply is not None:
-        unit = _unit(tag, rules.supply, buses)
-        if isinstance(unit, SerialGauge):
-            raise ConfigurationError(f"{tag}: bus {unit.name} is a gauge, it measures no pressure")
-        supply = _measured(tag, Role.SUPPLY, unit, rules.supply, "Pa")
-    return _contact(tag, rules.manual, buses), _contact(tag, rules.interlock, buses), supply
+def _supply(tag: str, rules: PermissiveRules, buses: Mapping[str, Bus]) -> Signal | None:
+    if rules.supply is None:
+        return None
+    unit = _modbus(tag, rules.supply, buses, "measures no pressure")
+    return _measured(tag, Role.SUPPLY, unit, rules.supply, "Pa")
 
 
 def _contact(tag: str, contact: Contact | None, buses: Mapping[str, Bus]) -> WiredContact | None:
     if contact is None:
         return None
-    unit = _unit(tag, Point(contact.bus, contact.device_id, contact.map), buses)
-    if isinstance(unit, SerialGauge):
-        raise ConfigurationError(f"{tag}: bus {unit.name} is a gauge, it has no contact")
+    unit = _modbus(tag, Point(contact.bus, contact.device_id, contact.map), buses, "has no contact")
     unit.map.register(contact.register)
     return WiredContact(unit, contact)
 

@@ -25,8 +25,8 @@ FEWEST_TOGETHER: Final = 8
 class Status(StrEnum):
     """How far an estimate may be trusted as a whole."""
 
-    OK = "ok"  # every parameter that the method can give is there
-    POOR = "poor"  # some are missing; the message says which and why
+    OK = "ok"  # k, F_c and F_s are given, and every interval that is given is meant to hold
+    POOR = "poor"  # one of k, F_c and F_s is missing, or rests on an assumption that the message names
     FAILED = "failed"  # nothing can be told of the friction; the message says why
 
 
@@ -76,6 +76,17 @@ class Outcome(StrEnum):
         "The pressure was not measured and the command stands in for it: the transducer's lag, times the ramp's force "
         "rate, adds to F_c and F_s. Measure the pressure at the actuator."
     )
+    ONE_SPEED = (
+        "The drive moved at one speed, so that F_c holds what of the friction grows with speed: "
+        "repeat at several speeds."
+    )
+    MAY_CREEP = (
+        "No slip jump is seen, and a stem that creeps below DV feels F_s alone: F_c rests on its having moved faster "
+        "than that. Repeat with faster ramps."
+    )
+    OVERSHOOT_ASSUMED = (
+        "The stem only stuck and slipped, and F_c rests on how far a jump may overshoot: repeat with a faster ramp."
+    )
     NO_FORCE_CHANGE = "The actuator's force did not change: check the pressure channel and repeat the test."
     ONE_CHAMBER = (
         "The actuator has no spring and its pressure does not take both signs: give pressure_pa as the difference of "
@@ -92,13 +103,18 @@ class Outcome(StrEnum):
         "What was fitted is no valve (spring rate or friction below 0): "
         "check the channels' signs and units, the diaphragm area and the action."
     )
+    NOT_COMPUTABLE = (
+        "The recording's numbers lead the fit beyond what can be computed: check the channels' units and ranges."
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class ParameterEstimate:
     """One parameter in its SI unit: a value with its interval, or None with the reason in ``note``.
 
-    ``std_error`` holds the scatter and the known systematic errors; ``ci95`` may be None where a method has none.
+    ``std_error`` holds the known errors, also systematic ones; ``ci95`` may be None where a method has none.
+    ``scatter`` is how much the quantity itself varies in the test, as a standard deviation: F_s from breakaway to
+    breakaway, F_c along the travel and in time; None where none is seen.
     """
 
     value: float | None
@@ -106,9 +122,10 @@ class ParameterEstimate:
     ci95: tuple[float, float] | None = None
     identifiable: bool = True
     note: str = ""
+    scatter: float | None = None
 
     def __post_init__(self) -> None:
-        numbers = [self.value, self.std_error, *(self.ci95 or ())]
+        numbers = [self.value, self.std_error, self.scatter, *(self.ci95 or ())]
         if any(number is not None and not math.isfinite(number) for number in numbers):
             raise ValueError(f"parameter estimate {numbers}: every number must be finite, give None instead")
         if (self.value is not None) != self.identifiable:
@@ -125,6 +142,7 @@ class ParameterEstimate:
             "ci95": None if self.ci95 is None else list(self.ci95),
             "identifiable": self.identifiable,
             "note": self.note,
+            "scatter": self.scatter,
         }
 
 

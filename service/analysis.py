@@ -15,10 +15,13 @@ from estimators.samples import position_noise
 from estimators.signature.measure import measure_signature
 from estimators.steps.response import step_figures
 from service.change_note import change_note
+from service.data_faults.fault import DataFault
+from service.data_faults.found import without_data_faults
+from service.data_faults.held_values import widened
+from service.data_faults.vacuum import without_preload, without_preload_cause
 from service.diagnosis import NOT_YET, assess, not_assessed
 from service.driven_force import with_driven_forces
 from service.like_periods import of_like_periods, periods_note
-from service.odd_samples import LeftOut, without_odd_samples
 from service.scale_note import scale_note
 from service.tone_note import tone_note
 from service.zero_note import zero_doubt
@@ -63,9 +66,11 @@ def analyze_recordings(
     joined(recordings)  # they fit together
     read = of_like_periods(recordings)
     as_recorded = joined([recordings[number] for number in read])
-    recordings, left_out = without_odd_samples(recordings)
-    held_out, left_out_there = _without_odd_samples(held_out)
-    left_out += left_out_there
+    recordings, faults = without_data_faults(recordings, nameplate)
+    from_vacuum = any(one.reason == "from_vacuum" for one in faults)
+    reported = next((one for one in faults if one.reason == "exception_report"), None)
+    held_out, faults_there = _without_data_faults(held_out, nameplate)
+    faults += faults_there
     as_cleaned = joined(recordings)
     recordings, driven = with_driven_forces(recordings, nameplate)
     recording = joined([recordings[number] for number in read])
@@ -74,18 +79,23 @@ def analyze_recordings(
     tell(0.1, "estimating")
     motion = read_motion(recording, nameplate)  # what the estimators and the signature begin with
     estimates = estimate_all(recording, nameplate, motion)
-    analysis = {
+    analysis: dict[str, Any] = {
         "schema": SCHEMA,
         "recording": {
             **recording_summary(as_cleaned),
             "sampling": sampling(as_recorded),  # what was left out was not missed
-            "left_out": [one.to_json() for one in left_out],
+            "left_out": [one.left_out_json() for one in faults if one.samples],
+            "remarks": [one.to_json() for one in faults],
         },
         "estimates": [estimate.to_json() for estimate in estimates],
         "discrepancy": not_assessed(NOT_YET),
         "signature": signature(recording, estimates, nameplate, motion),
         "health": {"ne107": None, "reasons": [_NO_HEALTH]},
     }
+    if from_vacuum:
+        analysis = without_preload(analysis)
+    if reported is not None:
+        analysis = widened(analysis, reported, nameplate)
     if held_out:
         tell(_ESTIMATED, "trying the estimates on held-out recordings")
         analysis["held_out"] = [_tried(name, recording, estimates, nameplate) for name, recording in held_out]
@@ -100,10 +110,13 @@ def analyze_recordings(
         accepted=accepted,
         room=room,
         progress=lambda share, phase: tell(_ESTIMATED + (_DIAGNOSED - _ESTIMATED) * share, phase),
+        estimated=recording,
     )
+    if from_vacuum:
+        analysis["discrepancy"] = without_preload_cause(analysis["discrepancy"])
     tell(1.0, "done")
     seen = [
-        *(one.sentence for one in left_out),
+        *(one.sentence for one in faults),
         *driven,
         *(note for note in [periods_note(recordings, read)] if note),
         *_tones(analysis, recordings),
@@ -112,11 +125,11 @@ def analyze_recordings(
     return {**analysis, **_doubted(analysis, nameplate, seen)}
 
 
-def _without_odd_samples(
-    held_out: Sequence[tuple[str, Recording]],
-) -> tuple[list[tuple[str, Recording]], list[LeftOut]]:
+def _without_data_faults(
+    held_out: Sequence[tuple[str, Recording]], nameplate: Nameplate
+) -> tuple[list[tuple[str, Recording]], list[DataFault]]:
     names = [name for name, _ in held_out]
-    cleaned, told = without_odd_samples([one for _, one in held_out], names)
+    cleaned, told = without_data_faults([one for _, one in held_out], nameplate, names)
     return list(zip(names, cleaned, strict=True)), told
 
 

@@ -50,7 +50,8 @@ class AnalysisPool:
     than ``time_limit_s`` fails its job with InternalError and is replaced at the next one. Where that happens after
     the estimates, or the diagnosis takes longer than ``diagnosis_limit_s``, the answer is the estimates alone. Both
     count the worker's processor time.
-    ``command`` starts a process that speaks as ``service.analysis_worker`` does.
+    ``command`` starts a process that speaks as ``service.analysis_worker`` does, ``niceness`` below the service;
+    ``most_rows`` and ``most_memory_bytes`` bound what the recordings of a job may take in all.
     """
 
     def __init__(
@@ -59,10 +60,15 @@ class AnalysisPool:
         time_limit_s: float = 300.0,
         diagnosis_limit_s: float = _DIAGNOSIS_LIMIT_S,
         command: Sequence[str] = WORKER,
+        niceness: int = ANALYSIS,
+        most_rows: int | None = None,
+        most_memory_bytes: int | None = None,
     ) -> None:
         self._time_limit_s = time_limit_s
         self._diagnosis_limit_s = diagnosis_limit_s
         self._command = tuple(command)
+        self._niceness = niceness
+        self._bounds = {"most_rows": most_rows, "most_memory_bytes": most_memory_bytes}
         self._turn = asyncio.Lock()
         self._worker: Process | None = None
         self._ready = False
@@ -109,11 +115,13 @@ class AnalysisPool:
         held_out: Sequence[tuple[str, Path | str]] = (),
         accepted: Mapping[str, Any] | None = None,
         room: Mapping[str, float] | None = None,
+        mapping: Mapping[str, str] | None = None,
     ) -> dict[str, Any]:
         """Return the analysis object of a recording file; ``together``: others of the same valve, analysed with it.
 
         ``held_out`` are the names and files of recordings that are not fitted, ``accepted`` is
-        the valve's extended model where one was accepted, ``room`` what a further test may use.
+        the valve's extended model where one was accepted, ``room`` what a further test may use. ``mapping``, also an
+        empty one, says that the files are as their owners have them, and what their headers leave open.
 
         Raises what reading and analysing it raise, and InternalError where the worker crashed or took too long.
         Cancelling ends the worker.
@@ -124,6 +132,8 @@ class AnalysisPool:
             "nameplate": asdict(nameplate),
             "accepted": None if accepted is None else dict(accepted),
             "room": None if room is None else dict(room),
+            **self._bounds,
+            "mapping": None if mapping is None else dict(mapping),
         }
         async with self._turn:
             try:
@@ -161,7 +171,7 @@ class AnalysisPool:
         )
         with suppress(ProcessLookupError):  # by its owner: loading its libraries alone takes seconds of a core
             own = os.getpriority(os.PRIO_PROCESS, 0)
-            os.setpriority(os.PRIO_PROCESS, self._worker.pid, own + ANALYSIS)  # the system takes 19 for more
+            os.setpriority(os.PRIO_PROCESS, self._worker.pid, own + self._niceness)  # the system takes 19 for more
         _LOG.info("analysis worker started", pid=self._worker.pid)
         return self._worker
 

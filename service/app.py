@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from importlib.metadata import version
 from typing import Final
+from urllib.parse import urlsplit
 
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
@@ -19,6 +20,7 @@ from service.access.needs import OPEN_TO_ALL, rights
 from service.access.principal import Right
 from service.access.routes import router as access_routes
 from service.access.routes import session_router as session_routes
+from service.access.stop_grants import stoppers_known
 from service.analysis_crew import AnalysisCrew
 from service.audit.log import AuditLog
 from service.audit.service_life import note_end, note_start
@@ -28,6 +30,7 @@ from service.errors import install_error_handlers
 from service.head_requests import HeadRequests
 from service.health.routes import router as health_routes
 from service.health.staleness import Staleness
+from service.hosts import Hosts
 from service.meters import Meters
 from service.metrics import router as metrics_routes
 from service.models.routes import router as model_routes
@@ -113,13 +116,18 @@ def create_app(
             if pool is not None:
                 await pool.start()
             await runs.recover()
-            async with mqtt_of(plant, opened, stale) as app.state.mqtt, nights(nightly, plant, opened, runs):
+            async with (
+                mqtt_of(plant, opened, stale) as app.state.mqtt,
+                nights(nightly, plant, opened, runs),
+                stoppers_known(runs.any_under_way, access.note_known),
+            ):
                 yield
         finally:
             await runs.shut_down()
             if precedence is not None:
                 precedence.close()
             await converter.close()
+            access.close()
             await asyncio.to_thread(note_end, audit)
             await app.state.parts.drawer.close()
             if pool is not None:
@@ -135,10 +143,12 @@ def create_app(
         docs_url=None,  # FastAPI's own pages load their scripts from elsewhere
         redoc_url=None,
     )
+    # The last one sees a request first: nobody waits for a turn whose name, size or credentials are refused anyway.
+    app.add_middleware(ReadTurns)
     app.add_middleware(Gate)
     app.add_middleware(BodyLimits)
     app.add_middleware(HeadRequests)
-    app.add_middleware(ReadTurns)
+    app.add_middleware(Hosts, allowed_hosts=_hosts(plant))
     install_error_handlers(app)
     for router in (
         safety_routes,
@@ -169,6 +179,13 @@ def create_app(
     needed = list(rights(app))
     app.openapi = lambda: _openapi(app, needed)  # type: ignore[method-assign]  # the way that FastAPI documents
     return app
+
+
+def _hosts(plant: Plant) -> list[str]:
+    """Return the names that the service answers to beside the loopback's: those configured, its own address's too."""
+    address = plant.gateways.get(plant.service.gateway)
+    named = [] if address is None else [urlsplit(address).hostname or ""]
+    return [host for host in (*plant.service.access.allowed_hosts, *named) if host]
 
 
 def _openapi(app: FastAPI, needed: Sequence[tuple[str, str, Right | None]]) -> dict[str, object]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from drivers.addresses import BusAddress, GaugeAddress
@@ -26,16 +26,23 @@ def make_bus(address: BusAddress) -> Bus:
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """A valve and its buses, taken by one run."""
+    """A valve and its buses, taken by one run.
+
+    Where the valve ``rests``, its buses were given back. ``awaited`` are those that are needed once more, to look at
+    the stem: no scheduled test takes one until then, and nobody does once the look ``is_due``.
+    """
 
     run_id: str
     tag: str
     buses: frozenset[str]
     scheduled: bool = False
+    awaited: frozenset[str] = frozenset()
+    is_due: bool = False
+    rests: bool = False
 
 
 class BusOwners:
-    """Claims of this process, and by ``locks`` of this process among others.
+    """Claims of this process, in memory, and by ``locks`` of this process among others: ``lock`` takes these.
 
     People go first: who was refused because a scheduled test used a bus finds it free afterwards, for a minute.
     """
@@ -47,7 +54,7 @@ class BusOwners:
         self._kept_free: dict[str, float] = {}  # by bus: until when no scheduled test takes it
 
     def claim(self, run_id: str, tag: str, buses: Iterable[str], *, scheduled: bool = False) -> Claim:
-        """Take a valve and its buses. Raises BusyError where one of them is taken, here or by another process."""
+        """Take a valve and its buses in this process. Raises BusyError where one of them is taken here."""
         wanted = Claim(run_id, tag, frozenset(buses), scheduled)
         user, reason = self._in_the_way(wanted)
         if reason:
@@ -58,10 +65,13 @@ class BusOwners:
         if not scheduled:
             for bus in wanted.buses:
                 self._kept_free.pop(bus, None)
-        if self._locks is not None:
-            self._locks.take(wanted.buses)
         self._claims[run_id] = wanted
         return wanted
+
+    async def lock(self, claim: Claim) -> None:
+        """Take the buses of a claim among the processes too. Raises BusyError where another has one."""
+        if self._locks is not None:
+            await self._locks.take_aside(claim.buses)
 
     def why_not_scheduled(self, tag: str, buses: Iterable[str]) -> str:
         """Return why a scheduled test of a valve has to wait now; "" where it may start."""
@@ -73,8 +83,17 @@ class BusOwners:
 
     def _in_the_way(self, wanted: Claim) -> tuple[Claim | None, str]:
         for claim in self._claims.values():
+            if claim.run_id == wanted.run_id:
+                continue
             if claim.tag == wanted.tag:
+                if claim.rests:
+                    return claim, f"its stem may still move after test {claim.run_id}: wait until it was looked at"
                 return claim, f"test {claim.run_id} uses this valve: wait for its end or stop it"
+            goes_first = not wanted.is_due and (
+                wanted.scheduled or claim.is_due
+            )  # two looks do not wait for each other
+            for bus in sorted(claim.awaited & wanted.buses if goes_first else ()):
+                return None, f"on its bus {bus} the stem of {claim.tag} is looked at first: wait some seconds"
             for bus in sorted(claim.buses & wanted.buses):
                 return claim, (
                     f"its bus {bus} is used by test {claim.run_id} of {claim.tag}: wait for its end or stop it"
@@ -85,15 +104,46 @@ class BusOwners:
                     return None, f"its bus {bus} is kept free for somebody who asked for it: people go first"
         return None, ""
 
+    def rest(self, claim: Claim, awaited: Iterable[str]) -> None:
+        """Give the buses back and keep the valve: its stem is to be looked at, on these buses."""
+        held = self._claims.get(claim.run_id)
+        if held is not None:
+            self._claims[claim.run_id] = replace(
+                held, buses=frozenset(), awaited=frozenset(awaited), is_due=False, rests=True
+            )
+            self._give_back(held.buses)
+
+    async def look(self, claim: Claim) -> None:
+        """Take the awaited buses of a valve that rests; they are next. Raises BusyError where one is taken yet."""
+        resting = self._claims[claim.run_id]
+        self._claims[claim.run_id] = resting = replace(resting, is_due=True)
+        looking = replace(resting, buses=resting.awaited, scheduled=False)
+        reason = self._in_the_way(looking)[1]
+        if reason:
+            raise BusyError(f"{claim.tag}: {reason}")
+        self._claims[claim.run_id] = looking
+        try:
+            await self.lock(looking)
+        except BaseException:
+            self._claims[claim.run_id] = resting
+            raise
+
     def release(self, claim: Claim) -> None:
         """Give valve and buses back; nothing happens where it was done already."""
-        if self._claims.pop(claim.run_id, None) is None:
-            return
+        held = self._claims.pop(claim.run_id, None)
+        if held is not None:
+            self._give_back(held.buses)
+
+    def _give_back(self, buses: frozenset[str]) -> None:
         if self._locks is not None:
-            self._locks.give_back(claim.buses)
-        for bus in claim.buses & self._kept_free.keys():
+            self._locks.give_back(buses)
+        for bus in buses & self._kept_free.keys():
             self._kept_free[bus] = self._clock() + COURTESY_S
 
     def holder(self, tag: str) -> str | None:
-        """Return the id of the run that uses this valve, if any."""
+        """Return the id of the run that this valve is kept for, if any."""
         return next((claim.run_id for claim in self._claims.values() if claim.tag == tag), None)
+
+    def tester(self, tag: str) -> str | None:
+        """Return the id of the run that tests this valve, if any: not of one whose stem is only to be looked at."""
+        return next((one.run_id for one in self._claims.values() if one.tag == tag and not one.rests), None)

@@ -2,18 +2,22 @@
 
 The store's own lock keeps a second service off the same store; this one keeps a service with another store, or another
 configuration that names the same line, off a bus that is in use. It holds on one machine: between machines the fence
-of the device does (docs/reference-map.md).
+of the device does (docs/reference-map.md). Services of several users see each other only where the environment names
+one folder for all of them.
 """
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import fcntl
 import hashlib
 import ipaddress
 import os
+import stat
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Iterable, Mapping
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Final
 
@@ -46,8 +50,25 @@ def _one_spelling(host: str) -> str:
 
 
 def lock_folder() -> Path:
-    """Return the folder of the lock files: as the environment says, or the machine's one for temporary files."""
-    return Path(os.environ.get(FOLDER_VARIABLE) or tempfile.gettempdir())
+    """Return the folder of the lock files: as the environment says, or one for this user alone, made where it is not.
+
+    The latter goes by the user alone: one that a login or a service manager gives would not be the same for both.
+    Raises InternalError where somebody else made it, or may write there: what lies in it proves nothing then.
+    """
+    named = os.environ.get(FOLDER_VARIABLE)
+    if named:
+        return Path(named)
+    folder = Path(tempfile.gettempdir()) / f"breakaway-{os.getuid()}"
+    with contextlib.suppress(FileExistsError):
+        folder.mkdir(mode=0o700)
+    found = folder.lstat()
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
+        raise InternalError(
+            f"{folder}: the folder of the bus locks is not this user's alone (owner {found.st_uid}, mode "
+            f"{stat.S_IMODE(found.st_mode):o}), nothing moves without it: remove it, or name another folder for every "
+            f"service of this machine by {FOLDER_VARIABLE}"
+        )
+    return folder
 
 
 class BusLocks:
@@ -69,6 +90,19 @@ class BusLocks:
             self.give_back(taken)
             raise
 
+    async def take_aside(self, buses: Iterable[str]) -> None:
+        """Do the same in a thread: a busy disk, or a folder on a network, must not hold up the valves that move.
+
+        A caller that is cancelled meanwhile holds none.
+        """
+        wanted = [bus for bus in buses if bus not in self._held]
+        taking = asyncio.ensure_future(asyncio.to_thread(self.take, wanted))
+        try:
+            await asyncio.shield(taking)
+        except asyncio.CancelledError:
+            taking.add_done_callback(lambda done: None if done.exception() else self.give_back(wanted))
+            raise
+
     def give_back(self, buses: Iterable[str]) -> None:
         """Give them back; what is not held stays as it is."""
         for bus in buses:
@@ -76,11 +110,11 @@ class BusLocks:
             if descriptor is not None:
                 os.close(descriptor)
 
-    @contextmanager
-    def hold(self, buses: Iterable[str]) -> Iterator[None]:
+    @asynccontextmanager
+    async def hold(self, buses: Iterable[str]) -> AsyncIterator[None]:
         """Hold them for the length of the block. Raises BusyError."""
         wanted = [bus for bus in sorted(buses) if bus not in self._held]
-        self.take(wanted)
+        await self.take_aside(wanted)
         try:
             yield
         finally:
@@ -88,8 +122,10 @@ class BusLocks:
 
 
 def _locked(bus: str, place: str) -> int:
-    path = lock_folder() / f"breakaway-bus-{hashlib.sha256(place.encode()).hexdigest()[:24]}.lock"
+    name = f"breakaway-bus-{hashlib.sha256(place.encode()).hexdigest()[:24]}.lock"
+    path = Path(name)
     try:
+        path = lock_folder() / name
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
     except OSError as error:
         raise InternalError(

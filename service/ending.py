@@ -11,9 +11,10 @@ from datetime import datetime
 from typing import Final
 
 from drivers.outcome import Ended
-from service.runs.acknowledgement import ENDED_KEY, NOT_CONFIRMED, ended_badly, needs_acknowledgement
+from service.runs.acknowledgement import ENDED_KEY, alarm_words, ended_badly, needs_acknowledgement
 from service.runs.run import Run, RunState
 from service.shown_sentences import as_sentence
+from service.stands_words import NOT_CONFIRMED, where_it_stands
 
 _SENT_SAFE: Final = "; the valve was sent to its safe value"
 
@@ -33,13 +34,10 @@ class Ending:
     is_alarm: bool
 
 
-def ending_of(
-    run: Run, *, later: Run | None = None, safe_words: str = "", moment: str = "%Y-%m-%d %H:%M:%S %Z"
-) -> Ending:
+def ending_of(run: Run, *, later: Run | None = None, moment: str = "%Y-%m-%d %H:%M:%S %Z") -> Ending:
     """Return how a finished test without a result ended.
 
-    ``later`` is the newest test of the valve since, ``safe_words`` what its safe value is, ``moment`` how times are
-    written.
+    ``later`` is the newest test of the valve since, ``moment`` how times are written.
     """
     assert run.state.finished
     assert run.analysis is None
@@ -47,7 +45,7 @@ def ending_of(
         _headline(run),
         _course(run, moment),
         _why(run),
-        _stands(run, later, safe_words, moment),
+        _stands(run, later, moment),
         tuple(_steps(run)),
         ended_badly(run),
     )
@@ -58,10 +56,8 @@ def _played_to_its_end(run: Run) -> bool:
 
 
 def _nothing_moved(run: Run) -> bool:
-    """Whether the motion never began: no device was handed over, so none was brought back."""
-    if run.started_at is None:
-        return True
-    return run.safe_confirmed is None and run.motion_ended_at is None and run.state is not RunState.INTERRUPTED
+    """Whether nothing was sent that can move the valve; not so where that was never kept."""
+    return run.commanded is False
 
 
 def _headline(run: Run) -> str:
@@ -90,24 +86,15 @@ def _why(run: Run) -> str:
     return as_sentence(said) or "Nobody said why."
 
 
-def _stands(run: Run, later: Run | None, safe_words: str, moment: str) -> str:
-    value = f", {safe_words}" if safe_words else ""
-    if run.safe_confirmed:
-        said = f"The valve was brought to its safe value{value}, which was read back from its device"
-        said += "." if run.motion_ended_at is None else f" at {_at(run.motion_ended_at, moment)}."
-    elif run.safe_confirmed is False:
-        said = f"{NOT_CONFIRMED}. Its safe value{value} was asked for and not read back: nobody knows where it stands."
-    elif _nothing_moved(run):
-        said = "The valve stands where it stood before: this test moved nothing."
-    else:
-        said = f"Whether the valve is at its safe value{value} is not known: look at it."
+def _stands(run: Run, later: Run | None, moment: str) -> str:
+    said = where_it_stands(run)
     if later is not None:
         said += f" Since then it was asked for again, last at {_at(later.created_at, moment)} ({later.state.value})."
     return said
 
 
 def _steps(run: Run) -> Iterator[str]:
-    if run.safe_confirmed is False and run.acknowledged_at is None:
+    if alarm_words(run) and run.acknowledged_at is None:
         yield "Go and look at the valve now; bring it to a safe position by hand where it is not there."
     if needs_acknowledgement(run):
         yield (
@@ -115,7 +102,7 @@ def _steps(run: Run) -> Iterator[str]:
             f'breakaway acknowledge {run.valve} --note "...": until then no test of it starts.'
         )
     if _played_to_its_end(run):
-        yield "The recording is kept: analyse it by breakaway analyze, or repeat the test."
+        yield "The recording is kept: analyse it again on the page of the test, or repeat the test."
     elif run.state is RunState.STOPPED:
         yield "Start the test again when the valve may move."
     elif run.state is RunState.INTERRUPTED:

@@ -11,6 +11,7 @@ import structlog
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
+from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
 
 from service.access.needs import ForbiddenError, NotSignedInError
@@ -35,6 +36,9 @@ from valve.errors import (
 #: The pages of the tablet say by it what they are read in; ``detail`` stays SI, ``shown`` says the same in these units.
 UNITS_HEADER: Final = "Breakaway-Units"
 PROBLEM_TYPE: Final = "application/problem+json"
+NO_DATABASE: Final = (
+    "the database does not answer: a test that runs goes on and can be stopped; the service's log says more"
+)
 _BODY_KEY_DEPTH: Final = 2  # ("body", key): a key of the body itself, whose model the route knows
 _LOG = structlog.get_logger(__name__)
 
@@ -143,6 +147,12 @@ def _reason(request: Request, one: Mapping[str, Any]) -> str:
     return unknown_key(str(one["loc"][-1]), known)
 
 
+def _no_database(request: Request, error: Exception) -> ProblemResponse:
+    reason = " ".join(str(getattr(error, "orig", None) or error).split())
+    _LOG.error("the database does not answer", path=request.url.path, reason=reason[:300])
+    return problem(HTTPStatus.SERVICE_UNAVAILABLE, NO_DATABASE, instance=request.url.path)
+
+
 def _unexpected(request: Request, error: Exception) -> ProblemResponse:
     _LOG.error("request failed unexpectedly", path=request.url.path, exc_info=error)
     detail = "a fault of the service: its log says more; please report it"
@@ -154,4 +164,5 @@ def install_error_handlers(app: FastAPI) -> None:
     app.add_exception_handler(ValveError, _valve_error)
     app.add_exception_handler(HTTPException, _http_error)
     app.add_exception_handler(RequestValidationError, _invalid_request)
+    app.add_exception_handler(OperationalError, _no_database)
     app.add_exception_handler(Exception, _unexpected)

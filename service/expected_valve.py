@@ -10,6 +10,7 @@ from typing import Any, Final
 from drivers.addresses import Mode, ValveWiring
 from drivers.capabilities import Role
 from drivers.maps import register_map
+from estimators.planned_scatter import PackingScatter
 from service.settings import PlantValve
 from valve.errors import RequestError
 from valve.nameplate import Action
@@ -42,6 +43,7 @@ class ExpectedValve:
     noise_from: str
     pressure_measured: bool
     lag_s: float
+    scatter: PackingScatter
 
 
 def expected_valve(
@@ -88,7 +90,28 @@ def expected_valve(
         noise_from,
         measures_pressure(valve.wiring),
         _LAG_S if lag_s is None else lag_s,
+        _scatter(analysis),
     )
+
+
+def _scatter(analysis: Mapping[str, Any]) -> PackingScatter:
+    """Return how the valve's friction varies as its last test says, else as a usual packing's does."""
+    usual = PackingScatter()
+    for method in _METHODS:
+        for estimate in analysis.get("estimates", []):
+            shares = {symbol: _share(estimate["parameters"][symbol]) for symbol in ("F_s", "F_c")}
+            if estimate["method"] == method and shares["F_s"] is not None and shares["F_c"] is not None:
+                # a test gives roughness and wander in one figure: they are shared out as in a usual packing
+                whole = math.hypot(usual.roughness, usual.wander)
+                rough, wander = (shares["F_c"] * part / whole for part in (usual.roughness, usual.wander))
+                return PackingScatter(shares["F_s"], rough, wander, "the valve in its last test")
+    return usual
+
+
+def _share(parameter: Mapping[str, Any]) -> float | None:
+    """Scatter of a parameter over its value; None where either is unknown."""
+    value, scatter = parameter.get("value"), parameter.get("scatter")
+    return None if not value or scatter is None else float(scatter / abs(value))
 
 
 def measures_pressure(wiring: ValveWiring) -> bool:

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.io import savemat
 
 from service.runs.run import Run
+from service.stands_words import where_it_stands
 from valve.errors import NotFoundError, RecordingError
 from valve.recording_files import file_sha256, read_recording, recording_columns, write_csv
 
@@ -63,6 +64,7 @@ def checked_recording(run: Run, recordings: Path) -> Path:
 def metadata(run: Run) -> dict[str, Any]:
     """Return what is known of a test as JSON."""
     values = asdict(run) | {"state": run.state.value, "label": None if run.label is None else run.label.value}
+    values["stands"] = None if run.stands is None else {**run.stands.to_json(), "sentence": where_it_stands(run)}
     values["run_number"] = values.pop("number")
     values = {name: value.isoformat() if isinstance(value, datetime) else value for name, value in values.items()}
     return {"schema": SCHEMA, "test": values}

@@ -11,6 +11,7 @@ from prometheus_client import CollectorRegistry, Counter, Histogram, generate_la
 
 from drivers.outcome import SampleBlock
 from service.runs.acknowledgement import ENDED_KEY
+from service.runs.again import REPEATED
 from service.runs.run import Run, RunState
 from service.settings import Plant
 
@@ -75,7 +76,8 @@ class Meters:
             return
         if run.quality is not None and self._first("motion", run.id):
             self._count_motion(run)
-        if run.state is RunState.COMPLETED and run.finished_at is not None and self._first("analysis", run.id):
+        is_first = REPEATED not in (run.analysis or {})  # one that is made again ends hours after its motion
+        if is_first and run.state is RunState.COMPLETED and run.finished_at and self._first("analysis", run.id):
             self._analyses.observe((run.finished_at - run.motion_ended_at).total_seconds())
 
     def _count_motion(self, run: Run) -> None:

@@ -56,6 +56,12 @@ class PlantCollector(Collector):
         )
         alarms.add_metric([], unsafe)
         yield alarms
+        astray = GaugeMetricFamily(
+            "breakaway_stem_not_at_safe_position",
+            "tests that left a stem not seen at its declared safe position, not acknowledged",
+        )
+        astray.add_metric([], self._parts.store.runs.count_stems_astray())
+        yield astray
 
     def _valves(self) -> Iterator[Metric]:
         standings, now = valve_standings(self._parts.store.engine), datetime.now(UTC)

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from valve.errors import ConfigurationError, ParameterError
+from valve.errors import ConfigurationError, ParameterError, refuse
 from valve.nameplate import Nameplate
 
 # pydantic takes a configuration for an optional dataclass and hands it down; for a bare one it does not.
@@ -92,10 +92,11 @@ def _first_reason(error: ValidationError) -> str:
 
 
 def _require_plausible(nameplate: Nameplate, source: str) -> None:
+    faults = []
     for key, (limit, unit, looks) in _LARGEST.items():
         value = getattr(nameplate.actuator, key)
         if value is not None and value > limit:
-            raise ConfigurationError(
+            faults.append(
                 f"{source}: actuator.{key} is {value:g} {unit}, no valve has more than {limit:g}: "
                 f"it looks like {looks}, write it in {unit}"
             )
@@ -105,7 +106,8 @@ def _require_plausible(nameplate: Nameplate, source: str) -> None:
     }
     for key, span in ranges.items():
         if span is not None and max(abs(span[0]), abs(span[1])) < _LOWEST_FULL_PRESSURE_PA:
-            raise ConfigurationError(
+            faults.append(
                 f"{source}: {key} is {span[0]:g} to {span[1]:g} Pa, no actuator works below "
                 f"{_LOWEST_FULL_PRESSURE_PA:g}: it looks like bar, psi or kPa, write it in Pa"
             )
+    refuse(ConfigurationError, faults)

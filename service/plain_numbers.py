@@ -6,6 +6,8 @@ import math
 import re
 from typing import Any, Final
 
+# How a parameter itself varies in a test, by symbol.
+_VARIES: Final = {"F_s": "from breakaway to breakaway", "F_c": "along the travel and in time"}
 _MOST_DIGITS: Final = 12  # after the point
 _POWER: Final = re.compile(r"(?<![\w.])-?\d(?:\.\d+)?e\+0[1-5](?![\w.])")
 
@@ -54,6 +56,13 @@ def _plain(value: float, digits: int) -> str:
         return f"{value:.{digits}g}"
     places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
     return f"{value:.{places}f}"
+
+
+def scatter_words(symbol: str, value: float | None, scatter: float | None) -> str:
+    """How much a parameter itself varies, ``from breakaway to breakaway ± 2.4 %``; empty where none is seen."""
+    if value is None or not value or scatter is None:
+        return ""
+    return f"{_VARIES.get(symbol, 'in this test')} ± {100.0 * scatter / abs(value):.2g} %"
 
 
 def as_read(sentence: str) -> str:

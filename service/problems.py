@@ -35,6 +35,6 @@ PROBLEMS: Final[dict[int | str, dict[str, Any]]] = {
         (415, "The body is of another type than the route takes"),
         (422, "The request is understood and wrong"),
         (423, "A permissive is missing: nothing moved"),
-        (429, "Too many sign-ins failed"),
+        (429, "Too many sign-ins failed, or too many uploads wait"),
     )
 }

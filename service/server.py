@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import gc
 import signal
 import socket
 import sys
+from collections.abc import Iterator
 from types import FrameType
 from typing import Final
 
@@ -17,7 +19,7 @@ from fastapi import FastAPI
 from service.app import create_app
 from service.audit.log import AuditLog
 from service.first_use import use_once
-from service.http_protocol import BoundedHttp
+from service.http_protocol import BoundedHttp, provide_files
 from service.parts import Parts
 from service.polling import Polling
 from service.precedence import Precedence
@@ -30,11 +32,13 @@ _LOG = structlog.get_logger(__name__)
 # Threads ask the store; by default (5 ms) each may keep the polling waiting for so long before it hands on.
 _THREAD_TURN_S: Final = 0.5e-3
 _SELDOM: Final = 100  # rounds of the middle generation before a full one; 10 by default
+# A closed terminal, and Ctrl-\: both would end the process at once, and leave a valve where it stands.
+_MORE_ENDING_SIGNALS: Final = (signal.SIGHUP, signal.SIGQUIT)
 _END_S: Final = 30  # for requests that wait for the end of a test, which is being stopped
 
 
 class _Server(uvicorn.Server):
-    """Ends by SIGTERM or SIGINT as it should: exit code 0, tests stopped before connections are waited for."""
+    """Ends by a signal as it should: exit code 0, tests stopped before connections are waited for."""
 
     def __init__(self, config: uvicorn.Config, app: FastAPI) -> None:
         super().__init__(config)
@@ -65,6 +69,21 @@ class _Server(uvicorn.Server):
         await super().shutdown(sockets=sockets)
         for task in self._beside:
             task.cancel()
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Hear the signals that end a service, those too that uvicorn does not know of.
+
+        One that whoever started us had ignored stays so: nohup asks for it.
+        """
+        with super().capture_signals():
+            heard = [one for one in _MORE_ENDING_SIGNALS if signal.getsignal(one) is not signal.SIG_IGN]
+            former = {one: signal.signal(one, self.handle_exit) for one in heard}
+            try:
+                yield
+            finally:
+                for one, handler in former.items():
+                    signal.signal(one, handler)
 
     def handle_exit(self, sig: int, _frame: FrameType | None) -> None:
         """Stop the tests at once; the second signal no longer waits for anybody."""
@@ -114,6 +133,7 @@ def _listen(settings: ServiceSettings) -> socket.socket:
 def serve_plant(plant: Plant) -> None:
     """Serve until a signal ends it. Raises BusyError where another service has the store, ConfigurationError."""
     sys.setswitchinterval(_THREAD_TURN_S)
+    BoundedHttp.most_connections = provide_files()
     with _listen(plant.service) as listener:
         store = open_store(plant.service)
         AuditLog(store.folder / "audit", plant.service.gateway or "gateway")  # one that is broken is said here

@@ -10,25 +10,12 @@ from typing import Annotated, Any, Final
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from drivers.addresses import (
-    BusAddress,
-    GaugeAddress,
-    MotionLimits,
-    Point,
-    RtuAddress,
-    Sampling,
-    TcpAddress,
-    TlsAddress,
-    ValveWiring,
-    WatchdogChoice,
-)
-from drivers.permissive_rules import PermissiveRules
+from drivers.addresses import BusAddress, GaugeAddress, RtuAddress, TcpAddress, TlsAddress, ValveWiring
 from service.health.limits import HealthLimits
-from service.nameplates import nameplate_from_mapping
 from service.settings_access import AccessSection, AccessSettings, access_settings
 from service.settings_checks import check_schedules, check_wiring
 from service.settings_database import DatabaseAddress, database_address
-from service.settings_errors import Findings, read_toml
+from service.settings_errors import Fault, Findings, read_toml
 from service.settings_health import health_limits
 from service.settings_mqtt import MqttSettings, mqtt_settings
 from service.settings_nightly import (
@@ -41,10 +28,9 @@ from service.settings_nightly import (
     name_gateway,
     schedules,
 )
-from service.settings_permissives import stem_rules_of
-from service.settings_safe_value import SafeValue
-from valve.errors import ConfigurationError, ValveError
-from valve.nameplate import Actuator, Nameplate, Signal
+from service.settings_valves import ValveParts, valve_parts
+from valve.errors import ConfigurationError
+from valve.nameplate import Nameplate
 
 STRICT: Final = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
@@ -67,25 +53,6 @@ class ServiceSection(AccessSection):
     database_password_file: str | None = None
     gateway: str | None = None
     retention: RetentionSection | None = None
-
-
-class ValveSection(BaseModel):
-    """One ``[[valves]]``, its parts still as they stand in the file."""
-
-    model_config = STRICT
-    tag: Annotated[str, Field(min_length=1, max_length=64)]
-    safe_value_pa: SafeValue
-    actuator: dict[str, Any]
-    limits: dict[str, Any]
-    command: dict[str, Any]
-    acquisition: dict[str, Any]
-    signal: dict[str, Any] | None = None
-    position: dict[str, Any] | None = None
-    pressure: dict[str, Any] | None = None
-    watchdog: dict[str, Any] | None = None
-    permissives: dict[str, Any] | None = None
-    health: dict[str, Any] | None = None
-    simulation: dict[str, Any] | None = None  # for `breakaway simulate` alone: a service has no use for it
 
 
 class PlantSection(BaseModel):
@@ -157,134 +124,126 @@ class Plant:
 
 def load_plant(path: Path) -> Plant:
     """Read a plant file. Raises ConfigurationError that names file, key, value, reason and remedy, one line a fault."""
+    plant, findings = read_plant(path)
+    if plant is None:
+        raise findings.error()
+    return plant
+
+
+def faults_of(path: Path) -> tuple[Plant | None, tuple[Fault, ...]]:
+    """Return the plant of a file, or None with everything that is wrong with it; no TOML is one fault."""
+    try:
+        plant, findings = read_plant(path)
+    except ConfigurationError as error:
+        return None, (Fault("", "", None, str(error)),)
+    return plant, findings.faults
+
+
+def read_plant(path: Path) -> tuple[Plant | None, Findings]:
+    """Read a plant file: the plant, or None where something was found. Raises ConfigurationError where it is no TOML.
+
+    A part that is wrong is left out of what follows, so that each fault is told once and the rest is judged all the
+    same.
+    """
     findings = Findings(path.name)
-    top = findings.model(PlantSection, read_toml(path), ())
-    if top is None:
-        raise findings.error()
-    name_gateway(top.service)
-    service = _service(findings, top.service, path.parent)
-    own = top.service.get("gateway")
-    urls = gateways(findings, top.gateways, own if isinstance(own, str) else None)
-    buses, bus_gateways = _buses(findings, top.buses, urls)
-    valves = _valves(findings, top.valves)
-    health = health_limits(findings, top.valves)
-    tags = {nameplate.tag for nameplate, _ in valves}
-    groups, checks = _nightly(findings, top, tags)
-    broker = mqtt_settings(findings, top.mqtt, path.parent)
-    if not findings:  # cross-checks on half a plant would only repeat what is said already
-        check_wiring(findings, buses, valves, bus_gateways)
-        check_schedules(findings, checks, valves, None if service is None else service.access.approved_sequences)
+    raw = read_toml(path)
+    findings.model(PlantSection, raw, ())
+    service_part = raw.get("service")
+    service_part = service_part if isinstance(service_part, dict) else None
+    own: object = None
+    if service_part is not None:
+        name_gateway(service_part)
+        own = service_part.get("gateway")
+    service, approved = _service(findings, service_part, path.parent)
+    urls = gateways(findings, _tables(raw, "gateways"), own if isinstance(own, str) else None)
+    buses, bus_gateways = _buses(findings, _tables(raw, "buses"), urls)
+    sections = _tables(raw, "valves")
+    valves = [valve_parts(findings, one, ("valves", index)) for index, one in enumerate(sections)]
+    health = health_limits(findings, sections)
+    tags = {valve.tag for valve in valves}
+    groups = groups_by_name(findings, _tables(raw, "groups"), tags)
+    checks = schedules(findings, _tables(raw, "schedules"), groups, tags)
+    broker_part = raw.get("mqtt")
+    broker = mqtt_settings(findings, broker_part if isinstance(broker_part, dict) else None, path.parent)
+    wired = check_wiring(findings, buses, valves, bus_gateways)
+    check_schedules(findings, checks, {valve.tag: valve for valve in valves}, wired, approved)
     if findings or service is None:
-        raise findings.error()
+        return None, findings
     return Plant(
         path,
         service,
-        {address.name: address for address in buses},
-        {nameplate.tag: PlantValve(nameplate, wiring, health[nameplate.tag]) for nameplate, wiring in valves},
-        groups,
-        checks,
+        {address.name: address for address in buses.values() if address is not None},
+        {valve.tag: PlantValve(*_whole(valve), health[valve.tag]) for valve in valves},
+        {name: tags_of or () for name, tags_of in groups.items()},
+        tuple(checks.values()),
         urls,
         bus_gateways,
         broker,
-    )
+    ), findings
 
 
-def _nightly(
-    findings: Findings, top: PlantSection, tags: set[str]
-) -> tuple[dict[str, tuple[str, ...]], tuple[Schedule, ...]]:
-    if len(findings):  # a valve with a fault of its own would be missed here too
-        return {}, ()
-    groups = groups_by_name(findings, top.groups, tags)
-    return groups, schedules(findings, top.schedules, groups, tags)
+def _whole(valve: ValveParts) -> tuple[Nameplate, ValveWiring]:
+    assert valve.nameplate is not None  # where nothing was found, nothing is missing
+    assert valve.wiring is not None
+    return valve.nameplate, valve.wiring
 
 
-def _service(findings: Findings, raw: dict[str, Any], folder: Path) -> ServiceSettings | None:
-    section = findings.model(ServiceSection, raw, ("service",))
+def _tables(raw: Mapping[str, Any], key: str) -> list[dict[str, Any]]:
+    """Return an array of tables; nothing where the file has something else there, which is told with the whole."""
+    value = raw.get(key)
+    is_list = isinstance(value, list) and all(isinstance(one, dict) for one in value)
+    return value if isinstance(value, list) and is_list else []
+
+
+def _service(
+    findings: Findings, raw: dict[str, Any] | None, folder: Path
+) -> tuple[ServiceSettings | None, list[str] | None]:
+    """Return ``[service]``, and the sequences that it approves, None for all."""
+    section = None if raw is None else findings.model(ServiceSection, raw, ("service",))
     if section is None:
-        return None
+        return None, None
+    loopback: bool | None = None
     try:
         loopback = ipaddress.ip_address(section.bind).is_loopback
     except ValueError:
         findings.add(("service", "bind"), section.bind, "it is no IP address", "give one such as 127.0.0.1")
-        return None
-    access = access_settings(findings, section, bind=section.bind, loopback=loopback, folder=folder)
-    if access is None:
-        return None
+    database = database_address(findings, section.database, section.database_password_file, folder)
+    # an address that is none is reached by nobody: what else is wrong with the access is still found
+    access = access_settings(
+        findings, section, bind=section.bind, loopback=True if loopback is None else loopback, folder=folder
+    )
+    if access is None or loopback is None:
+        return None, section.approved_sequences
     return ServiceSettings(
         (folder / section.store).resolve(),
         section.bind,
         section.port,
-        database_address(findings, section.database, section.database_password_file, folder),
+        database,
         section.gateway or "",
         None if section.retention is None else Retention(**section.retention.model_dump()),
         access,
-    )
+    ), section.approved_sequences
 
 
 def _buses(
     findings: Findings, sections: list[dict[str, Any]], known: Mapping[str, str]
-) -> tuple[list[BusAddress], dict[str, str]]:
-    """Return the buses, and by the name of each whose it is."""
-    buses: list[BusAddress] = []
+) -> tuple[dict[int, BusAddress | None], dict[str, str]]:
+    """Return the buses by their place in the file, None where one is wrong, and by the name of each whose it is."""
+    buses: dict[int, BusAddress | None] = {}
     owners: dict[str, str] = {}
     for index, raw in enumerate(sections):
         key = ("buses", index)
-        kind = raw.get("kind")
+        kind, name = raw.get("kind"), raw.get("name")
+        gateway = gateway_of_bus(findings, key, raw.get("gateway"), known)
         if not isinstance(kind, str) or kind not in _BUS_KINDS:
             findings.add((*key, "kind"), kind, "it is no kind of bus", f"choose one of {', '.join(_BUS_KINDS)}")
-            continue
-        gateway = gateway_of_bus(findings, key, raw.get("gateway"), known)
-        address = findings.part(_BUS_KINDS[kind], {name: raw[name] for name in raw if name != "gateway"}, key)
-        if address is not None:
-            buses.append(address)
-            owners.setdefault(address.name, gateway)
+            buses[index] = None
+        else:
+            parts = {name: raw[name] for name in raw if name != "gateway"}
+            buses[index] = findings.part(_BUS_KINDS[kind], parts, key)
+        if isinstance(name, str):
+            owners.setdefault(name, gateway)
     return buses, owners
 
 
-def _valves(findings: Findings, sections: list[dict[str, Any]]) -> list[tuple[Nameplate, ValveWiring]]:
-    valves: list[tuple[Nameplate, ValveWiring]] = []
-    for index, raw in enumerate(sections):
-        section = findings.model(ValveSection, raw, ("valves", index))
-        valve = None if section is None else _valve(findings, section, ("valves", index))
-        if valve is not None:
-            valves.append(valve)
-    return valves
-
-
-def _valve(
-    findings: Findings, section: ValveSection, key: tuple[str | int, ...]
-) -> tuple[Nameplate, ValveWiring] | None:
-    before = len(findings)
-    findings.part(Actuator, section.actuator, (*key, "actuator"))
-    findings.optional(Signal, section.signal, (*key, "signal"))
-    limits = findings.part(MotionLimits, section.limits, (*key, "limits"))
-    command = findings.part(Point, section.command, (*key, "command"))
-    position = findings.optional(Point, section.position, (*key, "position"))
-    pressure = findings.optional(Point, section.pressure, (*key, "pressure"))
-    sampling = findings.part(Sampling, section.acquisition, (*key, "acquisition"))
-    watchdog = findings.optional(WatchdogChoice, section.watchdog, (*key, "watchdog"))
-    permissives = findings.part(PermissiveRules, section.permissives or {}, (*key, "permissives"))
-    if len(findings) > before or limits is None or command is None or sampling is None or permissives is None:
-        return None
-    plate = {"tag": section.tag, "actuator": section.actuator}
-    try:
-        nameplate = nameplate_from_mapping(
-            plate if section.signal is None else {**plate, "signal": section.signal}, section.tag
-        )
-        return nameplate, ValveWiring(
-            section.tag,
-            command,
-            section.safe_value_pa,
-            limits,
-            sampling,
-            position,
-            pressure,
-            WatchdogChoice(timeout_s=2.0) if watchdog is None else watchdog,
-            stem_rules_of(permissives, nameplate),
-        )
-    except ValveError as error:
-        findings.add_error(key, error)
-        return None
-
-
-__all__ = ["ConfigurationError", "Plant", "PlantValve", "ServiceSettings", "load_plant"]
+__all__ = ["ConfigurationError", "Plant", "PlantValve", "ServiceSettings", "faults_of", "load_plant"]

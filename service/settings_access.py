@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import re
 import ssl
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from service.hosts import own_names
 from service.runs.sequences import SEQUENCES
 from service.secret_file import secret_fault
 from service.settings_errors import Findings
+
+_HOST: Final = re.compile(r"(?:\*\.)?[A-Za-z0-9](?:[A-Za-z0-9._-]*[A-Za-z0-9])?|\[[0-9A-Fa-f:.]+\]")
 
 
 class AccessSection(BaseModel):
@@ -25,13 +29,15 @@ class AccessSection(BaseModel):
     behind_proxy: bool = False
     proxy_addresses: list[str] = Field(default=["127.0.0.1"], min_length=1)
     approved_sequences: list[str] | None = Field(default=None, min_length=1)
+    allowed_hosts: list[str] | None = Field(default=None, min_length=1)
 
 
 @dataclass(frozen=True, slots=True)
 class AccessSettings:
     """``sign_in`` False: every caller is ``local`` and may do all but administer.
 
-    ``approved_sequences`` are those that operators and schedules may run, None where all of them are.
+    ``approved_sequences`` are those that operators and schedules may run, None where all of them are;
+    ``allowed_hosts`` are the names that the service answers to beside the loopback's.
     """
 
     sign_in: bool = False
@@ -41,6 +47,7 @@ class AccessSettings:
     behind_proxy: bool = False
     proxy_addresses: tuple[str, ...] = ()
     approved_sequences: frozenset[str] | None = None
+    allowed_hosts: tuple[str, ...] = ()
 
     @property
     def encrypted(self) -> bool:
@@ -83,6 +90,14 @@ def access_settings(
                 "no sequence has this name",
                 f"choose from {', '.join(SEQUENCES)}",
             )
+    for index, host in enumerate(section.allowed_hosts or []):
+        if _HOST.fullmatch(host) is None:
+            findings.add(
+                ("service", "allowed_hosts", index),
+                host,
+                "it is no name of a host, or stands for every one",
+                'give names without scheme and port, such as "valves.example.org", "*.example.org" or "[fd00::5]"',
+            )
     if len(findings) > before:
         return None
     return AccessSettings(
@@ -93,6 +108,7 @@ def access_settings(
         behind_proxy=section.behind_proxy,
         proxy_addresses=tuple(section.proxy_addresses) if section.behind_proxy else (),
         approved_sequences=None if section.approved_sequences is None else frozenset(section.approved_sequences),
+        allowed_hosts=own_names() if section.allowed_hosts is None else tuple(section.allowed_hosts),
     )
 
 

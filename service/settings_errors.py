@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
@@ -61,27 +62,60 @@ def _spelling(word: str, known: list[str]) -> str:
     return f"write {close}" if close else f"remove it; known here are {', '.join(known)}"
 
 
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One thing that is wrong with a file; ``remedy`` is "" where the reason says what to do."""
+
+    file: str
+    key: str
+    value: str | None
+    reason: str
+    remedy: str = ""
+
+    def __str__(self) -> str:
+        """Return it as one line."""
+        place = self.key if self.value is None else f"{self.key} = {self.value}"
+        return ": ".join(part for part in (self.file, place, self.reason, self.remedy) if part)
+
+    def to_json(self) -> dict[str, str | None]:
+        """Return it as the command line shows it to machines."""
+        return {
+            "file": self.file,
+            "key": self.key,
+            "value": self.value,
+            "reason": self.reason,
+            "remedy": self.remedy,
+            "message": str(self),
+        }
+
+
 class Findings:
     """Faults of one file, gathered so that all can be mended at once."""
 
     def __init__(self, file: str) -> None:
         self._file = file
-        self._lines: list[str] = []
+        self._faults: dict[Fault, None] = {}  # each once, in order
 
     def __len__(self) -> int:
-        return len(self._lines)
+        return len(self._faults)
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """Everything that was found."""
+        return tuple(self._faults)
 
     def add(self, key: Key, value: object, reason: str, remedy: str) -> None:
         """Note one fault."""
-        self._lines.append(f"{self._file}: {_written(key)} = {_shown(value)}: {reason}: {remedy}")
+        self._faults[Fault(self._file, _written(key), _shown(value), reason, remedy)] = None
 
     def add_error(self, key: Key, error: ValveError) -> None:
-        """Note a fault that a dataclass found in itself; its sentence names value, limit and remedy already."""
-        self._lines.append(f"{self._file}: {_written(key)}: {error}")
+        """Note faults that a dataclass found in itself, one a line; each names value, limit and remedy already."""
+        for line in str(error).splitlines():
+            self._faults[Fault(self._file, _written(key), None, line)] = None
 
     def error(self) -> ConfigurationError:
         """Return all faults as one error, one line each."""
-        return ConfigurationError("\n".join(self._lines))
+        return ConfigurationError("\n".join(str(fault) for fault in self._faults))
 
     def model(self, kind: type[Model], raw: dict[str, Any], key: Key) -> Model | None:
         """Return ``raw`` as a pydantic model, or None with its faults noted."""
@@ -91,10 +125,6 @@ class Findings:
         """Return ``raw`` as a stdlib dataclass, or None with its faults noted."""
         carrier = self._validated(_One[kind], {"part": raw}, key, kind)  # type: ignore[valid-type]  # a runtime type
         return None if carrier is None else carrier.part
-
-    def optional(self, kind: type[Part], raw: dict[str, Any] | None, key: Key) -> Part | None:
-        """Return the same as ``part``; None without a fault where the section is absent."""
-        return None if raw is None else self.part(kind, raw, key)
 
     def _validated(self, model: type[Model], raw: dict[str, Any], key: Key, kind: Any) -> Model | None:
         try:
@@ -112,7 +142,7 @@ class Findings:
         if one["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
             self.add(key, one["input"], "this key is unknown", _spelling(str(key[-1]), known_keys(kind)))
         elif one["type"] in ("missing", "missing_argument"):
-            self._lines.append(f"{self._file}: {_written(key)}: it is missing: add it")
+            self._faults[Fault(self._file, _written(key), None, "it is missing", "add it")] = None
         else:
             reason = one["msg"][0].lower() + one["msg"][1:]
             self.add(key, one["input"], reason, _REMEDIES.get(one["type"], "correct it"))

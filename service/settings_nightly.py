@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, MutableMapping, Sequence
+from collections.abc import Collection, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Annotated, Any, Final
@@ -81,54 +81,67 @@ class Retention:
     keep_last: int
 
 
-def groups_by_name(findings: Findings, raw: Sequence[Mapping[str, Any]], tags: set[str]) -> dict[str, tuple[str, ...]]:
-    """Return each group's valves."""
-    groups: dict[str, tuple[str, ...]] = {}
+def groups_by_name(
+    findings: Findings, raw: Sequence[Mapping[str, Any]], tags: Collection[str]
+) -> dict[str, tuple[str, ...] | None]:
+    """Return each group's valves; None where its section is wrong, and so not known."""
+    groups: dict[str, tuple[str, ...] | None] = {}
     for index, one in enumerate(raw):
         section = findings.model(GroupSection, dict(one), ("groups", index))
+        name = one.get("name")
+        if isinstance(name, str) and name in groups:
+            findings.add(("groups", index, "name"), name, "another group has this name", "rename one")
         if section is None:
+            groups.setdefault(str(name), None)
             continue
-        if section.name in groups:
-            findings.add(("groups", index, "name"), section.name, "another group has this name", "rename one")
         _check_tags(findings, ("groups", index, "valves"), section.valves, tags)
         groups[section.name] = tuple(section.valves)
     return groups
 
 
 def schedules(
-    findings: Findings, raw: Sequence[Mapping[str, Any]], groups: Mapping[str, tuple[str, ...]], tags: set[str]
-) -> tuple[Schedule, ...]:
-    """Return the schedules, each with all its valves in the order of the file."""
-    found: dict[str, Schedule] = {}
+    findings: Findings,
+    raw: Sequence[Mapping[str, Any]],
+    groups: Mapping[str, tuple[str, ...] | None],
+    tags: Collection[str],
+) -> dict[int, Schedule]:
+    """Return the schedules by their place in the file, each with all its valves in the order of the file.
+
+    One with a wrong zone or time is there too, so that the rest of it can be judged; its fault is noted.
+    """
+    found: dict[int, Schedule] = {}
+    names: set[str] = set()
     for index, one in enumerate(raw):
         key = ("schedules", index)
         section = findings.model(ScheduleSection, dict(one), key)
         if section is None:
             continue
-        if section.name in found:
+        if section.name in names:
             findings.add((*key, "name"), section.name, "another schedule has this name", "rename one")
+        names.add(section.name)
         zone = _zone(findings, (*key, "zone"), section.zone)
         _check_cron(findings, (*key, "cron"), section.cron)
         _check_tags(findings, (*key, "valves"), section.valves, tags)
-        valves = list(section.valves)
+        valves, is_known = list(section.valves), True
         for group in section.groups:
             if group not in groups:
                 known = ", ".join(groups) or "none is defined"
                 findings.add((*key, "groups"), group, "no group has this name", f"add it under [[groups]] ({known})")
-            valves += groups.get(group, ())
-        if not valves:
+            of_group = groups.get(group)
+            is_known = is_known and of_group is not None
+            valves += of_group or ()
+        if not valves and is_known:
             findings.add((*key, "valves"), [], "the schedule checks no valve", "name valves or groups")
-        if zone is not None:
-            found[section.name] = Schedule(
-                section.name,
-                section.cron,
-                zone,
-                tuple(dict.fromkeys(valves)),
-                section.sequence,
-                section.window_s,
-                section.overrides,
-            )
-    return tuple(found.values())
+        found[index] = Schedule(
+            section.name,
+            section.cron,
+            zone or ZoneInfo("UTC"),
+            tuple(dict.fromkeys(valves)),
+            section.sequence,
+            section.window_s,
+            section.overrides,
+        )
+    return found
 
 
 def _zone(findings: Findings, key: tuple[str | int, ...], name: str) -> ZoneInfo | None:
@@ -147,7 +160,7 @@ def _check_cron(findings: Findings, key: tuple[str | int, ...], cron: str) -> No
         findings.add(key, cron, f"it is no time of cron ({reason})", 'give five fields such as "30 1 * * *"')
 
 
-def _check_tags(findings: Findings, key: tuple[str | int, ...], wanted: Sequence[str], tags: set[str]) -> None:
+def _check_tags(findings: Findings, key: tuple[str | int, ...], wanted: Sequence[str], tags: Collection[str]) -> None:
     for index, tag in enumerate(wanted):
         if tag not in tags:
             findings.add((*key, index), tag, "no valve has this tag", "correct it, or add the valve")
@@ -164,11 +177,11 @@ def gateways(findings: Findings, raw: Sequence[Mapping[str, Any]], own: str | No
     found: dict[str, str] = {}
     for index, one in enumerate(raw):
         section = findings.model(GatewaySection, dict(one), ("gateways", index))
-        if section is None:
-            continue
-        if section.name in found:
-            findings.add(("gateways", index, "name"), section.name, "another gateway has this name", "rename one")
-        found[section.name] = section.url.rstrip("/")
+        name = one.get("name")
+        if isinstance(name, str) and name in found:
+            findings.add(("gateways", index, "name"), name, "another gateway has this name", "rename one")
+        if isinstance(name, str):  # also one that is wrong: what names it is not wrong because of that
+            found[name] = "" if section is None else section.url.rstrip("/")
     if found and own is None:
         findings.add(
             ("service", "gateway"), None, "the plant has several gateways", f"say which this is: {', '.join(found)}"

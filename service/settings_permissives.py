@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from drivers.addresses import ValveWiring
 from drivers.maps import register_map
 from drivers.permissive_rules import PermissiveRules
+from drivers.points import Point
 from valve.errors import ConfigurationError
 from valve.nameplate import Nameplate
 
@@ -28,11 +28,10 @@ def stem_rules_of(rules: PermissiveRules, nameplate: Nameplate) -> PermissiveRul
     )
 
 
-def check_permissives(findings: Findings, key: Key, wiring: ValveWiring) -> None:
+def check_permissives(findings: Findings, key: Key, command: Point, rules: PermissiveRules) -> None:
     """Note where nothing could ever permit a test of this valve."""
-    rules = wiring.permissives
     try:
-        device = None if wiring.command.map is None else register_map(wiring.command.map)
+        device = None if command.map is None else register_map(command.map)
     except ConfigurationError:
         return  # told already
     shows_manual = device is not None and device.live is not None and device.live.manual_mask != 0
@@ -40,13 +39,13 @@ def check_permissives(findings: Findings, key: Key, wiring: ValveWiring) -> None
         findings.add(
             (*key, "permissives"),
             None,
-            f"map {wiring.command.map} does not show whether the loop is in manual",
+            f"map {command.map} does not show whether the loop is in manual",
             "name permissives.manual, demand a permit (permissives.permit = true) or say permissives.manual_waived",
         )
     if rules.device_number is not None and (device is None or device.number is None):
         findings.add(
             (*key, "permissives", "device_number"),
             rules.device_number,
-            f"map {wiring.command.map} shows no number of the device",
+            f"map {command.map} shows no number of the device",
             "remove it",
         )

@@ -10,6 +10,8 @@ from typing import Any, Final
 from service.plain_numbers import as_read, plus_minus
 from service.shown_units import UnitSystem, shown_unit
 
+#: How a verdict without a fault is said; what follows it says how friction varies.
+NO_FAULT: Final = "No fault found."
 # What sentences name, the SI unit that it is shown by, and how many of that it is.
 _NAMED: Final = {
     "N*s/m": ("N*s/m", 1.0),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -19,6 +19,7 @@ from simulator.listeners import Listener
 from simulator.plant import SoftwareValve, warm_up
 from simulator.record import ValveRecord
 from simulator.reference_unit import ReferenceUnit
+from simulator.samples import EndedRecord
 from simulator.simulated_valve import SimulatedValve
 from simulator.slave import Slave
 from simulator.unit import Channel, MapUnit, Quantity, Unit
@@ -50,6 +51,14 @@ def reference_unit(device_id: int, tag: str, *, pressure: bool = True) -> Simula
     return SimulatedUnit(device_id, reference.MAP, tuple(channels))
 
 
+def warm_up_for(valves: Sequence[SimulatedValve]) -> None:
+    """Compile, or load, what follows these valves' stems."""
+    warm_up(
+        effects=any(settings.effects and not settings.is_packed for settings in valves),
+        packing=any(settings.is_packed for settings in valves),
+    )
+
+
 class SimulatedPlant:
     """Valves on wires, from ``start`` to ``stop``; ``valves`` and ``records`` are theirs by tag.
 
@@ -65,7 +74,7 @@ class SimulatedPlant:
         clock: Clock | None = None,
         gauges: Mapping[GaugeListener, str] | None = None,
     ) -> None:
-        warm_up(effects=any(settings.effects for settings in valves))
+        warm_up_for(valves)
         self.clock = RunningClock() if clock is None else clock
         self._valves: dict[str, SoftwareValve] = {}
         for settings in valves:
@@ -147,6 +156,11 @@ class SimulatedPlant:
                 valve.look(self.clock.now_s())
                 await asyncio.sleep(0.0)  # who reads need not wait for all valves
             await asyncio.sleep(every_s)
+
+    def tell_of_records(self, tell: Callable[[str, EndedRecord], None]) -> None:
+        """Call ``tell`` with the tag and the truth of each record that ends from now on."""
+        for valve in self._valves.values():
+            valve.on_record = tell
 
     def _known(self, tag: str, subject: str) -> SoftwareValve:
         if tag not in self._valves:

@@ -20,8 +20,8 @@ class Bus:
         self._units: dict[int, Unit] = {}
         self._now_s = now_s
         for unit in units:
-            if not 1 <= unit.device_id <= 247:
-                raise ConfigurationError(f"device id {unit.device_id} is outside 1 to 247, correct it")
+            if not (0 <= unit.device_id <= 247 or unit.device_id == 255):  # 0 and 255: the one at a network address
+                raise ConfigurationError(f"device id {unit.device_id} is none of 0 to 247 and 255, correct it")
             if unit.device_id in self._units:
                 raise ConfigurationError(f"device id {unit.device_id} stands on one bus twice, change one")
             self._units[unit.device_id] = unit

@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from drivers.crc import words_crc16
 from drivers.maps.reference import MISSING_SAMPLE, WINDOW_CHANNELS, WINDOW_SAMPLES, CaptureState
-from simulator.plant import SAMPLES_A_CAPTURE, Samples
+from simulator.plant import SAMPLES_A_CAPTURE
+from simulator.samples import Samples
 from simulator.simulated_valve import SimulatedValve
 
 FloatArray = npt.NDArray[np.float64]
@@ -69,9 +70,10 @@ class Capture:
         """Keep the samples of the times that ``due_s`` gave, as the valve's sensors read them."""
         until = self.taken + samples.position_m.size
         rows, number = self._words[self.taken : until], self._first_number + self.taken
-        rows[:, 0] = captured_words(valve.position.readings(samples.sensed_m, number), ranges.position_m)
+        readings_m = valve.position.readings(samples.sensed_m, number, samples.sensed_at_s)
+        rows[:, 0] = captured_words(readings_m, ranges.position_m)
         if valve.pressure is not None:
-            readings_pa = valve.pressure.readings(samples.pressure_pa, number)
+            readings_pa = valve.pressure.readings(samples.gauge_pa, number, samples.gauge_at_s)
             rows[:, 1] = captured_words(readings_pa, ranges.pressure_pa)
         rows[:, 2] = captured_words(samples.asked_pa, ranges.command_pa)
         self.taken = until

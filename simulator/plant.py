@@ -7,21 +7,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from simulator.actuator_pressure import ActuatorPressure, AirState, PressureCourse
 from simulator.faults import MOMENTARY, Fault, FaultKind, active_fault, next_edge_s
+from simulator.packed_stem import PackedStem, Truth, plain_truth
 from simulator.record import Event, Happening, ValveRecord
+from simulator.samples import EndedRecord, Memory, Samples, joined
+from simulator.sensor import coloured_noise
 from simulator.simulated_valve import SimulatedValve
 from simulator.stem import FollowedStem, PlainStem, StemWithEffects
 from simulator.trajectory import Trajectory
-from simulator.transducer import lagged, limited, value_at
 from valve.errors import ParameterError
 from valve.extended_valve import ExtendedValve
 from valve.motion import StemState
+from valve.packing import NO_ROUGHNESS, PACKINGS
 from valve.parameters import TravelStops, ValveParameters
 
 FloatArray = npt.NDArray[np.float64]
@@ -32,24 +35,19 @@ LIVE_SAMPLES_FROM: Final = 1 << 48
 SAMPLES_A_CAPTURE: Final = 1 << 24
 # After a command has been held for so long the next one begins a record: what drifts has recovered.
 RECORD_PAUSE_S: Final = 30.0
+# A record of single commands ends when the last of them has been held for so long.
+RECORD_TAIL_S: Final = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class Samples:
-    """True values at sample times, all of shape (n,); ``sensed_m`` is the position as the sensor shows it."""
-
-    position_m: FloatArray
-    sensed_m: FloatArray
-    pressure_pa: FloatArray
-    asked_pa: FloatArray
-
-
-def warm_up(*, effects: bool = False) -> None:
+def warm_up(*, effects: bool = False, packing: bool = False) -> None:
     """Compile what follows a stem, or load it: seconds at the first time, which no read should have to wait for."""
     parameters, stops = ValveParameters(1.0, 1.0e4, 100.0, 10.0, 12.0, 1.0e-4), TravelStops()
     stems: list[FollowedStem] = [PlainStem(parameters, stops, 0.0)]
     if effects:
         stems.append(StemWithEffects(ExtendedValve(parameters), 0.0))
+    if packing:
+        stems.append(PackedStem(ExtendedValve(parameters), PACKINGS["usual"], NO_ROUGHNESS, 0.0, filter_s=0.01))
+        coloured_noise(0, 0.01, np.zeros(1))
     for stem in stems:
         stem.advance(np.array([0.0, 0.1]), np.array([0.0, 100.0]))
         stem.sample(np.array([0.0, 0.1]), np.array([100.0, 0.0]), np.array([0.1]))
@@ -59,7 +57,8 @@ class SoftwareValve:
     """A valve whose state is known at ``time_s`` and can be advanced to any later time.
 
     ``before_advance``, where set, is called with the time of a look before the valve goes there: a device's own
-    logic (watchdog, capture player) does there what it would have done in between.
+    logic (watchdog, capture player) does there what it would have done in between. ``on_record``, where set, is told of
+    each record that has ended: a waveform that was played, or commands with no pause between them.
     """
 
     def __init__(self, settings: SimulatedValve, start_s: float = 0.0) -> None:
@@ -67,13 +66,18 @@ class SoftwareValve:
         self.record = ValveRecord(settings.tag)
         self.faults: tuple[Fault, ...] = settings.faults
         self.before_advance: Callable[[float], None] | None = None
+        self.on_record: Callable[[str, EndedRecord], None] | None = None
         start_pa = settings.transducer.range_pa[0] if settings.start_pa is None else settings.start_pa
         start_pa = settings.transducer.level(start_pa)
         self.time_s = start_s
         self.asked = Trajectory(start_s, start_pa)
-        self.pressure_pa = settings.acting.settled_pa(start_pa, settings.acting.supply_pa)
+        filter_s = 0.0 if settings.pressure is None else settings.pressure.filter_s
+        self._pressure = ActuatorPressure(settings.acting, filter_s, start_pa, start_s)
+        self._record_from_s, self._record_until_s = start_s, -math.inf
+        self._is_played = False
         self._stem = settings.stem_at(settings.rest_position_m(self.pressure_pa))
         self._frozen_m = self._stem.sensed_m
+        self._shown = Memory(start_s, self._frozen_m, self._pressure.gauge_pa)
         self._asked_s = -math.inf
         self._sample = LIVE_SAMPLES_FROM
 
@@ -95,6 +99,11 @@ class SoftwareValve:
         return self.asked.at(self.time_s)
 
     @property
+    def pressure_pa(self) -> float:
+        """True pressure at the actuator, Pa."""
+        return self._pressure.pressure_pa
+
+    @property
     def supply_pa(self) -> float:
         """Air supply at its header now, Pa: what a sensor there shows."""
         lost = self.fault(FaultKind.AIR_LOST)
@@ -108,14 +117,16 @@ class SoftwareValve:
     def ask(self, pressure_pa: float) -> None:
         """From now on ask the I/P for this pressure, rounded to a level of the output, Pa."""
         if self.time_s - self._asked_s >= RECORD_PAUSE_S:
-            self._stem.begin_record()
+            self._begin_record(self.time_s + RECORD_TAIL_S, played=False)
+        elif not self._is_played and self.time_s <= self._record_until_s:
+            self._record_until_s = self.time_s + RECORD_TAIL_S
         self._asked_s = self.time_s
         self.asked.step_to(self.time_s, self.settings.transducer.level(pressure_pa))
 
     def play(self, after_s: FloatArray, pressure_pa: FloatArray) -> None:
         """From now on ask for this waveform; its corners are rounded to levels of the output, the lines are not."""
-        self._stem.begin_record()
         self._asked_s = self.time_s + float(after_s[-1])
+        self._begin_record(self._asked_s, played=True)
         self.asked.replace_from(self.time_s, after_s, self.settings.transducer.quantised(pressure_pa))
 
     def hold(self) -> None:
@@ -132,7 +143,48 @@ class SoftwareValve:
         self.faults = (*self.faults, fault)
 
     def advance(self, to_s: float, sample_s: FloatArray = _NO_TIMES) -> Samples | None:
-        """Go to ``to_s`` and return true values at ``sample_s``, rising times from now to ``to_s``; None without."""
+        """Go to ``to_s`` and return values at ``sample_s``, rising times from now to ``to_s``; None without."""
+        if not self.time_s < self._record_until_s < to_s:
+            found = self._advance_shown(to_s, sample_s)
+            if self.time_s == self._record_until_s:
+                self._end_record()
+            return found
+        end_s = self._record_until_s
+        before = int(np.searchsorted(sample_s, end_s, side="right"))
+        pieces = [self.advance(end_s, sample_s[:before]), self._advance_shown(to_s, sample_s[before:])]
+        return joined([piece for piece in pieces if piece is not None])
+
+    def _advance_shown(self, to_s: float, sample_s: FloatArray) -> Samples | None:
+        """Go to ``to_s`` and return at ``sample_s`` what sensors show, those with clocks of their own too."""
+        position, pressure = self.settings.position, self.settings.pressure
+        if position.is_instant and (pressure is None or pressure.is_instant):
+            return self._advance_sampled(to_s, sample_s)
+        looked_s = np.append(sample_s, max(to_s, self.time_s))
+        sensed_at_s = position.taken_s(looked_s, self._record_from_s)
+        gauge_at_s = looked_s if pressure is None else pressure.taken_s(looked_s, self._record_from_s)
+        wanted_s = np.unique(np.concatenate((looked_s, sensed_at_s, gauge_at_s)))
+        wanted_s = wanted_s[wanted_s >= self.time_s]
+        found = self._advance_sampled(to_s, wanted_s)
+        assert found is not None  # there is one at to_s at least
+        self._shown.note(wanted_s, found.sensed_m, found.gauge_pa)
+        at = np.searchsorted(wanted_s, sample_s)
+        sensed_m, _ = self._shown.at(sensed_at_s[:-1])
+        _, gauge_pa = self._shown.at(gauge_at_s[:-1])
+        self._shown.forget(min(float(sensed_at_s[-1]), float(gauge_at_s[-1])))
+        if sample_s.size == 0:
+            return None
+        return Samples(
+            found.position_m[at],
+            sensed_m,
+            found.pressure_pa[at],
+            gauge_pa,
+            found.asked_pa[at],
+            sensed_at_s[:-1],
+            gauge_at_s[:-1],
+        )
+
+    def _advance_sampled(self, to_s: float, sample_s: FloatArray) -> Samples | None:
+        """Go to ``to_s`` and return what there is at ``sample_s``."""
         if not self.faults and sample_s.size == 0:
             return self._advance_evenly(to_s, sample_s)
         pieces: list[Samples] = []
@@ -150,32 +202,53 @@ class SoftwareValve:
             taken = until
             if edge_s >= to_s:
                 break
-        if not pieces:
-            return None
-        return Samples(
-            *(
-                np.concatenate([getattr(piece, name) for piece in pieces])
-                for name in ("position_m", "sensed_m", "pressure_pa", "asked_pa")
-            )
-        )
+        return joined(pieces)
 
     def read_position_m(self) -> float:
         """Position as the sensor reads it now, m; NaN when it is bad. Each reading draws new noise."""
         self._sample += 1
-        sensed_m, sample = self._stem.sensed_m, self._sample
-        if self.faults:
+        sensed_m, sample, sensor = self._stem.sensed_m, self._sample, self.settings.position
+        taken_s = self.time_s
+        if not sensor.is_instant:
+            at_s = sensor.taken_s(np.array([self.time_s]), self._record_from_s)
+            sensed_m, taken_s = float(self._shown.at(at_s)[0][0]), float(at_s[0])
+        elif self.faults:
             sensed_m = float(self._sensed(np.array([sensed_m]))[0])
+        if self.faults:
             spikes = self.fault(FaultKind.SENSOR_SPIKES)
             sensed_m += spikes.amount if spikes is not None and sample % 3 == 0 else 0.0
             if self.fault(FaultKind.FROZEN_SENSOR) is not None:
-                sample = LIVE_SAMPLES_FROM  # a converter that stands still shows the same noise again and again
-        return self.settings.position.reading(sensed_m, sample)
+                # a converter that stands still shows the same noise again and again
+                sample, taken_s = LIVE_SAMPLES_FROM, 0.0
+        return sensor.reading(sensed_m, sample, taken_s)
 
     def read_pressure_pa(self) -> float:
         """Actuator pressure as its sensor reads it now, Pa; NaN where there is none."""
         self._sample += 1
         sensor = self.settings.pressure
-        return math.nan if sensor is None else sensor.reading(self.pressure_pa, self._sample)
+        if sensor is None:
+            return math.nan
+        if sensor.is_instant:
+            return sensor.reading(self._pressure.gauge_pa, self._sample, self.time_s)
+        at_s = sensor.taken_s(np.array([self.time_s]), self._record_from_s)
+        return sensor.reading(float(self._shown.at(at_s)[1][0]), self._sample, float(at_s[0]))
+
+    @property
+    def truth(self) -> Truth:
+        """What an estimate of the record since its beginning is judged by."""
+        if isinstance(self._stem, PackedStem):
+            return self._stem.truth()
+        return plain_truth(self.settings.extended.parameters)
+
+    def _begin_record(self, until_s: float, *, played: bool) -> None:
+        """Begin what counts from the start of a record anew, and set the sensors' clocks."""
+        self._stem.begin_record()
+        self._record_from_s, self._record_until_s, self._is_played = self.time_s, until_s, played
+
+    def _end_record(self) -> None:
+        self._record_until_s = -math.inf
+        if self.on_record is not None:
+            self.on_record(self.settings.tag, EndedRecord(self._record_from_s, self.time_s, self.truth))
 
     def fault(self, kind: FaultKind) -> Fault | None:
         """Return the fault of this kind that is there now."""
@@ -191,43 +264,37 @@ class SoftwareValve:
             self.asked.forget(self.time_s - dead_s)
             return None
         time_s, asked_pa = self.asked.between(start_s - dead_s, start_s + duration_s - dead_s)
-        after_s, target_pa = limited(time_s - time_s[0], asked_pa, self._reaching_pa)
-        runaway = self.fault(FaultKind.PRESSURE_RUNAWAY)
-        target_pa = (
-            self.settings.acting.leaking(target_pa) if runaway is None else np.full_like(target_pa, runaway.amount)
-        )
         # Local times: the clock may have run for days, and the difference of two such times is rounded.
+        after_s = time_s - time_s[0]
         after_s[-1] = duration_s
-        after_s, pressure_pa = lagged(after_s, target_pa, self.pressure_pa, self.settings.acting.lag_s)
-        if self.fault(FaultKind.PRESSURE_STUCK) is not None:
-            pressure_pa = np.full(pressure_pa.shape, self.pressure_pa)
+        course = self._pressure.follow(start_s, after_s, asked_pa, self._air)
         wanted_s = np.clip(sample_s - start_s, 0.0, duration_s)
-        position_m, shown_m = self._follow(after_s, pressure_pa, wanted_s)
+        position_m, shown_m = self._follow(course, wanted_s)
         sensed_m = self._sensed(shown_m)
         asked_then_pa = self.asked.values(sample_s)
-        self.pressure_pa, self.time_s = float(pressure_pa[-1]), max(to_s, start_s)
+        self.time_s = max(to_s, start_s)
         self.asked.forget(self.time_s - dead_s)
         if sample_s.size == 0:
             return None
-        return Samples(position_m, sensed_m, value_at(after_s, pressure_pa, wanted_s), asked_then_pa)
+        return Samples(position_m, sensed_m, *course.at(wanted_s), asked_then_pa, sample_s, sample_s)
+
+    @property
+    def _air(self) -> AirState:
+        if not self.faults:
+            return AirState(self._reaching_pa)
+        runaway = self.fault(FaultKind.PRESSURE_RUNAWAY)
+        stuck = self.fault(FaultKind.PRESSURE_STUCK) is not None
+        return AirState(self._reaching_pa, stuck, None if runaway is None else runaway.amount)
 
     def _is_level(self, from_s: float) -> bool:
         """Whether the pressure asked for and that at the actuator stay as they are."""
-        if self.fault(FaultKind.PRESSURE_STUCK) is not None:
-            return True
-        runaway = self.fault(FaultKind.PRESSURE_RUNAWAY)
-        if runaway is not None:
-            return self.pressure_pa == runaway.amount
-        target_pa = self.settings.acting.settled_pa(self.asked.at(from_s), self._reaching_pa)
-        if not self.asked.is_held_from(from_s):
-            return False
-        if self.settings.acting.lag_s == 0.0:
-            self.pressure_pa = target_pa
-        return target_pa == self.pressure_pa
+        asked_pa = self.asked.at(from_s) if self.asked.is_held_from(from_s) else None
+        return self._pressure.is_level(asked_pa, self._air)
 
     def _stay_level(self, duration_s: float) -> None:
         """Advance with the pressure as it is."""
         if duration_s > 0.0:
+            self._pressure.stay(duration_s)
             if self.fault(FaultKind.STUCK_STEM) is not None:
                 self._stem.hold(duration_s, _NO_TIMES)
                 return
@@ -241,17 +308,15 @@ class SoftwareValve:
                 happening = Happening.RESTARTED if fault.kind is FaultKind.RESTART else Happening.OUTPUT_RESET
                 self.record.add(Event(self.time_s, self.settings.tag, happening, pressure_pa=self.asked_pa))
 
-    def _follow(
-        self, after_s: FloatArray, pressure_pa: FloatArray, wanted_s: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def _follow(self, course: PressureCourse, wanted_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Go on while the pressure takes this course; true and sensed positions at ``wanted_s`` after now."""
         if self.fault(FaultKind.STUCK_STEM) is not None:
-            return self._stem.hold(float(after_s[-1]), wanted_s)
-        force_n = self.settings.area_m2 * pressure_pa
+            return self._stem.hold(float(course.after_s[-1]), wanted_s)
+        force_n = self.settings.area_m2 * course.pressure_pa
         if wanted_s.size == 0:
-            self._stem.advance(after_s, force_n)
+            self._stem.advance(course.after_s, force_n)
             return wanted_s, wanted_s
-        return self._stem.sample(after_s, force_n, wanted_s)
+        return self._stem.sample(course.after_s, force_n, wanted_s)
 
     def _sensed(self, shown_m: FloatArray) -> FloatArray:
         """Positions that the sensor shows as the faults of now leave them, before its noise and resolution."""

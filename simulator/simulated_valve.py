@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Final
 
 from simulator.faults import Fault
+from simulator.packed_stem import PackedStem
 from simulator.sensor import Sensor
 from simulator.stem import FollowedStem, PlainStem, StemWithEffects
 from simulator.transducer import Transducer
@@ -12,7 +14,10 @@ from valve.effects import Effect, with_effects
 from valve.errors import ParameterError
 from valve.extended_valve import ExtendedValve, StopSlots
 from valve.nameplate import Nameplate
+from valve.packing import Packing, drawn_roughness
 from valve.parameters import TravelStops, ValveParameters
+
+_OCCASION: Final = 1_000_003  # between the seeds of one occasion and the next
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,8 +25,9 @@ class SimulatedValve:
     """One valve of a simulated plant: the truth, and what stands between it and the wire.
 
     ``effects`` are what the valve has beside its parameters, hidden from whoever tests it; those of the transducer
-    come on top of its own. Pressure is None where there is no such sensor. Raises ParameterError without a diaphragm
-    area and for effects that cannot be together.
+    come on top of its own. ``packing`` says how its friction varies: along the travel by ``packing_seed``, in time and
+    between breakaways by that and the ``occasion``. Pressure is None where there is no such sensor.
+    Raises ParameterError without a diaphragm area and for effects that cannot be together.
     """
 
     tag: str
@@ -34,6 +40,9 @@ class SimulatedValve:
     start_pa: float | None = None  # pressure asked for at the start; the low end of the range by default
     faults: tuple[Fault, ...] = ()
     effects: tuple[Effect, ...] = ()
+    packing: Packing = field(default_factory=Packing)
+    packing_seed: int = 0
+    occasion: int = 0
     extended: ExtendedValve = field(init=False, repr=False, compare=False)
     acting: Transducer = field(init=False, repr=False, compare=False)  # the transducer with those effects that are its
 
@@ -52,6 +61,11 @@ class SimulatedValve:
         assert area_m2 is not None  # checked when it was made
         return area_m2
 
+    @property
+    def is_packed(self) -> bool:
+        """Whether its stem is followed by fixed steps: its friction varies, or its position sensor has a filter."""
+        return not self.packing.is_ideal or self.position.filter_s > 0.0
+
     def rest_position_m(self, pressure_pa: float) -> float:
         """Where the stem rests with no friction at this pressure, m; 0 or the nearest stop without a spring."""
         force_n = self.area_m2 * pressure_pa - self.parameters.preload_n
@@ -60,7 +74,20 @@ class SimulatedValve:
         return min(max(free_m, self.extended.stops.low_m), self.extended.stops.high_m)
 
     def stem_at(self, position_m: float) -> FollowedStem:
-        """Return its stem at rest there."""
+        """Return its stem at rest there.
+
+        Followed by fixed steps where it is packed, exactly where not.
+        """
+        if self.is_packed:
+            coulomb_n, travel_m = self.parameters.coulomb_friction_n, self.nameplate.actuator.travel_m
+            return PackedStem(
+                self.extended,
+                self.packing,
+                drawn_roughness(self.packing, coulomb_n, travel_m, self.packing_seed),
+                position_m,
+                seed=self.packing_seed + _OCCASION * self.occasion,
+                filter_s=self.position.filter_s,
+            )
         if self.effects:
             return StemWithEffects(self.extended, position_m)
         return PlainStem(self.parameters, self.stops, position_m)

@@ -8,12 +8,14 @@ are so close together that a straight line between them leaves it by at most ``C
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from simulator.loop import Loop
+from simulator.sensor import noise
 from valve.errors import ParameterError
 from valve.extended_valve import InputPath
 
@@ -24,12 +26,60 @@ CHORD_ERROR_PA: Final = 0.02
 
 
 @dataclass(frozen=True, slots=True)
+class Hunting:
+    """An I/P that hunts: its output swings by ``swing_pa`` from end to end, once in about ``period_s``.
+
+    A saw-tooth of straight lines whose turns differ by up to a quarter of half a period and a third of the swing.
+    Raises ParameterError where a number is not physical.
+    """
+
+    swing_pa: float = 0.0
+    period_s: float = 0.8
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.swing_pa) and self.swing_pa >= 0.0):
+            raise ParameterError(f"the I/P hunts by {self.swing_pa:g} Pa, it must not be negative")
+        if not (math.isfinite(self.period_s) and self.period_s >= 0.01):
+            raise ParameterError(f"the I/P hunts with a period of {self.period_s:g} s, give at least 0.01")
+
+    def turns(self, from_s: float, to_s: float) -> tuple[FloatArray, FloatArray]:
+        """Times of the turns from before ``from_s`` to after ``to_s``, and the pressure that each adds, Pa."""
+        half_s = 0.5 * self.period_s
+        number = np.arange(math.floor(from_s / half_s) - 1, math.ceil(to_s / half_s) + 2)
+        late = np.clip(0.1 * noise(self.seed, 2 * number + (1 << 44)), -0.25, 0.25)
+        more = np.clip(0.15 * noise(self.seed, 2 * number + 1 + (1 << 44)), -0.33, 0.33)
+        side = np.where(number % 2 == 0, 0.5, -0.5)
+        return (number + late) * half_s, side * self.swing_pa * (1.0 + more)
+
+    def swung(self, time_s: FloatArray, pressure_pa: FloatArray, start_s: float) -> tuple[FloatArray, FloatArray]:
+        """Corners of a pressure with the swing on top; ``start_s`` is the clock's time at ``time_s`` 0."""
+        if self.swing_pa == 0.0:
+            return time_s, pressure_pa
+        turn_s, added_pa = self.turns(start_s + float(time_s[0]), start_s + float(time_s[-1]))
+        turn_s = turn_s - start_s
+        inside_s = turn_s[(turn_s > time_s[0]) & (turn_s < time_s[-1])]
+        place = np.searchsorted(time_s, inside_s, side="right")
+        all_s = np.insert(time_s, place, inside_s)
+        all_pa = np.insert(pressure_pa, place, value_at(time_s, pressure_pa, inside_s))
+        return all_s, all_pa + np.interp(all_s, turn_s, added_pa)
+
+    def added_pa(self, time_s: FloatArray) -> FloatArray:
+        """Pressure that it adds at these times, Pa, shape as given."""
+        if time_s.size == 0:
+            return np.zeros(0)
+        turn_s, added_pa = self.turns(float(time_s.min()), float(time_s.max()))
+        return np.asarray(np.interp(time_s, turn_s, added_pa))
+
+
+@dataclass(frozen=True, slots=True)
 class Transducer:
     """An I/P transducer and the output that drives it.
 
     The pressure asked for is rounded to one of ``2^dac_bits`` levels of ``range_pa``; it comes to act ``dead_time_s``
     later; the actuator follows it with the time constant ``lag_s``, never above ``supply_pa``, and short of it by the
-    share ``leak``. Raises ParameterError where a value is not physical.
+    share ``leak``; ``hunting`` comes on top. ``dead_band_pa`` and ``hysteresis_pa`` are
+    those of its Loop. Raises ParameterError where a value is not physical.
     """
 
     range_pa: tuple[float, float]
@@ -38,6 +88,9 @@ class Transducer:
     supply_pa: float = 140.0e3
     dac_bits: int = 16
     leak: float = 0.0
+    hunting: Hunting = field(default_factory=Hunting)
+    dead_band_pa: float = 0.0
+    hysteresis_pa: float = 0.0
 
     def __post_init__(self) -> None:
         low_pa, high_pa = self.range_pa
@@ -52,6 +105,7 @@ class Transducer:
             raise ParameterError(f"dac_bits is {self.dac_bits}, give 4 to 32")
         if not 0.0 <= self.leak < 1.0:
             raise ParameterError(f"the transducer's leak is {self.leak:g}, give 0 to below 1")
+        _ = self.loop
 
     def with_path(self, path: InputPath, area_m2: float) -> Transducer:
         """Return this transducer with an input path's lag, delay, limit (a force on ``area_m2``) and leak on top.
@@ -72,6 +126,11 @@ class Transducer:
             supply_pa=min(self.supply_pa, path.limit_n / area_m2),
             leak=1.0 - (1.0 - self.leak) * (1.0 - path.leak),
         )
+
+    @property
+    def loop(self) -> Loop:
+        """How the output depends on the way that the command came."""
+        return Loop(self.dead_band_pa, self.hysteresis_pa, self.range_pa[1] - self.range_pa[0])
 
     def leaking(self, pressure_pa: FloatArray) -> FloatArray:
         """Return what a leak leaves of these pressures, Pa."""

@@ -23,6 +23,7 @@ def valve_text(
     device_id: int = 1,
     *,
     safe: str = "0.0",
+    stem: str = "stem_read_after_s = 0.0",
     actuator: tuple[float, float] = (0.06452, 0.1016),
     signal: bool = True,
     pressure_pa: tuple[float, float] = PRESSURE_PA,
@@ -32,13 +33,17 @@ def valve_text(
     watchdog_s: float | None = None,
     more: str = "",
 ) -> str:
-    """Return a valve: ``actuator`` is diaphragm area (m2) and travel (m), ``more`` are further tables of it."""
+    """Return a valve: ``actuator`` is diaphragm area (m2) and travel (m), ``more`` are further tables of it.
+
+    ``stem`` is when its stem is looked at and where it should be: by default at once and nowhere.
+    """
     signalled = f"[valves.signal]\nrange_ma = [4.0, 20.0]\nrange_pa = {list(pressure_pa)}\n" if signal else ""
     watchdog = "" if watchdog_s is None else f"[valves.watchdog]\ntimeout_s = {watchdog_s}\n"
     return f"""\
 [[valves]]
 tag = "{tag}"
 safe_value_pa = {safe}
+{stem}
 [valves.actuator]
 diaphragm_area_m2 = {actuator[0]}
 travel_m = {actuator[1]}

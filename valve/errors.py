@@ -22,6 +22,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 
 class ValveError(Exception):
     """Root of all errors that breakaway raises on purpose.
@@ -94,3 +96,10 @@ class InternalError(ValveError):
 
 class MotionError(InternalError):
     """The simulated stem's motion could not be followed."""
+
+
+def refuse(kind: type[ValveError], faults: Iterable[str]) -> None:
+    """Raise ``kind`` with every fault, one a line; nothing happens where all of them are "" or there is none."""
+    found = [fault for fault in faults if fault]
+    if found:
+        raise kind("\n".join(found))

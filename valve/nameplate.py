@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from valve.errors import ParameterError
+from valve.errors import ParameterError, refuse
 from valve.units import linear
 
 
@@ -18,19 +18,19 @@ class Action(StrEnum):
     DOUBLE = "double"
 
 
-def _require_positive(subject: str, value: float, unit: str) -> None:
-    if not (math.isfinite(value) and value > 0.0):
-        raise ParameterError(f"{subject} is {value:g} {unit}, it must be above 0: correct the nameplate")
+def _not_positive(subject: str, value: float | None, unit: str) -> str:
+    if value is None or (math.isfinite(value) and value > 0.0):
+        return ""
+    return f"{subject} is {value:g} {unit}, it must be above 0: correct the nameplate"
 
 
-def _range(subject: str, span: Sequence[float], unit: str) -> tuple[float, float]:
-    """Return the two ends as a tuple, whatever sequence a file gave. Raises ParameterError unless they rise."""
+def _no_range(subject: str, span: Sequence[float], unit: str) -> str:
     if len(span) != 2:
-        raise ParameterError(f"{subject} has {len(span)} values, it needs 2: give its lower and its upper end")
+        return f"{subject} has {len(span)} values, it needs 2: give its lower and its upper end"
     low, high = span
-    if not (math.isfinite(low) and math.isfinite(high) and low < high):
-        raise ParameterError(f"{subject} is {low:g} to {high:g} {unit}, it must rise: give the lower value first")
-    return low, high
+    if math.isfinite(low) and math.isfinite(high) and low < high:
+        return ""
+    return f"{subject} is {low:g} to {high:g} {unit}, it must rise: give the lower value first"
 
 
 def _action(value: str) -> Action:
@@ -55,18 +55,19 @@ class Actuator:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "action", _action(self.action))
-        _require_positive("actuator.travel_m", self.travel_m, "m")
-        if self.diaphragm_area_m2 is not None:
-            _require_positive("actuator.diaphragm_area_m2", self.diaphragm_area_m2, "m2")
-        if self.moving_mass_kg is not None:
-            _require_positive("actuator.moving_mass_kg", self.moving_mass_kg, "kg")
+        faults = [
+            _not_positive("actuator.travel_m", self.travel_m, "m"),
+            _not_positive("actuator.diaphragm_area_m2", self.diaphragm_area_m2, "m2"),
+            _not_positive("actuator.moving_mass_kg", self.moving_mass_kg, "kg"),
+        ]
         if self.bench_set_pa is not None:
-            bench_set_pa = _range("actuator.bench_set_pa", self.bench_set_pa, "Pa")
-            object.__setattr__(self, "bench_set_pa", bench_set_pa)
+            object.__setattr__(self, "bench_set_pa", tuple(self.bench_set_pa))  # whatever sequence a file gave
+            faults.append(_no_range("actuator.bench_set_pa", self.bench_set_pa, "Pa"))
             if self.action is Action.DOUBLE:
-                raise ParameterError(
+                faults.append(
                     "actuator.bench_set_pa is given for a double-acting actuator, which has no spring: leave it out"
                 )
+        refuse(ParameterError, faults)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +81,10 @@ class Signal:
     range_pa: tuple[float, float]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "range_ma", _range("signal.range_ma", self.range_ma, "mA"))
-        object.__setattr__(self, "range_pa", _range("signal.range_pa", self.range_pa, "Pa"))
+        object.__setattr__(self, "range_ma", tuple(self.range_ma))
+        object.__setattr__(self, "range_pa", tuple(self.range_pa))
+        faults = _no_range("signal.range_ma", self.range_ma, "mA"), _no_range("signal.range_pa", self.range_pa, "Pa")
+        refuse(ParameterError, faults)
 
     def pressure_pa(self, current_ma: float) -> float:
         """Pressure that the transducer should give at this current, Pa."""

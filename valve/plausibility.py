@@ -24,6 +24,8 @@ _LOWEST_FULL_PRESSURE_PA: Final = 5.0e3  # no actuator works below it, where the
 _CURRENT_LOOP_MA: Final = (-0.5, 25.0)  # what a 4-20 mA loop can carry (NAMUR NE 43 ends at 21)
 _SURELY_MOVED: Final = 0.05  # of the travel: five times what a hundredth of the pressure moves
 _MOST_STAND_INS: Final = 0.05  # of the values: more is a unit
+_STAND_INS: Final = (-999.0, -9999.0, -99999.0, -999.25, -32768.0, 9999.0, 99999.0, 999999.0)
+_APART: Final = 0.05  # of the other values' span: a measured value stands among its neighbours
 _MOST_KINDS: Final = 3  # different numbers: a measured value in another unit hardly comes twice
 _SLOWEST_PERIOD_S: Final = 5.0  # beyond it no motion of a stem is seen, only where it has been
 _SLOW_PERIOD_S: Final = 0.5  # milliseconds of 1 kHz or less, and longer than any test that is sampled so slowly:
@@ -168,6 +170,25 @@ def require_plausible_current(command_ma: FloatArray, source: str) -> None:
         raise RecordingError(
             f"{source}: command_ma reaches {present.max():.4g} mA, it looks like amperes: write it in mA"
         )
+
+
+def require_no_stand_ins(name: str, values: FloatArray, source: str) -> None:
+    """Raise RecordingError where few values are a number that loggers write for none, far from all the others."""
+    odd = np.isin(values, _STAND_INS)
+    count = int(np.count_nonzero(odd))
+    others = values[np.isfinite(values) & ~odd]
+    if count == 0 or others.size == 0 or count > _MOST_STAND_INS * values.size:
+        return
+    low, high = float(others.min()), float(others.max())
+    margin = _APART * (high - low)
+    odd &= (values < low - margin) | (values > high + margin)
+    if not odd.any():
+        return
+    row = int(np.argmax(odd)) + 1
+    raise RecordingError(
+        f"{source}: row {row}, column {name}: it is {values[row - 1]:.7g}, which loggers write for no value, and the "
+        f"others are {low:.4g} to {high:.4g}: leave the cell empty where there was no value"
+    )
 
 
 def _require_no_stand_ins(name: str, values: FloatArray, most: float, source: str) -> None:

@@ -20,7 +20,7 @@ _GAPS: Final = ("", "nan", "NaN", "NAN")
 _LONGEST_SHOWN: Final = 40  # characters of a bad cell that a message repeats
 
 
-def read_columns(data: bytes, source: str) -> dict[str, FloatArray]:
+def read_columns(data: bytes, source: str, *, most_rows: int) -> dict[str, FloatArray]:
     """Columns of a CSV file by name, float64, NaN where a cell is empty or ``nan``.
 
     Raises RecordingError with file, row, column, value and remedy.
@@ -29,6 +29,8 @@ def read_columns(data: bytes, source: str) -> dict[str, FloatArray]:
     body = data[body_start:]
     if not body.strip():
         raise RecordingError(f"{source}: it has a header and no row, give one row a sample")
+    if body.count(b"\n") > most_rows:
+        raise RecordingError(too_many_rows(source, body.count(b"\n"), most_rows))
     try:
         table = pa.csv.read_csv(
             io.BytesIO(body),
@@ -40,6 +42,11 @@ def read_columns(data: bytes, source: str) -> dict[str, FloatArray]:
     except pa.ArrowInvalid as error:
         raise _located(body, header, source) or RecordingError(f"{source}: it is not a CSV file: {error}") from None
     return {name: np.asarray(table[name].to_numpy(), dtype=np.float64) for name in header}
+
+
+def too_many_rows(source: str, rows: int, most_rows: int) -> str:
+    """Return what is said of a file with more rows than are taken."""
+    return f"{source}: it has {rows} rows, the most is {most_rows}: give fewer or shorter recordings"
 
 
 def csv_bytes(columns: Mapping[str, FloatArray]) -> bytes:

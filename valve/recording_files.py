@@ -16,6 +16,7 @@ from valve.nameplate import Nameplate
 from valve.plausibility import (
     require_channels_in_place,
     require_moving_input,
+    require_no_stand_ins,
     require_plausible_current,
     require_plausible_position,
     require_plausible_pressure,
@@ -27,31 +28,40 @@ _PARQUET_MAGIC: Final = b"PAR1"
 _PARQUET_SUFFIXES: Final = (".parquet", ".pq")
 _POLLED_COLUMNS: Final = frozenset(INTERVAL_CHANNELS)  # a write and a look a row: nothing else has them
 _LARGEST_FILE_BYTES: Final = 2**31  # 10 hours of 1 kHz are 1 GB of CSV; more is no test of a valve
+_MOST_ROWS: Final = 72_000_000  # 20 hours of 1 kHz
 
 
-def read_recording(path: Path | str, nameplate: Nameplate | None = None) -> Recording:
+def read_recording(path: Path | str, nameplate: Nameplate | None = None, *, most_rows: int | None = None) -> Recording:
     """Recording of a CSV or a Parquet file, told apart by their content.
 
     ``command_ma`` becomes ``command_pa`` by the nameplate's signal. With a nameplate, values that cannot be in SI
-    units are refused. Raises RecordingError with file, row, column, value, limit and remedy.
+    units are refused, and with ``most_rows`` a file that has more, before it is unpacked.
+    Raises RecordingError with file, row, column, value, limit and remedy.
     """
     source = str(path)
-    data = _content(Path(path))
-    return recording_from_bytes(data, source, nameplate, says_parquet=Path(path).suffix in _PARQUET_SUFFIXES)
+    data = file_content(Path(path))
+    says_parquet = Path(path).suffix in _PARQUET_SUFFIXES
+    return recording_from_bytes(data, source, nameplate, says_parquet=says_parquet, most_rows=most_rows)
 
 
 def recording_from_bytes(
-    data: bytes, source: str, nameplate: Nameplate | None = None, *, says_parquet: bool = False
+    data: bytes,
+    source: str,
+    nameplate: Nameplate | None = None,
+    *,
+    says_parquet: bool = False,
+    most_rows: int | None = None,
 ) -> Recording:
     """Recording of a file's content; ``source`` names it in messages. Raises RecordingError as ``read_recording``."""
     provenance = Provenance()
+    most_rows = _MOST_ROWS if most_rows is None else most_rows
     if data.startswith(_PARQUET_MAGIC):
-        columns, provenance = recording_parquet.read_columns(data, source)
+        columns, provenance = recording_parquet.read_columns(data, source, most_rows=most_rows)
     elif says_parquet:
         raise RecordingError(f"{source}: it does not start as a Parquet file does: give it the suffix of what it is")
     else:
-        columns = recording_csv.read_columns(data, source)
-    return _recording(columns, provenance, source, nameplate)
+        columns = recording_csv.read_columns(data, source, most_rows=most_rows)
+    return recording_from_columns(columns, provenance, source, nameplate)
 
 
 def write_csv(recording: Recording, path: Path | str) -> None:
@@ -90,7 +100,8 @@ def recording_columns(recording: Recording) -> dict[str, FloatArray]:
     return columns
 
 
-def _content(path: Path) -> bytes:
+def file_content(path: Path) -> bytes:
+    """Return a file's bytes. Raises RecordingError where it cannot be read or is too large for a recording."""
     try:
         if path.is_dir():
             raise RecordingError(f"{path}: it is a folder, give a CSV or Parquet file")
@@ -126,10 +137,13 @@ def _write_durably(data: bytes, path: Path) -> None:
         raise RecordingError(f"{path}: it cannot be written: {error.strerror}") from error
 
 
-def _recording(
+def recording_from_columns(
     columns: dict[str, FloatArray], provenance: Provenance, source: str, nameplate: Nameplate | None
 ) -> Recording:
-    """Recording of these columns, each requirement of the file checked with its name in the message."""
+    """Recording of columns by the contract's names, each requirement checked with the file's name in the message.
+
+    Raises RecordingError as ``read_recording``.
+    """
     _require_columns(columns, source)
     _require_rising_time(columns["time_s"], source)
     for name, column in columns.items():
@@ -140,6 +154,9 @@ def _recording(
             raise RecordingError(f"{source}: column {name} holds no value, {_remedy(name)}")
     if nameplate is not None:
         _require_plausible(columns, nameplate, source)
+    for name in ("position_m", "pressure_pa", "command_pa", "force_n"):
+        if name in columns:
+            require_no_stand_ins(name, columns[name], source)
     if "command_ma" in columns:
         columns["command_pa"] = _command_pa(columns.pop("command_ma"), nameplate, source)
     if provenance.acquisition is Acquisition.FILE and columns.keys() >= _POLLED_COLUMNS:
@@ -170,6 +187,11 @@ def _require_rising_time(time_s: FloatArray, source: str) -> None:
         row = int(np.isnan(time_s).argmax()) + 1
         raise RecordingError(f"{source}: row {row}, column time_s: it is missing, every row needs a time")
     falling = np.flatnonzero(np.diff(time_s) <= 0.0)
+    if falling.size > 1 and falling.size == time_s.size - 1 and np.diff(time_s).max() < 0.0:
+        raise RecordingError(
+            f"{source}: column time_s: the newest row stands first, from {float(time_s[0])!r} down to "
+            f"{float(time_s[-1])!r} s, it must increase: sort the rows by time"
+        )
     if falling.size:
         row = int(falling[0]) + 2
         before_s, after_s = float(time_s[row - 2]), float(time_s[row - 1])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from typing import Any, Final
 
@@ -16,12 +16,13 @@ from valve.column_names import remedy
 from valve.errors import RecordingError
 from valve.quantisation import Grid, find_grid
 from valve.recording import Acquisition, FloatArray, Provenance
-from valve.recording_csv import COLUMNS
+from valve.recording_csv import COLUMNS, too_many_rows
 
 SCHEMA: Final = "breakaway/recording/1"
 _METADATA_KEY: Final = b"breakaway"
 _UNITS: Final = {"s": "s", "pa": "Pa", "n": "N", "m": "m"}  # by the last part of a column's name
 _INT32: Final = 2**31 - 1
+_BYTES_A_NUMBER: Final = 16  # 8, and as much again for a dictionary and the pages' heads
 
 
 def parquet_bytes(columns: Mapping[str, FloatArray], provenance: Provenance, sample_period_s: float) -> bytes:
@@ -63,25 +64,44 @@ def _integers(numbers: FloatArray, missing: np.typing.NDArray[np.bool_]) -> pa.A
     return pa.array(whole.astype(np.int32) if fits else whole, mask=missing)
 
 
-def read_columns(data: bytes, source: str) -> tuple[dict[str, FloatArray], Provenance]:
+def read_columns(data: bytes, source: str, *, most_rows: int) -> tuple[dict[str, FloatArray], Provenance]:
     """Columns by name, float64 with NaN for gaps, and the provenance (of a file of others: empty).
 
-    Raises RecordingError where it is no Parquet file, or a column is unknown or holds no numbers.
+    Raises RecordingError where it is no Parquet file, or a column is unknown or holds no numbers; of more rows than
+    ``most_rows``, or bytes than so many of numbers have, before anything is unpacked.
     """
     try:
-        table = pq.read_table(io.BytesIO(data))
+        described = pq.read_metadata(io.BytesIO(data))
+        if described.num_rows > most_rows:
+            raise RecordingError(too_many_rows(source, described.num_rows, most_rows))
+        _require_known(described.schema.to_arrow_schema().names, source)
+        _require_modest(described, most_rows, source)
+        # One thread: more gain nothing here, and hang where memory is bounded and none can be started.
+        table = pq.read_table(io.BytesIO(data), use_threads=False, pre_buffer=False)
     except (pa.ArrowInvalid, OSError) as error:
         reason = str(error).partition(".")[0]
         raise RecordingError(f"{source}: it cannot be read as a Parquet file ({reason}): write it again") from None
     metadata = _metadata(table.schema, source)
     columns: dict[str, FloatArray] = {}
     for name in table.column_names:
-        if name not in COLUMNS:
-            raise RecordingError(f"{source}: unknown column {name!r}; there are {', '.join(COLUMNS)}: {remedy(name)}")
-        if name in columns:
-            raise RecordingError(f"{source}: column {name!r} stands in it twice, remove one")
         columns[name] = _values(table[name], metadata.get("columns", {}).get(name, {}), f"{source}: column {name}")
     return columns, _provenance(metadata, source)
+
+
+def _require_known(names: Sequence[str], source: str) -> None:
+    for number, name in enumerate(names):
+        if name not in COLUMNS:
+            raise RecordingError(f"{source}: unknown column {name!r}; there are {', '.join(COLUMNS)}: {remedy(name)}")
+        if name in names[:number]:
+            raise RecordingError(f"{source}: column {name!r} stands in it twice, remove one")
+
+
+def _require_modest(described: pq.FileMetaData, most_rows: int, source: str) -> None:
+    """Refuse what unpacks to more bytes than numbers in so many rows have: long texts, a dictionary of millions."""
+    unpacked = sum(described.row_group(number).total_byte_size for number in range(described.num_row_groups))
+    most = _BYTES_A_NUMBER * described.num_columns * most_rows
+    if unpacked > most:
+        raise RecordingError(f"{source}: it unpacks to {unpacked} bytes, the most is {most}: write numbers alone")
 
 
 def _metadata(schema: pa.Schema, source: str) -> dict[str, Any]:

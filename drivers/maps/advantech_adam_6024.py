@@ -2,6 +2,9 @@
 
 An output drives the I/P, inputs read position and pressure transmitters. It has no fence, no watchdog and no canary:
 the wiring must waive the watchdog. Its outputs are read back through their own registers, it has no others.
+
+An input's codes end at 4 and 20 mA: a broken wire reads as 4 mA, a stem at the lower end. The input's status alone
+tells them apart.
 """
 
 from __future__ import annotations
@@ -48,6 +51,7 @@ MAP: Final = RegisterMap(
     ),
     registers=(*map(_input, range(6)), *map(_output, range(2)), *map(_status, range(6))),
     roles={Role.COMMAND: "ao0", Role.POSITION: "ai0", Role.PRESSURE: "ai1"},
+    statuses={f"ai{channel}": f"ai{channel}_status" for channel in range(6)},
     golden=(
         GoldenFrame(
             request=bytes.fromhex("01 03 00 00 00 02 C4 0B"),

@@ -29,13 +29,17 @@ def friction_parameters(
     transients: Transients,
     forces: BreakawayForces | None,
     one_way: Outcome = Outcome.ONE_DIRECTION_ONLY,
+    sense: int = 1,
 ) -> tuple[dict[str, ParameterEstimate], list[Outcome]]:
-    """Return k, F_c, F_s and F_0 by symbol, and what stands against any of them; ``one_way``: why only one was seen."""
+    """Return k, F_c, F_s and F_0 by symbol, and what stands against any of them; ``one_way``: why only one was seen.
+
+    ``sense`` is its direction: there F_c and F_0 are known together.
+    """
     outcomes: list[Outcome] = []
     coulomb, coulomb_error = _coulomb(balance, transients)
     parameters = {"k": _spring(balance)}
     if balance.one_direction and balance.form is not Form.PUBLISHED:
-        tied = "one direction shows it only together with the preload"
+        tied = f"one direction shows it only together with the preload{_one_way_note(balance, sense)}"
         outcomes.append(one_way)
         parameters |= {symbol: absent(f"{tied}: {one_way}") for symbol in ("F_c", "F_s", "F_0")}
         return parameters, outcomes
@@ -58,6 +62,19 @@ def friction_parameters(
         parameters["F_s"] = measured(forces.value, error, reason="the breakaways scatter")
     parameters["F_0"] = _preload(balance)
     return parameters, outcomes
+
+
+def _one_way_note(balance: Balance, sense: int) -> str:
+    """What is known of a motion in one direction: s (F - k x) is F_c + F_v v + s F_0 there.
+
+    Nothing of a drive without a spring, whose speed a force that holds does not keep.
+    """
+    if balance.action is Action.DOUBLE:
+        return ""
+    friction_n, error_n = balance.friction[0], NORMAL_95 * balance.friction[1]
+    digits = digits_within(error_n, friction_n)
+    moving = f" + {balance.speed:.3g} m/s * F_v" if balance.speed > 0.0 else ""
+    return f", F_c{moving} {'+' if sense > 0 else '-'} F_0 = {friction_n:.{digits}g} N is known to +-{error_n:.2g} N"
 
 
 def _spring(balance: Balance) -> ParameterEstimate:

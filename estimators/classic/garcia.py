@@ -11,7 +11,7 @@ from estimators.classic.conclusion import conclude
 from estimators.classic.friction_parameters import friction_parameters, has_stiction
 from estimators.classic.garcia_points import published_points
 from estimators.classic.misfit import Fallback
-from estimators.classic.robust_estimate import robust_estimate
+from estimators.classic.robust_estimate import repeats_exactly, robust_estimate
 from estimators.classic.slip_fit import fit_slips
 from estimators.classic.transients import Setting, judge_transients
 from estimators.linear_fit import LinearFit
@@ -35,8 +35,16 @@ class GarciaEstimator(ClassicEstimator):
     """
 
     method: ClassVar[str] = "garcia"
+    solves_jointly: ClassVar[bool] = False
 
-    def _found(self, motion: RecordedMotion) -> Estimate:
+    def _repeating(self, motion: RecordedMotion) -> Estimate | None:
+        if motion.uniform is None:
+            return None
+        balance = Balance.of(motion.uniform, self.form, motion.action)
+        robust = robust_estimate(self.method, motion, balance, AFTER_THE_BALANCE, motion.uniform.covariance)
+        return self._exact(motion) if robust is None and repeats_exactly(motion) else robust
+
+    def _exact(self, motion: RecordedMotion) -> Estimate:
         if motion.uniform is None:
             return failed(self.method, motion.uniform_outcome or Outcome.NO_UNIFORM_MOTION)
         if self.form is not Form.PUBLISHED:
@@ -47,10 +55,6 @@ class GarciaEstimator(ClassicEstimator):
 
     def _corrected(self, motion: RecordedMotion, uniform: UniformMotion) -> Estimate:
         balance = Balance.of(uniform, self.form, motion.action)
-        if self.form is Form.ROBUST:
-            robust = robust_estimate(self.method, motion, balance, AFTER_THE_BALANCE, uniform.covariance)
-            if robust is not None:
-                return robust
         preload = 0.0 if balance.preload is None else balance.preload[0]
         forces = breakaway_forces(motion.samples, motion.phases, balance.spring[0], preload)
         slip_free = forces is None or not has_stiction(balance, forces)
@@ -98,7 +102,9 @@ class GarciaEstimator(ClassicEstimator):
         bounds = settling or viscous_bounds(balance)
         setting = Setting.of(motion, balance, bounds, bounds_are_measured=measured_bounds)
         transients = judge_transients(full, massless, steady, setting)
-        parameters, outcomes = friction_parameters(balance, transients, forces, motion.one_way_outcome)
+        parameters, outcomes = friction_parameters(
+            balance, transients, forces, motion.one_way_outcome, max(motion.phases.directions)
+        )
         parameters |= {"m": transients.mass, "F_v": transients.viscous, "DV": absent(_NO_LIMIT_VELOCITY)}
         fallback = Fallback.of(motion, transients, balance)
         return conclude(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
@@ -14,9 +14,9 @@ from estimators.classic.conclusion import conclude
 from estimators.classic.differences import without_bias
 from estimators.classic.friction_parameters import friction_parameters
 from estimators.classic.limit_velocity import limit_velocity
-from estimators.classic.misfit import Fallback
+from estimators.classic.misfit import Fallback, misfit_m
 from estimators.classic.regressors import Regressors, corrected_regressors, published_regressors
-from estimators.classic.robust_estimate import robust_estimate
+from estimators.classic.robust_estimate import repeats_exactly, robust_estimate
 from estimators.classic.simulated_static_friction import refined_static_friction
 from estimators.classic.threshold_sweep import ThresholdSweep
 from estimators.classic.transients import Setting, is_resolved, judge_transients
@@ -29,6 +29,8 @@ from estimators.slips.search import AFTER_THE_BALANCE, ALL_AT_ONCE
 from estimators.slips.settling import viscous_from_settling
 from valve.errors import ParameterError
 from valve.nameplate import Action
+
+_TRIFLE: Final = 1.0e-3  # own choice, of the travel: F_s and DV stand in
 
 
 class StaticFriction(StrEnum):
@@ -70,6 +72,7 @@ class RegressionEstimator(ClassicEstimator):
     """
 
     method: ClassVar[str] = "regression"
+    solves_jointly: ClassVar[bool] = True
 
     thresholds: int = 1200
     parts: int = 1500
@@ -93,22 +96,33 @@ class RegressionEstimator(ClassicEstimator):
         return self.form is not Form.PUBLISHED if self.preload is None else self.preload
 
     @property
-    def is_judged(self) -> bool:
-        """Whether the whole motion judges the estimate: neither that as published nor that at a given threshold."""
-        return self.form is Form.ROBUST and self.threshold is None
+    def adapts(self) -> bool:
+        """Whether the estimate suits itself to the recording: neither that as published nor that at a threshold."""
+        return self.form is Form.ROBUST and self.threshold is None and self._fits_preload
 
-    def _found(self, motion: RecordedMotion) -> Estimate:
+    def _repeating(self, motion: RecordedMotion) -> Estimate | None:
+        if motion.uniform is None:
+            return self._without_ramps(motion)
+        start = Balance.of(motion.uniform, self.form, motion.action)
+        robust = robust_estimate(self.method, motion, start, ALL_AT_ONCE, None)
+        if motion.uniform.viscous_n_s_per_m is not None and (robust is None or robust.value("F_v") is None):
+            # the slips seen are of one speed, and the uniform motion of several
+            other = robust_estimate(self.method, motion, start, AFTER_THE_BALANCE, motion.uniform.covariance)
+            robust = robust if other is None or other.value("F_v") is None else other
+        return self._exact(motion) if robust is None and repeats_exactly(motion) else robust
+
+    def _without_ramps(self, motion: RecordedMotion) -> Estimate | None:
+        """The regression on a motion that is never uniform, where without noise it follows all of it."""
+        if motion.samples.position_noise_m > 0.0 or motion.action is not Action.SPRING:
+            return None
+        found = self._exact(motion)
+        missed_m = misfit_m(found, motion)
+        trifle_m = _TRIFLE * float(np.ptp(motion.samples.position_m))
+        return found if missed_m is not None and missed_m < trifle_m else None
+
+    def _exact(self, motion: RecordedMotion) -> Estimate:
         if motion.has_preload and not self._fits_preload:
             return failed(self.method, Outcome.PRELOAD_IGNORED)
-        if self.is_judged and self._fits_preload and motion.uniform is not None:
-            start = Balance.of(motion.uniform, self.form, motion.action)
-            robust = robust_estimate(self.method, motion, start, ALL_AT_ONCE, None)
-            if motion.uniform.viscous_n_s_per_m is not None and (robust is None or robust.value("F_v") is None):
-                # the slips seen are of one speed, and the uniform motion of several
-                other = robust_estimate(self.method, motion, start, AFTER_THE_BALANCE, motion.uniform.covariance)
-                robust = robust if other is None or other.value("F_v") is None else other
-            if robust is not None:
-                return robust
         first = self._first_step(motion)
         balance = self._balance(motion, first)
         if balance is None:
@@ -125,7 +139,9 @@ class RegressionEstimator(ClassicEstimator):
         forces = self._breakaways(motion, balance)
         if forces is not None:
             raw["F_s"] = forces.value
-        parameters, outcomes = friction_parameters(balance, transients, forces, motion.one_way_outcome)
+        parameters, outcomes = friction_parameters(
+            balance, transients, forces, motion.one_way_outcome, max(motion.phases.directions)
+        )
         second = limit_velocity(first.sweep, raw.get("F_c"), raw.get("F_v"), first.regressors.reference_speed)
         parameters |= {"m": transients.mass, "F_v": transients.viscous, "DV": absent(second.note)}
         fallback = Fallback.of(motion, transients, balance)
@@ -228,7 +244,8 @@ class RegressionEstimator(ClassicEstimator):
             friction=friction,
             preload=first.coefficient("F_0"),
             speed=first.regressors.reference_speed,
-            one_direction=motion.one_direction,
+            # rows of one direction alone leave the preload in the friction, whatever else the stem did
+            one_direction=motion.one_direction or (self._fits_preload and first.coefficient("F_0") is None),
             form=self.form,
             action=motion.action,
         )

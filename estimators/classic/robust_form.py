@@ -37,6 +37,7 @@ _NEARLY_LINEAR: Final = 0.04  # of m or F_v: a smaller error is what the curvatu
 _UNKNOWN: Final = 0.5
 _AS_FAST: Final = 0.95  # of the slowest ramp's speed
 _PROFILED: Final = 1.5  # standard deviations
+_OPEN: Final = 0.6  # standard errors by value: nothing is known but the sign
 _TIED: Final = "on ramps of one speed DV cannot be told from F_s"
 
 
@@ -145,7 +146,14 @@ def _coulomb(found: SlipsFound, balance: Balance, covariance: FloatArray) -> Par
         f"+-{NORMAL_95 * math.sqrt(covariance[A, A]):.2g} N"
     )
     tied = 5.0 * math.sqrt(covariance[A, A]) < error and error > 1.0e-3 * abs(value)
-    return measured(value, error, note=known if tied else "", reason=f"{known}; it is tied to F_v, which is not known")
+    note = known if tied else ""
+    known_well = measured(value, error, note=note, reason=f"{known}; it is tied to F_v, which is not known")
+    if known_well.value is not None or not 0.0 < value <= float(common[A]) or error > _OPEN * value:
+        return known_well
+    # known badly, but known: between nothing and all of the friction in motion
+    half = NORMAL_95 * error
+    most = float(common[A]) + NORMAL_95 * math.sqrt(covariance[A, A])
+    return ParameterEstimate(value, error, (max(0.0, value - half), max(value, min(most, value + half))), True, known)
 
 
 def _static(

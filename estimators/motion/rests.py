@@ -52,7 +52,7 @@ def find_spans(samples: Samples, moving: MovingRows) -> list[Span]:
         breakaway = (
             None
             if before is None
-            else _breakaway(samples, before, first, last, direction=direction, half_window=half_window)
+            else leave_of_rest(samples, before, first, last, direction=direction, half_window=half_window)
         )
         start = first if breakaway is None else breakaway.row + 1
         end = last if after is None else _end_of_motion(samples, after, first, last, half_window)
@@ -75,10 +75,13 @@ def _tolerance(samples: Samples) -> float:
     return _REST_SIGMAS * samples.position_noise_m + 1.0e-9 * float(np.ptp(samples.position_m))
 
 
-def _breakaway(
+def leave_of_rest(
     samples: Samples, rest: tuple[int, int], first: int, last: int, *, direction: int, half_window: int
 ) -> Breakaway:
-    """Where the stem leaves its rest: the first row beyond the noise, or earlier where its path says so."""
+    """Return where the stem leaves its rest: the first row beyond the noise, or earlier where its path says so.
+
+    ``rest``: its first and last row; ``first`` and ``last`` those of the motion after it.
+    """
     rest_first, rest_last = rest
     begin = max(rest_first, rest_last - _MOST_LEVEL_SAMPLES)
     level_m = float(np.median(samples.position_m[begin : rest_last + 1]))

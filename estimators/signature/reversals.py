@@ -57,7 +57,8 @@ def reversals(
         range_n = before.direction * (turn_n - force_n)
         usual_n = 3.0 * abs(rate_n_per_s) * samples.period_s + 6.0 * samples.force_noise_n
         if range_n > 0.0 and _leap(samples, breakaway.row) <= _LARGEST_LEAP * range_n + usual_n:
-            timing_n = math.hypot(rate_n_per_s * breakaway.within_s, samples.force_noise_n / 2.0)
+            open_n = max(abs(rate_n_per_s) * breakaway.within_s, _leap(samples, breakaway.row) / math.sqrt(12.0))
+            timing_n = math.hypot(open_n, samples.force_noise_n / 2.0)
             before_n_per_s = float(np.median(np.abs(phases.force_rate[before.rows])))
             fastest = max(before_n_per_s, abs(rate_n_per_s))
             slip = None if timed is None else timed.force_at(breakaway, abs(rate_n_per_s))

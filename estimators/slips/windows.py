@@ -28,6 +28,7 @@ _FEWEST_REST_ROWS: Final = 2
 _FEWEST_ROWS: Final = 5
 _LINE_PARTS: Final = 6
 _LINE_SIGMAS: Final = 5.0
+_SEVERAL_RATES: Final = 1.5
 _UNDITHERED: Final = 0.5  # noise in steps of the sensor's grid below which the grid's errors are not independent
 
 
@@ -58,6 +59,12 @@ class SlipWindows:
     def count(self) -> int:
         """Number of slips."""
         return int(self.slips.shape[0])
+
+    @property
+    def has_several_rates(self) -> bool:
+        """Whether the slips are of ramps that differ by half in their rate."""
+        rates = np.abs(self.slips[:, 1])
+        return bool(rates.max() > _SEVERAL_RATES * rates.min())
 
     @property
     def slowest_rate(self) -> float:

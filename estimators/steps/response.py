@@ -40,8 +40,19 @@ def step_figures(recording: Recording, nameplate: Nameplate) -> dict[str, Any] |
         noise_m = position_noise(time_s, position_m, run_first)
         floor_m = _LEAST_MOTION * nameplate.actuator.travel_m
         answers = [answer_to(one, time_s, position_m, noise_m, floor_m) for one in steps]
+        if name == "force_n" and not _come_to_rest(answers):
+            continue
         return _to_json(name, answers, _input_span(name, nameplate), nameplate.actuator.travel_m)
     return None
+
+
+def _come_to_rest(answers: list[StepAnswer]) -> bool:
+    """Whether the stem mostly came to rest while the force was held: a driven rod goes on until it is turned back.
+
+    The force on such a rod is what its friction answers with, and steps where the machine reverses it.
+    """
+    moved = [one for one in answers if one.moved]
+    return 2 * sum(one.settled for one in moved) >= len(moved)
 
 
 def _runs(time_s: FloatArray, rows: IntArray) -> IntArray:

@@ -3,20 +3,34 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from datetime import timedelta
-from typing import Any
+from functools import partial
+from typing import Any, Final, ParamSpec, TypeVar
 
 from sqlalchemy import Engine
 
 from service.access.needs import NotSignedInError
-from service.access.principal import Role
-from service.access.sessions import Session, Sessions
+from service.access.principal import Principal, Role
+from service.access.sessions import Session, Sessions, sha256
+from service.access.stop_grants import StopGrants
 from service.access.throttle import Throttle
 from service.access.tokens import Token, Tokens
 from service.access.users import User, Users
 from service.audit.log import AuditLog
+from service.runs.requester import RequesterKind
 from service.settings_access import AccessSettings
+
+Parameters = ParamSpec("Parameters")
+Result = TypeVar("Result")
+
+_LOOK_UPS: Final = 4  # at once; threads of their own, so that a database that hangs takes none from the tests
+
+
+def _threads() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(_LOOK_UPS, "access")
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +46,38 @@ class Access:
     tokens: Tokens
     audit: AuditLog
     throttle: Throttle = field(default_factory=Throttle)
+    grants: StopGrants = field(default_factory=StopGrants)
+    _look_ups: ThreadPoolExecutor = field(default_factory=_threads)
     _one_at_a_time: asyncio.Lock = field(default_factory=asyncio.Lock)
+
+    async def asked(
+        self, look_up: Callable[Parameters, Result], *args: Parameters.args, **kwargs: Parameters.kwargs
+    ) -> Result:
+        """Return what a look-up in the database finds, in a thread that is for these alone."""
+        return await asyncio.get_running_loop().run_in_executor(self._look_ups, partial(look_up, *args, **kwargs))
+
+    async def person(self, secret: str, *, active: bool) -> Principal | None:
+        """Return whose session it is, as ``Sessions.principal``; who is known may stop the tests that run."""
+        person = await self.asked(self.sessions.principal, secret, active=active)
+        if person is not None:
+            self.grants.note(sha256(secret), person)
+        return person
+
+    async def machine(self, secret: str) -> tuple[Principal | None, str]:
+        """Return whose token it is, as ``Tokens.principal``; who is known may stop the tests that run."""
+        machine, why = await self.asked(self.tokens.principal, secret)
+        if machine is not None:
+            self.grants.note(sha256(secret), machine)
+        return machine, why
+
+    async def note_known(self) -> None:
+        """Keep in memory who may stop a test: every session and token that is valid now."""
+        for holders in (self.sessions.valid, self.tokens.valid):
+            self.grants.note_all(await self.asked(holders))
+
+    def close(self) -> None:
+        """Take no further look-up; what hangs is not waited for."""
+        self._look_ups.shutdown(wait=False, cancel_futures=True)
 
     async def sign_in(self, name: str, password: str, address: str) -> Session:
         """Begin a session. Raises NotSignedInError where name and password do not fit, ThrottledError."""
@@ -58,6 +103,7 @@ class Access:
 
     def sign_out(self, secret: str, who: str) -> None:
         """End a session."""
+        self.grants.end(sha256(secret))
         self.sessions.end(secret)
         self.audit.append("session.ended", who=who)
 
@@ -76,6 +122,8 @@ class Access:
             {} if disabled is None else {"disabled": disabled}
         )
         user = self.users.change(name, role=role, password=password, disabled=disabled)
+        if disabled:
+            self.grants.end_of(name, RequesterKind.PERSON)
         self.audit.append("user.changed", who=by, details={"name": name, **changes})
         return user
 
@@ -91,6 +139,7 @@ class Access:
     def revoke_token(self, token_id: str, *, by: str) -> Token:
         """End a token at once."""
         token = self.tokens.revoke(token_id)
+        self.grants.end_of(token.name, RequesterKind.MACHINE)
         self.audit.append("token.revoked", who=by, details={"id": token.id, "name": token.name})
         return token
 

@@ -1,27 +1,36 @@
 """The gate: before any route sees a request, it is known who asks, or the request ends here.
 
 A machine sends ``Authorization: Bearer TOKEN``; a browser its session's cookie, and with whatever changes something
-``X-CSRF-Token`` from a page of our own. Where there is no sign-in everybody is ``local``, on this machine alone.
+``X-CSRF-Token`` from a page of our own. Where there is no sign-in everybody is ``local``.
+
+A Stop of a test that runs is let through by memory alone (``service.access.stop_grants``): no database is asked.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import hmac
-import ipaddress
-from functools import lru_cache
+import re
+from collections.abc import AsyncIterator
+from dataclasses import replace
 from http import HTTPStatus
 from http.cookies import CookieError, SimpleCookie
 from typing import Final
 from urllib.parse import quote, urlsplit
 
+import structlog
+from sqlalchemy.exc import SQLAlchemyError
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.access.access import Access
 from service.access.principal import LOCAL_PRINCIPAL, Principal
-from service.errors import problem
+from service.access.sessions import csrf_token, sha256
+from service.errors import NO_DATABASE, problem
+from service.runs.requester import RequesterKind
+from service.runs.service import Runs
 
 #: A page that asks again by itself sends this: it keeps no session open.
 BACKGROUND_HEADER: Final = "x-background"
@@ -39,6 +48,15 @@ _HEADERS: Final = {
     "Cache-Control": "no-store",
 }
 _HSTS: Final = "max-age=31536000"
+_STREAM: Final = "text/event-stream"
+_STOP: Final = re.compile(r"/tests/(?P<test>[^/]+)/stop|/valves/(?P<valve>.+)/stop")
+_STOP_ASKS_S: Final = 2.0  # of the database, where memory does not know who wants to stop
+_NOT_KNOWN: Final = (
+    "STOP IS NOT SENT: the database does not answer, and nobody with these credentials was known while this test ran: "
+    "press Stop on a page that was open already, or use the means at the valve itself"
+)
+WATCHING_NOTED_S: Final = 60.0  # a watcher's session is kept open this often
+_LOG = structlog.get_logger(__name__)
 
 
 def cookie_name(encrypted: bool) -> str:
@@ -63,36 +81,89 @@ class Gate:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        access: Access = scope["app"].state.parts.access
+        parts = scope["app"].state.parts
+        access: Access = parts.access
         guarded = _with_headers(send, access.settings.tls_certificate is not None)
+        began_s = _stopped_test_began_s(parts.runs, scope)
         try:
-            principal = await _principal(access, scope)
+            async with asyncio.timeout(None if began_s is None else _STOP_ASKS_S):
+                principal = await _principal(access, scope, began_s)
         except _Refusal as refusal:
             await _answer(scope, refusal)(scope, receive, guarded)
             return
+        except (TimeoutError, SQLAlchemyError) as error:
+            _LOG.error("nobody is known", path=scope["path"], reason=type(error).__name__)
+            why = NO_DATABASE if began_s is None else _NOT_KNOWN
+            await _answer(scope, _Refusal(HTTPStatus.SERVICE_UNAVAILABLE, why))(scope, receive, guarded)
+            return
         scope.setdefault("state", {})["principal"] = principal
-        await self._app(scope, receive, guarded)
+        async with _kept_open(access, scope, principal):
+            await self._app(scope, receive, guarded)
 
 
-async def _principal(access: Access, scope: Scope) -> Principal | None:
+def _stopped_test_began_s(runs: Runs, scope: Scope) -> float | None:
+    """Return when the test began that a request wants to stop, by the monotonic clock; None for all other requests."""
+    found = _STOP.fullmatch(scope["path"]) if scope["method"] == "POST" else None
+    if found is None:
+        return None
+    run_id = found["test"] or runs.user_of(found["valve"])
+    return None if run_id is None else runs.under_way_since_s(run_id)
+
+
+@contextlib.asynccontextmanager
+async def _kept_open(access: Access, scope: Scope, principal: Principal | None) -> AsyncIterator[None]:
+    """Keep the session of a person open for as long as they follow a stream of events: to watch is to be there."""
     headers = Headers(scope=scope)
+    person = principal is not None and principal.kind is RequesterKind.PERSON
+    if not person or not _is_active(headers) or _STREAM not in headers.get("accept", ""):
+        yield
+        return
+    secret = session_secret(headers, access.settings.encrypted)
+
+    async def keep() -> None:
+        while True:
+            await asyncio.sleep(WATCHING_NOTED_S)
+            try:
+                await access.person(secret, active=True)
+            except SQLAlchemyError as error:
+                _LOG.warning("session of a watcher not noted", reason=type(error).__name__)
+
+    keeping = asyncio.create_task(keep())
+    try:
+        yield
+    finally:
+        keeping.cancel()
+
+
+def _is_active(headers: Headers) -> bool:
+    return BACKGROUND_HEADER not in headers
+
+
+async def _principal(access: Access, scope: Scope, stopped_began_s: float | None) -> Principal | None:
+    """Return who asks; for a Stop of a test that runs by memory, and by the database only where that knows nothing."""
+    headers = Headers(scope=scope)
+
+    def granted(secret: str) -> Principal | None:
+        return None if stopped_began_s is None else access.grants.holder(sha256(secret), stopped_began_s)
+
     credentials = headers.getlist("authorization")
     if credentials:
-        return await _machine(access, credentials)
+        token = _bearer(credentials)
+        return granted(token) or await _machine(access, token)
     changes = scope["method"] not in _SAFE
     if changes:
         _require_own_origin(headers, access.settings.encrypted)
     secret = session_secret(headers, access.settings.encrypted)
+    stops_openly = stopped_began_s is not None and not access.settings.sign_in
     if secret:
-        active = BACKGROUND_HEADER not in headers and "text/event-stream" not in headers.get("accept", "")
-        person = await asyncio.to_thread(access.sessions.principal, secret, active=active)
+        person = granted(secret)
+        if person is None and not stops_openly:
+            person = await access.person(secret, active=_is_active(headers))
         if person is not None:
             if changes:
-                _require_csrf_token(headers, person)
-            return person
+                _require_csrf_token(headers, secret)
+            return replace(person, csrf_token=csrf_token(secret))
     if not access.settings.sign_in:
-        if access.settings.loopback:
-            _require_local_host(headers)
         return LOCAL_PRINCIPAL
     path: str = scope["path"]
     if path not in _OPEN and not path.startswith(_STATIC):
@@ -117,11 +188,15 @@ def _answer(scope: Scope, refusal: _Refusal) -> Response:
     return problem(refusal.status, str(refusal), instance=path, headers={"WWW-Authenticate": "Bearer"})
 
 
-async def _machine(access: Access, credentials: list[str]) -> Principal:
+def _bearer(credentials: list[str]) -> str:
     scheme, _, secret = credentials[0].partition(" ")
     if len(credentials) > 1 or scheme.lower() != "bearer":
         raise _Refusal(HTTPStatus.UNAUTHORIZED, "the authorization is no bearer token: send Bearer TOKEN, once")
-    principal, why = await asyncio.to_thread(access.tokens.principal, secret.strip())
+    return secret.strip()
+
+
+async def _machine(access: Access, secret: str) -> Principal:
+    principal, why = await access.machine(secret)
     if principal is None:
         raise _Refusal(HTTPStatus.UNAUTHORIZED, why)
     return principal
@@ -140,9 +215,9 @@ def session_secret(headers: Headers, encrypted: bool) -> str:
     return ""
 
 
-def _require_csrf_token(headers: Headers, person: Principal) -> None:
+def _require_csrf_token(headers: Headers, secret: str) -> None:
     given = headers.get(CSRF_HEADER, "").encode()
-    if person.csrf_token is None or not hmac.compare_digest(given, person.csrf_token.encode()):
+    if not hmac.compare_digest(given, csrf_token(secret).encode()):
         raise _Refusal(
             HTTPStatus.FORBIDDEN,
             "X-CSRF-Token is missing or of another session: send the one of GET /session, or load the page anew",
@@ -155,9 +230,9 @@ def _require_own_origin(headers: Headers, encrypted: bool) -> None:
     if origin is None:
         if headers.get("sec-fetch-site", "none") in ("none", "same-origin"):
             return
-    else:
-        parts = urlsplit(origin)
-        if parts.netloc and parts.netloc == headers.get("host") and (parts.scheme == "https" or not encrypted):
+    elif origin != "null":
+        scheme, netloc = _origin_parts(origin)
+        if netloc == headers.get("host", "").lower() and (scheme == "https" or not encrypted):
             return
     raise _Refusal(
         HTTPStatus.FORBIDDEN,
@@ -165,23 +240,15 @@ def _require_own_origin(headers: Headers, encrypted: bool) -> None:
     )
 
 
-def _require_local_host(headers: Headers) -> None:
-    """Refuse a name that somebody's DNS points at this machine: its pages would be of our origin."""
-    if not _is_local(headers.get("host", "")):
-        raise _Refusal(
-            HTTPStatus.FORBIDDEN,
-            "without sign-in this service answers to localhost and loopback addresses alone: use http://127.0.0.1, "
-            'or set service.access = "sign-in"',
-        )
-
-
-@lru_cache(maxsize=64)  # a browser sends the same with every request
-def _is_local(host: str) -> bool:
-    name = urlsplit(f"//{host}").hostname or ""
+def _origin_parts(origin: str) -> tuple[str, str]:
+    """Return scheme and host of an origin (RFC 6454, 6.1), both in lower case; 400 for what is none."""
     try:
-        return ipaddress.ip_address(name).is_loopback
+        parts = urlsplit(origin)
+        if parts.scheme and parts.hostname and parts.port != 0:  # the port is read here, as it may be no number
+            return parts.scheme.lower(), parts.netloc.lower()
     except ValueError:
-        return name == "localhost"
+        pass
+    raise _Refusal(HTTPStatus.BAD_REQUEST, "the header Origin holds no origin: send one such as https://host:port")
 
 
 def _with_headers(send: Send, tls: bool) -> Send:

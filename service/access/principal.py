@@ -17,6 +17,7 @@ class Right(StrEnum):
     RUN = "run"
     STOP = "stop"
     ACKNOWLEDGE = "acknowledge"
+    ANALYZE = "analyze"
     CONFIGURE = "configure"
     SCHEDULE = "schedule"
     ADMINISTER = "administer"
@@ -35,7 +36,7 @@ class Role(StrEnum):
 
 # Every role may stop: a valve goes to its safe value for whoever sees that it should.
 _WATCH: Final = frozenset({Right.VIEW, Right.STOP})
-_OPERATE: Final = _WATCH | {Right.RUN, Right.ACKNOWLEDGE}
+_OPERATE: Final = _WATCH | {Right.RUN, Right.ACKNOWLEDGE, Right.ANALYZE}
 _ENGINEER: Final = _OPERATE | {Right.CONFIGURE, Right.SCHEDULE}
 RIGHTS: Final[Mapping[Role, frozenset[Right]]] = {
     Role.VIEWER: _WATCH,

@@ -94,6 +94,24 @@ class Sessions:
                 connection.execute(update(SESSIONS).where(SESSIONS.c.secret_sha256 == known).values(last_seen_at=at))
         return _principal(row.name, row.role, secret)
 
+    def valid(self) -> list[tuple[str, Principal]]:
+        """Return every session that is not over, by the SHA-256 of its secret; their CSRF tokens need that."""
+        at = self._clock()
+        query = (
+            select(SESSIONS.c.secret_sha256, USERS.c.name, USERS.c.role)
+            .join(USERS, USERS.c.name == SESSIONS.c.user_name)
+            .where(
+                SESSIONS.c.last_seen_at > at - IDLE,
+                SESSIONS.c.started_at > at - LONGEST,
+                USERS.c.disabled_at.is_(None),
+            )
+        )
+        with self._engine.connect() as connection:
+            return [
+                (row.secret_sha256, Principal(row.name, Role(row.role), RequesterKind.PERSON))
+                for row in connection.execute(query)
+            ]
+
     def end(self, secret: str) -> None:
         """End a session at once."""
         with self._engine.begin() as connection:

@@ -17,7 +17,7 @@ _KEPT: Final = 10_000
 
 
 class ThrottledError(RequestError):
-    """Too many sign-ins failed: wait for ``retry_after_s``."""
+    """Too much was asked, or too many sign-ins failed: wait for ``retry_after_s``."""
 
     def __init__(self, message: str, retry_after_s: float) -> None:
         super().__init__(message)

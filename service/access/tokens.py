@@ -49,6 +49,11 @@ def _token(row: Row[Any]) -> Token:
     return Token(**values)
 
 
+def _principal(token: Token) -> Principal:
+    valves = None if token.valves is None else frozenset(token.valves)
+    return Principal(token.name, token.role, RequesterKind.MACHINE, valves=valves)
+
+
 class Tokens:
     """Tokens in the database; every method may block."""
 
@@ -107,6 +112,12 @@ class Tokens:
             )
         return self.get(token_id)
 
+    def valid(self) -> list[tuple[str, Principal]]:
+        """Return whom each token that is valid now stands for, by the SHA-256 of its secret."""
+        query = select(TOKENS).where(TOKENS.c.revoked_at.is_(None), TOKENS.c.expires_at > self._clock())
+        with self._engine.connect() as connection:
+            return [(row.secret_sha256, _principal(_token(row))) for row in connection.execute(query)]
+
     def principal(self, secret: str) -> tuple[Principal | None, str]:
         """Return whose token it is, or None and why it is none, without a word on what was sent."""
         if _FORM.fullmatch(secret) is None:
@@ -127,5 +138,4 @@ class Tokens:
         if token.last_used_at is None or at - token.last_used_at >= _NOTED_EVERY:
             with self._engine.begin() as connection:
                 connection.execute(update(TOKENS).where(TOKENS.c.id == token.id).values(last_used_at=at))
-        valves = None if token.valves is None else frozenset(token.valves)
-        return Principal(token.name, token.role, RequesterKind.MACHINE, valves=valves), ""
+        return _principal(token), ""

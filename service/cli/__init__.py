@@ -17,6 +17,7 @@ from valve.errors import ValveError
 # Name of each command and what the list of commands says of it; its module is service.cli.NAME.
 COMMANDS: Final = {
     "demo": "Simulated valves and the service, each valve tested through REST, truth beside estimate.",
+    "check": "All faults of a plant file at once; with --live every device is read, none is written to.",
     "serve": "The service of the plant that a plant file describes.",
     "simulate": "The valves of a plant file as Modbus slaves.",
     "run": "One test of one valve through the REST interface of a running service.",

@@ -12,7 +12,7 @@ from rich.text import Text
 from service.cli.diagnosis_tables import print_diagnosis
 from service.cli.signature_tables import print_signature
 from service.next_step import next_step
-from service.plain_numbers import as_read, plus_minus
+from service.plain_numbers import as_read, plus_minus, scatter_words, with_span
 from service.tablet.words import NE107
 from valve.parameters import PARAMETER_SYMBOLS
 
@@ -29,6 +29,8 @@ def print_analysis(console: Console, analysis: dict[str, Any], sequence: str | N
     """
     _print_recording(console, analysis["recording"])
     console.print(_parameters(analysis["estimates"], wide=console.width >= _WIDE))
+    for line in scatters(analysis["estimates"]):
+        _say(console, line)
     for reason in reasons(analysis["estimates"]):
         _say(console, reason)
     print_signature(console, analysis["signature"])
@@ -90,6 +92,21 @@ def _cell(parameter: dict[str, Any]) -> str:
         return f"{parameter['value']:.6g}"
     low, high = parameter["ci95"]
     return plus_minus(parameter["value"], max(high - parameter["value"], parameter["value"] - low), digits=6)
+
+
+def scatters(estimates: list[dict[str, Any]]) -> list[str]:
+    """What varies in the test itself: ``garcia: F_s 1708 N (1695 to 1721), from breakaway to breakaway ± 2.4 %``."""
+    lines = []
+    for estimate in estimates:
+        for symbol, parameter in estimate["parameters"].items():
+            words = scatter_words(symbol, parameter["value"], parameter.get("scatter"))
+            if not words:
+                continue
+            low, high = parameter["ci95"] or (parameter["value"], parameter["value"])
+            value, span = with_span(parameter["value"], low, high)
+            method = estimate["method"].replace("_", " ")
+            lines.append(f"{method}: {symbol} {value} {parameter['unit']} ({span}), {words}.")
+    return lines
 
 
 def _micrometres(length_m: float | None) -> str:

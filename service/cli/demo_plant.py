@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 import socket
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Literal
 
@@ -13,7 +15,7 @@ from valve.parameter_sets import PARAMETER_SETS
 
 @dataclass(frozen=True, slots=True)
 class DemoValve:
-    """One valve of the demonstration."""
+    """One valve of the demonstration: of a published set, with a usual packing, and with ``cause`` hidden in it."""
 
     tag: str
     parameter_set: str
@@ -21,17 +23,38 @@ class DemoValve:
     mode: Literal["captured", "polled"]
     period_s: float
     seed: int
-    position_noise_m: float
+    cause: str | None = None
+    effect: Mapping[str, float] = field(default_factory=dict)
+
+    def true_parameters(self, told: Mapping[str, float], swept_m: Sequence[float] | None) -> dict[str, float]:
+        """Return what an estimate is judged by: what the plant told, with what a tight spot adds to F_c on average.
+
+        ``swept_m``: lowest and highest position of the test, m; None where it did not move.
+        """
+        truth = dict(told)
+        if self.cause == _TIGHT_SPOT and swept_m is not None and swept_m[1] > swept_m[0]:
+            rise_n, centre_m, width_m = (self.effect[name] for name in ("rise_n", "centre_m", "width_m"))
+            low, high = (math.erf((end - centre_m) / (math.sqrt(2.0) * width_m)) for end in swept_m)
+            truth["F_c"] += rise_n * width_m * math.sqrt(0.5 * math.pi) * (high - low) / (swept_m[1] - swept_m[0])
+        return truth
 
 
-# Three captured at 1 ms with a usual position sensor. The RTU valve is polled at a rate that its line can carry: it
-# shows what such data cannot give.
+_TIGHT_SPOT: Final = "local_friction"
+_STARVED: Final = "supply_saturation"
+# Captured at 1 ms, all with a usual packing and the sensors that go with it. The RTU valve is polled at a rate that
+# its line can carry: it shows what such data cannot give. Two have a fault: a tight spot in the middle of the travel,
+# 40 % of the friction there, and a supply that ends at 80 % of the full force.
 DEMO_VALVES: Final = (
-    DemoValve("FV-101", "vendor", "tcp", "captured", 0.001, seed=101, position_noise_m=5.0e-6),
-    DemoValve("FV-102", "nominal", "tcp", "captured", 0.001, seed=102, position_noise_m=5.0e-6),
-    DemoValve("FV-103", "rough", "tcp", "captured", 0.001, seed=103, position_noise_m=5.0e-6),
-    DemoValve("FV-104", "nominal", "rtu", "polled", 0.02, seed=104, position_noise_m=2.0e-6),
-)
+    DemoValve("FV-101", "vendor", "tcp", "captured", 0.001, seed=101),
+    DemoValve("FV-102", "nominal", "tcp", "captured", 0.001, seed=102),
+    DemoValve("FV-103", "rough", "tcp", "captured", 0.001, seed=103),
+    DemoValve("FV-104", "nominal", "rtu", "polled", 0.02, seed=104),
+    DemoValve(
+        "FV-105", "nominal", "tcp", "captured", 0.001, seed=105,
+        cause=_TIGHT_SPOT, effect={"rise_n": 800.0, "centre_m": 0.05, "width_m": 0.003},
+    ),
+    DemoValve("FV-106", "nominal", "tcp", "captured", 0.001, seed=106, cause=_STARVED, effect={"limit_n": 4270.0}),
+)  # fmt: skip
 
 
 def free_ports(count: int) -> list[int]:
@@ -80,9 +103,18 @@ period_s = {valve.period_s}
 timeout_s = 2.0
 [valves.simulation]
 parameter_set = "{valve.parameter_set}"
-position_noise_m = {valve.position_noise_m}
 seed = {valve.seed}
-"""
+[valves.simulation.packing]
+preset = "usual"
+{_effect(valve)}"""
+
+
+def _effect(valve: DemoValve) -> str:
+    """What a faulty valve hides, as the plant file has it."""
+    if valve.cause is None:
+        return ""
+    values = "".join(f"{name} = {value}\n" for name, value in valve.effect.items())
+    return f'[[valves.simulation.effects]]\ncause = "{valve.cause}"\n{values}'
 
 
 def write_demo_plant(folder: Path) -> Path:

@@ -14,7 +14,7 @@ from rich.text import Text
 
 from service.cli.demo_plant import DemoValve
 from service.cli.diagnosis_tables import diagnosis_lines
-from service.plain_numbers import as_read, half_width
+from service.plain_numbers import as_read, half_width, scatter_words
 from valve.parameters import PARAMETER_SYMBOLS
 
 _METHODS: Final = {
@@ -22,6 +22,7 @@ _METHODS: Final = {
     "garcia": ("method 2", "garcia"),
     "maximum_likelihood": ("maximum", "likelihood"),
 }
+_FAULTS: Final = {"local_friction": "a tight spot", "supply_saturation": "a starved supply"}
 _UNKNOWN: Final = "unknown"
 _DIGITS: Final = 5  # of a value without an interval
 _WIDEST: Final = 10  # characters of a value
@@ -41,13 +42,11 @@ def _rounded(parameter: dict[str, Any]) -> str:
     return plain if len(plain) <= _WIDEST else f"{value:.{_DIGITS}g}"
 
 
-def _cells(parameter: dict[str, Any] | None, truth: float) -> tuple[str, str]:
-    """Value, and its error in percent of the truth, as text; a truth of zero has no percents."""
+def _cells(parameter: dict[str, Any] | None, truth: float, scale: float) -> tuple[str, str]:
+    """Value, and its error in percent of the ``scale``, as text."""
     if parameter is None or parameter.get("value") is None:
         return _UNKNOWN, ""
-    if truth == 0.0:
-        return _rounded(parameter), ""
-    error_percent = 100.0 * (float(parameter["value"]) - truth) / truth
+    error_percent = 100.0 * (float(parameter["value"]) - truth) / scale
     places = next((places for limit, places in _ERROR_PLACES if abs(error_percent) < limit), 0)
     return _rounded(parameter), f"{error_percent:+.{places}f}"
 
@@ -56,7 +55,8 @@ def _table(valve: DemoValve, made: dict[str, Any]) -> Table:
     estimates = made["test"]["analysis"]["estimates"]
     recording = made["test"]["analysis"]["recording"]
     table = Table(
-        title=f"{valve.tag}: {valve.parameter_set} valve, Modbus {valve.transport.upper()}, {valve.mode}:\n"
+        title=f"{valve.tag}: {valve.parameter_set} valve, {_hidden(valve)}, Modbus {valve.transport.upper()}, "
+        f"{valve.mode}:\n"
         f"{recording['samples']} samples, {1e3 * recording['sample_period_s']:.3g} ms apart, "
         f"position noise {1e6 * recording['position_noise_m']:.2g} um",
         title_justify="left",
@@ -71,10 +71,27 @@ def _table(valve: DemoValve, made: dict[str, Any]) -> Table:
         table.add_column("error\n%", justify="right", no_wrap=True)
     for symbol, entry in PARAMETER_SYMBOLS.items():
         truth = made["truth"][symbol]
-        cells = [cell for estimate in estimates for cell in _cells(estimate["parameters"].get(symbol), truth)]
+        scale = made["truth"]["F_s" if symbol == "F_0" else symbol]  # a preload may be 0
+        cells = [cell for estimate in estimates for cell in _cells(estimate["parameters"].get(symbol), truth, scale)]
         table.add_row(Text(f"{symbol} [{entry.unit}]"), f"{truth:.6g}", *cells)
     table.add_row("fit", "", *(cell for estimate in estimates for cell in (estimate["status"], "")))
     return table
+
+
+def _hidden(valve: DemoValve) -> str:
+    """What is wrong with a valve of the demonstration."""
+    return "healthy" if valve.cause is None else f"fault: {_FAULTS[valve.cause]}"
+
+
+def _scatter_lines(made: dict[str, Any]) -> list[str]:
+    """How friction varies, by maximum likelihood."""
+    best = made["test"]["analysis"]["estimates"][-1]
+    words = [
+        f"{symbol} varies {said}"
+        for symbol in ("F_s", "F_c")
+        if (said := scatter_words(symbol, *(best["parameters"][symbol].get(key) for key in ("value", "scatter"))))
+    ]
+    return [f"{', '.join(words)} (maximum likelihood)."] if words else []
 
 
 def _notes(estimates: list[dict[str, Any]], width: int) -> list[str]:
@@ -118,7 +135,12 @@ def print_legend(console: Console) -> None:
     """Print what the tables' words stand for."""
     console.print()
     symbols = "; ".join(f"{symbol} {entry.meaning}" for symbol, entry in PARAMETER_SYMBOLS.items())
-    console.print(Text(f"{symbols}. Truth is what the simulated valve was made with; docs/glossary.md has the words."))
+    console.print(
+        Text(
+            f"{symbols}. Truth is what the simulated valve was in this test, F_c over the travel that it swept; the "
+            "error of F_0 is in percent of F_s. docs/glossary.md has the words."
+        )
+    )
 
 
 def print_test(console: Console, valve: DemoValve, made: dict[str, Any]) -> None:
@@ -130,5 +152,7 @@ def print_test(console: Console, valve: DemoValve, made: dict[str, Any]) -> None
         return
     console.print(_table(valve, made))
     notes = _notes(test["analysis"]["estimates"], console.width - _INDENT)
-    for line in [*notes, *diagnosis_lines(test["analysis"]["discrepancy"])]:
+    # a diagnosis that was not made says why, and that is the scatter
+    scatter = [] if test["analysis"]["discrepancy"]["verdict"] == "not_assessed" else _scatter_lines(made)
+    for line in [*scatter, *notes, *diagnosis_lines(test["analysis"]["discrepancy"])]:
         console.print(Padding(Text(as_read(line)), (0, 0, 0, _INDENT), expand=False))

@@ -9,10 +9,13 @@ from rich.table import Table
 from rich.text import Text
 
 from service.plain_numbers import as_read, with_span
+from service.shown_sentences import NO_FAULT
 
+_NO_GAIN: Final = 0.005  # of the misfit without the cause
 _VERDICTS: Final = {
-    "none": "nothing beyond the noise: the simulation explains this recording",
+    "none": "no fault found",
     "named": "named",
+    "likely": "probably, not proven",
     "ambiguous": "several causes would explain it",
     "unexplained": "something is there that no cause of the catalogue explains",
     "not_assessed": "not assessed",
@@ -33,7 +36,8 @@ def print_diagnosis(console: Console, discrepancy: dict[str, Any], indent: str =
 def diagnosis_lines(discrepancy: dict[str, Any]) -> list[str]:
     """Return the diagnosis as sentences, the verdict first."""
     verdict = discrepancy["verdict"]
-    lines = [f"Diagnosis: {_VERDICTS.get(verdict, verdict)}. {discrepancy.get('message') or ''}".rstrip()]
+    message = str(discrepancy.get("message") or "").removeprefix(NO_FAULT).strip()
+    lines = [f"Diagnosis: {_VERDICTS.get(verdict, verdict)}. {message}".rstrip()]
     misfit = discrepancy.get("misfit")
     if misfit is not None and misfit["where"] and verdict not in ("none", "not_assessed"):
         lines.append(f"Misfit: {misfit['where']}")
@@ -41,16 +45,24 @@ def diagnosis_lines(discrepancy: dict[str, Any]) -> list[str]:
         f"{_plain(found['cause'])}: {found['sentence']} What to do: {found['action']}"
         for found in discrepancy.get("causes", [])
     ]
+    lines += [f"Remark: {found['sentence']}" for found in discrepancy.get("remarks") or ()]
     rivals = discrepancy.get("not_told_apart_from")
     if rivals:
         first = _plain(discrepancy["causes"][0]["cause"])
         lines.append(f"Instead of {first} it could as well be: {', '.join(_plain(name) for name in rivals)}.")
-    gains = discrepancy.get("gains") or [discrepancy.get("gain")]
-    lines += [_gain(gain) for gain in gains if gain is not None]
+    # without a cause there is nothing to gain by
+    gains = (discrepancy.get("gains") or [discrepancy.get("gain")]) if discrepancy.get("causes") else []
+    lines += [_gain(gain) for gain in gains if gain is not None and not _is_nothing(gain)]
     separating = discrepancy.get("separating_test")
     if separating is not None:
         lines.append(f"To tell them apart: {separating['sentence']}")
     return lines
+
+
+def _is_nothing(gain: dict[str, Any]) -> bool:
+    """Whether a cause changes no prediction: of what is measured anyway, such as a supply that ends."""
+    before_m, after_m = gain["rmse_before_m"], gain["rmse_after_m"]
+    return before_m is not None and abs(before_m - after_m) <= _NO_GAIN * before_m
 
 
 def _gain(gain: dict[str, Any]) -> str:

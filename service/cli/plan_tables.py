@@ -27,6 +27,12 @@ def print_plan(console: Console, document: dict[str, Any]) -> None:
         f"{1e6 * sampling['position_noise_m']:.3g} um rms ({sampling['position_noise_source']}), {pressure}, "
         f"I/P lag {sampling['transducer_lag_s']:.2g} s.",
     )
+    scatter = document["friction_scatter"]
+    _say(
+        console,
+        f"Friction varies as that of {scatter['source']}: by {1e2 * scatter['breakaway']:.2g} % from breakaway to "
+        f"breakaway, {1e2 * scatter['roughness']:.2g} % along the travel, {1e2 * scatter['wander']:.2g} % in time.",
+    )
     _say(console, "Expected 95 % interval of each parameter, by sequence:")
     possible = [one for one in document["sequences"] if one["possible"]]
     together = max(1, (console.width - _FIRST_COLUMN) // _COLUMN)

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from service.cli.output import STANDARD_OUTPUT, require_writable
 from valve.errors import RequestError
+from valve.nameplate import Nameplate
 
 _KINDS: Final = (".pdf", ".html")
 
@@ -23,9 +24,13 @@ def require_report_name(target: str | None) -> None:
     require_writable(target)
 
 
-def write_report(target: str, recordings: Sequence[Path], nameplate: Path, analysis: Mapping[str, Any]) -> None:
-    """Write the report of an analysis. Raises RequestError where the file cannot be written."""
-    from service.nameplates import read_nameplate
+def write_report(
+    target: str, recordings: Sequence[Path], valve: Nameplate, plate_file: str, analysis: Mapping[str, Any]
+) -> None:
+    """Write the report of an analysis; ``plate_file`` is where the nameplate stands.
+
+    Raises RequestError where the file cannot be written.
+    """
     from service.report.source import ReportSource
     from service.report.valve_facts import nameplate_facts
     from service.report.written import report_html, report_pdf
@@ -33,10 +38,9 @@ def write_report(target: str, recordings: Sequence[Path], nameplate: Path, analy
     from valve.recording_files import file_sha256
 
     facts = [(f"Recording {path.name}, SHA-256", file_sha256(path)) for path in recordings]
-    facts += [("Nameplate", nameplate.name), ("Software", f"breakaway {version('breakaway')}")]
+    facts += [("Nameplate", plate_file), ("Software", f"breakaway {version('breakaway')}")]
     facts += [("Analysis", str(analysis["schema"])), ("Written", f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC")]
     names = ", ".join(path.name for path in recordings)
-    valve = read_nameplate(nameplate)
     told = tuple(nameplate_facts(valve, UnitSystem.SI))
     source = ReportSource(valve.tag, f"recording {names}", analysis, tuple(facts), valve=told)
     write = report_pdf if Path(target).suffix.lower() == ".pdf" else report_html

@@ -19,6 +19,8 @@ from service.cli.analysis_tables import print_analysis
 from service.cli.client import asked, service_client
 from service.cli.overrides import read_overrides
 from service.cli.signals import ended_by_signals, signals_held_back
+from service.cli.standing import is_astray, looked_at, stands_of
+from service.runs.acknowledgement import NOT_THERE
 from service.runs.run import Label
 from service.shown_sentences import in_units
 from service.shown_units import UnitSystem
@@ -64,15 +66,16 @@ def run(
             _watch(client, location, tag)
         except KeyboardInterrupt:
             stopped = asked(client, "POST", f"{location}/stop")
-            state = "the valve is at its safe value" if stopped["safe_confirmed"] else "SAFE STATE NOT CONFIRMED"
-            raise MeasurementError(f"{tag}: the test was stopped on request, {state}") from None
-        test = asked(client, "GET", location)
+            raise MeasurementError(f"{tag}: the test was stopped on request. {stands_of(stopped)}") from None
+        test = looked_at(client, asked(client, "GET", location))
     if as_json:
         sys.stdout.write(json.dumps(test, indent=2) + "\n")
     if test["state"] != "completed":
         raise MeasurementError(f"{tag}: the test {_ENDED.get(test['state'], 'is ' + test['state'])}: {_reason(test)}")
     if not as_json:
         _print_test(Console(), test)
+    if is_astray(test):
+        raise MeasurementError(f"{tag}: {NOT_THERE}")
 
 
 def _start(client: httpx.Client, wanted: dict[str, Any]) -> str:
@@ -121,10 +124,10 @@ def _events(client: httpx.Client, location: str, last: str) -> Iterator[tuple[st
 
 
 def _reason(test: dict[str, Any]) -> str:
-    return in_units(str(test["error"] or "no reason given").removeprefix(f"{test['valve']}: "), UnitSystem.SI)
+    reason = in_units(str(test["error"] or "no reason given").removeprefix(f"{test['valve']}: "), UnitSystem.SI)
+    return f"{reason}. {stands_of(test)}".rstrip()
 
 
 def _print_test(console: Console, test: dict[str, Any]) -> None:
-    left = "its safe value, read back" if test["safe_confirmed"] else "SAFE STATE NOT CONFIRMED"
-    console.print(Text(f"{test['valve']}: {test['sequence']}, test {test['id']}, valve left at {left}"))
+    console.print(Text(f"{test['valve']}: {test['sequence']}, test {test['id']}. {stands_of(test)}"))
     print_analysis(console, test["analysis"], test["sequence"])

@@ -11,7 +11,7 @@ import typer
 def serve(
     config: Annotated[Path, typer.Option("--config", metavar="FILE", help="The plant file.", show_default=False)],
 ) -> None:
-    """Serve the plant that the file describes until SIGTERM or Ctrl-C; a running test is stopped and made safe."""
+    """Serve the plant of the file until a signal or a closed terminal ends it; running tests are made safe."""
     from service.settings import load_plant
 
     plant = load_plant(config)

@@ -15,19 +15,28 @@ from drivers.capabilities import Role
 from drivers.maps import reference, register_map
 from drivers.registers import Register
 from service.cli.hidden_effects import check_effect, hidden_effect
+from service.cli.simulated_instruments import (
+    INSTRUMENTS,
+    HuntingSection,
+    PackingSection,
+    PositionSection,
+    PressureSection,
+    hunting_from,
+    packing_from,
+    position_from,
+    pressure_from,
+)
 from service.settings import Plant, PlantValve
-from service.settings_errors import Findings, read_toml
-from simulator.assembly import SimulatedChannel, SimulatedPlant, SimulatedUnit
+from service.settings_errors import Fault, Findings, Key, read_toml
+from simulator.assembly import SimulatedChannel, SimulatedPlant, SimulatedUnit, warm_up_for
 from simulator.clock import RunningClock
 from simulator.gauge import GaugeListener
 from simulator.listeners import Listener, RtuListener, TcpListener
-from simulator.plant import warm_up
-from simulator.sensor import Sensor
 from simulator.simulated_valve import SimulatedValve
 from simulator.transducer import Transducer
 from simulator.unit import Quantity
 from valve.effects import Effect, ValveScale
-from valve.errors import ConfigurationError, ValveError
+from valve.errors import ConfigurationError, ValveError, refuse
 from valve.nameplate import Nameplate
 from valve.parameter_sets import parameter_set
 from valve.parameters import TravelStops, ValveParameters, parameters_from_symbols
@@ -50,15 +59,21 @@ class SimulationSection(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
     parameter_set: str | None = None
     parameters: dict[str, float] | None = None
-    position_noise_m: float = 0.0
-    pressure_noise_pa: float = 0.0
+    position_noise_m: float | None = None
+    pressure_noise_pa: float | None = None
     seed: int | None = None  # by default one that the tag gives
     lag_s: float = 0.0
     dead_time_s: float = 0.0
     supply_pa: float = 140.0e3
     dac_bits: int = 16
-    adc_bits: int = 16
+    dead_band_pa: float = 0.0
+    hysteresis_pa: float = 0.0
+    adc_bits: int | None = None
     travel_stops_m: tuple[float, float] | None = None
+    packing: PackingSection | None = None
+    position_sensor: PositionSection | None = None
+    pressure_sensor: PressureSection | None = None
+    hunting: HuntingSection | None = None
     effects: tuple[dict[str, str | float], ...] = ()
 
 
@@ -69,7 +84,8 @@ def plant_from_settings(
 
     Raises ConfigurationError where the file does not say enough to simulate it.
     """
-    sections = _simulation_sections(settings.file)
+    sections, faults = _simulation_sections(settings.file, required=True)
+    refuse(ConfigurationError, map(str, faults))
     valves = [_valve(valve, sections[tag]) for tag, valve in settings.valves.items()]
     units: dict[str, dict[int, list[tuple[str, SimulatedChannel]]]] = defaultdict(lambda: defaultdict(list))
     gauges: dict[GaugeListener, str] = {}
@@ -94,29 +110,51 @@ def plant_from_settings(
             raise ConfigurationError(f"bus {bus}: another bus has its address, name one bus for both")
         listeners[served_on] = [_unit(bus, device_id, of) for device_id, of in on_bus.items()]
     # before the clock: what is compiled must not take simulated time
-    warm_up(effects=any(valve.effects for valve in valves))
+    warm_up_for(valves)
     return SimulatedPlant(valves, listeners, RunningClock(speed), gauges)
 
 
-def _simulation_sections(file: Path) -> dict[str, SimulationSection]:
-    """Every valve's ``[valves.simulation]``, by tag; the file was validated but for these sections."""
+def simulation_faults(file: Path) -> tuple[Fault, ...]:
+    """Return what is wrong with the ``[valves.simulation]`` that a plant file has; one that has none needs none."""
+    return _simulation_sections(file, required=False)[1]
+
+
+def _simulation_sections(file: Path, *, required: bool) -> tuple[dict[str, SimulationSection], tuple[Fault, ...]]:
+    """Every valve's ``[valves.simulation]``, by tag, with their faults; nothing of the rest of the file is judged."""
     findings = Findings(file.name)
     sections: dict[str, SimulationSection] = {}
-    for index, raw in enumerate(read_toml(file)["valves"]):
+    valves = read_toml(file).get("valves")
+    for index, raw in enumerate(valves if isinstance(valves, list) else []):
         key = ("valves", index, "simulation")
-        simulation: dict[str, Any] | None = raw.get("simulation")
-        section = None if simulation is None else findings.model(SimulationSection, simulation, key)
-        if simulation is None:
+        simulation: dict[str, Any] | None = raw.get("simulation") if isinstance(raw, dict) else None
+        section = _section(simulation, key, findings) if isinstance(simulation, dict) else None
+        if simulation is None and required:
             findings.add(key, None, "a valve without it cannot be simulated", 'add it with parameter_set = "nominal"')
         elif section is not None:
             if (section.parameter_set is None) == (section.parameters is None):
                 findings.add(key, simulation, "its parameters are given twice or not at all", "give one of the two")
             for place, given in enumerate(section.effects):
                 check_effect(given, (*key, "effects", place), findings)
-            sections[raw["tag"]] = section
-    if findings:
-        raise findings.error()
-    return sections
+            sections[str(raw.get("tag"))] = section
+    return sections, findings.faults
+
+
+def _section(raw: dict[str, Any], key: Key, findings: Findings) -> SimulationSection | None:
+    """Return one section; its tables are looked at one by one, so that a wrong key is compared with their own."""
+    section = findings.model(SimulationSection, {name: raw[name] for name in raw if name not in INSTRUMENTS}, key)
+    tables: dict[str, Any] = {}
+    for name, kind in INSTRUMENTS.items():
+        if name not in raw:
+            continue
+        if not isinstance(raw[name], dict):
+            findings.add((*key, name), raw[name], "it is no table", 'give a table such as { preset = "usual" }')
+            continue
+        tables[name] = findings.model(kind, raw[name], (*key, name))
+    try:
+        packing_from(tables.get("packing"))
+    except ValveError as error:
+        findings.add_error((*key, "packing"), error)
+    return None if section is None else section.model_copy(update=tables)
 
 
 def _wider(span: tuple[float, float]) -> tuple[float, float]:
@@ -136,23 +174,50 @@ def _valve(valve: PlantValve, section: SimulationSection) -> SimulatedValve:
     signal, stops = nameplate.signal, section.travel_stops_m
     range_pa = valve.wiring.limits.pressure_pa if signal is None else signal.range_pa
     seed = zlib.crc32(nameplate.tag.encode()) if section.seed is None else section.seed
-    position_span_m = _wider((0.0, nameplate.actuator.travel_m))
+    travel_m = nameplate.actuator.travel_m
     try:
         parameters = _parameters(section)
         full_force_n = (nameplate.actuator.diaphragm_area_m2 or 0.0) * range_pa[1]
         effects: tuple[Effect, ...] = ()
         if section.effects and full_force_n > 0.0:
-            scale = ValveScale.of(parameters, nameplate.actuator.travel_m, full_force_n)
+            scale = ValveScale.of(parameters, travel_m, full_force_n)
             effects = tuple(hidden_effect(given, scale) for given in section.effects)
         return SimulatedValve(
             nameplate.tag,
             parameters,
             nameplate,
-            Transducer(range_pa, section.lag_s, section.dead_time_s, section.supply_pa, section.dac_bits),
-            Sensor(position_span_m, section.position_noise_m, section.adc_bits, 2 * seed),
-            Sensor(_wider(range_pa), section.pressure_noise_pa, section.adc_bits, 2 * seed + 1),
+            Transducer(
+                range_pa,
+                section.lag_s,
+                section.dead_time_s,
+                section.supply_pa,
+                section.dac_bits,
+                hunting=hunting_from(section.hunting, section.packing, range_pa, seed),
+                dead_band_pa=section.dead_band_pa,
+                hysteresis_pa=section.hysteresis_pa,
+            ),
+            position_from(
+                section.position_sensor,
+                section.packing,
+                span_m=_wider((0.0, travel_m)),
+                travel_m=travel_m,
+                noise_rms=section.position_noise_m,
+                adc_bits=section.adc_bits,
+                seed=2 * seed,
+            ),
+            pressure_from(
+                section.pressure_sensor,
+                section.packing,
+                span_pa=_wider(range_pa),
+                range_pa=range_pa,
+                noise_rms=section.pressure_noise_pa,
+                adc_bits=section.adc_bits,
+                seed=2 * seed + 1,
+            ),
             TravelStops() if stops is None else TravelStops(*stops),
             effects=effects,
+            packing=packing_from(section.packing),
+            packing_seed=seed,
         )
     except ValveError as error:
         raise ConfigurationError(f"{nameplate.tag}: [valves.simulation]: {error}") from error

@@ -9,6 +9,8 @@ import httpx
 import typer
 
 from service.cli.client import service_client
+from service.cli.standing import is_astray, is_moving, looked_at, stands_of
+from service.runs.acknowledgement import NOT_THERE
 from service.runs.run import RUN_ID
 from valve.errors import MeasurementError, RequestError, WireError
 
@@ -22,7 +24,10 @@ def stop(
         str, typer.Option(metavar="URL", envvar="BREAKAWAY_URL", help="Address of the service.")
     ] = "http://127.0.0.1:8321",
 ) -> None:
-    """Stop a test; exit code 0 only where the valve was read back at its safe value."""
+    """Stop a test; exit code 0 only where its safe value was read back, and the stem is not known to be elsewhere.
+
+    Where the stem still moves it is waited for, as long as plant.toml says.
+    """
     folder = "tests" if RUN_ID.fullmatch(what) else "valves"
     try:
         with service_client(url) as client:
@@ -38,10 +43,23 @@ def stop(
     if answer.is_error:
         raise RequestError(str(test.get("detail", f"status {answer.status_code}")))
     if test["safe_confirmed"] is False:
-        raise MeasurementError(f"{test['valve']}: {test['error']}")
+        raise MeasurementError(f"{test['valve']}: {test['error']}. {stands_of(test)}")
     is_over = test["state"] in _OVER
     if test["safe_confirmed"] is None and not is_over:
         raise MeasurementError(f"{test['valve']}: test {test['id']} is still {test['state']}: look at the valve")
     state = test["state"] if is_over else "stopped, its samples are being fetched"
-    safe = "at its safe value, read back" if test["safe_confirmed"] else f"not moved by test {test['id']}"
-    print(f"{test['valve']}: test {test['id']} is {state}, the valve is {safe}")
+    if test["safe_confirmed"] is None and test["commanded"] is not False:
+        raise MeasurementError(
+            f"{test['valve']}: test {test['id']} is {test['state']}: {test['error']}; look at the valve"
+        )
+    told = f"{test['valve']}: test {test['id']} is {state}"
+    if test["commanded"] is False:
+        print(f"{told}, the valve was not moved by it")
+        return
+    print(f"{told}. {stands_of(test)}", flush=True)
+    if is_moving(test) and is_over:
+        with service_client(url) as client:
+            test = looked_at(client, test)
+        print(f"{test['valve']}: {stands_of(test)}")
+    if is_astray(test):
+        raise MeasurementError(f"{test['valve']}: {NOT_THERE}")

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
+
+from estimators.base import NORMAL_95
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +60,8 @@ def figures_of(analysis: Mapping[str, Any]) -> dict[str, Figure]:
     """Return the figures that the analysis can stand for, by key.
 
     A figure that was taken from a fit which did not succeed is left out; where a cause was named, what the fit with
-    that cause says takes its place: the plain fits are then wrong by what the cause does.
+    that cause says takes its place: the plain fits are then wrong by what the cause does. The interval of a friction
+    holds what friction varies by in the test: it does so from one test to the next as well.
     """
     model = (analysis.get("discrepancy") or {}).get("extended_model")
     area_m2 = _area(analysis)
@@ -73,9 +77,25 @@ def figures_of(analysis: Mapping[str, Any]) -> dict[str, Figure]:
         found.update(_filled(found, "spring_rate_n_per_m", parameters.get("k")))
         if area_m2 is not None:
             found.update(_filled(found, "bench_low_pa", parameters.get("F_0"), 1.0 / area_m2))
+    found = {key: _varying(figure, key, analysis) for key, figure in found.items()}
     lag = None if model is None else (model.get("causes") or {}).get("transducer_lag", {}).get("lag_s")
     found.update(_filled(found, "transducer_lag_s", lag))
     return found
+
+
+def _varying(figure: Figure, key: str, analysis: Mapping[str, Any]) -> Figure:
+    """Return a friction with the scatter of F_c, by the best method that has one, in its interval."""
+    if not key.startswith("friction") or figure.ci95 is None:
+        return figure
+    scatters = [
+        one["parameters"]["F_c"].get("scatter")
+        for one in sorted(analysis.get("estimates") or (), key=lambda one: bool(one["method"] != _BEST))
+        if (one.get("parameters") or {}).get("F_c") is not None
+    ]
+    scatter_n = next((float(one) for one in scatters if one is not None), 0.0)
+    low, high = figure.ci95
+    below, above = (math.hypot(half, NORMAL_95 * scatter_n) for half in (figure.value - low, high - figure.value))
+    return Figure(figure.value, (figure.value - below, figure.value + above))
 
 
 def _is_good(estimate: Mapping[str, Any]) -> bool:

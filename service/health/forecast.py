@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import Final
 
@@ -30,7 +31,10 @@ def _trend(case: Case, now: Figures, name: str) -> TrendFound | None:
     if was is not None:
         up, down = allowed(name, was, case.limits, case.valve)
         room = up if slope.per_day > 0.0 else down
-        if room is not None:
+        days = (case.at - times[0]).total_seconds() / _DAY_S
+        # a friction that wanders shows a slope for some nights, no further than two tests may differ
+        reach = math.hypot(was.half_width or 0.0, now[name].half_width or 0.0)
+        if room is not None and abs(slope.per_day) * days > reach:
             limit_at = slope.reaches(was.value + (room if slope.per_day > 0.0 else -room))
     return TrendFound(name, slope, len(times), limit_at)
 

@@ -20,7 +20,7 @@ def health_of(figures: FigureTable, valve: PlantValve, run: Run, analysis: Mappi
     """Return ``analysis.health`` of a test that is not stored as completed yet; reads the database and blocks."""
     conditions = conditions_of(run)
     baseline = figures.baseline(run.valve, conditions)
-    earlier = [one for one in figures.newest(run.valve, _HISTORY, conditions=conditions) if one.test_id != run.id]
+    earlier = [one for one in figures.newest(run.valve, _HISTORY, conditions=conditions) if one.at < run.created_at]
     since = [one for one in reversed(earlier) if baseline is None or one.at >= baseline.test.at]
     case = Case(
         analysis,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 
-from valve.errors import ConfigurationError
+from valve.errors import ConfigurationError, refuse
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,12 @@ class HealthLimits:
     stale_checks: int = 3  # times of a schedule that the valve is in
 
     def __post_init__(self) -> None:
-        for one in fields(self):
-            value = getattr(self, one.name)
-            if not (math.isfinite(value) and value > 0.0):
-                raise ConfigurationError(f"health.{one.name} is {value:g}, it must be above 0: correct it")
+        values = {one.name: getattr(self, one.name) for one in fields(self)}
+        refuse(
+            ConfigurationError,
+            (
+                f"health.{name} is {value:g}, it must be above 0: correct it"
+                for name, value in values.items()
+                if not (math.isfinite(value) and value > 0.0)
+            ),
+        )

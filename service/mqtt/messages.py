@@ -8,7 +8,9 @@ from datetime import datetime
 from typing import Any, Final
 from urllib.parse import quote
 
+from service.runs.acknowledgement import stem_astray
 from service.runs.run import Run, RunState
+from service.stands_words import where_it_stands
 
 _ESTIMATE: Final = ("value", "unit", "ci95", "identifiable")
 _SIGNATURE: Final = (
@@ -27,13 +29,16 @@ def topic_part(text: str) -> str:
 
 def state_message(run: Run) -> dict[str, Any]:
     """Return how a valve stands now: its last test, and whether somebody must go and look."""
-    in_doubt = run.safe_confirmed is False and run.acknowledged_at is None
+    in_doubt = (run.safe_confirmed is False or stem_astray(run)) and run.acknowledged_at is None
+    stands = None if run.stands is None else {**run.stands.to_json(), "stem_percent": run.stands.stem_percent}
     return {
         "valve": run.valve,
         "under_test": not run.state.finished and run.state is not RunState.ANALYZING,
         "test": run.id,
         "state": run.state.value,
         "safe_confirmed": run.safe_confirmed,
+        "stands": stands,
+        "stands_sentence": where_it_stands(run),
         "alarm": in_doubt,
         "message": run.error,
     }

@@ -18,7 +18,9 @@ from starlette.exceptions import HTTPException
 
 from service.access.needs import needs
 from service.access.principal import Right
+from service.analysis_summary import summary_of
 from service.nameplates import nameplate_from_mapping, nameplate_from_toml
+from service.own_files.mapping import parse_mapping
 from service.parts import Parts, parts_of
 from service.problems import PROBLEMS
 from valve.errors import RecordingError, RequestError
@@ -33,11 +35,20 @@ _BODY = {
         "multipart/form-data": {
             "schema": {
                 "type": "object",
-                "required": ["recording", "nameplate"],
+                "required": ["recording"],
                 "properties": {
-                    "recording": {**_FILES, "minItems": 1, "description": "CSV or Parquet; several of one valve"},
+                    "recording": {
+                        **_FILES,
+                        "minItems": 1,
+                        "description": "CSV, xlsx or Parquet, also gz; several of one valve",
+                    },
                     "held_out": {**_FILES, "description": "recordings to measure the gain on; they are not fitted"},
                     "nameplate": {"type": "string", "description": "TOML or JSON, as a field or a file"},
+                    "valve": {"type": "string", "description": "tag of a valve of this plant, instead of nameplate"},
+                    "map": {
+                        "type": "string",
+                        "description": "which column is what where the headers leave it open: position_m=Hub [%]",
+                    },
                 },
             }
         }
@@ -45,22 +56,27 @@ _BODY = {
 }
 _MOST_FILES: Final = 16
 _LONGEST_NAME: Final = 80
-_PARTS: Final = "one or more recording, any held_out and one nameplate"
+_SINGLE: Final = ("nameplate", "valve", "map")
+_PARTS: Final = "one or more recording, any held_out, one nameplate or valve, and at most one map"
 
 
-@router.post("/analyze", dependencies=[needs(Right.VIEW)], openapi_extra={"requestBody": _BODY})
+@router.post("/analyze", dependencies=[needs(Right.ANALYZE)], openapi_extra={"requestBody": _BODY})
 async def analyze_recording(request: Request, parts: Annotated[Parts, Depends(parts_of)]) -> dict[str, Any]:
-    """Analyse uploaded recordings of one valve: the analysis object. Nothing is kept."""
+    """Analyse uploaded recordings of one valve: the analysis object. Nothing is kept.
+
+    Uploads wait behind the tests of this plant; 429 where eight wait already. All files of one together may have
+    2,000,000 rows.
+    """
     if not request.headers.get("content-type", "").lower().startswith("multipart/form-data"):
         raise HTTPException(
             HTTPStatus.UNSUPPORTED_MEDIA_TYPE,
             "the body is no multipart/form-data: send the parts recording and nameplate",
         )
     async with _form(request) as form:
-        unknown = sorted(set(form) - {"recording", "held_out", "nameplate"})
-        if unknown or len(form.getlist("nameplate")) > 1:
+        unknown = sorted(set(form) - {"recording", "held_out", *_SINGLE})
+        if unknown or any(len(form.getlist(name)) > 1 for name in _SINGLE):
             raise RequestError(f"the parts {unknown or sorted(form)} are not {_PARTS}: send these")
-        nameplate = await _nameplate(form)
+        nameplate, mapping = await _nameplate(form, parts), _mapping(form)
         recordings, held_out = (_uploads(form, name) for name in ("recording", "held_out"))
         if not recordings:
             raise RequestError("part recording is missing or no file: attach the CSV or Parquet file")
@@ -73,7 +89,13 @@ async def analyze_recording(request: Request, parts: Annotated[Parts, Depends(pa
             names[own[0]] = "recording"
         try:
             await asyncio.to_thread(_keep, kept)
-            return await parts.analyst.analyze(own[0], nameplate, together=own[1:], held_out=tried)
+            analysis = await parts.analyst.analyze(
+                own[0], nameplate, together=own[1:], held_out=tried, upload=True, mapping=mapping
+            )
+            sent = {path.name: _name(upload) for path, upload in kept.items()}
+            for one in analysis["recording"].get("understood", ()):
+                one["file"] = sent[one["file"]]
+            return {**analysis, "summary": summary_of(analysis)} if analysis["estimates"] else analysis
         except RecordingError as error:
             said = str(error)
             for path, name in names.items():
@@ -94,7 +116,7 @@ def _uploads(form: FormData, name: str) -> list[UploadFile]:
 @asynccontextmanager
 async def _form(request: Request) -> AsyncIterator[FormData]:
     try:
-        form = await request.form(max_files=_MOST_FILES, max_fields=4)
+        form = await request.form(max_files=_MOST_FILES, max_fields=6)
     except HTTPException as error:
         if error.status_code != HTTPStatus.BAD_REQUEST:
             raise
@@ -120,10 +142,23 @@ def _keep(uploads: Mapping[Path, UploadFile]) -> None:
             shutil.copyfileobj(upload.file, file)
 
 
-async def _nameplate(form: FormData) -> Nameplate:
-    part = form.get("nameplate")
+def _mapping(form: FormData) -> dict[str, str]:
+    text = form.get("map", "")
+    if not isinstance(text, str):
+        raise RequestError("part map is a file: send it as a field, such as position_m=Hub [%]")
+    return parse_mapping(text)
+
+
+async def _nameplate(form: FormData, parts: Parts) -> Nameplate:
+    part, tag = form.get("nameplate"), form.get("valve")
+    if isinstance(tag, str) and tag and not part:
+        if tag not in parts.plant.valves:
+            raise RequestError(f"valve {tag[:_LONGEST_NAME]!r}: this plant has none of this tag: send a nameplate")
+        return parts.plant.valves[tag].nameplate
+    if tag and part:
+        raise RequestError("parts nameplate and valve are both there: send one of them")
     if part is None:
-        raise RequestError("part nameplate is missing: send the nameplate as TOML or JSON")
+        raise RequestError("part nameplate is missing: send the nameplate as TOML or JSON, or a tag as part valve")
     data = await part.read() if isinstance(part, UploadFile) else part.encode("utf-8", "surrogatepass")
     if not data.lstrip().startswith(b"{"):
         return nameplate_from_toml(data, "nameplate")

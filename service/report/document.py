@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 from service.figures.canvas import Picture, svg_text
+from service.figures.friction import friction_picture
 from service.figures.loop import loop_picture
 from service.figures.methods import all_estimates, methods_picture
 from service.figures.misfit import coordinate_picture, time_picture
@@ -16,6 +17,7 @@ from service.report.summary import summary_of
 from service.shown_sentences import all_in_units
 from service.shown_units import UnitSystem, measured, quantity
 from service.tablet.results import (
+    Cell,
     diagnosis_of,
     figure_rows,
     method_messages,
@@ -38,6 +40,14 @@ _STEP_FIGURES: Final = (
 )
 
 
+def _cell_words(cell: Cell, unit: str, system: UnitSystem) -> str:
+    """A method's value of a parameter, with how much the quantity itself varies."""
+    if cell.value is None:
+        return _NOT_GIVEN
+    value = measured(cell.value, cell.ci95, unit, system)
+    return f"{value}, {cell.scatter}" if cell.scatter else value
+
+
 def document_of(source: ReportSource) -> dict[str, Any]:
     """Return the report: every text as it is read, and the pictures as SVG that needs no font and no other file."""
     analysis, system = source.analysis, source.system
@@ -48,15 +58,14 @@ def document_of(source: ReportSource) -> dict[str, Any]:
         "tag": source.tag,
         "subject": source.subject,
         "summary": summary_of(source),
+        "stands": source.stands,
+        "alarm": source.alarm,
         "methods": [{"name": name, "status": status} for name, status in method_names(analysis)],
         "parameters": [
             {
                 "symbol": row.symbol,
                 "meaning": row.meaning,
-                "cells": [
-                    _NOT_GIVEN if cell.value is None else measured(cell.value, cell.ci95, row.unit, system)
-                    for cell in row.cells
-                ],
+                "cells": [_cell_words(cell, row.unit, system) for cell in row.cells],
             }
             for row in parameter_rows(analysis)
         ],
@@ -86,7 +95,7 @@ def document_of(source: ReportSource) -> dict[str, Any]:
                 for cause in diagnosis.causes
             ],
             "others": list(diagnosis.others),
-            "gain": _gain(diagnosis.gain, system),
+            "gain": _gain(diagnosis.gain if diagnosis.causes else None, system),
             "where": str(((analysis.get("discrepancy") or {}).get("misfit") or {}).get("where") or ""),
             "separating": _separating(diagnosis.separating_test),
             "next": next_step(analysis, source.sequence),
@@ -125,6 +134,8 @@ def _pictures(source: ReportSource) -> Iterator[tuple[str, Picture | None]]:
     yield "loop", loop_picture(analysis.get("signature"), source.baseline, system)
     yield "trend", trends_picture(source.trends, system)
     yield "methods", methods_picture(all_estimates(analysis), system)
+    if pictures is None:  # of a valve that repeats itself the misfit is drawn
+        yield "friction", friction_picture((analysis.get("discrepancy") or {}).get("latent_friction"), system)
     yield "time", time_picture(pictures, system)
     if diagnosis_of(analysis).verdict != "none":  # it would draw noise
         yield "coordinate", coordinate_picture(pictures, system)
@@ -135,7 +146,8 @@ def _front(analysis: Mapping[str, Any], drawn: Mapping[str, Any]) -> tuple[str, 
     first = "trend" if "trend" in drawn else "loop"
     if diagnosis_of(analysis).verdict in ("none", "not_assessed"):
         return (first,)
-    return first, "time" if most_telling(analysis) is None or "coordinate" not in drawn else "coordinate"
+    misfit = "time" if most_telling(analysis) is None or "coordinate" not in drawn else "coordinate"
+    return first, misfit if misfit in drawn else "friction"
 
 
 def _gain(gain: Mapping[str, Any] | None, system: UnitSystem) -> str:

@@ -12,11 +12,14 @@ from service.health.judge import facts_of
 from service.recordings.place import recording_of
 from service.report.ended import EndedSource
 from service.report.source import ReportSource
-from service.report.valve_facts import nameplate_facts, safe_value_words, wiring_facts
+from service.report.valve_facts import nameplate_facts, wiring_facts
+from service.runs.acknowledgement import alarm_words
+from service.runs.again import words_of_repetition
 from service.runs.run import Label, Run
 from service.settings import Plant, PlantValve
-from service.shown_sentences import as_sentence
+from service.shown_sentences import as_sentence, in_units
 from service.shown_units import UnitSystem
+from service.stands_words import where_it_stands
 from service.store.store import Store
 from service.tablet.history import past_of
 from service.tablet.words import STATES
@@ -36,7 +39,7 @@ def source_of(store: Store, run: Run, valve: PlantValve | None, system: UnitSyst
         run.valve,
         _subject(run),
         run.analysis,
-        tuple(_facts(run, None if past.baseline is None else past.baseline.id)),
+        tuple(_facts(run, None if past.baseline is None else past.baseline.id, system)),
         None if baseline is None else baseline.get("signature"),
         past.trends if len(past.same_motion) > 1 else (),
         tuple((run.permissives or {}).get("permissives") or ()),
@@ -44,6 +47,8 @@ def source_of(store: Store, run: Run, valve: PlantValve | None, system: UnitSyst
         system,
         _of_valve(valve, system),
         run.sequence,
+        where_it_stands(run),
+        alarm_words(run),
     )
 
 
@@ -66,12 +71,11 @@ def ended_source_of(plant: Plant, store: Store, run: Run, system: UnitSystem) ->
         ending_of(
             run,
             later=newest[0] if newest and newest[0].id != run.id else None,
-            safe_words="" if valve is None else safe_value_words(valve.wiring.safe_value_pa, system),
         ),
         file,
         no_file,
         run.quality or {},
-        tuple(_facts(run, None)),
+        tuple(_facts(run, None, system)),
         tuple((run.permissives or {}).get("permissives") or ()),
         system,
         _of_valve(valve, system),
@@ -94,7 +98,7 @@ def _subject(run: Run) -> str:
     return f"test of {_instant(run.created_at)}, {run.sequence.replace('_', ' ')}{label}"
 
 
-def _facts(run: Run, baseline: str | None) -> list[tuple[str, str]]:
+def _facts(run: Run, baseline: str | None, system: UnitSystem) -> list[tuple[str, str]]:
     quality: Mapping[str, Any] = run.quality or {}
     accepted = (run.analysis or {}).get("accepted_model")
     facts = [
@@ -105,11 +109,11 @@ def _facts(run: Run, baseline: str | None) -> list[tuple[str, str]]:
         ("Schedule", run.schedule),
         ("Began, ended", f"{_instant(run.started_at)}, {_instant(run.motion_ended_at)}"),
         ("Motion", run.sequence + "".join(f", {key} {value}" for key, value in sorted(run.overrides.items()))),
-        ("Safe value read back", {True: "yes", False: "NO", None: "nothing moved"}[run.safe_confirmed]),
+        ("After the motion", in_units(where_it_stands(run), system) or None),
         ("Notes of the driver", "; ".join(str(note) for note in quality.get("notes") or ()) or None),
         ("Recording, SHA-256", run.recording_sha256),
         ("Software", run.software),
-        ("Analysis", str((run.analysis or {}).get("schema") or "")),
+        ("Analysis", ", ".join(one for one in ((run.analysis or {}).get("schema"), words_of_repetition(run)) if one)),
         ("Gateway", run.gateway or None),
         ("Baseline", baseline),
         ("Accepted model of", None if accepted is None else str(accepted.get("test"))),

@@ -16,6 +16,7 @@ class ReportSource:
 
     ``facts`` are the provenance: names and values. ``baseline`` is the signature that the loop is drawn over. ``valve``
     is its nameplate and limits as names and values, ``sequence`` the one that the test played, None where unknown.
+    ``stands`` is where the test left the valve, "" where no service tested it, ``alarm`` what is wrong with that.
     """
 
     tag: str
@@ -29,3 +30,5 @@ class ReportSource:
     system: UnitSystem = field(default=UnitSystem.SI)
     valve: tuple[tuple[str, str], ...] = ()
     sequence: str | None = None
+    stands: str = ""
+    alarm: str = ""

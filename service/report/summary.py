@@ -31,8 +31,8 @@ def summary_of(source: ReportSource) -> dict[str, Any]:
     state = health.get("ne107")
     shown = NE107.get(state or "")
     return {
-        "verdict": f"{source.tag} {_VERDICTS.get(state or '', _NOT_ASSESSED)}",
-        "state": state or "–",
+        "verdict": _verdict(source, state),
+        "state": "!" if source.alarm else state or "–",
         "state_words": "Not assessed" if shown is None else shown.words,
         "reasons": [as_sentence(reason) for reason in health.get("reasons") or ()],
         "diagnosis": _diagnosis(source.analysis, health.get("reasons") or ()),
@@ -41,12 +41,19 @@ def summary_of(source: ReportSource) -> dict[str, Any]:
     }
 
 
+def _verdict(source: ReportSource, state: str | None) -> str:
+    """Return the verdict; whatever was measured, a valve that was not left where it should be is not in order."""
+    if source.alarm:
+        return f"{source.tag}: {source.alarm}."
+    return f"{source.tag} {_VERDICTS.get(state or '', _NOT_ASSESSED)}"
+
+
 def _diagnosis(analysis: Mapping[str, Any], reasons: Sequence[str]) -> str:
     """Return the diagnosis with the causes' sentences that the reasons do not have; "" where they say it all."""
     found = diagnosis_of(analysis)
     sentences = [str(cause["sentence"]) for cause in found.causes]
     left = [one for one in sentences if not any(one in reason for reason in reasons)]
-    is_told = sentences and not left and found.verdict == "named"
+    is_told = sentences and not left and found.verdict in {"named", "likely"}
     if is_told or any(found.headline in reason for reason in reasons):
         return " ".join(left)
     return " ".join([found.headline, *left])

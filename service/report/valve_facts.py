@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from drivers.addresses import MotionLimits, ValveWiring
+from drivers.stands_at import RestRules
 from service.health.limits import HealthLimits
 from service.shown_units import UnitSystem, quantity
 from valve.nameplate import Action, Nameplate
@@ -34,6 +35,7 @@ def nameplate_facts(nameplate: Nameplate, system: UnitSystem) -> Iterator[tuple[
 def wiring_facts(wiring: ValveWiring, health: HealthLimits, system: UnitSystem) -> Iterator[tuple[str, str]]:
     """Yield name and value of the safe value, of what a test may do to the valve and of how far it may change."""
     yield "Safe value", safe_value_words(wiring.safe_value_pa, system)
+    yield "Stem at the safe value", safe_position_words(wiring.rest, system)
     yield "A test may use", _limits(wiring.limits, system)
     if wiring.limits.position_m is not None:
         low, high = (quantity(end_m, "m", system) for end_m in wiring.limits.position_m)
@@ -53,6 +55,15 @@ def safe_value_words(safe_value_pa: float | str, system: UnitSystem) -> str:
     if isinstance(safe_value_pa, str):
         return {"entry": "the pressure before the test"}.get(safe_value_pa, safe_value_pa)
     return quantity(safe_value_pa, "Pa", system)
+
+
+def safe_position_words(rules: RestRules, system: UnitSystem) -> str:
+    """Return where the stem should stand at the safe value, and when that is looked at."""
+    when = f"looked at {rules.after_s:g} s after the motion"
+    if rules.position_m is None:
+        return f"no position is declared: told, not judged; {when}"
+    position, tolerance = (quantity(length_m, "m", system) for length_m in (rules.position_m, rules.tolerance_m))
+    return f"{position}, give or take {tolerance}; {when}"
 
 
 def _limits(limits: MotionLimits, system: UnitSystem) -> str:

@@ -8,26 +8,43 @@ from typing import Final
 
 from drivers.outcome import Ended
 from drivers.permissives import Permissive
+from drivers.stands_at import StemVerdict
 from service.runs.run import Run, RunState
+from service.stands_words import NOT_CONFIRMED, where_it_stands
 
 ENDED_KEY: Final = "ended"  # of a run's quality: how the motion itself ended
-NOT_CONFIRMED: Final = "SAFE STATE NOT CONFIRMED: go and look at the valve"
+#: What a stem that is not at its declared safe position is called; the sentence follows.
+NOT_THERE: Final = "STEM NOT AT ITS SAFE POSITION: go and look at the valve"
 
 
 def ended_badly(run: Run) -> bool:
     """Whether a valve may stand otherwise than it should, or was moved until a fault ended it.
 
     A test that was stopped, or whose analysis failed after a good motion, did not end badly; nor did one that never
-    moved the valve.
+    moved the valve. Where its stem was to be at a safe position and was not seen there, it did, whatever its result.
     """
+    if stem_astray(run):
+        return True
     if not run.state.finished:
         return False
     if run.safe_confirmed is False:
         return True
     how = (run.quality or {}).get(ENDED_KEY)
     if run.state is RunState.FAILED:
-        return run.safe_confirmed is not None and how != Ended.COMPLETED.value
-    return run.state is RunState.INTERRUPTED and run.started_at is not None and how is None
+        return bool(run.commanded or run.safe_confirmed) and how != Ended.COMPLETED.value
+    return (
+        run.state is RunState.INTERRUPTED and run.commanded is not False and run.started_at is not None and how is None
+    )
+
+
+def stem_astray(run: Run) -> bool:
+    """Whether the stem was not seen at the safe position that plant.toml declares."""
+    return run.stands is not None and run.stands.verdict.is_alarm
+
+
+def is_moving(run: Run) -> bool:
+    """Whether the motion is over and the stem was not looked at yet."""
+    return run.stands is not None and run.stands.verdict is StemVerdict.MOVING
 
 
 def needs_acknowledgement(run: Run) -> bool:
@@ -39,8 +56,19 @@ def alarm_of(run: Run | None) -> str:
     """Return the alarm that stands for a valve whose last test this is; "" where none does."""
     if run is None or not needs_acknowledgement(run):
         return ""
-    unsafe = f"{NOT_CONFIRMED}; " if run.safe_confirmed is False else ""
-    return f"{unsafe}test {run.id} {run.state.value}: {run.error}"
+    alarm, stands = alarm_words(run), where_it_stands(run)
+    why = f": {run.error.replace(f'{NOT_CONFIRMED}; ', '')}" if run.error else ""
+    told = f"test {run.id} {run.state.value}{why}"
+    if not alarm:
+        return f"{told}. {stands}".rstrip(". ")
+    return f"{stands} ({told})" if stands.startswith(alarm) else f"{alarm}. {stands} ({told})"
+
+
+def alarm_words(run: Run) -> str:
+    """Return what is wrong with where a test left its valve, in capitals; "" where nothing is."""
+    if run.safe_confirmed is False:
+        return NOT_CONFIRMED
+    return NOT_THERE if stem_astray(run) else ""
 
 
 def acknowledged(run: Run, who: str, note: str) -> Run:
@@ -55,9 +83,13 @@ def last_end(run: Run | None) -> Permissive:
     name, limit = "last_test", "one that ended well or was acknowledged"
     if run is None:
         return Permissive(name, True, "none yet", limit)
+    if run.stands is not None and is_moving(run):
+        wait = f"wait until it was looked at, {run.stands.due_s:g} s after the motion"
+        return Permissive(name, False, f"the stem may still move after {run.id}", limit, wait)
     if not needs_acknowledgement(run):
         value = f"{run.id} {run.state.value}" + (", acknowledged" if run.acknowledged_at is not None else "")
         return Permissive(name, True, value, limit)
     remedy = f"acknowledge first: look at the valve, then say so on its page, or by breakaway acknowledge {run.valve}"
-    unsafe = ", SAFE STATE NOT CONFIRMED" if run.safe_confirmed is False else ""
-    return Permissive(name, False, f"{run.id} {run.state.value}{unsafe}", limit, remedy)
+    unsafe = alarm_words(run).partition(":")[0]
+    value = f"{run.id} {run.state.value}" + (f", {unsafe}" if unsafe else "")
+    return Permissive(name, False, value, limit, remedy)

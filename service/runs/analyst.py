@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 from service.health.judge import health_of
-from service.runs.rig import Order
 from service.runs.room import room_to_json
 from service.runs.run import Run
 from service.runs.separating import TOGETHER
+from service.settings import PlantValve
 from service.store.store import Store
 from valve.nameplate import Nameplate
 
@@ -29,18 +29,27 @@ class Analyst(Protocol):
         held_out: Sequence[tuple[str, Path]] = (),
         accepted: Mapping[str, Any] | None = None,
         room: Mapping[str, float] | None = None,
+        upload: bool = False,
+        mapping: Mapping[str, str] | None = None,
     ) -> dict[str, Any]:
         """Return the analysis object; ``progress`` is told the share done, 0 to 1. Raises ValveError.
 
         ``together`` are other recordings of the same valve, ``held_out`` named ones that are not fitted, ``accepted``
-        is the extended model that somebody accepted for this valve, ``room`` what a further test of it may use.
+        is the extended model that somebody accepted for this valve, ``room`` what a further test of it may use;
+        an ``upload`` is no test of this plant and goes behind all that are. ``mapping``, also an empty one, says that
+        the files are as their owners have them (``service.own_files``).
         """
+
+
+#: How the reason of a test begins whose motion ended well.
+ANALYSIS_FAILED: Final = "the recording is stored, its analysis failed"
 
 
 async def assessed(
     analyst: Analyst,
     run: Run,
-    order: Order,
+    valve: PlantValve,
+    sequence: str,
     store: Store,
     *,
     together: Sequence[str],
@@ -48,9 +57,8 @@ async def assessed(
 ) -> dict[str, Any]:
     """Return the analysis of a run's recording with the valve's health; ``together`` are ids of tests beside it.
 
-    Raises ValveError.
+    ``sequence`` is what was played. Raises ValveError.
     """
-    valve = order.valve
     accepted = await asyncio.to_thread(store.models.current, run.valve)
     analysis = await analyst.analyze(
         store.recording_path(run.id),
@@ -61,7 +69,7 @@ async def assessed(
         room=room_to_json(valve.nameplate, valve.wiring.limits, run.overrides),
     )
     if together:
-        analysis = {**analysis, TOGETHER: {"sequence": order.sequence, "tests": list(together)}}
+        analysis = {**analysis, TOGETHER: {"sequence": sequence, "tests": list(together)}}
     if accepted is not None:
         analysis = {**analysis, "accepted_model": {"number": accepted.number, "test": accepted.test}}
     health = await asyncio.to_thread(health_of, store.figures, valve, run, analysis)

@@ -56,7 +56,7 @@ class Gate:
                 await stack.enter_async_context(self._bus_turns[bus])
             yield
 
-    async def known(self, wanted: Run) -> Run | None:
+    async def known(self, wanted: Run, permit: str | None) -> Run | None:
         """Return the stored run that a request's key asked for first; None where the request is new.
 
         Raises RequestError where that key asked for something else.
@@ -66,7 +66,8 @@ class Gate:
         known = await asyncio.to_thread(self._store.runs.by_idempotency_key, wanted.idempotency_key)
         if known is None:
             return None
-        if (known.valve, known.sequence, known.overrides) != (wanted.valve, wanted.sequence, wanted.overrides):
+        was = (known.valve, known.sequence, known.overrides, known.label, (known.permissives or {}).get("permit"))
+        if was != (wanted.valve, wanted.sequence, wanted.overrides, wanted.label, permit):
             raise RequestError(
                 f"Idempotency-Key {wanted.idempotency_key!r} was used for another request (test {known.id}): "
                 "choose a new key for a new test"
@@ -84,10 +85,11 @@ class Gate:
     async def _admitted(self, wanted: Run, valve: PlantValve, permit: str | None) -> tuple[Run, Claim]:
         claim = self.owners.claim(wanted.id, wanted.valve, valve.buses, scheduled=wanted.schedule is not None)
         try:
+            await self.owners.lock(claim)
             permission = await self._read_permission(valve, permit)
             require_met(wanted.valve, permission.permissives)
             async with self._storing:
-                known = await self.known(wanted)  # of another valve, meanwhile: then it is refused
+                known = await self.known(wanted, permit)  # of another valve, meanwhile: then it is refused
                 assert known is None
                 wanted = replace(wanted, permissives=permission.to_json())
                 return await asyncio.to_thread(self._store.runs.insert, wanted), claim
@@ -100,7 +102,13 @@ class Gate:
         while True:
             try:
                 async with self.turn(valve):
-                    return self.owners.claim(run.id, run.valve, valve.buses)
+                    claim = self.owners.claim(run.id, run.valve, valve.buses)
+                    try:
+                        await self.owners.lock(claim)
+                    except BaseException:
+                        self.owners.release(claim)
+                        raise
+                    return claim
             except BusyError:
                 await asyncio.sleep(0.05)
 
@@ -115,7 +123,7 @@ class Gate:
             if in_use:
                 return self._permissions.get(tag), in_use
             try:
-                with self._locks.hold(valve.buses):
+                async with self._locks.hold(valve.buses):
                     return await self._read_permission(valve, permit), ""
             except BusyError as error:
                 return self._permissions.get(tag), str(error)

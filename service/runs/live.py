@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import math
+import time
 from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any, Final
 
 from drivers.outcome import SampleBlock
+from drivers.stands_at import StandsAt
 from service.events import EventLog
 from service.runs.run import Run
+from service.stands_words import where_it_stands
+from service.store.store import Store
 
 _LIVE_PERIOD_S: Final = 0.05  # 20 points a second are more than an eye follows
 _PROGRESS_STEP: Final = 0.005
@@ -27,9 +31,15 @@ class LiveRun:
         self.run = run
         self.stop = asyncio.Event()
         self.stop_reason = ""
+        self.stopped_by: set[str] = set()
+        self.began_s = time.monotonic()
+        #: The valve stands: ``run.safe_confirmed`` says whether it was seen at its safe value. Nothing is stored yet.
+        self.at_rest = asyncio.Event()
         self.motion_ended = asyncio.Event()
         self.finished = asyncio.Event()
         self.events = EventLog()
+        #: Held by whoever stores a change of the run, from reading it to letting it be seen.
+        self.storing = asyncio.Lock()
         self._shown = -1.0
         self._phase = ""
         self._last_point_s = -math.inf
@@ -41,9 +51,24 @@ class LiveRun:
         self.events.append("state", {"id": run.id, "state": run.state.value, "progress": run.progress})
         if run.state.finished:
             end = {"id": run.id, "state": run.state.value, "error": run.error, "safe_confirmed": run.safe_confirmed}
+            end["stands"] = where_it_stands(run)
             self.events.append("end", end)
             self.events.close()
+            self.at_rest.set()
             self.finished.set()
+
+    async def keep_stands(self, store: Store, stands: StandsAt) -> Run:
+        """Store where the valve was seen to stand, then let the watchers see it. Raises as the store does."""
+        async with self.storing:
+            await asyncio.to_thread(store.runs.note_stands, self.run, stands)
+            self.show_stands(stands)
+        return self.run
+
+    def show_stands(self, stands: StandsAt) -> None:
+        """Let the watchers see where the valve stands."""
+        self.run = replace(self.run, stands=stands)
+        if not self.events.closed:
+            self.events.append("stands", {"verdict": stands.verdict.value, "sentence": where_it_stands(self.run)})
 
     def progress(self, share: float, phase: str) -> None:
         """Note how much of the whole test is done, 0 to 1."""
@@ -67,8 +92,8 @@ class LiveRun:
             self.events.append("samples", {name: _numbers(getattr(block, name)[chosen].tolist()) for name in names})
 
     def request_stop(self, reason: str) -> None:
-        """Throw the switch; the first reason counts."""
-        if not self.stop.is_set() and not self.motion_ended.is_set():
+        """Throw the switch; the first reason counts. It is heard as long as the device is asked, in an upload too."""
+        if not self.stop.is_set():
             self.stop_reason = reason
             self.stop.set()
 
@@ -90,6 +115,7 @@ class LiveRuns:
         """Return a stored run as a live one; the oldest that ended are forgotten."""
         live = LiveRun(run)
         self._runs[run.id] = live
+        self._runs.move_to_end(run.id)
         finished = [key for key, other in self._runs.items() if other.finished.is_set()]
         for key in finished[: max(0, len(self._runs) - _REMEMBERED_RUNS)]:
             del self._runs[key]

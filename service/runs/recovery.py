@@ -1,28 +1,38 @@
-"""After a crash: what was cut off is marked, its samples are kept, its valve goes to safe; nothing resumes."""
+"""After a crash: what was cut off is marked, its samples are kept, its valve is looked at; nothing resumes.
+
+A valve goes to safe only where its test commanded it, its device does not show the safe value and the permissives hold
+at that moment; else it stays as it stands, and that is said.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from typing import Any, Final
 
 import structlog
 
+from drivers.recovery import Recovered
+from drivers.stands_at import unseen
 from service.audit.log import AuditLog
-from service.runs.acknowledgement import NOT_CONFIRMED
+from service.runs.again import is_to_be_taken_up
 from service.runs.gate import Gate
 from service.runs.rig import Rig
 from service.runs.run import Run, RunState, checked_run_id
+from service.runs.stem_looks import Rest, StemLooks
 from service.runs.tasks import Tasks
 from service.settings import Plant
-from service.store.journal import read_header, read_journal, recording_from_journal
+from service.stands_words import NOT_CONFIRMED
+from service.store.journal import read_header, read_journal, recording_from_journal, was_commanded
 from service.store.store import Store
 from valve.errors import InternalError, RecordingError, ValveError
 
 _LOG = structlog.get_logger(__name__)
+_NOTHING_MOVED: Final = "; nothing was moved"
 _UNFINISHED: Final = (RunState.QUEUED, RunState.RUNNING, RunState.ANALYZING)
 
 
@@ -38,13 +48,28 @@ def _entry_pressure_pa(store: Store, run: Run) -> float | None:
     return None if entry_pa is None else float(entry_pa)
 
 
+def shown_commanded(store: Store, run: Run) -> bool | None:
+    """Whether an unfinished run commanded its valve, as the run or its journal shows; None where neither can. Blocks.
+
+    Before anything is commanded it stands in the journal; from the end of the motion on it stands in the run.
+    """
+    if run.commanded is not None:
+        return run.commanded
+    try:
+        return was_commanded(store.journal_path(run.id))
+    except (OSError, ValveError) as error:
+        _LOG.warning("journal does not say whether the valve was commanded", test=run.id, error=str(error))
+        return None
+
+
 def mark_interrupted(store: Store, run: Run) -> Run:
     """Turn an unfinished run of a dead process into an interrupted one; its journal becomes its recording. Blocks."""
     changes: dict[str, Any] = {"state": RunState.INTERRUPTED, "finished_at": datetime.now(UTC)}
     reason = "the service ended while this test was under way"
     if run.state is RunState.ANALYZING:
-        reason += "; the recording is complete: analyse it by breakaway analyze"
+        reason += "; the recording is complete: analyse it again"
     kept = False
+    changes["commanded"] = shown_commanded(store, run)
     try:
         if store.journal_path(run.id).exists():
             changes |= _kept_journal(store, run)
@@ -86,17 +111,34 @@ def keep_journals_of_ended_runs(store: Store) -> None:
             _LOG.warning("journal left as it is", journal=journal.name, error=str(error))
 
 
-def _needs_safe(run: Run) -> bool:
-    """Whether the valve of an unfinished run may stand somewhere else than at its safe value."""
+def _may_stand_elsewhere(run: Run) -> bool:
+    """Whether the valve of an unfinished run was not seen at its safe value when the motion ended."""
     return run.safe_confirmed is not True
+
+
+@dataclass(frozen=True, slots=True)
+class _Recovered:
+    """What was done with a valve, and the valve as it rests now."""
+
+    found: Recovered
+    rest: Rest
 
 
 class Recovery:
     """Brings what a dead process left behind to rest; its tasks go on among ``tasks``."""
 
     def __init__(
-        self, plant: Plant, store: Store, rig: Rig, gate: Gate, tasks: Tasks, *, audit: AuditLog | None = None
+        self,
+        plant: Plant,
+        store: Store,
+        rig: Rig,
+        gate: Gate,
+        tasks: Tasks,
+        *,
+        looks: StemLooks,
+        audit: AuditLog | None = None,
     ) -> None:
+        self._looks = looks
         self._plant = plant
         self._store = store
         self._rig = rig
@@ -104,39 +146,82 @@ class Recovery:
         self._tasks = tasks
         self._audit = audit
 
-    async def begin(self) -> None:
-        """Send the valves that a dead process left to safe, each in a task of its own, and mark its tests.
+    async def begin(self) -> list[Run]:
+        """Look at the valves that a dead process left, each in a task of its own, and mark its tests.
 
-        The valves come first: neither a long journal nor a full disk holds them up.
+        The valves come first: neither a long journal nor a full disk holds them up. Returns the tests that lack nothing
+        but their analysis; these are left as they are.
         """
-        unfinished = await asyncio.to_thread(
-            self._store.runs.in_states, _UNFINISHED, gateway=self._plant.service.gateway
-        )
-        sent: dict[str, asyncio.Task[bool]] = {}
+        gateway = self._plant.service.gateway
+        left = await asyncio.to_thread(self._store.runs.in_states, _UNFINISHED, gateway=gateway)
+        whole = [run for run in left if run.valve in self._plant.valves and is_to_be_taken_up(run, self._store)]
+        unfinished = [run for run in left if run not in whole]
+        recovered: dict[str, asyncio.Task[_Recovered]] = {}
         for run in unfinished:
-            if run.valve in self._plant.valves and _needs_safe(run):
+            if run.valve in self._plant.valves and _may_stand_elsewhere(run):
+                commanded = await asyncio.to_thread(shown_commanded, self._store, run)
                 entry_pa = await asyncio.to_thread(_entry_pressure_pa, self._store, run)
-                sent[run.id] = self._tasks.spawn(self._send_safe(run, entry_pa))
+                # Where neither the test nor its journal says it, it may have been.
+                recovered[run.id] = self._tasks.spawn(self._recover(run, commanded is not False, entry_pa))
         marked = [await asyncio.to_thread(mark_interrupted, self._store, run) for run in unfinished]
         await asyncio.to_thread(keep_journals_of_ended_runs, self._store)
         for run in marked:
-            if run.id in sent:
-                self._tasks.spawn(self._note_safe(run.id, sent[run.id]))
-            elif _needs_safe(run):
+            if run.id in recovered:
+                self._tasks.spawn(self._note(run.id, recovered[run.id]))
+            elif _may_stand_elsewhere(run) and run.commanded is not False:
                 error = f"{run.error}; {NOT_CONFIRMED}: plant.toml no longer names it"
                 await asyncio.to_thread(self._store.runs.save, replace(run, error=error, safe_confirmed=False))
+        for run in await asyncio.to_thread(self._store.runs.with_moving_stems, gateway):
+            if run.id not in recovered:
+                await self._look_again(run)
+        return whole
 
-    async def _send_safe(self, run: Run, entry_pa: float | None) -> bool:
+    async def _recover(self, run: Run, commanded: bool, entry_pa: float | None) -> _Recovered:
         valve = self._plant.valves[run.valve]
         claim = await self._gate.claim_when_free(run, valve)
-        await self._note_in_audit("motion.recovery", run, {"run_number": run.number, "entry_pa": entry_pa})
         try:
-            return await self._rig.go_safe(valve, run.number, entry_pa)
-        except Exception as error:  # noqa: BLE001  - whatever it is, the result must say that the valve was not seen safe
-            _LOG.error("valve not sent to safe", test=run.id, valve=run.valve, exc_info=error)
-            return False
-        finally:
+            details = {"run_number": run.number, "entry_pa": entry_pa, "commanded": commanded}
+            await self._note_in_audit("motion.recovery", run, details)
+            found = await self._rig.recover(valve, run.number, entry_pa, commanded=commanded)
+        except BaseException:
             self._gate.owners.release(claim)
+            raise
+        safe = valve.wiring.safe_value_pa
+        safe_pa = entry_pa if isinstance(safe, str) else safe
+        # A valve that may still be on its way there has its time; one that stands anywhere is looked at now.
+        waited_s = 0.0 if found.safe.confirmed else _since_s(run.created_at)
+        confirmed = found.safe.confirmed if commanded else None
+        return _Recovered(found, Rest(run, valve, claim, time.monotonic() - waited_s, safe_pa, confirmed))
+
+    async def _note(self, run_id: str, recovering: asyncio.Task[_Recovered]) -> None:
+        """Store what became of a valve, and look at its stem."""
+        left = await recovering
+        found, rest = left.found, left.rest
+        try:
+            run = await asyncio.to_thread(self._store.runs.get, run_id)
+            details = {"safe_confirmed": found.safe.confirmed, "sent": found.sent, "reason": found.safe.reason}
+            await self._note_in_audit("motion.ended", run, details)
+            run = await asyncio.to_thread(self._store.runs.get, run_id)  # as an acknowledgement left it meanwhile
+            error = run.error + _told(found, rest.confirmed)
+            run = replace(run, error=error, safe_confirmed=rest.confirmed, stands=rest.moving())
+            await asyncio.to_thread(self._store.runs.save, run)
+        except BaseException:
+            self._gate.owners.release(rest.claim)
+            raise
+        _LOG.warning("valve recovered", test=run.id, valve=run.valve, **details)
+        self._looks.begin(rest)
+
+    async def _look_again(self, run: Run) -> None:
+        """Look at a stem that the last process did not live to look at."""
+        stands, valve = run.stands, self._plant.valves.get(run.valve)
+        assert stands is not None  # it is said to move
+        if valve is None:
+            gone = unseen(stands, "plant.toml no longer names this valve")
+            await asyncio.to_thread(self._store.runs.note_stands, run, gone)
+            return
+        claim = self._gate.owners.claim(run.id, run.valve, ())
+        at_s = time.monotonic() - _since_s(run.motion_ended_at or run.created_at)
+        self._looks.begin(Rest(run, valve, claim, at_s, stands.safe_pa, stands.signal_confirmed))
 
     async def _note_in_audit(self, event: str, run: Run, details: Mapping[str, Any]) -> None:
         """Write what is done for safety's sake; where that cannot be written it is done all the same."""
@@ -149,11 +234,19 @@ class Recovery:
         except InternalError as error:
             _LOG.error("not in the audit log", test=run.id, audit_event=event, error=str(error))
 
-    async def _note_safe(self, run_id: str, sent: asyncio.Task[bool]) -> None:
-        confirmed = await sent
-        run = await asyncio.to_thread(self._store.runs.get, run_id)
-        await self._note_in_audit("motion.ended", run, {"safe_confirmed": confirmed})
-        run = await asyncio.to_thread(self._store.runs.get, run_id)  # as an acknowledgement left it meanwhile
-        error = run.error + ("; the valve was sent to its safe value" if confirmed else f"; {NOT_CONFIRMED}")
-        await asyncio.to_thread(self._store.runs.save, replace(run, safe_confirmed=confirmed, error=error))
-        _LOG.warning("valve sent to safe", test=run.id, valve=run.valve, confirmed=confirmed)
+
+def _since_s(at: datetime) -> float:
+    """Return how long an instant is past by this machine's clock, s."""
+    return max(0.0, (datetime.now(UTC) - at).total_seconds())
+
+
+def _told(found: Recovered, confirmed: bool | None) -> str:
+    """Return what became of the valve, as it is added to why its test has no result."""
+    reason = f": {found.safe.reason}" if found.safe.reason else ""
+    if confirmed is None:
+        return _NOTHING_MOVED
+    if found.sent:
+        return f"; the valve was sent to its safe value{reason}" if confirmed else f"; {NOT_CONFIRMED}{reason}"
+    if confirmed:
+        return "; its device showed the safe value, nothing was written"
+    return f"; {NOT_CONFIRMED}; nothing was written{reason}"

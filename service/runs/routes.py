@@ -12,7 +12,7 @@ from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 
 from service.access.motion import require_may_run
-from service.access.needs import Asks, needs
+from service.access.needs import Asks, needs, require_covers
 from service.access.principal import Right
 from service.events import Event
 from service.json_body import JsonRoute
@@ -20,7 +20,8 @@ from service.parts import Parts, parts_of
 from service.problems import PROBLEMS
 from service.recordings.formats import CSV, PARQUET, acceptable
 from service.recordings.place import recording_of
-from service.runs.views import RunPage, RunRequest, RunView, summary, view
+from service.runs.views import ReadIn, RunPage, RunRequest, RunView, summary, view
+from service.shown_units import UnitSystem
 
 router = APIRouter(prefix="/tests", tags=["tests"], responses=PROBLEMS, route_class=JsonRoute)
 PartsOf = Annotated[Parts, Depends(parts_of)]
@@ -98,9 +99,22 @@ async def get_test(test_id: str, parts: PartsOf) -> RunView:
 
 
 @router.post("/{test_id}/stop", dependencies=[needs(Right.STOP)])
-async def stop_test(test_id: str, parts: PartsOf, asks: Asks) -> RunView:
+async def stop_test(test_id: str, parts: PartsOf, asks: Asks, read_in: ReadIn = None) -> RunView:
     """Send the valve to its safe value at once; a test that has ended stays as it is."""
-    return view(await parts.runs.stop(test_id, reason=f"stopped by {asks.name}"))
+    return view(await parts.runs.stop(test_id, asks.requester), UnitSystem.of(read_in))
+
+
+@router.post("/{test_id}/analyze", status_code=HTTPStatus.ACCEPTED, dependencies=[needs(Right.ANALYZE)])
+async def analyze_test(test_id: str, parts: PartsOf, asks: Asks, response: Response) -> RunView:
+    """Analyse the stored recording of a test anew; nothing moves. 202 at once: watch the test for the result.
+
+    For a test whose motion ended well, with or without a result; a result stands until the new one is there, and if
+    that fails. 409 while the test is under way, 421 where another gateway has the recording.
+    """
+    require_covers(asks, (await parts.runs.get(test_id)).valve)
+    run = await parts.runs.analyze(test_id, asks.requester)
+    response.headers["Location"] = f"/tests/{run.id}"
+    return view(run)
 
 
 @router.get(

@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Any, Final
 
+from drivers.stands_at import StandsAt
 from valve.errors import NotFoundError
 
 RUN_ID: Final = re.compile(r"[0-9]{8}T[0-9]{6}Z-[0-9a-f]{8}")
@@ -44,6 +45,8 @@ class Run:
     """One test. ``number`` is the store's own count and the run number that fences the device; 0 before it is stored.
 
     ``safe_confirmed`` is None while the valve has not moved or still moves, then whether its safe value was read back.
+    ``commanded`` is whether anything was sent that can move the valve; None while that is open, or was never kept.
+    ``stands`` is where it was seen to stand after its motion; None while it moves, and where nobody looked.
     """
 
     id: str
@@ -58,6 +61,7 @@ class Run:
     motion_ended_at: datetime | None = None
     finished_at: datetime | None = None
     error: str = ""
+    commanded: bool | None = None
     safe_confirmed: bool | None = None
     idempotency_key: str | None = None
     recording_file: str | None = None
@@ -73,6 +77,7 @@ class Run:
     acknowledged_at: datetime | None = None
     acknowledged_by: str | None = None
     acknowledgement: str | None = None
+    stands: StandsAt | None = None
 
 
 def new_run_id(now: datetime | None = None) -> str:

@@ -69,7 +69,7 @@ async def get_permissives(
 async def stop_valve(tag: str, parts: PartsOf, asks: Asks) -> RunView:
     """Stop whatever test uses this valve: it goes to its safe value at once."""
     run_id = await parts.runs.running_test_of(tag)
-    return view(await parts.runs.stop(run_id, reason=f"stopped by {asks.name}"))
+    return view(await parts.runs.stop(run_id, asks.requester))
 
 
 @router.post("/tests/{test_id}/acknowledge", tags=["tests"], dependencies=[needs(Right.ACKNOWLEDGE)])

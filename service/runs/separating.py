@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from service.runs.run import Run
+from service.runs.run import Run, RunState
 from service.runs.sequences import SEQUENCES
 from service.store.store import Store
 from valve.errors import RequestError
@@ -14,6 +14,7 @@ from valve.errors import RequestError
 #: What ``POST /tests/run`` names to run what the last completed test of the valve left to be told apart.
 SEPARATING: Final = "separating"
 TOGETHER: Final = "together"  # key of an analysis that says which tests it is of
+_LOOKED_THROUGH: Final = 50  # tests of the valve before it
 _MOST_TOGETHER: Final = 3  # earlier tests: a fit of more takes too long
 
 
@@ -33,9 +34,12 @@ def check_name(sequence: str) -> None:
         raise RequestError(f"sequence {sequence[:64]!r} is unknown: choose one of {known}")
 
 
-def separating_of(store: Store, tag: str) -> Separating:
-    """Return what the last completed test of a valve asks for; blocks. Raises RequestError where that is nothing."""
-    last = store.runs.last_completed(tag)
+def separating_of(store: Store, tag: str, asking: Run | None = None) -> Separating:
+    """Return what a completed test of a valve, by default the last, asks for; blocks.
+
+    Raises RequestError where that is nothing.
+    """
+    last = asking or store.runs.last_completed(tag)
     if last is None or last.analysis is None:
         raise RequestError(f"{tag}: there is nothing to separate, as no test of it is completed: run another sequence")
     wanted = (last.analysis.get("discrepancy") or {}).get("separating_test")
@@ -49,6 +53,23 @@ def separating_of(store: Store, tag: str) -> Separating:
     earlier = [run_id for run_id in _analysed_with(last) if store.recording_path(run_id).exists()]
     tests = (last.id, *earlier)[:_MOST_TOGETHER]
     return Separating(str(wanted["sequence"]), dict(wanted["overrides"]), tests)
+
+
+def played_by(store: Store, run: Run) -> tuple[str, tuple[str, ...]]:
+    """Return the sequence that a test played, and the tests whose recordings are analysed with its own; blocks.
+
+    Raises RequestError where it is a separating one and what it was to separate is no longer kept.
+    """
+    if run.sequence != SEPARATING:
+        return run.sequence, ()
+    if run.analysis is not None:
+        together = run.analysis.get(TOGETHER) or {}
+        kept = tuple(one for one in _analysed_with(run) if store.recording_path(one).exists())
+        return str(together.get("sequence", SEPARATING)), kept
+    earlier = store.runs.newest(_LOOKED_THROUGH, before=run.number, valve=run.valve)
+    last = next((one for one in earlier if one.state is RunState.COMPLETED), None)
+    wish = separating_of(store, run.valve, None if last is None else store.runs.get(last.id))
+    return wish.sequence, wish.tests
 
 
 def _analysed_with(run: Run) -> list[str]:

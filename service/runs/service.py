@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
 from collections.abc import AsyncIterator, Mapping
+from datetime import UTC, datetime
 from functools import partial
 from typing import Any, Final
+from weakref import WeakValueDictionary
 
 import structlog
 
 from service.audit.log import AuditLog
 from service.events import Event
-from service.runs.acknowledgement import acknowledged, ended_badly
+from service.recordings.place import recording_of
+from service.runs.acknowledgement import acknowledged, ended_badly, is_moving
+from service.runs.again import analyse_again, begun_again, can_be_analysed
 from service.runs.analyst import Analyst
 from service.runs.gate import Gate
 from service.runs.life import Life, OnSamples
@@ -21,15 +26,19 @@ from service.runs.permission import Permission
 from service.runs.recovery import Recovery
 from service.runs.requester import LOCAL, Requester
 from service.runs.rig import Order, Rig
-from service.runs.run import Label, Run, checked_run_id, new_run_id
+from service.runs.run import Label, Run, RunState, checked_run_id, new_run_id
 from service.runs.separating import SEPARATING, check_name, separating_of
 from service.runs.sequences import choose_waveform
+from service.runs.stem_looks import StemLooks
 from service.runs.tasks import Tasks
 from service.settings import Plant, PlantValve
 from service.store.store import Store
-from valve.errors import BusyError, ElsewhereError, NotFoundError, RequestError
+from valve.errors import BusyError, ElsewhereError, InternalError, NotFoundError, RequestError
 
 _LOG = structlog.get_logger(__name__)
+_SOON_S: Final = 1.0  # whoever asks so shortly before a stem is looked at waits for that
+_LOOK_S: Final = 0.01
+_END_TOLD_S: Final = 1.0  # a stop that is carried out is answered so much later at most
 _STORE_AGAIN_S: Final = 2.0  # a look at the disk costs nothing, and somebody may be freeing it
 
 
@@ -57,7 +66,10 @@ class Runs:
         self._gate = Gate(plant, store, rig)
         self._live = LiveRuns()
         self._tasks = Tasks()
+        self._looks = StemLooks(store, rig, self._gate, self._tasks, audit)
         self._closing = False
+        self._carrying: WeakValueDictionary[str, asyncio.Task[None]] = WeakValueDictionary()  # by the run's id
+        self._analysing = asyncio.Lock()
 
     def valve(self, tag: str) -> PlantValve:
         """Return the valve of this tag. Raises NotFoundError."""
@@ -67,7 +79,7 @@ class Runs:
 
     def user_of(self, tag: str) -> str | None:
         """Return the id of the run that uses this valve now, if any."""
-        return self._gate.owners.holder(tag)
+        return self._gate.owners.tester(tag)
 
     def why_not_scheduled(self, tag: str) -> str:
         """Return why a scheduled test of a valve has to wait now; "" where it may start."""
@@ -107,8 +119,8 @@ class Runs:
         if sequence == SEPARATING:
             if overrides:
                 raise RequestError(f"sequence {SEPARATING} takes no overrides, as the last test says them: drop them")
-            asked = Run(id=new_run_id(), valve=tag, sequence=SEPARATING, idempotency_key=idempotency_key)
-            known = await self._asked_before(asked)
+            asked = Run(new_run_id(), tag, SEPARATING, idempotency_key=idempotency_key, label=label)
+            known = await self._asked_before(asked, permit)
             if known is not None:
                 return known
             wish = await asyncio.to_thread(separating_of, self._store, tag)
@@ -129,8 +141,9 @@ class Runs:
             gateway=self._plant.service.gateway,
             label=label,
         )
+        await self._looked_at(tag)
         async with self._gate.turn(valve):
-            known = await self._asked_before(wanted)
+            known = await self._asked_before(wanted, permit)
             if known is not None:
                 return known
             if self._closing:
@@ -144,11 +157,12 @@ class Runs:
                 claim,
                 self._store,
                 self._gate.owners,
+                looks=self._looks,
                 audit=self._audit,
                 together=together,
                 on_samples=self._on_samples,
             )
-            self._tasks.spawn(self._carry_out(life, live))
+            self._carrying[stored.id] = self._tasks.spawn(self._carry_out(life, live))
         because = {"because": choice.reason} if choice.reason else {}
         _LOG.info("test accepted", test=stored.id, valve=tag, sequence=choice.name, run_number=stored.number, **because)
         return live.run
@@ -186,20 +200,32 @@ class Runs:
         Raises NotFoundError, and RequestError where there is nothing to acknowledge or the test still runs.
         """
         run = await self.get(run_id)
+        await self._looked_at(run.valve)
+        run = await self.get(run_id)
         if run.acknowledged_at is not None:
             return run
         if not ended_badly(run):
             raise RequestError(f"test {run.id} is {run.state.value} and needs no acknowledgement: nothing to do")
+        if run.stands is not None and is_moving(run):
+            raise RequestError(
+                f"test {run.id}: the stem may still move and is looked at {run.stands.due_s:g} s after the motion: "
+                "acknowledge when it was"
+            )
         live = self._live.find(run.id)
-        changed = acknowledged(run, requester.name, note)
         if self._audit is not None:
             append = partial(self._audit.append, "test.acknowledged", valve=run.valve, test=run.id)
             await asyncio.to_thread(append, who=requester.name, details={"note": note})
-        await asyncio.to_thread(self._store.runs.save, changed)
-        if live is not None:
-            live.run = changed
+        async with contextlib.nullcontext() if live is None else live.storing:
+            changed = acknowledged(run if live is None else live.run, requester.name, note)
+            await asyncio.to_thread(self._store.runs.save, changed)
+            if live is not None:
+                live.run = changed
         _LOG.warning("test acknowledged", test=run.id, valve=run.valve, by=requester.name, note=note)
         return changed
+
+    def any_under_way(self) -> bool:
+        """Whether a test of this process has not ended yet."""
+        return any(not live.finished.is_set() for live in self._live)
 
     async def running_test_of(self, tag: str) -> str:
         """Return the id of the test that uses a valve now. Raises NotFoundError where none does."""
@@ -209,8 +235,18 @@ class Runs:
             raise NotFoundError(f"{tag}: no test uses this valve now: there is nothing to stop")
         return run_id
 
-    async def _asked_before(self, wanted: Run) -> Run | None:
-        known = await self._gate.known(wanted)
+    async def _looked_at(self, tag: str) -> None:
+        """Return when the stem of a valve that was just tested was looked at, where that is about to happen."""
+        until_s = time.monotonic() + _SOON_S
+        while time.monotonic() < until_s:
+            live = self._live.find(self._gate.owners.holder(tag) or "")
+            is_over = live is not None and (live.motion_ended.is_set() or live.run.state.finished)
+            if not is_over or self._looks.due_in_s(tag) > _SOON_S:
+                return
+            await asyncio.sleep(_LOOK_S)
+
+    async def _asked_before(self, wanted: Run, permit: str | None) -> Run | None:
+        known = await self._gate.known(wanted, permit)
         return None if known is None else await self.get(known.id)
 
     async def get(self, run_id: str) -> Run:
@@ -237,22 +273,57 @@ class Runs:
                 await asyncio.wait_for(live.finished.wait(), timeout_s)
         return await self.get(run_id)
 
+    def at_rest(self, run_id: str) -> bool:
+        """Whether the valve of a run stands."""
+        live = self._live.find(run_id)
+        return live is None or live.at_rest.is_set()
+
     async def rest(self, run_id: str) -> None:
         """Return when the valve of a run moves no more."""
         live = self._live.find(run_id)
         if live is not None:
             await live.motion_ended.wait()
 
-    async def stop(self, run_id: str, *, reason: str = "stopped on request", timeout_s: float = 8.0) -> Run:
-        """Send the valve of a run to safe at once and return when it is there; what has ended stays as it is."""
+    def under_way_since_s(self, run_id: str) -> float | None:
+        """Return when a test began that has not ended, by the monotonic clock; None for all others."""
+        live = self._live.find(run_id)
+        return None if live is None or live.finished.is_set() else live.began_s
+
+    async def stop(self, run_id: str, requester: Requester = LOCAL, *, timeout_s: float = 8.0) -> Run:
+        """Send the valve of a run to safe at once and return when it is there; what has ended stays as it is.
+
+        Of a test that runs neither database nor thread is asked. Who stopped it goes into the audit log when the valve
+        stands.
+        """
         live = self._live.find(checked_run_id(run_id))
-        if live is not None:
-            live.request_stop(reason)
+        if live is None or live.finished.is_set():
+            return await self.get(run_id)
+        live.request_stop(f"stopped by {requester.name}")
+        if not live.motion_ended.is_set() and requester.name not in live.stopped_by:
+            live.stopped_by.add(requester.name)
+            self._tasks.spawn(self._note_stop(live, requester, datetime.now(UTC)))
+        try:
+            async with asyncio.timeout(timeout_s):
+                await live.at_rest.wait()
+        except TimeoutError:
+            _LOG.error("stop takes long", test=run_id, seconds=timeout_s)
+        with contextlib.suppress(TimeoutError):  # where the store answers, its end is told too
+            async with asyncio.timeout(_END_TOLD_S):
+                await live.motion_ended.wait()
+        return live.run
+
+    async def _note_stop(self, live: LiveRun, requester: Requester, asked_at: datetime) -> None:
+        """Write who stopped a test, once its valve stands: nothing of this may hold the stop up."""
+        await live.at_rest.wait()
+        run = live.run
+        details = {"kind": requester.kind.value, "asked_at": asked_at.isoformat(), "safe_confirmed": run.safe_confirmed}
+        _LOG.warning("test stopped", test=run.id, valve=run.valve, by=requester.name)
+        if self._audit is not None:
+            append = partial(self._audit.append, "test.stopped", valve=run.valve, test=run.id, details=details)
             try:
-                await asyncio.wait_for(live.motion_ended.wait(), timeout_s)
-            except TimeoutError:
-                _LOG.error("stop takes long", test=run_id, seconds=timeout_s)
-        return await self.get(run_id)
+                await asyncio.to_thread(append, who=requester.name)
+            except InternalError as error:
+                _LOG.error("stop is not in the audit log", test=run.id, by=requester.name, error=str(error))
 
     async def follow(self, run_id: str, after: int) -> AsyncIterator[tuple[Event, ...]]:
         """Return the events of a run with an id above ``after``, as ``EventLog.follow``. Raises NotFoundError."""
@@ -262,18 +333,65 @@ class Runs:
         return live.events.follow(after)
 
     async def recover(self) -> None:
-        """Send the valves that a dead process left to safe and mark its tests; returns when they are marked."""
-        await Recovery(self._plant, self._store, self._rig, self._gate, self._tasks, audit=self._audit).begin()
+        """Send the valves that a dead process left to safe and mark its tests; returns when they are marked.
+
+        Analyses that it left unfinished are made again: they move nothing.
+        """
+        recovery = Recovery(
+            self._plant, self._store, self._rig, self._gate, self._tasks, looks=self._looks, audit=self._audit
+        )
+        for run in await recovery.begin():
+            _LOG.warning("analysis taken up", test=run.id, valve=run.valve)
+            await self._begin_analysis(run, self.valve(run.valve), by="service")
+
+    async def analyze(self, run_id: str, requester: Requester = LOCAL) -> Run:
+        """Analyse the recording of a test anew, with what is known now; returns when that has begun.
+
+        Raises NotFoundError, ElsewhereError where another gateway has the recording, BusyError while the test is under
+        way, RequestError where its motion did not end well: such a recording is no whole test.
+        """
+        async with self._analysing:
+            run = await self.get(run_id)
+            if not run.state.finished or self._closing:
+                why = "the service is shutting down" if self._closing else f"test {run.id} is {run.state.value}"
+                raise BusyError(f"{run.valve}: {why}: repeat the request later")
+            valve = self.valve(run.valve)
+            if not can_be_analysed(run):
+                raise RequestError(
+                    f"test {run.id} is {run.state.value} and has no whole recording of a motion that ended well: "
+                    "repeat the test, or take what there is of its recording to breakaway analyze"
+                )
+            recording_of(run, self._plant, self._store)
+            if self._audit is not None:
+                append = partial(self._audit.append, "analysis.repeated", valve=run.valve, test=run.id)
+                former = {"was": run.state.value, "error": run.error}
+                await asyncio.to_thread(append, who=requester.name, details=former)
+            return await self._begin_analysis(run, valve, by=requester.name)
+
+    async def _begin_analysis(self, run: Run, valve: PlantValve, *, by: str) -> Run:
+        changed = begun_again(run)
+        await asyncio.to_thread(self._store.runs.save, changed)
+        live = self._live.begin(changed)
+        live.at_rest.set()
+        live.motion_ended.set()
+        about = {"by": by, "at": datetime.now(UTC).isoformat(), "software": self._software}
+        work = analyse_again(live, valve, self._store, self._analyst, about=about)
+        self._carrying[run.id] = self._tasks.spawn(work)
+        return changed
 
     async def settled(self) -> None:
         """Return when everything that this process has under way, recovery included, has come to its end."""
         await self._tasks.settled()
 
     def begin_shutdown(self) -> None:
-        """Accept no further test and stop those that run."""
+        """Accept no further test and stop those that run; analyses are left to the next start."""
         self._closing = True
+        self._looks.close()
         for live in self._live:
             live.request_stop("stopped: the service was shut down")
+            if live.run.state is RunState.ANALYZING and live.run.id in self._carrying:
+                self._carrying[live.run.id].cancel()
+                live.events.close()  # who watches sees the end at the next start
 
     async def shut_down(self, timeout_s: float = 20.0) -> None:
         """Stop every run and wait until its valve is safe and its end is stored."""

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from datetime import datetime
 from typing import Annotated, Any
 
+from fastapi import Header
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
+from drivers.stands_at import StandsAt, StemVerdict
+from service.errors import UNITS_HEADER
 from service.runs.acknowledgement import needs_acknowledgement
 from service.runs.run import Label, Run, RunState
+from service.shown_sentences import in_units
+from service.shown_units import UnitSystem
+from service.stands_words import stands_sentence
 
+#: What the pages of the tablet say that they are read in; SI where nobody says it.
+ReadIn = Annotated[str | None, Header(alias=UNITS_HEADER, include_in_schema=False, max_length=16)]
 Permit = Annotated[str, Field(min_length=1, max_length=64, description="the work permit, where the valve demands one")]
 
 
@@ -38,6 +47,32 @@ class RecordingLink(BaseModel):
     sha256: str
 
 
+class StandsView(BaseModel):
+    """Where a valve was seen to stand after its motion: signal and stem, each as it was read."""
+
+    sentence: str = Field(description="signal and stem in words, as every page and report says it")
+    verdict: StemVerdict = Field(
+        description="moving: not looked at yet; there; not_there and unknown (it could not be read) are alarms; "
+        "not_judged: plant.toml declares no safe position"
+    )
+    read_at: datetime
+    after_s: float = Field(description="time from the end of the motion to this reading")
+    due_s: float = Field(description="when the stem is looked at after the motion")
+    safe_pa: float | None
+    signal_pa: float | None = Field(description="what the device showed as its output; null where it was not read")
+    signal_is_safe: bool | None = Field(description="whether that is the safe value")
+    signal_confirmed: bool | None = Field(
+        description="whether the safe value was read back when the motion ended; null where nothing was commanded"
+    )
+    signal_unread: str = Field(description="why there is no signal; empty where there is one")
+    stem_m: float | None
+    stem_percent: float | None = Field(description="of the rated travel, from the closed end")
+    stem_unread: str = Field(description="why there is no position; empty where there is one")
+    travel_m: float | None
+    safe_position_m: float | None = Field(description="as plant.toml declares it; null where the stem is not judged")
+    tolerance_m: float | None
+
+
 class RunSummary(BaseModel):
     """One test in a list."""
 
@@ -52,8 +87,14 @@ class RunSummary(BaseModel):
     started_at: datetime | None
     motion_ended_at: datetime | None
     finished_at: datetime | None
-    error: str = Field(description="why the test did not complete; empty where it did")
-    safe_confirmed: bool | None = Field(description="whether the valve's safe value was read back after the motion")
+    error: str = Field(description="why the test did not complete, or repeating its analysis failed; else empty")
+    commanded: bool | None = Field(
+        description="whether anything was sent that can move the valve; null while that is open, or was never kept"
+    )
+    safe_confirmed: bool | None = Field(
+        description="whether the valve's safe value was read back after the motion: the signal alone, `stands` has both"
+    )
+    stands: StandsView | None = Field(description="where the motion left the valve; null while it moves")
     recording: RecordingLink | None
     software: str
     href: str
@@ -79,13 +120,22 @@ class RunPage(BaseModel):
     next: str | None
 
 
-def _shared(run: Run) -> dict[str, Any]:
+def _shared(run: Run, system: UnitSystem = UnitSystem.SI) -> dict[str, Any]:
     href = f"/tests/{run.id}"
     link = None
     if run.recording_sha256 is not None:
         link = RecordingLink(href=f"{href}/recording", sha256=run.recording_sha256)
-    names = RunSummary.model_fields.keys() - {"recording", "href"}
-    return {name: getattr(run, name) for name in names} | {"recording": link, "href": href}
+    names = RunSummary.model_fields.keys() - {"recording", "href", "stands"}
+    shown = {name: getattr(run, name) for name in names}
+    return shown | {"recording": link, "href": href, "stands": stands_view(run.stands, system)}
+
+
+def stands_view(stands: StandsAt | None, system: UnitSystem = UnitSystem.SI) -> StandsView | None:
+    """Return where a valve stands; the sentence in the units of ``system``, every number SI."""
+    if stands is None:
+        return None
+    sentence = in_units(stands_sentence(stands), system)
+    return StandsView(**asdict(stands), stem_percent=stands.stem_percent, sentence=sentence)
 
 
 def summary(run: Run) -> RunSummary:
@@ -93,10 +143,10 @@ def summary(run: Run) -> RunSummary:
     return RunSummary(**_shared(run))
 
 
-def view(run: Run) -> RunView:
-    """Return a test with all that is known of it."""
+def view(run: Run, system: UnitSystem = UnitSystem.SI) -> RunView:
+    """Return a test with all that is known of it; where its valve stands is said in the units of ``system``."""
     return RunView(
-        **_shared(run),
+        **_shared(run, system),
         run_number=run.number,
         permissives=run.permissives,  # type: ignore[arg-type]  # a read-only mapping is copied
         needs_acknowledgement=needs_acknowledgement(run),

@@ -285,6 +285,10 @@ class Nightly:
         run = await asyncio.to_thread(self._known.by_idempotency_key, check.key)
         if run is not None:
             await asyncio.to_thread(self._table.note_test, check.id, run.id)
+            run = self._runs.as_it_stands(run)
+            if run.state is RunState.ANALYZING:  # it was taken up: the check ends with it
+                self._spawn(self._follow(check, run))
+                return
             if run.state.finished:
                 state, reason = _BY_TEST.get(run.state, CheckState.FAILED), run.error
         await self._end(check, state, reason)

@@ -19,7 +19,7 @@ _AROUND_S: Final = 10.0
 class PlannedCheck:
     """One valve that will be checked: due with its schedule, starting when the valves before it on its buses are done.
 
-    ``fits`` says whether that is within the schedule's window.
+    They are when their stems were looked at. ``fits`` says whether that is within the schedule's window.
     """
 
     schedule: str
@@ -67,5 +67,6 @@ def plan_night(plant: Plant, after: datetime, until: datetime) -> list[PlannedCh
             )
             planned.append(check)
             if check.fits:
-                free_at |= dict.fromkeys(valve.buses, ends_at)
+                looked_at = ends_at + timedelta(seconds=valve.wiring.rest.after_s)
+                free_at |= dict.fromkeys(valve.buses, looked_at)
     return sorted(planned, key=lambda check: (check.starts_at, check.bus))

@@ -19,6 +19,13 @@ from valve.errors import ConfigurationError
 
 _CONNECT_TIMEOUT_S: Final = 10
 _POOL: Final = 10
+# A server that is lost without a word frees the threads that ask it after half a minute (libpq, 34.1.2).
+_LOST_LINE: Final = {
+    "keepalives_idle": 10,
+    "keepalives_interval": 5,
+    "keepalives_count": 4,
+    "tcp_user_timeout": 30_000,
+}
 _LONGEST_STATEMENT_MS: Final = 60_000
 # Own choice of a number that nobody else in the database locks: "breakaw" in ASCII.
 _MIGRATION_LOCK: Final = 0x627265616B6177
@@ -75,7 +82,12 @@ def _engine(url: URL) -> Engine:
     options = f"-c statement_timeout={_LONGEST_STATEMENT_MS} -c synchronous_commit=on -c timezone=UTC"
     return create_engine(
         url,
-        connect_args={"connect_timeout": _CONNECT_TIMEOUT_S, "options": options, "application_name": "breakaway"},
+        connect_args={
+            "connect_timeout": _CONNECT_TIMEOUT_S,
+            "options": options,
+            "application_name": "breakaway",
+            **_LOST_LINE,
+        },
         pool_size=_POOL,
         pool_pre_ping=True,  # a server that was restarted in the meantime is no fault of the request
         json_serializer=serializer,

@@ -5,21 +5,26 @@ A text file in UTF-8, one record a line, each line closed by a space, the CRC-32
 
 ::
 
-    {"schema": "breakaway/journal/2", "test": "...", "valve": "...", ...} CRC         first line: what is recorded
+    {"schema": "breakaway/journal/3", "test": "...", "valve": "...", ...} CRC         first line: what is recorded
+    {"commanded_at": "2026-11-21T03:15:02.120431+00:00"} CRC                          the valve may move from here on
     time_s,sent_s,received_s,position_m,pressure_pa,command_pa,recorded,write_sent_s,written_s CRC  one line a sample
 
-``time_s`` counts from the start of the waveform; ``recorded`` is 0 for a sample that only watches a device which
-captures by itself; ``nan`` is a gap. Journals of schema ``breakaway/journal/1`` lack the last two, in which the
-command was written; they are still read. Every batch is handed to the operating system at once (it survives the death
+The second line is forced onto the disk before the first write that can move the valve is sent: without it nothing was
+commanded. ``time_s`` counts from the start of the waveform; ``recorded`` is 0 for a sample that only watches a device
+which captures by itself; ``nan`` is a gap. Journals of schema ``breakaway/journal/2`` do not say whether something was
+commanded, those of ``breakaway/journal/1`` also lack the last two columns, in which the command was written; both are
+still read. Every batch is handed to the operating system at once (it survives the death
 of the process) and ``sync`` forces it onto the disk (it survives a power cut).
 """
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import zlib
 from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
@@ -31,10 +36,11 @@ from valve.errors import RecordingError
 from valve.recording import Acquisition, Provenance, Recording
 
 FloatArray = npt.NDArray[np.float64]
-SCHEMA: Final = "breakaway/journal/2"
+SCHEMA: Final = "breakaway/journal/3"
+_COMMANDED: Final = "commanded_at"
 _OLD_FIELDS: Final = ("time_s", "sent_s", "received_s", "position_m", "pressure_pa", "command_pa", "recorded")
 _FIELDS: Final = (*_OLD_FIELDS, "write_sent_s", "written_s")
-_FIELDS_OF: Final = {"breakaway/journal/1": _OLD_FIELDS, SCHEMA: _FIELDS}
+_FIELDS_OF: Final = {"breakaway/journal/1": _OLD_FIELDS, "breakaway/journal/2": _FIELDS, SCHEMA: _FIELDS}
 
 
 def _line(text: str) -> bytes:
@@ -74,16 +80,26 @@ class JournalWriter:
         self._file.write(_line(json.dumps({"schema": SCHEMA, **header})))
         os.fsync(self._file.fileno())
         self._unsynced = False
+        _sync_folder(path.parent)
+
+    def note_commanded(self) -> None:
+        """Write that the valve may move from now on; it is on disk when this returns. Raises OSError."""
+        self._write(_line(json.dumps({_COMMANDED: datetime.now(UTC).isoformat()})))
+        os.fsync(self._file.fileno())
 
     def append(self, block: SampleBlock) -> None:
         """Hand samples to the operating system. Raises OSError where the disk is full or broken."""
         data = b"".join(_line(",".join(map(repr, row))) for row in _rows(block).tolist())
-        if not data:
-            return
+        if data:
+            self._write(data)
+            self._unsynced = True
+
+    def _write(self, data: bytes) -> None:
         written = self._file.write(data)
         if written != len(data):
-            raise OSError(f"{self._file.name}: {written} of {len(data)} bytes were written: free some disk space")
-        self._unsynced = True
+            raise OSError(
+                errno.ENOSPC, f"{written} of {len(data)} bytes were written, the disk is full", self._file.name
+            )
 
     def sync(self) -> None:
         """Force what was appended onto the disk; may block, so callers on the event loop use a thread."""
@@ -94,6 +110,31 @@ class JournalWriter:
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+
+def _sync_folder(folder: Path) -> None:
+    """Force the name of a new file onto the disk."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def was_commanded(path: Path) -> bool | None:
+    """Whether a journal shows that something was sent which can move the valve; None where it cannot say it.
+
+    False where there is no journal: its intent comes before every such write. Raises RecordingError where the header
+    is damaged, OSError: then the caller must take it for commanded.
+    """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        return False
+    lines = _checked_lines(data)
+    if _header(path, lines)["schema"] != SCHEMA:
+        return None
+    return any(line.startswith("{") and _COMMANDED in json.loads(line) for line in lines)
 
 
 def read_header(path: Path) -> dict[str, Any]:
@@ -122,7 +163,7 @@ def read_journal(path: Path) -> tuple[dict[str, Any], FloatArray]:
     lines = _checked_lines(path.read_bytes())
     header = _header(path, lines)
     width = len(_FIELDS_OF[header["schema"]])
-    rows = [[float(cell) for cell in line.split(",")] for line in lines]
+    rows = [[float(cell) for cell in line.split(",")] for line in lines if not line.startswith("{")]
     known = np.array([row for row in rows if len(row) == width], dtype=np.float64).reshape(-1, width)
     return header, np.pad(known, ((0, 0), (0, len(_FIELDS) - width)), constant_values=np.nan)
 

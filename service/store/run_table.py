@@ -8,9 +8,10 @@ from datetime import datetime
 from types import MappingProxyType
 from typing import Any, Final
 
-from sqlalchemy import Connection, Engine, Select, Table, delete, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Engine, Select, Table, delete, func, insert, select, update
 from sqlalchemy.dialects import postgresql, sqlite
 
+from drivers.stands_at import StandsAt, StemVerdict
 from service.runs.run import Label, Run, RunState
 from service.store.figure_table import write_figures
 from service.store.schema_nightly import VALVE_HEALTHS, VALVE_STATES
@@ -52,6 +53,7 @@ def _run(row: Any) -> Run:
 def _as_run(values: dict[str, Any]) -> Run:
     values["state"] = RunState(values["state"])
     values["label"] = None if values["label"] is None else Label(values["label"])
+    values["stands"] = None if values["stands"] is None else StandsAt.from_json(values["stands"])
     return Run(**values)
 
 
@@ -61,6 +63,7 @@ def _row(run: Run) -> dict[str, Any]:
     values["label"] = None if run.label is None else run.label.value
     for name in ("overrides", "quality", "permissives"):
         values[name] = None if values[name] is None else dict(values[name])
+    values["stands"] = None if run.stands is None else run.stands.to_json()
     return values
 
 
@@ -86,6 +89,7 @@ def _note_state(connection: Connection, run: Run) -> None:
         "last_number": run.number,
         "state": run.state.value,
         "safe_confirmed": run.safe_confirmed,
+        "stem": None if run.stands is None else run.stands.verdict.value,
         "last_at": run.created_at,
     }
     query = _upsert(connection, VALVE_STATES).values(last | {"valve": run.valve})
@@ -218,10 +222,39 @@ class RunTable:
             row = connection.execute(query).one_or_none()
         return None if row is None else _run(row)
 
+    def note_stands(self, run: Run, stands: StandsAt) -> Run:
+        """Store where a valve was seen to stand after a run, and nothing else of it; return the run as stored.
+
+        Raises NotFoundError where it was never stored.
+        """
+        mine = (TESTS.c.id == run.id) & (TESTS.c.number == run.number)
+        with self._engine.begin() as connection:
+            if connection.execute(update(TESTS).where(mine).values(stands=stands.to_json())).rowcount != 1:
+                raise NotFoundError(f"test {run.id} is unknown: it was never stored")
+            is_last = VALVE_STATES.c.last_number == run.number
+            connection.execute(update(VALVE_STATES).where(is_last).values(stem=stands.verdict.value))
+        stored = self.get(run.id)
+        self._tell(stored)
+        return stored
+
+    def with_moving_stems(self, gateway: str) -> list[Run]:
+        """Return the last tests of a gateway's valves whose stems were not looked at since; analysis NOT_LOADED."""
+        query = select(TESTS).join(VALVE_STATES, TESTS.c.number == VALVE_STATES.c.last_number)
+        query = query.where(VALVE_STATES.c.stem == StemVerdict.MOVING.value, TESTS.c.gateway == gateway)
+        with self._engine.connect() as connection:
+            return [_head(row) for row in connection.execute(query)]
+
     def count_in_doubt(self) -> int:
         """Return how many tests left their valve in doubt, not acknowledged; each bars its valve's next."""
+        return self._count_unseen(VALVE_STATES.c.safe_confirmed.is_(False))
+
+    def count_stems_astray(self) -> int:
+        """Return how many tests left a stem not seen at its declared safe position, not acknowledged."""
+        astray = [verdict.value for verdict in StemVerdict if verdict.is_alarm]
+        return self._count_unseen(VALVE_STATES.c.stem.in_(astray))
+
+    def _count_unseen(self, bad: ColumnElement[bool]) -> int:
         states = VALVE_STATES.c
         query = select(func.count()).select_from(VALVE_STATES).join(TESTS, TESTS.c.number == states.last_number)
         with self._engine.connect() as connection:
-            query = query.where(states.safe_confirmed.is_(False), TESTS.c.acknowledged_at.is_(None))
-            return int(connection.execute(query).scalar_one())
+            return int(connection.execute(query.where(bad, TESTS.c.acknowledged_at.is_(None))).scalar_one())

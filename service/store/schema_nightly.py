@@ -47,6 +47,7 @@ VALVE_STATES: Final = Table(
     Column("completed_number", Integer),
     Column("state", String(16), nullable=False, server_default=""),
     Column("safe_confirmed", Boolean),
+    Column("stem", String(16)),
     Column("last_at", UtcDateTime),
     Column("ne107", String(1)),
     Column("completed_at", UtcDateTime),

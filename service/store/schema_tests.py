@@ -37,6 +37,8 @@ TESTS: Final = Table(
     Column("acknowledged_at", UtcDateTime),
     Column("acknowledged_by", String(64)),
     Column("acknowledgement", Text),
+    Column("commanded", Boolean),
+    Column("stands", JSON(none_as_null=True)),
     sqlite_autoincrement=True,  # a number that fenced a device is never given again, even after a deletion
 )
 

@@ -15,13 +15,21 @@ _UNFINISHED = tuple(state.value for state in RunState if not state.finished)
 
 
 class StateCounts:
-    """Counts the tests of a database. Tests that have ended keep their state: each is counted once a process."""
+    """Counts the tests of a database. Tests that have ended keep their state: each is counted once a process.
+
+    All but those whose analysis is made again, which is said by ``count_anew``.
+    """
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
         self._ended: Counter[str] = Counter()  # of the tests up to that number, all of which have ended
         self._up_to = 0
         self._lock = threading.Lock()
+
+    def count_anew(self) -> None:
+        """Count all once more at the next call."""
+        with self._lock:
+            self._ended, self._up_to = Counter(), 0
 
     def now(self) -> Mapping[RunState, int]:
         """Return how many tests are in each state that any of them is in; blocks."""

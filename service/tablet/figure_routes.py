@@ -9,6 +9,7 @@ from typing import Annotated, Any, Final
 
 from fastapi import APIRouter, Depends, Request, Response
 
+from service.figures.friction import friction_svg
 from service.figures.loop import loop_svg
 from service.figures.methods import all_estimates, methods_svg
 from service.figures.misfit import coordinate_svg, time_svg
@@ -42,10 +43,15 @@ def _pictures(run: Run) -> Any:
     return ((run.analysis or {}).get("discrepancy") or {}).get("pictures")
 
 
+def _latent_friction(run: Run) -> Any:
+    return ((run.analysis or {}).get("discrepancy") or {}).get("latent_friction")
+
+
 _OF_A_TEST: Final[dict[str, tuple[Callable[..., str | None], Callable[[Run], Any]]]] = {
     "methods": (methods_svg, lambda run: all_estimates(run.analysis or {})),
     "time": (time_svg, _pictures),
     "coordinate": (coordinate_svg, _pictures),
+    "friction": (friction_svg, _latent_friction),
 }
 
 
@@ -53,19 +59,19 @@ _OF_A_TEST: Final[dict[str, tuple[Callable[..., str | None], Callable[[Run], Any
 async def figure_of_test(
     request: Request, test_id: str, name: str, parts: PartsOf, _visitor: VisitorOf, baseline: str | None = None
 ) -> Response:
-    """Draw one picture of a test: loop, methods, time, coordinate, trace."""
+    """Draw one picture of a test: loop, methods, time, coordinate, friction, trace."""
     run, system = await parts.runs.get(test_id), units_of(request)
     if name == "trace":
         file = str(recording_of(run, parts.plant, parts.store))
         return _svg(await parts.drawer.svg((run.id, name, system, run.recording_sha256), trace_svg, file, system))
     if name == "loop":
         behind = None if baseline in (None, run.id) else await parts.runs.get(str(baseline))
-        key = (run.id, name, system, baseline)
+        key = (run.id, run.finished_at, name, system, baseline)
         return _svg(await parts.drawer.svg(key, loop_svg, _signature(run), _signature(behind), system))
     if name not in _OF_A_TEST:
         raise NotFoundError(f"test {run.id}: {_NO_PICTURE}")
     draw, data_of = _OF_A_TEST[name]
-    return _svg(await parts.drawer.svg((run.id, name, system), draw, data_of(run), system))
+    return _svg(await parts.drawer.svg((run.id, run.finished_at, name, system), draw, data_of(run), system))
 
 
 @router.get("/valves/{tag:path}/trend.svg")
@@ -76,7 +82,7 @@ async def figure_of_trend(request: Request, tag: str, parts: PartsOf, _visitor: 
     key = (
         tag,
         system,
-        None if past.latest is None else past.latest.id,
+        None if past.latest is None else (past.latest.id, past.latest.finished_at),
         None if past.baseline is None else past.baseline.id,
     )
     return _svg(await parts.drawer.svg(key, trends_svg, past.trends, system))

@@ -107,4 +107,4 @@ def _diagnosis_words(test: PastTest | None) -> str:
     if test.causes:
         cause = test.causes[0].replace("_", " ")
         return f"{cause}, or another" if test.verdict == "ambiguous" else cause
-    return {"none": "nothing beyond the noise", "unexplained": "unexplained"}.get(test.verdict, "–")
+    return {"none": "no fault found", "unexplained": "unexplained"}.get(test.verdict, "–")

@@ -8,19 +8,26 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from service.figures.methods import METHOD_WORDS, all_estimates
+from service.plain_numbers import scatter_words
+from service.runs.again import words_of_repetition
 from service.runs.run import Run
-from service.shown_sentences import in_units
+from service.shown_sentences import NO_FAULT, in_units
 from service.shown_units import UnitSystem
+from service.stands_words import where_it_stands
 from service.tablet.words import FIGURES, VERDICTS
 from valve.parameters import PARAMETER_SYMBOLS
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One method's value of one parameter, SI; None where the data cannot give it."""
+    """One method's value of one parameter, SI; None where the data cannot give it.
+
+    ``scatter`` says how much the quantity itself varies in the test, in words; empty where none is seen.
+    """
 
     value: float | None
     ci95: tuple[float, float] | None
+    scatter: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,16 +81,17 @@ def parameter_rows(analysis: Mapping[str, Any]) -> list[ParameterRow]:
             symbol,
             entry.meaning,
             entry.unit,
-            tuple(_cell((estimate.get("parameters") or {}).get(symbol)) for estimate in estimates),
+            tuple(_cell(symbol, (estimate.get("parameters") or {}).get(symbol)) for estimate in estimates),
         )
         for symbol, entry in PARAMETER_SYMBOLS.items()
     ]
 
 
-def _cell(entry: Mapping[str, Any] | None) -> Cell:
+def _cell(symbol: str, entry: Mapping[str, Any] | None) -> Cell:
     if entry is None or entry.get("value") is None:
         return Cell(None, None)
-    return Cell(entry["value"], _pair(entry.get("ci95")))
+    words = scatter_words(symbol, entry["value"], entry.get("scatter"))
+    return Cell(entry["value"], _pair(entry.get("ci95")), words)
 
 
 def _pair(values: Any) -> tuple[float, float] | None:
@@ -184,7 +192,7 @@ def diagnosis_of(analysis: Mapping[str, Any]) -> Diagnosis:
     return Diagnosis(
         verdict,
         VERDICTS.get(verdict, verdict),
-        str(found.get("message") or ""),
+        str(found.get("message") or "").removeprefix(NO_FAULT).strip(),
         tuple(found.get("causes") or ()),
         tuple(str(other).replace("_", " ") for other in found.get("not_told_apart_from") or ()),
         found.get("separating_test"),
@@ -208,11 +216,12 @@ def recording_facts(run: Run, system: UnitSystem) -> list[tuple[str, str]]:
         ("Taken", f"{summary['acquisition']}, {summary['duration_s']:.4g} s" if "acquisition" in summary else None),
         ("Rate", None if not sampling else f"{sampling['rate_hz']:.4g} Hz, {sampling['missed_slots']} slots missed"),
         ("Position noise", None if noise_m is None else f"{_noise(noise_m, system)} rms"),
-        ("Safe value read back", {True: "yes", False: "NO", None: "nothing moved"}[run.safe_confirmed]),
+        ("After the motion", in_units(where_it_stands(run), system) or None),
         ("Asked for by", run.requested_by or None),
         ("Schedule", run.schedule),
         ("SHA-256", run.recording_sha256),
         ("Software", run.software),
+        ("Analysis", words_of_repetition(run)),
         ("Test", run.id),
     ]
     return [(name, value) for name, value in facts if value]

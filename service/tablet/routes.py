@@ -19,10 +19,12 @@ from service.next_step import next_step
 from service.parts import Parts, parts_of
 from service.report.of_run import repair_sentences
 from service.report.summary import key_figures
-from service.report.valve_facts import safe_value_words
-from service.runs.acknowledgement import needs_acknowledgement
+from service.report.valve_facts import safe_position_words, safe_value_words
+from service.runs.acknowledgement import alarm_words, needs_acknowledgement
+from service.runs.again import can_be_analysed
 from service.runs.run import Run
 from service.shown_units import UnitSystem, shown_unit
+from service.stands_words import where_it_stands
 from service.tablet.history import ValvePast, history_row, past_of
 from service.tablet.night import due_checks, night_of
 from service.tablet.plans import AROUND_S, approved_plans, planned_line, plans_of, waveform_of
@@ -40,7 +42,7 @@ from service.tablet.results import (
 )
 from service.tablet.valve_rows import valve_conditions, valve_rows
 from service.tablet.visitor import Visitor, sign_in_address, visitor_of
-from service.tablet.words import NE107, STATES, condition_of
+from service.tablet.words import NE107, STATES, alarm_condition, condition_of
 from valve.errors import NotFoundError, ValveError
 
 router = APIRouter(include_in_schema=False)
@@ -101,6 +103,12 @@ async def night_page(request: Request, parts: PartsOf, visitor: VisitorOf) -> Re
     return page(request, "night.html", visitor, {"checks": checks, "schedules": schedules})
 
 
+@router.get("/ui/recordings")
+async def recordings_page(request: Request, parts: PartsOf, visitor: VisitorOf) -> Response:
+    """Show the form that analyses a file that exists already."""
+    return page(request, "recordings.html", visitor, {"tags": sorted(parts.plant.valves)})
+
+
 @router.get("/ui/sign-in")
 async def sign_in_page(
     request: Request, next_path: Annotated[str, Query(alias="next", max_length=300)] = "/"
@@ -155,15 +163,19 @@ async def valve_page(request: Request, tag: str, parts: PartsOf, visitor: Visito
         "latest": latest,
         "baseline": past.baseline,
         "baseline_is_other": latest is not None and past.baseline is not None and past.baseline.id != latest.id,
-        "loop_address": None if latest is None else f"/ui/figures/tests/{latest.id}/loop.svg?{_query(past, system)}",
+        "loop_address": None
+        if latest is None
+        else f"/ui/figures/tests/{latest.id}/loop.svg?{_query(past, latest, system)}",
         "trend_address": None
         if latest is None
-        else f"/ui/figures/valves/{quote(tag)}/trend.svg?{_query(past, system)}&to={latest.id}",
+        else f"/ui/figures/valves/{quote(tag)}/trend.svg?{_query(past, latest, system)}&to={latest.id}",
         "trend_words": "Friction, spring rate, bench set and dead band over the tests; figures stand below.",
         "next_check": due.get(tag),
         "travel_m": valve.nameplate.actuator.travel_m,
         "limits": valve.wiring.limits,
         "safe_words": safe_value_words(valve.wiring.safe_value_pa, system),
+        "safe_position": safe_position_words(valve.wiring.rest, system),
+        **_standing_at(last),
         "acquisition": f"{valve.wiring.acquisition.mode.value}, every {1e3 * valve.wiring.acquisition.period_s:g} ms",
         "buses": ", ".join(sorted(valve.buses)),
         "history": [history_row(parts.runs.as_it_stands(run), figures.get(run.id)) for run in past.newest[:_HISTORY]],
@@ -178,7 +190,7 @@ async def test_page(request: Request, test_id: str, parts: PartsOf, visitor: Vis
         run = await parts.runs.get(test_id)
     except NotFoundError as error:
         return _missing(request, visitor, error)
-    shared = {"tag": run.valve, "run": run, "state_words": STATES[run.state]}
+    shared = {"tag": run.valve, "run": run, "state_words": STATES[run.state], **_standing_at(run)}
     if not run.state.finished:
         live = await asyncio.to_thread(_live, parts, run, units_of(request))
         return page(request, "running.html", visitor, {**shared, "live": live})
@@ -190,6 +202,14 @@ async def test_page(request: Request, test_id: str, parts: PartsOf, visitor: Vis
 
 def _missing(request: Request, visitor: Visitor, error: NotFoundError) -> Response:
     return page(request, "missing.html", visitor, {"reason": str(error)}, HTTPStatus.NOT_FOUND)
+
+
+def _standing_at(run: Run | None) -> dict[str, Any]:
+    """Return where a test left its valve, what is wrong with that, and what a page compares to see it change."""
+    if run is None:
+        return {"stands": "", "alarm": "", "verdict": ""}
+    verdict = "" if run.stands is None else run.stands.verdict.value
+    return {"stands": where_it_stands(run), "alarm": alarm_words(run), "verdict": verdict}
 
 
 def _health(run: Run | None) -> dict[str, Any]:
@@ -204,9 +224,10 @@ def _standing(parts: Parts, latest: Run | None, tag: str) -> Mapping[str, Any]:
     return parts.staleness.oldest(tag, now).health(_health(latest), latest.created_at, now) or {}
 
 
-def _query(past: ValvePast, system: UnitSystem) -> str:
-    """Return what else a picture depends on, so that its address changes with it."""
-    return f"units={system.value}" + ("" if past.baseline is None else f"&baseline={past.baseline.id}")
+def _query(past: ValvePast, run: Run, system: UnitSystem) -> str:
+    """Return what else a picture of a test depends on, so that its address changes with it."""
+    analysed = "" if run.finished_at is None else f"&of={run.finished_at:%Y%m%dT%H%M%S%f}"
+    return f"units={system.value}{analysed}" + ("" if past.baseline is None else f"&baseline={past.baseline.id}")
 
 
 def _live(parts: Parts, run: Run, system: UnitSystem) -> dict[str, Any]:
@@ -237,19 +258,18 @@ def _result(request: Request, parts: Parts, run: Run, past: ValvePast) -> dict[s
     baseline = None if past.baseline is None or past.baseline.id == run.id else past.baseline.analysis
     shown: dict[str, Any] = {
         "analysis": analysis,
-        "ne107": NE107.get(health.get("ne107") or ""),
+        "ne107": alarm_condition(run) or NE107.get(health.get("ne107") or ""),
         "reasons": health.get("reasons") or (),
         "unacknowledged": run if needs_acknowledgement(run) else None,
         "recording_facts": recording_facts(run, system),
+        "may_be_analysed": can_be_analysed(run),
         "figures": f"/ui/figures/tests/{run.id}",
-        "figure_query": _query(past, system),
+        "figure_query": _query(past, run, system),
     }
     if analysis is None:
-        valve = parts.plant.valves.get(run.valve)
-        safe_words = "" if valve is None else safe_value_words(valve.wiring.safe_value_pa, system)
         later = past.newest[0] if past.newest and past.newest[0].id != run.id else None
         return shown | {
-            "ending": ending_of(run, later=later, safe_words=safe_words),
+            "ending": ending_of(run, later=later),
             "has_trace": run.recording_file is not None and parts.store.recording_path(run.id).is_file(),
         }
     pictures = (analysis.get("discrepancy") or {}).get("pictures") or {}
@@ -260,6 +280,7 @@ def _result(request: Request, parts: Parts, run: Run, past: ValvePast) -> dict[s
         "separating_words": _separating_words(diagnosis.separating_test),
         "next_words": next_step(analysis, run.sequence),
         "has_pictures": bool(pictures.get("time")),
+        "has_friction": not pictures and bool((analysis.get("discrepancy") or {}).get("latent_friction")),
         "has_coordinates": bool(pictures.get("coordinates")) and diagnosis.verdict != "none",
         "has_comparison": can_compare(all_estimates(analysis)),
         "has_model": diagnosis.verdict != "ambiguous"

@@ -9,7 +9,7 @@ from typing import Final
 NAME: Final = "tablet.js"
 _FOLDER: Final = Path(__file__).parent / "script_parts"
 #: In the order in which they use each other.
-PARTS: Final = ("requests", "connection", "forms", "permissives", "start", "stop", "live", "begin")
+PARTS: Final = ("requests", "connection", "forms", "permissives", "start", "stop", "live", "recordings", "begin")
 
 
 @cache

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from service.parts import Parts
 from service.runs.run import Run
+from service.stands_words import NOT_CONFIRMED, where_it_stands
 from service.store.conditions import valve_standings
 from service.store.run_table import ValveHead
 from service.tablet.words import STATES, Condition, condition_of
@@ -23,6 +24,7 @@ class ValveRow:
     tag: str
     condition: Condition
     reason: str
+    stands: str
     last_at: datetime | None
     last_words: str
     busy_with: str | None
@@ -75,6 +77,7 @@ def _row(parts: Parts, tag: str, head: ValveHead | None, due: datetime | None) -
         tag,
         condition,
         _reason(condition, last, health),
+        "" if last is None else where_it_stands(last),
         None if last is None else last.created_at,
         "" if last is None else STATES[last.state],
         busy_with,
@@ -88,7 +91,7 @@ def _row(parts: Parts, tag: str, head: ValveHead | None, due: datetime | None) -
 def _reason(condition: Condition, last: Run | None, health: Mapping[str, Any]) -> str:
     """Return one sentence on why the valve stands as it does; empty where there is nothing to say."""
     if condition.code in ("alarm", "bad") and last is not None:
-        return last.error
+        return last.error.replace(f"{NOT_CONFIRMED}; ", "")
     if condition.code in ("F", "S", "C", "M") and condition.code == health.get("ne107"):  # under test is C, too
         return str(next(iter(health.get("reasons") or ()), ""))
     return ""

@@ -18,6 +18,7 @@ class Visitor:
     is_signed_in: bool
     may_run: bool
     may_acknowledge: bool
+    may_analyze: bool
     may_configure: bool
     csrf_token: str
 
@@ -32,6 +33,7 @@ def visitor_of(request: Request) -> Visitor | None:
         principal.role is not Role.LOCAL,
         principal.may(Right.RUN),
         principal.may(Right.ACKNOWLEDGE),
+        principal.may(Right.ANALYZE),
         principal.may(Right.CONFIGURE),
         principal.csrf_token or "",
     )

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from service.runs.acknowledgement import needs_acknowledgement
+from service.runs.acknowledgement import is_moving, needs_acknowledgement, stem_astray
 from service.runs.run import Run, RunState
+from service.shown_sentences import NO_FAULT
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +20,7 @@ class Condition:
 
 
 ALARM: Final = Condition("alarm", "Safe state not confirmed", 0)
+STEM_ASTRAY: Final = Condition("alarm", "Stem not at its safe position", 0)
 NE107: Final = {
     "F": Condition("F", "Failure", 1),
     "S": Condition("S", "Out of specification", 3),
@@ -28,6 +30,7 @@ NE107: Final = {
 }
 BAD_END: Final = Condition("bad", "Last test ended badly", 2)
 UNDER_TEST: Final = Condition("C", "Function check: under test", 5)
+AFTER_TEST: Final = Condition("C", "Function check: its stem may still move", 5)
 NOT_ASSESSED: Final = Condition("none", "Not assessed", 6)
 NEVER_TESTED: Final = Condition("none", "Never tested", 7)
 
@@ -42,8 +45,9 @@ STATES: Final = {
 }
 
 VERDICTS: Final = {
-    "none": "Nothing beyond the noise: the simulation explains this test.",
+    "none": NO_FAULT,
     "named": "Cause found.",
+    "likely": "A cause is probable, not proven.",
     "ambiguous": "More than one cause fits.",
     "unexplained": "Something is wrong that no known cause explains.",
     "not_assessed": "Causes were not looked for.",
@@ -73,13 +77,22 @@ FIGURES: Final = (
 )
 
 
+def alarm_condition(run: Run) -> Condition | None:
+    """Return how a test left its valve where that is an alarm, also one that was acknowledged; else None."""
+    if run.safe_confirmed is False:
+        return ALARM
+    return STEM_ASTRAY if stem_astray(run) else None
+
+
 def condition_of(last: Run | None, ne107: str | None, *, is_busy: bool, is_tested: bool) -> Condition:
-    """Return how a valve stands, the worst first: an unconfirmed end, a bad end, NE 107, nothing known.
+    """Return how a valve stands, the worst first: a valve that may not be safe, a bad end, NE 107, nothing known.
 
     ``last`` is its last test, or None where that cannot have ended badly.
     """
     if last is not None and needs_acknowledgement(last):
-        return ALARM if last.safe_confirmed is False else BAD_END
+        return alarm_condition(last) or BAD_END
+    if last is not None and is_moving(last):
+        return AFTER_TEST
     if is_busy:
         return UNDER_TEST
     if ne107 in NE107:

@@ -50,6 +50,9 @@ class ValveView(ValveSummary):
     nameplate: dict[str, Any]
     limits: dict[str, Any]
     safe_value_pa: float | str
+    safe_position_m: float | None = Field(description="where the stem should stand then; null where none is declared")
+    safe_position_tolerance_m: float | None
+    stem_read_after_s: float
     sequences: list[str]
     default_sequence: str | None = Field(description="what a test runs that names none; null where none is possible")
     default_sequence_reason: str = Field(description="why it is not the usual one; empty where it is")
@@ -105,11 +108,15 @@ async def get_valve(tag: str, parts: PartsOf) -> Response:
     valve = parts.runs.valve(tag)
     head, result, past = await asyncio.to_thread(_stored, parts.store, tag)
     default, reason = default_of(valve.nameplate, valve.wiring.limits)
+    rest = valve.wiring.rest
     shown = ValveView(
         **_summary(parts, tag, head),
         nameplate=asdict(valve.nameplate),
         limits=asdict(valve.wiring.limits),
         safe_value_pa=valve.wiring.safe_value_pa,
+        safe_position_m=rest.position_m,
+        safe_position_tolerance_m=None if rest.position_m is None else rest.tolerance_m,
+        stem_read_after_s=rest.after_s,
         sequences=list(SEQUENCES),
         default_sequence=default,
         default_sequence_reason=reason,

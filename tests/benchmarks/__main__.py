@@ -16,8 +16,11 @@ from rich.console import Console
 from rich.table import Table
 
 from tests.benchmarks import (
+    ablation,
     classic_methods,
+    classic_rough,
     coverage,
+    demo,
     efficiency,
     extended_motion,
     live_view,
@@ -25,18 +28,24 @@ from tests.benchmarks import (
     method_table,
     motion,
     random_valves,
+    rough_diagnosis,
+    rough_motion,
+    rough_valves,
     separating,
     sequences,
     signature,
     simulator,
     stop_latency,
+    stop_service,
     store,
 )
 
 BENCHMARKS: Final[dict[str, Callable[[], Table | list[Table]]]] = {
     "classic_methods": classic_methods.run,
+    "demo": demo.run,
     "extended_motion": extended_motion.run,
     "motion": motion.run,
+    "rough_motion": rough_motion.run,
     "separating": separating.run,
     "sequences": sequences.run,
     "simulator": simulator.run,
@@ -44,6 +53,8 @@ BENCHMARKS: Final[dict[str, Callable[[], Table | list[Table]]]] = {
 
 # These take the number of tests; without one they run as many as their figures are asked for.
 COUNTED: Final[dict[str, Callable[[int | None], Table | list[Table]]]] = {
+    "ablation": ablation.run,
+    "classic_rough": classic_rough.run,
     "coverage": coverage.run,
     "efficiency": efficiency.run,
     "live_view": live_view.run,
@@ -51,8 +62,11 @@ COUNTED: Final[dict[str, Callable[[int | None], Table | list[Table]]]] = {
     "load_ordinary": partial(load.run, ordinary=True),
     "method_table": method_table.run,
     "random_valves": random_valves.run,
+    "rough_diagnosis": rough_diagnosis.run,
+    "rough_valves": rough_valves.run,
     "signature": signature.run,
     "stop": stop_latency.run,
+    "stop_service": stop_service.run,
     "store": store.run,
 }
 

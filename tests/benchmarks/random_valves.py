@@ -2,7 +2,8 @@
 
 ``BENCH_FIRST_SEED=3000`` draws other valves than those of the seeds from 0 on. All of them take hours:
 ``BENCH_JOURNAL=FILE`` keeps each answer as it comes, a line a test, and a run that was ended goes on from there. Delete
-the file when the code has changed. Times are of the processor, not of the clock on the wall: another program beside it
+the file when the code has changed. ``RANDOM_METHODS`` names the methods (commas between). Times are of the processor,
+not of the clock on the wall: another program beside it
 does not lengthen them.
 """
 
@@ -73,7 +74,8 @@ class Verdict:
         return not self.wrong and not self.withheld
 
 
-_LAST: Final = list(ESTIMATORS)[-1]
+METHODS: Final = tuple(filter(None, os.environ.get("RANDOM_METHODS", "").split(","))) or tuple(ESTIMATORS)
+_LAST: Final = METHODS[-1]
 _LINE: Final = TypeAdapter(list[Verdict])
 
 
@@ -82,7 +84,7 @@ def judged(seed: int) -> list[Verdict]:
     _warm()
     test = random_test(seed)
     known = known_symbols(test)
-    verdicts = [_judged(method, test, known) for method in ESTIMATORS]
+    verdicts = [_judged(method, test, known) for method in METHODS]
     if JOURNAL:
         with Path(JOURNAL).open("ab") as journal:  # one write a test: processes append to it side by side
             journal.write(_LINE.dump_json(verdicts) + b"\n")
@@ -129,8 +131,8 @@ def _too_long(_number: int, _frame: FrameType | None) -> None:
 def _warm() -> None:
     """Load what is compiled, once a process, so that no test's time holds it."""
     test = random_test(1, "captured")
-    for make in ESTIMATORS.values():
-        make().estimate(test.recording, test.nameplate)
+    for method in METHODS:
+        ESTIMATORS[method]().estimate(test.recording, test.nameplate)
 
 
 def what_is_wrong(estimate: Estimate, test: RandomTest) -> tuple[str, ...]:
@@ -227,7 +229,8 @@ def run(count: int | None = None) -> list[Table]:
 def _counts(found: list[Verdict], seeds: range) -> Table:
     table = Table(
         title=f"{len(seeds)} random valves (seeds {seeds[0]} to {seeds[-1]}), started from nothing but the recording",
-        caption="Right: nothing wrong, nothing withheld. Arrived: it explains the recording as well as the truth does "
+        caption="Right: nothing wrong, nothing withheld; nothing wrong: right, or honestly silent or wide. "
+        "Arrived: it explains the recording as well as the truth does "
         f"({AS_LOW:g} of the cost), whatever is given of it. Wrong: a value off by more than {MOST_Z:g} of its own "
         f"standard errors and {100 * LEAST_OFF:g} %, or ok with a misfit above {MOST_MISFIT:g} x noise. Withheld: the "
         f"bound's half width is below {100 * SURELY_KNOWN:.0f} %, and it is not given. Processor times: medians, "
@@ -239,6 +242,7 @@ def _counts(found: list[Verdict], seeds: range) -> Table:
         "kind",
         "tests",
         "right",
+        "nothing wrong",
         "arrived",
         "ok",
         "poor",
@@ -250,7 +254,7 @@ def _counts(found: list[Verdict], seeds: range) -> Table:
         table.add_column(heading, justify="left" if heading in ("method", "kind") else "right")
     for heading in ("60,000", "6,000", "longest"):
         table.add_column(heading, justify="right")
-    for method in ESTIMATORS:
+    for method in METHODS:
         own = [verdict for verdict in found if verdict.method == method]
         by_kind: dict[str, list[Verdict]] = defaultdict(list)
         for verdict in own:
@@ -271,6 +275,7 @@ def _row(found: list[Verdict]) -> list[str]:
     return [
         str(len(found)),
         str(sum(v.right for v in found)),
+        str(sum(not v.wrong for v in found)),
         str(sum(v.arrived for v in found)) if any(v.method == _LAST for v in found) else "-",
         count("ok"),
         count("poor"),
@@ -308,4 +313,4 @@ def _withheld(found: list[Verdict]) -> Table:
 
 
 def _place(method: str) -> int:
-    return list(ESTIMATORS).index(method)
+    return METHODS.index(method)

@@ -28,7 +28,7 @@ from valve.recording import Provenance
 from valve.waveform import triangle
 
 TESTS: Final = 1000
-ASKED_S: Final = 0.2  # p99.9, without faults
+ASKED_S: Final = 0.05  # p99.9, without faults
 _TAG: Final = "FV-1"
 _SAFE_PA: Final = 12_345.0
 _AT_ONCE: Final = 4

@@ -16,10 +16,9 @@ from discrepancy.screening import extended_model
 from discrepancy.setting import setting_of
 from discrepancy.significance import gain
 from discrepancy.sills import over_sills
-from estimators.registry import estimate_all
+from estimators.exact_motion import ExactMotionEstimator
 from tests.blind.cases import BlindCase
 
-_METHOD: Final = "maximum_likelihood"
 _STEPS: Final = 15
 _MORE_STEPS: Final = 30
 # What the recording adds to the valve: the position channel's zero moves F_0, and the rest is its start.
@@ -33,8 +32,8 @@ def seen_by(case: BlindCase) -> float | None:
     is barely told apart from a plain valve by anybody, whoever looks.
     """
     observed = observe(case.recordings, case.nameplate)
-    likelihood = next((one for one in estimate_all(case.recordings[0], case.nameplate) if one.method == _METHOD), None)
-    plain = fit_baseline(observed, likelihood) if isinstance(observed, Observed) else None
+    exact = ExactMotionEstimator().estimate(case.recordings[0], case.nameplate)
+    plain = fit_baseline(observed, exact) if isinstance(observed, Observed) else None
     if plain is None:
         return None
     plain = over_sills(refined(with_line_errors(plain)), most_steps=_MORE_STEPS)

@@ -245,8 +245,8 @@ def _valves(results: Sequence[Result]) -> Table:
 def _times(results: Sequence[Result]) -> Table:
     table = _table(
         "Times, s",
-        "On one core: all methods, the diagnosis, and both.",
-        "kind", "samples, median", "methods, median", "diagnosis, median", "both, median", "both, worst",
+        "On one core: the exact fit, the diagnosis, and both.",
+        "kind", "samples, median", "fit, median", "diagnosis, median", "both, median", "both, worst",
     )  # fmt: skip
     for kind, own in _kinds(results):
         columns: tuple[Callable[[Result], float], ...] = (

@@ -7,6 +7,8 @@ import pytest
 from tests.blind.cases import blind_case
 from tests.blind.hiding import seen_by
 
+pytestmark = pytest.mark.long
+
 
 @pytest.mark.parametrize(
     ("seed", "at_least", "at_most"), [(8905, -1.0, 16.0), (9451, 16.0, 25.0), (8926, 20.0, 45.0), (8902, 1000.0, 1.0e9)]

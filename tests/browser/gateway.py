@@ -80,16 +80,25 @@ class Gateway:
 
 
 @contextmanager
-def gateway(folder: Path, *, access: str = "open", needs_permit: bool = False) -> Iterator[Gateway]:
+def gateway(folder: Path, *, access: str = "open", needs_permit: bool = False, stem: str = "") -> Iterator[Gateway]:
     """Serve a plant with one valve, whose longest test takes 9 s, until the block ends.
 
-    One that is open and needs no permit has the schedule, too.
+    One that is open and needs no permit has the schedule, too. ``stem`` is where its stem should be at the safe value.
     """
+
+    def edited(text: str) -> str:
+        text = text.replace("longest_test_s = 300.0", LIMITS).replace(
+            "port = 0\n", f'port = 0\naccess = "{access}"\n', 1
+        )
+        if stem:
+            return text.replace("stem_read_after_s = 0.0", stem)
+        if needs_permit:
+            return text.replace("[valves.watchdog]", "[valves.permissives]\npermit = true\n[valves.watchdog]", 1)
+        return text + NIGHTLY if access == "open" else text
+
     started: Future[Gateway] = Future()
     ended = threading.Event()
-    thread = threading.Thread(
-        target=lambda: asyncio.run(_serve(folder, access, needs_permit, started, ended)), daemon=True
-    )
+    thread = threading.Thread(target=lambda: asyncio.run(_serve(folder, edited, started, ended)), daemon=True)
     thread.start()
     running = started.result(60.0)
     try:
@@ -101,17 +110,10 @@ def gateway(folder: Path, *, access: str = "open", needs_permit: bool = False) -
         assert not thread.is_alive(), "the service did not end"
 
 
-async def _serve(
-    folder: Path, access: str, needs_permit: bool, started: Future[Gateway], ended: threading.Event
-) -> None:
+async def _serve(folder: Path, edited: Callable[[str], str], started: Future[Gateway], ended: threading.Event) -> None:
     try:
         async with wired_plant(folder, period_s=0.02) as (path, plant):
-            text = path.read_text(encoding="utf-8").replace("longest_test_s = 300.0", LIMITS)
-            if needs_permit:
-                text = text.replace("[valves.watchdog]", "[valves.permissives]\npermit = true\n[valves.watchdog]", 1)
-            elif access == "open":
-                text += NIGHTLY
-            path.write_text(text.replace("port = 0\n", f'port = 0\naccess = "{access}"\n', 1), encoding="utf-8")
+            path.write_text(edited(path.read_text(encoding="utf-8")), encoding="utf-8")
             app = create_app(load_plant(path), analyst=MadeAnalyst())
             config = uvicorn.Config(app, host="127.0.0.1", port=0, log_config=None, lifespan="on", ws="none")
             server = uvicorn.Server(config)

@@ -14,7 +14,7 @@ from tests.browser.conftest import store_test
 from tests.browser.gateway import Gateway
 from tests.service.wired_plant import TAG
 
-PAGES = ("/", "/ui/night", f"/ui/valves/{TAG}", f"/ui/valves/{TAG}/start", "/ui/sign-in", "TEST")
+PAGES = ("/", "/ui/night", "/ui/recordings", f"/ui/valves/{TAG}", f"/ui/valves/{TAG}/start", "/ui/sign-in", "TEST")
 FIRST_LOAD_BYTES = 100_000
 PICTURE_BYTES = 40_000
 
@@ -171,7 +171,7 @@ def test_figures_with_their_limits_stand_above_the_misfit_of_a_test_that_nothing
     order = [
         "Normal",
         "Nothing is wrong.",
-        "Nothing beyond the noise",
+        "No fault found",
         "up 4.6 %, 25 % is allowed",
         "may differ by 153 N",
     ]

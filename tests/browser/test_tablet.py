@@ -3,13 +3,16 @@ from __future__ import annotations
 import re
 import time
 from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
 from itertools import pairwise
 from typing import Any
 
 import pytest
+from sqlalchemy import update
 
 from service.access.principal import Role
 from service.runs.run import RunState
+from service.store.schema_access import SESSIONS
 from tests.browser.analyses import ACTION, MISSING
 from tests.browser.conftest import store_test
 from tests.browser.gateway import Gateway
@@ -258,6 +261,32 @@ def test_a_person_signs_in_and_out_and_a_lost_session_stops_no_test(guarded_serv
     browser.until(lambda: "/ui/sign-in" in browser.driver.current_url, "signed out")
 
 
+@pytest.mark.parametrize("where", ["tests", "valves"])
+def test_an_idle_tablet_locks_its_pages_and_keeps_its_stop(
+    guarded_service: Gateway, browser: Tablet, where: str
+) -> None:
+    service, name = guarded_service, f"idle-{where}"
+    service.parts.access.add_user(name, Role.OPERATOR, "a long enough password", by="test")
+    browser.driver.delete_all_cookies()
+    browser.open(service.url)
+    browser.write("[name=name]", name)
+    browser.write("[name=password]", "a long enough password")
+    browser.press("[type=submit]")
+    browser.until(lambda: name in browser.text("header"), "the list is shown")
+    test_id = start_by_hand(browser, service)
+    browser.until_reads("#phase", "Moving")
+    if where == "valves":
+        browser.open(f"{service.url}/ui/valves/{TAG}")
+    with service.parts.store.engine.begin() as connection:
+        connection.execute(update(SESSIONS).values(last_seen_at=datetime.now(UTC) - timedelta(minutes=16)))
+    browser.run("document.dispatchEvent(new Event('visibilitychange'))")  # as when somebody wakes the tablet
+    browser.until_reads("#trouble", "this page is locked. The test goes on, and STOP still works. Sign in")
+    assert not browser.see("main").is_displayed()
+    browser.press("#stop")
+    browser.until_reads("#stop-words", "Stopped. Signal 20 kPa, read back.")
+    assert service.parts.store.runs.get(test_id).error == f"stopped by {name}"
+
+
 def test_a_valve_that_needs_a_permit_is_started_with_its_number(permit_service: Gateway, browser: Tablet) -> None:
     browser.open(f"{permit_service.url}/ui/valves/{TAG}/start")
     browser.until_reads("#permissives", "Enter the work permit's number")
@@ -314,6 +343,48 @@ def test_a_bad_end_stands_as_an_alarm_until_somebody_has_looked(service: Gateway
     browser.until(lambda: browser.driver.find_elements("id", "to-start"), "a test may start again")
     browser.open(f"{service.url}/ui/tests/{run.id}")
     assert "the wire was loose" in browser.text("#main")
+
+
+def test_a_stem_that_has_not_closed_is_seen_without_scrolling_and_a_page_that_is_open_comes_to_know_it(
+    judged_service: Gateway, browser: Tablet
+) -> None:
+    service, verdict = judged_service, "return document.getElementById('stands')?.dataset.verdict ?? ''"
+    service.client.post("/tests/run", json={"valve": TAG, "overrides": {"cycles": 1, "period_s": 4.0}})
+    test_id = service.client.get("/tests").json()["tests"][0]["id"]
+    browser.open(f"{service.url}/ui/tests/{test_id}")
+    browser.until(lambda: browser.run(verdict) == "moving", "the motion is over and the stem is said to move")
+    browser.until(lambda: "moving to 0 mm (closed): it is looked at 8 s after" in browser.text("#stands"), "it says so")
+    browser.open(f"{service.url}/ui/valves/{TAG}")
+    browser.until(lambda: "may still move" in browser.text("#condition"), "the valve's page says so too")
+    assert not browser.driver.find_elements("id", "stop"), "its signal is safe: there is nothing to stop"
+    browser.until(lambda: browser.driver.find_elements("id", "acknowledge"), "the open page comes to know it")
+    for page in (f"/ui/valves/{TAG}", f"/ui/tests/{test_id}", "/"):
+        browser.open(service.url + page)
+        assert "OPEN: it has not closed." in browser.text("#main")
+        assert "not at its safe position" in browser.text("#main").lower()
+        assert not browser.driver.find_elements("css selector", ".mark-N"), "no tick stands beside it"
+        place = "[...document.querySelectorAll('#main p')].find((one) => one.textContent.includes('has not closed'))"
+        assert browser.run(f"return {place}.getBoundingClientRect().bottom") < LANDSCAPE[1]
+    browser.open(f"{service.url}/ui/valves/{TAG}")
+    browser.write("[name=note]", "plug freed by hand")
+    browser.press("#acknowledge button")
+    browser.until(lambda: browser.driver.find_elements("id", "to-start"), "a test may start again")
+    assert "local looked at it since: “plug freed by hand”" in browser.text("#stands")
+
+
+def test_a_result_is_analysed_again_by_a_button_and_its_pictures_are_drawn_anew(
+    service: Gateway, browser: Tablet
+) -> None:
+    test_id = start_by_rest(service)
+    service.client.get(f"/tests/{test_id}/events")
+    browser.open(f"{service.url}/ui/tests/{test_id}")
+    picture = "return document.querySelector('img.figure').src"  # an open page may load itself anew
+    first = browser.run(picture)
+    assert "made again" not in browser.text("#h-data ~ dl")
+    browser.press("#analyze")
+    browser.until(lambda: "made again on" in browser.text("#h-data ~ dl"), "the new result is shown")
+    assert "for local by breakaway" in browser.text("#h-data ~ dl")
+    assert browser.run(picture) != first
 
 
 def test_an_engineer_accepts_the_model_that_a_diagnosis_found(service: Gateway, browser: Tablet) -> None:

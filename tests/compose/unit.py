@@ -161,7 +161,7 @@ def _check_service(client: httpx.Client, say: Say, require: Require) -> None:
         took_s = time.monotonic() - began_s
         require(ended["state"] == "interrupted", f"{what}: the test is {ended['state']}")
         require(_output_pa() == _SAFE_PA, f"{what}: the device drives {_output_pa():.0f} Pa")
-        client.post(f"/tests/{test}/acknowledge", json={"note": "the check looked"}).raise_for_status()
+        _until(partial(_acknowledged, client, test), _TEST_S, "a stem that was looked at", require)
         say(f"  {what} amid a motion: back after {took_s:.0f} s, the valve at its safe value, the test interrupted")
     ended = _ended(client, _moving(client, require), require)  # the first one's analysis was broken off by the stop
     require(ended["state"] == "completed" and ended["safe_confirmed"] is True, f"{ended['state']} {ended['error']}")
@@ -230,6 +230,10 @@ def _moving(client: httpx.Client, require: Require) -> str:
     test = str(_until(asked, _START_S, "the start of a test", require).json()["id"])
     _until(lambda: _output_pa() > _SAFE_PA + 20_000.0, _TEST_S, "the motion", require)
     return test
+
+
+def _acknowledged(client: httpx.Client, test: str) -> bool:
+    return client.post(f"/tests/{test}/acknowledge", json={"note": "the check looked"}).is_success
 
 
 def _ended(client: httpx.Client, test: str, require: Require, also: tuple[str, ...] = ()) -> dict[str, Any]:

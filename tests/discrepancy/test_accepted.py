@@ -14,6 +14,8 @@ from tests.discrepancy.hidden import Hidden, hidden
 from valve.effects import Effect, effect_from_values
 from valve.errors import RequestError
 
+pytestmark = pytest.mark.long
+
 # Faster and coarser than a test is: what is looked for here shows all the same, in half of the time.
 short = partial(hidden, cycle_s=8.0, period_s=4.0e-3)
 

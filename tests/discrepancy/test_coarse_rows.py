@@ -14,14 +14,16 @@ from discrepancy.causes.friction import LOCAL, STRIBECK
 from discrepancy.diagnose import Diagnosis, Verdict, diagnose
 from discrepancy.least_squares import Fit
 from discrepancy.screening import Candidate
-from estimators.maximum_likelihood import MaximumLikelihoodEstimator
+from estimators.exact_motion import ExactMotionEstimator
 from tests.blind.cases import blind_case
+
+pytestmark = pytest.mark.long
 
 
 def product(seed: int) -> Diagnosis:
     """As the product asks, without the methods that the diagnosis does not begin at."""
     case = blind_case(seed, "polled")
-    estimate = MaximumLikelihoodEstimator().estimate(case.recordings[0], case.nameplate)
+    estimate = ExactMotionEstimator().estimate(case.recordings[0], case.nameplate)
     return diagnose(case.recordings, case.nameplate, estimate=estimate)
 
 

@@ -38,7 +38,9 @@ def effect(cause: str) -> tuple[str, Effect]:
     return name, effect_from_values(cause, values)
 
 
-@pytest.mark.parametrize("cause", HIDDEN)
+@pytest.mark.parametrize(
+    "cause", [pytest.param(cause, marks=pytest.mark.long) if cause == "local_friction" else cause for cause in HIDDEN]
+)
 def test_a_hidden_effect_is_named_alone_with_its_strength_and_its_gain(cause: str) -> None:
     name, hides = effect(cause)
     found = diagnosed(short(name, hides, seed=3))

@@ -26,6 +26,8 @@ from discrepancy.significance import gain, is_noise, is_significant, misfit
 from discrepancy.thinning import thinned
 from tests.blind.cases import blind_case
 
+pytestmark = pytest.mark.long
+
 # Where short fits from the grid of starts end on this case: F_c is a third high, F_v 60 % low, v_s a third low.
 STUCK = {
     "m": 1.5818, "k": 195880.0, "F_v": 20199.0, "F_c": 866.69, "d": 0.24857, "F_0": 2138.1, "DV": 1.1523e-4,

@@ -15,6 +15,8 @@ from valve.nameplate import Actuator, Nameplate
 from valve.parameters import parameters_from_symbols
 from valve.waveform import triangle
 
+pytestmark = pytest.mark.long
+
 _TRAVEL_M = 0.1016
 # a damped valve, whose F_s - F_c is a tenth of F_c
 _VALUES = {"m": 1.4, "k": 26.0e3, "F_v": 520.0, "F_c": 180.0, "F_s": 198.0, "DV": 1.0e-4, "F_0": 1290.0}

@@ -13,6 +13,8 @@ from discrepancy.registry import CAUSES
 from tests.discrepancy.hidden import hidden
 from valve.effects import effect_from_values
 
+pytestmark = pytest.mark.long
+
 short = partial(hidden, cycle_s=8.0, period_s=4.0e-3)
 
 FORMS = {

@@ -16,6 +16,8 @@ from tests.discrepancy.hidden import AREA_M2, FULL_PA, Hidden, hidden, recorded_
 from valve.effects import EFFECTS, effect_from_values
 from valve.waveform import sine
 
+pytestmark = pytest.mark.long
+
 GAUGE_PA = 60.0
 STEPS = 2.0**16
 

@@ -24,6 +24,8 @@ from discrepancy.shaking import shaken_breakaways
 from discrepancy.significance import misfit, noise_factor
 from tests.blind.cases import BlindCase, blind_case
 
+pytestmark = pytest.mark.long
+
 made = cache(blind_case)
 
 # Where the plain valve ends on two cases of locked steps.

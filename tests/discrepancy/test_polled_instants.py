@@ -9,6 +9,8 @@ from discrepancy.diagnosis import Verdict
 from discrepancy.observed import Observed, observe
 from tests.estimators.likelihood.polled_recordings import written_test
 
+pytestmark = pytest.mark.long
+
 
 @pytest.mark.parametrize("valve", ["nominal", "rough"])
 def test_a_healthy_polled_valve_is_never_called_unexplained_or_given_a_cause(valve: str) -> None:

@@ -22,6 +22,8 @@ from tests.blind.cases import BlindCase, blind_case
 from tests.blind.grading import Grade
 from tests.blind.runs import Run, run_one
 
+pytestmark = pytest.mark.long
+
 # Where the fits end on this case: a creeping stem that a vibration stops and lets go. Its mass is known to a third.
 PLAIN: Final = {
     "m": 1.5890376, "k": 172286.113, "F_v": 62260.5961, "F_c": 618.917553, "d": 0.151285066, "F_0": 2300.57655,

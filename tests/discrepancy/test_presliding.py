@@ -19,6 +19,8 @@ from tests.discrepancy.hidden import hidden
 from valve.effects import EFFECTS, ValveScale
 from valve.parameter_sets import parameter_set
 
+pytestmark = pytest.mark.long
+
 
 def test_a_stem_that_yields_is_found_though_the_plain_fit_took_its_friction_for_damping() -> None:
     case = blind_case(8007, "triangle")

@@ -19,8 +19,10 @@ from discrepancy.screening import refit, screen
 from discrepancy.selection import choose
 from discrepancy.setting import setting_of
 from discrepancy.significance import misfit, noise_factor
-from estimators.registry import estimate_all
+from estimators.exact_motion import ExactMotionEstimator
 from tests.blind.cases import blind_case
+
+pytestmark = pytest.mark.long
 
 made = cache(blind_case)
 
@@ -66,9 +68,7 @@ def test_a_stem_that_is_out_of_phase_keeps_its_measured_rests() -> None:
 def test_a_plain_valve_that_explains_all_but_how_its_rests_were_measured_is_the_answer() -> None:
     """Its rests hang together, and what falls with speed there is worth 17, which nobody tells from nothing."""
     case = made(9451, "triangle")
-    likelihood = next(
-        one for one in estimate_all(case.recordings[0], case.nameplate) if one.method == "maximum_likelihood"
-    )
+    likelihood = ExactMotionEstimator().estimate(case.recordings[0], case.nameplate)
     observed = observe(case.recordings, case.nameplate)
     assert isinstance(observed, Observed)
     fit = fit_baseline(observed, likelihood)

@@ -15,6 +15,8 @@ from discrepancy.significance import misfit
 from tests.discrepancy.hidden import hidden
 from valve.effects.vibration import PeriodicForce
 
+pytestmark = pytest.mark.long
+
 FORCE_N, FREQUENCY_HZ, PHASE_RAD = 300.0, 26.46, -0.38
 
 

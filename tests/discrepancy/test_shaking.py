@@ -24,6 +24,8 @@ from discrepancy.shaking import Line, lines, shaken_breakaways, slot_clock
 from discrepancy.significance import is_significant, misfit
 from tests.blind.cases import BlindCase, blind_case
 
+pytestmark = pytest.mark.long
+
 made = cache(blind_case)
 
 

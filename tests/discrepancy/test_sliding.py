@@ -18,6 +18,8 @@ from tests.discrepancy.hidden import AREA_M2, FULL_PA, hidden, recorded_of
 from valve.diagnostic_waveform import diagnostic
 from valve.effects import effect_from_values
 
+pytestmark = pytest.mark.long
+
 
 def test_a_sequence_of_many_rates_and_long_rests_gives_size_damping_and_static_friction() -> None:
     made = hidden(

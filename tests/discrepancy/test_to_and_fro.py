@@ -22,6 +22,8 @@ from discrepancy.significance import is_noise
 from discrepancy.to_and_fro import from_any_phase
 from tests.blind.cases import blind_case
 
+pytestmark = pytest.mark.long
+
 # The plain valve rings from rest to rest with a tenth of the true damping, and leaves 1.6 of the noise's variance.
 RINGING: Final = {
     "m": 1.4697, "k": 50477.0, "F_v": 47.351, "F_c": 46.122, "d": 0.091399, "F_0": 203.69, "DV": 0.0043467,

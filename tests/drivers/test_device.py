@@ -25,7 +25,7 @@ from drivers.addresses import (
 from drivers.device import connect_valve
 from drivers.maps import register_map
 from drivers.maps.reference import StatusBit
-from drivers.outcome import Ended
+from drivers.outcome import Ended, SafeOutcome
 from drivers.permissive_rules import PermissiveRules
 from drivers.sequence import play_sequence
 from drivers.serial_gauge import SerialGauge
@@ -232,9 +232,73 @@ async def test_a_safe_value_is_written_again_only_when_it_is_not_there(slave: Ra
     await device.take_ownership(9)
     await device.command(30_000.0)
     slave.faults.append(Fault(drop=True))
-    assert await device.go_safe()
+    assert (await device.go_safe()).confirmed
     assert [pressure_pa for _, pressure_pa in reference.moves] == [30_000.0, 0.0]
     assert reference.output_pa == 0.0
+
+
+async def test_a_dead_position_bus_does_not_hide_that_the_output_is_at_its_safe_value(
+    module: Module, gauge: SerialGauge, tcp: Transport
+) -> None:
+    device = connect_valve(replace(MODULE, position=Point("gauge"), pressure=None), {"io": tcp, "gauge": gauge})
+    await device.command(30_000.0)
+    await gauge.close()
+    assert await device.go_safe() == SafeOutcome(True, 0.0)
+    assert module.share == 0.0
+
+
+async def test_a_test_whose_position_bus_dies_ends_with_its_output_confirmed_at_the_safe_value(
+    module: Module, gauge: SerialGauge, tcp: Transport
+) -> None:
+    device = connect_valve(replace(MODULE, position=Point("gauge"), pressure=None), {"io": tcp, "gauge": gauge})
+
+    def die(_: float, phase: str) -> None:
+        if phase == "playing":
+            gauge._wanted = False
+
+    outcome = await play_sequence(
+        device,
+        triangle(20.0, 1, 10_000.0, 60_000.0),
+        mode="polled",
+        period_s=0.02,
+        run_number=3,
+        stop=asyncio.Event(),
+        on_samples=lambda _: None,
+        on_progress=die,
+        limits=LIMITS,
+        provenance=Provenance(),
+    )
+    assert (outcome.ended, outcome.safe_confirmed) == (Ended.FAILED, True)
+    assert "gauge" in str(outcome.error)
+    assert module.share == 0.0
+
+
+@pytest.mark.parametrize("safe_pa", [-20_000.0, 1.0e9, math.nan])
+async def test_a_safe_value_that_the_device_cannot_take_is_said_and_raises_nothing(
+    module: Module, tcp: Transport, safe_pa: float
+) -> None:
+    device = connect_valve(MODULE, {"io": tcp})
+    await device.command(30_000.0)
+    device.safe_value_pa = safe_pa
+    found = await device.go_safe()
+    assert not found.confirmed
+    assert ("is outside" if math.isfinite(safe_pa) else "not known") in found.reason
+    assert module.share > 0.0
+
+
+async def test_whatever_fails_while_a_valve_is_made_safe_is_said_and_raises_nothing(
+    module: Module, tcp: Transport, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = connect_valve(MODULE, {"io": tcp})
+
+    async def broken(*_: object, **__: object) -> None:
+        raise RuntimeError("a fault of ours")
+
+    monkeypatch.setattr(device, "drive", broken)
+    assert "a fault of ours" in (await device.go_safe()).reason
+    monkeypatch.undo()
+    await tcp.close()
+    assert "closed" in (await device.go_safe()).reason
 
 
 @pytest.mark.parametrize(

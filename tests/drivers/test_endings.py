@@ -132,6 +132,97 @@ async def test_a_stop_during_the_upload_ends_it_and_keeps_what_came(bench: Bench
     assert any("1000 of 1101 samples" in note for note in outcome.notes)
 
 
+async def test_a_stop_during_the_upload_is_heard_after_the_transaction_under_way(bench: Bench) -> None:
+    slave, asked = bench.device.slave, 0
+
+    def stop(phase: str) -> None:
+        nonlocal asked
+        if phase == "uploading" and not bench.stop.is_set():
+            asked = len(slave.requests)
+            slave.always = Fault(delay_s=0.1)
+            bench.device.break_windows = 1000  # each window would be read three times
+            bench.stop.set()
+
+    bench.on_phase = stop
+    outcome = await bench.play(triangle(3.0, 1, 10_000.0, 60_000.0), mode="captured", period_s=0.001)
+    reads = [request for request in slave.requests[asked:] if request[1] in (3, 4, 23)]
+    assert len(reads) <= 6, "the one under way, then the release and what is read back of it"
+    assert (outcome.ended, outcome.safe_confirmed) == (Ended.STOPPED, True)
+    assert is_released_and_safe(bench.device)
+
+
+@pytest.mark.parametrize("mode", ["polled", "captured"])
+@pytest.mark.parametrize("wait_s", [0.0, 0.01, 0.03, 0.06, 0.1, 0.2])
+async def test_a_cancellation_after_the_motion_loses_neither_the_outcome_nor_the_recording(
+    bench: Bench, mode: str, wait_s: float
+) -> None:
+    bench.device.slave.always = Fault(delay_s=0.01)
+    task = asyncio.create_task(bench.play(WAVE, mode=mode))
+    last = "uploading" if mode == "captured" else "returning"
+    await until(lambda: any(phase == last for _, phase in bench.phases))
+    await until(lambda: bench.device.output_pa == SAFE_PA)
+    if mode == "polled":  # the way back ends when its value was seen
+        await until(lambda: bench.valve.in_force_pa == SAFE_PA)
+        await asyncio.sleep(0.1)
+    await asyncio.sleep(wait_s)
+    if task.done():
+        return
+    for _ in range(3):
+        task.cancel()
+        await asyncio.sleep(0.002)
+    outcome = await task
+    assert outcome.safe_confirmed
+    assert outcome.recording is not None or mode == "captured"
+    assert is_released_and_safe(bench.device)
+
+
+async def test_a_release_that_fails_is_tried_again_then_said_and_logged(
+    bench: Bench, caplog: pytest.LogCaptureFixture
+) -> None:
+    obey, tries = bench.device.on_write, [0]
+
+    def keep(unit: int, at: int, words: list[int]) -> int | None:
+        if at == 36 and words[2] == 2:
+            tries[0] += 1
+            return 6
+        return obey(unit, at, words)
+
+    bench.device.slave.on_write = keep
+    outcome = await bench.play(WAVE)
+    assert tries[0] == 3
+    assert outcome.safe_confirmed
+    assert any("was not released" in note and "busy" in note for note in outcome.notes)
+    assert "was not released" in caplog.text
+
+
+async def test_a_device_that_cannot_be_given_back_before_anything_moved_is_said(
+    bench: Bench, caplog: pytest.LogCaptureFixture
+) -> None:
+    obey = bench.device.on_write
+
+    def keep(unit: int, at: int, words: list[int]) -> int | None:
+        return 6 if at == 44 or (at == 36 and words[2] == 2) else obey(unit, at, words)
+
+    bench.device.slave.on_write = keep
+    with pytest.raises(DeviceError, match="may stay with run 7"):
+        await bench.play(WAVE)
+    assert "was not released" in caplog.text
+    assert not bench.valve.commanded
+
+
+async def test_a_safe_write_that_fails_behind_an_error_of_ours_is_logged(
+    bench: Bench, caplog: pytest.LogCaptureFixture
+) -> None:
+    def full_disk(_: SampleBlock) -> None:
+        bench.device.slave.always = Fault(drop=True, silent_execution=False)
+        raise OSError("no space left")
+
+    with pytest.raises(OSError, match="no space left"):
+        await bench.play(LONG, on_samples=full_disk)
+    assert "safe state not confirmed" in caplog.text
+    assert "no answer" in caplog.text
+
+
 async def test_the_watchdog_is_fed_while_corners_are_written_and_samples_fetched_on_a_slow_line(
     device: ReferenceDevice, serial_port: SerialPort
 ) -> None:
@@ -183,7 +274,7 @@ async def test_a_scan_that_is_slower_than_the_look_does_not_hide_the_safe_value(
 
     await bench.valve.take_ownership(7)
     bench.device._sample = seldom  # type: ignore[method-assign]  # a PLC whose scan takes 150 ms
-    assert await bench.valve.go_safe()
+    assert (await bench.valve.go_safe()).confirmed
     assert bench.moved_pa == [SAFE_PA]
 
 
@@ -194,7 +285,7 @@ async def test_an_answer_that_is_lost_while_the_safe_value_is_confirmed_costs_no
     await bench.valve.identify()
     await bench.valve.take_ownership(7)
     after_writes(bench, 32, lambda: device.slave.faults.extend([Fault(), Fault(drop=True), Fault(drop=True)]))
-    assert await bench.valve.go_safe()
+    assert (await bench.valve.go_safe()).confirmed
     assert bench.moved_pa == [SAFE_PA]
 
 
@@ -206,6 +297,7 @@ async def test_a_late_write_that_moves_the_valve_before_the_fence_closes_is_told
     outcome = await bench.play(WAVE)
     assert (outcome.ended, outcome.safe_confirmed) == (Ended.COMPLETED, False)
     assert any("late write" in note for note in outcome.notes)
+    assert "the device shows 44000 Pa and not 5000 Pa" in outcome.why_unsafe
 
 
 async def test_a_capture_that_is_stopped_before_its_start_never_starts(bench: Bench) -> None:

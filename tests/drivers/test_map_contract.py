@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from drivers.capabilities import Role
 from drivers.crc import crc16
+from drivers.map_faults import map_faults
 from drivers.maps import REGISTER_MAPS, register_map
 from drivers.register_map import GoldenFrame, RegisterMap
 from drivers.registers import Block, Kind, Register, Table, WordOrder
@@ -82,6 +84,43 @@ def test_every_register_can_be_read_alone_and_its_capabilities_in_one_go(entry: 
         taken = range(entry.capture.window_address, entry.capture.window_address + window_words)
         assert window_words <= 125
         assert all(register.address not in taken for register in entry.registers)
+
+
+@every_map
+def test_a_map_can_carry_every_number_that_its_capabilities_need(entry: RegisterMap) -> None:
+    assert map_faults(entry) == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "said"),
+    [
+        ("claim_run", Kind.F32, "claim_run must hold 4294967295 exactly"),
+        ("heartbeat", Kind.I16, "heartbeat must hold 65535 exactly"),
+        ("status", Kind.F32, "overlap"),
+        ("canary", Kind.F32, "canary must hold 1113014617 exactly"),
+        ("corner_check", Kind.I16, "corner_check must hold 65535 exactly"),
+    ],
+)
+def test_a_number_that_a_map_cannot_carry_is_found(name: str, kind: Kind, said: str) -> None:
+    entry = register_map("reference")
+    try:
+        registers = tuple(replace(one, kind=kind) if one.name == name else one for one in entry.registers)
+        found = map_faults(replace(entry, registers=registers))
+    except ConfigurationError as error:
+        found = (str(error),)
+    assert any(said in one for one in found), found
+
+
+@every_register
+def test_what_a_register_says_it_holds_it_holds_and_nothing_beyond(entry: RegisterMap, register: Register) -> None:
+    span = register.span
+    for value in (span.least, span.greatest):
+        assert register.holds(value)
+        assert register.nearest(value) == pytest.approx(value, rel=1e-6, abs=span.step)
+    if span.step > 0.0:
+        assert not register.holds(span.least - span.step)
+        assert not register.holds(span.greatest + span.step)
+        assert register.nearest(span.least + 1.3 * span.step) == pytest.approx(span.least + span.step)
 
 
 @every_map

@@ -21,7 +21,14 @@ from tests.drivers.conftest import TIMEOUT_S
 from tests.drivers.reference_device import METRE_PER_PA, SPAN_PA, ReferenceDevice
 from tests.drivers.slave import Fault, RawSlave, SerialPort
 from tests.stopwatch import Stopwatch
-from valve.errors import BusyError, ConfigurationError, DeviceError, WaveformError, WireError
+from valve.errors import (
+    BusyError,
+    ConfigurationError,
+    DeviceError,
+    MeasurementError,
+    WaveformError,
+    WireError,
+)
 from valve.recording import Acquisition, Provenance, Recording
 from valve.waveform import Waveform, steps, triangle
 
@@ -200,6 +207,41 @@ async def test_the_caller_hears_of_the_entry_before_anything_is_written(bench: B
 
     await bench.play(on_ready=ready)
     assert heard == [(30_000.0, "reference (device 1 on plc)", 0)]
+
+
+@pytest.mark.parametrize("mode", ["polled", "captured"])
+async def test_the_intent_comes_before_the_first_write_that_can_move_the_valve(bench: Bench, mode: str) -> None:
+    seen = []
+
+    async def intend() -> None:
+        seen.append((bench.valve.commanded, bench.device.value("run_owner"), list(bench.moved_pa)))
+
+    outcome = await bench.play(mode=mode, on_intent=intend)
+    assert seen == [(False, 7, [])]
+    assert outcome.commanded
+
+
+@pytest.mark.parametrize("error", [OSError("no space left"), MeasurementError("the journal cannot be written")])
+async def test_an_intent_that_cannot_be_written_moves_nothing_and_gives_the_device_back(
+    bench: Bench, error: Exception
+) -> None:
+    async def intend() -> None:
+        raise error
+
+    with pytest.raises(type(error)):
+        await bench.play(on_intent=intend)
+    assert (bench.valve.commanded, bench.moved_pa, bench.device.value("run_owner")) == (False, [], 0)
+
+
+async def test_an_error_of_any_type_after_the_first_write_leaves_it_known_that_the_valve_was_commanded(
+    bench: Bench,
+) -> None:
+    def refuse(_: object) -> None:
+        raise RuntimeError("whatever it is")
+
+    with pytest.raises(RuntimeError, match="whatever"):
+        await bench.play(on_samples=refuse)
+    assert bench.valve.commanded
 
 
 @pytest.mark.parametrize("mode", ["polled", "captured"])

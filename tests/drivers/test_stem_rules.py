@@ -106,16 +106,16 @@ def test_without_a_pressure_the_output_counts_behind_the_slowest_positioner() ->
 
 
 @pytest.mark.parametrize("position_m", [-0.001, 0.101])
-def test_a_position_where_no_stem_can_be_ends_it_at_the_third_look_in_a_row(position_m: float) -> None:
-    found = ended(rules(), range(20), lambda look: position_m if look in {2, 3, 5, 6, 7} else 0.05)
+def test_a_position_where_no_stem_can_be_ends_it_at_the_third_look_within_a_second(position_m: float) -> None:
+    found = ended(rules(), range(200), lambda look: position_m if look in {2, 3, 70, 71, 90} else 0.05)
     assert found is not None
-    assert found[0] == 7
+    assert found[0] == 90
 
 
-def test_a_stem_that_leaves_its_band_twice_in_a_row_ends_it() -> None:
-    found = ended(rules(band_m=0.01), range(20), lambda look: 0.0601 if look in {2, 4, 5} else 0.0599)
+def test_a_stem_that_leaves_its_band_twice_within_a_second_ends_it() -> None:
+    found = ended(rules(band_m=0.01), range(200), lambda look: 0.0601 if look in {2, 60, 105} else 0.0599)
     assert found is not None
-    assert found[0] == 5
+    assert found[0] == 105
 
 
 def spikes(size: float, at: set[int]) -> Callable[[int], float]:
@@ -154,8 +154,8 @@ def test_after_a_step_of_the_pressure_a_stem_may_swing_for_four_seconds() -> Non
 @pytest.mark.parametrize(("size", "ends_at"), [(0.31, 10), (0.29, None)])
 def test_spikes_are_seen_on_a_fast_ramp_and_between_late_looks_too(size: float, ends_at: int | None) -> None:
     begun, late_s = rules(), 0.08  # 6 % of the span and of the travel from look to look, there and back
-    for look in range(30):
-        share = 0.06 * min(look, 30 - look)
+    for look in range(20):
+        share = 0.06 * min(look, 20 - look)
         position_m = TRAVEL_M * (share + size * (look % 3 == 0))
         fault = begun.fault(Sample(look * late_s, look * late_s, position_m, share * SPAN_PA, share * SPAN_PA))
         if fault is not None:

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import itertools
+import sys
 import time
 from pathlib import Path
 
@@ -9,9 +11,11 @@ import pytest
 import uvloop
 
 from drivers import faults
-from drivers.addresses import Parity, RtuAddress, TcpAddress
+from drivers.addresses import GaugeAddress, Parity, RtuAddress, TcpAddress
 from drivers.faults import BadAnswerError, ConnectionLostError, EchoError, NoAnswerError
 from drivers.registers import Block, Register, Table
+from drivers.serial_gauge import SerialGauge
+from drivers.serial_port import why_not_opened
 from drivers.transport import Transport
 from tests.drivers.conftest import TIMEOUT_S, WORST_LATENCY_S
 from tests.drivers.slave import Fault, RawSlave, SerialPort, TcpPort
@@ -72,7 +76,31 @@ async def test_an_answer_later_than_the_worst_latency_is_caught_by_the_canary(rt
     slave.always = Fault(delay_s=0.05)
     with pytest.raises(NoAnswerError):
         await read(rtu, 100)
+    with pytest.raises(BadAnswerError):
+        await read(rtu, 200)
     assert [await read(rtu, address) for address in (200, 300, 400)] == [(200,), (300,), (400,)]
+
+
+async def test_a_stop_waits_for_one_attempt_to_recover_the_bus_and_not_for_three(
+    bus: Transport, slave: RawSlave
+) -> None:
+    canary = Register("canary", 50)
+    bus.set_canary(1, Block((canary,), 50, 1, Table.HOLDING), [4711])
+    slave.faults.append(Fault(drop=True))
+    with pytest.raises(NoAnswerError):
+        await read(bus, 1)
+    slave.always = Fault(delay_s=0.15)  # each attempt takes so long, and its canary is wrong
+    watch = Stopwatch()
+    recovering = asyncio.create_task(read(bus, 2))
+    await asyncio.sleep(0)
+    asked = len(slave.requests)
+    with pytest.raises(BadAnswerError):
+        await bus.write(1, 500, [1], priority=True)
+    with pytest.raises(BadAnswerError):
+        await recovering
+    assert len(slave.requests) - asked == 2, "one canary for the read, one for the stop"
+    longest_s = 2 * (0.15 + TIMEOUT_S) + (3 * WORST_LATENCY_S if bus.address.name == "line" else 0.0)
+    assert watch.own_s < longest_s
 
 
 async def test_a_serial_line_is_left_alone_until_the_slowest_answer_must_have_come(
@@ -291,10 +319,146 @@ async def test_a_serial_port_that_is_not_there_is_said() -> None:
 
 
 @pytest.mark.parametrize("device_id", [0, 248, 255])
-async def test_a_broadcast_is_refused_before_anything_is_sent(bus: Transport, slave: RawSlave, device_id: int) -> None:
-    with pytest.raises(ConfigurationError, match="1 to 247"):
-        await bus.write(device_id, 20, [1])
+async def test_a_broadcast_on_a_serial_line_is_refused_before_anything_is_sent(
+    rtu: Transport, slave: RawSlave, device_id: int
+) -> None:
+    with pytest.raises(ConfigurationError, match="1 to 247, which a serial line has"):
+        await rtu.write(device_id, 20, [1])
     assert slave.requests == []
+
+
+@pytest.mark.parametrize("device_id", [0, 255])
+async def test_the_device_at_a_network_address_itself_is_read_and_written(
+    tcp: Transport, slave: RawSlave, device_id: int
+) -> None:
+    slave.holding[device_id, 20] = 4711
+    assert (await tcp.read_words(device_id, Table.HOLDING, 20, 1)).words == (4711,)
+    await tcp.write(device_id, 20, [7])
+    assert slave.writes == [(device_id, 20, [7])]
+    slave.faults.append(Fault(unit=1))
+    with pytest.raises(WireError, match=f"device 1 answered, {device_id} was asked"):
+        await tcp.read_words(device_id, Table.HOLDING, 20, 1)
+
+
+@pytest.mark.parametrize("device_id", [248, 254])
+async def test_a_reserved_device_id_is_refused_on_a_network_too(tcp: Transport, device_id: int) -> None:
+    with pytest.raises(ConfigurationError, match="0 to 247 and 255"):
+        await tcp.write(device_id, 20, [1])
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        (Fault(unit=9), "device 9 answered, 1 was asked: correct device_id"),
+        (Fault(transaction=9999), "an answer to transaction 9999 came, 1 was asked"),
+        (Fault(transaction=0), "an answer to transaction 0 came, 1 was asked"),
+        (Fault(cut=4), "7 of 11 bytes came"),
+    ],
+    ids=["unit", "transaction", "no transaction", "torn"],
+)
+async def test_what_came_instead_of_the_answer_is_said_on_a_network(
+    tcp: Transport, slave: RawSlave, fault: Fault, said: str
+) -> None:
+    slave.faults.append(fault)
+    with pytest.raises(WireError, match=f"bus plc: device 1, reading 1 words at 100: .*{said}"):
+        await read(tcp, 100)
+
+
+async def test_what_always_comes_instead_is_said_by_every_later_request_too(tcp: Transport, slave: RawSlave) -> None:
+    slave.always = Fault(transaction=0)
+    for _ in range(2):
+        with pytest.raises(WireError, match="an answer to transaction 0 came"):
+            await read(tcp, 100)
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        (Fault(unit=9), "device 9 answered, 1 was asked: correct device_id"),
+        (Fault(cut=2), "5 of 7 bytes came: check the line"),
+        (Fault(flip=3), "7 bytes came and no frame whose CRC is right: check baud_rate"),
+        (Fault(function=0x42), "an answer to function 66 came that cannot be read"),
+    ],
+    ids=["unit", "torn", "noise", "function"],
+)
+async def test_what_came_instead_of_the_answer_is_said_on_a_serial_line(
+    rtu: Transport, slave: RawSlave, fault: Fault, said: str
+) -> None:
+    slave.faults.append(fault)
+    with pytest.raises(NoAnswerError, match=f"bus line: device 1, reading 1 words at 100: .*{said}"):
+        await read(rtu, 100)
+
+
+async def test_a_stranger_beside_the_answer_does_no_harm(tcp: Transport, slave: RawSlave) -> None:
+    slave.faults.append(Fault(drop=True))
+    with pytest.raises(NoAnswerError, match="check the device and the wire"):
+        await read(tcp, 100)
+    assert await read(tcp, 200) == (200,)
+
+
+async def test_another_service_at_the_port_is_told_by_what_it_says() -> None:
+    async def refuse(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read(12)
+        writer.write(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+        await reader.read()
+        writer.close()
+        await writer.wait_closed()
+        gone.set()
+
+    gone = asyncio.Event()
+    server = await asyncio.start_server(refuse, "127.0.0.1", 0)
+    bus = Transport(TcpAddress("plc", "127.0.0.1", server.sockets[0].getsockname()[1], timeout_s=TIMEOUT_S))
+    await bus.open()
+    try:
+        with pytest.raises(WireError, match=r"28 bytes came that are no Modbus/TCP: check host and port"):
+            await read(bus, 1)
+    finally:
+        await bus.close()
+        server.close()
+        await gone.wait()
+
+
+_HOLDER = """
+import fcntl, os, sys
+line = os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY)
+if sys.argv[2] == "locked":
+    fcntl.flock(line, fcntl.LOCK_EX)
+print("held", flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.mark.parametrize("how", ["locked", "opened"])
+async def test_a_serial_port_that_somebody_else_has_is_said_to_be_in_use_and_by_whom(
+    serial_port: SerialPort, how: str
+) -> None:
+    arguments = ("-c", _HOLDER, serial_port.path, how)
+    holder = await asyncio.create_subprocess_exec(sys.executable, *arguments, stdin=-1, stdout=-1)
+    assert holder.stdin is not None
+    assert holder.stdout is not None
+    try:
+        assert await holder.stdout.readline() == b"held\n"
+        if how == "opened":  # for itself alone (TIOCEXCL), which root does not notice
+            said = why_not_opened(serial_port.path, OSError(errno.EBUSY, "busy"))
+            assert said.startswith(f"it is in use by process {holder.pid} (python")
+            return
+        line = Transport(RtuAddress("line", serial_port.path, 115200, Parity.NONE, timeout_s=TIMEOUT_S))
+        gauge = SerialGauge(GaugeAddress("gauge", serial_port.path, "?\r", "(?P<value>.+)"))
+        for bus in (line, gauge):
+            with pytest.raises(ConnectionLostError, match=f"it is in use by process {holder.pid} \\(python"):
+                await bus.open()
+            await bus.close()
+    finally:
+        holder.stdin.close()
+        await holder.wait()
+
+
+@pytest.mark.parametrize(
+    ("number", "said"),
+    [(errno.ENOENT, "there is no such port"), (errno.EACCES, "may not use it"), (errno.EIO, "check the port")],
+)
+def test_another_reason_is_not_told_as_a_port_in_use(number: int, said: str) -> None:
+    assert said in why_not_opened("/nowhere/ttyS0", OSError(number, "told by the system"))
 
 
 async def test_a_closed_bus_says_so(bus: Transport) -> None:
@@ -351,7 +515,7 @@ async def _read_and_write(path: str, port: int, slave: RawSlave) -> list[tuple[i
     got = []
     for bus in (
         Transport(TcpAddress("plc", "127.0.0.1", port, timeout_s=TIMEOUT_S)),
-        Transport(RtuAddress("line", path, 115200, Parity.NONE, timeout_s=TIMEOUT_S, worst_latency_s=0.1)),
+        Transport(RtuAddress("line", path, 115200, Parity.NONE, timeout_s=TIMEOUT_S, worst_latency_s=WORST_LATENCY_S)),
     ):
         await bus.open()
         await bus.write(1, 20, [7])

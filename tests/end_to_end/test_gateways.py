@@ -121,7 +121,8 @@ def test_two_gateways_test_their_own_valves_and_see_all_results(tmp_path: Path) 
             assert client.post("/schedules/nightly/run").json()["states"] == {"queued": 1}
         _until(lambda: len([c for c in _last_night(one).values() if c["test_id"]]) == 2, running, tmp_path)
         tests = {tag: check["test_id"] for tag, check in _last_night(one).items()}
-        _until(lambda: _state(two, tests["FV-1"]) == "running", running, tmp_path)
+        _until(lambda: _asked(one, tests["FV-1"])["progress"] > 0.05, running, tmp_path)  # it was commanded
+        assert _state(two, tests["FV-1"]) == "running"
         services["g1"].send_signal(signal.SIGKILL)  # in the middle of the motion
         services["g1"].wait(120.0)
         running.remove(services["g1"])

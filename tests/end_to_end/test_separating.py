@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import pytest
 
 from service.settings import load_plant
 from tests.service.running_service import running_service
@@ -24,6 +25,7 @@ async def completed(client: httpx.AsyncClient, order: dict[str, Any]) -> dict[st
     return body
 
 
+@pytest.mark.long
 async def test_an_ambiguous_pair_becomes_named_by_the_separating_test(tmp_path: Path) -> None:
     wired = wired_plant(
         tmp_path,

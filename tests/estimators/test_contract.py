@@ -37,11 +37,13 @@ def require_contract(estimate: Estimate, method: str) -> None:
     assert body["residual_rms_m"] is None or body["residual_rms_m"] >= 0.0
     assert tuple(body["parameters"]) == SYMBOLS
     for symbol, parameter in body["parameters"].items():
-        assert list(parameter) == ["value", "unit", "std_error", "ci95", "identifiable", "note"]
+        assert list(parameter) == ["value", "unit", "std_error", "ci95", "identifiable", "note", "scatter"]
         assert parameter["unit"] == UNITS[symbol]
         assert (parameter["value"] is not None) == parameter["identifiable"]
+        assert parameter["scatter"] is None or parameter["scatter"] > 0.0
         if parameter["value"] is None:
             assert parameter["note"]
+            assert parameter["scatter"] is None
             assert parameter["std_error"] is None
             assert parameter["ci95"] is None
         elif parameter["ci95"] is not None:

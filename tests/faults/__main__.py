@@ -1,7 +1,9 @@
 """``make faults``: the long version, with progress and a table.
 
 ARGS="500" runs so many by chance, ARGS="all" every fault at every transaction, ARGS="kill term" these at every one,
-ARGS="wire" those of the wire. ARGS="10000 keep=faults.jsonl for=600" writes every verdict down, begins no case after
+ARGS="wire" those of the wire, ARGS="plant" those around it.
+
+ARGS="10000 keep=faults.jsonl for=600" writes every verdict down, begins no case after
 600 s and goes on from there when it is asked again.
 """
 
@@ -13,20 +15,21 @@ import sys
 import tempfile
 import time
 from collections import Counter, defaultdict
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from itertools import islice
 from pathlib import Path
 from typing import Final
 
 from service.bus_lock import FOLDER_VARIABLE
 from tests.faults.bench import Case, run_case, struck
-from tests.faults.cases import FAULTS, every_case, some_cases
+from tests.faults.cases import FAULTS, every_case, possible, some_cases
 from tests.faults.judge import Verdict
 from tests.faults.kept import KeptVerdicts, name_of
-from tests.faults.wire_faults import WireFault
+from tests.faults.surroundings import drop_template
+from tests.faults.wire_faults import Fault, PlantFault, WireFault
 
-_COUNTS: Final = ("unsafe", "unreported", "lost_samples", "wrong_values", "late_writes", "doubled_writes")
+_COUNTS: Final = tuple(field.name for field in fields(Verdict) if field.type == "int")
 _OUTCOMES: Final = ("completed", "failed", "stopped", "interrupted", "refused", "silent")
 _TOLD_EVERY: Final = 20
 
@@ -36,6 +39,7 @@ class _Asked:
     """What the arguments ask for; ``at_once``: a case mostly waits, for its waveform or for a watchdog."""
 
     cases: Sequence[Case]
+    missing: Mapping[str, str]
     keep: Path | None = None
     for_s: float = float("inf")
     at_once: int = 6
@@ -48,7 +52,7 @@ def asked_for(words: Sequence[str]) -> _Asked:
     if unknown:
         raise ValueError(f"{sorted(unknown)[0]!r} is no setting: choose from keep, for, at_once")
     return _Asked(
-        _cases([word for word in words if "=" not in word]),
+        *possible(_cases([word for word in words if "=" not in word])),
         Path(settings["keep"]) if "keep" in settings else None,
         float(settings.get("for", "inf")),
         int(settings.get("at_once", 6)),
@@ -56,8 +60,8 @@ def asked_for(words: Sequence[str]) -> _Asked:
 
 
 def _cases(words: list[str]) -> list[Case]:
-    names = {str(fault): [fault] for fault in FAULTS}
-    names["wire"], names["all"] = list(WireFault), list(FAULTS)
+    names: dict[str, list[Fault]] = {str(fault): [fault] for fault in FAULTS}
+    names["wire"], names["plant"], names["all"] = list(WireFault), list(PlantFault), list(FAULTS)
     if all(word.isdigit() for word in words):
         count, seed = (*map(int, words), 1)[:2] if words else (200, 1)
         return list(islice(every_case(1 + count // 6000), count)) if count > 4000 else some_cases(count, seed)
@@ -96,6 +100,8 @@ async def _run(asked: _Asked) -> int:
 
     await asyncio.gather(*(work() for _ in range(asked.at_once)))
     _print(asked.cases, kept)
+    for fault, reason in asked.missing.items():
+        print(f"{fault} cannot be had here: {reason}")
     if untried:
         print(
             f"{untried} were refused before their fault came: this machine is too busy; ask for them again with keep="
@@ -137,4 +143,5 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory(prefix="breakaway-locks-") as locks:
         os.environ[FOLDER_VARIABLE] = locks
         found = main()
+        drop_template()
     sys.exit(found)

@@ -19,10 +19,18 @@ from typing import Any, Final
 from service.store.store import Store
 from tests.faults import victim
 from tests.faults.judge import Verdict, judge, told_by
-from tests.faults.station import ORDER, WATCHDOG_S, Carrier, Mode, station
-from tests.faults.wire_faults import FaultAt, ServiceFault
+from tests.faults.station import LONG_ORDER, ORDER, WATCHDOG_S, Carrier, Mode, station
+from tests.faults.wire_faults import FaultAt, PlantFault, ServiceFault
 
 _PATIENCE_S: Final = 60.0
+_STOP_AFTER_S: Final = 0.1  # from a database that answers no more to a stop
+_SIGNALS: Final = {
+    ServiceFault.KILL: signal.SIGKILL,
+    ServiceFault.TERM: signal.SIGTERM,
+    ServiceFault.HANG_UP: signal.SIGHUP,
+    ServiceFault.IDLE_SESSION: signal.SIGUSR2,
+}
+_DARK_PATIENCE_S: Final = 12.0  # a service whose database answers no more may hang when its valve is safe
 _ATTEMPTS: Final = 5
 _CONTEXT: Final = multiprocessing.get_context("forkserver")
 _CONTEXT.set_forkserver_preload(["tests.faults.victim"])
@@ -69,12 +77,18 @@ def struck(case: Case, transactions: int) -> bool:
 
 
 async def _run_once(case: Case, folder: Path) -> tuple[Verdict, int]:
-    shutil.copytree(_template(), folder / "store")
     process: list[BaseProcess] = []
     fault = case.fault
     async with station(folder, case.carrier, case.mode, fault, lambda: _strike(process, fault)) as found:
+        await asyncio.to_thread(shutil.copytree, _template(), folder / "store", dirs_exist_ok=True)
         told = folder / "told"
-        await _live(victim.run_test, (str(found.plant_file), str(told), dict(case.order or ORDER)), process)
+        takes_a_while = found.around.fault is not None or found.is_watched
+        order = case.order or (LONG_ORDER if takes_a_while else ORDER)
+        dark = found.around.fault is PlantFault.DARK_DATABASE
+        patience_s = _DARK_PATIENCE_S if dark else _PATIENCE_S
+        work = victim.run_watched_test if found.is_watched else victim.run_test
+        await _live(work, (str(found.plant_file), str(told), dict(order)), process, patience_s)
+        found.around.mend()
         lines = told_by(told)
         if not any(line["kind"] in ("end", "refused") for line in lines):
             # It died: the device's watchdog must act before anybody else does.
@@ -92,14 +106,22 @@ async def _run_once(case: Case, folder: Path) -> tuple[Verdict, int]:
 
 def _strike(process: list[BaseProcess], fault: FaultAt | None) -> None:
     """Do to the service what the case wants done."""
-    if fault is None or not isinstance(fault.fault, ServiceFault) or process[0].pid is None:
+    if fault is None or process[0].pid is None:
         return
     pid = process[0].pid
-    if fault.fault is ServiceFault.STOP_AND_CONT:
+    if fault.fault is PlantFault.DARK_DATABASE:
+        asyncio.get_running_loop().call_later(_STOP_AFTER_S, _stop, process[0])
+    elif fault.fault is ServiceFault.STOP_AND_CONT:
         os.kill(pid, signal.SIGSTOP)
         asyncio.get_running_loop().call_later(2.0 * WATCHDOG_S, _continue, process[0])
-    else:
-        os.kill(pid, signal.SIGKILL if fault.fault is ServiceFault.KILL else signal.SIGTERM)
+    elif isinstance(fault.fault, ServiceFault):
+        os.kill(pid, _SIGNALS[fault.fault])
+
+
+def _stop(process: BaseProcess) -> None:
+    """Press Stop in the service, without a request."""
+    if process.is_alive() and process.pid is not None:
+        os.kill(process.pid, signal.SIGUSR1)
 
 
 def _continue(process: BaseProcess) -> None:
@@ -107,12 +129,14 @@ def _continue(process: BaseProcess) -> None:
         os.kill(process.pid, signal.SIGCONT)
 
 
-async def _live(work: Callable[..., None], arguments: tuple[Any, ...], process: list[BaseProcess]) -> None:
+async def _live(
+    work: Callable[..., None], arguments: tuple[Any, ...], process: list[BaseProcess], patience_s: float = _PATIENCE_S
+) -> None:
     """Let a process do its work and wait for its end."""
     child = _CONTEXT.Process(target=work, args=arguments, daemon=True)
     process.append(child)
     await asyncio.to_thread(child.start)
-    until_s = time.monotonic() + _PATIENCE_S
+    until_s = time.monotonic() + patience_s
     while child.is_alive():
         if time.monotonic() > until_s:
             child.kill()

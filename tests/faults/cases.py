@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Final
 
 from tests.faults.bench import Case
 from tests.faults.station import Carrier, Mode
-from tests.faults.wire_faults import FaultAt, ServiceFault, WireFault
+from tests.faults.surroundings import why_not
+from tests.faults.wire_faults import Fault, FaultAt, PlantFault, ServiceFault, WireFault
 
 WAYS: Final[tuple[tuple[Carrier, Mode], ...]] = (
     ("tcp", "polled"),
@@ -19,7 +20,9 @@ WAYS: Final[tuple[tuple[Carrier, Mode], ...]] = (
 #: Transactions of the short test, from the first look at the device to the release; measured, and a few more.
 TRANSACTIONS: Final = 100
 _TURNS: Final = (0, 2, 1, 3)  # two rounds meet each kind on both carriers, four on every way
-FAULTS: Final[tuple[WireFault | ServiceFault, ...]] = (*ServiceFault, *WireFault)
+FAULTS: Final[tuple[Fault, ...]] = (*ServiceFault, *WireFault, *PlantFault)
+#: A gauge of its own is polled: what a device captures, it measures itself.
+_POLLED_ONLY: Final = frozenset({PlantFault.DEAD_GAUGE})
 
 
 def every_case(rounds: int = 1) -> Iterator[Case]:
@@ -31,7 +34,7 @@ def every_case(rounds: int = 1) -> Iterator[Case]:
         for turn in range(len(WAYS)):
             for index in range(TRANSACTIONS):
                 for number, fault in enumerate(FAULTS):
-                    carrier, mode = WAYS[(number + index + turn) % len(WAYS)]
+                    carrier, mode = _way(fault, number + index + turn)
                     yield Case(carrier, mode, FaultAt(fault, index, seed=1000 * seed + index))
 
 
@@ -41,7 +44,18 @@ def some_cases(count: int, seed: int) -> list[Case]:
     cases = []
     for number in range(count):
         fault = FAULTS[number % len(FAULTS)]
-        carrier, mode = WAYS[(number + _TURNS[number // len(FAULTS) % len(WAYS)]) % len(WAYS)]
+        carrier, mode = _way(fault, number + _TURNS[number // len(FAULTS) % len(WAYS)])
         index = int(chance.random() * 85)  # the last ones of a test may fall away with its pace
         cases.append(Case(carrier, mode, FaultAt(fault, index, seed=seed + number)))
     return cases
+
+
+def _way(fault: Fault, turn: int) -> tuple[Carrier, Mode]:
+    carrier, mode = WAYS[turn % len(WAYS)]
+    return carrier, "polled" if fault in _POLLED_ONLY else mode
+
+
+def possible(cases: Iterable[Case]) -> tuple[list[Case], dict[str, str]]:
+    """Return the cases that this machine can have, and why it cannot have the others, by fault."""
+    missing = {fault.value: reason for fault in PlantFault if (reason := why_not(fault))}
+    return [case for case in cases if case.fault is None or case.fault.fault.value not in missing], missing

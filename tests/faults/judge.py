@@ -13,14 +13,18 @@ from typing import Any, Final
 import numpy as np
 
 from drivers.maps.reference import FULL_SCALE, MISSING_SAMPLE, WINDOW_ADDRESS, WINDOW_SAMPLES, WINDOW_WORDS
+from drivers.stands_at import StemVerdict
 from service.store.journal import read_journal
 from simulator.record import Happening
-from tests.faults.station import POSITION, PRESSURE, SAFE_PA, Station
+from tests.faults.station import POSITION, PRESSURE, SAFE_M, SAFE_PA, TOLERANCE_M, Station
+from tests.faults.surroundings import ENDING, HEEDED_S, LAST_PAGE_S, STOPPED_S, TOLD_S
+from tests.faults.wire_faults import PlantFault
 from valve.errors import RecordingError
 from valve.recording import Acquisition, Recording
 from valve.recording_files import read_recording
 
 _MOTIONS: Final = (Happening.COMMANDED, Happening.CAPTURE_STARTED)
+_SURE: Final = (StemVerdict.THERE, StemVerdict.NOT_THERE)
 _CLOCK_S: Final = 0.01  # between the proxy's, the simulator's and the service's look at one clock
 _OUTPUT_PA: Final = 100.0  # a thousandth of the range: what the driver itself takes for the same
 
@@ -36,6 +40,8 @@ class Verdict:
     wrong_values: int = 0
     late_writes: int = 0
     doubled_writes: int = 0
+    unheeded: int = 0  # the motion went on for long after what must end it
+    misjudged: int = 0  # what is said of signal or stem is not so
     detail: str = ""
 
     @property
@@ -60,8 +66,8 @@ def judge(station: Station, told: list[dict[str, Any]], *, safe: bool) -> Verdic
     end = ends[-1] if ends else None
     verdict.outcome = "refused" if refused else "silent" if end is None else end["state"]
     verdict.detail = (refused or [end or {"error": ""}])[-1]["error"]
-    if end is None and accepted:
-        verdict.unreported = 1
+    if end is None and (accepted or not (refused or station.may_die_early)):
+        verdict.unreported = 1  # also a service that died before it said anything, and was not killed
     if not safe:
         verdict.unsafe = 1
         verdict.unreported = int(end is None or end["safe_confirmed"] is not False)
@@ -69,6 +75,12 @@ def judge(station: Station, told: list[dict[str, Any]], *, safe: bool) -> Verdic
         verdict.late_writes = sum(
             at_s > end["mono_s"] + _CLOCK_S and event.happening in _MOTIONS for at_s, event in station.events
         )
+    verdict.unheeded = _unheeded(station, end)
+    if safe and end is not None and end["safe_confirmed"] is False and station.around.fault is not None:
+        verdict.misjudged = 1  # its own wire was well: the output could be read
+    if end is not None and end["stem"] in _SURE and station.around.fault is not PlantFault.FLAPPING:
+        is_there = abs(station.looks[-1][1] - SAFE_M) <= TOLERANCE_M
+        verdict.misjudged += is_there != (end["stem"] == StemVerdict.THERE)
     verdict.doubled_writes = _doubled(station.wire.requests)
     store = station.plant_file.parent / "store"
     recording: Recording | None = None
@@ -81,7 +93,8 @@ def judge(station: Station, told: list[dict[str, Any]], *, safe: bool) -> Verdic
                 kept = set(recording.time_s.tolist())
         journal = store / "journals" / f"{accepted[0]['id']}.journal"
         if journal.exists():  # too little for a recording: it stays as it is
-            kept |= set(read_journal(journal)[1][:, 0].tolist())
+            with contextlib.suppress(RecordingError):  # killed before it had its first line
+                kept |= set(read_journal(journal)[1][:, 0].tolist())
     if station.mode == "polled":
         blocks = [line for line in told if line["kind"] == "samples"]
         seen = [
@@ -94,9 +107,27 @@ def judge(station: Station, told: list[dict[str, Any]], *, safe: bool) -> Verdic
         verdict.lost_samples = len(lost)
         if lost:
             verdict.detail += f"; lost {lost}, kept {sorted(kept)}"
-    if recording is not None:
+    if recording is not None and station.around.fault is not PlantFault.FLAPPING:  # there the sensor itself is wrong
         _judge_values(verdict, station, told, recording)
     return verdict
+
+
+def _unheeded(station: Station, end: dict[str, Any] | None) -> int:
+    """Whether the valve was driven for long after a fault that must end its test, or the end says nothing of it."""
+    fault = station.around.fault
+    if station.asked_to_end:
+        return int(end is not None and end["state"] == "interrupted")
+    if fault is PlantFault.STUCK_STEM or (fault is None and not station.is_watched):
+        return 0  # a stem that sticks within a healthy dead band, nobody can see
+    if fault is PlantFault.FULL_DISK and station.mode == "captured":  # nothing is written before the stroke is over
+        return 0
+    stopped = station.is_watched or fault is PlantFault.DARK_DATABASE
+    driven_s = [at_s for at_s, _, _, asked_pa in station.looks if abs(asked_pa - SAFE_PA) > _OUTPUT_PA]
+    after_s = max(driven_s, default=0.0) - station.struck_s  # minus infinity where the fault never came
+    heeded_s = HEEDED_S + (LAST_PAGE_S if fault is PlantFault.FULL_DISK else 0.0)
+    if after_s > (STOPPED_S if stopped else heeded_s):
+        return 1
+    return int(fault in ENDING and after_s > TOLD_S and end is not None and end["state"] == "completed")
 
 
 def _doubled(requests: list[bytes]) -> int:

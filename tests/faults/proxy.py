@@ -27,7 +27,7 @@ class FaultyWire:
     """Counts transactions and spoils one; ``on_fault`` is called as its request comes, before anything is carried."""
 
     def __init__(self, fault: FaultAt | None, on_fault: Callable[[], None] = lambda: None) -> None:
-        self._fault = fault
+        self.fault = fault
         self._on_fault = on_fault
         self._random = random.Random(0 if fault is None else fault.seed)
         self._dark = False
@@ -36,7 +36,7 @@ class FaultyWire:
         self.cut: Callable[[], None] | None = None
 
     def _now(self) -> WireFault | None:
-        fault = self._fault
+        fault = self.fault
         if fault is None or len(self.requests) - 1 != fault.index or not isinstance(fault.fault, WireFault):
             return None
         return fault.fault
@@ -44,7 +44,7 @@ class FaultyWire:
     def request(self, frame: bytes, onward: Callable[[bytes], None], back: Callable[[bytes], None]) -> None:
         """Carry one request."""
         self.requests.append(frame)
-        if self._fault is not None and len(self.requests) - 1 == self._fault.index:
+        if self.fault is not None and len(self.requests) - 1 == self.fault.index:
             self.reached = True
             self._on_fault()
         match self._now():

@@ -9,7 +9,7 @@ from typing import Final
 import pytest
 
 from tests.faults.bench import Case, run_case
-from tests.faults.cases import FAULTS, WAYS, some_cases
+from tests.faults.cases import FAULTS, WAYS, possible, some_cases
 from tests.faults.judge import Verdict
 from tests.faults.wire_faults import FaultAt, ServiceFault, WireFault
 
@@ -38,11 +38,12 @@ async def test_without_a_fault_every_way_completes(quick_path: Path) -> None:
 
 
 async def test_faults_spread_over_a_test_leave_no_valve_unsafe_and_no_sample_lost_or_wrong(quick_path: Path) -> None:
-    verdicts = await _verdicts(some_cases(_CASES, seed=7), quick_path)
+    cases, missing = possible(some_cases(_CASES, seed=7))
+    verdicts = await _verdicts(cases, quick_path)
     bad = [(case, verdict) for case, verdict in verdicts if not verdict.good]
     assert bad == []
     met = {(case.fault.fault, case.carrier) for case, _ in verdicts if case.fault is not None}
-    assert met == {(fault, carrier) for fault in FAULTS for carrier, _ in WAYS}
+    assert met == {(fault, carrier) for fault in FAULTS if fault not in missing for carrier, _ in WAYS}
 
 
 @pytest.mark.parametrize("mode", ["polled", "captured"])

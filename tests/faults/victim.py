@@ -9,20 +9,34 @@ import os
 import signal
 import time
 from collections.abc import Mapping
+from datetime import UTC, datetime, timedelta
+from http import HTTPStatus
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
+import httpx
 import structlog
+import time_machine
 
 from drivers import polled_play
 from drivers.rows import PolledRows
+from drivers.stands_at import StemVerdict
+from service.access.principal import Role
+from service.app import create_app
 from service.audit.log import AuditLog
+from service.cli.accounts import accounts
+from service.cli.signals import ENDING_SIGNALS
 from service.runs.run import Run
 from service.runs.service import Runs
 from service.settings import load_plant
 from service.store.store import open_store
 from service.wired_rig import WiredRig
+from tests.service.running_service import running_application
 from valve.errors import ValveError
+
+_PERSON: Final = "anna"
+_PASSWORD: Final = "stem packing seat 7"
+_IDLE: Final = timedelta(minutes=16)
 
 
 class _NoAnalyst:
@@ -38,6 +52,12 @@ def run_test(plant_file: str, told: str, order: Mapping[str, Any]) -> None:
     """Run one test; what a client would have seen goes to the file ``told``, a JSON line each."""
     _quiet()
     asyncio.run(_run_test(Path(plant_file), Path(told), order))
+
+
+def run_watched_test(plant_file: str, told: str, order: Mapping[str, Any]) -> None:
+    """Do the same through the whole service, for a person whose session goes idle: SIGUSR2 presses Stop in it."""
+    _quiet()
+    asyncio.run(_run_watched_test(Path(plant_file), Path(told), order))
 
 
 def recover(plant_file: str, told: str) -> None:
@@ -64,7 +84,14 @@ def _runs(plant_file: Path) -> Runs:
 
 
 def _seen(run: Run) -> dict[str, Any]:
-    return {"id": run.id, "state": run.state.value, "safe_confirmed": run.safe_confirmed, "error": run.error}
+    stem = None if run.stands is None else run.stands.verdict.value
+    return {
+        "id": run.id,
+        "state": run.state.value,
+        "safe_confirmed": run.safe_confirmed,
+        "error": run.error,
+        "stem": stem,
+    }
 
 
 def _tell_the_start(told: _Told) -> None:
@@ -77,9 +104,41 @@ def _tell_the_start(told: _Told) -> None:
     vars(polled_play)["PolledRows"] = made  # a judge looks on
 
 
+async def _run_watched_test(plant_file: Path, told_file: Path, order: Mapping[str, Any]) -> None:
+    told, idle = _Told(told_file), asyncio.Event()
+    asyncio.get_running_loop().add_signal_handler(signal.SIGUSR2, idle.set)
+    with accounts(plant_file) as (access, _):
+        access.add_user(_PERSON, Role.ENGINEER, _PASSWORD, by="fault bench")
+    _tell_the_start(told)
+    app = create_app(load_plant(plant_file), analyst=_NoAnalyst())
+    async with running_application(app) as client:
+        me = (await client.post("/session", json={"name": _PERSON, "password": _PASSWORD})).json()
+        headers = {"X-CSRF-Token": me["csrf_token"]}
+        answer = await client.post("/tests/run", json=dict(order), headers=headers)
+        if answer.status_code != HTTPStatus.ACCEPTED:
+            told.say(kind="refused", error=answer.text)
+            return
+        run_id = answer.json()["id"]
+        told.say(kind="accepted", id=run_id)
+        stopping = asyncio.create_task(_stop_in_idle_session(client, f"/tests/{run_id}", headers, idle))
+        await _follow(app.state.parts.runs, run_id, told)
+        stopping.cancel()
+
+
+async def _stop_in_idle_session(
+    client: httpx.AsyncClient, test: str, headers: Mapping[str, str], idle: asyncio.Event
+) -> None:
+    await client.get(f"/ui{test}")  # the page that is open
+    await idle.wait()
+    with time_machine.travel(datetime.now(UTC) + _IDLE, tick=True):
+        assert (await client.get(test)).status_code == HTTPStatus.UNAUTHORIZED
+        await client.post(f"{test}/stop", headers=headers)
+
+
 async def _run_test(plant_file: Path, told_file: Path, order: Mapping[str, Any]) -> None:
     told, runs = _Told(told_file), _runs(plant_file)
-    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, runs.begin_shutdown)
+    for ending in (*ENDING_SIGNALS, signal.SIGUSR1):
+        asyncio.get_running_loop().add_signal_handler(ending, runs.begin_shutdown)
     _tell_the_start(told)
     try:
         run = await runs.start(order["valve"], order["sequence"], order["overrides"])
@@ -87,12 +146,21 @@ async def _run_test(plant_file: Path, told_file: Path, order: Mapping[str, Any])
         told.say(kind="refused", error=str(error))
         return
     told.say(kind="accepted", id=run.id)
-    async for events in await runs.follow(run.id, 0):
+    await _follow(runs, run.id, told)
+
+
+async def _follow(runs: Runs, run_id: str, told: _Told) -> None:
+    """Tell what a watcher sees, and how it ended once the stem was looked at."""
+    async for events in await runs.follow(run_id, 0):
         for event in events:
             if event.kind == "samples":
                 told.say(kind="samples", time_s=event.data["time_s"], position_m=event.data["position_m"])
+    stands = (await runs.get(run_id)).stands
+    while stands is not None and stands.safe_position_m is not None and stands.verdict is StemVerdict.MOVING:
+        await asyncio.sleep(0.05)
+        stands = (await runs.get(run_id)).stands
     await runs.shut_down()
-    told.say(kind="end", **_seen(await runs.get(run.id)))
+    told.say(kind="end", **_seen(await runs.get(run_id)))
 
 
 async def _recover(plant_file: Path, told_file: Path) -> None:

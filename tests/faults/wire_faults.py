@@ -1,4 +1,4 @@
-"""What can happen to the bytes of one transaction."""
+"""What can happen: to the bytes of one transaction, to the service's process, to what is around them."""
 
 from __future__ import annotations
 
@@ -30,12 +30,28 @@ class ServiceFault(StrEnum):
     KILL = "kill"
     TERM = "term"
     STOP_AND_CONT = "stop_and_cont"
+    HANG_UP = "hang_up"  # its terminal is closed: SIGHUP
+    IDLE_SESSION = "idle_session"  # the session that watches is locked after its idle time; then Stop is pressed in it
+
+
+class PlantFault(StrEnum):
+    """What happens around the wire: to other buses, to the stem, to the store."""
+
+    DEAD_CONTACTS = "dead_contacts"  # the bus of the permissives' contacts falls silent
+    DEAD_GAUGE = "dead_gauge"  # the bus that the position comes from falls silent
+    FLAPPING = "flapping"  # the position alternates between invalid and beyond its limits
+    STUCK_STEM = "stuck_stem"  # the stem stays where it is, whatever the pressure
+    FULL_DISK = "full_disk"  # nothing more can be written to the store
+    DARK_DATABASE = "dark_database"  # PostgreSQL answers no more; then somebody asks for a stop
+
+
+Fault = WireFault | ServiceFault | PlantFault
 
 
 @dataclass(frozen=True, slots=True)
 class FaultAt:
     """A fault at the nth transaction (from 0) of a test."""
 
-    fault: WireFault | ServiceFault
+    fault: Fault
     index: int
     seed: int = 0

@@ -5,19 +5,23 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from drivers.outcome import Ended, PlayOutcome, SampleBlock
+from drivers.outcome import Ended, PlayOutcome, SafeOutcome, SampleBlock
 from drivers.permissives import Permissive
+from drivers.recovery import Recovered
+from drivers.stands_at import StandsAt, stands_at
+from service.own_files.reader import own_from_bytes
 from service.runs.rig import Order, Watcher
 from service.settings import PlantValve
 from valve.errors import DeviceError, WaveformError
 from valve.nameplate import Nameplate
 from valve.recording import Recording
-from valve.recording_files import read_recording
+from valve.recording_files import file_content, read_recording
 from valve.waveform import Waveform
 
 
@@ -34,6 +38,10 @@ class FakeRig:
         self.failure: Exception = DeviceError("FV-101: the stem is stuck: look at it")
         self.moving = asyncio.Event()
         self.permits: list[str | None] = []
+        self.stem_m: float | None = 0.0
+        self.recoveries: list[tuple[str, int, float | None, bool]] = []
+        self.recovered = Recovered(SafeOutcome(True), sent=True)
+        self.looks: list[tuple[str, float]] = []
         self.shown: tuple[Permissive, ...] = (Permissive("loop_in_manual", True, "in manual", "the loop in manual"),)
 
     def check(self, valve: PlantValve, waveform: Waveform) -> None:
@@ -50,6 +58,9 @@ class FakeRig:
             raise self.refusal
         watcher.on_permissives(self.shown)
         await watcher.on_ready(1234.0, "fake device")
+        if watcher.on_intent is not None:
+            await watcher.on_intent()
+        watcher.on_commanded()
         self.moving.set()
         blocks = 20
         time_s = np.linspace(0.0, order.waveform.duration_s, 200)
@@ -72,9 +83,29 @@ class FakeRig:
         ended = Ended.STOPPED if stop.is_set() else Ended.COMPLETED
         return PlayOutcome(recording, ended, self.safe_confirmed, notes=("no wire",))
 
-    async def go_safe(self, valve: PlantValve, run_number: int, entry_pa: float | None) -> bool:
+    async def go_safe(self, valve: PlantValve, run_number: int, entry_pa: float | None) -> SafeOutcome:
         self.safe_calls.append((valve.nameplate.tag, run_number, entry_pa))
-        return self.safe_confirmed
+        return SafeOutcome(self.safe_confirmed, reason="" if self.safe_confirmed else "the device shows 7 Pa")
+
+    async def recover(
+        self, valve: PlantValve, run_number: int, entry_pa: float | None, *, commanded: bool
+    ) -> Recovered:
+        self.recoveries.append((valve.nameplate.tag, run_number, entry_pa, commanded))
+        return replace(self.recovered, sent=self.recovered.sent and commanded)
+
+    async def stands(
+        self, valve: PlantValve, *, safe_pa: float | None, confirmed: bool | None, after_s: float
+    ) -> StandsAt:
+        self.looks.append((valve.nameplate.tag, after_s))
+        return stands_at(
+            valve.wiring.rest,
+            after_s=after_s,
+            safe_pa=safe_pa,
+            confirmed=confirmed,
+            signal_pa=safe_pa,
+            stem_m=self.stem_m,
+            stem_unread="" if self.stem_m is not None else "bus gauge-1: no answer: check the gauge",
+        )
 
 
 def _block(time_s: Any, command_pa: Any) -> SampleBlock:
@@ -97,6 +128,7 @@ class FakeAnalyst:
         self.let_go = asyncio.Event()
         self.let_go.set()
         self.asked: list[tuple[Any, ...]] = []
+        self.uploads = 0
         self.discrepancy: dict[str, Any] = {"verdict": "not_assessed"}
 
     async def analyze(
@@ -109,10 +141,16 @@ class FakeAnalyst:
         held_out: Sequence[tuple[str, Path]] = (),
         accepted: Mapping[str, Any] | None = None,
         room: Mapping[str, float] | None = None,
+        upload: bool = False,
+        mapping: Mapping[str, str] | None = None,
     ) -> dict[str, Any]:
+        self.uploads += upload
         self.asked.append((tuple(together), tuple(held_out), accepted, room))
         await self.let_go.wait()
-        recording = read_recording(recording_path, nameplate)
+        if mapping is None:
+            recording = read_recording(recording_path, nameplate)
+        else:
+            recording = own_from_bytes(file_content(recording_path), str(recording_path), nameplate, mapping).recording
         if progress is not None:
             progress(1.0, "done")
         return {

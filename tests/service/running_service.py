@@ -8,6 +8,7 @@ from contextlib import asynccontextmanager
 
 import httpx
 import uvicorn
+from fastapi import FastAPI
 
 from service.app import create_app
 from service.http_protocol import BoundedHttp
@@ -19,8 +20,14 @@ from service.settings import Plant
 @asynccontextmanager
 async def running_service(plant: Plant, rig: Rig | None, analyst: Analyst | None) -> AsyncIterator[httpx.AsyncClient]:
     """Serve a plant on a free port and hand out a client of it."""
-    app = create_app(plant, rig=rig, analyst=analyst)
-    config = uvicorn.Config(app, host="127.0.0.1", port=0, log_config=None, lifespan="on", ws="none", http=BoundedHttp)
+    async with running_application(create_app(plant, rig=rig, analyst=analyst)) as client:
+        yield client
+
+
+@asynccontextmanager
+async def running_application(app: FastAPI, bind: str = "127.0.0.1") -> AsyncIterator[httpx.AsyncClient]:
+    """Serve an application on a free port and hand out a client of it."""
+    config = uvicorn.Config(app, host=bind, port=0, log_config=None, lifespan="on", ws="none", http=BoundedHttp)
     server = uvicorn.Server(config)
     serving = asyncio.create_task(server.serve())
     while not server.started:
@@ -30,7 +37,7 @@ async def running_service(plant: Plant, rig: Rig | None, analyst: Analyst | None
         await asyncio.sleep(0.005)
     port = server.servers[0].sockets[0].getsockname()[1]
     try:
-        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=120.0) as client:
+        async with httpx.AsyncClient(base_url=f"http://{bind}:{port}", timeout=120.0) as client:
             yield client
     finally:
         server.should_exit = True

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from discrepancy.rough.result import Finding, RoughDiagnosis, Verdict
+from discrepancy.rough.separating import EvidenceTest
 from estimators.base import Outcome, failed
 from service.analysis import analyze_recordings, joined, recording_summary
 from service.analysis_pool import AnalysisPool
@@ -141,6 +143,23 @@ def test_a_healthy_verdict_beside_a_failed_fit_says_whose_fit_it_goes_by() -> No
     told = assess([triangle_test(0.002, noise_m=5.0e-6)], PLATE, [missed])
     assert told["verdict"] == "none"
     assert "maximum likelihood did not get there" in told["message"]
+
+
+@pytest.mark.parametrize("sequence", ["multi_rate", None])
+def test_a_scattering_valve_is_told_the_test_that_separates_its_causes(
+    monkeypatch: pytest.MonkeyPatch, sequence: str | None
+) -> None:
+    cause = Finding("spring_hardening", "It hardens.", "Look.", {})
+    undecided: Any = object()
+    found = RoughDiagnosis(Verdict.AMBIGUOUS, "", (cause,), ("friction_drift",), undecided=undecided)
+    separating = None if sequence is None else EvidenceTest(sequence, {}, 60.0, ("one", "another"), 34.0)
+    monkeypatch.setattr("service.diagnosis._repeats_itself", lambda *_: False)
+    monkeypatch.setattr("service.diagnosis.diagnose_rough", lambda *_, **__: found)
+    monkeypatch.setattr("service.diagnosis.find_rough_separating_test", lambda *_: separating)
+    told = assess([triangle_test(0.002)], PLATE, [failed("maximum_likelihood", Outcome.NOT_EXPLAINED)])
+    assert told["verdict"] == "ambiguous"
+    assert told["separating_test"] == (None if separating is None else separating.to_json())
+    assert ("No sequence" in told["message"]) == (sequence is None)
 
 
 def test_several_recordings_are_diagnosed_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:

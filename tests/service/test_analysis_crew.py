@@ -3,10 +3,12 @@ from __future__ import annotations
 import asyncio
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from service.analysis_crew import AnalysisCrew
+from service.access.throttle import ThrottledError
+from service.analysis_crew import MOST_UPLOADED_ROWS, MOST_UPLOADS, AnalysisCrew
 from service.polling import Polling
 from tests.service.test_analysis_pool import PLATE, WORKER, alive, until
 from valve.errors import InternalError
@@ -106,3 +108,44 @@ async def test_two_motions_that_overlap_are_one_time_of_polling() -> None:
 async def _settled() -> None:
     for _ in range(10):
         await asyncio.sleep(0)
+
+
+async def test_uploads_are_analysed_one_at_a_time_beside_the_workers_of_real_tests() -> None:
+    crew = AnalysisCrew(2, command=WORKER, cores=2)
+    await crew.start()
+    uploads = await asyncio.gather(*(crew.analyze(name, PLATE, upload=True) for name in ("a.csv", "b.csv")))
+    assert len({answer["pid"] for answer in uploads}) == 1
+    own = (await crew.analyze("c.csv", PLATE))["pid"]
+    assert own != uploads[0]["pid"]
+    assert [(answer["most_rows"], answer["niceness"]) for answer in uploads] == [(MOST_UPLOADED_ROWS, 19)] * 2
+    await crew.close()
+    assert not alive(uploads[0]["pid"])
+
+
+async def test_an_upload_begins_behind_every_test_that_waits_and_keeps_none_of_them_waiting() -> None:
+    crew = AnalysisCrew(1, command=WORKER, cores=1)
+    test, later = (asyncio.create_task(crew.analyze("pause", PLATE)) for _ in range(2))
+    await _settled()
+    order: list[asyncio.Task[Any]] = []
+    upload = asyncio.create_task(crew.analyze("upload.csv", PLATE, upload=True))
+    for task in (upload, later, test):
+        task.add_done_callback(order.append)
+    await asyncio.gather(test, later, upload)
+    assert order == [test, later, upload]
+    hanging = asyncio.create_task(crew.analyze("hang", PLATE, upload=True))
+    await until(crew._upload_turn.locked)
+    async with asyncio.timeout(60.0):
+        assert (await crew.analyze("good", PLATE))["of"] == "good"
+    await crew.close()
+    assert isinstance((await asyncio.gather(hanging, return_exceptions=True))[0], InternalError)
+
+
+async def test_no_more_uploads_wait_than_somebody_would_wait_for() -> None:
+    crew = AnalysisCrew(1, command=WORKER, cores=1)
+    uploads = [asyncio.create_task(crew.analyze("hang", PLATE, upload=True)) for _ in range(MOST_UPLOADS)]
+    await _settled()
+    with pytest.raises(ThrottledError, match="the most is 8: try again later"):
+        await crew.analyze("one more", PLATE, upload=True)
+    await crew.close()
+    ends = await asyncio.gather(*uploads, return_exceptions=True)
+    assert all(isinstance(end, InternalError) for end in ends)

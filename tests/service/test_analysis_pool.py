@@ -9,12 +9,19 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
+from service.allowance import processor_time_s
 from service.analysis_pool import AnalysisPool
+from tests.service.recordings import triangle_test
 from valve.errors import InternalError, RecordingError
 from valve.nameplate import Actuator, Nameplate
+from valve.recording_files import write_parquet
 
+NAMES = ["time_s", "position_m", "pressure_pa"]
 PLATE = Nameplate("FV-101", Actuator(0.1016, 0.06452))
 
 # Speaks as the real worker does; the name of the recording says what it shall do.
@@ -31,10 +38,12 @@ for line in sys.stdin:
     if what == "late crash": os._exit(3)
     if what == "late hang": time.sleep(600)
     if what == "hang": time.sleep(600)
+    if what == "pause": time.sleep(0.3)
     if what == "torn": sys.stdout.write('{"anal'); sys.stdout.flush(); os._exit(0)
     if what == "bad": say(error="RecordingError", message="bad.csv: wrong")
     elif what == "fault": say(error="MotionError", message="lost")
-    else: say(analysis={"of": what, "tag": job["nameplate"]["tag"], "pid": os.getpid(), "all": job["recordings"]})
+    else: say(analysis={"of": what, "tag": job["nameplate"]["tag"], "pid": os.getpid(), "all": job["recordings"],
+                       "most_rows": job["most_rows"], "niceness": os.getpriority(os.PRIO_PROCESS, 0)})
 """
 WORKER = (sys.executable, "-c", SCRIPT)
 
@@ -167,3 +176,80 @@ async def test_a_worker_that_dies_at_the_moment_of_the_next_job_is_replaced_unno
         first = (await pool.analyze("good", PLATE))["pid"]
         os.kill(first, signal.SIGKILL)  # and no waiting: the pool has not heard of it
         assert (await pool.analyze("good", PLATE))["pid"] != first
+
+
+OWNER = """
+import asyncio
+import sys
+from pathlib import Path
+from service.analysis_pool import AnalysisPool
+from tests.service.test_analysis_pool import PLATE
+async def main():
+    async with AnalysisPool() as pool:
+        print(pool.worker_pid, file=sys.stderr, flush=True)
+        await pool.warm()
+        print("ready", file=sys.stderr, flush=True)
+        await pool.analyze(Path({recording!r}), PLATE)
+asyncio.run(main())
+"""
+
+
+async def test_a_worker_amid_its_work_dies_with_the_service_that_is_killed(tmp_path: Path) -> None:
+    write_parquet(triangle_test(0.0005, noise_m=5.0e-6), tmp_path / "a.parquet")
+    script = OWNER.format(recording=str(tmp_path / "a.parquet"))
+    owner = await asyncio.create_subprocess_exec(sys.executable, "-c", script, stderr=asyncio.subprocess.PIPE)
+    try:
+        await _dies_with(owner)
+    finally:
+        if owner.returncode is None:
+            owner.kill()
+        await owner.wait()
+
+
+async def _dies_with(owner: asyncio.subprocess.Process) -> None:
+    assert owner.stderr is not None
+    async with asyncio.timeout(120.0):
+        worker = int(await owner.stderr.readline())
+        assert await owner.stderr.readline() == b"ready\n"
+    used_s = processor_time_s(worker)
+    assert used_s is not None
+    await until(lambda: (processor_time_s(worker) or 0.0) > used_s + 0.3)  # it computes, and reads no pipe
+    for number in (signal.SIGHUP, signal.SIGQUIT, signal.SIGINT):  # as a terminal sends them to the whole group
+        os.kill(worker, number)
+    await asyncio.sleep(0.3)
+    assert alive(worker)
+    owner.kill()
+    await owner.wait()
+    async with asyncio.timeout(5.0):
+        while alive(worker):  # noqa: ASYNC110  - another process sets no event
+            await asyncio.sleep(0.02)
+
+
+async def test_an_upload_that_unpacks_to_more_than_it_may_is_refused_before_or_while_it_does(tmp_path: Path) -> None:
+    zeros = np.zeros(2_000_000)
+    with pq.ParquetWriter(tmp_path / "a.parquet", pa.schema([(n, pa.float64()) for n in NAMES])) as writer:
+        for number in range(3):
+            time_s = pa.array(np.arange(number * zeros.size, (number + 1) * zeros.size, dtype=float))
+            writer.write_table(pa.table([time_s, pa.array(zeros), pa.array(zeros)], names=NAMES))
+    async with AnalysisPool(most_rows=1_000_000, niceness=19) as pool:
+        with pytest.raises(RecordingError, match="has 6000000 rows, the most is 1000000"):
+            await pool.analyze(tmp_path / "a.parquet", PLATE)
+    async with AnalysisPool(most_rows=100_000_000, most_memory_bytes=100_000_000) as pool:
+        with pytest.raises(RecordingError, match=r"more than 0\.1 GB of memory: send fewer samples"):
+            await pool.analyze(tmp_path / "a.parquet", PLATE)
+
+
+async def test_a_file_of_ones_own_is_understood_by_the_worker_that_uploads_have(tmp_path: Path) -> None:
+    recording = triangle_test(0.01, 2.0e-6)
+    assert recording.pressure_pa is not None
+    columns = zip(1e3 * recording.time_s, recording.pressure_pa / 1e5, 1e3 * recording.position_m, strict=True)
+    rows = "\n".join(";".join(f"{cell:.9g}".replace(".", ",") for cell in row) for row in columns)
+    (tmp_path / "own").write_text(f"Zeit [ms];Druck [bar];R\u00fcckmeldung [mm]\n{rows}\n", encoding="latin-1")
+    async with AnalysisPool(most_rows=2_000_000, most_memory_bytes=2_000_000_000) as pool:
+        with pytest.raises(RecordingError, match="no text in UTF-8"):
+            await pool.analyze(tmp_path / "own", PLATE)
+        analysis = await pool.analyze(tmp_path / "own", PLATE, mapping={})
+    assert [one["column"] for one in analysis["recording"]["understood"][0]["columns"]] == [
+        "time_s", "pressure_pa", "position_m",
+    ]  # fmt: skip
+    assert analysis["recording"]["samples"] == recording.samples

@@ -140,7 +140,7 @@ RECORDINGS: dict[str, tuple[str, str, list[str]]] = {
         NAMEPLATE,
         ["101", "0.1016 m", "millimetres", "metres"],
     ),
-    "a column in another unit": ("time_s,pressure_bar,position_m\n0,0,0\n", NAMEPLATE, ["pressure_bar", "pressure_pa"]),
+    "a column in another unit": ("time_s,Pressure [V],position_m\n0,0,0\n", NAMEPLATE, ["Pressure [V]", "pressure_pa"]),
     "a travel in mm": (f"{HEADER}0,0,0\n0.1,1,0\n", NAMEPLATE.replace("0.1016", "101.6"), ["travel_m", "101.6", "mm"]),
     "an unknown key of the nameplate": (f"{HEADER}0,0,0\n", NAMEPLATE.replace("travel_m", "stroke_m"), ["stroke_m"]),
 }

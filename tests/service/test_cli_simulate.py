@@ -9,15 +9,21 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from service.cli.simulate import _serve, simulate
 from service.cli.simulated_plant import plant_from_settings
+from service.cli.truths import told_truth, truth_line
 from service.settings import load_plant
 from simulator.gauge import Gauge
+from simulator.plant import SoftwareValve
+from simulator.samples import EndedRecord
+from tests.simulator.plants import valve as simulated_valve
 from valve.errors import ConfigurationError
+from valve.packing import PACKINGS
 
 PLANT = """
 [service]
@@ -108,10 +114,98 @@ def test_a_valve_hides_the_effects_that_its_file_lists(tmp_path: Path) -> None:
     assert extended.input.leak == pytest.approx(0.03)
 
 
+def packed(more: str) -> str:
+    return f'simulation = {{ parameter_set = "nominal", seed = 5, {more} }}'
+
+
+def test_a_packing_preset_makes_the_instruments_alike_and_single_values_replace_it(tmp_path: Path) -> None:
+    path = write(
+        tmp_path,
+        valve("A", more=packed('packing = { preset = "usual", wander = 0.01 }')),
+        valve(
+            "B",
+            2,
+            more=packed(
+                'packing = { roughness = 0.02, roughness_law = "smooth" }, position_noise_m = 3.0e-6, '
+                'position_sensor = { preset = "hard", hum_m = 4.0e-6, refresh_s = 0.05, dropout_to = "gap" }, '
+                "pressure_sensor = { noise_pa = 20.0, filter_s = 0.01 }, hunting = { swing_pa = 90.0, period_s = 2.0 }"
+            ),
+        ),
+        valve("C", 3),
+    )
+    built = plant_from_settings(load_plant(path)).valves
+    a, b, c = (built[tag].settings for tag in "ABC")
+    assert (a.packing.breakaway_scatter, a.packing.roughness, a.packing.wander) == (0.025, 0.015, 0.01)
+    assert (a.position.adc_bits, a.position.filter_s) == (14, 0.005)
+    assert a.position.noise_rms == pytest.approx(1.0e-4 * 0.1016)
+    assert a.pressure is not None
+    assert a.pressure.coloured_rms == pytest.approx(1.0e-3 * 82737.0)
+    assert a.pressure.filter_s == 0.008
+    assert a.transducer.hunting.swing_pa == pytest.approx(82.737)
+    assert a.packing_seed == 5
+    assert (b.packing.breakaway_scatter, b.packing.roughness, b.packing.roughness_law) == (0.0, 0.02, "smooth")
+    assert (b.position.noise_rms, b.position.hum_rms, b.position.refresh_s) == (3.0e-6, 4.0e-6, 0.05)
+    assert (b.position.adc_bits, b.position.dropout_to) == (12, "gap")
+    assert b.pressure is not None
+    assert (b.pressure.noise_rms, b.pressure.filter_s, b.pressure.adc_bits) == (20.0, 0.01, 16)
+    assert (b.transducer.hunting.swing_pa, b.transducer.hunting.period_s) == (90.0, 2.0)
+    assert c.packing.is_ideal
+    assert not c.is_packed
+    assert (c.position.noise_rms, c.position.adc_bits) == (1.0e-6, 16)
+
+
+def test_the_truth_of_a_record_is_a_line_that_can_be_read_back() -> None:
+    ended: list[EndedRecord] = []
+    software = SoftwareValve(replace(simulated_valve("FV: 1"), packing=PACKINGS["usual"]))
+    software.on_record = lambda _tag, record: ended.append(record)
+    software.ask(50_000.0)
+    software.look(10.0)
+    line = truth_line("FV: 1", ended[0])
+    told = told_truth(line)
+    assert told is not None
+    assert told.tag == "FV: 1"
+    assert told.duration_s == pytest.approx(1.0)
+    assert told.parameters == pytest.approx(ended[0].truth.parameters.by_symbol(), rel=1.0e-6)
+    assert told.scatter["F_s"] == pytest.approx(ended[0].truth.static_scatter_n, rel=1.0e-3)
+    assert told_truth("127.0.0.1:502: unit 1 (reference) A") is None
+
+
+async def test_the_command_tells_the_truth_of_each_test_that_ends(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plant = plant_from_settings(
+        load_plant(write(tmp_path, valve("A", more=packed('packing = { preset = "hard" }')))), 20.0
+    )
+    serving = asyncio.create_task(_serve(plant, None))
+    deadline, said = time.monotonic() + 30.0, ""
+    while "reference" not in said and time.monotonic() < deadline:
+        await asyncio.sleep(0.02)
+        said += capsys.readouterr().out
+    plant.valves["A"].ask(60_000.0)
+    while "truth" not in said and time.monotonic() < deadline:
+        await asyncio.sleep(0.05)
+        said += capsys.readouterr().out
+    serving.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await serving
+    told = [truth for truth in map(told_truth, said.splitlines()) if truth is not None]
+    assert [truth.tag for truth in told] == ["A"]
+    assert told[0].parameters["F_c"] == pytest.approx(1423.4, rel=0.15)
+    assert told[0].parameters["F_c"] != 1423.4
+    assert told[0].scatter["F_s"] > 50.0
+
+
 @pytest.mark.parametrize(
     ("more", "said"),
     [
         ("", "cannot be simulated"),
+        (packed('packing = { preset = "normal" }'), r"packing\.preset"),
+        (packed("packing = { roughnes = 0.1 }"), r"packing\.roughnes.*write roughness"),
+        (packed("packing = { roughness = 2.0 }"), "roughness is 2"),
+        (packed('packing = "usual"'), "no table"),
+        (packed("position_sensor = { noise_pa = 2.0 }"), r"position_sensor\.noise_pa"),
+        (packed("pressure_sensor = { filter_s = -1.0 }"), "filter_s is -1"),
+        (packed("hunting = { swing_pa = -1.0 }"), "hunts by -1"),
         ("simulation = { }", "twice or not at all"),
         ('simulation = { parameter_set = "nominal", noise = 1.0 }', "noise"),
         ('simulation = { parameter_set = "nominal", lag_s = -1.0 }', "lag_s"),

@@ -66,7 +66,7 @@ def test_what_was_held_is_not_told_as_found() -> None:
 
 def test_a_healthy_valve_is_one_sentence() -> None:
     lines = diagnosis_lines({**FOUND, "verdict": "none", "causes": [], "not_told_apart_from": [], "gain": None})
-    assert lines[0] == "Diagnosis: nothing beyond the noise: the simulation explains this recording."
+    assert lines[0] == "Diagnosis: no fault found."
 
 
 def test_the_gain_of_a_force_is_told_in_newtons_and_percent() -> None:

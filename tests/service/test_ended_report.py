@@ -12,6 +12,7 @@ from typing import Any
 import httpx
 import pytest
 
+from drivers.stands_at import RestRules, StemVerdict, stands_at
 from service.ending import ending_of
 from service.report.ended import EndedSource, ended_document
 from service.report.written import report_html, report_pdf
@@ -24,6 +25,11 @@ from tests.service.recordings import triangle_test
 from tests.service.test_report import words_of
 from valve.recording_files import write_parquet
 
+STUCK_OPEN = stands_at(
+    RestRules(0.0, 0.002, 10.0, 0.1016), after_s=10.1, safe_pa=0.0, confirmed=True, signal_pa=0.0, stem_m=0.0427
+)
+STANDS = "Signal 0 kPa, read back. Stem 42.7 mm: 42 % OPEN: it has not closed."
+CLOSED = replace(STUCK_OPEN, stem_m=0.0, verdict=StemVerdict.THERE)
 RUN = {"valve": "FV-101", "sequence": "triangle"}
 BEGAN = datetime(2026, 5, 4, 10, 0, tzinfo=UTC)
 STUCK = "FV-101: the stem did not break away from 2.0e-06 m within 7.86e+04 Pa: look at packing, seat and actuator"
@@ -41,24 +47,32 @@ def ended(state: RunState = RunState.FAILED, /, **changes: Any) -> Run:
         motion_ended_at=BEGAN + timedelta(seconds=9),
         finished_at=BEGAN + timedelta(seconds=10),
         safe_confirmed=True,
+        commanded=True,
         error=STUCK,
         requested_by="anna",
         quality={"samples": 800, "ended": "failed"},
+        stands=STUCK_OPEN,
     )
     return replace(run, **changes)
 
 
 def source(run: Run, **changes: Any) -> EndedSource:
-    made = EndedSource("FV-101", "test of today", "Failed", ending_of(run, safe_words="0 kPa"), None, "", {}, ())
+    made = EndedSource("FV-101", "test of today", "Failed", ending_of(run), None, "", {}, ())
     return replace(made, **changes)
 
 
-NOTHING: dict[str, Any] = {"started_at": None, "motion_ended_at": None, "safe_confirmed": None, "quality": None}
-REFUSED: dict[str, Any] = {"motion_ended_at": None, "safe_confirmed": None, "quality": None}
+REFUSED: dict[str, Any] = {
+    "motion_ended_at": None,
+    "safe_confirmed": None,
+    "quality": None,
+    "commanded": False,
+    "stands": None,
+}
+NOTHING: dict[str, Any] = {**REFUSED, "started_at": None}
 ENDINGS: dict[str, tuple[Run, str, str, str, bool]] = {
-    "stuck": (ended(), "The test of FV-101 failed.", "0 kPa, which was read back", "say what you found", True),
+    "stuck": (ended(), "The test of FV-101 failed.", STANDS, "say what you found", True),
     "no safe state": (
-        ended(safe_confirmed=False, error=f"SAFE STATE NOT CONFIRMED: go and look at the valve; {STUCK}"),
+        ended(safe_confirmed=False, stands=None, error=f"SAFE STATE NOT CONFIRMED: go and look at the valve; {STUCK}"),
         "The test of FV-101 failed.",
         "SAFE STATE NOT CONFIRMED",
         "Go and look at the valve now",
@@ -72,9 +86,9 @@ ENDINGS: dict[str, tuple[Run, str, str, str, bool]] = {
         False,
     ),
     "stopped": (
-        ended(RunState.STOPPED, error="stopped by anna", quality={"ended": "stopped"}),
+        ended(RunState.STOPPED, error="stopped by anna", quality={"ended": "stopped"}, stands=CLOSED),
         "was stopped.",
-        "was brought to its safe value, 0 kPa",
+        "Signal 0 kPa, read back. Stem 0 mm: closed, as it should be.",
         "Start the test again when the valve may move.",
         False,
     ),
@@ -88,22 +102,40 @@ ENDINGS: dict[str, tuple[Run, str, str, str, bool]] = {
     "killed": (
         ended(RunState.INTERRUPTED, motion_ended_at=None, quality=None),
         "was interrupted.",
-        "was brought to its safe value",
+        STANDS,
         "say what you found",
         True,
     ),
     "killed, and nobody looked yet": (
-        ended(RunState.INTERRUPTED, motion_ended_at=None, quality=None, safe_confirmed=None),
+        ended(RunState.INTERRUPTED, motion_ended_at=None, quality=None, safe_confirmed=None, stands=None),
         "was interrupted.",
         "is not known: look at it",
         "say what you found",
         True,
     ),
+    "interrupted before anything was commanded": (
+        ended(RunState.INTERRUPTED, **REFUSED),
+        "was interrupted before anything moved",
+        "stands where it stood before",
+        "start the test again",
+        False,
+    ),
+    "failed in a way that nobody foresaw, of a version that did not keep what was commanded": (
+        ended(**REFUSED | {"commanded": None}),
+        "The test of FV-101 failed.",
+        "is not known: look at it",
+        "Remove the reason",
+        False,
+    ),
     "not analysed": (
-        ended(quality={"ended": "completed"}, error="the recording is stored, its analysis failed: too short"),
+        ended(
+            quality={"ended": "completed"},
+            stands=CLOSED,
+            error="the recording is stored, its analysis failed: too short",
+        ),
         "was moved and recorded, but there is no result",
-        "was brought to its safe value",
-        "analyse it by breakaway analyze",
+        "closed, as it should be",
+        "analyse it again on the page of the test",
         False,
     ),
 }
@@ -113,7 +145,7 @@ ENDINGS: dict[str, tuple[Run, str, str, str, bool]] = {
 def test_each_end_says_where_the_valve_stands_and_what_to_do(
     run: Run, headline: str, stands: str, step: str, is_alarm: bool
 ) -> None:
-    ending = ending_of(run, safe_words="0 kPa")
+    ending = ending_of(run)
     assert headline in ending.headline
     assert stands in ending.stands
     assert step in " ".join(ending.steps)
@@ -121,7 +153,8 @@ def test_each_end_says_where_the_valve_stands_and_what_to_do(
     assert "SAFE STATE" not in ending.why, "it is said where the valve stands"
     assert ending.why[0].isupper()
     assert ending.why.endswith(".")
-    assert ("without its service" in ending.course) == (run.state is RunState.INTERRUPTED)
+    cut_off = run.state is RunState.INTERRUPTED and run.commanded is not False
+    assert ("without its service" in ending.course) == cut_off
 
 
 def test_what_was_found_and_done_since_is_told() -> None:
@@ -151,7 +184,7 @@ def test_both_forms_tell_the_end_and_draw_what_was_recorded(tmp_path: Path) -> N
             "The test of FV-101 failed.",
             "within 78.6 kPa: look at packing, seat and actuator.",
             "Where the valve stands",
-            "0 kPa, which was read back",
+            STANDS,
             "breakaway acknowledge FV-101",
             "800, 2 of them missing",
             "loop in manual",

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import re
 from pathlib import Path
 
-from service.http_protocol import LONGEST_HEAD_BYTES
+import pytest
+
+from service.http_protocol import LONGEST_HEAD_BYTES, MOST_CONNECTIONS, BoundedHttp, most_connections
 from service.settings import load_plant
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.running_service import running_service
@@ -30,3 +33,74 @@ async def test_a_second_request_has_a_head_of_its_own(plant_file: Path) -> None:
         for _ in range(3):
             answer = await client.get("/healthz", headers={"X-Long": "a" * (LONGEST_HEAD_BYTES // 2)})
             assert answer.status_code == 200
+
+
+async def _closed(reader: asyncio.StreamReader, within_s: float = 10.0) -> bytes:
+    async with asyncio.timeout(within_s):
+        try:
+            return await reader.read()
+        except ConnectionResetError:
+            return b""
+
+
+SLOW = {
+    "nothing": b"",
+    "half a head": b"GET /healthz HTTP/1.1\r\nHost: 127",
+    "after an answer": b"GET /healthz HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n",
+    "after an answer, half a head": b"GET /healthz HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\nGET /he",
+    "a body that nobody reads": b"POST /tests/run HTTP/1.1\r\nHost: evil\r\nContent-Length: 900\r\n\r\n",
+}
+
+
+@pytest.mark.parametrize("begin", SLOW.values(), ids=SLOW.keys())
+@pytest.mark.parametrize("drip", [b"", b"\r\n", b"x"])
+async def test_who_sends_a_head_slowly_or_none_at_all_is_cut_and_others_are_answered(
+    plant_file: Path, monkeypatch: pytest.MonkeyPatch, begin: bytes, drip: bytes
+) -> None:
+    monkeypatch.setattr(BoundedHttp, "head_limit_s", 0.3)
+    async with running_service(load_plant(plant_file), FakeRig(), FakeAnalyst()) as client:
+        reader, writer = await asyncio.open_connection("127.0.0.1", client.base_url.port)
+        writer.write(begin)
+
+        async def dripping() -> None:
+            while drip:
+                writer.write(drip)
+                await asyncio.sleep(0.05)
+
+        slow = asyncio.create_task(dripping())
+        try:
+            said = await _closed(reader)
+        finally:
+            slow.cancel()
+            writer.close()
+        if begin.endswith((b"127", b"/he")) and drip != b"\r\n":
+            assert b"408 Request Timeout" in said
+        assert (await client.get("/healthz")).status_code == 200
+
+
+async def test_a_crowd_of_silent_connections_keeps_neither_files_nor_a_stop_from_anybody(
+    plant_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(BoundedHttp, "most_connections", 20)
+    rig = FakeRig(60.0)
+    async with running_service(load_plant(plant_file), rig, FakeAnalyst()) as client:
+        test = (await client.post("/tests/run", json={"valve": "FV-101"})).json()
+        async with client.stream("GET", f"/tests/{test['id']}/events") as watching:
+            crowd = [await asyncio.open_connection("127.0.0.1", client.base_url.port) for _ in range(60)]
+            stopped = await client.post(f"/tests/{test['id']}/stop")
+            assert stopped.json()["safe_confirmed"] is True
+            assert '"state": "stopped"' in "".join(
+                [line async for line in watching.aiter_lines()]
+            )  # it was no silent one
+            cut = await asyncio.gather(*(_closed(reader) for reader, _ in crowd[:40]))
+            assert cut == [b""] * 40  # the oldest
+        for _, writer in crowd:
+            writer.close()
+
+
+def test_connections_leave_files_for_what_moves_a_valve() -> None:
+    assert most_connections(65_536) == MOST_CONNECTIONS
+    assert most_connections(1024) == 768
+    unit = (Path(__file__).parents[2] / "deploy" / "breakaway.service").read_text(encoding="utf-8")
+    (limit,) = re.findall(r"^LimitNOFILE=(\d+)$", unit, re.MULTILINE)
+    assert most_connections(int(limit)) == MOST_CONNECTIONS

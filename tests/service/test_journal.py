@@ -12,7 +12,7 @@ import pytest
 from drivers.outcome import Sample
 from drivers.rows import PolledRows
 from drivers.transport import Exchange
-from service.store.journal import JournalWriter, read_journal, recording_from_journal
+from service.store.journal import JournalWriter, read_journal, recording_from_journal, was_commanded
 from valve.errors import RecordingError
 from valve.recording import Acquisition, Provenance
 
@@ -44,6 +44,33 @@ def test_an_interrupted_polled_test_keeps_between_when_each_command_was_written(
     assert np.isfinite(kept.write_sent_s[1:5]).all()
 
 
+def test_a_journal_shows_whether_the_valve_may_have_moved(tmp_path: Path) -> None:
+    path = tmp_path / "x.journal"
+    assert was_commanded(path) is False
+    journal = JournalWriter(path, {"valve": "FV-101"})
+    assert was_commanded(path) is False
+    journal.note_commanded()
+    assert was_commanded(path) is True
+    block = _polled().fresh()
+    assert block is not None
+    journal.append(block)
+    journal.close()
+    assert was_commanded(path) is True
+    assert read_journal(path)[1].shape == (20, 9)
+    whole = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(whole[0] + whole[1][:-4])  # cut short: it was not on disk when the process died
+    assert was_commanded(path) is False
+
+
+def test_a_journal_of_an_older_version_does_not_say_whether_the_valve_moved(tmp_path: Path) -> None:
+    path = tmp_path / "old.journal"
+    path.write_bytes(_old_line(json.dumps({"schema": "breakaway/journal/2", "valve": "FV-101"})))
+    assert was_commanded(path) is None
+    path.write_bytes(b"torn")
+    with pytest.raises(RecordingError, match="no header"):
+        was_commanded(path)
+
+
 def _old_line(text: str) -> bytes:
     return b"%s %08x\n" % (text.encode(), zlib.crc32(text.encode()))
 
@@ -67,5 +94,5 @@ def test_a_journal_of_the_older_version_is_still_read(tmp_path: Path) -> None:
 def test_a_journal_of_a_version_that_is_not_known_is_refused(tmp_path: Path, schema: object) -> None:
     path = tmp_path / "new.journal"
     path.write_bytes(_old_line(json.dumps({"schema": schema})))
-    with pytest.raises(RecordingError, match="no header of breakaway/journal/2"):
+    with pytest.raises(RecordingError, match="no header of breakaway/journal/3"):
         read_journal(path)

@@ -12,6 +12,7 @@ from service.schedules.check import Check, CheckState
 from service.store.store import Store
 from tests.service.fake_rig import FakeRig
 from tests.service.nights import NIGHTLY, Clock, night, night_plant, until
+from tests.service.recordings import triangle_test
 from valve.errors import BusyError, PermissiveError
 
 BEFORE = datetime(2026, 6, 30, 12, 0, tzinfo=UTC)
@@ -185,8 +186,26 @@ async def test_what_a_dead_process_had_begun_is_interrupted_and_what_waited_goes
         checks = {check.valve: check for check in await until(store, _all_ended)}
     assert checks["A1"].state is CheckState.INTERRUPTED
     assert checks["A1"].test_id == dead.id
-    assert rig.safe_calls == [("A1", dead.number, None)]
+    assert rig.recoveries == [("A1", dead.number, None, False)], "it has no journal: nothing was commanded"
     assert sorted(order.valve.nameplate.tag for order in rig.orders) == ["A2", "B1"]
+    store.close()
+
+
+async def test_a_check_whose_test_lacks_nothing_but_its_analysis_ends_with_that(quick_path: Path) -> None:
+    plant, store, rig, clock = night_plant(quick_path), Store(quick_path / "s"), FakeRig(), Clock(DUE)
+    store.schedule_runs.insert(Check("nightly", "2026-07-01T02:30", "A1", DUE, 3600.0, "triangle", "a"))
+    cut_off = store.schedule_runs.latest("nightly")[0]
+    assert store.schedule_runs.take_up(cut_off.id, "the dead process", DUE)
+    key = f"nightly {cut_off.id} of nightly 2026-07-01T02:30"
+    dead = Run(id=new_run_id(), valve="A1", sequence="triangle", state=RunState.ANALYZING, idempotency_key=key)
+    file, sha256 = store.write_recording(dead.id, triangle_test(0.01))
+    dead = replace(dead, recording_file=file, recording_sha256=sha256, safe_confirmed=True, commanded=True)
+    dead = store.runs.insert(dead)
+    async with night(plant, store, rig, clock):
+        (check,) = await until(store, lambda found: _all_ended(found, 1))
+    assert (check.state, check.test_id) == (CheckState.COMPLETED, dead.id)
+    assert store.runs.get(dead.id).state is RunState.COMPLETED
+    assert (rig.orders, rig.safe_calls) == ([], [])
     store.close()
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import os
+import tempfile
+import time
 from pathlib import Path
 
 import httpx
@@ -12,6 +14,7 @@ from structlog.testing import capture_logs
 
 from drivers.outcome import PlayOutcome
 from drivers.permissives import Permissive
+from service import bus_lock
 from service.bus_lock import FOLDER_VARIABLE, BusLocks
 from service.runs import permission
 from service.runs.rig import Order, Watcher
@@ -20,7 +23,7 @@ from simulator.faults import Fault, FaultKind
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.running_service import running_service
 from tests.service.wired_plant import TAG, wired_plant
-from valve.errors import BusyError, ConfigurationError, DeviceError
+from valve.errors import BusyError, ConfigurationError, DeviceError, InternalError
 
 ORDER = {"valve": "FV-101"}
 IN_AUTOMATIC = Permissive("loop_in_manual", False, "not in manual", "the loop in manual", "put it in manual")
@@ -70,7 +73,7 @@ async def test_a_refused_start_leaves_a_line_in_the_log(plant_file: Path) -> Non
     async with running_service(plant, rig, FakeAnalyst()) as client:
         with capture_logs() as logs:
             assert (await client.post("/tests/run", json={**ORDER, "sequence": "triangle"})).status_code == 423
-            with BusLocks(plant.buses).hold(["plc-1"]):
+            async with BusLocks(plant.buses).hold(["plc-1"]):
                 assert (await client.post("/tests/run", json=ORDER)).status_code == 409
     refused = [line for line in logs if line["event"] == "test refused"]
     assert [(line["valve"], line["log_level"]) for line in refused] == [("FV-101", "warning")] * 2
@@ -181,36 +184,65 @@ async def test_a_bus_that_another_process_uses_is_busy(plant_file: Path) -> None
     plant = load_plant(plant_file)
     other = BusLocks(plant.buses)
     async with running_service(plant, FakeRig(), FakeAnalyst()) as client:
-        with other.hold(["plc-1"]):
+        async with other.hold(["plc-1"]):
             refused = await client.post("/tests/run", json=ORDER)
             assert refused.status_code == 409
             assert "another process" in refused.json()["detail"]
         assert (await client.post("/tests/run", json=ORDER)).status_code == 202
 
 
-def test_buses_are_locked_all_or_none(plant_file: Path) -> None:
+async def test_buses_are_locked_all_or_none(plant_file: Path) -> None:
     addresses = load_plant(plant_file).buses
     one, other = BusLocks(addresses), BusLocks(addresses)
-    with other.hold(["plc-1"]), pytest.raises(BusyError):
-        one.take(["gauge-1", "plc-1"])
-    with other.hold(["gauge-1", "plc-1"]):
+    async with other.hold(["plc-1"]):
+        with pytest.raises(BusyError):
+            await one.take_aside(["gauge-1", "plc-1"])
+    async with other.hold(["gauge-1", "plc-1"]):
         pass
 
 
-def test_a_lock_that_is_taken_anew_writes_nothing_to_the_disk(
+async def test_a_lock_on_a_busy_disk_holds_up_nobody_and_is_not_kept_by_a_caller_that_goes(
+    plant_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    locks, opened = BusLocks(load_plant(plant_file).buses), bus_lock._locked
+
+    def slow(bus: str, place: str) -> int:
+        time.sleep(0.5)
+        return opened(bus, place)
+
+    monkeypatch.setattr(bus_lock, "_locked", slow)
+    taking = asyncio.create_task(locks.take_aside(["plc-1"]))
+    longest_s, last_s = 0.0, time.monotonic()
+    while not taking.done():
+        await asyncio.sleep(0.005)
+        longest_s, last_s = max(longest_s, time.monotonic() - last_s), time.monotonic()
+    assert longest_s < 0.3
+    locks.give_back(["plc-1"])
+    going = asyncio.create_task(locks.take_aside(["plc-1"]))
+    await asyncio.sleep(0.1)
+    going.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await going
+    await asyncio.sleep(0.6)
+    monkeypatch.undo()
+    async with BusLocks(load_plant(plant_file).buses).hold(["plc-1"]):
+        pass
+
+
+async def test_a_lock_that_is_taken_anew_writes_nothing_to_the_disk(
     plant_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "locks"))
     (tmp_path / "locks").mkdir()
     locks = BusLocks(load_plant(plant_file).buses)
-    with locks.hold(["plc-1"]):
+    async with locks.hold(["plc-1"]):
         (file,) = (tmp_path / "locks").iterdir()
     os.utime(file, ns=(1, 1))
-    with locks.hold(["plc-1"]):
+    async with locks.hold(["plc-1"]):
         assert file.read_text(encoding="ascii").strip() == str(os.getpid())
     assert file.stat().st_mtime_ns == 1
     file.write_text("7\n", encoding="ascii")
-    with locks.hold(["plc-1"]):
+    async with locks.hold(["plc-1"]):
         assert file.read_text(encoding="ascii").strip() == str(os.getpid())
 
 
@@ -225,3 +257,47 @@ def test_a_map_that_shows_no_manual_mode_must_say_how_a_test_is_permitted(plant_
     plant_file.write_text(text, encoding="utf-8")
     with pytest.raises(ConfigurationError, match="does not show whether the loop is in manual"):
         load_plant(plant_file)
+
+
+def test_the_locks_lie_in_a_folder_of_this_user_alone(
+    plant_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv(FOLDER_VARIABLE)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "of a login alone"))
+    addresses = load_plant(plant_file).buses
+    locks = BusLocks(addresses)
+    locks.take(["plc-1"])
+    (folder,) = tmp_path.glob("breakaway-*")
+    assert folder.name == f"breakaway-{os.getuid()}"
+    assert folder.stat().st_mode & 0o777 == 0o700
+    assert len(list(folder.iterdir())) == 1
+    with pytest.raises(BusyError):  # another service of this user, whoever started it
+        BusLocks(addresses).take(["plc-1"])
+    locks.give_back(["plc-1"])
+
+
+@pytest.mark.parametrize("how", ["others may write", "a link", "a file", "another's"])
+def test_a_folder_of_locks_that_somebody_else_may_have_made_is_not_believed(
+    plant_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    monkeypatch.delenv(FOLDER_VARIABLE)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    folder = tmp_path / f"breakaway-{os.getuid()}"
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir(mode=0o700)
+    if how == "a link":
+        folder.symlink_to(elsewhere)
+    elif how == "a file":
+        folder.touch(mode=0o600)
+    else:
+        folder.mkdir(mode=0o700)
+        if how == "others may write":
+            folder.chmod(0o1777)
+        else:
+            another = os.getuid() + 1
+            folder.rename(tmp_path / f"breakaway-{another}")
+            monkeypatch.setattr(os, "getuid", lambda: another)
+    with pytest.raises(InternalError, match=f"not this user's alone.*{FOLDER_VARIABLE}"):
+        BusLocks(load_plant(plant_file).buses).take(["plc-1"])
+    assert list(elsewhere.iterdir()) == []

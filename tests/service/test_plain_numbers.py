@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from service.plain_numbers import with_span
+from service.cli.analysis_tables import scatters
+from service.plain_numbers import scatter_words, with_span
 
 
 @pytest.mark.parametrize(
@@ -24,3 +25,17 @@ def test_a_value_and_its_interval_have_two_digits_of_half_of_it(
     value: float, low: float, high: float, shown: tuple[str, str]
 ) -> None:
     assert with_span(value, low, high) == shown
+
+
+def test_what_a_parameter_itself_varies_by_is_said_in_percent() -> None:
+    assert scatter_words("F_s", 1708.0, 41.0) == "from breakaway to breakaway ± 2.4 %"
+    assert scatter_words("F_c", 1000.0, 5.0) == "along the travel and in time ± 0.5 %"
+    assert not scatter_words("F_s", 1708.0, None)
+    assert not scatter_words("F_s", None, None)
+
+
+def test_a_terminal_shows_value_interval_and_scatter_of_a_parameter() -> None:
+    entry = {"value": 1708.0, "unit": "N", "ci95": [1695.0, 1721.0], "scatter": 41.0}
+    silent = {"value": 2.0, "unit": "N", "ci95": None, "scatter": None}
+    lines = scatters([{"method": "garcia", "parameters": {"F_c": silent, "F_s": entry}}])
+    assert lines == ["garcia: F_s 1708 N (1695 to 1721), from breakaway to breakaway ± 2.4 %."]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -24,8 +25,8 @@ async def _nothing(*_: Any) -> None:
 
 
 @asynccontextmanager
-async def _no_wires(*_: Any) -> AsyncIterator[None]:
-    yield
+async def _no_wires(*_: Any) -> AsyncIterator[SimpleNamespace]:
+    yield SimpleNamespace(commanded=False)
 
 
 @pytest.mark.parametrize("fails", [False, True])

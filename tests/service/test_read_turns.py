@@ -1,11 +1,19 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
+import pytest
 from starlette.types import Message, Receive, Scope, Send
 
+from service import read_turns
+from service.access.principal import Role
 from service.read_turns import AT_ONCE, ReadTurns
+from service.store.run_table import RunTable
+from tests.service.access.signed_in import signed_in
 
 STARTED: Message = {"type": "http.response.start", "status": 200, "headers": []}
 
@@ -99,3 +107,28 @@ async def test_a_reader_who_leaves_while_waiting_takes_no_turn_along() -> None:
     await until(lambda: crowd.under_way == AT_ONCE)
     crowd.go_on.set()
     await asyncio.gather(*again)
+
+
+async def test_nobody_waits_for_a_turn_to_be_told_that_they_are_unknown(
+    quick_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(read_turns, "_LONGEST_TURN_S", 60.0)
+    go_on, begun, newest = threading.Event(), threading.Semaphore(0), RunTable.newest
+
+    def slow(*args: Any, **more: Any) -> Any:
+        begun.release()
+        go_on.wait()
+        return newest(*args, **more)
+
+    monkeypatch.setattr(RunTable, "newest", slow)
+    async with signed_in(quick_path) as served:
+        viewer = served.tokens[Role.VIEWER]
+        reads = [asyncio.create_task(served.client.get("/tests", headers=viewer)) for _ in range(AT_ONCE)]
+        try:
+            for _ in reads:
+                await asyncio.to_thread(begun.acquire)
+            async with asyncio.timeout(10.0):
+                assert (await served.client.get("/tests")).status_code == 401
+        finally:
+            go_on.set()
+        assert [answer.status_code for answer in await asyncio.gather(*reads)] == [200] * AT_ONCE

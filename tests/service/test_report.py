@@ -171,6 +171,24 @@ def test_page_one_draws_the_signature_and_the_misfit_where_there_is_no_trend() -
     assert document_of(ReportSource("FV-1", "x", healthy, ()))["front"] == []
 
 
+def test_of_a_valve_whose_friction_scatters_friction_is_drawn_along_the_travel() -> None:
+    analysis = made_analysis(ne107="M")
+    curves = [
+        {
+            "coordinate": "travel_m",
+            "direction": way,
+            "at": [0.0, 0.02, 0.04],
+            "force_n": [-10.0, 0.0, 30.0],
+            "ci95": [[-15.0, -5.0], [-5.0, 5.0], [20.0, 40.0]],
+        }
+        for way in ("opening", "closing")
+    ]
+    analysis["discrepancy"] |= {"pictures": None, "latent_friction": curves, "gain": None, "gains": []}
+    document = document_of(ReportSource("FV-1", "x", analysis, ()))
+    assert document["front"] == ["loop", "friction"]
+    assert "opening -10 to 30 N" in document["pictures"]["friction"]["description"]
+
+
 def test_the_nameplate_is_told_in_the_units_that_were_chosen() -> None:
     plate = Nameplate(
         "FV-1",

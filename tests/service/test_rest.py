@@ -109,6 +109,23 @@ async def test_a_key_still_names_its_test_after_the_test_has_ended(client: httpx
     assert second.status_code == 200
 
 
+@pytest.mark.parametrize("sequence", ["triangle", "separating"])
+async def test_a_key_stands_for_one_label_and_one_permit(
+    client: httpx.AsyncClient, analyst: FakeAnalyst, rig: FakeRig, sequence: str
+) -> None:
+    analyst.discrepancy = {"verdict": "ambiguous", "separating_test": {"sequence": "triangle", "overrides": {}}}
+    assert (await client.post("/tests/run", json=RUN, headers={"Prefer": "wait=10"})).json()["state"] == "completed"
+    headers = {"Idempotency-Key": "k", "Prefer": "wait=10"}
+    asked = {"valve": "FV-101", "sequence": sequence, "label": "as_found", "permit": "W-17"}
+    first = await client.post("/tests/run", json=asked, headers=headers)
+    assert (first.json()["state"], first.json()["label"]) == ("completed", "as_found")
+    assert (await client.post("/tests/run", json=asked, headers=headers)).json()["id"] == first.json()["id"]
+    for change in ({"label": "as_left"}, {"label": None}, {"permit": "W-18"}, {"permit": None}):
+        answer = await client.post("/tests/run", json={**asked, **change}, headers=headers)
+        assert_problem(answer, 422, "another request", "choose a new key")
+    assert len(rig.orders) == 2
+
+
 async def test_a_valve_whose_bus_is_used_is_busy_too(client: httpx.AsyncClient, rig: FakeRig) -> None:
     rig.duration_s = LONG_S
     await client.post("/tests/run", json=RUN)
@@ -129,6 +146,10 @@ async def test_stop_sends_the_valve_to_safe_within_a_second_and_may_be_repeated(
     assert body["state"] == "stopped"
     assert body["safe_confirmed"] is True
     assert "stopped by local" in body["error"]
+    async with asyncio.timeout(10.0):
+        while body["stands"]["verdict"] == "moving":  # its stem is looked at
+            await asyncio.sleep(0.01)
+            body = (await client.get(location)).json()
     assert (await client.post(f"{location}/stop")).json() == body
     again = await client.post("/tests/run", json=RUN)
     assert again.status_code == 202
@@ -403,6 +424,7 @@ async def test_a_slow_body_is_cut_while_stop_still_answers(plant: Plant, rig: Fa
     rig.duration_s = LONG_S / 5
     async with running_service(plant, rig, analyst) as client:
         location = (await client.post("/tests/run", json=RUN)).headers["location"]
+        await rig.moving.wait()
         reader, writer = await asyncio.open_connection(client.base_url.host, client.base_url.port)
         writer.write(
             b"POST /tests/run HTTP/1.1\r\nHost: x\r\nContent-Type: application/json\r\nContent-Length: 50\r\n\r\n{"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -12,17 +13,19 @@ from typing import Any
 import pytest
 
 from drivers.outcome import Ended, PlayOutcome, SampleBlock
+from service.ending import ending_of
 from service.runs.live import MOTION_SHARE
 from service.runs.recovery import keep_journals_of_ended_runs, mark_interrupted
 from service.runs.rig import Order, Watcher
 from service.runs.run import Run, RunState
+from service.runs.service import Runs
 from service.settings import Plant
 from service.store.journal import JournalWriter
 from service.store.run_table import RunTable
 from service.store.store import Store
-from tests.service.fake_rig import FakeRig
-from tests.service.stored_runs import block, runs_of, stored
-from valve.errors import PermissiveError
+from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.service.stored_runs import runs_of, stored
+from valve.errors import DeviceError, PermissiveError, RequestError
 
 
 @pytest.fixture
@@ -32,37 +35,87 @@ def store(plant: Plant) -> Iterator[Store]:
     store.close()
 
 
-async def test_an_unfinished_test_is_interrupted_and_its_valve_is_sent_to_safe(plant: Plant, store: Store) -> None:
-    states = (RunState.QUEUED, RunState.RUNNING, RunState.ANALYZING)
-    left = [store.runs.insert(stored(state)) for state in states]
-    store.runs.save(replace(left[2], safe_confirmed=True))
-    journal = JournalWriter(store.journal_path(left[1].id), {"valve": "FV-101", "entry_pa": 777.0})
-    journal.append(block(50))
+@pytest.mark.parametrize("safe", [True, False])
+@pytest.mark.parametrize(
+    "failure", [DeviceError("FV-101: look at it"), RequestError("FV-101: correct it"), RuntimeError("a fault of ours")]
+)
+async def test_whatever_error_comes_after_a_command_the_valve_is_sent_to_safe_and_it_is_an_alarm(
+    plant: Plant, store: Store, failure: Exception, safe: bool
+) -> None:
+    rig = FakeRig()
+    rig.break_at, rig.failure, rig.safe_confirmed = 0.5, failure, safe
+    runs = runs_of(plant, store, rig)
+    run = await runs.start("FV-101", "triangle", {})
+    ended = await runs.wait(run.id, 10.0)
+    assert rig.safe_calls == [("FV-101", 1, 1234.0)]
+    assert (ended.state, ended.commanded, ended.safe_confirmed) == (RunState.FAILED, True, safe)
+    assert str(failure) in ended.error
+    assert "nothing was moved" not in ended.error
+    assert ("SAFE STATE NOT CONFIRMED" in ended.error) == (not safe)
+    assert replace(store.runs.get(run.id), stands=None) == replace(ended, stands=None)
+    assert "moved" not in ending_of(ended).headline
+    with pytest.raises(PermissiveError, match="acknowledge"):
+        await runs.start("FV-101", "triangle", {})
+    await runs.shut_down()
+
+
+@pytest.mark.parametrize("failure", [DeviceError("FV-101: look at it"), RuntimeError("a fault of ours")])
+async def test_whatever_error_comes_before_a_command_nothing_is_written_and_nothing_was_moved(
+    plant: Plant, store: Store, failure: Exception
+) -> None:
+    rig = FakeRig()
+    rig.refusal = failure
+    runs = runs_of(plant, store, rig)
+    run = await runs.start("FV-101", "triangle", {})
+    ended = await runs.wait(run.id, 10.0)
+    assert rig.safe_calls == []
+    assert (ended.state, ended.commanded, ended.safe_confirmed) == (RunState.FAILED, False, None)
+    assert "(nothing was moved)" in ended.error
+    assert "before anything moved" in ending_of(ended).headline
+    again = await runs.start("FV-101", "triangle", {})
+    await runs.wait(again.id, 10.0)
+    await runs.shut_down()
+
+
+async def test_nothing_moves_where_its_intent_cannot_be_written(
+    plant: Plant, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_: JournalWriter) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(JournalWriter, "note_commanded", full)
+    rig = FakeRig()
+    runs = runs_of(plant, store, rig)
+    run = await runs.start("FV-101", "triangle", {})
+    ended = await runs.wait(run.id, 10.0)
+    assert not rig.moving.is_set()
+    assert (ended.commanded, ended.safe_confirmed) == (False, None)
+    assert "No space left on device" in ended.error
+    await runs.shut_down()
+
+
+async def test_a_test_that_completed_was_commanded_and_one_that_was_stopped_while_it_waited_was_not(
+    plant: Plant, store: Store
+) -> None:
+    runs = runs_of(plant, store, FakeRig())
+    run = await runs.start("FV-101", "triangle", {})
+    assert (await runs.wait(run.id, 10.0)).commanded is True
+    run = await runs.start("FV-101", "triangle", {})
+    await runs.stop(run.id)
+    stopped = await runs.wait(run.id, 10.0)
+    assert (stopped.state, stopped.commanded) == (RunState.STOPPED, False)
+    await runs.shut_down()
+
+
+@pytest.mark.parametrize("commanded", [True, False])
+def test_an_interrupted_test_keeps_whether_it_commanded_its_valve(store: Store, commanded: bool) -> None:
+    run = store.runs.insert(stored(RunState.RUNNING))
+    journal = JournalWriter(store.journal_path(run.id), {"valve": "FV-101"})
+    if commanded:
+        journal.note_commanded()
     journal.close()
-    rig = FakeRig()
-    runs = runs_of(plant, store, rig)
-    await runs.recover()
-    await runs.shut_down()
-    after = [store.runs.get(run.id) for run in left]
-    assert {run.state for run in after} == {RunState.INTERRUPTED}
-    assert sorted(rig.safe_calls, key=str) == [("FV-101", 1, None), ("FV-101", 2, 777.0)]
-    assert [run.safe_confirmed for run in after] == [True, True, True]
-    assert after[1].recording_file is not None
-    assert not store.journal_path(left[1].id).exists()
-    assert rig.orders == [], "nothing resumes by itself"
-
-
-async def test_a_valve_that_cannot_be_made_safe_after_a_crash_is_said_so(plant: Plant, store: Store) -> None:
-    gone = store.runs.insert(replace(stored(RunState.RUNNING), valve="FV-999"))
-    here = store.runs.insert(stored(RunState.RUNNING))
-    rig = FakeRig()
-    rig.safe_confirmed = False
-    runs = runs_of(plant, store, rig)
-    await runs.recover()
-    await runs.shut_down()
-    for run in (gone, here):
-        assert store.runs.get(run.id).safe_confirmed is False
-        assert "SAFE STATE NOT CONFIRMED" in store.runs.get(run.id).error
+    mark_interrupted(store, run)
+    assert store.runs.get(run.id).commanded is commanded
 
 
 async def test_a_disk_that_fails_stops_the_test_and_keeps_what_was_written(
@@ -128,77 +181,25 @@ async def test_a_bad_end_that_the_store_could_not_take_bars_the_next_test_once_t
     await runs.shut_down()
 
 
-async def test_after_a_crash_the_valve_is_sent_to_safe_even_where_the_disk_is_full(
-    plant: Plant, store: Store, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    run = store.runs.insert(stored(RunState.RUNNING))
-    journal = JournalWriter(store.journal_path(run.id), {"valve": "FV-101", "entry_pa": 777.0})
-    journal.append(block(50))
-    journal.close()
-
-    def no_room(*_: Any) -> tuple[str, str]:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(store, "write_recording", no_room)
-    rig = FakeRig()
-    runs = runs_of(plant, store, rig)
-    await runs.recover()
-    await runs.shut_down()
-    after = store.runs.get(run.id)
-    assert rig.safe_calls == [("FV-101", 1, 777.0)]
-    assert after.state is RunState.INTERRUPTED
-    assert after.safe_confirmed is True
-    assert "No space left" in after.error
-    assert store.journal_path(run.id).exists()
-
-
-async def test_a_journal_that_takes_long_does_not_hold_up_the_valve(
-    plant: Plant, store: Store, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    run = store.runs.insert(stored(RunState.RUNNING))
-    rig, order = FakeRig(), list[str]()
-    safe = threading.Event()
-
-    async def go_safe(*_: Any) -> bool:
-        order.append("safe")
-        safe.set()
-        return True
-
-    def slow(*arguments: Any) -> Run:
-        safe.wait(120.0)
-        order.append("marked")
-        return mark_interrupted(*arguments)
-
-    monkeypatch.setattr(rig, "go_safe", go_safe)
-    monkeypatch.setattr("service.runs.recovery.mark_interrupted", slow)
-    runs = runs_of(plant, store, rig)
-    await runs.recover()
-    await runs.shut_down()
-    assert order == ["safe", "marked"]
-    assert store.runs.get(run.id).safe_confirmed is True
-
-
 async def test_a_test_whose_end_cannot_be_stored_still_ends_for_those_who_wait(
     plant: Plant, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rig = FakeRig()
-
-    async def unreachable(*_: Any) -> bool:
-        raise RuntimeError("no wire")
 
     def save(run: Run) -> None:
         if run.state is not RunState.RUNNING:
             raise OSError(5, "Input/output error")
 
     monkeypatch.setattr(store.runs, "save", save)
-    monkeypatch.setattr(rig, "go_safe", unreachable)
     runs = runs_of(plant, store, rig)
     run = await runs.start("FV-101", "triangle", {})
     ended = await runs.wait(run.id, 10.0)
-    assert ended.state is RunState.FAILED
-    assert "SAFE STATE NOT CONFIRMED" in ended.error
+    assert (ended.state, ended.commanded, ended.safe_confirmed) == (RunState.FAILED, True, True)
+    assert rig.safe_calls == [], "it was read back at its safe value and let go: nothing more is written"
     assert "Input/output error" in ended.error
-    assert runs.user_of("FV-101") is None
+    async with asyncio.timeout(10.0):
+        while runs.user_of("FV-101") is not None:  # noqa: ASYNC110  - its stem is looked at
+            await asyncio.sleep(0.01)
     await runs.shut_down()
 
 
@@ -224,6 +225,170 @@ async def test_what_is_cancelled_at_the_end_of_the_service_is_waited_for(
     await rig.moving.wait()
     await runs.shut_down(timeout_s=0.05)
     assert left_safe
+
+
+@pytest.mark.parametrize("commanded", [True, False])
+async def test_a_test_that_is_cancelled_as_the_service_ends_is_stored_with_how_its_valve_stands(
+    plant: Plant, store: Store, monkeypatch: pytest.MonkeyPatch, commanded: bool
+) -> None:
+    rig = FakeRig()
+
+    async def play(_: Order, watcher: Watcher, __: asyncio.Event) -> PlayOutcome:
+        await watcher.on_ready(1234.0, "fake device")
+        try:
+            rig.moving.set()
+            await asyncio.sleep(60.0)
+        finally:
+            if commanded:
+                watcher.on_commanded()
+        raise AssertionError
+
+    monkeypatch.setattr(rig, "play", play)
+    runs = runs_of(plant, store, rig)
+    run = await runs.start("FV-101", "triangle", {})
+    await rig.moving.wait()
+    await runs.shut_down(timeout_s=0.05)
+    kept = store.runs.get(run.id)
+    assert (kept.state, kept.commanded) == (RunState.FAILED, commanded)
+    assert kept.safe_confirmed is (True if commanded else None)
+    assert len(rig.safe_calls) == commanded
+    assert "cancelled as the service ended" in kept.error
+
+
+async def test_an_outcome_that_comes_in_spite_of_a_cancellation_is_stored_with_its_recording(
+    plant: Plant, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig, letting_go = FakeRig(), asyncio.Event()
+    played = rig.play
+
+    async def play(order: Order, watcher: Watcher, stop: asyncio.Event) -> PlayOutcome:
+        outcome = await played(order, watcher, stop)
+        letting_go.set()
+        try:
+            await asyncio.sleep(60.0)
+        except asyncio.CancelledError:
+            return outcome
+        raise AssertionError
+
+    monkeypatch.setattr(rig, "play", play)
+    runs = runs_of(plant, store, rig)
+    run = await runs.start("FV-101", "triangle", {})
+    await letting_go.wait()
+    await runs.shut_down(timeout_s=0.05)
+    kept = store.runs.get(run.id)
+    assert kept.recording_sha256 is not None
+    assert (kept.commanded, kept.safe_confirmed) == (True, True)
+    assert not store.journal_path(run.id).exists()
+
+
+async def test_a_test_that_is_cancelled_before_it_began_moves_nothing(plant: Plant, store: Store) -> None:
+    rig = FakeRig()
+    runs = runs_of(plant, store, rig)
+    run = await runs.start("FV-101", "triangle", {})
+    await asyncio.sleep(0)  # its first step: it is being stored as running
+    for task in list(runs._tasks._tasks):
+        task.cancel()
+    await runs.settled()
+    assert rig.orders == []
+    assert (store.runs.get(run.id).state, store.runs.get(run.id).commanded) == (RunState.STOPPED, False)
+    await runs.shut_down()
+
+
+async def test_a_disk_that_is_busy_holds_up_neither_the_valve_nor_the_event_loop(
+    plant: Plant, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    append, sync, journal_file = JournalWriter.append, JournalWriter.sync, store.folder / "journals"
+
+    def slow_append(self: JournalWriter, block: SampleBlock) -> None:
+        time.sleep(0.08)
+        append(self, block)
+
+    def slow_sync(self: JournalWriter) -> None:
+        time.sleep(0.4)
+        sync(self)
+
+    monkeypatch.setattr(JournalWriter, "append", slow_append)
+    monkeypatch.setattr(JournalWriter, "sync", slow_sync)
+    shown: list[tuple[int, int]] = []  # samples shown so far, and lines in the journal then
+
+    def on_samples(_: str, block: SampleBlock) -> None:
+        lines = next(journal_file.glob("*.journal")).read_bytes().count(b"\n")
+        shown.append(((shown[-1][0] if shown else 0) + block.time_s.size, lines - 2))
+
+    rig = FakeRig(1.5)
+    runs = Runs(plant, store, rig, FakeAnalyst(), software="breakaway 0", on_samples=on_samples)
+    run = await runs.start("FV-101", "triangle", {})
+    longest_s, last_s = 0.0, time.monotonic()
+    while not (await runs.wait(run.id, 0.0)).state.finished:
+        await asyncio.sleep(0.002)
+        longest_s, last_s = max(longest_s, time.monotonic() - last_s), time.monotonic()
+    ended = await runs.wait(run.id, 10.0)
+    assert ended.state is RunState.COMPLETED
+    assert longest_s < 0.3, "the event loop waited for the disk"
+    assert shown[-1][0] == 200
+    assert all(samples <= lines for samples, lines in shown), "a sample was shown before it was written"
+    await runs.shut_down()
+
+
+async def test_a_disk_that_takes_no_sample_for_seconds_ends_the_test(
+    plant: Plant, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = threading.Event()
+    monkeypatch.setattr("service.runs.kept_samples._LONGEST_S", 0.3)
+    monkeypatch.setattr(JournalWriter, "append", lambda *_: free.wait(60.0))
+    rig = FakeRig(20.0)
+    runs = runs_of(plant, store, rig)
+    run = await runs.start("FV-101", "triangle", {})
+    ended = await runs.wait(run.id, 10.0)
+    free.set()
+    assert ended.state is RunState.FAILED
+    assert "samples can no longer be written" in ended.error
+    assert ended.safe_confirmed is True
+    await runs.shut_down()
+
+
+async def test_a_safe_state_that_is_not_confirmed_says_why_in_the_test(
+    plant: Plant, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = FakeRig()
+
+    async def play(*_: Any) -> PlayOutcome:
+        return PlayOutcome(None, Ended.FAILED, safe_confirmed=False, why_unsafe="the device shows 7 Pa and not 0 Pa")
+
+    monkeypatch.setattr(rig, "play", play)
+    runs = runs_of(plant, store, rig)
+    run = await runs.start("FV-101", "triangle", {})
+    ended = await runs.wait(run.id, 10.0)
+    assert "SAFE STATE NOT CONFIRMED" in ended.error
+    assert "the device shows 7 Pa and not 0 Pa" in ended.error
+    await runs.shut_down()
+
+
+@pytest.mark.parametrize("by", ["stop", "shutdown"])
+async def test_a_stop_and_a_shutdown_are_heard_while_a_capture_is_uploaded(
+    plant: Plant, store: Store, monkeypatch: pytest.MonkeyPatch, by: str
+) -> None:
+    rig = FakeRig()
+
+    async def play(_: Order, watcher: Watcher, stop: asyncio.Event) -> PlayOutcome:
+        watcher.on_commanded()
+        watcher.on_progress(0.9, "uploading")
+        rig.moving.set()
+        await stop.wait()
+        return PlayOutcome(None, Ended.STOPPED, safe_confirmed=True)
+
+    monkeypatch.setattr(rig, "play", play)
+    runs = runs_of(plant, store, rig)
+    run = await runs.start("FV-101", "triangle", {})
+    await rig.moving.wait()
+    if by == "stop":
+        assert (await runs.stop(run.id)).safe_confirmed is True, "the valve is at its safe value already"
+    else:
+        runs.begin_shutdown()
+    ended = await runs.wait(run.id, 10.0)
+    assert ended.state is RunState.STOPPED
+    assert ("shut down" in ended.error) == (by == "shutdown")
+    await runs.shut_down()
 
 
 async def test_progress_stays_where_a_test_was_stopped_and_its_notes_are_kept(

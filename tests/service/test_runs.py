@@ -12,11 +12,14 @@ from drivers.addresses import MotionLimits
 from service.bus import BusOwners
 from service.events import EventLog
 from service.recordings.formats import CSV, PARQUET, acceptable
+from service.runs.gate import Gate
 from service.runs.life import Life
 from service.runs.live import LiveRun
 from service.runs.rig import Order
 from service.runs.run import RunState
 from service.runs.sequences import SEQUENCES, build_waveform, choose_waveform, default_of
+from service.runs.stem_looks import StemLooks
+from service.runs.tasks import Tasks
 from service.settings import load_plant
 from service.store.store import Store
 from tests.service.fake_rig import FakeAnalyst, FakeRig
@@ -247,11 +250,13 @@ async def test_a_test_that_is_stopped_before_it_moves_never_moves(plant_file: Pa
     store = Store(plant.service.store)
     live = LiveRun(store.runs.insert(stored(RunState.QUEUED)))
     live.request_stop("stopped on request")
-    rig, owners, valve = FakeRig(), BusOwners(), plant.valves["FV-101"]
+    rig, valve = FakeRig(), plant.valves["FV-101"]
+    gate = Gate(plant, store, rig)
+    owners, looks = gate.owners, StemLooks(store, rig, gate, Tasks())
     waveform = build_waveform("triangle", {}, valve.nameplate, valve.wiring.limits)
     order = Order(valve, waveform, "triangle", live.run.number)
     claim = owners.claim(live.run.id, "FV-101", valve.buses)
-    await Life(live, order, claim, store, owners).run(rig, FakeAnalyst())
+    await Life(live, order, claim, store, owners, looks=looks).run(rig, FakeAnalyst())
     assert live.run.state is RunState.STOPPED
     assert rig.orders == []
     assert owners.holder("FV-101") is None

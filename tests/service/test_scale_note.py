@@ -33,7 +33,7 @@ def test_a_right_nameplate_gets_no_note(nominal: Hidden) -> None:
     assert noted(nominal.recording, nominal.nameplate) == []
 
 
-@pytest.mark.parametrize("factor", [0.5, 2.0])
+@pytest.mark.parametrize("factor", [0.5, pytest.param(2.0, marks=pytest.mark.long)])
 def test_a_wrong_area_shows_in_the_mass_while_the_spring_rate_agrees(nominal: Hidden, factor: float) -> None:
     area_m2 = nominal.nameplate.actuator.diaphragm_area_m2
     assert area_m2 is not None

@@ -101,14 +101,17 @@ async def test_another_gateways_valve_is_refused_with_the_gateways_address(quick
         assert mine.json()["state"] == "completed"
 
 
-def test_the_plan_has_one_valve_at_a_time_on_a_bus_and_says_who_comes_too_late(quick_path: Path) -> None:
-    short = NIGHTLY.replace("3600.0", "60.0")
-    checks = plan_night(night_plant(quick_path, short), EVENING, EVENING + timedelta(hours=24))
+@pytest.mark.parametrize("look_s", [0.0, 12.0])
+def test_the_plan_has_one_valve_at_a_time_on_a_bus_and_says_who_comes_too_late(quick_path: Path, look_s: float) -> None:
+    file = night_plant(quick_path, NIGHTLY.replace("3600.0", "60.0")).file
+    text = file.read_text(encoding="utf-8").replace("stem_read_after_s = 0.0", f"stem_read_after_s = {look_s}")
+    file.write_text(text, encoding="utf-8")
+    checks = plan_night(load_plant(file), EVENING, EVENING + timedelta(hours=24))
     due = datetime(2026, 7, 1, 0, 30, tzinfo=UTC)
     assert [(check.valve, check.starts_at) for check in checks] == [
         ("A1", due),
         ("B1", due),
-        ("A2", due + timedelta(seconds=70)),
+        ("A2", due + timedelta(seconds=70.0 + look_s)),  # the stem of A1 is looked at first
     ]
     assert [check.fits for check in checks] == [True, True, False]
 

@@ -101,14 +101,13 @@ BAD = {
         ),
         ["buses[1].port", "127.0.0.1:5020", "bus plc-1 is there too", "use plc-1 for both"],
     ),
-    "the broadcast address": ("device_id = 1", "device_id = 0", ["valves[0].command", "device_id 0", "1 to 247"]),
-    "one tag twice": ('tag = "FV-102"', 'tag = "FV-101"', ["valves[1].tag", "FV-101", "rename"]),
-    "one bus name twice": ('name = "gauge-1"', 'name = "plc-1"', ["buses[1].name", "plc-1", "rename"]),
-    "a kind of bus that does not exist": ('kind = "modbus_tcp"', 'kind = "profibus"', ["buses[0].kind", "profibus"]),
-    "an open network": ('bind = "127.0.0.1"', 'bind = "0.0.0.0"', ["service.bind", "0.0.0.0", "trusted_network"]),
-    "no address": ('bind = "127.0.0.1"', 'bind = "plant"', ["service.bind", "plant", "IP address"]),
-    "no TOML": ("[service]", "[service", ["no valid TOML", "line 1"]),
-    "a waiver beside a timeout": ("timeout_s = 2.0", 'timeout_s = 2.0\nwaived = "x"', ["valves[1].watchdog", "either"]),
+    "a device id that no network has": ("device_id = 1", "device_id = 250", ["valves[0].command", "250", "255"]),
+    "a device id that is no byte": ("device_id = 1", "device_id = 300", ["valves[0].command", "300", "0 to 255"]),
+    "a watchdog beyond its register": (
+        "timeout_s = 2.0",
+        "timeout_s = 70.0",
+        ["valves[1].watchdog.timeout_s = 70.0", "watchdog_timeout", "0 to 65.535 s in steps of 0.001", "choose"],
+    ),
 }
 
 
@@ -130,6 +129,257 @@ def test_all_faults_of_a_file_are_told_at_once(plant_file: Path, plant_text: str
     with pytest.raises(ConfigurationError) as caught:
         load_plant(plant_file)
     assert len(str(caught.value).splitlines()) == 3
+
+
+ON_MODULE = """\
+[service]
+store = "s"
+[[buses]]
+name = "io-1"
+kind = "modbus_tcp"
+host = "127.0.0.1"
+port = 5021
+[[valves]]
+tag = "FV-201"
+safe_value_pa = 0.0
+[valves.actuator]
+travel_m = 0.1
+[valves.limits]
+pressure_pa = [0.0, 100000.0]
+pressure_rate_pa_per_s = 4000.0
+longest_test_s = 300.0
+[valves.command]
+bus = "io-1"
+device_id = 1
+map = "advantech_adam_6024"
+signal = [0.004, 0.02]
+quantity = [20000.0, 100000.0]
+[valves.position]
+bus = "io-1"
+device_id = 1
+map = "advantech_adam_6024"
+signal = [0.004, 0.02]
+quantity = [0.0, 0.1]
+[valves.acquisition]
+mode = "captured"
+period_s = 0.05
+[valves.watchdog]
+timeout_s = 70.0
+[valves.permissives]
+manual_waived = "no loop"
+"""
+
+
+def test_what_an_io_module_cannot_hold_is_refused_with_key_value_limit_and_remedy(plant_file: Path) -> None:
+    plant_file.write_text(ON_MODULE, encoding="utf-8")
+    with pytest.raises(ConfigurationError) as caught:
+        load_plant(plant_file)
+    takes = "ao0 of advantech_adam_6024 (device 1 on io-1) takes 20000 to 100000 Pa in steps of 19.54"
+    scaling = "correct signal and quantity of the command"
+    expected = (
+        ("limits.pressure_pa = [0.0, 100000.0]", takes, f"keep the limits inside that, or {scaling}"),
+        ("safe_value_pa = 0.0", takes, f'choose a safe value inside that or "entry", or {scaling}'),
+        (
+            "watchdog.timeout_s = 70.0",
+            "map advantech_adam_6024 has no watchdog",
+            'say watchdog.waived = "why" to go without',
+        ),
+        (
+            'acquisition.mode = "captured"',
+            "map advantech_adam_6024 has no capture buffer",
+            'say mode = "polled"',
+        ),
+    )
+    lines = [f"plant.toml: valves[0].{': '.join(one)}" for one in expected]
+    assert str(caught.value).splitlines() == lines
+
+
+@pytest.mark.parametrize(
+    ("was", "now"),
+    [
+        ("travel_m = 0.1", "travel_m = -1.0"),
+        ("period_s = 0.05", ""),
+        ("timeout_s = 70.0", ""),
+        ('manual_waived = "no loop"', "colour = 1"),
+        ("safe_value_pa = 0.0", "safe_value_pa = -1.0"),
+        ('tag = "FV-201"', 'tag = "FV-201"\ncolour = 1'),
+    ],
+)
+def test_no_part_that_is_wrong_hides_what_a_device_cannot_hold(plant_file: Path, was: str, now: str) -> None:
+    assert was in ON_MODULE
+    plant_file.write_text(ON_MODULE.replace(was, now), encoding="utf-8")
+    with pytest.raises(ConfigurationError) as caught:
+        load_plant(plant_file)
+    assert "limits.pressure_pa = [0.0, 100000.0]: ao0 of advantech_adam_6024" in str(caught.value)
+    assert len(str(caught.value).splitlines()) >= 3
+
+
+@pytest.mark.parametrize("quantity", ["[0.0, 100.0]", "[0.0, 0.0001]"], ids=["mm", "hm"])
+def test_a_position_in_another_unit_than_the_travel_is_refused(plant_file: Path, quantity: str) -> None:
+    plant_file.write_text(ON_MODULE.replace("[0.0, 0.1]", quantity), encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=r"valves\[0\].position.quantity .* the travel is 0.1 m: write"):
+        load_plant(plant_file)
+
+
+MANY = """\
+[service]
+store = "s"
+bind = "plant"
+[[buses]]
+name = "plc-1"
+kind = "modbus_rtu"
+serial_port = "/dev/ttyS9"
+baud_rate = 1
+timeout_s = -1.0
+[[buses]]
+name = "plc-2"
+kind = "profibus"
+[[buses]]
+name = "io-1"
+kind = "modbus_tcp"
+host = "127.0.0.1"
+port = 5021
+[[valves]]
+tag = "FV-101"
+safe_value_pa = 90000.0
+colour = "red"
+[valves.actuator]
+diaphragm_area_m2 = -1.0
+travel_m = 0.0
+[valves.limits]
+pressure_pa = [9.0, 1.0]
+pressure_rate_pa_per_s = -4.0
+longest_test_s = 0.0
+[valves.command]
+bus = "plc-9"
+device_id = 1
+map = "referense"
+[valves.acquisition]
+mode = "captured"
+period_s = "fast"
+[[valves]]
+tag = "FV-102"
+safe_value_pa = 0.0
+[valves.actuator]
+travel_m = 0.1
+[valves.limits]
+pressure_pa = [0.0, 100000.0]
+pressure_rate_pa_per_s = 4000.0
+longest_test_s = 300.0
+[valves.command]
+bus = "io-1"
+device_id = 1
+map = "advantech_adam_6024"
+signal = [0.004, 0.02]
+quantity = [20000.0, 100000.0]
+[valves.acquisition]
+mode = "polled"
+period_s = 0.05
+[valves.position]
+bus = "io-1"
+device_id = 1
+map = "advantech_adam_6024"
+signal = [0.004, 0.02]
+quantity = [0.0, 0.1]
+[valves.permissives]
+device_number = 7
+[valves.permissives.interlock]
+bus = "io-7"
+device_id = 1
+map = "advantech_adam_6024"
+register = "ai9"
+bit = 3
+[[valves]]
+tag = "FV-103"
+safe_value_pa = 20000.0
+[valves.actuator]
+travel_m = 0.1
+[valves.limits]
+pressure_pa = [20000.0, 100000.0]
+pressure_rate_pa_per_s = 4000.0
+longest_test_s = 300.0
+[valves.command]
+bus = "plc-1"
+device_id = 2
+map = "reference"
+[valves.acquisition]
+mode = "captured"
+period_s = 0.001
+[[groups]]
+name = "all"
+valves = ["FV-101", "FV-102", "FV-900"]
+[[schedules]]
+name = "nightly"
+cron = "61 * * * *"
+zone = "Europe/Atlantis"
+groups = ["all"]
+sequence = "waltz"
+window_s = 600.0
+"""
+
+
+def test_every_fault_of_a_plant_is_told_once_and_none_hides_another(plant_file: Path) -> None:
+    plant_file.write_text(MANY, encoding="utf-8")
+    with pytest.raises(ConfigurationError) as caught:
+        load_plant(plant_file)
+    lines = str(caught.value).splitlines()
+    expected = (
+        'service.bind = "plant"',
+        "buses[0]: bus plc-1: baud_rate 1",
+        "buses[0]: bus plc-1: timeout_s is -1",
+        'buses[1].kind = "profibus"',
+        "valves[0].colour",
+        "valves[0].actuator: actuator.travel_m is 0",
+        "valves[0].actuator: actuator.diaphragm_area_m2 is -1",
+        "valves[0].limits: limits.pressure_rate_pa_per_s is -4",
+        "valves[0].limits: limits.longest_test_s is 0",
+        "valves[0].limits: limits.pressure_pa is 9 to 1 Pa",
+        'valves[0].command.bus = "plc-9"',
+        "valves[0].command.map: register map 'referense'",
+        "valves[0].acquisition.period_s",
+        "valves[1].permissives.interlock.bus",
+        "valves[1].permissives.interlock.map: register map advantech_adam_6024: no register 'ai9'",
+        "valves[1].permissives: ",
+        "valves[1].permissives.device_number = 7",
+        'groups[0].valves[2] = "FV-900"',
+        'schedules[0].zone = "Europe/Atlantis"',
+        'schedules[0].cron = "61 * * * *"',
+        'schedules[0].sequence = "waltz"',
+    )
+    for one in expected:
+        found = [line for line in lines if line.startswith(f"plant.toml: {one}".rstrip(": "))]
+        assert found, f"{one} is not told:\n" + "\n".join(lines)
+    assert len(lines) == len(set(lines)) == len(expected), "\n".join(lines)
+
+
+def test_what_names_a_bus_or_a_group_that_is_wrong_is_not_wrong_itself(plant_file: Path, plant_text: str) -> None:
+    text = plant_text.replace("port = 5020", "port = 0") + (
+        '[[groups]]\nname = "all"\nvalves = []\n[[schedules]]\nname = "n"\ncron = "30 2 * * *"\n'
+        'zone = "UTC"\ngroups = ["all"]\nsequence = "triangle"\nwindow_s = 600.0\n'
+    )
+    plant_file.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigurationError) as caught:
+        load_plant(plant_file)
+    first, second = str(caught.value).splitlines()
+    assert first.startswith("plant.toml: buses[0]: bus plc-1: port 0 is outside")
+    assert second.startswith("plant.toml: groups[0].valves = []")
+
+
+@pytest.mark.parametrize("device_id", [0, 255])
+def test_the_device_at_a_network_address_itself_can_be_configured(
+    plant_file: Path, plant_text: str, device_id: int
+) -> None:
+    plant_file.write_text(plant_text.replace("device_id = 1", f"device_id = {device_id}"), encoding="utf-8")
+    assert load_plant(plant_file).valves["FV-101"].wiring.command.device_id == device_id
+
+
+def test_the_broadcast_address_of_a_serial_line_is_refused(plant_file: Path, plant_text: str) -> None:
+    on_tcp = 'kind = "modbus_tcp"\nhost = "127.0.0.1"\nport = 5020'
+    text = plant_text.replace(on_tcp, 'kind = "modbus_rtu"\nserial_port = "/dev/ttyS9"')
+    assert text != plant_text
+    plant_file.write_text(text.replace("device_id = 1", "device_id = 0"), encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=r"valves\[0\].command.device_id: bus plc-1: .* 1 to 247"):
+        load_plant(plant_file)
 
 
 @pytest.mark.parametrize("written", ["nan", "inf", "true", '"open"', "[0.0]"])

@@ -12,7 +12,7 @@ from service.runs.run import Run, RunState, new_run_id
 from service.schedules.check import Check, CheckState
 from service.settings_database import PASSWORD_VARIABLE, DatabaseAddress
 from service.store.database import _config, _engine, open_database
-from service.store.run_table import NOT_LOADED
+from service.store.run_table import NOT_LOADED, RunTable
 from service.store.schema_base import UtcDateTime
 from service.store.store import Store
 from tests.service.databases import postgresql_database
@@ -96,6 +96,32 @@ def test_an_older_database_gets_the_last_test_of_each_valve(database_url: str) -
         ("B", 3, None, "queued", None, False, True),
     ]
     assert "S" in shown[0][7]
+    migrated.dispose()
+
+
+def test_an_older_database_says_what_was_commanded_only_where_it_left_no_doubt(database_url: str) -> None:
+    engine = _engine(make_url(database_url))
+    left = {
+        "moved": ("completed", NOW, NOW),
+        "stopped while it waited": ("stopped", None, None),
+        "any error": ("failed", NOW, None),
+        "runs": ("running", NOW, None),
+    }
+    with engine.begin() as connection:
+        command.upgrade(_config(connection), "0007")
+        for name, (state, started_at, ended_at) in left.items():
+            connection.execute(
+                text(
+                    "INSERT INTO tests (id, valve, sequence, overrides, state, progress, created_at, error, software, "
+                    "started_at, motion_ended_at) "
+                    "VALUES (:id, 'A', 'triangle', '{}', :state, 1.0, :now, '', 'x', :began, :over)"
+                ).bindparams(*(bindparam(name, type_=UtcDateTime) for name in ("now", "began", "over"))),
+                {"id": name, "state": state, "now": NOW, "began": started_at, "over": ended_at},
+            )
+    engine.dispose()
+    migrated = open_database(database_url)
+    commanded = {run.id: run.commanded for run in RunTable(migrated).newest(9)}
+    assert commanded == {"moved": True, "stopped while it waited": False, "any error": None, "runs": None}
     migrated.dispose()
 
 

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import fcntl
 import json
+import os
+import pty
 import re
 import signal
 import sys
+import termios
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -16,6 +21,7 @@ from typing import Any
 import httpx
 import pytest
 
+from service.cli.signals import ENDING_SIGNALS
 from service.settings import load_plant
 from simulator.record import Happening
 from tests.service.fake_rig import FakeAnalyst
@@ -91,14 +97,27 @@ async def test_a_device_that_is_not_there_permits_no_test_and_frees_the_bus(quic
         assert (await client.get("/tests")).json()["tests"] == []
 
 
+def _hear_all_signals() -> None:
+    """Let a process hear what whoever started the tests ignores: under nohup, or behind an ampersand."""
+    for number in ENDING_SIGNALS:
+        signal.signal(number, signal.SIG_DFL)
+
+
+def _at_the_terminal() -> None:
+    _hear_all_signals()
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+
+
 @asynccontextmanager
-async def served(config: Path) -> AsyncIterator[tuple[asyncio.subprocess.Process, httpx.AsyncClient]]:
-    """Run ``breakaway serve`` as a process and hand out a client of it."""
+async def served(config: Path, *how: str) -> AsyncIterator[tuple[asyncio.subprocess.Process, httpx.AsyncClient]]:
+    """Run ``breakaway serve`` as a process, or ``how`` Python does that, and hand out a client of it."""
     log = config.with_suffix(".log")
     with log.open("ab") as errors:
         start = log.stat().st_size
         process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "service.cli", "serve", "--config", str(config), stderr=errors
+            *(sys.executable, *(how or ("-m", "service.cli", "serve", "--config", str(config)))),
+            stderr=errors,
+            preexec_fn=_hear_all_signals,
         )
     try:
 
@@ -124,7 +143,10 @@ async def served(config: Path) -> AsyncIterator[tuple[asyncio.subprocess.Process
         await process.wait()
 
 
-async def test_sigterm_stops_the_test_and_leaves_the_valve_safe(quick_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT, signal.SIGQUIT])
+async def test_a_signal_that_ends_the_service_stops_the_test_and_leaves_the_valve_safe(
+    quick_path: Path, number: signal.Signals
+) -> None:
     async with wired_plant(quick_path) as (path, plant), served(path) as (process, client):
         location = (await client.post("/tests/run", json=LONG)).headers["location"]
 
@@ -134,7 +156,7 @@ async def test_sigterm_stops_the_test_and_leaves_the_valve_safe(quick_path: Path
         await until(moving, 60.0, "the motion")
         watching = asyncio.create_task(client.get(f"{location}/events"))
         await asyncio.sleep(0.1)
-        process.send_signal(signal.SIGTERM)
+        process.send_signal(number)
         code = await asyncio.wait_for(process.wait(), 20.0)
         events = (await watching).text
         assert code == 0, path.with_suffix(".log").read_text()
@@ -144,6 +166,60 @@ async def test_sigterm_stops_the_test_and_leaves_the_valve_safe(quick_path: Path
         assert tripped == []
         lines = [line for line in path.with_suffix(".log").read_text().splitlines() if line.startswith("{")]
         assert {"listening", "test accepted", "test ended", "ended"} <= {json.loads(line)["event"] for line in lines}
+
+
+async def test_a_terminal_that_is_closed_leaves_the_valve_safe(quick_path: Path) -> None:
+    """The whole group gets SIGHUP, and nothing can be written to the terminal any more."""
+    async with wired_plant(quick_path) as (path, plant):
+        master, slave = pty.openpty()
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "service.cli", "serve", "--config", str(path)),
+            stdin=slave,
+            stdout=slave,
+            stderr=slave,
+            start_new_session=True,
+            preexec_fn=_at_the_terminal,
+        )
+        os.close(slave)
+        os.set_blocking(master, False)
+        said = b""
+
+        async def listening() -> bool:
+            nonlocal said
+            with contextlib.suppress(BlockingIOError):
+                said += os.read(master, 65536)
+            return b'"event": "listening"' in said
+
+        async def moving() -> bool:
+            await listening()  # somebody reads what the terminal shows
+            return asked_pa(plant) > 29_000.0
+
+        try:
+            await until(listening, 180.0, "the start of the service")
+            (url,) = re.findall(rb"http://127\.0\.0\.1:\d+", said)
+            async with httpx.AsyncClient(base_url=url.decode(), timeout=30.0) as client:
+                (await client.post("/tests/run", json=LONG)).raise_for_status()
+            await until(moving, 60.0, "the motion")
+            os.close(master)
+            await asyncio.wait_for(process.wait(), 20.0)
+        finally:
+            if process.returncode is None:
+                process.kill()
+                await process.wait()
+        assert process.returncode in (0, 120)  # 120: the interpreter could not flush its last words
+        assert asked_pa(plant) == pytest.approx(SAFE_PA, abs=10.0)
+        record = plant.records[TAG]
+        assert not [event for event in record.events if event.happening is Happening.WATCHDOG_TRIPPED]
+
+
+async def test_what_whoever_started_the_service_had_ignored_stays_ignored(quick_path: Path) -> None:
+    async with wired_plant(quick_path) as (path, _):
+        ignoring = "import signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN); "
+        run = "from service.cli import main; sys.argv[1:] = ['serve', '--config', sys.argv[1]]; main()"
+        async with served(path, "-c", ignoring + run, str(path)) as (process, client):
+            process.send_signal(signal.SIGHUP)  # as nohup wants it
+            await asyncio.sleep(0.5)
+            assert (await client.get("/healthz")).is_success
 
 
 async def test_after_kill_9_the_test_is_interrupted_its_samples_are_kept_and_the_valve_is_safe(

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from simulator.assembly import SimulatedPlant, reference_unit
 from simulator.clock import RunningClock
+from simulator.faults import Fault
 from simulator.listeners import TcpListener
 from simulator.sensor import Sensor
 from simulator.simulated_valve import SimulatedValve
@@ -19,6 +20,21 @@ from valve.parameter_sets import PARAMETER_SETS
 
 TAG = "FV-101"
 SAFE_PA = 20_000.0
+
+
+def standing_valve(start_pa: float, *faults: Fault) -> SimulatedValve:
+    """Return the nominal valve as it stands at ``start_pa``, with faults of its own."""
+    chosen = PARAMETER_SETS["nominal"]
+    return SimulatedValve(
+        TAG,
+        chosen.parameters,
+        chosen.nameplate,
+        Transducer((0.0, 82737.0)),
+        Sensor((-0.005, 0.107)),
+        Sensor((-4000.0, 87000.0)),
+        start_pa=start_pa,
+        faults=faults,
+    )
 
 
 @asynccontextmanager

@@ -11,10 +11,10 @@ from valve.kernel.compiled import kernel
 def test_a_kernel_is_kept_under_another_name_where_any_source_changes(tmp_path: Path) -> None:
     (tmp_path / "one.py").write_text("A = 1\n")
     (tmp_path / "other.py").write_text("B = 1\n")
-    before = compiled._digest(tmp_path)
-    assert compiled._digest(tmp_path) == before
+    before = compiled.digest(tmp_path)
+    assert compiled.digest(tmp_path) == before
     (tmp_path / "other.py").write_text("B = 2\n")
-    assert compiled._digest(tmp_path) != before
+    assert compiled.digest(tmp_path) != before
 
 
 def test_a_kernels_cache_file_bears_the_sources_digest() -> None:
@@ -23,7 +23,7 @@ def test_a_kernels_cache_file_bears_the_sources_digest() -> None:
 
     compiled_function = kernel(halved)
     assert compiled_function(3.0) == 1.5
-    assert compiled._digest(Path(compiled.__file__).parent) in compiled_function.__qualname__
+    assert compiled.digest(Path(compiled.__file__).parent) in compiled_function.__qualname__
 
 
 def test_a_division_by_zero_is_infinite_and_raises_nothing() -> None:

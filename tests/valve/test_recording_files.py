@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+import pyarrow.csv
 import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
@@ -407,3 +408,39 @@ def test_what_a_real_valve_shows_is_not_taken_for_a_wrong_unit() -> None:
         (1.0e-5 * UP_AND_DOWN, 50.0 * UP_AND_DOWN),  # vented, noise
     ):
         recording_from_bytes(csv_of(position_m, pressure_pa), "a.csv", NAMEPLATE)
+
+
+def _columns(rows: int) -> dict[str, pa.Array]:
+    return {
+        "time_s": pa.array(np.arange(float(rows))),
+        "position_m": pa.array(np.zeros(rows)),
+        "pressure_pa": pa.array(np.arange(float(rows))),
+    }
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_a_file_of_too_many_rows_is_refused_before_it_is_unpacked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    path = tmp_path / f"long.{kind}"
+    table = pa.table(_columns(10_000))
+    if kind == "csv":
+        pa.csv.write_csv(table, path)
+    else:
+        pq.write_table(table, path, compression="zstd")
+    assert read_recording(path, most_rows=10_000).samples == 10_000
+    monkeypatch.setattr(pq, "read_table", None)
+    monkeypatch.setattr(pa.csv, "read_csv", None)
+    with pytest.raises(RecordingError, match=rf"long\.{kind}: it has 10000 rows, the most is 9999: give fewer"):
+        read_recording(path, most_rows=9_999)
+
+
+def test_a_few_rows_of_long_texts_are_refused_before_they_are_unpacked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    texts = pa.array([f"{number:03d}" + "x" * 1_000_000 for number in range(10)])
+    pq.write_table(pa.table(_columns(10) | {"position_m": texts}), tmp_path / "texts.parquet", compression="zstd")
+    assert (tmp_path / "texts.parquet").stat().st_size < 100_000
+    monkeypatch.setattr(pq, "read_table", None)
+    with pytest.raises(RecordingError, match=r"unpacks to 1000\d* bytes, the most is 48000: write numbers alone"):
+        read_recording(tmp_path / "texts.parquet", most_rows=1000)

@@ -14,21 +14,23 @@ from typing import Any, Final
 from numba import njit
 
 
-def _digest(folder: Path) -> str:
-    """Eight hexadecimal digits of the sources of a folder."""
+def digest(*folders: Path) -> str:
+    """Eight hexadecimal digits of the sources of these folders."""
     sources = hashlib.sha256()
-    for path in sorted(folder.glob("*.py")):
-        sources.update(path.read_bytes())
+    for folder in folders:
+        for path in sorted(folder.glob("*.py")):
+            sources.update(path.read_bytes())
     return sources.hexdigest()[:8]
 
 
-_SOURCES: Final = _digest(Path(__file__).parent)
+_SOURCES: Final = digest(Path(__file__).parent)
 
 
-def kernel(function: Callable[..., Any]) -> Any:
+def kernel(function: Callable[..., Any], sources: str = _SOURCES) -> Any:
     """Compile a function for flat numbers and arrays; numba types it from its arguments.
 
-    A division by zero gives inf or NaN, as in numpy. Use it for what calls one of these kernels too.
+    A division by zero gives inf or NaN, as in numpy. Use it for what calls one of these kernels too; kernels of another
+    folder give the ``sources`` digest of both.
     """
-    function.__qualname__ = f"{function.__qualname__}_{_SOURCES}"
+    function.__qualname__ = f"{function.__qualname__}_{sources}"
     return njit(cache=True, error_model="numpy")(function)

@@ -2,3 +2,5 @@
 guard();
 keepLooking();
 setInterval(refresh, REFRESH_MS);
+setInterval(() => { if ($("stands")?.dataset.verdict === "moving") refresh(); }, MOVING_MS);
+document.addEventListener("visibilitychange", refresh);  // a tablet that wakes up looks at once

@@ -1,5 +1,5 @@
 // The line to the gateway: what is known, how old it is, what may be pressed, and a page that keeps fresh.
-const PING_MS = 3000, PING_LIMIT_MS = 2500, REFRESH_MS = 10000;
+const PING_MS = 3000, PING_LIMIT_MS = 2500, REFRESH_MS = 10000, MOVING_MS = 2000;
 let online = true, knownAt = Date.now();
 const guards = [];
 
@@ -50,13 +50,18 @@ document.addEventListener("click", (event) => {
 
 // What changes on a page without a test is fetched again, and replaced where it differs.
 async function refresh() {
-  if (document.hidden || !online || !document.querySelector("[data-live]")) return;
+  if (document.hidden || !online || page === "sign-in") return;
+  const isRenewed = document.querySelector("[data-live]");
+  if (!isRenewed && !csrf) return;
   let answer;
-  try { answer = await ask("GET", location.href, { headers: { "X-Background": "1" } }); } catch { return; }
-  if (new URL(answer.address).pathname === "/ui/sign-in") { trouble("You are signed out. What you see is no longer renewed.", true); return; }
+  try { answer = await ask("GET", isRenewed ? location.href : "/session", { headers: { "X-Background": "1" } }); } catch { return; }
+  if (answer.status === 401 || new URL(answer.address).pathname === "/ui/sign-in") { lock(); return; }
   if (!answer.ok) return;
+  if (isLocked) { location.reload(); return; }  // somebody signed in on another page of this browser
+  if (!isRenewed) return;
   const fresh = new DOMParser().parseFromString(answer.text, "text/html");
-  if (Boolean(fresh.getElementById("stop")) !== Boolean($("stop"))) { location.reload(); return; }
+  const wasMoving = $("stands")?.dataset.verdict === "moving", isMoving = fresh.getElementById("stands")?.dataset.verdict === "moving";
+  if (Boolean(fresh.getElementById("stop")) !== Boolean($("stop")) || (page !== "running" && wasMoving && !isMoving)) { location.reload(); return; }
   for (const old of document.querySelectorAll("[data-live]")) {
     const renewed = fresh.getElementById(old.id);
     if (renewed && renewed.outerHTML !== old.outerHTML && !old.contains(document.activeElement)) old.replaceWith(renewed);

@@ -1,4 +1,4 @@
-// Units, signing in and out, acknowledging a test, accepting a model.
+// Units, signing in and out, acknowledging a test, accepting a model, analysing again.
 $("units")?.addEventListener("change", (event) => {
   document.cookie = `breakaway-units=${event.target.value}; path=/; max-age=31536000; samesite=strict`;
   const address = new URL(location.href);
@@ -36,4 +36,15 @@ $("accept")?.addEventListener("submit", async (event) => {
     const answer = await ask("POST", `/valves/${encodeURIComponent(form.dataset.valve)}/model`, { body: { test: form.dataset.test } });
     $("accept-words").textContent = answer.ok ? "Accepted: it is how this valve is from now on." : refusal(answer);
   } catch { lost(); }
+});
+
+$("analyze")?.addEventListener("click", async (event) => {
+  const button = event.currentTarget;
+  button.disabled = true;
+  try {
+    const answer = await ask("POST", `/tests/${button.dataset.test}/analyze`);
+    if (answer.ok) { location.reload(); return; }
+    trouble(refusal(answer));
+  } catch { lost(); }
+  button.disabled = false;
 });

@@ -7,7 +7,8 @@ if ($("live")) {
   const PHASES = {
     queued: "Waiting for its turn", checking: "Looking at the device", "handing over": "Taking the valve over",
     ramping: "Going to the start", playing: "Moving", returning: "Going to its safe value",
-    uploading: "At its safe value. Fetching the device's samples", ended: "Motion has ended", analyzing: "Analysing",
+    "at its safe value": "Signal at its safe value",
+    uploading: "Signal at its safe value. Fetching the device's samples", ended: "Motion has ended", analyzing: "Analysing",
   };
   const INK = "#1b1f23", SOFT = "#5d666f", PALE = "#aeb6bd", GRID = "#dde1e4", BLUE = "#005a94";
   const length = view.units.length, pressure = view.units.pressure;
@@ -117,14 +118,18 @@ if ($("live")) {
       }
     },
     state(data) {
-      if (data.state === "analyzing" && !$("stop").dataset.pressed) $("stop-words").textContent = "The motion has ended. The valve is at its safe value.";
+      if (data.state === "analyzing" && $("stop") && !$("stop").dataset.pressed) $("stop-words").textContent = "The motion has ended.";
       if (data.state === "queued" || data.state === "analyzing") HANDLERS.progress({ progress: data.progress, phase: data.state });
+    },
+    stands(data) {  // the page has it in the units that are shown
+      say(data.sentence);
+      refresh();
     },
     end(data) {
       hasEnded = true;
       $("phase").textContent = `The test has ended: ${data.state}`;
       say(`The test has ended: ${data.state}. The result follows.`);
-      showResult();
+      if (!isLocked) showResult();
     },
   };
 
@@ -157,7 +162,7 @@ if ($("live")) {
         const answer = await fetch(`/tests/${place.dataset.test}/events`, {
           headers: { Accept: "text/event-stream", "Last-Event-ID": String(lastId) }, signal: cut.signal, cache: "no-store",
         });
-        if (answer.status === 401) trouble("You are signed out. The test goes on; sign in to see it and to stop it.", true);
+        if (answer.status === 401) lock();
         if (answer.ok) {
           trouble("");
           const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();

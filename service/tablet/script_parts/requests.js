@@ -45,9 +45,18 @@ function trouble(words, isSignedOut = false) {
   $("trouble").hidden = !words;
 }
 
+// Who is signed out sees nothing of the plant any more. Stop stays: it was theirs when the page was opened.
+let isLocked = false, isStopLost = false;
+function lock() {
+  isLocked = true;
+  $("main").hidden = true;
+  const more = !$("stop") ? "" : isStopLost ? "A running test goes on." : "The test goes on, and STOP still works.";
+  trouble(`You are signed out: this page is locked. ${more}`, true);
+}
+
 function say(words) { $("said").textContent = words; }
 
 function refusal(answer) {
-  if (answer.status === 401) { trouble("You are signed out. A running test goes on.", true); return "You are signed out."; }
+  if (answer.status === 401) { lock(); return "You are signed out."; }
   return answer.found?.shown ?? answer.found?.detail ?? `The gateway answered ${answer.status}: try again.`;
 }

@@ -9,10 +9,11 @@ $("stop")?.addEventListener("click", async (event) => {
     try {
       const answer = await ask("POST", `/tests/${button.dataset.test}/stop`, { limitMs: online ? 10000 : 2000 });
       if (answer.ok) {
-        words.textContent = answer.found.safe_confirmed === true ? "Stopped. The valve is at its safe value." : "Stop is received.";
-        if (page !== "running") setTimeout(() => location.reload(), 1500);
+        words.textContent = answer.found.stands ? `Stopped. ${answer.found.stands.sentence}` : "Stop is received.";
+        if (page !== "running" && !isLocked) setTimeout(() => location.reload(), 1500);
         return;
       }
+      isStopLost = answer.status === 401;
       const why = `STOP IS NOT SENT: ${refusal(answer).replace(/^You/, "you").replace(/\.$/, "")}.`;
       if (answer.status < 500) {
         words.textContent = `${why} ${answer.status === 401 ? "Sign in above, then press Stop again. " : ""}Use the means at the valve itself.`;

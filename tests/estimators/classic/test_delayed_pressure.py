@@ -49,9 +49,8 @@ def test_m_and_f_v_say_what_a_delay_does_where_the_limit_velocity_does_not_follo
         assert 0.5 < errors_off(estimate, one, symbol) < 1.8, symbol
 
 
-def test_what_is_left_of_an_unexplained_motion_says_what_a_delay_does() -> None:
+def test_spring_and_preload_say_what_a_delay_does() -> None:
     one = delayed("nominal", 0.3e-6, -LATE_S)
     estimate = RegressionEstimator().estimate(one.recording, one.nameplate)
-    assert "NOT_EXPLAINED" in estimate.diagnostics["outcomes"]
     for symbol in ("k", "F_0"):
         assert errors_off(estimate, one, symbol) < 1.8, symbol

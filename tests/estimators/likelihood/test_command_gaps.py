@@ -5,14 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from estimators.exact_motion import ExactMotionEstimator
 from estimators.likelihood.inputs.command_gaps import over_gaps
 from estimators.likelihood.inputs.input_path import TransducerPath, input_path
 from estimators.likelihood.lines.stretches import KnownCorners
-from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from tests.benchmarks.random_valves import what_is_wrong
 from tests.estimators.likelihood.test_transducer_path import NAMEPLATE, TRIANGLE, commanded
 from tests.estimators.random_valves import random_test
 from valve.recording import Recording
+
+pytestmark = pytest.mark.long
 
 PERIOD_S = 0.02
 
@@ -74,7 +76,7 @@ def test_a_stem_that_jumps_in_a_gap_is_followed_through_it() -> None:
     # three gaps, one of 50 ms in the middle of a jump: with the stem begun anew after each, and a pressure that has
     # settled, the fit ended at 6.8 times the noise
     test = random_test(3001)
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert what_is_wrong(estimate, test) == ()
     assert estimate.value("m") == pytest.approx(test.truth.mass_kg, rel=0.01), estimate.message
     assert estimate.value("F_v") == pytest.approx(test.truth.by_symbol()["F_v"], rel=0.05)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from estimators.base import NORMAL_95
+from estimators.exact_motion import ExactMotionEstimator
 from estimators.identifiability.bound import Knowledge
 from estimators.likelihood.dead_time import about_middle_dead_time
 from estimators.likelihood.descent import descend
@@ -12,11 +13,12 @@ from estimators.likelihood.inputs.transducer_path import DEAD_TIME, LAG
 from estimators.likelihood.intervals import known
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.ramps import ramps_of
-from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.samples import FloatArray
 from tests.benchmarks.random_valves import what_is_wrong
 from tests.estimators.likelihood.posed import at_truth, posed
 from tests.estimators.random_valves import random_test
+
+pytestmark = pytest.mark.long
 
 JUMPING = 5664  # 0.21 s of dead time on ramps of one rate: a fit with 0.01 s and 87 N more friction leaves as much
 SLIDING = 2693  # ramps of two rates
@@ -66,7 +68,7 @@ def test_without_a_dead_time_nothing_is_changed() -> None:
 
 def test_a_command_alone_gives_the_friction_of_jumps_within_its_interval() -> None:
     test = random_test(JUMPING)
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert what_is_wrong(estimate, test) == ()
     for symbol in ("F_c", "F_s"):
         entry, truth = estimate.parameters[symbol], test.truth.by_symbol()[symbol]

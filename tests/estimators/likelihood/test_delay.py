@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 
 from estimators.base import NORMAL_95, Status
+from estimators.exact_motion import ExactMotionEstimator
 from estimators.identifiability.bound import Knowledge
 from estimators.likelihood.delay import DELAY, _is_of_one_clock, _with_inertia_as_open, delayed, searched_model
 from estimators.likelihood.mixture import reaching
-from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from tests.benchmarks.efficiency import Case, phased
 from tests.estimators.likelihood.posed import posed
 from tests.estimators.random_valves import random_test
 from tests.estimators.recordings import Recorded
 from valve.recording import Acquisition, Provenance, Recording
+
+pytestmark = pytest.mark.long
 
 SEED = 2103  # the pressure is read 0.18 periods late; without a delay a DV 15 times too large fits nearly as well
 DELAYED = 2306  # the pressure is read 0.25 periods late: without a delay the rows misfit wherever the stem accelerates
@@ -27,7 +29,7 @@ FOLLOWING = 2126  # overdamped, at 5 ms: a delay of 0.3 periods and 1.5 % of F_v
 
 def test_the_intervals_hold_the_delay_and_what_stands_for_it_where_only_the_odds_beforehand_decide() -> None:
     test = random_test(SEED)
-    estimate, truth = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate), test.truth.by_symbol()
+    estimate, truth = ExactMotionEstimator().estimate(test.recording, test.nameplate), test.truth.by_symbol()
     assert estimate.status is Status.OK, estimate.message
     assert 0.01 < estimate.diagnostics["weight_of_delay"] < 0.5
     assert estimate.diagnostics["fitted"]["DV"] > 10.0 * truth["DV"]
@@ -42,7 +44,7 @@ def test_the_intervals_hold_the_delay_and_what_stands_for_it_where_only_the_odds
 
 def test_the_damping_of_a_stem_that_follows_is_known_no_better_than_the_delay_of_an_uneven_file() -> None:
     test = random_test(FOLLOWING)
-    estimate, truth = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate), test.truth
+    estimate, truth = ExactMotionEstimator().estimate(test.recording, test.nameplate), test.truth
     entry = estimate.parameters["F_v"]
     assert entry.value is not None
     assert entry.std_error is not None
@@ -60,9 +62,9 @@ def test_an_inertia_is_known_no_better_than_a_delay_to_the_nearest_row_of_a_file
     # m was ok, 5.5 % and 18 standard errors off
     test = random_test(CLOCKED)
     assert _is_of_one_clock(test.recording.time_s)
-    silent = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    silent = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     told = replace(test.recording, provenance=Provenance(Acquisition.CAPTURED))
-    captured = MaximumLikelihoodEstimator().estimate(told, test.nameplate)
+    captured = ExactMotionEstimator().estimate(told, test.nameplate)
     assert silent.status is Status.OK, silent.message
     for symbol, value in test.truth.by_symbol().items():
         entry, without = silent.parameters[symbol], captured.parameters[symbol]
@@ -78,8 +80,8 @@ def test_an_inertia_is_known_no_better_than_a_delay_to_the_nearest_row_of_a_file
 
 def test_a_file_that_does_not_say_how_it_was_read_is_told_what_that_takes_from_it() -> None:
     test = phased(Case("vendor", "triangle", 5.0e-6, 2))
-    captured = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
-    silent = MaximumLikelihoodEstimator().estimate(replace(test.recording, provenance=Provenance()), test.nameplate)
+    captured = ExactMotionEstimator().estimate(test.recording, test.nameplate)
+    silent = ExactMotionEstimator().estimate(replace(test.recording, provenance=Provenance()), test.nameplate)
     assert captured.value("m") is not None
     assert "how its channels were read" not in captured.message
     assert silent.value("m") is None
@@ -105,7 +107,7 @@ def test_no_inertia_is_told_from_a_delay_where_it_is_shorter_than_a_period() -> 
 
 def test_a_fit_with_a_delay_is_judged_by_what_it_leaves_with_the_delay() -> None:
     test = random_test(DELAYED)
-    estimate, truth = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate), test.truth.by_symbol()
+    estimate, truth = ExactMotionEstimator().estimate(test.recording, test.nameplate), test.truth.by_symbol()
     assert estimate.status is Status.OK, estimate.message
     assert estimate.diagnostics["weight_of_delay"] > 0.99
     for symbol in ("m", "k", "F_v", "F_c", "F_s", "F_0"):
@@ -130,7 +132,7 @@ def changed_n(late_s: float, test: Recorded) -> float:
 def test_friction_is_known_to_what_the_force_changes_in_the_time_that_a_gauge_was_late() -> None:
     # a gauge that lags rounds the corners, which a delay does not: F_c was ok, 0.4 % and 13 standard errors off
     test = phased(Case("rough", "triangle", 5.0e-6, 1))
-    estimate = MaximumLikelihoodEstimator().estimate(late_by(5.0e-3, test), test.nameplate)
+    estimate = ExactMotionEstimator().estimate(late_by(5.0e-3, test), test.nameplate)
     truth = test.truth.by_symbol()
     assert estimate.status is Status.OK, estimate.message
     assert "earlier than its samples' times say" in estimate.message
@@ -147,7 +149,7 @@ def test_friction_is_known_to_what_the_force_changes_in_the_time_that_a_gauge_wa
 def test_no_limit_velocity_is_given_that_a_late_pressure_may_have_made() -> None:
     # DV was given 66 times too large, with F_s 46 standard errors off
     test = phased(Case("nominal", "triangle", 20.0e-6, 1))
-    estimate, truth = MaximumLikelihoodEstimator().estimate(late_by(5.0e-3, test), test.nameplate), test.truth
+    estimate, truth = ExactMotionEstimator().estimate(late_by(5.0e-3, test), test.nameplate), test.truth
     assert estimate.status is Status.OK, estimate.message
     assert estimate.diagnostics["fitted"]["DV"] > 10.0 * truth.limit_velocity_m_per_s
     assert estimate.value("DV") is None
@@ -192,7 +194,7 @@ def test_intervals_reach_other_values_along_the_line_to_them() -> None:
 def test_a_delay_is_found_of_a_recording_that_ends_on_a_ramp() -> None:
     # the force acts 7 ms earlier: held after the last row, it was 75 N off there, and nothing was given of 840 rows
     test = random_test(6051)
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert estimate.status is Status.OK, estimate.message
     assert estimate.diagnostics["fitted"][DELAY] == pytest.approx(-test.delay_s, abs=2.0e-4)
     assert estimate.value("F_c") == pytest.approx(test.truth.coulomb_friction_n, rel=0.01)

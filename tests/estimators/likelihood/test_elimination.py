@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from estimators.base import Outcome, Status
+from estimators.exact_motion import ExactMotionEstimator
 from estimators.likelihood.all_rows import certified
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.descent import descend
@@ -21,11 +22,12 @@ from estimators.likelihood.lines import stretches
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.ramps import ramps_of
 from estimators.likelihood.search import Found, with_events
-from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import FloatArray
 from tests.estimators.likelihood.posed import at_truth, posed
 from tests.estimators.random_valves import random_test
+
+pytestmark = pytest.mark.long
 
 
 def widened(seed: int) -> tuple[StemModel, FloatArray, RecordedMotion]:
@@ -94,7 +96,7 @@ def test_friction_is_withheld_where_the_position_asks_for_a_force_that_was_not_m
     for lines in ("lagged_lines", "lines_behind_some_lag"):
         monkeypatch.setattr(stretches, lines, lambda *_rows: None)
     test = random_test(2578)
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert estimate.status is Status.POOR
     assert estimate.diagnostics["strain_of_input"] > 6.5
     # the fit may end before the bottom of its cost as well, which is told first
@@ -109,4 +111,4 @@ def test_friction_is_withheld_where_the_position_asks_for_a_force_that_was_not_m
     # behind its lag the force is the measured one
     monkeypatch.undo()
     test = random_test(2578)
-    assert MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate).diagnostics["strain_of_input"] < 4.0
+    assert ExactMotionEstimator().estimate(test.recording, test.nameplate).diagnostics["strain_of_input"] < 4.0

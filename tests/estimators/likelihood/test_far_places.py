@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import pytest
+
 from estimators.base import Outcome
+from estimators.exact_motion import ExactMotionEstimator
 from estimators.likelihood.descent import descend
 from estimators.likelihood.far_places import is_lowest_tooth
 from estimators.likelihood.inputs.input_path import input_path
 from estimators.likelihood.problem import pose
-from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from tests.benchmarks.coverage import scattered_test
 from tests.benchmarks.random_valves import what_is_wrong
 from tests.estimators.random_valves import random_test
+
+pytestmark = pytest.mark.long
 
 
 def test_a_tooth_beside_which_a_lower_one_lies_is_not_the_bottom() -> None:
@@ -45,7 +49,7 @@ def test_a_tooth_beside_which_a_lower_one_lies_is_not_the_bottom() -> None:
 def test_a_limit_velocity_that_the_slopes_say_is_known_is_tried_elsewhere() -> None:
     # moved by a sine, nearly without friction: F_s was ok and 7 % off by 13 of its errors, DV 41 % by 10
     test = random_test(4460)
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert what_is_wrong(estimate, test) == ()
     entry = estimate.parameters["DV"]
     assert entry.ci95 is None or entry.ci95[0] < test.truth.limit_velocity_m_per_s < entry.ci95[1]

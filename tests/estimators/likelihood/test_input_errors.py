@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from estimators.base import Status
+from estimators.exact_motion import ExactMotionEstimator
 from estimators.likelihood.input_errors import with_input_errors
 from estimators.likelihood.inputs.input_path import MeasuredPath, input_path
 from estimators.likelihood.problem import pose
-from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from tests.estimators.random_valves import random_test
 
@@ -32,7 +32,7 @@ def test_every_line_of_a_noisy_pressure_is_unknown_where_it_matters() -> None:
 def test_the_search_is_begun_anew_where_the_errors_of_the_pressure_decide_which_place_is_the_lowest() -> None:
     # 50 ms, a few rows of ringing at each corner: without these errors nine times the mass fits better than the truth
     test = random_test(2467)
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert estimate.status is Status.OK, estimate.message
     for symbol in ("m", "F_v", "F_c", "F_s"):
         entry, truth = estimate.parameters[symbol], test.truth.by_symbol()[symbol]

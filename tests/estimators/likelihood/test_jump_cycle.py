@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from estimators.base import Status
+from estimators.exact_motion import ExactMotionEstimator
 from estimators.likelihood import cycle_starts
 from estimators.likelihood.all_rows import certified
 from estimators.likelihood.certificate import Certificate
@@ -21,7 +22,6 @@ from estimators.likelihood.model import StemModel
 from estimators.likelihood.places import Restarts
 from estimators.likelihood.pool import Place
 from estimators.likelihood.search import Found, search
-from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import Samples
 from simulator.transducer import lagged
@@ -31,6 +31,8 @@ from tests.estimators.random_valves import random_test
 from valve.motion import simulate_motion
 from valve.parameters import ValveParameters
 from valve.stem import Mode, StemState
+
+pytestmark = pytest.mark.long
 
 _PERIOD_S = 0.05
 _CYCLE_S = 0.0717
@@ -159,7 +161,7 @@ def _cycle_of(valve: ValveParameters, rate: float) -> JumpCycle:
 def test_a_stem_that_sticks_and_slips_within_two_rows_on_ramps_of_two_rates_is_found() -> None:
     # jumps each 41 ms on one ramp and 6 ms on the others, 20 ms rows: it failed, with 3 times the noise
     test = random_test(4056)
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert estimate.status is Status.OK
     assert what_is_wrong(estimate, test) == ()
     for symbol in ("m", "k", "F_v", "F_c", "F_s", "F_0"):

@@ -7,8 +7,9 @@ from typing import Any, Final, cast
 import numpy as np
 import pytest
 
-from estimators import maximum_likelihood
+from estimators import exact_motion
 from estimators.base import Estimate, Outcome, Status, failed
+from estimators.exact_motion import ExactMotionEstimator
 from estimators.likelihood import conclusion, confirmation, search
 from estimators.likelihood.all_rows import certified
 from estimators.likelihood.inputs.input_path import input_path
@@ -17,16 +18,17 @@ from estimators.likelihood.model import StemModel
 from estimators.likelihood.pool import Place
 from estimators.likelihood.problem import pose
 from estimators.likelihood.staircase import read_staircase
-from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import read_motion
 from tests.estimators.random_valves import random_test
+
+pytestmark = pytest.mark.long
 
 SEED = 2035  # 49 jumps at one rate; a fit behind the sill has F_v wrong by 37 %, and its interval is 4 % wide
 
 
 def estimated() -> Estimate:
     test = random_test(SEED)
-    return MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    return ExactMotionEstimator().estimate(test.recording, test.nameplate)
 
 
 def test_a_stem_that_jumps_is_followed_over_the_sill_to_the_lowest_fit(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -125,11 +127,11 @@ def test_jumps_are_hopped_from_anew_with_the_errors_of_the_pressure(monkeypatch:
 
     def concluded(_method: str, _motion: Any, _problem: Any, found: search.Found) -> Estimate:
         ended.append(found)
-        return failed("maximum_likelihood", Outcome.NEVER_MOVED)
+        return failed("exact_motion", Outcome.NEVER_MOVED)
 
-    monkeypatch.setattr(maximum_likelihood, "search", begun)
-    monkeypatch.setattr(maximum_likelihood, "conclude", concluded)
-    MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    monkeypatch.setattr(exact_motion, "search", begun)
+    monkeypatch.setattr(exact_motion, "conclude", concluded)
+    ExactMotionEstimator().estimate(test.recording, test.nameplate)
     found = ended[0]
     assert found.model.deviations
     assert found.certificate.is_near

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from estimators.exact_motion import ExactMotionEstimator
 from estimators.likelihood.limit_median import median_place
 from estimators.likelihood.pool import Place
-from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from tests.benchmarks.coverage import scattered_test
 from tests.benchmarks.efficiency import NOISE_M, Case, bounds_of, phased
 from tests.estimators.random_valves import random_test
@@ -36,7 +36,7 @@ def test_an_unknown_that_shows_or_whose_profile_was_not_followed_to_its_ends_has
 def test_noise_that_favours_another_limit_velocity_does_not_carry_the_friction_far() -> None:
     # seed 10: a DV 6.5 times too large costs 2.8 less than the true one, and with it F_c is 5.7 bounds off
     test = phased(Case("rough", "triangle", NOISE_M, 10))
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     bounds, truth = bounds_of(test, NOISE_M), test.truth.by_symbol()
     for symbol in ("m", "F_v", "F_c", "F_s"):
         entry = estimate.parameters[symbol]
@@ -50,7 +50,7 @@ def test_errors_about_the_middle_are_those_of_the_values_that_are_given_there() 
     # behind a noisy pressure F_v may be anything up to 3800 N s/m (true 177); 3750 +- 390 was given, for the bottom on
     # blocks has another F_v than that of all rows, from where the way to the middle began
     # F_c is F_s here, as of a stem that creeps
-    estimate = MaximumLikelihoodEstimator().estimate(random_test(2640).recording, random_test(2640).nameplate)
+    estimate = ExactMotionEstimator().estimate(random_test(2640).recording, random_test(2640).nameplate)
     truth = random_test(2640).truth.by_symbol()
     assert estimate.value("F_v") is None
     for symbol in ("k", "F_s", "F_0"):
@@ -64,7 +64,7 @@ def test_intervals_reach_a_limit_velocity_near_the_ramps_speed_that_the_misfit_d
     # graphite, 100 um, 50 ms: DV is 0.6 of the ramp's speed, which only what is usual speaks against; F_v was ok and
     # 42 % too small by 5.3 standard errors, F_c 16 % too large by 5
     test, _, _, _ = scattered_test(883)
-    estimate, truth = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate), test.truth.by_symbol()
+    estimate, truth = ExactMotionEstimator().estimate(test.recording, test.nameplate), test.truth.by_symbol()
     assert estimate.value("F_v") is None
     coulomb = estimate.parameters["F_c"]
     assert coulomb.value is not None

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from estimators.base import Outcome, Status
+from estimators.exact_motion import ExactMotionEstimator
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.coordinates import Coordinates, linear, logarithmic
 from estimators.likelihood.far_places import with_other_limits
@@ -14,11 +15,12 @@ from estimators.likelihood.micro_jumps import hidden_micro_jumps_n
 from estimators.likelihood.pool import Place
 from estimators.likelihood.problem import pose
 from estimators.likelihood.ramps import ramps_of
-from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from estimators.samples import BoolArray, FloatArray
 from tests.benchmarks.coverage import scattered_test
 from tests.estimators.likelihood.computed_model import ComputedModel
+
+pytestmark = pytest.mark.long
 
 
 class _Held:
@@ -41,7 +43,7 @@ class _Cliff(ComputedModel):
 def test_a_stem_whose_small_jumps_hide_in_the_noise_keeps_its_spring_and_preload_alone() -> None:
     # m was 99 %, DV 15 % and F_c 8 % off and ok: jumps of 8 um beside 20 um of noise
     test = scattered_test(271)[0]
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert estimate.status is Status.POOR
     truth = test.truth.by_symbol()
     for symbol, entry in estimate.parameters.items():
@@ -72,7 +74,7 @@ def test_jumps_beyond_the_rim_that_a_fit_slides_at_hide_as_its_own_do() -> None:
 
 def test_a_stem_that_slides_at_its_limit_makes_no_jumps_and_is_known() -> None:
     test = scattered_test(395)[0]
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert estimate.status is Status.OK
     assert estimate.value("DV") == pytest.approx(test.truth.limit_velocity_m_per_s, rel=1.0e-4)
     assert estimate.value("F_c") == pytest.approx(test.truth.coulomb_friction_n, rel=1.0e-4)
@@ -81,7 +83,7 @@ def test_a_stem_that_slides_at_its_limit_makes_no_jumps_and_is_known() -> None:
 def test_a_limit_velocity_at_the_speed_of_a_ramp_is_known_no_better_than_the_creep_that_it_may_be() -> None:
     # DV at the slow ramp's speed to 1e-4, 4.8 % too low by 14 of its standard errors and ok: from there up all creep
     test = scattered_test(939)[0]
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     entry, truth = estimate.parameters["DV"], test.truth.limit_velocity_m_per_s
     if entry.ci95 is None:
         assert estimate.status is Status.POOR
@@ -112,7 +114,7 @@ def test_places_across_the_cliff_of_a_ramps_speed_are_found_with_the_limit_held(
 def test_no_coulomb_friction_is_given_of_a_stem_that_may_have_crept_at_one_speed(seed: int) -> None:
     # it was a third too large and more, for it was F_s that the stem felt; F_v and DV do not show
     test = scattered_test(seed)[0]
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert estimate.status is not Status.OK
     assert estimate.value("F_c") is None
     assert "crept below DV" in estimate.parameters["F_c"].note
@@ -122,7 +124,7 @@ def test_no_coulomb_friction_is_given_of_a_stem_that_may_have_crept_at_one_speed
 def test_residuals_in_which_neighbours_go_together_are_no_noise() -> None:
     # jumps of 0.3 mm beside 0.1 mm of noise were fitted by a smooth slide, with an F_c 26 % too large, and ok
     test = scattered_test(379)[0]
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert estimate.status is not Status.OK
     assert estimate.value("F_c") is None
 
@@ -130,7 +132,7 @@ def test_residuals_in_which_neighbours_go_together_are_no_noise() -> None:
 def test_a_mass_that_no_valve_has_is_no_finding() -> None:
     # 1000 kg, the most that is searched, with an F_v 87 % too small beside it
     test = scattered_test(219)[0]
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert estimate.status is not Status.OK
     for symbol in ("m", "F_v", "F_c", "F_s", "DV"):
         assert estimate.value(symbol) is None, symbol

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from estimators.base import Status
+from estimators.exact_motion import ExactMotionEstimator
 from estimators.likelihood.arrival import arrived, left_to_gain
 from estimators.likelihood.budget import Budget
 from estimators.likelihood.certificate import Certificate
@@ -16,11 +17,12 @@ from estimators.likelihood.compression import compressed, in_parts, without_outl
 from estimators.likelihood.coordinates import Coordinates, linear
 from estimators.likelihood.pool import Place, halved
 from estimators.likelihood.search import Found
-from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.samples import BoolArray, FloatArray
 from tests.estimators.likelihood.computed_model import ComputedModel
 from tests.estimators.likelihood.posed import at_truth, posed
 from tests.estimators.random_valves import random_test
+
+pytestmark = pytest.mark.long
 
 
 def test_a_few_parts_with_a_jump_too_many_do_not_lead_the_search_astray() -> None:
@@ -58,7 +60,7 @@ def test_a_stem_that_chatters_too_often_to_be_followed_is_tried_with_a_lower_lim
 )
 def test_a_stem_that_jumps_is_searched_until_two_searches_agree(seed: int, symbols: tuple[str, ...]) -> None:
     test = random_test(seed)
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert "searches from other starts" not in estimate.message
     for symbol in symbols:
         entry, truth = estimate.parameters[symbol], test.truth.by_symbol()[symbol]
@@ -70,7 +72,7 @@ def test_a_stem_that_jumps_is_searched_until_two_searches_agree(seed: int, symbo
 def test_searches_that_agree_are_not_doubted_for_a_delay_that_is_found_after_them() -> None:
     # the pressure was read 0.3 ms late: without that the best of either search misses the jumps by a little
     test = random_test(2266)
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert estimate.status is Status.OK, estimate.message
     assert estimate.value("F_v") == pytest.approx(test.truth.viscous_friction_n_s_per_m, rel=0.1)
 
@@ -78,7 +80,7 @@ def test_searches_that_agree_are_not_doubted_for_a_delay_that_is_found_after_the
 def test_a_first_velocity_that_the_stem_forgets_at_once_does_not_keep_the_fit_from_its_bottom() -> None:
     # sections of a polled file that begin in motion, m/F_v a hundredth of the period
     test = random_test(2263)
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert estimate.status is Status.OK, estimate.message
     for symbol in ("F_v", "F_c", "F_s"):
         assert estimate.value(symbol) == pytest.approx(test.truth.by_symbol()[symbol], rel=0.01)
@@ -87,7 +89,7 @@ def test_a_first_velocity_that_the_stem_forgets_at_once_does_not_keep_the_fit_fr
 def test_ringing_that_is_sampled_slower_than_it_swings_is_found_among_its_likenesses() -> None:
     # 52 Hz at 50 ms: the search ended at 0.2 kg and explained nothing; the truth has 4.6 kg
     test = random_test(2485)
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert estimate.status is Status.OK, estimate.message
     for symbol in ("m", "F_v", "F_c"):
         entry, truth = estimate.parameters[symbol], test.truth.by_symbol()[symbol]

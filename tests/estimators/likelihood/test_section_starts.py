@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from estimators.base import Status
+from estimators.exact_motion import ExactMotionEstimator
 from estimators.likelihood.delay import searched_model
 from estimators.likelihood.descent import descend
 from estimators.likelihood.hops import hops
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.search import with_events
-from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from tests.estimators.likelihood.posed import at_truth, posed
 from tests.estimators.random_valves import random_test
 
@@ -57,7 +57,7 @@ def test_sections_begin_anew_as_they_were_measured() -> None:
 @pytest.mark.parametrize("seed", [2740, 2782])
 def test_a_recording_of_sections_in_motion_is_fitted(seed: int) -> None:
     test = random_test(seed)
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert estimate.status is Status.OK, estimate.message
     for symbol, one in estimate.parameters.items():
         if one.value is not None and one.std_error is not None:

@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 
 from estimators.base import Outcome, Status
+from estimators.exact_motion import ExactMotionEstimator
 from estimators.likelihood.search import measured_rests
 from estimators.likelihood.staircase import read_staircase, tells_spring, with_stops
-from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from tests.estimators.likelihood.posed import at_truth, posed
 from tests.estimators.random_valves import random_test
 from tests.estimators.recordings import recorded
 from valve.parameter_sets import parameter_set
 from valve.recording import Acquisition, Provenance, Recording
+
+pytestmark = pytest.mark.long
 
 PERIOD_S = 0.01
 NOISE_M = 20.0e-6
@@ -80,7 +82,7 @@ def test_pieces_of_jumps_that_outnumber_the_rests_do_not_hide_them_from_a_stem_t
 @pytest.mark.parametrize(("seed", "symbols"), [(2720, ("m", "k", "F_c", "F_s")), (2811, ("m", "k", "F_c", "F_s"))])
 def test_a_stem_that_jumps_once_a_ramp_is_begun_with_its_jump(seed: int, symbols: tuple[str, ...]) -> None:
     test = random_test(seed)
-    estimate, truth = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate), test.truth.by_symbol()
+    estimate, truth = ExactMotionEstimator().estimate(test.recording, test.nameplate), test.truth.by_symbol()
     assert estimate.status is not Status.FAILED
     for symbol in symbols:
         assert estimate.value(symbol) == pytest.approx(truth[symbol], rel=0.1), symbol
@@ -88,7 +90,7 @@ def test_a_stem_that_jumps_once_a_ramp_is_begun_with_its_jump(seed: int, symbols
 
 def test_the_stops_that_a_jumping_stem_rests_on_are_found_and_modelled() -> None:
     test = random_test(2140)  # 103 jumps between two stops; without these no valve explains them
-    estimate, truth = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate), test.truth.by_symbol()
+    estimate, truth = ExactMotionEstimator().estimate(test.recording, test.nameplate), test.truth.by_symbol()
     assert test.stops is not None
     assert estimate.status is Status.OK, estimate.message
     assert estimate.diagnostics["stops_m"] == pytest.approx([test.stops.low_m, test.stops.high_m], abs=test.noise_m)
@@ -107,7 +109,7 @@ def test_the_rough_valve_is_known_at_10_ms_too() -> None:
     test = recorded("rough", period_s=PERIOD_S, noise_m=NOISE_M, seed=2, jitter=0.1)
     at_once = Provenance(Acquisition.POLLED, requested_period_s=PERIOD_S, timing_uncertainty_s=0.005 * PERIOD_S)
     recording = replace(test.recording, provenance=at_once)
-    estimate, truth = MaximumLikelihoodEstimator().estimate(recording, test.nameplate), test.truth.by_symbol()
+    estimate, truth = ExactMotionEstimator().estimate(recording, test.nameplate), test.truth.by_symbol()
     assert estimate.status is Status.OK, estimate.message
     # a larger DV, which one ramp rate leaves open, takes the place of mass: m is withheld where it may be twice as much
     known = ("k", "F_v", "F_c", "F_s") + (("m",) if estimate.parameters["m"].identifiable else ())
@@ -166,6 +168,6 @@ def test_jumps_to_and_fro_between_two_places_tell_no_spring() -> None:
     assert not tells_spring(to_and_fro)
     assert tells_spring(posed(2035)[1])
     # k was given 3.7 times too large, of a fit that had not arrived
-    estimate = MaximumLikelihoodEstimator().estimate(random_test(4697).recording, random_test(4697).nameplate)
+    estimate = ExactMotionEstimator().estimate(random_test(4697).recording, random_test(4697).nameplate)
     assert estimate.status is Status.FAILED
     assert estimate.value("k") is None

@@ -17,6 +17,8 @@ from valve.nameplate import Actuator, Nameplate, Signal
 from valve.recording import Acquisition, Provenance, Recording
 from valve.waveform import Waveform, sine, steps, triangle
 
+pytestmark = pytest.mark.long
+
 AREA_M2 = 0.0645
 LOW_PA, HIGH_PA = 20.0e3, 100.0e3
 SPAN_PA = HIGH_PA - LOW_PA

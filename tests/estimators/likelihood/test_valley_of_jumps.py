@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from estimators.base import Outcome, Status
+from estimators.exact_motion import ExactMotionEstimator
 from estimators.likelihood.all_rows import certified
 from estimators.likelihood.arrival import led_to
 from estimators.likelihood.bent_valley import chart_of, descend_bent
@@ -23,11 +24,12 @@ from estimators.likelihood.problem import pose
 from estimators.likelihood.search import Found, with_events
 from estimators.likelihood.valley import walk
 from estimators.likelihood.valley_of_jumps import walk_of_jumps
-from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.samples import FloatArray
 from tests.benchmarks.random_valves import above_truth, what_is_wrong
 from tests.estimators.likelihood.posed import at_truth, motion_of, posed
 from tests.estimators.random_valves import random_test
+
+pytestmark = pytest.mark.long
 
 FAR = {"F_v": 109.83, "DV": 3.0e-6}  # 64 % too large, where a search once ended
 
@@ -130,7 +132,7 @@ def test_a_simplex_stays_where_it_has_no_budget_and_where_nothing_jumps() -> Non
 def test_a_fit_without_viscous_friction_knows_how_much_there_may_be() -> None:
     # F_v from 0 to 0.13 of the critical costs less than 3.84: at 0 the F_c that goes with it was 23 errors off
     test = random_test(3317)
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert what_is_wrong(estimate, test) == ()
     assert all(estimate.value(symbol) is not None for symbol in ("m", "k", "F_c", "F_s")), estimate.message
 
@@ -141,7 +143,7 @@ def test_a_fit_without_viscous_friction_knows_how_much_there_may_be() -> None:
 @pytest.mark.parametrize(("seed", "symbols"), [(4451, "m F_v F_c"), (4542, "m F_v F_c"), (4320, "F_v F_c")])
 def test_intervals_reach_along_the_valley_to_the_truth(seed: int, symbols: str) -> None:
     test = random_test(seed)
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert estimate.status is Status.OK
     above = above_truth(estimate, test)
     assert above is not None

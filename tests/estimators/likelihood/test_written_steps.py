@@ -8,17 +8,19 @@ import numpy as np
 import pytest
 
 from estimators.base import Status
+from estimators.exact_motion import ExactMotionEstimator
 from estimators.likelihood.compression import compressed
 from estimators.likelihood.inputs.command_steps import written_steps
 from estimators.likelihood.inputs.commanded_path import CommandedPath
 from estimators.likelihood.inputs.input_path import input_path
 from estimators.likelihood.inputs.row_timing import look_doubts_s, position_doubts, shared_by_rest, write_doubts_s
 from estimators.likelihood.problem import pose
-from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from estimators.samples import resolution
 from tests.estimators.likelihood.polled_recordings import WrittenTest, written_test
 from valve.recording import Acquisition, Recording
+
+pytestmark = pytest.mark.long
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +105,7 @@ def test_moving_rows_of_a_staircase_are_not_joined_to_blocks(nominal: WrittenTes
 @pytest.mark.parametrize(("valve", "seed"), [("nominal", 2), ("rough", 13)])
 def test_maximum_likelihood_finds_the_valve_of_a_polled_test_without_lag(valve: str, seed: int) -> None:
     test = written_test(valve, seed)
-    estimate = MaximumLikelihoodEstimator().estimate(test.recording, test.nameplate)
+    estimate = ExactMotionEstimator().estimate(test.recording, test.nameplate)
     assert estimate.status is Status.OK, estimate.message
     truth = test.truth.by_symbol()
     for symbol, percent in (("k", 0.02), ("F_v", 4.0), ("F_c", 0.05), ("F_s", 0.2)):

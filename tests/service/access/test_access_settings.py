@@ -72,6 +72,8 @@ def test_sign_in_is_the_default_wherever_others_can_come(tls_folder: Path) -> No
         ("127.0.0.1", (TLS[0], 'tls_key = "none.pem"'), ("none.pem", "No such file")),
         ("127.0.0.1", (TLS[0], 'tls_key = "certificate.pem"'), ("tls_certificate", "PEM")),
         ("127.0.0.1", ('approved_sequences = ["waltz"]',), ("approved_sequences[0]", "waltz", "triangle")),
+        ("127.0.0.1", ('allowed_hosts = ["*"]',), ("allowed_hosts[0]", "stands for every one", "without scheme")),
+        ("127.0.0.1", ('allowed_hosts = ["a", "http://b"]',), ("allowed_hosts[1]", "http://b", "*.example.org")),
     ],
 )
 def test_what_would_let_anybody_in_is_refused_with_the_remedy(

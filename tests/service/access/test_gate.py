@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 from datetime import timedelta
 from pathlib import Path
 
@@ -11,10 +12,15 @@ import pytest
 import time_machine
 
 from service.access.principal import Role
+from service.app import create_app
 from service.audit.verify import Verdict, entries_of, verify
 from service.cli.accounts import accounts
+from service.settings import load_plant
 from tests.service.access.signed_in import PASSWORD, Served, body_of, signed_in
+from tests.service.conftest import PLANT
+from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.problem import assert_problem
+from tests.service.running_service import running_application, running_service
 
 RUN = {"valve": "FV-101"}
 
@@ -164,11 +170,64 @@ async def test_a_person_changes_their_own_password(quick_path: Path) -> None:
         assert_problem(await served.sign_in("viewer"), 401)
 
 
-@pytest.mark.parametrize("host", ["evil.example", "10.0.0.5:8321", ""])
-async def test_without_sign_in_a_foreign_name_of_this_machine_is_refused(
+HOSTS = [
+    "evil.example",
+    "10.0.0.5:8321",
+    "",
+    "[",
+    "[::1",
+    "localhost:x",
+    "a b",
+    "localhost.evil.example",
+    "http://[",
+    "\xff",
+]
+
+
+@pytest.mark.parametrize("host", HOSTS)
+async def test_a_foreign_or_malformed_name_of_this_machine_is_refused(
     open_client: httpx.AsyncClient, host: str
 ) -> None:
-    assert_problem(await open_client.get("/valves", headers={"Host": host}), 403, "localhost")
+    for path in ("/valves", "/healthz", "/ui/sign-in"):
+        answer = await open_client.get(path, headers={b"Host": host.encode("latin-1")})
+        assert_problem(answer, 400, "service.allowed_hosts")
+    answer = await open_client.post("/tests/run", json=RUN, headers={b"Host": host.encode("latin-1")})
+    assert_problem(answer, 400, "Host")
+
+
+async def test_a_page_whose_name_was_pointed_here_moves_nothing_on_a_trusted_network(quick_path: Path) -> None:
+    config = quick_path / "plant.toml"
+    more = (
+        'port = 0\naccess = "open"\ntrusted_network = true\nallowed_hosts = ["valves.example.org", "*.plant.example"]'
+    )
+    text = PLANT.replace('bind = "127.0.0.1"', 'bind = "0.0.0.0"')
+    config.write_text(text.replace("port = 0", more, 1), encoding="utf-8")
+    rig = FakeRig()
+    async with running_service(load_plant(config), rig, FakeAnalyst()) as client:
+        for host in ("evil.example:8321", socket.gethostname(), "plant.example"):
+            rebound = {"Host": host, "Origin": f"http://{host}"}
+            assert_problem(await client.post("/tests/run", json=RUN, headers=rebound), 400, "Host")
+        assert rig.orders == []
+        for host in ("valves.example.org", "A.plant.example:8321", "localhost", "127.0.0.1:9", "[::1]:8321"):
+            own = {"Host": host, "Origin": f"http://{host}", "Prefer": "wait=10"}
+            assert body_of(await client.post("/tests/run", json=RUN, headers=own))["state"] == "completed", host
+
+
+async def test_by_default_it_answers_to_its_address_and_the_machines_own_name(quick_path: Path) -> None:
+    config = quick_path / "plant.toml"
+    config.write_text(PLANT.replace('bind = "127.0.0.1"', 'bind = "127.0.0.2"'), encoding="utf-8")
+    app = create_app(load_plant(config), rig=FakeRig(), analyst=FakeAnalyst())
+    async with running_application(app, bind="127.0.0.2") as client:
+        assert client.base_url.host == "127.0.0.2"
+        assert (await client.get("/healthz")).status_code == 200
+        for host in (socket.gethostname(), "localhost"):
+            assert (await client.get("/healthz", headers={"Host": host})).status_code == 200
+        assert_problem(await client.get("/healthz", headers={"Host": "127.0.0.3"}), 400, "Host")
+
+
+@pytest.mark.parametrize("origin", ["[", "http://[", "http://", "x", "http://h:99999999", "http://h:x", "", "//h"])
+async def test_a_malformed_origin_is_a_bad_request(open_client: httpx.AsyncClient, origin: str) -> None:
+    assert_problem(await open_client.post("/tests/run", json=RUN, headers={"Origin": origin}), 400, "Origin")
 
 
 async def test_without_sign_in_a_page_of_another_site_moves_nothing(open_client: httpx.AsyncClient) -> None:

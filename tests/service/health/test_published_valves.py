@@ -48,7 +48,10 @@ def _judged(found: dict[str, Any], facts: ValveFacts, baseline: Baseline | None 
     return assess(Case(found, NOW, facts, HealthLimits(), baseline))
 
 
-@pytest.mark.parametrize("name", ["vendor", "nominal", "graphite"])
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param("vendor", marks=pytest.mark.long), pytest.param("nominal", marks=pytest.mark.long), "graphite"],
+)
 def test_a_valve_that_has_its_margin_is_normal_from_its_first_test(name: str) -> None:
     health = _judged(*_analysis(name))
     assert health.ne107 == "N", health.to_json()["reasons"]

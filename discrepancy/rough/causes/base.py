@@ -1,0 +1,94 @@
+"""What a cause is: the law that it adds with its natural ranges, shapes that are tried, its sentence and its action."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from discrepancy.rough.setting import Setting
+from estimators.base import NORMAL_95
+from estimators.engine.laws import Law, LawParameter, Where
+from valve.effects import Effect
+
+FloatArray = npt.NDArray[np.float64]
+Shape = tuple[float, ...]
+
+_SMALL_STEP: Final = 1.0e-3  # of a parameter's spread beforehand
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """A fitted parameter with its standard error."""
+
+    value: float
+    std_error: float
+    unit: str
+
+    @property
+    def ci95(self) -> tuple[float, float]:
+        """Its 95 % interval."""
+        return self.value - NORMAL_95 * self.std_error, self.value + NORMAL_95 * self.std_error
+
+    def in_words(self, factor: float, unit: str) -> str:
+        """Return the value times ``factor`` with its interval, without sign."""
+        factor = -factor if self.value < 0.0 else factor
+        low, high = sorted(factor * end for end in self.ci95)
+        # as many digits as the interval knows, three at most
+        width = max(0.5 * (high - low), 1.0e-2 * abs(factor * self.value), 1.0e-9)
+        digits = min(max(0, 1 - math.floor(math.log10(width))), 6)
+        return f"{factor * self.value:.{digits}f} {unit} ({low:.{digits}f} to {high:.{digits}f})"
+
+
+def parameter(
+    name: str, unit: str, low: float, high: float, *, spread: float | None = None, mean: float = 0.0
+) -> LawParameter:
+    """Return a parameter of a law; without a ``spread`` nothing in its range is likelier than the rest."""
+    if spread is None:
+        mean, spread = 0.5 * (low + high), (high - low) / math.sqrt(12.0)
+    return LawParameter(name, unit, low, high, mean, spread, mean, _SMALL_STEP * spread)
+
+
+class Cause(Law, ABC):
+    """A law, nearly linear in its first parameter, its size; the others are its shape (a place, a width, a time).
+
+    ``setting`` holds the sizes of the valve that it is made for.
+    """
+
+    name: ClassVar[str]
+    action: ClassVar[str]
+    needs_spring: ClassVar[bool] = False
+    is_offset: ClassVar[bool] = False  # known by what the nameplate says of the preload
+
+    def __init__(self, setting: Setting) -> None:
+        self.setting = setting
+        self.parameters = self.natural()
+
+    @abstractmethod
+    def natural(self) -> tuple[LawParameter, ...]:
+        """Return the parameters with their natural ranges for this valve; the first is the size."""
+
+    def shapes(self) -> list[Shape]:
+        """Return the shapes that are tried, each as likely as the others beforehand."""
+        return [()]
+
+    def breakaway_n(self, values: FloatArray, where: Where, share: float) -> FloatArray:  # noqa: ARG002
+        """Return as much as in motion: what place, time and pressure add is in F_c and F_s alike."""
+        return self.friction_n(values, where)
+
+    @abstractmethod
+    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:
+        """Return the effect that a simulated valve takes; ``short_n`` is by how much its F_s was raised to F_c."""
+
+    @abstractmethod
+    def sentence(self, fitted: Mapping[str, Fitted]) -> str:
+        """Return what a fitter is told, with numbers."""
+
+    def values(self, size: float, shape: Shape) -> FloatArray:
+        """Return the values of the parameters in their order."""
+        return np.array([size, *shape])

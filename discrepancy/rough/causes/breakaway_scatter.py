@@ -1,0 +1,76 @@
+"""Breakaways that differ from one to the next by more than packings in good order do."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import ClassVar, Final
+
+import numpy as np
+from scipy.stats import chi2
+
+from discrepancy.rough.causes.base import Fitted
+from discrepancy.rough.causes.seen import Seen, View
+from discrepancy.rough.setting import Setting
+from estimators.base import NORMAL_95
+
+_PACKINGS_DO: Final = 0.08  # of F_s: a poor packing scatters by 6 %
+_OF_FULL_FORCE: Final = 0.004  # or of the full force: what gauge and I/P leave
+_FEWEST: Final = 6
+_NOT_BOTH_ENDS: Final = 0.025  # of the chance, at each end of the interval
+_MIDDLE: Final = 0.6745  # standard deviations of a normal law that half of it lies within
+_OFTEN: Final = 0.5  # of the scatter that the middle half must show too: no single breakaway stands out
+_BY_ITSELF: Final = 0.8  # of the variance, that place, direction and time leave
+
+
+class BreakawayScatter:
+    """The breakaways' forces by the healthy fit: their standard deviation, a share of F_s, up to twice F_s."""
+
+    name: ClassVar[str] = "breakaway_scatter"
+    action: ClassVar[str] = (
+        "Look at the packing: dry, over-tightened, or of a material that sticks; positions are reached by chance."
+    )
+    is_last: ClassVar[bool] = True
+
+    def seen(self, view: View) -> Seen | None:
+        """Return the scatter if the low end of its interval is beyond what packings do, and many have a part in it."""
+        null, setting = view.null, view.setting
+        rows = null.problem.rows
+        # the first one after an unknown rest has a wide variance of its own
+        usual = ~rows.is_slide & (rows.variance_n2 < 0.1 * setting.static_n**2)
+        forces_n = null.left_n[usual]
+        if forces_n.size < _FEWEST:
+            return None
+        # what place, direction and time explain is no scatter
+        way, place_m = rows.direction[usual], rows.travel_m[usual]
+        opens, closes = way > 0.0, way < 0.0
+        design = np.column_stack([opens, closes, place_m * opens, place_m * closes, rows.time_s[usual]])
+        design = design / np.maximum(np.abs(design).max(axis=0), 1.0e-300)
+        explained_n, _, rank, _ = np.linalg.lstsq(design, forces_n, rcond=1.0e-6)
+        away_n = forces_n - design @ explained_n
+        free = forces_n.size - int(rank)
+        if free < _FEWEST - 1:
+            return None
+        noise_n2 = float(np.mean(rows.variance_n2[usual]))
+        variance_n2 = float(away_n @ away_n) / free - noise_n2
+        if variance_n2 <= 0.0:
+            return None
+        scatter_n = math.sqrt(variance_n2)
+        low_n = scatter_n * math.sqrt(free / float(chi2.ppf(1.0 - _NOT_BOTH_ENDS, free)))
+        high_n = scatter_n * math.sqrt(free / float(chi2.ppf(_NOT_BOTH_ENDS, free)))
+        middle_n = float(np.median(np.abs(away_n - np.median(away_n)))) / _MIDDLE
+        by_itself = float(away_n @ away_n) / max(float(np.sum((forces_n - forces_n.mean()) ** 2)), 1.0e-300)
+        beyond = low_n > max(_PACKINGS_DO * setting.static_n, _OF_FULL_FORCE * setting.full_force_n)
+        if not beyond or middle_n < _OFTEN * scatter_n or by_itself < _BY_ITSELF * free / (forces_n.size - 1):
+            return None
+        static_n = max(setting.static_n, 1.0e-9)
+        return Seen(
+            {"scatter": Fitted(scatter_n / static_n, 0.5 * (high_n - low_n) / (NORMAL_95 * static_n), "1")}, None
+        )
+
+    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:  # noqa: ARG002
+        """Return what a fitter is told."""
+        return (
+            f"The breakaways' forces differ by {fitted['scatter'].in_words(100.0, '%')} from one to the next; "
+            f"packings do up to {100.0 * _PACKINGS_DO:.0f} %."
+        )

@@ -1,0 +1,54 @@
+"""A spring whose rate changes at a knee."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar, Final
+
+import numpy as np
+
+from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, Shape, parameter
+from estimators.engine.laws import LawParameter, Where
+from valve.effects.base import Effect
+from valve.effects.dual_rate_spring import DualRateSpring as KneeEffect
+
+_KNEES: Final = 33
+
+
+class DualRateSpring(Cause):
+    """k x + dk max(x - knee, 0)."""
+
+    name: ClassVar[str] = "dual_rate_spring"
+    action: ClassVar[str] = (
+        "Look at the actuator's springs: a second spring that meets, a broken one, coils that close."
+    )
+    needs_spring: ClassVar[bool] = True
+
+    def natural(self) -> tuple[LawParameter, ...]:
+        """A rate that changes by up to once k, somewhere in the travel swept."""
+        setting = self.setting
+        spring = setting.spring_n_per_m
+        return (
+            parameter("rate_change_n_per_m", "N/m", -0.5 * spring, 1.2 * spring, spread=0.1 * spring),
+            parameter("knee_m", "m", setting.low_m, setting.high_m),
+        )
+
+    def shapes(self) -> list[Shape]:
+        """Knees along the travel swept, but for its ends."""
+        setting = self.setting
+        return [(float(setting.low_m + setting.swept_m * share),) for share in np.linspace(0.1, 0.9, _KNEES)]
+
+    def force_n(self, values: FloatArray, where: Where) -> FloatArray:
+        """Return -dk max(x - knee, 0)."""
+        return np.asarray(-values[0] * np.maximum(where.travel_m - values[1], 0.0))
+
+    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:  # noqa: ARG002
+        """Return the effect that a simulated valve takes."""
+        return KneeEffect(float(values[0]), float(values[1]))
+
+    def sentence(self, fitted: Mapping[str, Fitted]) -> str:
+        """Return what a fitter is told."""
+        entry = fitted["rate_change_n_per_m"]
+        sense = "stiffer" if entry.value > 0.0 else "softer"
+        share = entry.in_words(100.0 / self.setting.spring_n_per_m, "%")
+        return f"The spring is {share} {sense} beyond {self.setting.percent(fitted['knee_m'].value):.1f} % travel."

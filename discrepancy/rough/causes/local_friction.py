@@ -1,0 +1,64 @@
+"""A tight spot, or a worn one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar, Final
+
+import numpy as np
+
+from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, Shape, parameter
+from discrepancy.rough.causes.seat_friction import SEAT
+from estimators.engine.laws import LawParameter, Where
+from valve.effects.base import Effect
+from valve.effects.local_friction import LocalFriction as SpotEffect
+
+_WIDTHS: Final = (0.008, 0.014, 0.025, 0.045, 0.08)  # of the travel, standard widths
+_PLACES: Final = 60
+_HALF_RISE: Final = 1.1774  # standard widths from the centre to half of the rise
+
+
+class LocalFriction(Cause):
+    """F_c + dF exp(-((x - centre)/width)^2/2) both ways, F_s by as much."""
+
+    name: ClassVar[str] = "local_friction"
+    action: ClassVar[str] = "Look at stem and packing there: a bent stem, galling, a deposit."
+
+    def natural(self) -> tuple[LawParameter, ...]:
+        """Up to 2.5 times F_c, anywhere in the travel swept but at the seat."""
+        setting = self.setting
+        return (
+            parameter(
+                "rise_n", "N", -0.5 * setting.friction_n, 2.5 * setting.friction_n, spread=0.2 * setting.friction_n
+            ),
+            parameter("centre_m", "m", self._lowest_m, setting.high_m),
+            parameter("width_m", "m", 0.005 * setting.travel_m, 0.1 * setting.travel_m),
+        )
+
+    def shapes(self) -> list[Shape]:
+        """Places along the travel swept, each with all widths."""
+        setting = self.setting
+        places_m = self._lowest_m + (setting.high_m - self._lowest_m) * (np.arange(_PLACES) + 0.5) / _PLACES
+        return [(float(place_m), width * setting.travel_m) for width in _WIDTHS for place_m in places_m]
+
+    @property
+    def _lowest_m(self) -> float:
+        # nearer to the closed position it is the seat's
+        return min(max(self.setting.low_m, SEAT * self.setting.travel_m), self.setting.middle_m)
+
+    def friction_n(self, values: FloatArray, where: Where) -> FloatArray:
+        """Return the rise at these places."""
+        return np.asarray(values[0] * np.exp(-0.5 * ((where.travel_m - values[1]) / values[2]) ** 2))
+
+    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:  # noqa: ARG002
+        """Return the effect that a simulated valve takes."""
+        return SpotEffect(float(values[0]), float(values[1]), float(values[2]))
+
+    def sentence(self, fitted: Mapping[str, Fitted]) -> str:
+        """Return what a fitter is told."""
+        rise, centre_m, half_m = fitted["rise_n"], fitted["centre_m"].value, _HALF_RISE * fitted["width_m"].value
+        percent = self.setting.percent
+        between = f"between {percent(centre_m - half_m):.1f} and {percent(centre_m + half_m):.1f} % travel"
+        if rise.value > 0.0:
+            return f"Friction is {rise.in_words(1.0, 'N')} higher {between}, both ways: a tight spot."
+        return f"Friction is {rise.in_words(1.0, 'N')} lower {between}, both ways: a worn spot."

@@ -1,0 +1,44 @@
+"""A position reading that is bowed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, parameter
+from estimators.engine.laws import LawParameter, Where
+from valve.effects.base import Effect
+from valve.effects.position_nonlinearity import PositionNonlinearity as BowEffect
+
+
+class PositionNonlinearity(Cause):
+    """y = x + bow 4 u (1 - u), u = x/travel: in the balance of forces k times the bow is missing."""
+
+    name: ClassVar[str] = "position_nonlinearity"
+    action: ClassVar[str] = "Put the sensor's lever square to the stem at mid travel, or linearise the sensor."
+    needs_spring: ClassVar[bool] = True
+
+    def natural(self) -> tuple[LawParameter, ...]:
+        """Up to 5 % of the travel."""
+        most = 0.05 * self.setting.travel_m
+        return (parameter("bow_m", "m", -most, most, spread=0.01 * self.setting.travel_m),)
+
+    def force_n(self, values: FloatArray, where: Where) -> FloatArray:
+        """Return the spring's force that the reading has too much, at the place where the stem is."""
+        v, bow = where.travel_m / self.setting.travel_m, 4.0 * values[0] / self.setting.travel_m
+        # v = u + bow u (1 - u), solved for u
+        u = 2.0 * v / (1.0 + bow + np.sqrt(np.maximum((1.0 + bow) ** 2 - 4.0 * bow * v, 0.0)))
+        return np.asarray(self.setting.spring_n_per_m * values[0] * 4.0 * u * (1.0 - u))
+
+    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:  # noqa: ARG002
+        """Return the effect that a simulated valve takes."""
+        return BowEffect(float(values[0]), self.setting.travel_m)
+
+    def sentence(self, fitted: Mapping[str, Fitted]) -> str:
+        """Return what a fitter is told."""
+        entry = fitted["bow_m"]
+        share = entry.in_words(100.0 / self.setting.travel_m, "%")
+        sense = "high" if entry.value > 0.0 else "low"
+        return f"The position reads up to {share} of the travel too {sense} at mid travel."

@@ -1,0 +1,29 @@
+"""A pressure that does not follow until the command has turned back by some way."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from discrepancy.rough.causes.base import Fitted
+from discrepancy.rough.causes.command_loop import LoopLaw, command_loop
+from discrepancy.rough.causes.seen import Seen, View
+from discrepancy.rough.setting import Setting
+
+
+class PositionerDeadBand:
+    """The measured pressure stands still after each turn of the command, up to 12 % of the command's range."""
+
+    name: ClassVar[str] = "positioner_dead_band"
+    action: ClassVar[str] = "Look at the positioner: its dead band setting, a worn pilot valve or relay, loose linkage."
+    is_last: ClassVar[bool] = False
+
+    def seen(self, view: View) -> Seen | None:
+        """Return the dead band where the pressure follows behind one and behind no delay or loop as well."""
+        found = command_loop(view.recording)
+        return Seen({"dead_band_pa": found[1]}, None) if found is not None and found[0] is LoopLaw.DEAD_BAND else None
+
+    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:  # noqa: ARG002
+        """Return what a fitter is told."""
+        band = fitted["dead_band_pa"].in_words(1.0e-3, "kPa")
+        return f"The pressure follows only when the command has turned back by {band}: a dead band."

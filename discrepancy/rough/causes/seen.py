@@ -1,0 +1,70 @@
+"""Causes that a recording shows directly, without a fit: a stop, a pressure that cannot follow, a reading that lags."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from discrepancy.rough.causes.base import Fitted
+from discrepancy.rough.evidence import Solved
+from discrepancy.rough.setting import Setting
+from estimators.base import Estimate
+from estimators.engine.reading import Reading
+from valve.effects.base import Effect
+from valve.nameplate import Nameplate
+from valve.recording import Recording
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """What a direct cause may look at: the recording with what was read in it, and the healthy fit."""
+
+    recording: Recording
+    nameplate: Nameplate
+    reading: Reading
+    setting: Setting
+    null: Solved
+    estimate: Estimate | None
+
+    def command_and_pressure_pa(self) -> tuple[FloatArray, FloatArray] | None:
+        """Return command and pressure of the rows that have both, each of shape (n,); None without either."""
+        command_pa, pressure_pa = self.recording.command_pa, self.recording.pressure_pa
+        if command_pa is None or pressure_pa is None:
+            return None
+        known = np.isfinite(command_pa) & np.isfinite(pressure_pa)
+        return command_pa[known], pressure_pa[known]
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What was seen: parameters by name, and the effect that a simulated valve takes (None for one of the input).
+
+    ``damping_n_s_per_m`` is F_v beside it, None where it changes nothing there.
+    """
+
+    fitted: Mapping[str, Fitted]
+    effect: Effect | None
+    damping_n_s_per_m: float | None = None
+
+
+class SeenCause(Protocol):
+    """A cause that is read off the recording."""
+
+    name: ClassVar[str]
+    action: ClassVar[str]
+    #: Looked for only where no other cause was found, as others change the motion that it is read off.
+    is_last: ClassVar[bool]
+
+    def seen(self, view: View) -> Seen | None:
+        """Return what shows the cause, None where nothing does."""
+        ...
+
+    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
+        """Return what a fitter is told, with numbers."""
+        ...

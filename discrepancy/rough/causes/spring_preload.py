@@ -1,0 +1,45 @@
+"""A preload that is not the nameplate's."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, Shape, parameter
+from estimators.engine.laws import LawParameter, Where
+from valve.effects.base import Effect
+from valve.effects.spring_preload import SpringPreload as PreloadEffect
+
+
+class SpringPreload(Cause):
+    """F_0 beside the one of the nameplate's bench set; without a bench set nothing shows it."""
+
+    name: ClassVar[str] = "spring_preload"
+    action: ClassVar[str] = "Set the spring's preload to the nameplate's bench set, or correct the nameplate."
+    needs_spring: ClassVar[bool] = True
+    is_offset: ClassVar[bool] = True
+
+    def natural(self) -> tuple[LawParameter, ...]:
+        """Up to 30 % of the full force."""
+        most = 0.3 * self.setting.full_force_n
+        return (parameter("offset_n", "N", -most, most, spread=0.05 * self.setting.full_force_n),)
+
+    def shapes(self) -> list[Shape]:
+        """Nothing to try where the nameplate has no bench set."""
+        return [] if self.setting.preload_n is None else [()]
+
+    def force_n(self, values: FloatArray, where: Where) -> FloatArray:
+        """Return -dF_0."""
+        return np.full(where.count, -values[0])
+
+    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:  # noqa: ARG002
+        """Return the effect that a simulated valve takes."""
+        return PreloadEffect(float(values[0]))
+
+    def sentence(self, fitted: Mapping[str, Fitted]) -> str:
+        """Return what a fitter is told."""
+        entry = fitted["offset_n"]
+        sense = "above" if entry.value > 0.0 else "below"
+        return f"The spring's preload is {entry.in_words(1.0, 'N')} {sense} the nameplate's bench set."

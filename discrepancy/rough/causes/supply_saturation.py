@@ -1,0 +1,49 @@
+"""A pressure that cannot follow to the top."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar, Final
+
+import numpy as np
+
+from discrepancy.rough.causes.base import Fitted
+from discrepancy.rough.causes.seen import Seen, View
+from discrepancy.rough.setting import Setting
+
+_MISSING: Final = 0.01  # of the span, by which the pressure stays below the command
+_FLAT: Final = 0.004  # of the span, within which it stays at its top
+_LEAST: Final = 0.01  # of the rows
+_ELSEWHERE: Final = 0.01  # of the span: how well it follows below
+
+
+class SupplySaturation:
+    """The measured pressure stays at its top while the command goes on."""
+
+    name: ClassVar[str] = "supply_saturation"
+    action: ClassVar[str] = "Look at the air supply's pressure and its regulator."
+    is_last: ClassVar[bool] = False
+
+    def seen(self, view: View) -> Seen | None:
+        """Return the highest pressure where the command asks for more."""
+        known = view.command_and_pressure_pa()
+        if known is None:
+            return None
+        command_pa, pressure_pa = known
+        span_pa = float(np.ptp(command_pa))
+        top_pa = float(np.quantile(pressure_pa, 0.995))
+        asked = command_pa > top_pa + _MISSING * span_pa
+        if float(asked.mean()) < _LEAST:
+            return None
+        at_top = pressure_pa[asked]
+        flat = float(np.quantile(at_top, 0.95) - np.quantile(at_top, 0.3)) < _FLAT * span_pa
+        below = command_pa < top_pa - 5.0 * _MISSING * span_pa
+        follows = abs(float(np.median(pressure_pa[below] - command_pa[below]))) < _ELSEWHERE * span_pa
+        if not (flat and follows):
+            return None
+        limit_pa = float(np.median(at_top))
+        return Seen({"limit_pa": Fitted(limit_pa, float(np.std(at_top)) / np.sqrt(at_top.size), "Pa")}, None)
+
+    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:  # noqa: ARG002
+        """Return what a fitter is told."""
+        return f"The pressure does not rise above {fitted['limit_pa'].in_words(1.0e-3, 'kPa')}."

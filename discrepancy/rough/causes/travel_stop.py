@@ -1,0 +1,139 @@
+"""A seat or a stop inside the travel swept."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from discrepancy.rough.causes.base import Fitted
+from discrepancy.rough.causes.seen import Seen, View
+from discrepancy.rough.setting import Setting
+from valve.effects.base import Effect
+from valve.effects.travel_stop_high import TravelStopHigh as HighEffect
+from valve.effects.travel_stop_low import TravelStopLow as LowEffect
+
+_LEAST_S: Final = 0.12  # between the arrival and the turn of the force
+_LAGS: Final = 6.0
+_DRIVEN_BANDS: Final = 6.0  # of the band of a rest that the force would have driven the stem on
+_LEAST_RISE: Final = 0.006  # of the full force: a hunting I/P does half of it by itself
+_SAME_PLACE: Final = 0.1  # of that way: how far arrivals at one stop may differ
+_FEWEST_VISITS: Final = 2
+_BEYOND: Final = 0.004  # of the travel that a reading may show beyond the stop
+_SLIDING: Final = 0.3  # of the speed by the force's rate, at least, with which a sliding stem arrives
+_NEAR_S: Final = 0.1
+_HELD: Final = 5.0  # standard deviations of the breakaway by which a stop holds more than friction
+
+
+@dataclass(frozen=True, slots=True)
+class _Arrival:
+    """A stem that came to rest while the force went on: where, and how far the force would have driven it."""
+
+    place_m: float
+    way_m: float
+    is_sliding: bool
+    beyond_static: float  # net force over F_s, in standard deviations of the breakaway
+
+
+def _rise(force_n: npt.NDArray[np.float64]) -> float:
+    """By how much the force rises, N: twice from the mean of its first half to that of its second.
+
+    A starved I/P hunts about its limit, and its highest swing is no force that goes on.
+    """
+    half = force_n.size // 2
+    return 2.0 * float(force_n[half:].mean() - force_n[:half].mean()) if half else 0.0
+
+
+class _TravelStop(ABC):
+    name: ClassVar[str]
+    action: ClassVar[str]
+    direction: ClassVar[int]
+    is_last: ClassVar[bool] = False
+
+    @abstractmethod
+    def _effect(self, place_m: float) -> Effect:
+        """Return the effect that a simulated valve takes."""
+
+    def seen(self, view: View) -> Seen | None:
+        """Return the stop if the stem arrived there twice, once at least with a force that went on, and never went on.
+
+        It slid in without a reason to stop, or the force at rest was more than any friction.
+        """
+        places_m, arrivals = self._arrivals(view)
+        shown = [one for one in arrivals if one.is_sliding or one.beyond_static > _HELD]
+        if not shown:
+            return None
+        band_m = view.reading.segmentation.band_m
+        place_m = float(np.median([one.place_m for one in shown]))
+        visits_m = places_m[np.abs(places_m - place_m) < band_m + _SAME_PLACE * min(one.way_m for one in shown)]
+        extreme_m = view.setting.high_m if self.direction > 0 else view.setting.low_m
+        if visits_m.size < _FEWEST_VISITS or abs(extreme_m - place_m) > band_m + _BEYOND * view.setting.travel_m:
+            return None
+        error_m = max(float(np.std(visits_m)), view.reading.noise_m) / np.sqrt(visits_m.size)
+        return Seen({"position_m": Fitted(place_m, float(error_m), "m")}, self._effect(place_m))
+
+    def _arrivals(self, view: View) -> tuple[npt.NDArray[np.float64], list[_Arrival]]:
+        """Where the stem turned, m, and of these its arrivals while the force still went on."""
+        reading, null = view.reading, view.null
+        time_s, force_n = reading.time_s, self.direction * reading.path.force_n
+        moves, rests = reading.segmentation.moves, reading.segmentation.rests
+        spring, lag_s = null.known("k").value, max(null.known("lag").value, 0.0)
+        scatter_n = float(np.hypot(null.hyperparameter("scatter"), null.known("F_s").std_error))
+        found, places_m = [], []
+        for move, after in zip(moves, [*moves[1:], None], strict=True):
+            leaves_back = after is None or after.direction == -self.direction
+            if move.direction != self.direction or move.next_rest < 0 or not leaves_back:
+                continue
+            rest = rests[move.next_rest]
+            places_m.append(rest.level_m)
+            most = rest.first + int(np.argmax(force_n[rest.first : rest.last + 1]))
+            went_on_n = _rise(force_n[rest.first : most + 1])
+            way_m = went_on_n / spring
+            late = float(time_s[most] - time_s[rest.first]) > max(_LEAST_S, _LAGS * lag_s)
+            goes_on = went_on_n > _LEAST_RISE * view.setting.full_force_n
+            if not (late and goes_on and way_m > _DRIVEN_BANDS * reading.segmentation.band_m):
+                continue
+            before = max(move.first, int(np.searchsorted(time_s, time_s[rest.first] - _NEAR_S)))
+            passed_s = max(float(time_s[rest.first] - time_s[before]), 1.0e-6)
+            speed = abs(float(reading.position_m[rest.first] - reading.position_m[before])) / passed_s
+            driven = abs(float(force_n[rest.first] - force_n[before])) / passed_s / spring
+            net_n = self.direction * (
+                self.direction * float(force_n[most]) - spring * rest.level_m - null.known("F_0").value
+            )
+            beyond = (net_n - null.known("F_s").value) / max(scatter_n, 1.0e-9)
+            is_sliding = _SLIDING * driven < speed < driven / _SLIDING
+            found.append(_Arrival(rest.level_m, way_m, is_sliding, beyond))
+        return np.array(places_m), found
+
+    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
+        """Return what a fitter is told."""
+        entry = fitted["position_m"]
+        return (
+            f"The stem runs into a stop at {entry.in_words(1.0e3, 'mm')}, {setting.percent(entry.value):.1f} % travel."
+        )
+
+
+class TravelStopLow(_TravelStop):
+    """A stop where the stem closes."""
+
+    name: ClassVar[str] = "travel_stop_low"
+    action: ClassVar[str] = "Look at the seat and at what may lie on it, and at the stroke's adjustment."
+    direction: ClassVar[int] = -1
+
+    def _effect(self, place_m: float) -> Effect:
+        return LowEffect(place_m, 0.0)
+
+
+class TravelStopHigh(_TravelStop):
+    """A stop where the stem opens."""
+
+    name: ClassVar[str] = "travel_stop_high"
+    action: ClassVar[str] = "Look at the limit screw or handwheel and at what may lie in the body."
+    direction: ClassVar[int] = 1
+
+    def _effect(self, place_m: float) -> Effect:
+        return HighEffect(place_m, 0.0)

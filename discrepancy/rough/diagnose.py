@@ -1,0 +1,272 @@
+"""One recording in, what is wrong with the valve out: friction as it varies, causes that explain a part, the gain."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from discrepancy.rough.causes import CAUSES, SEEN_CAUSES
+from discrepancy.rough.causes.command_loop import command_loop
+from discrepancy.rough.causes.seen import Seen, SeenCause, View
+from discrepancy.rough.evidence import Solved, fitted, problem_of
+from discrepancy.rough.latent import latent_friction, strongest
+from discrepancy.rough.misfit import misfit
+from discrepancy.rough.observations import is_settled, observations
+from discrepancy.rough.prediction import Gain, Predictor, effect_percent, parameters_of
+from discrepancy.rough.remarks import remarks
+from discrepancy.rough.result import Finding, RoughDiagnosis, Verdict
+from discrepancy.rough.selection import NAMED, Selection, selected
+from discrepancy.rough.separating import Undecided
+from discrepancy.rough.setting import setting_of
+from estimators.base import Estimate, Outcome
+from estimators.engine.balance import lag_after_corners
+from estimators.engine.parameters import Known
+from estimators.engine.reading import Reading, read
+from estimators.engine.rows import measured_rows
+from valve.nameplate import Nameplate
+from valve.recording import Recording
+
+Named = tuple[str, Recording]
+
+_FEWEST_BLOCKS: Final = 6
+_SLOW_S: Final = 0.1  # a lag that quick sweeps leave rows for
+_LAG_ERROR: Final = 0.1  # of a lag that the balance found with too short a settling
+_KNOWN: Final = 0.05  # of F_c: its error
+_KEPT: Final = 0.3  # of the blocks at least, with a longer one
+# What packings in good order do at most, with a margin; beyond it is a finding.
+_ROUGHEST: Final = 0.08  # of F_c, along the travel
+_WANDERS: Final = 0.05  # of F_c, in time
+_OF_FULL_FORCE: Final = 0.004  # or of the full force: what gauge and I/P leave
+_SCATTERS: Final = 0.12  # of F_s, from breakaway to breakaway
+_SOMETHING: Final = 25.0  # nats of a cause that is not believed: something is there
+_CREEPS: Final = 2.5  # limit velocities
+_FEWEST_TO_SCATTER: Final = 6
+
+
+def diagnose(
+    recording: Recording,
+    nameplate: Nameplate,
+    estimate: Estimate | None = None,
+    *,
+    held_out: Sequence[Named] = (),
+) -> RoughDiagnosis:
+    """Return what is wrong with the valve of this recording.
+
+    ``estimate`` is the engine's of the same recording, whose mass, damping and sensor's filter are used where it has
+    them. ``held_out`` are recordings of the same valve, by name, that the gain is measured on; without any it is a part
+    of the recording.
+    """
+    # behind a dead band or a loop the pressure is no delayed command: then it is read without
+    followed = recording if command_loop(recording) is None else replace(recording, command_pa=None)
+    reading = read(measured_rows(followed).recording, nameplate)
+    if isinstance(reading, Outcome):
+        return _not_assessed(f"the recording shows no motion that could be judged: {reading}")
+    if len(reading.segmentation.directions) < 2:
+        return _not_assessed("the stem moved in one direction only: repeat the test with both")
+    creeping_m_per_s = _CREEPS * _limit_velocity(estimate)
+    lag = lag_after_corners(reading)
+    null = _plain(reading, nameplate, lag, creeping_m_per_s)
+    if null is None and lag.value > _SLOW_S:
+        # quick sweeps leave no rows for a long settling
+        lag = Known(_SLOW_S, lag.value)
+        null = _plain(reading, nameplate, lag, creeping_m_per_s)
+    if null is None:
+        return _not_assessed("the stem hardly slides in this test: repeat it with a larger amplitude or a faster ramp")
+    late = null.known("lag")
+    if not is_settled(lag, late.value):
+        # a heavily damped stem: its transients look like friction that falls with speed
+        longer = Known(late.value, max(late.std_error, _LAG_ERROR * late.value))
+        null = _plain(reading, nameplate, longer, creeping_m_per_s, int(null.problem.rows.is_slide.sum())) or null
+    rows = null.problem.rows
+    setting = setting_of(rows, reading, nameplate, creeping_m_per_s)
+    coulomb, static = null.known("F_c"), null.known("F_s")
+    if coulomb.std_error < _KNOWN * coulomb.value:
+        # least squares take what is viscous for dry friction
+        setting = replace(setting, friction_n=coulomb.value, static_n=max(coulomb.value, static.value))
+    view = View(recording, nameplate, reading, setting, null, estimate)
+    selection = selected(null, [cause(setting) for cause in CAUSES if rows.has_spring or not cause.needs_spring])
+    seen: list[tuple[SeenCause, Seen]] = []
+    for other in SEEN_CAUSES if rows.has_spring else ():
+        free = not other.is_last or not (selection.rounds or seen)
+        if free and (shown := other.seen(view)) is not None:
+            seen.append((other, shown))
+    return _concluded(view, selection, seen, held_out)
+
+
+def _plain(reading: Reading, nameplate: Nameplate, lag: Known, creeping_m_per_s: float, of: int = 0) -> Solved | None:
+    """The plain valve whose stem follows that late; None with too little motion, as such and of so many blocks."""
+    rows = observations(reading, lag).above(creeping_m_per_s)
+    slide = rows.is_slide
+    fewest = max(_FEWEST_BLOCKS, _KEPT * of)
+    if int(slide.sum()) < fewest or np.unique(rows.direction[slide]).size < 2:
+        return None
+    problem = problem_of(rows, setting_of(rows, reading, nameplate, creeping_m_per_s), lag)
+    return fitted(problem, problem.no_columns)
+
+
+def _limit_velocity(estimate: Estimate | None) -> float:
+    """DV, m/s: 0 where the estimate saw nothing of it, infinite where nobody looked."""
+    if estimate is None or "DV" not in estimate.parameters:
+        return math.inf
+    return estimate.parameters["DV"].value or 0.0
+
+
+def _not_assessed(reason: str) -> RoughDiagnosis:
+    return RoughDiagnosis(Verdict.NOT_ASSESSED, f"Cannot tell: {reason}.")
+
+
+def _concluded(
+    view: View, selection: Selection, seen: Sequence[tuple[SeenCause, Seen]], held_out: Sequence[Named]
+) -> RoughDiagnosis:
+    null, model, setting = selection.null, selection.model, view.setting
+    laws = tuple((one.cause, one.shape) for one in selection.causes)
+    predictor = Predictor(null, model, laws, tuple(one for _, one in seen), setting, view.estimate, view.nameplate)
+    gains: list[Gain] = []
+    # without a spring a position that is simulated from the force drifts, as nothing draws it back
+    if null.problem.rows.has_spring:
+        gains = [gain for name, one in held_out if (gain := predictor.elsewhere(name, one)) is not None]
+        if not gains and (own := predictor.left_out(view.reading)) is not None:
+            gains = [own]
+    found = _findings(view, selection, seen)
+    verdict, message, rivals = _verdict(view, selection, seen, found, gains)
+    told = tuple(found) if verdict in {Verdict.NAMED, Verdict.LIKELY, Verdict.AMBIGUOUS} else ()
+    return RoughDiagnosis(
+        verdict,
+        message,
+        causes=told,
+        not_told_apart_from=rivals,
+        remarks=remarks(view),
+        gain=gains[0] if gains else None,
+        gains=tuple(gains),
+        latent=latent_friction(null),
+        latent_after=latent_friction(model) if told else (),
+        misfit=misfit(null, model if told else None, view.reading.noise_m),
+        undecided=_undecided(view, selection, predictor) if verdict is Verdict.AMBIGUOUS else None,
+        separating_test=_separating(rivals) if verdict is Verdict.AMBIGUOUS else None,
+        details={
+            "friction_varies_by": _variation(null),
+            "tried": [
+                {
+                    "cause": one.cause.name,
+                    "evidence_nats": one.evidence,
+                    "size": one.size.value,
+                    "error": one.size.std_error,
+                }
+                for one in selection.tried
+            ],
+        },
+    )
+
+
+def _undecided(view: View, selection: Selection, predictor: Predictor) -> Undecided | None:
+    """Return the first cause that has rivals, and them."""
+    for number, part in enumerate(selection.rounds):
+        if part.rivals:
+            return Undecided(view, selection.causes[:number], part.best, part.rivals, predictor.mended())
+    return None
+
+
+def _findings(view: View, selection: Selection, seen: Sequence[tuple[SeenCause, Seen]]) -> list[Finding]:
+    """The causes that were taken, the one that moves the stem most first."""
+    travel_m = view.setting.travel_m
+    findings = []
+    for cause, one in seen:
+        percent = None
+        if one.effect is not None:
+            plain = parameters_of(selection.null, view.estimate, view.nameplate)
+            percent = effect_percent(plain, one.effect, view.reading, travel_m)
+        sentence = cause.sentence(one.fitted, view.setting)
+        findings.append(Finding(cause.name, sentence, cause.action, one.fitted, None, percent))
+    mended = parameters_of(selection.model, view.estimate, view.nameplate)
+    short_n = max(mended.static_friction_n - selection.model.known("F_s").value, 0.0)
+    has_spring = selection.null.problem.rows.has_spring
+    before = float(np.mean(selection.null.left_n**2))
+    for number, found in enumerate(selection.causes):
+        last = selection.model.size(number)
+        values = found.cause.values(last.value, found.shape)
+        entry = {**found.fitted}
+        first = found.cause.parameters[0]
+        entry[first.name] = type(entry[first.name])(last.value, last.std_error, first.unit)
+        percent = None
+        if has_spring:
+            percent = effect_percent(mended, found.cause.effect(values, short_n), view.reading, travel_m)
+        share = max(0.0, 1.0 - float(np.mean(found.model.left_n**2)) / before) if before > 0.0 else None
+        findings.append(
+            Finding(
+                found.cause.name, found.cause.sentence(entry), found.cause.action, entry, share, percent, found.evidence
+            )
+        )
+    return sorted(findings, key=lambda one: -(one.effect_percent_of_span or 0.0))
+
+
+def _verdict(
+    view: View,
+    selection: Selection,
+    seen: Sequence[tuple[SeenCause, Seen]],
+    found: Sequence[Finding],
+    gains: Sequence[Gain],
+) -> tuple[Verdict, str, tuple[str, ...]]:
+    rivals = tuple(one.cause.name for part in selection.rounds for one in part.rivals)
+    refused = bool(found) and bool(gains) and all(gain.is_worse for gain in gains) and not seen
+    if found and not refused:
+        said = " ".join(one.sentence for one in found)
+        if rivals:
+            return Verdict.AMBIGUOUS, f"{said} This test does not tell it apart from {', '.join(rivals)}.", rivals
+        weak = [one for one in selection.causes if one.evidence < NAMED]
+        if weak and len(weak) == len(selection.causes) and not seen:
+            return Verdict.LIKELY, f"Probably: {said} A second test would prove it.", ()
+        return Verdict.NAMED, said, ()
+    beyond = _beyond_class(view, selection.null)
+    nearly = max([*selection.tried], key=lambda one: one.evidence, default=None)
+    if beyond:
+        return Verdict.UNEXPLAINED, f"{beyond} {_unexplained(selection)}", ()
+    if nearly is not None and nearly.evidence > _SOMETHING and nearly.swing_n > _ROUGHEST * view.setting.friction_n:
+        return Verdict.UNEXPLAINED, _unexplained(selection), ()
+    percent = 100.0 * _variation(selection.null)
+    return Verdict.NONE, f"No fault found. Friction varies by {percent:.1f} % along the travel, as packings do.", ()
+
+
+def _variation(null: Solved) -> float:
+    """How much friction varies along the travel, as a share of F_c."""
+    whole_n = float(np.hypot(null.hyperparameter("common"), null.hyperparameter("own")))
+    return whole_n / max(null.known("F_c").value, 1.0e-9)
+
+
+def _beyond_class(view: View, null: Solved) -> str:
+    """What of the friction's variation no packing in good order does; empty where there is nothing."""
+    setting = view.setting
+    least_n = _OF_FULL_FORCE * setting.full_force_n
+    rough_n = float(np.hypot(null.hyperparameter("common"), null.hyperparameter("own")))
+    if rough_n > max(_ROUGHEST * setting.friction_n, least_n):
+        return f"Friction varies by {100.0 * _variation(null):.0f} % along the travel, more than packings do."
+    wander_n = null.hyperparameter("wander")
+    if wander_n > max(_WANDERS * setting.friction_n, least_n):
+        return f"Friction changes by {100.0 * wander_n / setting.friction_n:.0f} % in time, more than packings do."
+    scatter_n = null.hyperparameter("scatter")
+    enough = int((~null.problem.rows.is_slide).sum()) >= _FEWEST_TO_SCATTER
+    if enough and scatter_n > max(_SCATTERS * setting.static_n, least_n):
+        share = 100.0 * scatter_n / setting.static_n
+        return f"The force at which the stem breaks away differs by {share:.0f} % from one to the next."
+    return ""
+
+
+def _unexplained(selection: Selection) -> str:
+    """Where the latent friction is strongest."""
+    curve, at = strongest(selection.null)
+    force_n, half_n = float(curve.force_n[at]), float(curve.half_n[at])
+    if curve.coordinate == "travel_m":
+        place = f"at {1.0e3 * float(curve.at[at]):.1f} mm, {curve.direction}"
+    else:
+        place = f"{float(curve.at[at]):.0f} s after the start"
+    return f"Friction is {force_n:+.3g} N (+-{half_n:.2g}) off its mean {place}; no known cause explains it."
+
+
+def _separating(rivals: Sequence[str]) -> str | None:
+    """Which test separates the causes; None where none is known."""
+    if "spring_preload" in rivals or "friction_asymmetry" in rivals:
+        return "Measure the bench set: the pressures at which the stem starts and ends, with the packing loose."
+    return None

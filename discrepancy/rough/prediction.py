@@ -1,0 +1,263 @@
+"""What a cause gains: the mean law simulated on data that had no part in the fit, and the whole model's band there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from discrepancy.rough.causes.base import Cause, Shape
+from discrepancy.rough.causes.seen import Seen
+from discrepancy.rough.evidence import Problem, Solved, of_rows, problem_of, solved
+from discrepancy.rough.observations import Observations, observations
+from discrepancy.rough.selection import column_of
+from discrepancy.rough.setting import Setting
+from estimators.base import NORMAL_95, Estimate, Outcome
+from estimators.engine.balance import lag_after_corners
+from estimators.engine.parameters import Known
+from estimators.engine.reading import Reading, read
+from estimators.engine.roughness import ROUGH, field_covariance, roughness_of
+from estimators.engine.rows import measured_rows
+from valve.effects.base import Effect
+from valve.errors import ValveError
+from valve.extended_motion import ExtendedStem
+from valve.extended_state import ExtendedState
+from valve.extended_valve import ExtendedValve
+from valve.nameplate import Nameplate
+from valve.parameters import ValveParameters
+from valve.recording import Recording
+from valve.stem import StemState
+
+FloatArray = npt.NDArray[np.float64]
+
+LEFT_OUT: Final = "the last third of the recording, which was left out of the fit"
+_KEPT: Final = 0.66
+_ROW_S: Final = 0.01
+_MASS_KG: Final = 2.0
+_LIMIT_M_PER_S: Final = 2.0e-4
+_LEAST_DAMPING: Final = 1.0
+_ANOTHER_DAY_S: Final = 1.0e7  # the wander of another recording is another one
+_WORSE: Final = 1.1  # times the error before: by chance a right cause predicts this much worse
+_FEWEST_ROWS: Final = 20
+
+Law = tuple[Cause, Shape]
+
+
+@dataclass(frozen=True, slots=True)
+class MapGain:
+    """The whole model's errors, m, and the share of rows inside its 95 % band."""
+
+    rmse_before_m: float
+    rmse_after_m: float
+    inside_band_before: float
+    inside_band_after: float
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """Root mean square errors of the mean law, m, on data that was held out; beside it those of the whole model."""
+
+    held_out: str
+    rmse_before_m: float
+    rmse_after_m: float
+    noise_floor_m: float
+    with_map: MapGain | None
+
+    @property
+    def is_worse(self) -> bool:
+        """Whether the model with the causes predicts worse than the one without."""
+        return self.rmse_after_m > _WORSE * self.rmse_before_m
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the gain as in the analysis object."""
+        whole = self.with_map
+        return {
+            "held_out": self.held_out,
+            "rmse_before_m": self.rmse_before_m,
+            "rmse_after_m": self.rmse_after_m,
+            "noise_floor_m": self.noise_floor_m,
+            "with_map": None
+            if whole is None
+            else {
+                "rmse_before_m": whole.rmse_before_m,
+                "rmse_after_m": whole.rmse_after_m,
+                "inside_band_before": whole.inside_band_before,
+                "inside_band_after": whole.inside_band_after,
+            },
+        }
+
+
+def parameters_of(model: Solved, estimate: Estimate | None, nameplate: Nameplate) -> ValveParameters:
+    """Return the valve of a fit; mass, limit velocity and damping from the estimate where it knows them."""
+
+    def known(symbol: str) -> float | None:
+        return None if estimate is None else estimate.parameters[symbol].value
+
+    spring = max(model.known("k").value, 0.0)
+    coulomb_n = max(model.known("F_c").value, 1.0e-6)
+    damping = known("F_v")
+    return ValveParameters(
+        known("m") or nameplate.actuator.moving_mass_kg or _MASS_KG,
+        spring,
+        max(spring * model.known("lag").value, _LEAST_DAMPING) if damping is None else damping,
+        coulomb_n,
+        max(model.known("F_s").value, coulomb_n),
+        known("DV") or _LIMIT_M_PER_S,
+        model.known("F_0").value,
+    )
+
+
+def simulated(valve: ExtendedValve, reading: Reading) -> tuple[FloatArray, FloatArray]:
+    """Return instants (s) and the position that the valve shows there (m), under the force of this reading."""
+    step = max(1, round(_ROW_S / reading.samples.period_s))
+    time_s, force_n = reading.time_s[::step], reading.path.force_n[::step]
+    start = ExtendedState(StemState(float(reading.position_m[:step].mean()), 0.0))
+    return time_s, ExtendedStem(valve).motion(start, time_s, force_n, time_s).sensed_m
+
+
+def with_effects(parameters: ValveParameters, effects: Sequence[Effect]) -> ExtendedValve:
+    """Return the valve with these effects."""
+    valve = ExtendedValve(parameters)
+    for effect in effects:
+        valve = effect.apply(valve)
+    return valve
+
+
+def effect_percent(parameters: ValveParameters, effect: Effect, reading: Reading, travel_m: float) -> float | None:
+    """Largest change of the stem's position that an effect makes in this test, in percent of the travel."""
+    try:
+        _, without_m = simulated(ExtendedValve(parameters), reading)
+        _, with_m = simulated(with_effects(parameters, [effect]), reading)
+    except ValveError:
+        return None
+    return 100.0 * float(np.abs(with_m - without_m).max()) / travel_m
+
+
+def _simulated_error(valve: ExtendedValve, reading: Reading, from_s: float) -> float | None:
+    try:
+        time_s, shown_m = simulated(valve, reading)
+    except ValveError:
+        return None
+    there = time_s >= from_s
+    measured_m = np.interp(time_s[there], reading.time_s, reading.position_m)
+    return float(np.sqrt(np.mean((shown_m[there] - measured_m) ** 2)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Predictor:
+    """The models before and after, and what it takes to ask them elsewhere."""
+
+    before: Solved
+    after: Solved
+    laws: tuple[Law, ...]
+    seen: tuple[Seen, ...]
+    setting: Setting
+    estimate: Estimate | None
+    nameplate: Nameplate
+
+    def _valves(self, before: Solved, after: Solved) -> tuple[ExtendedValve, ExtendedValve]:
+        plain = parameters_of(before, self.estimate, self.nameplate)
+        mended = parameters_of(after, self.estimate, self.nameplate)
+        short_n = max(mended.static_friction_n - after.known("F_s").value, 0.0)
+        effects = [
+            cause.effect(cause.values(after.size(number).value, shape), short_n)
+            for number, (cause, shape) in enumerate(self.laws)
+        ]
+        for one in self.seen:
+            effects += [] if one.effect is None else [one.effect]
+            if one.damping_n_s_per_m is not None:
+                mended = replace(mended, viscous_friction_n_s_per_m=one.damping_n_s_per_m)
+        return ExtendedValve(plain), with_effects(mended, effects)
+
+    def mended(self) -> ExtendedValve:
+        """Return the valve with all causes."""
+        return self._valves(self.before, self.after)[1]
+
+    def elsewhere(self, name: str, recording: Recording) -> Gain | None:
+        """Return the gain on another recording, None where it cannot be read."""
+        reading = read(measured_rows(recording).recording, self.nameplate)
+        if isinstance(reading, Outcome):
+            return None
+        lag = lag_after_corners(reading)
+        rows = observations(reading, lag)
+        whole = None
+        if int(rows.is_slide.sum()) >= _FEWEST_ROWS:
+            later = _shifted(rows, _ANOTHER_DAY_S)
+            whole = self._with_map(self.before, self.after, later, rows, lag)
+        return self._gain(name, reading, self._valves(self.before, self.after), 0.0, whole)
+
+    def left_out(self, reading: Reading) -> Gain | None:
+        """Return the gain on the last part of the recording, both models fitted to what comes before."""
+        rows = self.before.problem.rows
+        from_s = float(rows.time_s.min()) + _KEPT * float(np.ptp(rows.time_s))
+        kept = rows.time_s < from_s
+        rest = rows.rows(~kept)
+        if int((kept & rows.is_slide).sum()) < _FEWEST_ROWS or int(rest.is_slide.sum()) < 3:
+            return None
+        if np.unique(rows.direction[kept & rows.is_slide]).size < 2:
+            return None
+        before, after = self._part(self.before, kept), self._part(self.after, kept)
+        whole = self._with_map(before, after, rest, rest, Known(self.before.known("lag").value, 1.0))
+        return self._gain(LEFT_OUT, reading, self._valves(before, after), from_s, whole)
+
+    def _part(self, model: Solved, kept: npt.NDArray[np.bool_]) -> Solved:
+        columns = replace(model.columns, values=model.columns.values[kept])
+        return solved(of_rows(model.problem, kept), columns, model.logarithms)
+
+    def _gain(
+        self,
+        name: str,
+        reading: Reading,
+        valves: tuple[ExtendedValve, ExtendedValve],
+        from_s: float,
+        whole: MapGain | None,
+    ) -> Gain | None:
+        before_m, after_m = (_simulated_error(valve, reading, from_s) for valve in valves)
+        if before_m is None or after_m is None:
+            return None
+        return Gain(name, before_m, after_m, reading.noise_m, whole)
+
+    def _with_map(self, before: Solved, after: Solved, rows: Observations, here: Observations, lag: Known) -> MapGain:
+        problem = problem_of(here, self.setting, lag)
+        of_before = _predicted(before, rows, problem, ())
+        of_after = _predicted(after, rows, problem, self.laws)
+        return MapGain(of_before[0], of_after[0], of_before[1], of_after[1])
+
+
+def _shifted(rows: Observations, by_s: float) -> Observations:
+    return replace(rows, time_s=rows.time_s + by_s)
+
+
+def _predicted(model: Solved, rows: Observations, problem: Problem, laws: Sequence[Law]) -> tuple[float, float]:
+    """Error of the position in driven motion by the whole model, m, and the share inside its 95 % band."""
+    old = model.problem.rows
+    sizes = [model.size(number).value for number in range(len(laws))]
+    columns = [column_of(cause, shape, problem, size) for (cause, shape), size in zip(laws, sizes, strict=True)]
+    design = np.column_stack([problem.design, *columns])
+    everywhere = field_covariance(
+        np.concatenate([old.travel_m, rows.travel_m]),
+        np.concatenate([old.time_s, rows.time_s]),
+        np.concatenate([old.direction, rows.direction]),
+        roughness_of(model.logarithms[:6]),
+        ROUGH,
+    ).field
+    share = np.where(old.is_slide, 1.0, model.problem.share)
+    across = everywhere[old.count :, : old.count] * share
+    mean_n = design @ model.values + across @ model.weighted
+    own = np.diag(everywhere[old.count :, old.count :]).copy()
+    # the field's own, then the mean law's: what of its columns the field takes up is counted once
+    error_n2 = own - np.sum((across @ model.projection) * across, axis=1)
+    taken = across @ np.linalg.solve(model.whole, np.hstack([model.problem.design, model.columns.values]))
+    for columns_n, sign in ((design - taken, 1.0), (taken, -1.0)):
+        error_n2 += sign * np.sum((columns_n @ model.covariance) * columns_n, axis=1)
+    error_n2 += rows.variance_n2 + model.hyperparameter("error") ** 2
+    slide = rows.is_slide
+    off_n = (rows.force_n - mean_n)[slide]
+    inside = np.abs(off_n) < NORMAL_95 * np.sqrt(np.maximum(error_n2[slide], 1.0e-12))
+    weight = rows.duration_s[slide]
+    rmse_n = math.sqrt(float(weight @ off_n**2 / weight.sum()))
+    return rmse_n / model.known("k").value, min(1.0, float(weight @ inside / weight.sum()))

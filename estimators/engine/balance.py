@@ -1,0 +1,343 @@
+"""The balance of forces of a moving stem, block by block, with friction that varies: k, F_0, F_c and F_v v.
+
+In a block of rows in which the stem is driven with sign s, U - k x - F_0 - s F_c - F_v v = s (w_s(x) + d(t)) + error.
+The left side is linear in the parameters and the right side a Gaussian process, so that the marginal likelihood has a
+closed form: the hyperparameters maximise its restricted form (REML), and the parameters follow by generalised least
+squares. F_v here holds every lag between force and position: the sensor's, and the gauge's with the other sign.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import minimize
+from scipy.stats import t as student
+
+from estimators.base import NORMAL_95
+from estimators.engine.parameters import Known
+from estimators.engine.reading import Reading
+from estimators.engine.roughness import (
+    ROUGH,
+    SMOOTH,
+    FieldCovariance,
+    Roughness,
+    RoughnessPrior,
+    field_covariance,
+    roughness_of,
+    roughness_prior,
+)
+from estimators.engine.stops import ends_driven, last_row_before_stop
+
+FloatArray = npt.NDArray[np.float64]
+
+MOST_BLOCKS: Final = 300
+_SHORTEST_S: Final = 0.02
+_FEWEST_STROKES: Final = 3
+_BLOCK_SHARE: Final = 0.008  # of the travel: a third of the length of what is rough
+_AFTER_BREAKAWAY_S: Final = 0.08  # the mass and the sensor filter show in what comes sooner
+_SETTLED: Final = 6.0  # lags after a breakaway nothing is left of the jump
+_LAG_ERROR_S: Final = 0.02  # an arrival is seen early or late by the band of the rest and the sensor's filter
+_LAG_SHARE: Final = 0.5
+_MOST_ALIKE: Final = 4.0
+_BEFORE_CORNER_S: Final = 0.03
+_FEWEST_ROWS: Final = 1
+_SEARCH: Final = {"maxiter": 30, "ftol": 1.0e-6}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Blocks:
+    """Means over blocks of rows in which the stem is driven in one direction, arrays of shape (n,)."""
+
+    time_s: FloatArray
+    travel_m: FloatArray
+    rate_n_per_s: FloatArray
+    force_n: FloatArray
+    direction: FloatArray
+    rows: FloatArray
+    duration_s: FloatArray
+
+    @property
+    def count(self) -> int:
+        """Number of blocks."""
+        return int(self.time_s.size)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Balance:
+    """What the balance gives; ``covariance`` is of (k, F_0, F_c, F_v) without the average of the field.
+
+    ``F_c`` and ``F_0`` are the averages over the travel swept and the time recorded; ``joint`` is the covariance of
+    (k, F_0, F_c, F_v) so averaged.
+    """
+
+    symbols: tuple[str, ...]
+    values: FloatArray
+    joint: FloatArray
+    roughness: Roughness
+    smoothness: int
+    prior: RoughnessPrior
+    blocks: Blocks
+    variation_n: FloatArray  # of friction about F_c in each block, mean, N
+    variation_error_n: FloatArray
+
+    def known(self, symbol: str) -> Known:
+        """Return value and standard error of this symbol."""
+        at = self.symbols.index(symbol)
+        return Known(float(self.values[at]), float(math.sqrt(max(self.joint[at, at], 0.0))))
+
+
+def lag_after_corners(reading: Reading) -> Known:
+    """How late the stem follows the force, s: after a corner where a ramp turns back it coasts for ln 2 of its lag."""
+    time_s, corners_s = reading.time_s, reading.path.corners_s
+    found = []
+    for move in reading.segmentation.moves:
+        if move.next_rest < 0:
+            continue
+        arrived_s = float(time_s[reading.segmentation.rests[move.next_rest].first])
+        before = corners_s[(corners_s > time_s[move.first]) & (corners_s <= arrived_s + 0.01)]
+        if before.size:
+            found.append(max(0.0, arrived_s - float(before[-1])) / math.log(2.0))
+    if not found:
+        return Known(0.0, _LAG_ERROR_S)
+    # a stem that stops for another reason, as where the supply ends, has its last corner long before
+    near = [one for one in found if one < _MOST_ALIKE * (float(np.quantile(found, 0.25)) + _LAG_ERROR_S)]
+    lag_s = float(np.median(near))
+    return Known(lag_s, _LAG_ERROR_S + _LAG_SHARE * lag_s)
+
+
+def driven_blocks(reading: Reading, lag: Known) -> Blocks:
+    """Cut the driven parts of the moves into blocks of ``_BLOCK_SHARE`` of the travel, from the slowest moves on.
+
+    About MOST_BLOCKS in all: fast ramps that follow slow ones show the same roughness, and the dynamic level has them.
+    ``lag`` is how late the stem follows the force, s.
+    """
+    time_s, position_m, force_n = reading.time_s, reading.position_m, reading.path.force_n
+    corners_s, has_spring = reading.path.corners_s, reading.spring_n_per_m > 0.0
+    longest_m = _BLOCK_SHARE * reading.travel_m
+    period_s = float(np.median(np.diff(time_s)))
+    settled_s = max(_SETTLED * lag.value, _AFTER_BREAKAWAY_S)
+    spans: list[tuple[int, int, int]] = []
+    for move in reading.segmentation.moves:
+        begin_s = float(time_s[move.first])
+        begin_s = (move.began_s if move.rest >= 0 else begin_s) + settled_s
+        inside = corners_s[(corners_s > begin_s) & (corners_s < time_s[move.last])]
+        end = last_row_before_stop(reading, move) if ends_driven(reading, move) else move.last
+        edges = [begin_s, *inside.tolist(), float(time_s[end])]
+        for left_s, right_s in pairwise(edges):
+            first = int(np.searchsorted(time_s, left_s + (0.0 if left_s == begin_s else settled_s)))
+            last = int(np.searchsorted(time_s, right_s - _BEFORE_CORNER_S)) - 1
+            if last - first < 2:
+                continue
+            if not has_spring or move.direction * (force_n[last] - force_n[first]) > 0.0:
+                spans.append((first, last, move.direction))
+    if has_spring:
+        spans = _chosen(spans, time_s, position_m, longest_m)
+    columns: list[tuple[float, ...]] = []
+    for first, last, direction in spans:
+        way_m = abs(float(position_m[last] - position_m[first]))
+        longest = max(_SHORTEST_S, float(time_s[last] - time_s[first]) * longest_m / max(way_m, longest_m))
+        length = max(1, round(longest / period_s))
+        half = max(2, length // 2, round(0.5 * _SHORTEST_S / period_s))
+        count = max(1, (last - first + 1) // length)
+        for rows in np.array_split(np.arange(first, last + 1), count):
+            middle = int(rows[rows.size // 2])
+            reach = slice(
+                max(first, middle - max(half, rows.size // 2)), min(last, middle + max(half, rows.size // 2)) + 1
+            )
+            spread_s = time_s[reach] - time_s[reach].mean()
+            square = float(spread_s @ spread_s)
+            if square <= 0.0:
+                continue
+            rate = float(spread_s @ force_n[reach]) / square
+            columns.append(
+                (
+                    float(time_s[rows].mean()),
+                    float(position_m[rows].mean()),
+                    rate,
+                    float(force_n[rows].mean()),
+                    float(direction),
+                    float(rows.size),
+                    float(time_s[rows[-1]] - time_s[rows[0]]) + period_s,
+                )
+            )
+    if len(columns) > MOST_BLOCKS and not has_spring:
+        # a drive may go to and fro many times, faster one way than the other: some blocks of every stroke
+        columns = [columns[int(at)] for at in np.linspace(0.0, len(columns) - 1.0, MOST_BLOCKS)]
+    table = np.array(columns).reshape(-1, 7).T
+    return Blocks(*np.ascontiguousarray(table))
+
+
+def _chosen(
+    spans: list[tuple[int, int, int]], time_s: FloatArray, position_m: FloatArray, longest_m: float
+) -> list[tuple[int, int, int]]:
+    """The slowest spans, as many of both directions as MOST_BLOCKS allows, in the order of time."""
+    ways_m = [abs(float(position_m[last] - position_m[first])) for first, last, _ in spans]
+    speeds = [
+        way_m / float(time_s[last] - time_s[first]) for way_m, (first, last, _) in zip(ways_m, spans, strict=True)
+    ]
+    chosen: list[int] = []
+    blocks = 0.0
+    for number in np.argsort(np.round(np.log(np.maximum(speeds, 1.0e-12)), 1), kind="stable").tolist():
+        if blocks >= MOST_BLOCKS and {spans[one][2] for one in chosen} == {1, -1}:
+            break
+        chosen.append(number)
+        blocks += max(1.0, ways_m[number] / longest_m)
+    return [spans[number] for number in sorted(chosen)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    """Generalised least squares for one set of hyperparameters."""
+
+    objective: float
+    slope: FloatArray
+    theta: FloatArray
+    theta_covariance: FloatArray
+    inverse: FloatArray
+    covariance: FieldCovariance
+    left: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Problem:
+    """The balance with its columns scaled, and what is known of the parameters beforehand (flat where 0)."""
+
+    blocks: Blocks
+    design: FloatArray
+    variance: FloatArray
+    prior_mean: FloatArray
+    prior_information: FloatArray
+
+
+def _fit(problem: _Problem, logarithms: FloatArray, smoothness: int) -> _Fit:
+    blocks, design = problem.blocks, problem.design
+    roughness = roughness_of(logarithms)
+    covariance = field_covariance(blocks.travel_m, blocks.time_s, blocks.direction, roughness, smoothness)
+    whole = covariance.field + np.diag(problem.variance + roughness.error_n**2)
+    factor = cho_factor(whole, lower=True, check_finite=False)
+    inverse = cho_solve(factor, np.eye(blocks.count), check_finite=False)
+    inverse_design = inverse @ design
+    information = design.T @ inverse_design + np.diag(problem.prior_information)
+    theta_covariance = np.linalg.inv(information)
+    prior = problem.prior_information * problem.prior_mean
+    theta = theta_covariance @ (inverse_design.T @ blocks.force_n + prior)
+    off = theta - problem.prior_mean
+    left = blocks.force_n - design @ theta
+    weighted = inverse @ left
+    projection = inverse - inverse_design @ theta_covariance @ inverse_design.T
+    log_determinant = 2.0 * float(np.log(np.diag(factor[0])).sum()) + float(np.linalg.slogdet(information)[1])
+    objective = 0.5 * (log_determinant + float(left @ weighted) + float(problem.prior_information @ off**2))
+    slopes = [
+        0.5 * (float(np.sum(projection * slope)) - float(weighted @ slope @ weighted)) for slope in covariance.slopes
+    ]
+    slopes.append(roughness.error_n**2 * (float(np.trace(projection)) - float(weighted @ weighted)))
+    return _Fit(objective, np.array(slopes), theta, np.asarray(theta_covariance), inverse, covariance, left)
+
+
+def balance(
+    blocks: Blocks, *, noise_m: float, travel_m: float, has_spring: bool, force_noise_n: float, lag: Known
+) -> Balance | None:
+    """Return the balance of these blocks, None where they do not determine it.
+
+    ``noise_m`` is the position's white noise of a row, ``travel_m`` the rated travel, ``force_noise_n`` the
+    force's error of a block. ``lag`` is what is known beforehand of how late the stem follows the force, s.
+    """
+    symbols = ("k", "F_0", "F_c", "F_v") if has_spring else ("F_0", "F_c")
+    if blocks.count < 2 * len(symbols) or np.unique(blocks.direction).size < 2:
+        return None
+    columns = [np.ones(blocks.count), blocks.direction]
+    if has_spring:
+        columns = [blocks.travel_m, *columns, blocks.rate_n_per_s]
+    design = np.column_stack(columns)
+    # scaled, so that the information is well conditioned
+    scale = np.sqrt(np.mean(design**2, axis=0))
+    design = design / scale
+    prior_mean, prior_information = np.zeros(len(symbols)), np.zeros(len(symbols))
+    others, late_n = list(range(len(symbols))), np.zeros(blocks.count)
+    if "F_v" in symbols:
+        at = symbols.index("F_v")
+        prior_mean[at], prior_information[at] = lag.value * scale[at], 1.0 / (lag.std_error * scale[at]) ** 2
+        others.remove(at)
+        late_n = design[:, at] * prior_mean[at]
+    theta = np.zeros(len(symbols))
+    theta[others] = np.linalg.lstsq(design[:, others], blocks.force_n - late_n, rcond=None)[0] / scale[others]
+    friction_n = max(abs(float(theta[symbols.index("F_c")])), 1.0e-6 * float(np.ptp(blocks.force_n)))
+    prior = roughness_prior(friction_n, travel_m)
+    spring = abs(float(theta[0])) if has_spring else 0.0
+    variance = (spring * noise_m) ** 2 / blocks.rows + force_noise_n**2
+    problem = _Problem(blocks, design, variance, prior_mean, prior_information)
+    best: tuple[float, FloatArray, int] | None = None
+    for smoothness in (ROUGH, SMOOTH):
+
+        def objective(at: FloatArray, smoothness: int = smoothness) -> tuple[float, FloatArray]:
+            one = _fit(problem, at, smoothness)
+            squares, slope = prior.squares(at)
+            return one.objective + 0.5 * squares, one.slope + slope
+
+        found = minimize(  # type: ignore[call-overload]
+            objective,
+            prior.middle,
+            jac=True,
+            method="L-BFGS-B",
+            bounds=list(zip(prior.low, prior.high, strict=True)),
+            options=_SEARCH,
+        )
+        if best is None or float(found.fun) < best[0]:
+            best = float(found.fun), np.asarray(found.x), smoothness
+    assert best is not None
+    fit = _fit(problem, best[1], best[2])
+    return _averaged(problem, symbols, fit, scale, (roughness_of(best[1]), best[2], prior))
+
+
+def _averaged(
+    problem: _Problem,
+    symbols: tuple[str, ...],
+    fit: _Fit,
+    scale: FloatArray,
+    law: tuple[Roughness, int, RoughnessPrior],
+) -> Balance:
+    """Move the field's average over the travel swept into F_c and F_0."""
+    blocks, design = problem.blocks, problem.design
+    up, down = blocks.direction > 0.0, blocks.direction < 0.0
+    # s f averaged over each direction's blocks; F_c takes half the difference, F_0 half the sum
+    weight_up = np.where(up, blocks.duration_s, 0.0) / blocks.duration_s[up].sum()
+    weight_down = np.where(down, blocks.duration_s, 0.0) / blocks.duration_s[down].sum()
+    average = np.zeros((len(symbols), blocks.count))
+    average[symbols.index("F_c")] = 0.5 * (weight_up - weight_down)
+    average[symbols.index("F_0")] = 0.5 * (weight_up + weight_down)
+    field = fit.covariance.field
+    gain = field @ fit.inverse
+    mean = gain @ fit.left
+    values = fit.theta / scale + average @ mean
+    remains = field - gain @ field
+    moved = np.diag(1.0 / scale) - average @ gain @ design
+    joint = average @ remains @ average.T + moved @ fit.theta_covariance @ moved.T
+    spread = np.sqrt(np.maximum(np.diag(remains), 0.0))
+    return Balance(symbols, values, joint, *law, blocks, blocks.direction * mean, spread)
+
+
+def repeats_to_n(found: Balance) -> float:
+    """Standard error of F_c and F_0 of a drive by how its strokes repeat, N: their scatter over their number.
+
+    A drift is in it. 0 with too few strokes.
+    """
+    blocks = found.blocks
+    stroke = np.concatenate([[0], np.cumsum(np.diff(blocks.direction) != 0.0)])
+    means_n = np.bincount(stroke, blocks.force_n) / np.bincount(stroke)
+    direction = np.sign(np.bincount(stroke, blocks.direction))
+    variance = 0.0
+    for way in (1.0, -1.0):
+        own = means_n[direction == way]
+        if own.size < _FEWEST_STROKES:
+            return 0.0
+        # half of the sum, or of the difference, of both directions' means
+        variance += (
+            0.25 * float(np.var(own, ddof=1)) / own.size * (float(student.ppf(0.975, own.size - 1)) / NORMAL_95) ** 2
+        )
+    return math.sqrt(variance)

@@ -1,0 +1,257 @@
+"""The engine: one recording in, one estimate out, with friction that scatters as part of the model."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from estimators.base import (
+    LARGEST_RELATIVE_HALF_WIDTH,
+    NORMAL_95,
+    Estimate,
+    Outcome,
+    ParameterEstimate,
+    Status,
+    absent,
+    failed,
+    in_order,
+)
+from estimators.drive.recording import estimate_force_recording
+from estimators.engine.balance import Balance, balance, driven_blocks, lag_after_corners, repeats_to_n
+from estimators.engine.breakaways import StaticFriction, breakaways, static_friction
+from estimators.engine.commanded import command_path, is_commanded, with_likely_path
+from estimators.engine.dynamic import Dynamic, PathToFit, Quantity, dynamic, latent_friction
+from estimators.engine.parameters import Known
+from estimators.engine.reading import Reading, read
+from estimators.engine.rows import MeasuredRows, measured_rows
+from estimators.engine.settings import USUAL, Settings
+from estimators.engine.slips import balance_of_slips, lag_of_slips
+from estimators.engine.stops import ran_into_a_stop
+from valve.nameplate import Action, Nameplate
+from valve.recording import Recording
+
+METHOD: Final = "maximum_likelihood"
+_NO_MOTION: Final = "the balance of forces alone is given: the motion after the breakaways does not fit it"
+_COMMANDED: Final = (
+    "The pressure was not measured: it is taken for the command behind a lag and a dead time that were fitted, with "
+    "the gain that the signal range says."
+)
+_HIDDEN: Final = "the I/P's lag hides it where friction varies: measure the pressure at the actuator"
+_ONE_SPEED: Final = "it takes a drive that is accelerated, and several speeds"
+_HIDDEN_BANDS: Final = 1.5
+_SLOW_ROWS_S: Final = 0.05  # no slip shows in slower ones
+_FAR: Final = 3.5  # standard errors
+_FAR_BETTER: Final = 2.0  # times as wide as the balance's: then the motion does not have what the balance has
+_BESIDE_MOTION: Final = 1.4  # where both are there the balance's interval holds too little of the friction's variation
+
+
+@dataclass(frozen=True, slots=True)
+class RoughFrictionEstimator:
+    """Estimates m, k, F_v, F_c, F_s, DV and F_0 of a valve whose friction scatters."""
+
+    settings: Settings = USUAL
+
+    @property
+    def method(self) -> str:
+        """Name in the analysis object."""
+        return METHOD
+
+    def estimate(self, recording: Recording, nameplate: Nameplate) -> Estimate:
+        """Return the estimate; its status and message say what is wrong with a recording."""
+        rows = measured_rows(recording)
+        is_driven = nameplate.actuator.action is Action.DOUBLE and recording.force_n is not None
+        drive = estimate_force_recording(rows.recording, nameplate) if is_driven else None
+        if drive is not None and drive.value("F_c") is not None:
+            return replace(drive, message=" ".join(part for part in (drive.message, _said(rows)) if part))
+        reading = read(rows.recording, nameplate)
+        if isinstance(reading, Outcome):
+            return failed(METHOD, reading)
+        if len(reading.segmentation.directions) < 2:
+            return _one_way(reading)
+        lag = lag_after_corners(reading)
+        path: PathToFit | None = None
+        if is_commanded(reading):
+            likely, left = with_likely_path(reading, lag)
+            path = command_path(reading, likely, lag)
+            reading, lag = likely, left
+        found = _balance(reading, lag)
+        if found is None:
+            found, lag = balance_of_slips(reading), lag_of_slips(reading)
+        if found is None:
+            return failed(METHOD, Outcome.NO_UNIFORM_MOTION)
+        if any(found.known(symbol).value < 0.0 for symbol in ("k", "F_c") if symbol in found.symbols):
+            return failed(METHOD, Outcome.UNPHYSICAL)
+        static = static_friction(breakaways(reading), found, lag if path else None)
+        whole = dynamic(reading, lag, found, static, path, settings=self.settings) if static is not None else None
+        if whole is not None and _disagree(found, whole):
+            whole = None
+        said = _said(rows)
+        if static is not None and "k" in found.symbols:
+            held_n = static.mean_n, static.scatter_n or 0.0
+            if ran_into_a_stop(reading, found.known("k").value, found.known("F_0").value, held_n):
+                said = f"{Outcome.STOP_INSIDE_SWEEP} {said}".strip()
+        estimate = _concluded(reading, found, static, whole, said)
+        return _at_one_speed(estimate, drive) if drive is not None else estimate
+
+
+def _balance(reading: Reading, lag: Known) -> Balance | None:
+    blocks = driven_blocks(reading, lag)
+    return balance(
+        blocks,
+        noise_m=reading.noise_m,
+        travel_m=reading.travel_m,
+        has_spring=reading.spring_n_per_m > 0.0,
+        force_noise_n=reading.path.noise_n,
+        lag=lag,
+    )
+
+
+def _disagree(found: Balance, whole: Dynamic) -> bool:
+    """Whether the motion's spring rate or friction is far from the balance's: then the motion was not understood."""
+    for symbol in ("k", "F_c"):
+        known, moved = found.known(symbol), whole.quantities[symbol]
+        if abs(moved.value - known.value) > _FAR * math.hypot(_BESIDE_MOTION * known.std_error, moved.std_error):
+            return True
+    return False
+
+
+def _quantities(found: Balance, static: StaticFriction | None, whole: Dynamic | None) -> dict[str, Quantity]:
+    """What the motion gives, and of k, F_c and F_0 what the balance gives where it knows them far better.
+
+    Rows too slow for the motion after a breakaway leave F_v open there, and with it F_c.
+    """
+    quantities: dict[str, Quantity] = {} if whole is None else dict(whole.quantities)
+    for symbol in ("k", "F_c", "F_0"):
+        if symbol not in found.symbols:
+            continue
+        known = found.known(symbol)
+        error = known.std_error if "k" in found.symbols else math.hypot(known.std_error, repeats_to_n(found))
+        if whole is not None:
+            error *= _BESIDE_MOTION
+            if whole.quantities[symbol].std_error < _FAR_BETTER * error:
+                continue
+        half = NORMAL_95 * error
+        quantities[symbol] = Quantity(known.value, error, (known.value - half, known.value + half))
+    if static is not None and whole is None:
+        quantities["F_s"] = Quantity(static.mean_n, static.std_error_n, static.ci95_n)
+    return quantities
+
+
+def _said(rows: MeasuredRows) -> str:
+    """What is said of rows that were left out."""
+    said = []
+    if rows.dropped:
+        said.append(f"{rows.dropped} rows are drop-outs of the position and were left out.")
+    if rows.held > 1:
+        said.append(f"The device held each value for {rows.held} rows: one of each was used.")
+    return " ".join(said)
+
+
+def _at_one_speed(estimate: Estimate, drive: Estimate) -> Estimate:
+    """Return the balance of a drive whose inertia and damping hardly show: F_c at the speed that it had."""
+    parameters = {**estimate.parameters, "k": drive.parameters["k"]}
+    for symbol in ("m", "F_v", "DV"):
+        known = drive.parameters[symbol]
+        parameters[symbol] = known if known.value is None and drive.status is not Status.FAILED else absent(_ONE_SPEED)
+    said = [str(Outcome.ONE_SPEED), estimate.message]
+    return replace(estimate, status=Status.POOR, message=" ".join(part for part in said if part), parameters=parameters)
+
+
+def _one_way(reading: Reading) -> Estimate:
+    """Return what a stem that moved in one direction tells: without a spring the sum of friction and offset."""
+    estimate = failed(METHOD, Outcome.ONE_DIRECTION_ONLY)
+    moves = [move for move in reading.segmentation.moves if move.last - move.first > 2]
+    if reading.spring_n_per_m > 0.0 or not moves:
+        return estimate
+    # a tenth at either end belongs to starting and stopping
+    inner = [((move.last - move.first) // 10, move) for move in moves]
+    force_n = np.concatenate([reading.path.force_n[move.first + cut : move.last - cut + 1] for cut, move in inner])
+    sign = "+" if moves[0].direction > 0 else "-"
+    together = f"the mean force in motion, F_0 {sign} F_c with F_v v in it, is {float(force_n.mean()):.4g} N"
+    parameters = dict(estimate.parameters)
+    for symbol in ("F_c", "F_0"):
+        parameters[symbol] = absent(f"{parameters[symbol].note} Known is their sum: {together}.")
+    message = f"{estimate.message} Known is: {together}."
+    return replace(estimate, status=Status.POOR, message=message, parameters=parameters)
+
+
+def _concluded(
+    reading: Reading, found: Balance, static: StaticFriction | None, whole: Dynamic | None, said: str
+) -> Estimate:
+    quantities = _quantities(found, static, whole)
+    friction_n = max((quantities[symbol].value for symbol in ("F_s", "F_c") if symbol in quantities), default=0.0)
+    parameters = {
+        symbol: _parameter(quantity, friction_n if symbol == "F_0" else 0.0) for symbol, quantity in quantities.items()
+    }
+    rough = found.roughness
+    scatters = {
+        "F_s": None if static is None else static.scatter_n if whole is None else whole.scatter_n,
+        "F_c": math.sqrt(rough.common_n**2 + rough.own_n**2 + rough.wander_n**2),
+    }
+    for symbol, scatter in scatters.items():
+        if symbol in parameters and parameters[symbol].value is not None:
+            parameters[symbol] = replace(parameters[symbol], scatter=scatter)
+    if whole is None:
+        for symbol in ("m", "F_v", "DV"):
+            parameters[symbol] = absent(_NO_MOTION)
+    commanded = is_commanded(reading)
+    if commanded and whole is not None and whole.best.model.fields.count:
+        for symbol in ("m", "F_v", "DV"):
+            parameters[symbol] = absent(_HIDDEN)
+    if reading.samples.period_s > _SLOW_ROWS_S and whole is not None:
+        for symbol in ("m", "DV"):
+            parameters[symbol] = absent(str(Outcome.TRANSIENTS_NOT_RESOLVED))
+    if "F_s" not in parameters:
+        parameters["F_s"] = absent("fewer than two breakaways from rest were seen")
+    hidden = _hidden_jumps(reading, quantities)
+    if hidden and parameters.get("F_c") is not None and parameters["F_c"].value is not None:
+        parameters["F_c"] = replace(parameters["F_c"], note=hidden)
+    parameters = in_order(parameters)
+    has_spring = reading.spring_n_per_m > 0.0
+    if not has_spring:
+        parameters["k"] = absent("the actuator has no spring")
+    missing = [s for s in (("k", "F_c", "F_s") if has_spring else ("F_c", "F_s")) if parameters[s].value is None]
+    status = Status.POOR if missing or commanded else Status.OK
+    message = f"{', '.join(missing)}: {parameters[missing[0]].note}" if missing else ""
+    message = " ".join(part for part in (message, _COMMANDED if commanded else "", said) if part)
+    latent = [] if whole is None else latent_friction(whole.best)
+    # what a simulation takes for values that are known too badly to be given
+    fitted = {} if whole is None else {symbol: quantity.value for symbol, quantity in whole.quantities.items()}
+    diagnostics = {
+        "roughness": found.roughness,
+        "dynamic": whole,
+        "latent_friction": latent,
+        "stand_ins": {symbol: value for symbol, value in fitted.items() if parameters[symbol].value is None},
+    }
+    residual_m = None if whole is None else whole.residual_rms_m
+    return Estimate(METHOD, status, message, residual_m, parameters, diagnostics)
+
+
+def _hidden_jumps(reading: Reading, quantities: dict[str, Quantity]) -> str:
+    """What is said where the noise hides the jumps that the stem may make."""
+    band_m, spring = reading.segmentation.band_m, quantities.get("k")
+    static, coulomb = quantities.get("F_s"), quantities.get("F_c")
+    if spring is None or coulomb is None or spring.value <= 0.0:
+        return ""
+    jump_m = math.inf if static is None else (static.value - coulomb.value) / spring.value
+    if static is not None and jump_m > _HIDDEN_BANDS * band_m:
+        return ""
+    return (
+        f"Jumps of less than {1.0e3 * band_m:.2g} mm cannot be told from sliding in this noise: if the stem makes "
+        "them, F_c is an effective friction between F_c and F_s."
+    )
+
+
+def _parameter(quantity: Quantity, scale: float) -> ParameterEstimate:
+    """The quantity as the contract has it; ``scale`` is what a quantity that may be zero is judged against."""
+    low, high = quantity.ci95
+    half, limit = 0.5 * (high - low), LARGEST_RELATIVE_HALF_WIDTH * max(abs(quantity.value), scale)
+    if not half <= limit:
+        share = 100.0 * half / max(abs(quantity.value), 1.0e-300)
+        if share > 100.0:
+            return absent("not known from this test: its interval is wider than its value")
+        return absent(f"known to +-{share:.0f} % only, the limit is 30 %")
+    return ParameterEstimate(quantity.value, quantity.std_error, (low, high))

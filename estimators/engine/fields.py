@@ -1,0 +1,148 @@
+"""The latent friction on knots: along the travel for each direction, and in time; its prior and its columns."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from estimators.engine.roughness import ROUGH, Roughness, travel_correlation
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+# Lines between knots h apart leave 0.25 (1.7 h / length)^1.5 of the friction's size: where that is far above the noise
+# it looks like other dynamics, and m and F_v come out wrong (make bench ARGS=rough_valves, with 3 knots everywhere).
+_FEWEST_KNOTS_A_LENGTH: Final = 3.0
+_MOST_KNOTS_A_LENGTH: Final = 5.0
+_LEFT_BY_LINES: Final = 0.25
+_MOST_TRAVEL_KNOTS: Final = 280
+_MOST_TIME_KNOTS: Final = 160
+_TIME_KNOT_S: Final = 0.3
+JITTER: Final = 1.0e-5  # of the variance: what keeps a smooth prior's inverse from rounding
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fields:
+    """Knots over travel (m, the same for both directions) and in time (s), and the precision of all their values.
+
+    The values are ordered: opening, closing, in time.
+    """
+
+    travel_m: FloatArray
+    time_s: FloatArray
+    precision: FloatArray
+    log_determinant: float  # of the precision
+    roughness: Roughness | None = None
+    smoothness: int = ROUGH
+
+    @property
+    def count(self) -> int:
+        """Number of values."""
+        return 2 * self.travel_m.size + self.time_s.size
+
+    def columns(self, path_m: FloatArray, time_s: FloatArray, direction: int) -> tuple[FloatArray, IntArray]:
+        """Shares of the values in the friction at places and times, shape (n, c), and which c values these are."""
+        along, first = _hats(self.travel_m, path_m)
+        in_time, first_time = _hats(self.time_s, time_s)
+        offset = 0 if direction > 0 else self.travel_m.size
+        numbers = np.concatenate(
+            [
+                offset + first + np.arange(along.shape[1]),
+                2 * self.travel_m.size + first_time + np.arange(in_time.shape[1]),
+            ]
+        )
+        return np.hstack([along, in_time]), numbers
+
+    def slope_n_per_m(self, path_m: FloatArray, direction: int, values: FloatArray) -> FloatArray:
+        """By how much friction with these values rises along the travel, N/m, shape (n,)."""
+        knots = self.travel_m
+        if knots.size < 2:
+            return np.zeros(path_m.size)
+        own = values[: knots.size] if direction > 0 else values[knots.size : 2 * knots.size]
+        between = np.diff(own) / np.diff(knots)
+        inside = (path_m >= knots[0]) & (path_m <= knots[-1])
+        at = np.clip(np.searchsorted(knots, path_m, side="right") - 1, 0, knots.size - 2)
+        return np.where(inside, between[at], 0.0)
+
+
+def _hats(knots: FloatArray, at: FloatArray) -> tuple[FloatArray, int]:
+    """Linear interpolation from the knots that are touched, shape (n, c), and the first of them."""
+    if knots.size == 0:
+        return np.zeros((at.size, 0)), 0
+    if knots.size == 1:
+        return np.ones((at.size, 1)), 0
+    left = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, knots.size - 2)
+    share = np.clip((at - knots[left]) / (knots[left + 1] - knots[left]), 0.0, 1.0)
+    first, last = int(left.min()), int(left.max()) + 1
+    out = np.zeros((at.size, last - first + 1))
+    row = np.arange(at.size)
+    out[row, left - first] = 1.0 - share
+    out[row, left - first + 1] += share
+    return out, first
+
+
+def no_fields() -> Fields:
+    """Return the friction of an ideal packing: it varies nowhere."""
+    return Fields(np.empty(0), np.empty(0), np.empty((0, 0)), 0.0)
+
+
+def knots_a_length(size_n: float, noise_n: float) -> float:
+    """Return how many knots a length of the roughness leave no more than this of friction of this size, N."""
+    needed = math.sqrt(3.0) * math.pow(_LEFT_BY_LINES * size_n / max(noise_n, 1.0e-12), 2.0 / 3.0)
+    return min(max(needed, _FEWEST_KNOTS_A_LENGTH), _MOST_KNOTS_A_LENGTH)
+
+
+def fields_over(
+    travel_m: tuple[float, float],
+    spans_s: list[tuple[float, float]],
+    roughness: Roughness,
+    smoothness: int,
+    knots: float = _FEWEST_KNOTS_A_LENGTH,
+) -> Fields:
+    """Return the fields over this travel and these spans of time in which the stem moves, ``knots`` a length."""
+    low_m, high_m = travel_m
+    step_m = max(roughness.length_m / knots, (high_m - low_m) / _MOST_TRAVEL_KNOTS)
+    places_m = np.linspace(low_m, high_m, max(2, math.ceil((high_m - low_m) / step_m) + 1))
+    moving_s = sum(last - first for first, last in spans_s)
+    step_s = max(_TIME_KNOT_S, moving_s / _MOST_TIME_KNOTS)
+    time_s = np.unique(np.concatenate([np.linspace(a, b, max(2, math.ceil((b - a) / step_s) + 1)) for a, b in spans_s]))
+    time_s = time_s[np.concatenate([[True], np.diff(time_s) > 1.0e-6])]
+    return fields_on(places_m, time_s, roughness, smoothness)
+
+
+def fields_on(travel_m: FloatArray, time_s: FloatArray, roughness: Roughness, smoothness: int) -> Fields:
+    """Return the fields on these knots."""
+    along = travel_correlation(travel_m, roughness.length_m, smoothness)[0] + JITTER * np.eye(travel_m.size)
+    inverse = np.linalg.inv(along)
+    log_along = float(np.linalg.slogdet(along)[1])
+    # opening and closing are common +- own: their sum and difference are independent
+    of_sum = 2.0 * roughness.common_n**2 + roughness.own_n**2
+    of_difference = roughness.own_n**2
+    same = 0.5 * inverse * (1.0 / of_sum + 1.0 / of_difference)
+    other = 0.5 * inverse * (1.0 / of_sum - 1.0 / of_difference)
+    count = travel_m.size
+    precision = np.zeros((2 * count + time_s.size,) * 2)
+    precision[:count, :count] = precision[count : 2 * count, count : 2 * count] = same
+    precision[:count, count : 2 * count] = precision[count : 2 * count, :count] = other
+    logarithm = -2.0 * log_along - count * (math.log(of_sum) + math.log(of_difference))
+    wander, log_wander = wander_precision(time_s, roughness)
+    precision[2 * count :, 2 * count :] = wander
+    return Fields(travel_m, time_s, precision, logarithm + log_wander, roughness, smoothness)
+
+
+def wander_precision(time_s: FloatArray, roughness: Roughness) -> tuple[FloatArray, float]:
+    """Return the precision of an Ornstein-Uhlenbeck process at these times, tridiagonal, and its log determinant."""
+    variance = roughness.wander_n**2
+    kept = np.exp(-np.diff(time_s) / roughness.wander_s)
+    new = variance * -np.expm1(2.0 * np.log(np.maximum(kept, 1.0e-300)))
+    out = np.zeros((time_s.size, time_s.size))
+    index = np.arange(time_s.size)
+    out[0, 0] = 1.0 / variance
+    out[index[1:], index[1:]] += 1.0 / new
+    out[index[:-1], index[:-1]] += kept**2 / new
+    out[index[1:], index[:-1]] = out[index[:-1], index[1:]] = -kept / new
+    return out, -math.log(variance) - float(np.log(new).sum())

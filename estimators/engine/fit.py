@@ -1,0 +1,409 @@
+"""The dynamic fit: Gauss and Newton's steps with damping, from hot noise to cold, from a few equivalent starts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.optimize import minimize_scalar
+
+from estimators.engine.fields import no_fields
+from estimators.engine.hyperparameters import Equations, field_likelihood, refined
+from estimators.engine.model import Linearised, Model, Path, Unknowns
+from estimators.engine.parameters import FC, FS, GLOBALS, HIGH, LN_DV, LN_FILTER, LN_K, LN_M, LN_V, LONGEST, LOW
+from estimators.engine.roughness import RoughnessPrior
+
+FloatArray = npt.NDArray[np.float64]
+
+HEATS: Final = (30.0, 5.0, 1.0)
+_STEPS: Final = (6, 6, 10)
+_TRIED_SECTIONS: Final = 10
+_NEARLY: Final = 60.0  # of minus twice the logarithm of the likelihood, on some of the sections
+_MOST_KEPT: Final = 2
+_TRIED_STEPS: Final = 5  # that show whether other times can be as likely
+_SAME: Final = 0.3  # of a logarithm: fits so near on some of the sections are one on all
+_EQUAL: Final = 0.05
+_USUAL_SCATTER: Final = 0.015  # of F_s: the median of what packings have
+_SCATTER_SPREAD: Final = 1.5  # of its logarithm
+_LAST_STEPS: Final = 12
+ROUNDS: Final = 3  # of roughness, unknowns, colour of the noise and scatter, each given the others
+_ROUND_STEPS: Final = 4
+_HOT: Final = 10.0  # noise so many times as large: what is left says nothing of its colour
+_DONE: Final = 0.05  # of a unit of the sum of squares
+_NEARLY_DONE: Final = 0.5  # the same where a fit goes on
+_LONGEST_INSTANT_S: Final = 0.004
+_PASSES: Final = 6  # of finding out which unknowns a step's limits hold
+_LOOSE: Final = 1.0e3  # of F_s: a scatter that says nothing
+_NEAR_LIMIT: Final = 0.6  # of the usual speed: a limit velocity that one start tries
+_FILTER_SHARES: Final = (0.05, 0.5, 0.9)  # of the slowest filter that is quicker than the stem
+_SLOW_FILTER_SHARES: Final = (0.9, 0.4)  # of the stem's delay where the filter is slower
+_SLOW_ROWS_S: Final = 0.004
+_MOST_DAMPING: Final = 1.0e8
+_TAKING_UP_S: Final = 3.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """Where a fit ended: unknowns, their covariance, and minus twice the logarithm of the marginal likelihood.
+
+    ``chi`` is the root mean square of the whitened residuals, 1 where the noise explains them.
+    """
+
+    unknowns: Unknowns
+    paths: list[Path]
+    model: Model
+    covariance: FloatArray
+    surprise: float
+    chi: float
+
+
+def _prior_terms(model: Model, unknowns: Unknowns, one: Linearised) -> tuple[FloatArray, FloatArray]:
+    """Normal matrix and right side with the priors."""
+    normal, right = one.normal.copy(), one.right.copy()
+    weight = model.prior.spread**-2.0
+    index = np.arange(GLOBALS)
+    normal[index, index] += weight
+    right[:GLOBALS] += weight * (model.prior.mean - unknowns.parameters)
+    fields = slice(GLOBALS, GLOBALS + unknowns.fields.size)
+    if model.fields.count:
+        normal[fields, fields] += model.fields.precision
+        right[fields] -= model.fields.precision @ unknowns.fields
+    below, slope = model.below_coulomb(unknowns)
+    if slope > 0.0:
+        both = np.array([FC, FS])
+        signs = np.array([slope, -slope])
+        normal[np.ix_(both, both)] += np.outer(signs, signs)
+        right[both] -= signs * below
+    if model.laws.count:
+        laws = unknowns.first_law + np.arange(model.laws.count)
+        weight = model.laws.spread**-2.0
+        normal[laws, laws] += weight
+        right[laws] += weight * (model.laws.mean - unknowns.laws)
+    return normal, right
+
+
+def _solved(normal: FloatArray, right: FloatArray, damping: float) -> FloatArray | None:
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1.0e-300))
+    scaled = normal * np.outer(scale, scale)
+    scaled[np.diag_indices_from(scaled)] += damping + 1.0e-12
+    try:
+        factor = cho_factor(scaled, lower=True, check_finite=False, overwrite_a=True)
+    except LinAlgError:
+        return None
+    return np.asarray(scale * cho_solve(factor, scale * right, check_finite=False))
+
+
+def _within(
+    normal: FloatArray, right: FloatArray, damping: float, box: tuple[FloatArray, FloatArray]
+) -> FloatArray | None:
+    """The step within a box: what would leave it is held at its side, and the others answer to that.
+
+    Cutting a step afterwards, without their answer, would leave m and F_v where a filter that may not be shorter put
+    them.
+    """
+    low, high = box
+    step = _solved(normal, right, damping)
+    held = np.zeros(right.size, np.bool_)
+    for _ in range(_PASSES):
+        if step is None:
+            return None
+        beyond = (step < low) | (step > high)
+        if not (beyond & ~held).any():
+            return step
+        held |= beyond
+        fixed = np.clip(step, low, high)
+        free = ~held
+        part = _solved(normal[np.ix_(free, free)], right[free] - normal[np.ix_(free, held)] @ fixed[held], damping)
+        if part is None:
+            return None
+        step = fixed
+        step[free] = part
+    return None if step is None else np.clip(step, low, high)
+
+
+def _box(unknowns: Unknowns, model: Model) -> tuple[FloatArray, FloatArray]:
+    """The least and the largest step of each unknown that is allowed, in the order of the step."""
+    sections, laws = model.sections.sections, model.laws
+    # a stem that takes up a play has broken away before the sensor shows it
+    early_s = _TAKING_UP_S if laws.travel(unknowns.laws).play_m > 0.0 else 0.0
+    first = np.array([section.time_s[0] + 1.0e-6 - early_s for section in sections])
+    last = np.array([section.time_s[-3] for section in sections])
+    free, rests = np.full(unknowns.fields.size, math.inf), np.full(unknowns.rest_m.size, math.inf)
+    low = (
+        np.maximum(LOW - unknowns.parameters, -LONGEST),
+        -free,
+        np.maximum(first - unknowns.began_s, -_LONGEST_INSTANT_S),
+        -rests,
+        np.maximum(laws.low - unknowns.laws, -laws.longest_step),
+    )
+    high = (
+        np.minimum(HIGH - unknowns.parameters, LONGEST),
+        free,
+        np.minimum(last - unknowns.began_s, _LONGEST_INSTANT_S),
+        rests,
+        np.minimum(laws.high - unknowns.laws, laws.longest_step),
+    )
+    return np.minimum(np.concatenate(low), 0.0), np.maximum(np.concatenate(high), 0.0)
+
+
+def descend(
+    model: Model, unknowns: Unknowns, paths: list[Path], steps: int, done: float = _DONE
+) -> tuple[Unknowns, list[Path], float]:
+    """Return the unknowns, paths and sum of squares after at most so many accepted steps."""
+    damping = 1.0e-3
+    squares = model.squares(unknowns, paths)
+    for _ in range(steps):
+        normal, right = _prior_terms(model, unknowns, model.linearised(unknowns, paths))
+        gained, box = 0.0, _box(unknowns, model)
+        while damping < _MOST_DAMPING:
+            step = _within(normal, right, damping, box)
+            if step is not None:
+                tried = unknowns.moved(step)
+                tried_paths = model.followed_paths(tried, paths)
+                new = model.squares(tried, tried_paths)
+                if math.isfinite(new) and new < squares:
+                    gained, squares, unknowns, paths = squares - new, new, tried, tried_paths
+                    damping = max(damping * 0.1, 1.0e-9)
+                    break
+            damping *= 10.0
+        if gained < done:
+            break
+    return unknowns, paths, squares
+
+
+def concluded(model: Model, unknowns: Unknowns, paths: list[Path], squares: float) -> Found:
+    """Return the fit with its covariance and marginal likelihood; an infinite surprise where nothing determines it."""
+    one = model.linearised(unknowns, paths)
+    normal, _ = _prior_terms(model, unknowns, one)
+    scale = 1.0 / np.sqrt(np.diag(normal))
+    scaled = normal * np.outer(scale, scale)
+    scaled[np.diag_indices_from(scaled)] += 1.0e-12
+    try:
+        factor = cho_factor(scaled, lower=True, check_finite=False)
+    except LinAlgError:
+        return Found(unknowns, paths, model, np.full_like(normal, math.nan), math.inf, math.inf)
+    inverse = cho_solve(factor, np.eye(scale.size)) * np.outer(scale, scale)
+    log_determinant = 2.0 * float(np.log(np.diag(factor[0])).sum()) - 2.0 * float(np.log(scale).sum())
+    surprise = squares + log_determinant - model.fields.log_determinant + one.log_variances
+    surprise += 2.0 * unknowns.began_s.size * math.log(model.scatter_n)
+    surprise += 2.0 * float(np.log(model.laws.spread).sum())
+    effective = max(1.0, one.rows - float(np.sum(inverse * one.normal)) + 0.0)
+    return Found(unknowns, paths, model, np.asarray(inverse), surprise, math.sqrt(one.squares / effective))
+
+
+def annealed(
+    model: Model,
+    unknowns: Unknowns,
+    paths: list[Path],
+    heats: tuple[float, ...] = HEATS,
+    *,
+    prior: RoughnessPrior | None = None,
+    rounds: int = ROUNDS,
+) -> Found:
+    """Return where the descent ends from one start, from hot noise to cold.
+
+    With a ``prior`` the roughness is then found anew from the motion, in so many rounds.
+    """
+    squares = math.inf
+    scatter_n = model.scatter_n
+    heats = heats if model.settings.heated else HEATS[-1:]
+    for heat, steps in zip(heats, _STEPS[-len(heats) :], strict=True):
+        hot = model.heated(heat, scatter_n)
+        unknowns, paths, squares = descend(hot, unknowns, paths, steps, _NEARLY_DONE)
+        if heat < _HOT:
+            model = hot.recoloured(unknowns, paths)
+        scatter_n = _scatter(hot, unknowns, paths)
+    final = model.heated(1.0, scatter_n)
+    if prior is not None and final.fields.count and model.settings.roughness_by_motion:
+        for _ in range(rounds):
+            final = _with_roughness(final, unknowns, paths, prior)
+            unknowns, paths, squares = descend(final, unknowns, paths, _ROUND_STEPS, _NEARLY_DONE)
+            final = final.recoloured(unknowns, paths)
+            final = final.heated(1.0, _scatter(final, unknowns, paths))
+    last = (_LAST_STEPS, _DONE) if prior is not None else (1, _NEARLY_DONE)
+    unknowns, paths, squares = descend(final, unknowns, paths, *last)
+    return concluded(final, unknowns, paths, squares)
+
+
+def equations_of(model: Model, unknowns: Unknowns, paths: list[Path]) -> Equations:
+    """Return the normal equations here, with all priors but the fields'."""
+    bare = replace(model, fields=no_fields())
+    normal, right = _prior_terms(bare, unknowns, model.linearised(unknowns, paths))
+    return Equations(normal, right, slice(GLOBALS, GLOBALS + unknowns.fields.size), unknowns.fields)
+
+
+def _with_roughness(model: Model, unknowns: Unknowns, paths: list[Path], prior: RoughnessPrior) -> Model:
+    """Return the model with the hyperparameters that the motion makes likeliest."""
+    likelihood = field_likelihood(equations_of(model, unknowns, paths))
+    return model if likelihood is None else replace(model, fields=refined(model.fields, likelihood, prior))
+
+
+def _scatter(model: Model, unknowns: Unknowns, paths: list[Path]) -> float:
+    """The scatter of the breakaways' forces that maximises their marginal likelihood, N.
+
+    Given the positions alone the forces are known to a covariance V; the instants of a stem that starts slowly are
+    hardly known, and its forces would fit any scatter. Beside V the scatter's variance is what the residuals have.
+    """
+    static = unknowns.parameters[FS]
+    usual_n = math.log(max(_USUAL_SCATTER * static, 1.0e-9))
+    loose = model.heated(model.heat, _LOOSE * max(static, 1.0e-9))
+    normal, right = _prior_terms(loose, unknowns, loose.linearised(unknowns, paths))
+    slopes = model.breakaway_slopes(unknowns, paths)
+    # F_s is known by the breakaways alone: what is left is free of their mean
+    contrasts = np.linalg.svd(np.ones((1, slopes.shape[0])))[2][1:]
+    slopes = contrasts @ slopes
+    normal[FS, FS] += 1.0 / max(static, 1.0e-9) ** 2
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1.0e-300))
+    scaled = normal * np.outer(scale, scale)
+    scaled[np.diag_indices_from(scaled)] += 1.0e-12
+    try:
+        factor = cho_factor(scaled, lower=True, check_finite=False)
+    except LinAlgError:
+        return model.scatter_n
+    solved = scale[:, None] * cho_solve(factor, scale[:, None] * np.column_stack([right, slopes.T]), check_finite=False)
+    left = contrasts @ model.breakaway_residuals(unknowns, paths) - slopes @ solved[:, 0]
+    sizes, axes = np.linalg.eigh(slopes @ solved[:, 1:])
+    squares = (axes.T @ left) ** 2
+
+    def surprise(logarithm: float) -> float:
+        variances = math.exp(2.0 * logarithm) + np.maximum(sizes, 0.0)
+        away = (logarithm - usual_n) / _SCATTER_SPREAD
+        return float(np.sum(np.log(variances) + squares / variances)) + away**2
+
+    found = minimize_scalar(surprise, bounds=(usual_n - 6.0, usual_n + 4.0), method="bounded")
+    return math.exp(float(found.x))
+
+
+def _with_times(unknowns: Unknowns, slow_s: float, quick_s: float, filter_s: float) -> Unknowns:
+    """Unknowns with these times: m = k t1 t2, F_v = k (t1 + t2)."""
+    parameters = unknowns.parameters.copy()
+    spring = parameters[LN_K]
+    parameters[LN_M] = spring + math.log(slow_s * quick_s)
+    parameters[LN_V] = spring + math.log(slow_s + quick_s)
+    parameters[LN_FILTER] = math.log(filter_s)
+    return replace(unknowns, parameters=np.clip(parameters, LOW, HIGH))
+
+
+def assignments(unknowns: Unknowns) -> list[Unknowns]:
+    """What a slip shows, shared out anew between the stem and the sensor's filter.
+
+    Stem and filter together have 1 + T s + P s^2 + ... with T = F_v / k + filter and P = m / k + filter F_v / k. These
+    two are kept, so that real times change places and a stem that swings finds them. A filter f leaves the stem the
+    delay T - f and the mass k (P - f (T - f)): it lies below the lower root of f (T - f) = P, or above the upper one.
+    """
+    m, v, k, filter_s = np.exp(unknowns.parameters[[LN_M, LN_V, LN_K, LN_FILTER]])
+    whole_s, second_s2 = float(v / k + filter_s), float(m / k + filter_s * v / k)
+    inside = whole_s**2 - 4.0 * second_s2
+    lower_s = 0.5 * (whole_s - math.sqrt(max(inside, 0.0)))
+    filters_s = [share * lower_s for share in _FILTER_SHARES]
+    filters_s += [whole_s - share * lower_s for share in _SLOW_FILTER_SHARES]
+    shared = []
+    for other_s in filters_s:
+        stem_s = whole_s - other_s
+        parameters = unknowns.parameters.copy()
+        parameters[[LN_M, LN_V, LN_FILTER]] = np.log([k * (second_s2 - other_s * stem_s), k * stem_s, other_s])
+        shared.append(replace(unknowns, parameters=np.clip(parameters, LOW, HIGH)))
+    return shared
+
+
+def permuted(unknowns: Unknowns) -> list[Unknowns]:
+    """The two times of a stem that does not swing and the filter's, each of them in another's place."""
+    m, v, k, filter_s = np.exp(unknowns.parameters[[LN_M, LN_V, LN_K, LN_FILTER]])
+    inside = v * v - 4.0 * m * k
+    if inside <= 0.0:
+        return []
+    root = math.sqrt(inside)
+    slow, quick, other = float((v + root) / (2.0 * k)), float((v - root) / (2.0 * k)), float(filter_s)
+    shared = [(slow, other, quick), (other, quick, slow)]
+    return [_with_times(unknowns, max(a, b), max(min(a, b), 2.0e-4), max(c, 2.0e-4)) for a, b, c in shared]
+
+
+def _near_its_limit(unknowns: Unknowns, slow_s: float, speed_m_per_s: float) -> Unknowns:
+    """A stem driven at hardly more than DV: it stops at DV, long before it would turn, so that its lag is longer."""
+    share = _NEAR_LIMIT
+    longer_s = slow_s * math.log(2.0) / math.log(2.0 / (1.0 + share))
+    near = _with_times(unknowns, longer_s, 0.002, 0.004)
+    parameters = near.parameters
+    parameters[LN_DV] = math.log(share * max(speed_m_per_s, 1.0e-9))
+    # the friction in motion stays the same: what F_v takes is not F_c's
+    moved_n = math.exp(parameters[LN_K]) * (longer_s - slow_s) * speed_m_per_s
+    parameters[FC] = max(parameters[FC] - moved_n, 0.1 * parameters[FC])
+    return replace(near, parameters=np.clip(parameters, LOW, HIGH))
+
+
+def explored(
+    model: Model,
+    unknowns: Unknowns,
+    paths: list[Path],
+    *,
+    slow_s: float,
+    speed_m_per_s: float,
+    prior: RoughnessPrior,
+    others: Sequence[tuple[FloatArray, float]] = (),
+) -> list[Found]:
+    """Return the fits from all assignments of the three times, the likeliest first.
+
+    ``slow_s`` is the lag of the stem that turns back at a corner, ``speed_m_per_s`` its usual speed.
+    ``others`` are other starts of the laws, each with its lag of the stem, s.
+
+    They are tried on some of the sections; the likeliest, and those that are nearly so, go on with all.
+    """
+    count = model.sections.count
+    chosen = np.unique(np.linspace(0, count - 1, min(count, _TRIED_SECTIONS)).astype(np.int64))
+    some, some_paths = model.only(chosen), [paths[number] for number in chosen]
+    few = replace(unknowns, began_s=unknowns.began_s[chosen], rest_m=unknowns.rest_m[chosen])
+    starts = [
+        _with_times(few, slow_s, quick_s, filter_s)
+        for quick_s, filter_s in ((0.002, 0.004), (0.004, 0.0005), (0.3 * slow_s, 0.02))
+    ]
+    starts += [_with_times(replace(few, laws=laws), lag_s, 0.002, 0.004) for laws, lag_s in others]
+    starts.append(_near_its_limit(few, slow_s, speed_m_per_s))
+    if not model.settings.several_starts:
+        starts = starts[:1]
+    found = [annealed(some, one, some_paths) for one in starts]
+    best = min(found, key=lambda one: one.surprise)
+    if model.settings.several_starts:
+        # cold: noise that is heated loses what tells them apart
+        found += [annealed(some, one, best.paths, HEATS[-1:]) for one in assignments(best.unknowns)]
+    kept = _different(sorted(found, key=lambda one: one.surprise), _NEARLY, _MOST_KEPT)
+    # instants between slow rows are not near enough to begin cold
+    rows_s = min(float(np.diff(section.time_s[section.row]).min()) for section in model.sections.sections)
+    heats = HEATS[1:] if rows_s > _SLOW_ROWS_S else HEATS[-1:]
+
+    def on_all(one: Found) -> Found:
+        if chosen.size == count:
+            return annealed(one.model, one.unknowns, one.paths, HEATS[-1:], prior=prior)
+        few = one.unknowns
+        start = replace(unknowns, parameters=few.parameters, fields=few.fields, laws=few.laws)
+        return annealed(one.model.of_all(model.sections), start, paths, heats, prior=prior)
+
+    best = on_all(kept[0])
+    whole = [best]
+    # the same motion by other times, with all else as the likeliest fit has it
+    squares = best.model.squares(best.unknowns, best.paths)
+    for one in permuted(best.unknowns) if model.settings.permuted else []:
+        near, near_paths, left = descend(best.model, one, best.paths, _TRIED_STEPS, _NEARLY_DONE)
+        if left < squares + _NEARLY:
+            whole.append(annealed(best.model, near, near_paths, HEATS[-1:], prior=prior, rounds=1))
+    whole += [on_all(one) for one in kept[1:] if not any(_alike(one, other, _SAME) for other in whole)]
+    return _different(sorted(whole, key=lambda one: one.surprise), math.inf, len(whole))
+
+
+def _different(found: list[Found], nearly: float, most: int) -> list[Found]:
+    """The likeliest fit, and others nearly as likely whose dynamics differ from it, so many at most."""
+    kept = [found[0]]
+    for one in found[1:]:
+        near = one.surprise - found[0].surprise < nearly
+        if near and not any(_alike(one, other, _EQUAL) for other in kept) and len(kept) < most:
+            kept.append(one)
+    return kept
+
+
+def _alike(one: Found, other: Found, most: float) -> bool:
+    """Whether m, F_v, k and the filter of two fits differ by no more than this, in their logarithms."""
+    return bool(np.abs(one.unknowns.parameters[:4] - other.unknowns.parameters[:4]).max() <= most)

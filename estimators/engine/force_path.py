@@ -1,0 +1,334 @@
+"""The actuator's force, freed of the gauge's noise: straight lines where there are any, else what was measured.
+
+Gauge noise that drove the model would look like motion that the stem did not make. So where a command was recorded
+the force is the command passed through the path that the measured pressure shows (gain, offset, dead time and lag),
+and without one the pressure's own straight lines. Neither is used where the measured pressure leaves them by more than
+a gauge's noise explains: then it is the measured pressure itself, with its noise.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+from scipy.optimize import minimize
+
+from estimators.engine.rows import runs_between_gaps
+from estimators.engine.segmentation import extremes, moving_mean
+from estimators.samples import channel_noise
+from valve.nameplate import Nameplate
+from valve.recording import Recording
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+_MOST_LEFT: Final = 0.006  # of the force's range, rms: what a gauge's noise and a hunting I/P may leave beside lines
+_QUIET: Final = 0.2  # of the position's noise times the spring rate: so quiet a force needs no lines
+_LEAST_TURN: Final = 0.004  # of the force's range: a smaller turn is noise or hunting
+_EVEN_S: Final = 0.02
+_FEWEST_EVEN: Final = 200
+_SPECTRUM_WIDTH: Final = 15  # frequencies that are averaged
+_SLOW_HZ: Final = 5.0  # an I/P that hunts does it slower
+_NOISE_HZ: Final = 12.0
+_SURELY: Final = 2.5  # times the gauge's noise: chance makes no frequency so loud
+_GAUGE_LAG_S: Final = 0.03  # a gauge's filter is no slower
+_MOST_LAG_S: Final = 3.0
+_MOST_CORNERS: Final = 150
+_CORNER_SHARE: Final = 0.004  # of the range: how far from a line a corner must lie
+_REFINEMENTS: Final = 6
+_SMOOTHED_S: Final = 0.05
+_ANEW_SHARE: Final = 0.02  # of the command's range, across a gap
+_FEWEST_RUN_ROWS: Final = 20
+
+
+class Source(StrEnum):
+    """What the force is made of."""
+
+    COMMAND = "the command's path"  # fitted to the measured pressure
+    LINES = "the pressure's straight lines"
+    MEASURED = "the measured pressure"
+    FORCE = "the measured force"
+    COMMAND_ALONE = "the command alone"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ForcePath:
+    """Force at the rows, N, shape (n,), with its noise from row to row and where it turns back, s.
+
+    ``left_n`` is what the measured force has beside it, shape (n,): noise, and what an I/P does by itself.
+    ``lag_s`` and ``dead_time_s`` are the path's, 0 where there is none. The force may be later than said by up to
+    ``late_s``: a short lag may be the gauge's or the I/P's.
+    """
+
+    source: Source
+    force_n: FloatArray
+    noise_n: float
+    corners_s: FloatArray
+    left_n: FloatArray
+    lag_s: float = 0.0
+    dead_time_s: float = 0.0
+    late_s: float = 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def lagged(time_s: FloatArray, values: FloatArray, lag_s: float, restarts: BoolArray) -> FloatArray:
+    """Values, straight between rows, behind a first-order lag that begins in balance; shape (n,).
+
+    It begins so again in the rows that ``restarts`` marks, shape (n,).
+    """
+    out = np.empty(values.size)
+    out[0] = values[0]
+    for row in range(1, values.size):
+        if restarts[row]:
+            out[row] = values[row]
+            continue
+        step = time_s[row] - time_s[row - 1]
+        slope = (values[row] - values[row - 1]) / step
+        fades = np.exp(-step / lag_s) if lag_s > 0.0 else 0.0
+        # a ramp is followed lag_s late
+        target = values[row - 1] - slope * lag_s
+        out[row] = target + slope * step + (out[row - 1] - target) * fades
+    return out
+
+
+def force_path(
+    recording: Recording,
+    nameplate: Nameplate,
+    rows: IntArray,
+    *,
+    spring_n_per_m: float,
+    noise_m: float,
+) -> ForcePath:
+    """Return the force at these complete rows. Raises RecordingError where the diaphragm area is needed and unknown."""
+    time_s = recording.time_s[rows]
+    run_first, _ = runs_between_gaps(time_s)
+    measured_n = recording.actuator_force_n(nameplate)[rows]
+    noise_n = channel_noise(time_s, measured_n, run_first)
+    range_n = max(float(np.ptp(measured_n)), 1.0e-12)
+    nothing = np.zeros(rows.size)
+    if recording.force_n is not None:
+        corners_s = _turns(time_s, measured_n, noise_n, range_n)
+        return ForcePath(Source.FORCE, measured_n, noise_n, corners_s, nothing)
+    if recording.pressure_pa is None:
+        corners_s = _turns(time_s, measured_n, noise_n, range_n)
+        return ForcePath(Source.COMMAND_ALONE, measured_n, noise_n, corners_s, nothing)
+    quiet = noise_n <= _QUIET * spring_n_per_m * noise_m
+    if not quiet:
+        command = recording.command_pa
+        if command is not None and np.isfinite(command[rows]).all() and float(np.ptp(command[rows])) > 0.0:
+            path = _through_command(time_s, command[rows], measured_n, run_first)
+            if float(path.left_n.std()) <= _MOST_LEFT * range_n:
+                return path
+        lines = _straight_runs(time_s, measured_n, range_n, run_first)
+        if lines is not None and float(lines.left_n.std()) <= _MOST_LEFT * range_n:
+            return lines
+    return ForcePath(Source.MEASURED, measured_n, noise_n, _turns(time_s, measured_n, noise_n, range_n), nothing)
+
+
+def _turns(time_s: FloatArray, force_n: FloatArray, noise_n: float, range_n: float) -> FloatArray:
+    """Times at which the force turns back, s."""
+    width = 2 * (max(1, round(_SMOOTHED_S / float(np.median(np.diff(time_s))))) // 2) + 1
+    smooth = moving_mean(force_n, width)
+    least_n = max(_LEAST_TURN * range_n, 8.0 * noise_n / np.sqrt(width))
+    return np.asarray(time_s[extremes(smooth, least_n)[1:-1]])
+
+
+def restarts_of(command: FloatArray, run_first: IntArray) -> BoolArray:
+    """Rows after a gap at which the command is another than before it: another recording begins there."""
+    first = np.flatnonzero(np.diff(run_first) > 0) + 1
+    restarts = np.zeros(command.size, np.bool_)
+    jumps = np.abs(command[first] - command[first - 1]) > _ANEW_SHARE * float(np.ptp(command))
+    restarts[first[jumps]] = True
+    return restarts
+
+
+def _through_command(time_s: FloatArray, command: FloatArray, measured_n: FloatArray, run_first: IntArray) -> ForcePath:
+    """The command behind a dead time and a lag, with the gain and offset that fit the measured force best."""
+    restarts = restarts_of(command, run_first)
+    begins_s = time_s[np.maximum.accumulate(np.where(restarts, np.arange(time_s.size), 0))]
+
+    def passed(logarithms: FloatArray) -> tuple[FloatArray, float, float]:
+        lag_s, dead_s = float(np.exp(logarithms[0])), float(np.exp(logarithms[1]))
+        late = np.interp(np.maximum(time_s - dead_s, begins_s), time_s, command)
+        return lagged(time_s, late, lag_s, restarts), lag_s, dead_s
+
+    def fitted(shape: FloatArray) -> tuple[FloatArray, FloatArray]:
+        design = np.column_stack([np.ones(shape.size), shape])
+        gain, *_ = np.linalg.lstsq(design, measured_n, rcond=None)
+        force_n = design @ gain
+        return force_n, measured_n - force_n
+
+    def cost(logarithms: FloatArray) -> float:
+        if logarithms.max() > np.log(_MOST_LAG_S) or logarithms.min() < -12.0:
+            return 1.0e30
+        _, left = fitted(passed(logarithms)[0])
+        return float(left @ left)
+
+    found = None
+    # lag and dead time are nearly alike on ramps: each start is followed to its own end
+    for start in (np.log([0.01, 0.001]), np.log([0.3, 0.01]), np.log([0.05, 0.001]), np.log([0.003, 0.05])):
+        one = minimize(
+            cost, start, method="Nelder-Mead", options={"maxfev": 60, "xatol": 0.01, "fatol": 1.0e-6 * cost(start)}
+        )
+        if found is None or one.fun < found.fun:
+            found = one
+    assert found is not None
+    shape, lag_s, dead_s = passed(np.asarray(found.x))
+    force_n, left_n = fitted(shape)
+    if lag_s + dead_s <= _GAUGE_LAG_S:
+        # so late a pressure may be the gauge's alone: the force turns as sharply as the command, at an unknown instant
+        design = np.column_stack([np.ones(shape.size), shape])
+        gain, *_ = np.linalg.lstsq(design, measured_n, rcond=None)
+        force_n = gain[0] + gain[1] * command
+        lag_s, dead_s, late_s = 0.0, 0.0, lag_s + dead_s
+    else:
+        late_s = _GAUGE_LAG_S
+    corners_s = _turns(time_s, force_n, 0.0, max(float(np.ptp(force_n)), 1.0e-12))
+    force_n = force_n + _hunting(time_s, left_n)
+    return ForcePath(Source.COMMAND, force_n, 0.0, corners_s, left_n, lag_s, dead_s, late_s)
+
+
+def _hunting(time_s: FloatArray, left_n: FloatArray) -> FloatArray:
+    """What an I/P does slowly by itself beside its lines, N: the part of what is left that is above a gauge's noise.
+
+    A Wiener filter: below _SLOW_HZ what exceeds the spectrum's level from _SLOW_HZ to _NOISE_HZ.
+    """
+    period_s = float(np.median(np.diff(time_s)))
+    even_s = np.arange(time_s[0], time_s[-1], max(period_s, _EVEN_S))
+    if even_s.size < _FEWEST_EVEN:
+        return np.zeros(time_s.size)
+    width = 2 * (max(1, round(_EVEN_S / period_s)) // 2) + 1
+    even = np.interp(even_s, time_s, moving_mean(left_n, width))
+    spectrum = np.fft.rfft(even - even.mean())
+    frequency = np.fft.rfftfreq(even.size, float(even_s[1] - even_s[0]))
+    power = moving_mean(np.abs(spectrum) ** 2, _SPECTRUM_WIDTH)
+    level = (frequency > _SLOW_HZ) & (frequency < _NOISE_HZ)
+    floor = float(power[level].mean()) if level.any() else math.inf
+    gain = np.where(power > _SURELY * floor, 1.0 - floor / np.maximum(power, 1.0e-300), 0.0)
+    gain[frequency > _SLOW_HZ] = 0.0
+    return np.interp(time_s, even_s, np.fft.irfft(gain * spectrum, even.size))
+
+
+def _straight_runs(time_s: FloatArray, force_n: FloatArray, range_n: float, run_first: IntArray) -> ForcePath | None:
+    """The force as straight lines within each run, None where it is made of too many."""
+    firsts = np.unique(run_first)
+    if firsts.size == 1:
+        return _straight(time_s, force_n, range_n)
+    parts = []
+    for first, end in pairwise([*firsts.tolist(), time_s.size]):
+        if end - first < _FEWEST_RUN_ROWS:
+            own = force_n[first:end]
+            none = np.zeros(own.size)
+            parts.append(ForcePath(Source.LINES, own, 0.0, np.empty(0), none, late_s=0.5 * _GAUGE_LAG_S))
+            continue
+        one = _straight(time_s[first:end], force_n[first:end], range_n)
+        if one is None:
+            return None
+        parts.append(one)
+
+    def whole(name: str) -> FloatArray:
+        return np.concatenate([getattr(one, name) for one in parts])
+
+    return replace(
+        parts[0],
+        force_n=whole("force_n"),
+        corners_s=whole("corners_s"),
+        left_n=whole("left_n"),
+    )
+
+
+def _straight(time_s: FloatArray, force_n: FloatArray, range_n: float) -> ForcePath | None:
+    """The force as straight lines between corners, None where it is made of too many."""
+    period_s = float(np.median(np.diff(time_s)))
+    width = 2 * (max(1, round(_SMOOTHED_S / period_s)) // 2) + 1
+    smooth = moving_mean(force_n, width)
+    thin = np.unique(np.linspace(0, time_s.size - 1, min(time_s.size, 4000)).astype(np.int64))
+    spread_n = float((force_n - smooth).std())
+    tolerance_n = max(_CORNER_SHARE * range_n, 6.0 * spread_n / np.sqrt(max(1, width // 16)))
+    corners = _corners(time_s[thin], smooth[thin], tolerance_n)
+    if corners.size > _MOST_CORNERS:
+        return None
+    knots_s = time_s[thin][corners]
+    for _ in range(_REFINEMENTS):
+        values, slopes = _polyline(time_s, force_n, knots_s)
+        bend = np.diff(slopes)
+        # the corner moves to where the lines beside it, each fitted by itself, meet
+        moved = knots_s.copy()
+        moved[1:-1] += np.clip(_meeting(time_s, force_n, knots_s), -0.2, 0.2) * (np.abs(bend) > 0.0)
+        if np.any(np.diff(moved) <= 2.0 * period_s):
+            break
+        done = float(np.abs(moved - knots_s).max()) < 1.0e-3 * period_s
+        knots_s = moved
+        if done:
+            break
+    values, _ = _polyline(time_s, force_n, knots_s)
+    line_n = np.interp(time_s, knots_s, values)
+    corners_s = _turns(time_s, line_n, 0.0, range_n)
+    left_n = force_n - line_n
+    late_s = 0.5 * _GAUGE_LAG_S  # the filter of a gauge so noisy is not known
+    return ForcePath(Source.LINES, line_n + _hunting(time_s, left_n), 0.0, corners_s, left_n, late_s=late_s)
+
+
+def _corners(time_s: FloatArray, values: FloatArray, tolerance: float) -> IntArray:
+    """Rows of the corners of a polygon that stays within the tolerance of the values (Ramer, Douglas, Peucker)."""
+    kept = {0, time_s.size - 1}
+    parts = [(0, time_s.size - 1)]
+    while parts and len(kept) <= _MOST_CORNERS + 1:
+        first, last = parts.pop()
+        if last - first < 2:
+            continue
+        inside = slice(first + 1, last)
+        slope = (values[last] - values[first]) / (time_s[last] - time_s[first])
+        away = np.abs(values[inside] - values[first] - slope * (time_s[inside] - time_s[first]))
+        row = int(np.argmax(away))
+        if away[row] > tolerance:
+            row += first + 1
+            kept.add(row)
+            parts += [(first, row), (row, last)]
+    return np.array(sorted(kept), dtype=np.int64)
+
+
+def _polyline(time_s: FloatArray, force_n: FloatArray, knots_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least-squares values at the knots of a continuous polygon, and the slopes between them."""
+    count = knots_s.size
+    at = np.clip(np.searchsorted(knots_s, time_s, side="right") - 1, 0, count - 2)
+    share = (time_s - knots_s[at]) / np.diff(knots_s)[at]
+    normal = np.zeros((count, count))
+    right = np.zeros(count)
+    np.add.at(normal, (at, at), (1.0 - share) ** 2)
+    np.add.at(normal, (at + 1, at + 1), share**2)
+    cross = np.bincount(at, weights=share * (1.0 - share), minlength=count - 1)[: count - 1]
+    index = np.arange(count - 1)
+    normal[index, index + 1] += cross
+    normal[index + 1, index] += cross
+    np.add.at(right, at, (1.0 - share) * force_n)
+    np.add.at(right, at + 1, share * force_n)
+    values = np.linalg.solve(normal + 1.0e-9 * np.eye(count), right)
+    return np.asarray(values), np.asarray(np.diff(values) / np.diff(knots_s))
+
+
+def _meeting(time_s: FloatArray, force_n: FloatArray, knots_s: FloatArray) -> FloatArray:
+    """How far from each inner knot the lines beside it meet, s, each line fitted to the inner part of its stretch."""
+    lines = []
+    for left_s, right_s in pairwise(knots_s.tolist()):
+        margin_s = min(0.1 * (right_s - left_s), 0.2)
+        first, end = np.searchsorted(time_s, [left_s + margin_s, right_s - margin_s])
+        part = slice(int(first), max(int(end), int(first) + 2))
+        middle_s = float(time_s[part].mean())
+        spread_s = time_s[part] - middle_s
+        square = max(float(spread_s @ spread_s), 1.0e-300)
+        slope = float(spread_s @ force_n[part]) / square
+        lines.append((float(force_n[part].mean()) - slope * middle_s, slope))
+    away = []
+    for number, knot_s in enumerate(knots_s[1:-1]):
+        (left, left_slope), (right, right_slope) = lines[number], lines[number + 1]
+        bend = left_slope - right_slope
+        away.append((right - left) / bend - knot_s if bend != 0.0 else 0.0)
+    return np.array(away)

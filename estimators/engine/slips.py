@@ -1,0 +1,64 @@
+"""The balance of forces of a stem that only slips: from where it breaks away, and from how far each slip leads.
+
+At each breakaway s (U - k x - F_0) is F_s, so that these forces give k, F_0 and F_s as driven motion gives F_c. A slip
+without damping leads 2 (F_s - F_c) / k, one with much damping (F_s - F_c) / k: between these lies F_c.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from estimators.engine.balance import Balance, Blocks, balance
+from estimators.engine.breakaways import LATENESS_S, breakaways
+from estimators.engine.parameters import Known
+from estimators.engine.reading import Reading
+
+_FEWEST: Final = 10
+_OVERSHOOT: Final = (0.5, 0.3)  # mean and standard deviation: of nothing is known but that it is between 0 and 1
+_LAG_SHARE: Final = 0.2  # of a slip's duration
+
+
+def lag_of_slips(reading: Reading) -> Known:
+    """How late the stem follows the force, s, roughly: a share of what a slip takes."""
+    took_s = [float(reading.time_s[move.last] - reading.time_s[move.first]) for move in reading.segmentation.breakaways]
+    lag_s = _LAG_SHARE * float(np.median(took_s))
+    return Known(lag_s, lag_s)
+
+
+def balance_of_slips(reading: Reading) -> Balance | None:
+    """Return the balance of a stem that slips both ways from rest to rest, None with too few breakaways."""
+    began = breakaways(reading)
+    count = began.time_s.size
+    slipped_m = [abs(move.distance_m) for move in reading.segmentation.breakaways if move.next_rest >= 0]
+    if count < _FEWEST or not slipped_m or reading.spring_n_per_m <= 0.0:
+        return None
+    ones = np.ones(count)
+    blocks = Blocks(began.time_s, began.travel_m, began.rate_n_per_s, began.force_n, began.direction, ones, ones)
+    found = balance(
+        blocks,
+        noise_m=reading.noise_m,
+        travel_m=reading.travel_m,
+        has_spring=True,
+        force_noise_n=reading.path.noise_n,
+        lag=Known(0.0, LATENESS_S),
+    )
+    if found is None or found.known("k").value <= 0.0:
+        return None
+    static, at = found.known("F_c"), found.symbols.index("F_c")
+    middle, spread = _OVERSHOOT
+    whole_n = found.known("k").value * float(np.median(slipped_m))
+    fallen_n = min(whole_n / (1.0 + middle), 0.9 * static.value)
+    values, joint = found.values.copy(), found.joint.copy()
+    values[at] = static.value - fallen_n
+    joint[at, at] += (fallen_n * spread / (1.0 + middle)) ** 2
+    share = values[at] / static.value
+    rough = replace(
+        found.roughness,
+        common_n=share * found.roughness.common_n,
+        own_n=share * found.roughness.own_n,
+        wander_n=share * found.roughness.wander_n,
+    )
+    return replace(found, values=values, joint=joint, roughness=rough, variation_n=share * found.variation_n)

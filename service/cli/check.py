@@ -1,0 +1,141 @@
+"""``breakaway check``: everything that is wrong with a plant file, and with what its devices show."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from service.cli.output import STANDARD_OUTPUT, write_json
+from valve.errors import ConfigurationError, EquipmentError
+
+if TYPE_CHECKING:
+    from drivers.inspection import ValveSeen
+    from service.plant_check import CheckedValve
+    from service.settings import Plant
+    from service.settings_errors import Fault
+
+
+def check(
+    config: Annotated[Path, typer.Option("--config", metavar="FILE", help="The plant file.", show_default=False)],
+    live: Annotated[
+        bool, typer.Option("--live", help="Read every device too and show what it says. Nothing is written.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of lines.")] = False,
+) -> None:
+    """Say all faults of a plant file at once; nothing is started. Exit code 0 where there is none, 1 otherwise."""
+    from service.settings import faults_of
+
+    plant, faults = faults_of(config)
+    if any(fault.key for fault in faults) or plant is not None:  # it is TOML
+        faults += _simulation_faults(config)
+    document: dict[str, Any] = {
+        "file": str(config),
+        "right": not faults,
+        "faults": [fault.to_json() for fault in faults],
+    }
+    if plant is None or faults:
+        if as_json:
+            write_json(STANDARD_OUTPUT, document)
+        else:
+            sys.stdout.writelines(f"{fault}\n" for fault in faults)
+        number = "1 fault" if len(faults) == 1 else f"{len(faults)} faults"
+        not_read = ", no device was read" if live else ""
+        raise ConfigurationError(f"{config}: {number}{not_read}: correct the file, then check it again")
+    if not live:
+        if as_json:
+            write_json(STANDARD_OUTPUT, document)
+        else:
+            print(f"{config}: no fault: {_counted(plant)}")
+        return
+    import uvloop
+
+    checked = uvloop.run(_looked(plant, silent=as_json))
+    wrong = [valve.tag for valve in checked if not valve.is_right]
+    document |= {"right": not wrong, "valves": [valve.to_json() for valve in checked]}
+    if as_json:
+        write_json(STANDARD_OUTPUT, document)
+    if wrong:
+        shown = ", ".join(wrong[:10]) + (f" and {len(wrong) - 10} more" if len(wrong) > 10 else "")
+        raise EquipmentError(f"{len(wrong)} of {len(checked)} valves are not right: {shown}: do what their lines say")
+    if not as_json:
+        print(f"{config}: no fault, and every device shows what it should: {_counted(plant)}")
+
+
+def _simulation_faults(config: Path) -> tuple[Fault, ...]:
+    """Return what is wrong with what ``breakaway simulate`` reads; its modules are loaded where there is any."""
+    from service.settings_errors import read_toml
+
+    valves = read_toml(config).get("valves")
+    if not isinstance(valves, list) or not any(isinstance(one, dict) and "simulation" in one for one in valves):
+        return ()
+    from service.cli.simulated_plant import simulation_faults
+
+    return simulation_faults(config)
+
+
+def _counted(plant: Plant) -> str:
+    counts = {"valve": len(plant.valves), "bus": len(plant.buses), "schedule": len(plant.schedules)}
+    plural = {"valve": "valves", "bus": "buses", "schedule": "schedules"}
+    return ", ".join(f"{count} {name if count == 1 else plural[name]}" for name, count in counts.items())
+
+
+async def _looked(plant: Plant, *, silent: bool) -> list[CheckedValve]:
+    from service.plant_check import look_at_plant
+
+    checked = []
+    async for valve in look_at_plant(plant):
+        checked.append(valve)
+        if not silent:
+            sys.stdout.writelines(f"{line}\n" for line in _lines(valve))
+            sys.stdout.flush()
+    return checked
+
+
+def _lines(valve: CheckedValve) -> list[str]:
+    """Return what is told of a valve: who answers, what it shows, and what is not right."""
+    if valve.seen is None:
+        return [f"{valve.tag}: gateway {valve.elsewhere} drives it: check it there"]
+    seen = valve.seen
+    devices = [
+        f"{one.map or ''} {one.subject}".strip() + ("" if one.number is None else f", number {one.number}")
+        for one in seen.devices
+        if not one.fault
+    ]
+    lines = [f"{valve.tag}: {'right' if valve.is_right else 'NOT RIGHT'}"]
+    if devices:
+        lines.append(f"  answers: {'; '.join(devices)}")
+    shown = [*_measured(valve, seen), *_conditions(seen)]
+    if shown:
+        lines.append(f"  shows: {', '.join(shown)}")
+    if seen.permissives:
+        said = {True: "hold", None: "shown by nothing", False: "missing"}
+        told = [
+            f"{word}: {', '.join(one.name for one in seen.permissives if one.met is met)}" for met, word in said.items()
+        ]
+        lines.append(f"  permissives: {'; '.join(one for one in told if not one.endswith(': '))}")
+    return lines + [f"  not right: {fault}" for fault in seen.faults]
+
+
+def _measured(valve: CheckedValve, seen: ValveSeen) -> list[str]:
+    shown = []
+    if seen.position_m is not None:
+        shown.append(f"stem {1e3 * seen.position_m:.3f} mm ({valve.position_percent:.1f} %)")
+    named = (("output", seen.output_pa), ("pressure", seen.pressure_pa), ("supply", seen.supply_pa))
+    shown += [f"{name} {1e-3 * value_pa:.2f} kPa" for name, value_pa in named if value_pa is not None]
+    return shown
+
+
+def _conditions(seen: ValveSeen) -> list[str]:
+    shown = []
+    if seen.loop_in_manual is not None:
+        shown.append("loop in manual" if seen.loop_in_manual else "loop not in manual")
+    if seen.interlock is not None:
+        shown.append("interlock active" if seen.interlock else "no interlock")
+    if seen.owner is not None:
+        shown.append("owned by nobody" if seen.owner == 0 else f"owned by run {seen.owner}")
+    if seen.watchdog is not None:
+        shown.append(f"watchdog {seen.watchdog}")
+    return shown

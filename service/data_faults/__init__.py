@@ -1,0 +1,1 @@
+"""Faults of the data: found before anything is estimated, left out or put right, and said."""

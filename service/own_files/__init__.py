@@ -1,0 +1,1 @@
+"""Recordings as their owners have them: found in the file, understood, converted, and said."""

@@ -1,0 +1,109 @@
+"""An analysis without a motion before it: taken up after a restart, or repeated because somebody asks for it.
+
+Nothing moves: what is read is the recording that was stored when the motion had come to its good end.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import UTC, datetime
+from typing import Any, Final
+
+import structlog
+
+from drivers.outcome import Ended
+from service.runs.acknowledgement import ENDED_KEY
+from service.runs.analyst import ANALYSIS_FAILED, Analyst, assessed
+from service.runs.live import MOTION_SHARE, LiveRun
+from service.runs.run import Run, RunState
+from service.runs.separating import played_by
+from service.settings import PlantValve
+from service.store.store import Store
+from valve.errors import ValveError
+
+#: Key of an analysis that was made again: when, by which software and for whom.
+REPEATED: Final = "repeated"
+BEGUN_KEY: Final = "analysis_begun_again"  # of a run's quality while its analysis is under way: how often that began
+_MOST_BEGUN: Final = 3  # one that ends the service each time must not do so for ever
+_LOG = structlog.get_logger(__name__)
+
+
+def can_be_analysed(run: Run) -> bool:
+    """Whether a test that has ended has what an analysis needs: a whole recording, of a motion that ended well."""
+    if run.recording_file is None or not run.state.finished:
+        return False
+    if run.state is RunState.COMPLETED:
+        return True
+    whole = run.safe_confirmed is True and (run.quality or {}).get(ENDED_KEY) == Ended.COMPLETED.value
+    failed_afterwards = run.state is RunState.FAILED and run.error.startswith(ANALYSIS_FAILED)
+    return whole and (failed_afterwards or run.state is RunState.INTERRUPTED)
+
+
+def is_to_be_taken_up(run: Run, store: Store) -> bool:
+    """Whether only the analysis of an unfinished test of a dead process is missing."""
+    begun = int((run.quality or {}).get(BEGUN_KEY) or 0)
+    whole = run.state is RunState.ANALYZING and run.safe_confirmed is True and run.recording_file is not None
+    return whole and begun < _MOST_BEGUN and store.recording_path(run.id).is_file()
+
+
+def words_of_repetition(run: Run) -> str:
+    """Return when and for whom the analysis of a run was made again; "" where it is the first one."""
+    about = (run.analysis or {}).get(REPEATED)
+    if not about:
+        return ""
+    at = datetime.fromisoformat(str(about["at"])).astimezone()
+    return f"made again on {at:%Y-%m-%d %H:%M %Z} for {about['by']} by {about['software']}"
+
+
+def begun_again(run: Run) -> Run:
+    """Return a run as it stands while its analysis is made again."""
+    quality = dict(run.quality or {})
+    quality[BEGUN_KEY] = int(quality.get(BEGUN_KEY) or 0) + 1
+    return replace(run, state=RunState.ANALYZING, progress=MOTION_SHARE, error="", finished_at=None, quality=quality)
+
+
+async def analyse_again(
+    live: LiveRun, valve: PlantValve, store: Store, analyst: Analyst, *, about: Mapping[str, Any]
+) -> None:
+    """Analyse the recording of a run that ``begun_again`` gave, and store how that ended.
+
+    ``about`` is what the analysis says of its repetition. Where it fails a former result stands.
+    """
+    run = live.run
+    quality = {key: value for key, value in (run.quality or {}).items() if key != BEGUN_KEY}
+
+    def tell(share: float, phase: str) -> None:
+        live.progress(MOTION_SHARE + (1.0 - MOTION_SHARE) * share, phase)
+
+    tell(0.0, "analyzing")
+    changes: dict[str, Any]
+    try:
+        sequence, together = await asyncio.to_thread(played_by, store, run)
+        analysis = await assessed(analyst, run, valve, sequence, store, together=together, progress=tell)
+        changes = {"state": RunState.COMPLETED, "analysis": {**analysis, REPEATED: dict(about)}, "progress": 1.0}
+    except Exception as error:  # noqa: BLE001  - here an analysis' failure is stored
+        _LOG.error("analysis failed", test=run.id, exc_info=None if isinstance(error, ValveError) else error)
+        reason = str(error) if isinstance(error, ValveError) else f"{type(error).__name__}: {error}: report it"
+        changes = {"state": RunState.FAILED, "error": f"{ANALYSIS_FAILED}: {reason}"}
+        if run.analysis is not None:
+            failed = f"repeating its analysis failed, the former result stands: {reason}"
+            changes = {"state": RunState.COMPLETED, "error": failed, "progress": 1.0}
+    changes |= {"finished_at": datetime.now(UTC), "quality": quality}
+    try:
+        changed = await asyncio.to_thread(_kept, store, run, changes)
+    except Exception as error:  # noqa: BLE001  - it stands as unfinished in the store, and is taken up at the next start
+        _LOG.error("analysis not stored", test=run.id, exc_info=error)
+        changed = replace(run, state=RunState.FAILED, error=f"{ANALYSIS_FAILED}: the store cannot be written")
+    store.state_counts.count_anew()
+    live.run = changed
+    live.announce()
+    _LOG.info("analysis ended", test=run.id, valve=run.valve, state=changed.state.value, error=changed.error)
+
+
+def _kept(store: Store, run: Run, changes: Mapping[str, Any]) -> Run:
+    """Store what an analysis changes in a run, as others left it meanwhile, and return it: its stem was looked at."""
+    changed = replace(store.runs.get(run.id), **changes)
+    store.runs.save(changed)
+    return changed

@@ -1,0 +1,44 @@
+"""The force behind an I/P that lags is late by what the measured pressure shows, and no gauge's noise drives it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from estimators.engine.force_path import Source, force_path
+from valve.nameplate import Actuator, Nameplate, Signal
+from valve.recording import Recording
+from valve.waveform import triangle
+
+_AREA_M2 = 0.05
+
+
+def _behind(lag_s: float, dead_time_s: float) -> tuple[Recording, np.ndarray]:
+    """A recording behind an I/P of this lag and dead time, and the true force; the gauge has 8 ms and noise."""
+    time_s = np.arange(0.0, 40.0, 2.0e-3)
+    command_pa = triangle(20.0, 2, 20.0e3, 100.0e3).at(time_s)
+    pressure_pa, gauge_pa = np.empty(time_s.size), np.empty(time_s.size)
+    late_pa = np.interp(time_s - dead_time_s, time_s, command_pa)
+    pressure_pa[0] = gauge_pa[0] = command_pa[0]
+    for row in range(1, time_s.size):
+        pressure_pa[row] = late_pa[row] + (pressure_pa[row - 1] - late_pa[row]) * np.exp(-2.0e-3 / max(lag_s, 1.0e-9))
+        gauge_pa[row] = pressure_pa[row] + (gauge_pa[row - 1] - pressure_pa[row]) * np.exp(-2.0e-3 / 8.0e-3)
+    noisy_pa = gauge_pa + np.random.default_rng(1).normal(0.0, 80.0, time_s.size)
+    return Recording(time_s, np.zeros(time_s.size), noisy_pa, command_pa), _AREA_M2 * pressure_pa
+
+
+@pytest.mark.parametrize(("lag_s", "dead_time_s"), [(0.08, 0.0), (0.3, 0.0), (0.0, 0.1), (0.05, 0.05)])
+def test_a_late_force_is_late_by_what_the_pressure_shows(lag_s: float, dead_time_s: float) -> None:
+    recording, true_n = _behind(lag_s, dead_time_s)
+    plate = Nameplate("FV-1", Actuator(0.05, _AREA_M2), Signal((4.0, 20.0), (20.0e3, 100.0e3)))
+    rows = np.arange(recording.time_s.size)
+    path = force_path(recording, plate, rows, spring_n_per_m=5.0e4, noise_m=1.0e-6)
+
+    assert path.source is Source.COMMAND
+    rate_n_per_s = _AREA_M2 * 8.0e3
+    # in the middle of the ramps: the force is no later than the gauge shows, and no sooner than without its filter
+    inner = np.abs((recording.time_s % 10.0) - 5.0) < 3.0
+    rising = np.where(recording.time_s % 20.0 < 10.0, 1.0, -1.0)
+    late_s = (true_n - path.force_n)[inner] * rising[inner] / rate_n_per_s
+    assert np.median(late_s) == pytest.approx(0.008, abs=0.004)
+    assert path.late_s >= 0.008

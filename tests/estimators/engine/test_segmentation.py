@@ -1,0 +1,59 @@
+"""Rests and breakaways are found as the simulated valve made them, on all grades, at 1 and 20 ms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from estimators.engine.reading import Reading, read
+from tests.rough_valves import RoughCase, case
+
+_NEAR_S = 0.06  # an instant that far from a true one is another
+
+
+def _compared(found: RoughCase) -> tuple[int, int, int]:
+    """Return the numbers of true breakaways (the first move has none seen), missed ones and false ones."""
+    reading = read(found.recording, found.nameplate)
+    assert isinstance(reading, Reading)
+    seen_s = np.array([move.began_s for move in reading.segmentation.breakaways])
+    true_s = found.truth.breakaways_s
+    missed = sum(not (np.abs(seen_s - one) < _NEAR_S).any() for one in true_s)
+    false = sum(not (np.abs(true_s - one) < _NEAR_S).any() for one in seen_s)
+    return true_s.size, missed, false
+
+
+@pytest.mark.parametrize("valve", ["nominal", "rough", "small", "large"])
+@pytest.mark.parametrize("sequence", ["triangle", "multi_rate"])
+@pytest.mark.parametrize("grade", ["ideal", "mild", "usual"])
+def test_every_breakaway_is_found_and_none_is_made_up(valve: str, sequence: str, grade: str) -> None:
+    # an ideal packing's breakaways are noted only where it has one
+    packing = {"breakaway_scatter": 1.0e-9} if grade == "ideal" else {}
+    true, missed, false = _compared(case(valve, sequence, grade, 1.0e-3, seed=3, packing=packing))
+
+    assert missed <= max(1, true // 20)
+    assert false == 0
+
+
+@pytest.mark.parametrize("sequence", ["triangle", "multi_rate"])
+def test_a_hard_packing_makes_few_breakaways_up(sequence: str) -> None:
+    counts = np.array([_compared(case(valve, sequence, "hard", 1.0e-3, seed=4)) for valve in ("nominal", "small")])
+
+    assert counts[:, 2].sum() <= 0.1 * counts[:, 0].sum()
+
+
+@pytest.mark.parametrize("valve", ["nominal", "large"])
+def test_rests_are_found_in_polled_rows(valve: str) -> None:
+    true, missed, false = _compared(case(valve, "multi_rate", "usual", 2.0e-2, seed=5))
+
+    assert missed <= max(1, true // 20)
+    assert false <= 1
+
+
+def test_a_rest_lies_where_the_stem_rested() -> None:
+    found = case("nominal", "triangle", "usual", 1.0e-3, seed=6)
+    reading = read(found.recording, found.nameplate)
+    assert isinstance(reading, Reading)
+
+    for move in reading.segmentation.breakaways[1:]:
+        true_m = found.truth.breakaways_m[np.argmin(np.abs(found.truth.breakaways_s - move.began_s))]
+        assert abs(reading.segmentation.rests[move.rest].level_m - true_m) < 2.0e-6
