@@ -146,6 +146,7 @@ class Surroundings:
         self._tag = tag
         self._tunnel: Tunnel | None = None
         self._disk: Path | None = None
+        self._mended = threading.Event()
 
     async def set_up(self, stack: AsyncExitStack, folder: Path) -> None:
         """Make what the fault needs, the plant being served; it is taken away as the stack is closed."""
@@ -178,7 +179,8 @@ class Surroundings:
                 self._tunnel.go_dark()
             case PlantFault.FULL_DISK:
                 assert self._disk is not None
-                asyncio.get_running_loop().run_in_executor(None, _fill, self._disk)
+                self._mended.clear()
+                asyncio.get_running_loop().run_in_executor(None, _fill, self._disk, self._mended)
             case PlantFault.FLAPPING:
                 self._inject(*_flaps(self._now_s))
             case PlantFault.STUCK_STEM:
@@ -191,6 +193,7 @@ class Surroundings:
         if self._tunnel is not None:
             self._tunnel.light_up()
         if self._disk is not None:
+            self._mended.set()
             (self._disk / "filling").unlink(missing_ok=True)
 
     @property
@@ -260,11 +263,11 @@ def _small_disk(folder: Path) -> Iterator[Path]:
         subprocess.run(["umount", "--lazy", folder], check=True, capture_output=True)
 
 
-def _fill(folder: Path) -> None:
-    """Write until nothing more can be written, however much others write meanwhile."""
+def _fill(folder: Path, mended: threading.Event) -> None:
+    """Write until nothing more can be written, however much others write meanwhile, or until it is mended."""
     size = 1 << 22
     with (folder / "filling").open("wb", buffering=0) as file:
-        while size >= 512:
+        while size >= 512 and not mended.is_set():
             try:
                 file.write(bytes(size))
             except OSError:
