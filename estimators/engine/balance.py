@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import minimize
+from scipy.optimize import brentq, minimize
 from scipy.stats import t as student
 
 from estimators.base import NORMAL_95
@@ -42,6 +42,8 @@ _FEWEST_STROKES: Final = 3
 _BLOCK_SHARE: Final = 0.008  # of the travel: a third of the length of what is rough
 _AFTER_BREAKAWAY_S: Final = 0.08  # the mass and the sensor filter show in what comes sooner
 _SETTLED: Final = 6.0  # lags after a breakaway nothing is left of the jump
+_BENT: Final = 3.0  # lags of the force's path after a corner it is straight again
+_ONE_LAG: Final = 1.0e-3  # of one: two lags that differ by less are one
 _LAG_ERROR_S: Final = 0.02  # an arrival is seen early or late by the band of the rest and the sensor's filter
 _LAG_SHARE: Final = 0.5
 _MOST_ALIKE: Final = 4.0
@@ -93,7 +95,7 @@ class Balance:
 
 
 def lag_after_corners(reading: Reading) -> Known:
-    """How late the stem follows the force, s: after a corner where a ramp turns back it coasts for ln 2 of its lag."""
+    """How late the stem follows the force, s, from how long it coasts after a corner where a ramp turns back."""
     time_s, corners_s = reading.time_s, reading.path.corners_s
     found = []
     for move in reading.segmentation.moves:
@@ -102,13 +104,34 @@ def lag_after_corners(reading: Reading) -> Known:
         arrived_s = float(time_s[reading.segmentation.rests[move.next_rest].first])
         before = corners_s[(corners_s > time_s[move.first]) & (corners_s <= arrived_s + 0.01)]
         if before.size:
-            found.append(max(0.0, arrived_s - float(before[-1])) / math.log(2.0))
+            coasted_s = max(0.0, arrived_s - float(before[-1]))
+            found.append(lag_of_coasting(coasted_s, reading.path.lag_s))
     if not found:
         return Known(0.0, _LAG_ERROR_S)
     # a stem that stops for another reason, as where the supply ends, has its last corner long before
     near = [one for one in found if one < _MOST_ALIKE * (float(np.quantile(found, 0.25)) + _LAG_ERROR_S)]
     lag_s = float(np.median(near))
     return Known(lag_s, _LAG_ERROR_S + _LAG_SHARE * lag_s)
+
+
+def lag_of_coasting(coasted_s: float, path_lag_s: float) -> float:
+    """The lag of a stem, s, that coasts so long after its force has turned back; the force has a lag of its own.
+
+    Behind a ramp that turns back the speed of a stem with the lag T is 1 - 2 (1 - exp(-t / T)) of the ramp's: it turns
+    at t = T ln 2. Behind a force with the lag P it is 1 - 2 (1 - (P exp(-t / P) - T exp(-t / T)) / (P - T)), while the
+    force itself has turned at P ln 2: a force so rounded is followed T late, and not T ln 2.
+    """
+    if path_lag_s <= 0.0 or coasted_s <= 0.0:
+        return coasted_s / math.log(2.0)
+    turns_s = path_lag_s * math.log(2.0) + coasted_s
+
+    def left(lag_s: float) -> float:
+        late, apart_s = np.exp(-turns_s / np.array([path_lag_s, lag_s])), path_lag_s - lag_s
+        if abs(apart_s) < _ONE_LAG * path_lag_s:
+            return float(late[0]) * (1.0 + turns_s / path_lag_s) - 0.5
+        return float(path_lag_s * late[0] - lag_s * late[1]) / apart_s - 0.5
+
+    return float(brentq(left, 1.0e-3 * coasted_s, 2.0 * coasted_s))
 
 
 def driven_blocks(reading: Reading, lag: Known) -> Blocks:
@@ -121,7 +144,7 @@ def driven_blocks(reading: Reading, lag: Known) -> Blocks:
     corners_s, has_spring = reading.path.corners_s, reading.spring_n_per_m > 0.0
     longest_m = _BLOCK_SHARE * reading.travel_m
     period_s = float(np.median(np.diff(time_s)))
-    settled_s = max(_SETTLED * lag.value, _AFTER_BREAKAWAY_S)
+    settled_s = max(_SETTLED * lag.value, _AFTER_BREAKAWAY_S, _BENT * reading.path.lag_s)
     spans: list[tuple[int, int, int]] = []
     for move in reading.segmentation.moves:
         begin_s = float(time_s[move.first])

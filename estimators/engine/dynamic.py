@@ -20,6 +20,7 @@ from estimators.engine.balance import Balance
 from estimators.engine.breakaways import StaticFriction
 from estimators.engine.fields import Fields, fields_over, knots_a_length, no_fields
 from estimators.engine.fit import Found, equations_of, explored
+from estimators.engine.force_path import coloured_covariance
 from estimators.engine.hyperparameters import field_likelihood, spread
 from estimators.engine.laws import NO_LAWS, Law, Laws
 from estimators.engine.model import Model, Unknowns
@@ -46,7 +47,6 @@ _LEAST_SCATTER: Final = 2.0e-5
 _ROW_INSTANT: Final = 0.2
 _ROW_LAG: Final = 0.05
 _SLOW_ROWS: Final = 2.0  # of the quick time m / F_v
-_BATCH_S: Final = 1.0  # longer than a gauge's noise, or an I/P's hunting, remembers
 _SIDE: Final = 0.5  # of that: by how much it differs from one side to the other, and from end to end
 _CREEPING: Final = 0.25  # of F_s - F_c: what friction while the stem creeps below DV, in part at rest, is uncertain by
 
@@ -303,16 +303,10 @@ def _usual_rate(found: Found) -> float:
 
 
 def _add_force_scale(found: Found, reading: Reading, variances: FloatArray) -> None:
-    """Add what the gauge's noise leaves open of the force's gain and offset: k, F_0 and frictions scale with it.
-
-    The errors of least squares whose residuals are coloured (Newey and West, 1987, by batches).
-    """
+    """Add what the gauge's noise leaves open of the force's gain and offset: k, F_0 and frictions scale with it."""
     force_n, left_n = reading.path.force_n, reading.path.left_n
     design = np.column_stack([np.ones(force_n.size), force_n - force_n.mean()])
-    batch = max(1, int(np.searchsorted(reading.time_s, reading.time_s[0] + _BATCH_S)))
-    scores = np.add.reduceat(design * left_n[:, None], np.arange(0, force_n.size, batch))
-    inverse = np.linalg.inv(design.T @ design)
-    offset, gain = np.diag(inverse @ (scores.T @ scores) @ inverse)
+    offset, gain = np.diag(coloured_covariance(design, left_n, reading.time_s))
     parameters = found.unknowns.parameters
     for symbol in ("m", "k", "F_v"):
         variances[QUANTITIES.index(symbol)] += gain

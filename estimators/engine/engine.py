@@ -22,7 +22,7 @@ from estimators.base import (
 from estimators.drive.recording import estimate_force_recording
 from estimators.engine.balance import Balance, balance, driven_blocks, lag_after_corners, repeats_to_n
 from estimators.engine.breakaways import StaticFriction, breakaways, static_friction
-from estimators.engine.commanded import command_path, is_commanded, with_likely_path
+from estimators.engine.commanded import command_path, is_commanded, with_gauged_path, with_likely_path
 from estimators.engine.dynamic import Dynamic, PathToFit, Quantity, dynamic, latent_friction
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading, read
@@ -44,6 +44,7 @@ _ONE_SPEED: Final = "it takes a drive that is accelerated, and several speeds"
 _HIDDEN_BANDS: Final = 1.5
 _SLOW_ROWS_S: Final = 0.05  # no slip shows in slower ones
 _FAR: Final = 3.5  # standard errors
+_NEAR_SHARE: Final = 0.05  # of the balance's value: so near the motion was understood
 _FAR_BETTER: Final = 2.0  # times as wide as the balance's: then the motion does not have what the balance has
 _BESIDE_MOTION: Final = 1.4  # where both are there the balance's interval holds too little of the friction's variation
 
@@ -85,7 +86,8 @@ class RoughFrictionEstimator:
         if any(found.known(symbol).value < 0.0 for symbol in ("k", "F_c") if symbol in found.symbols):
             return failed(METHOD, Outcome.UNPHYSICAL)
         static = static_friction(breakaways(reading), found, lag if path else None)
-        whole = dynamic(reading, lag, found, static, path, settings=self.settings) if static is not None else None
+        driven, path = (reading, path) if path else with_gauged_path(reading)
+        whole = dynamic(driven, lag, found, static, path, settings=self.settings) if static is not None else None
         if whole is not None and _disagree(found, whole):
             whole = None
         said = _said(rows)
@@ -113,7 +115,8 @@ def _disagree(found: Balance, whole: Dynamic) -> bool:
     """Whether the motion's spring rate or friction is far from the balance's: then the motion was not understood."""
     for symbol in ("k", "F_c"):
         known, moved = found.known(symbol), whole.quantities[symbol]
-        if abs(moved.value - known.value) > _FAR * math.hypot(_BESIDE_MOTION * known.std_error, moved.std_error):
+        far = _FAR * math.hypot(_BESIDE_MOTION * known.std_error, moved.std_error)
+        if abs(moved.value - known.value) > max(far, _NEAR_SHARE * abs(known.value)):
             return True
     return False
 

@@ -9,7 +9,7 @@ a gauge's noise explains: then it is the measured pressure itself, with its nois
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from itertools import pairwise
 from typing import Final
@@ -38,12 +38,14 @@ _SPECTRUM_WIDTH: Final = 15  # frequencies that are averaged
 _SLOW_HZ: Final = 5.0  # an I/P that hunts does it slower
 _NOISE_HZ: Final = 12.0
 _SURELY: Final = 2.5  # times the gauge's noise: chance makes no frequency so loud
-_GAUGE_LAG_S: Final = 0.03  # a gauge's filter is no slower
+GAUGE_LAG_S: Final = 0.03  # a gauge's filter is no slower
 _MOST_LAG_S: Final = 3.0
 _MOST_CORNERS: Final = 150
 _CORNER_SHARE: Final = 0.004  # of the range: how far from a line a corner must lie
 _REFINEMENTS: Final = 6
 _SMOOTHED_S: Final = 0.05
+_VARIED_S: Final = 1.0e-3  # a lag and a dead time, to see what the force makes of it
+_BATCH_S: Final = 1.0  # longer than a gauge's noise, or an I/P's hunting, remembers
 _ANEW_SHARE: Final = 0.02  # of the command's range, across a gap
 _FEWEST_RUN_ROWS: Final = 20
 
@@ -63,8 +65,9 @@ class ForcePath:
     """Force at the rows, N, shape (n,), with its noise from row to row and where it turns back, s.
 
     ``left_n`` is what the measured force has beside it, shape (n,): noise, and what an I/P does by itself.
-    ``lag_s`` and ``dead_time_s`` are the path's, 0 where there is none. The force may be later than said by up to
-    ``late_s``: a short lag may be the gauge's or the I/P's.
+    ``lag_s``, with its standard error ``lag_error_s``, and ``dead_time_s`` are the path's, 0 where there is none;
+    ``commanded_n`` is the command's force before them, shape (n,), where they are not 0, and from ``bends_s`` on such a
+    force bends. The force may be later than said by up to ``late_s``: a short lag may be the gauge's or the I/P's.
     """
 
     source: Source
@@ -75,6 +78,9 @@ class ForcePath:
     lag_s: float = 0.0
     dead_time_s: float = 0.0
     late_s: float = 0.0
+    commanded_n: FloatArray | None = None
+    bends_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    lag_error_s: float = 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -180,19 +186,45 @@ def _through_command(time_s: FloatArray, command: FloatArray, measured_n: FloatA
         if found is None or one.fun < found.fun:
             found = one
     assert found is not None
+    found = minimize(cost, found.x, method="Nelder-Mead", options={"maxfev": 200, "xatol": 1.0e-3, "fatol": 0.0})
     shape, lag_s, dead_s = passed(np.asarray(found.x))
     force_n, left_n = fitted(shape)
-    if lag_s + dead_s <= _GAUGE_LAG_S:
+    gain, *_ = np.linalg.lstsq(np.column_stack([np.ones(shape.size), shape]), measured_n, rcond=None)
+    steps = np.diag(np.log1p(_VARIED_S / np.array([lag_s, dead_s])))
+    slopes = [gain[1] * (passed(np.asarray(found.x) + step)[0] - shape) / _VARIED_S for step in steps]
+    covariance = coloured_covariance(np.column_stack([np.ones(shape.size), shape, *slopes]), left_n, time_s)
+    commanded_n: FloatArray | None = gain[0] + gain[1] * command
+    late_s = GAUGE_LAG_S
+    if lag_s + dead_s <= GAUGE_LAG_S:
         # so late a pressure may be the gauge's alone: the force turns as sharply as the command, at an unknown instant
-        design = np.column_stack([np.ones(shape.size), shape])
-        gain, *_ = np.linalg.lstsq(design, measured_n, rcond=None)
-        force_n = gain[0] + gain[1] * command
+        assert commanded_n is not None
+        force_n, commanded_n = commanded_n, None
         lag_s, dead_s, late_s = 0.0, 0.0, lag_s + dead_s
-    else:
-        late_s = _GAUGE_LAG_S
-    corners_s = _turns(time_s, force_n, 0.0, max(float(np.ptp(force_n)), 1.0e-12))
+    range_n = max(float(np.ptp(force_n)), 1.0e-12)
+    corners_s = _turns(time_s, force_n, 0.0, range_n)
+    bends_s = np.empty(0) if commanded_n is None else _turns(time_s, commanded_n, 0.0, range_n) + dead_s
     force_n = force_n + _hunting(time_s, left_n)
-    return ForcePath(Source.COMMAND, force_n, 0.0, corners_s, left_n, lag_s, dead_s, late_s)
+    return ForcePath(
+        Source.COMMAND,
+        force_n,
+        0.0,
+        corners_s,
+        left_n,
+        lag_s,
+        dead_s,
+        late_s,
+        commanded_n,
+        bends_s,
+        float(np.sqrt(covariance[2, 2])),
+    )
+
+
+def coloured_covariance(design: FloatArray, left: FloatArray, time_s: FloatArray) -> FloatArray:
+    """Covariance of least squares whose residuals are coloured, shape (p, p): Newey and West (1987), by batches."""
+    batch = max(1, int(np.searchsorted(time_s, time_s[0] + _BATCH_S)))
+    scores = np.add.reduceat(design * left[:, None], np.arange(0, left.size, batch))
+    inverse = np.linalg.pinv(design.T @ design)
+    return np.asarray(inverse @ (scores.T @ scores) @ inverse)
 
 
 def _hunting(time_s: FloatArray, left_n: FloatArray) -> FloatArray:
@@ -226,7 +258,7 @@ def _straight_runs(time_s: FloatArray, force_n: FloatArray, range_n: float, run_
         if end - first < _FEWEST_RUN_ROWS:
             own = force_n[first:end]
             none = np.zeros(own.size)
-            parts.append(ForcePath(Source.LINES, own, 0.0, np.empty(0), none, late_s=0.5 * _GAUGE_LAG_S))
+            parts.append(ForcePath(Source.LINES, own, 0.0, np.empty(0), none, late_s=0.5 * GAUGE_LAG_S))
             continue
         one = _straight(time_s[first:end], force_n[first:end], range_n)
         if one is None:
@@ -272,7 +304,7 @@ def _straight(time_s: FloatArray, force_n: FloatArray, range_n: float) -> ForceP
     line_n = np.interp(time_s, knots_s, values)
     corners_s = _turns(time_s, line_n, 0.0, range_n)
     left_n = force_n - line_n
-    late_s = 0.5 * _GAUGE_LAG_S  # the filter of a gauge so noisy is not known
+    late_s = 0.5 * GAUGE_LAG_S  # the filter of a gauge so noisy is not known
     return ForcePath(Source.LINES, line_n + _hunting(time_s, left_n), 0.0, corners_s, left_n, late_s=late_s)
 
 

@@ -79,7 +79,7 @@ class Sections:
 def sections_of(reading: Reading, lag: Known) -> Sections:
     """Return the sections of a reading; moves that begin without a rest are left out."""
     moves = [move for move in reading.segmentation.breakaways if move.last - move.first >= 3]
-    near_s = _NEAR_S + _NEAR_LAGS * lag.value
+    near_s = _NEAR_S + _NEAR_LAGS * max(lag.value, reading.path.lag_s)
     made = []
     for move in moves:
         one = _section(reading, move, near_s)
@@ -113,7 +113,8 @@ def _section(reading: Reading, move: Move, near_s: float) -> Section | None:
     if last - first < 4:
         return None
     at = np.arange(first, last + 1)
-    events_s = np.array([move.began_s, *corners_s.tolist(), *arrived_s])
+    bends_s = path.bends_s[(path.bends_s > move.began_s) & (path.bends_s < time_s[last])]
+    events_s = np.array([move.began_s, *corners_s.tolist(), *bends_s.tolist(), *arrived_s])
     blocks = _blocks(time_s[at], events_s)
     sizes = np.diff(np.append(blocks, at.size))
     mean_s, measured_m = np.add.reduceat(time_s[at], blocks) / sizes, np.add.reduceat(position_m[at], blocks) / sizes

@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from estimators.engine.balance import lag_of_coasting
+from estimators.engine.commanded import passed
+from estimators.engine.engine import RoughFrictionEstimator
 from estimators.engine.force_path import Source, force_path
+from tests.rough_valves import case
 from valve.nameplate import Actuator, Nameplate, Signal
 from valve.recording import Recording
 from valve.waveform import triangle
@@ -42,3 +46,24 @@ def test_a_late_force_is_late_by_what_the_pressure_shows(lag_s: float, dead_time
     late_s = (true_n - path.force_n)[inner] * rising[inner] / rate_n_per_s
     assert np.median(late_s) == pytest.approx(0.008, abs=0.004)
     assert path.late_s >= 0.008
+
+
+def test_a_stem_behind_a_slow_converter_has_its_own_damping_and_mass() -> None:
+    """The gauge's filter of 8 ms in what it shows of the I/P's 80 ms looked like a fifth of F_v, to within 2 %."""
+    one = case("vendor", "multi_rate", "usual", seed=6, path={"lag_s": 0.08})
+    estimate = RoughFrictionEstimator().estimate(one.recording, one.nameplate)
+    truth = one.truth.parameters
+    for symbol, true in (("m", truth.mass_kg), ("F_v", truth.viscous_friction_n_s_per_m)):
+        known = estimate.diagnostics["dynamic"].quantities[symbol]
+        assert abs(known.value - true) < min(3.0 * known.std_error, 0.3 * true), symbol
+
+
+@pytest.mark.parametrize(("path_lag_s", "lag_s"), [(0.0, 0.02), (0.08, 0.02), (0.08, 0.08), (0.05, 0.2)])
+def test_the_lag_is_read_from_how_long_a_stem_coasts(path_lag_s: float, lag_s: float) -> None:
+    time_s = np.arange(0.0, 3.0, 1.0e-5)
+    force = passed(time_s, -time_s, np.zeros(time_s.size, np.bool_), path_lag_s, 0.0) if path_lag_s else -time_s
+    speeds = [1.0 + 2.0 * np.gradient(force, time_s)]
+    stem = passed(time_s, force, np.zeros(time_s.size, np.bool_), lag_s, 0.0)
+    speeds.append(1.0 + 2.0 * np.gradient(stem, time_s))
+    turns_s = [float(time_s[np.argmax(speed <= 0.0)]) for speed in speeds]
+    assert lag_of_coasting(turns_s[1] - turns_s[0], path_lag_s) == pytest.approx(lag_s, rel=0.01)
