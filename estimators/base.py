@@ -69,6 +69,10 @@ class Outcome(StrEnum):
     NO_UNIFORM_MOTION = (
         "The stem never moved uniformly, it slipped or was forced unevenly: repeat with a triangular wave, faster."
     )
+    TOO_FEW_STEPS = (
+        "The force moved in steps, and the stem slid to rest after too few of them, both ways, for a balance: "
+        "repeat with more steps, or with a triangular wave."
+    )
     PRELOAD_IGNORED = (
         "The stem has a preload, and the published form of the methods assumes none: use the corrected form."
     )

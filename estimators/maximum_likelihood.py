@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import dataclass
 
 import numpy as np
 
 from estimators.base import Estimate, Outcome, failed
 from estimators.engine.engine import METHOD, RoughFrictionEstimator
-from estimators.exact_motion import ExactMotionEstimator
-from estimators.samples import Samples, prepare
-from estimators.steps.inputs import find_steps
-from valve.nameplate import Action, Nameplate
+from valve.nameplate import Nameplate
 from valve.recording import Recording
-
-_FEWEST_STEPS: Final = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,24 +27,9 @@ class MaximumLikelihoodEstimator:
 
     def estimate(self, recording: Recording, nameplate: Nameplate) -> Estimate:
         """Return the estimate; its status and message say what is wrong with a recording."""
-        if is_served(recording, nameplate):
-            try:
-                with np.errstate(all="ignore"), warnings.catch_warnings():
-                    warnings.simplefilter("ignore", RuntimeWarning)  # numpy's, of means over no rows
-                    return RoughFrictionEstimator().estimate(recording, nameplate)
-            except (ArithmeticError, ValueError):  # also of singular matrices: numbers that no valve has
-                return failed(METHOD, Outcome.NOT_COMPUTABLE)
-        return replace(ExactMotionEstimator().estimate(recording, nameplate), method=METHOD)
-
-
-def is_served(recording: Recording, nameplate: Nameplate) -> bool:
-    """Whether the engine takes this kind of recording; the exact motion's fit takes the others until it does.
-
-    To be deleted as the engine learns the last kind: a force in steps, which has no rate at a breakaway.
-    """
-    if nameplate.actuator.action is Action.DOUBLE and recording.force_n is not None:
-        return True
-    samples = prepare(recording, nameplate)
-    if not isinstance(samples, Samples):
-        return True  # both say alike what is wrong
-    return len(find_steps(samples.time_s, samples.force_n, samples.run_first)) < _FEWEST_STEPS
+        try:
+            with np.errstate(all="ignore"), warnings.catch_warnings():
+                warnings.simplefilter("ignore", RuntimeWarning)  # numpy's, of means over no rows
+                return RoughFrictionEstimator().estimate(recording, nameplate)
+        except (ArithmeticError, ValueError):  # also of singular matrices: numbers that no valve has
+            return failed(METHOD, Outcome.NOT_COMPUTABLE)

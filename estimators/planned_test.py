@@ -10,7 +10,7 @@ import numpy as np
 
 from estimators.identifiability.bound import Knowledge, knowledge
 from estimators.identifiability.sensitivities import SENSITIVITY_SYMBOLS, position_sensitivities
-from estimators.likelihood.lines.lag_kernel import lagged
+from estimators.motion.lagged_lines import lagged
 from estimators.samples import FloatArray
 from valve.errors import WaveformError
 from valve.motion import simulate_motion

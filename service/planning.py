@@ -11,7 +11,7 @@ from drivers.addresses import Mode
 from drivers.waveform_check import check_waveform
 from estimators.base import LARGEST_RELATIVE_HALF_WIDTH, NORMAL_95
 from estimators.identifiability.bound import Knowledge
-from estimators.likelihood.inputs.pressure_lines import ONE_INSTANT
+from estimators.motion.channels import ONE_INSTANT
 from estimators.planned_scatter import packing_half_widths
 from estimators.planned_test import HALF_A_PERIOD, PlannedTest, planned_knowledge
 from service.expected_valve import ExpectedValve

@@ -9,12 +9,12 @@ from typing import Any, Final
 import numpy as np
 
 from estimators.base import Estimate
-from estimators.classic.channels import channels_apart_s
 from estimators.classic.conclusion import conclude
 from estimators.classic.misfit import Fallback
 from estimators.classic.robust_form import is_believed, robust_covariance, robust_parameters
 from estimators.classic.settled_motion import settled_motion
 from estimators.motion.balance import Balance
+from estimators.motion.channels import channels_apart_s
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import FloatArray
 from estimators.slips.kernel import COMMON, D_V, F_0, F_S, F_V, A, K, M

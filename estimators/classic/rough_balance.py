@@ -10,7 +10,6 @@ import numpy as np
 
 from estimators.base import LARGEST_RELATIVE_HALF_WIDTH
 from estimators.classic.breakaway_law import BreakawayLaw, breakaway_law, law_of_jumps
-from estimators.classic.channels import channels_apart_s
 from estimators.classic.force_windows import COAST, SLIDE, SLIP, ForceWindows, RoughMotion, rough_motion
 from estimators.classic.window_fit import (
     Known,
@@ -22,6 +21,7 @@ from estimators.classic.window_fit import (
     jackknife,
     wandering_mean,
 )
+from estimators.motion.channels import channels_apart_s
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import BoolArray, FloatArray, Samples
 from valve.nameplate import Action

@@ -48,7 +48,7 @@ _LAG_ERROR_S: Final = 0.02  # an arrival is seen early or late by the band of th
 _LAG_SHARE: Final = 0.5
 _MOST_ALIKE: Final = 4.0
 _BEFORE_CORNER_S: Final = 0.03
-_FEWEST_ROWS: Final = 1
+_FEWEST_OF_DRIVE: Final = 4
 _SEARCH: Final = {"maxiter": 30, "ftol": 1.0e-6}
 
 
@@ -264,7 +264,14 @@ def _fit(problem: _Problem, logarithms: FloatArray, smoothness: int) -> _Fit:
 
 
 def balance(
-    blocks: Blocks, *, noise_m: float, travel_m: float, has_spring: bool, force_noise_n: float, lag: Known
+    blocks: Blocks,
+    *,
+    noise_m: float,
+    travel_m: float,
+    has_spring: bool,
+    force_noise_n: float,
+    lag: Known,
+    fewest_blocks: int = 8,
 ) -> Balance | None:
     """Return the balance of these blocks, None where they do not determine it.
 
@@ -272,7 +279,7 @@ def balance(
     force's error of a block. ``lag`` is what is known beforehand of how late the stem follows the force, s.
     """
     symbols = ("k", "F_0", "F_c", "F_v") if has_spring else ("F_0", "F_c")
-    if blocks.count < 2 * len(symbols) or np.unique(blocks.direction).size < 2:
+    if blocks.count < (fewest_blocks if has_spring else _FEWEST_OF_DRIVE) or np.unique(blocks.direction).size < 2:
         return None
     columns = [np.ones(blocks.count), blocks.direction]
     if has_spring:

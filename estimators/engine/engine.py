@@ -21,27 +21,37 @@ from estimators.base import (
 )
 from estimators.drive.recording import estimate_force_recording
 from estimators.engine.balance import Balance, balance, driven_blocks, lag_after_corners, repeats_to_n
+from estimators.engine.brackets import brackets, static_friction_between
 from estimators.engine.breakaways import StaticFriction, breakaways, static_friction
 from estimators.engine.commanded import command_path, is_commanded, with_gauged_path, with_likely_path
 from estimators.engine.dynamic import Dynamic, PathToFit, Quantity, dynamic, latent_friction
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading, read
 from estimators.engine.rows import MeasuredRows, measured_rows
+from estimators.engine.segmentation import moving_mean
 from estimators.engine.settings import USUAL, Settings
 from estimators.engine.slips import balance_of_slips, lag_of_slips
+from estimators.engine.stepped import Stepped, balance_of_rests, stepped
 from estimators.engine.stops import ran_into_a_stop
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
 
 METHOD: Final = "maximum_likelihood"
 _NO_MOTION: Final = "the balance of forces alone is given: the motion after the breakaways does not fit it"
+_LEAPS: Final = (
+    "the force leaps from level to level, and the rests between the steps do not show it: repeat with a ramp"
+)
 _COMMANDED: Final = (
     "The pressure was not measured: it is taken for the command behind a lag and a dead time that were fitted, with "
     "the gain that the signal range says."
 )
 _HIDDEN: Final = "the I/P's lag hides it where friction varies: measure the pressure at the actuator"
+_SLOW_STEPS: Final = "the pressure's own lag after each step hides it where friction varies: repeat with several ramps"
 _ONE_SPEED: Final = "it takes a drive that is accelerated, and several speeds"
+_SMOOTHED_S: Final = 0.05
+_TURNED: Final = 0.1  # of the force's range
 _HIDDEN_BANDS: Final = 1.5
+_LAG_SHARE: Final = 0.5  # how well the stem's lag is known by how late it slides
 _SLOW_ROWS_S: Final = 0.05  # no slip shows in slower ones
 _FAR: Final = 3.5  # standard errors
 _NEAR_SHARE: Final = 0.05  # of the balance's value: so near the motion was understood
@@ -70,33 +80,75 @@ class RoughFrictionEstimator:
         reading = read(rows.recording, nameplate)
         if isinstance(reading, Outcome):
             return failed(METHOD, reading)
-        if len(reading.segmentation.directions) < 2:
+        steps = stepped(reading, rows.recording)
+        if len(reading.segmentation.directions if steps is None else steps.directions) < 2:
             return _one_way(reading)
-        lag = lag_after_corners(reading)
-        path: PathToFit | None = None
-        if is_commanded(reading):
-            likely, left = with_likely_path(reading, lag)
-            path = command_path(reading, likely, lag)
-            reading, lag = likely, left
-        found = _balance(reading, lag)
-        if found is None:
-            found, lag = balance_of_slips(reading), lag_of_slips(reading)
-        if found is None:
-            return failed(METHOD, Outcome.NO_UNIFORM_MOTION)
+        basis = _of_slides(reading) if steps is None else _of_steps(reading, steps)
+        if isinstance(basis, Outcome):
+            return failed(METHOD, basis)
+        reading, found, static = basis.reading, basis.found, basis.static
         if any(found.known(symbol).value < 0.0 for symbol in ("k", "F_c") if symbol in found.symbols):
             return failed(METHOD, Outcome.UNPHYSICAL)
-        static = static_friction(breakaways(reading), found, lag if path else None)
-        driven, path = (reading, path) if path else with_gauged_path(reading)
-        whole = dynamic(driven, lag, found, static, path, settings=self.settings) if static is not None else None
+        whole = None
+        if static is not None and not basis.leaps:
+            driven, path = (reading, basis.path) if basis.path else with_gauged_path(reading)
+            whole = dynamic(driven, basis.lag, found, static, path, settings=self.settings)
         if whole is not None and _disagree(found, whole):
             whole = None
-        said = _said(rows)
-        if static is not None and "k" in found.symbols:
+        said = f"{Outcome.STOP_INSIDE_SWEEP if basis.on_stop else ''} {_said(rows)}".strip()
+        if static is not None and steps is None and "k" in found.symbols:
             held_n = static.mean_n, static.scatter_n or 0.0
             if ran_into_a_stop(reading, found.known("k").value, found.known("F_0").value, held_n):
                 said = f"{Outcome.STOP_INSIDE_SWEEP} {said}".strip()
-        estimate = _concluded(reading, found, static, whole, said)
+        estimate = _concluded(basis, whole, said)
         return _at_one_speed(estimate, drive) if drive is not None else estimate
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Basis:
+    """What the forces alone give, and what the motion's fit begins with; ``leaps``: the force has no path to follow."""
+
+    reading: Reading
+    lag: Known
+    path: PathToFit | None
+    found: Balance
+    static: StaticFriction | None
+    stepped: bool = False
+    leaps: bool = False
+    on_stop: bool = False
+
+
+def _of_slides(reading: Reading) -> _Basis | Outcome:
+    """The balance of a stem that slides or slips under a force that ramps."""
+    reading, lag, path = _with_path(reading, lag_after_corners(reading))
+    found = _balance(reading, lag)
+    if found is None:
+        found, lag = balance_of_slips(reading), lag_of_slips(reading)
+    if found is None:
+        return Outcome.NO_UNIFORM_MOTION
+    return _Basis(reading, lag, path, found, static_friction(breakaways(reading), found, lag if path else None))
+
+
+def _of_steps(reading: Reading, steps: Stepped) -> _Basis | Outcome:
+    """The balance of the rests between the steps of a force; breakaways lie between two of its levels."""
+    rests = balance_of_rests(reading, steps)
+    if rests is None:
+        return Outcome.TOO_FEW_STEPS
+    found, on_stop = rests
+    between = static_friction_between(brackets(steps, found), found)
+    lag = Known(steps.lateness_s, _LAG_SHARE * steps.lateness_s)
+    if steps.leaps(found.known("F_c").value):
+        return _Basis(reading, lag, None, found, between, stepped=True, leaps=True, on_stop=on_stop)
+    static = static_friction(breakaways(reading), found) or between
+    return _Basis(reading, lag, None, found, static, stepped=True, on_stop=on_stop)
+
+
+def _with_path(reading: Reading, lag: Known) -> tuple[Reading, Known, PathToFit | None]:
+    """The reading with a likely path where the command stands in for the pressure, and the path to fit."""
+    if not is_commanded(reading):
+        return reading, lag, None
+    likely, left = with_likely_path(reading, lag)
+    return likely, left, command_path(reading, likely, lag)
 
 
 def _balance(reading: Reading, lag: Known) -> Balance | None:
@@ -165,7 +217,7 @@ def _at_one_speed(estimate: Estimate, drive: Estimate) -> Estimate:
 
 def _one_way(reading: Reading) -> Estimate:
     """Return what a stem that moved in one direction tells: without a spring the sum of friction and offset."""
-    estimate = failed(METHOD, Outcome.ONE_DIRECTION_ONLY)
+    estimate = failed(METHOD, Outcome.HELD_ON_THE_WAY_BACK if _turned_back(reading) else Outcome.ONE_DIRECTION_ONLY)
     moves = [move for move in reading.segmentation.moves if move.last - move.first > 2]
     if reading.spring_n_per_m > 0.0 or not moves:
         return estimate
@@ -181,9 +233,15 @@ def _one_way(reading: Reading) -> Estimate:
     return replace(estimate, status=Status.POOR, message=message, parameters=parameters)
 
 
-def _concluded(
-    reading: Reading, found: Balance, static: StaticFriction | None, whole: Dynamic | None, said: str
-) -> Estimate:
+def _turned_back(reading: Reading) -> bool:
+    """Whether the force went back by a good part of its range after the stem had moved one way."""
+    way = reading.segmentation.moves[0].direction * reading.samples.force_n
+    smooth = moving_mean(way, 2 * (max(1, round(_SMOOTHED_S / reading.samples.period_s)) // 2) + 1)
+    return float((np.maximum.accumulate(smooth) - smooth).max()) > _TURNED * float(np.ptp(smooth))
+
+
+def _concluded(basis: _Basis, whole: Dynamic | None, said: str) -> Estimate:
+    reading, found, static = basis.reading, basis.found, basis.static
     quantities = _quantities(found, static, whole)
     friction_n = max((quantities[symbol].value for symbol in ("F_s", "F_c") if symbol in quantities), default=0.0)
     parameters = {
@@ -199,11 +257,11 @@ def _concluded(
             parameters[symbol] = replace(parameters[symbol], scatter=scatter)
     if whole is None:
         for symbol in ("m", "F_v", "DV"):
-            parameters[symbol] = absent(_NO_MOTION)
+            parameters[symbol] = absent(_LEAPS if basis.leaps else _NO_MOTION)
     commanded = is_commanded(reading)
-    if commanded and whole is not None and whole.best.model.fields.count:
+    if (commanded or basis.stepped) and whole is not None and whole.best.model.fields.count:
         for symbol in ("m", "F_v", "DV"):
-            parameters[symbol] = absent(_HIDDEN)
+            parameters[symbol] = absent(_HIDDEN if commanded else _SLOW_STEPS)
     if reading.samples.period_s > _SLOW_ROWS_S and whole is not None:
         for symbol in ("m", "DV"):
             parameters[symbol] = absent(str(Outcome.TRANSIENTS_NOT_RESOLVED))

@@ -15,12 +15,12 @@ from estimators.likelihood.compression import compressed
 from estimators.likelihood.coordinates import Coordinates
 from estimators.likelihood.descent import descend
 from estimators.likelihood.elimination import descend_with_errors
-from estimators.likelihood.inputs.pressure_lines import ONE_INSTANT
 from estimators.likelihood.intervals import known, natural_values
 from estimators.likelihood.mixture import mixed, reaching
 from estimators.likelihood.model import StemModel
 from estimators.likelihood.problem import Problem
 from estimators.likelihood.ramps import Ramps
+from estimators.motion.channels import ONE_INSTANT
 from estimators.samples import FloatArray
 
 DELAY: Final = "delay_s"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimators.identifiability.sensitivities import position_sensitivities
-from estimators.likelihood.inputs.pressure_lines import ONE_INSTANT
+from estimators.motion.channels import ONE_INSTANT
 from estimators.planned_test import PlannedTest, planned_knowledge
 from valve.errors import WaveformError
 from valve.motion import simulate_motion

@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 
 from estimators.likelihood.lines.exact_lines import exact_corners
-from estimators.likelihood.lines.lag_kernel import lagged
 from estimators.likelihood.lines.stretches import Corners
+from estimators.motion.lagged_lines import lagged
 from estimators.samples import FloatArray
 from valve.recording import Recording
 

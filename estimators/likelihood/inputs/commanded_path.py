@@ -14,8 +14,8 @@ from estimators.likelihood.inputs.pressure_lines import delay_prior_s
 from estimators.likelihood.inputs.row_timing import look_doubts_s
 from estimators.likelihood.inputs.stair_kernel import stair_answer
 from estimators.likelihood.inputs.transducer_fit import TransducerFit, fit_transducer
-from estimators.likelihood.lines.lag_kernel import lagged
 from estimators.likelihood.lines.stretches import Corners
+from estimators.motion.lagged_lines import lagged
 from estimators.samples import FloatArray
 from valve.nameplate import Nameplate
 from valve.recording import Recording

@@ -12,13 +12,13 @@ from estimators.base import Outcome
 from estimators.likelihood.inputs.answered_lines import answered_corners
 from estimators.likelihood.inputs.nuisance import Nuisance
 from estimators.likelihood.lines.stretches import ROWS_A_STEP, Corners, KnownCorners, Stretch, find_stretches
+from estimators.motion.channels import ONE_INSTANT
 from estimators.samples import FloatArray
 from valve.recording import Acquisition, Recording
 
 MOST_VARIATIONS: Final = 100
 _DELAY_PERIODS: Final = 5.0
 _DELAY_S: Final = 0.02
-ONE_INSTANT: Final = 0.005  # of a period: what remains where both channels are read at one instant
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,8 +14,8 @@ from estimators.likelihood.inputs.command_gaps import over_gaps
 from estimators.likelihood.inputs.command_steps import stair_corners, within_signal, written_steps
 from estimators.likelihood.inputs.nuisance import Nuisance
 from estimators.likelihood.inputs.pressure_lines import held_together
-from estimators.likelihood.lines.lag_kernel import lagged
 from estimators.likelihood.lines.stretches import Corners, KnownCorners, Stretch, find_stretches
+from estimators.motion.lagged_lines import lagged
 from estimators.samples import FloatArray, position_noise
 from valve.nameplate import Nameplate
 from valve.recording import Recording

@@ -17,7 +17,7 @@ import numpy as np
 
 from estimators.likelihood.lines.lag_blocks import blocks_of, descended, linear_solved
 from estimators.likelihood.lines.lag_events import search_events
-from estimators.likelihood.lines.lag_kernel import lagged
+from estimators.motion.lagged_lines import lagged
 from estimators.samples import BoolArray, FloatArray
 
 # Own choices, tried on triangles, multi-rate triangles and steps behind lags of 0.02 to 1 s at 1-50 ms.

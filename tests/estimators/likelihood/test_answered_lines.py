@@ -7,7 +7,7 @@ import pytest
 
 from estimators.likelihood.inputs.answered_lines import answered_corners
 from estimators.likelihood.inputs.pressure_lines import MeasuredPath, measured_path
-from estimators.likelihood.lines.lag_kernel import lagged
+from estimators.motion.lagged_lines import lagged
 from estimators.samples import BoolArray, FloatArray
 from valve.recording import Acquisition, Provenance, Recording
 

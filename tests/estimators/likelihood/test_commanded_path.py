@@ -12,7 +12,7 @@ from estimators.likelihood.inputs.input_path import InputPath, MeasuredPath, Tra
 from estimators.likelihood.inputs.pressure_lines import measured_path
 from estimators.likelihood.inputs.stair_kernel import stair_answer
 from estimators.likelihood.inputs.write_instants import lateness_s
-from estimators.likelihood.lines.lag_kernel import lagged
+from estimators.motion.lagged_lines import lagged
 from estimators.samples import FloatArray
 from valve.motion import simulate_motion
 from valve.nameplate import Nameplate

@@ -10,7 +10,7 @@ import pytest
 
 from estimators.base import Outcome
 from estimators.likelihood.inputs.input_path import TransducerPath, input_path
-from estimators.likelihood.lines.lag_kernel import lagged
+from estimators.motion.lagged_lines import lagged
 from estimators.samples import FloatArray
 from simulator import transducer
 from valve.nameplate import Actuator, Nameplate, Signal

@@ -8,14 +8,14 @@ from valve.recording import Acquisition, Recording
 
 # Of a sampling period: what a device that takes all channels at one instant leaves to its converter, and the least
 # that is believed of a file that says nothing (docs/reference-map.md, "Capture").
-_ONE_INSTANT: Final = 0.005
+ONE_INSTANT: Final = 0.005
 
 
 def channels_apart_s(recording: Recording | None) -> float:
     """Return one standard deviation of the delay between the channels, s, by what the recording says of it."""
     if recording is None:
         return 0.0
-    least_s = _ONE_INSTANT * recording.sample_period_s
+    least_s = ONE_INSTANT * recording.sample_period_s
     provenance = recording.provenance
     if provenance.acquisition in {Acquisition.CAPTURED, Acquisition.SIMULATED}:
         return least_s
