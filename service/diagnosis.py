@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
+import numpy as np
 import structlog
 
 from discrepancy.diagnose import diagnose
 from discrepancy.diagnosis import Diagnosis, Verdict
 from discrepancy.doubts import doubt
+from discrepancy.force_diagnosis import diagnose_forces
 from discrepancy.pictures import pictures
 from discrepancy.rough.diagnose import diagnose as diagnose_rough
 from discrepancy.saved_model import SavedModel, saved_model
@@ -24,7 +26,7 @@ from service.separating import (
     find_separating_test,
     room_of_recordings,
 )
-from valve.nameplate import Nameplate
+from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
 
 Progress = Callable[[float, str], None]
@@ -79,6 +81,8 @@ def assess(
     tell = progress or (lambda _share, _phase: None)
     likelihood = next((one for one in estimates if one.method == _LIKELIHOOD), None)
     try:
+        if nameplate.actuator.action is Action.DOUBLE:
+            return _of_a_drive(recordings, nameplate, held_out, tell)
         whole = recordings[0] if estimated is None else estimated
         if likelihood is not None and not _repeats_itself(likelihood, whole, recordings, nameplate):
             # the search below knows valves that repeat themselves alone
@@ -104,6 +108,20 @@ def assess(
         _LOG.error("diagnosis failed", valve=nameplate.tag, exc_info=error)
         reason = f"The diagnosis failed by a fault of its own ({type(error).__name__}: {error})"
         return not_assessed(f"{reason}: the estimates stand; report it with the recording.")
+
+
+def _of_a_drive(
+    recordings: Sequence[Recording],
+    nameplate: Nameplate,
+    held_out: Sequence[tuple[str, Recording]],
+    tell: Progress,
+) -> dict[str, Any]:
+    """Return the ``discrepancy`` of a drive without a spring, by its balance of forces."""
+    doubted = doubt(recordings, nameplate)
+    if doubted:
+        return not_assessed(doubted)
+    with np.errstate(all="ignore"):
+        return {**not_assessed(""), **diagnose_forces(recordings, nameplate, held_out, tell).to_json()}
 
 
 def _repeats_itself(
