@@ -15,7 +15,6 @@ from discrepancy.choice import Choice
 from discrepancy.diagnosis import Diagnosis, Finding, Verdict
 from discrepancy.doubts import doubt
 from discrepancy.fine_rows import told_from
-from discrepancy.force_diagnosis import diagnose_forces
 from discrepancy.from_balance import from_balance
 from discrepancy.gain import Gain, held_out_gain, left_out_gain
 from discrepancy.gauge_tone import gauge_tone
@@ -56,10 +55,7 @@ _ENDED_EARLY: Final = (
     " The search was ended early, at the most work that one diagnosis may take: causes that were not tried to the end "
     "may explain it yet."
 )
-_NO_FORCE: Final = (
-    "A drive without a spring is assessed by its balance of forces, and a recording has no force_n: record the force, "
-    "or pressure_pa as the difference of both chambers' pressures."
-)
+_NO_FORCE: Final = "A drive without a spring is assessed by its balance of forces."
 
 
 def diagnose(
@@ -85,10 +81,7 @@ def diagnose(
     if doubted:
         return Diagnosis(Verdict.NOT_ASSESSED, doubted)
     if nameplate.actuator.action is Action.DOUBLE:
-        if any(recording.force_n is None for recording in recordings):
-            return Diagnosis(Verdict.NOT_ASSESSED, _NO_FORCE)
-        with np.errstate(all="ignore"):
-            return diagnose_forces(recordings, nameplate, held_out, tell)
+        return Diagnosis(Verdict.NOT_ASSESSED, _NO_FORCE)
     tell(0.0, "fitting the valve")
     with np.errstate(all="ignore"):
         nameplate = nameplate if accepted is None else accepted.nameplate(nameplate)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
 from discrepancy.causes.base import Fitted
-from discrepancy.force_gain import ForceGain
 from discrepancy.gain import Gain, decisive
 from discrepancy.least_squares import Fit
 from discrepancy.residuals import Misfit
@@ -53,21 +51,19 @@ class Diagnosis:
     """The answer; ``gains`` are all that were measured, ``before`` and ``after`` the data of the pictures.
 
     ``rival_fits`` are those of the causes that are not told apart, in their order, as far as they were fitted.
-    ``drawn`` is the pictures' data themselves where no motion was fitted but a balance of forces.
     """
 
     verdict: Verdict
     message: str = ""
     causes: tuple[Finding, ...] = ()
     not_told_apart_from: tuple[str, ...] = ()
-    gains: tuple[Gain | ForceGain, ...] = ()
+    gains: tuple[Gain, ...] = ()
     before: Misfit | None = None
     after: Misfit | None = None
     baseline: Fit | None = None
     extended: Fit | None = None
     details: dict[str, Any] = field(default_factory=dict)
     rival_fits: tuple[Fit, ...] = ()
-    drawn: Mapping[str, Any] | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Return the diagnosis as the analysis object's ``discrepancy``."""

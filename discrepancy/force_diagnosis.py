@@ -9,22 +9,24 @@ from typing import Any, Final
 
 import numpy as np
 
-from discrepancy.diagnosis import Diagnosis, Finding, Verdict
 from discrepancy.force_causes.base import ForceStart, fitted_value
+from discrepancy.force_causes.friction import SIDE_LOAD
 from discrepancy.force_causes.registry import FORCE_CAUSES
 from discrepancy.force_fit import ForceModelFit, fit_forces, promises
 from discrepancy.force_gain import ForceGain, force_gain, left_out_force_gain
 from discrepancy.force_pictures import force_pictures, share_along
 from discrepancy.force_record import ForceRecord, read_force_record
+from discrepancy.force_result import ForceDiagnosis, ForceFinding
 from discrepancy.force_shapes import refined, with_shape_errors, with_shape_intervals
 from discrepancy.force_steadiness import comes_and_goes
-from discrepancy.preload import PRELOAD
-from discrepancy.registry import CAUSES
-from discrepancy.significance import NEAR, SURE
+from discrepancy.rough.result import Verdict
 from estimators.base import Outcome
 from valve.nameplate import Nameplate
 from valve.recording import Recording
 
+# Own choices: what a cause must take, and within which a rival is not told apart, in units of what noise takes.
+_SURE: Final = 45.0
+_NEAR: Final = 16.0
 _MOST_CAUSES: Final = 3
 _LEAST_SHARE: Final = 0.08  # of what was left, that a cause must take
 _EXPLAINED: Final = 0.3  # of the misfit, from which on what was named is worth a name
@@ -32,6 +34,11 @@ _CURVED: Final = 0.25  # of what is left goes with a coordinate: something is th
 _SURE_FORCE: Final = 4.0  # standard errors of a constant force
 _SURE_SIZE: Final = 3.0  # standard errors of a cause's size
 _LEAST_FORCE: Final = 0.02  # of F_c
+_LOAD: Final = "spring_preload"  # what a constant force is called on a valve
+_NO_FORCE: Final = (
+    "A drive without a spring is assessed by its balance of forces, and a recording has no force_n: record the force, "
+    "or pressure_pa as the difference of both chambers' pressures."
+)
 _TURNED_ROUND: Final = (
     "Friction comes out below zero, as if it drove the stem: the sign of the force or of the position is turned round. "
     "Record the force positive where it drives towards larger positions."
@@ -50,19 +57,22 @@ class _Tried:
 def diagnose_forces(
     recordings: Sequence[Recording],
     nameplate: Nameplate,
-    held_out: Sequence[tuple[str, Recording]],
-    tell: Callable[[float, str], None],
-) -> Diagnosis:
+    held_out: Sequence[tuple[str, Recording]] = (),
+    progress: Callable[[float, str], None] | None = None,
+) -> ForceDiagnosis:
     """Return what the balance F = m a + F_v v + F_c sgn v + F_0 of a drive without a spring misses, and why."""
+    tell = progress or (lambda _share, _phase: None)
+    if any(recording.force_n is None for recording in recordings):
+        return ForceDiagnosis(Verdict.NOT_ASSESSED, _NO_FORCE)
     records = []
     for recording in recordings:
         record = read_force_record(recording, nameplate)
         if isinstance(record, Outcome):
-            return Diagnosis(Verdict.NOT_ASSESSED, str(record))
+            return ForceDiagnosis(Verdict.NOT_ASSESSED, str(record))
         records.append(record)
     baseline = best = fit_forces(records)
     if _is_turned_round(baseline):
-        return Diagnosis(Verdict.NOT_ASSESSED, _TURNED_ROUND)
+        return ForceDiagnosis(Verdict.NOT_ASSESSED, _TURNED_ROUND)
     chosen: list[_Tried] = []
     rivals: tuple[str, ...] = ()
     details: dict[str, Any] = {"force_error_before_percent": 100.0 * baseline.rms_n / baseline.force_rms_n}
@@ -73,11 +83,11 @@ def diagnose_forces(
             details["tried"] = [{"cause": one.start.cause.name, "gain": one.gain} for one in tried]
         first = tried[0] if tried else None
         # what no physical value explains better than any that is leaves no name to trust
-        if first is None or not first.is_possible or first.gain < SURE or first.share < _LEAST_SHARE:
+        if first is None or not first.is_possible or first.gain < _SURE or first.share < _LEAST_SHARE:
             break
         if number == 0:
             rivals = tuple(
-                one.start.cause.name for one in tried[1:] if one.is_possible and first.gain - one.gain < NEAR
+                one.start.cause.name for one in tried[1:] if one.is_possible and first.gain - one.gain < _NEAR
             )
         best = first.fit
         chosen.append(first)
@@ -106,7 +116,7 @@ def _concluded(
     nameplate: Nameplate,
     details: dict[str, Any],
     pictures: dict[str, Any],
-) -> Diagnosis:
+) -> ForceDiagnosis:
     best, records = choice.best, choice.best.records
     where, share = share_along(records, best)
     structure = share > _CURVED
@@ -114,14 +124,14 @@ def _concluded(
     if not choice.chosen or choice.share < _EXPLAINED:
         offset = _constant_force(best) if not structure and not choice.chosen else None
         if offset is not None:
-            return Diagnosis(Verdict.AMBIGUOUS, "", (offset,), (PRELOAD.name,), details=details, drawn=pictures)
+            return ForceDiagnosis(Verdict.AMBIGUOUS, "", (offset,), (_LOAD,), details=details, pictures=pictures)
         if not structure and not choice.chosen:
-            return Diagnosis(Verdict.NONE, details=details, drawn=pictures)
+            return ForceDiagnosis(Verdict.NONE, details=details, pictures=pictures)
         message = (
             f"The balance of forces misses {left:.1f} % of the force, {100.0 * share:.0f} % of that along {where}, and "
             "no cause of the catalogue explains it."
         )
-        return Diagnosis(Verdict.UNEXPLAINED, message, details=details, drawn=pictures)
+        return ForceDiagnosis(Verdict.UNEXPLAINED, message, details=details, pictures=pictures)
     gains: list[ForceGain] = []
     for name, recording in held_out:
         record = read_force_record(recording, nameplate)
@@ -131,21 +141,21 @@ def _concluded(
     names = " and ".join(one.start.cause.name for one in choice.chosen)
     if any(gain.is_worse for gain in gains):
         message = f"{names} would explain the misfit and predicts other data worse than the plain drive: none is named."
-        return Diagnosis(Verdict.UNEXPLAINED, message, gains=tuple(gains), details=details, drawn=pictures)
+        return ForceDiagnosis(Verdict.UNEXPLAINED, message, gains=tuple(gains), details=details, pictures=pictures)
     told, shape_errors = with_shape_errors(records, best)
     refuted = _refuted(records, best, told)
     if refuted:
         message = f"{refuted}: none is named. The balance of forces misses {left:.1f} % of the force with it."
-        return Diagnosis(Verdict.UNEXPLAINED, message, gains=tuple(gains), details=details, drawn=pictures)
+        return ForceDiagnosis(Verdict.UNEXPLAINED, message, gains=tuple(gains), details=details, pictures=pictures)
     rest = f"What is left, {left:.1f} % of the force, goes in part with {where}."
-    return Diagnosis(
+    return ForceDiagnosis(
         Verdict.AMBIGUOUS if choice.rivals else Verdict.NAMED,
         rest if structure else "",
         tuple(_finding(one, told, shape_errors, choice) for one in choice.chosen),
         choice.rivals,
         tuple(gains),
         details=details,
-        drawn=pictures,
+        pictures=pictures,
     )
 
 
@@ -182,13 +192,15 @@ def _refuted(records: Sequence[ForceRecord], best: ForceModelFit, told: ForceMod
     return ""
 
 
-def _finding(one: _Tried, best: ForceModelFit, shape_errors: Sequence[Mapping[str, float]], choice: _Choice) -> Finding:
+def _finding(
+    one: _Tried, best: ForceModelFit, shape_errors: Sequence[Mapping[str, float]], choice: _Choice
+) -> ForceFinding:
     cause = one.start.cause
     place = best.starts.index(one.start)
     parameters = cause.read(best.values, best.of_causes[place], one.start.shape) or {}
     if parameters:
         parameters = with_shape_intervals(parameters, one.start, shape_errors[place])
-    return Finding(cause.name, cause.sentence(parameters, best.values), cause.action, parameters, choice.share)
+    return ForceFinding(cause.name, cause.sentence(parameters, best.values), cause.action, parameters, choice.share)
 
 
 def _is_turned_round(fit: ForceModelFit) -> bool:
@@ -199,17 +211,16 @@ def _is_turned_round(fit: ForceModelFit) -> bool:
     return friction_n < -_SURE_FORCE * math.hypot(coulomb_error_n, viscous_error * usual)
 
 
-def _constant_force(best: ForceModelFit) -> Finding | None:
+def _constant_force(best: ForceModelFit) -> ForceFinding | None:
     """A constant force, which is a friction that differs by direction or a load: nothing tells them apart."""
     (force_n, error_n), coulomb_n = best.values["F_0"], best.values["F_c"][0]
     if abs(force_n) < max(_SURE_FORCE * error_n, _LEAST_FORCE * coulomb_n):
         return None
-    cause = CAUSES["friction_asymmetry"]
     share = fitted_value(force_n / coulomb_n, error_n / coulomb_n, "1")
     sentence = (
         f"The drive needs {2.0 * abs(force_n):.2f} N more {'towards larger positions' if force_n > 0.0 else 'back'} "
         f"than the other way, at any speed: friction that differs by direction, or a constant load of "
         f"{abs(force_n):.2f} N."
     )
-    action = f"Compare it with the load that the drive carries (a weight, the process). Else: {cause.action}"
-    return Finding(cause.name, sentence, action, {"asymmetry": share}, 0.0)
+    action = f"Compare it with the load that the drive carries (a weight, the process). Else: {SIDE_LOAD}"
+    return ForceFinding("friction_asymmetry", sentence, action, {"asymmetry": share}, 0.0)

@@ -12,7 +12,7 @@ from scipy.linalg import eigh
 
 from discrepancy.force_causes.base import ForceStart
 from discrepancy.force_record import BASE, ForceRecord
-from estimators.likelihood.intervals import inflation
+from discrepancy.force_residuals import inflation
 from estimators.samples import FloatArray
 
 JERK: Final = "jerk"
@@ -148,7 +148,7 @@ def _solved(records: Sequence[ForceRecord], starts: Sequence[ForceStart], held_j
     coefficients[free] = inverse @ right[free]
     residual_n = force_n - columns @ coefficients
     scale = float(np.sqrt(np.mean(residual_n**2)))
-    spread = inflation(residual_n / max(scale, 1.0e-300), np.ones(residual_n.size)) ** 2
+    spread = inflation(residual_n / max(scale, 1.0e-300)) ** 2
     errors = np.zeros(columns.shape[1])
     errors[free] = scale * np.sqrt(spread * np.maximum(np.diag(inverse), 0.0))
     pairs = [(float(value), float(error)) for value, error in zip(coefficients, errors, strict=True)]

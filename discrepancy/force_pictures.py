@@ -9,7 +9,7 @@ import numpy as np
 
 from discrepancy.force_fit import ForceModelFit
 from discrepancy.force_record import ForceRecord
-from discrepancy.residuals import Along, along
+from discrepancy.force_residuals import Along, along
 from estimators.samples import FloatArray
 
 _MOST_POINTS: Final = 500

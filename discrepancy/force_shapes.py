@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from discrepancy.causes.base import Fitted
 from discrepancy.force_causes.base import ForceStart, Shape, one_column
+from discrepancy.force_causes.fitted import Fitted
 from discrepancy.force_fit import ForceModelFit, fit_forces, promises
 from discrepancy.force_record import ForceRecord
 from estimators.base import NORMAL_95

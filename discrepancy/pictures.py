@@ -30,8 +30,6 @@ def pictures(diagnosis: Diagnosis) -> dict[str, Any] | None:
     is one, for a baseline that failed to follow puts its own error beside the cause's. ``explained``: share of the
     misfit of position that each coordinate explains beyond noise. ``where`` says where it is largest.
     """
-    if diagnosis.drawn is not None:
-        return dict(diagnosis.drawn)
     baseline, extended = diagnosis.baseline, diagnosis.extended
     if baseline is None or diagnosis.before is None:
         return None

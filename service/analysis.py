@@ -54,11 +54,11 @@ def analyze_recordings(
 ) -> dict[str, Any]:
     """Analysis object (``breakaway/analysis/1``) of one recording, or of several of one valve.
 
-    The estimators read several as one with gaps between them, of different sampling periods those alike; the
-    diagnosis reads all side by side. ``held_out`` are named recordings that the estimates and the diagnosis are tried
-    on; ``accepted`` is the extended model that was accepted for the valve, ``room`` what a further test of it may use
-    (``service.runs.sequences.Room``). ``progress`` is told the share done, 0 to 1, and what is going on; ``keep`` is
-    given the object before it is diagnosed, for the case that this never ends.
+    The estimators and the diagnosis read several as one with gaps between them, of different sampling periods those
+    alike; on the others the diagnosis is tried. ``held_out`` are named recordings that the estimates and the diagnosis
+    are tried on; ``accepted`` is the extended model that was accepted for the valve, ``room`` what a further test of it
+    may use (``service.runs.sequences.Room``). ``progress`` is told the share done, 0 to 1, and what is going on;
+    ``keep`` is given the object before it is diagnosed, for the case that this never ends.
     Raises RecordingError where there is no recording, or where they have different channels.
     """
     tell = progress or (lambda _share, _phase: None)
@@ -106,7 +106,7 @@ def analyze_recordings(
         recordings,
         nameplate,
         estimates,
-        held_out=held_out,
+        held_out=[*held_out, *_beside(recordings, read)],
         accepted=accepted,
         room=room,
         progress=lambda share, phase: tell(_ESTIMATED + (_DIAGNOSED - _ESTIMATED) * share, phase),
@@ -131,6 +131,11 @@ def _without_data_faults(
     names = [name for name, _ in held_out]
     cleaned, told = without_data_faults([one for _, one in held_out], nameplate, names)
     return list(zip(names, cleaned, strict=True)), told
+
+
+def _beside(recordings: Sequence[Recording], read: Sequence[int]) -> list[tuple[str, Recording]]:
+    """Return the recordings that are not read as one with the others, by name: the diagnosis is tried on them."""
+    return [(f"recording {number + 1}", one) for number, one in enumerate(recordings) if number not in read]
 
 
 def _tones(analysis: Mapping[str, Any], recordings: Sequence[Recording]) -> list[str]:

@@ -1,4 +1,4 @@
-"""How friction varies, as maximum likelihood found it: as data, and whether the valve repeats itself."""
+"""How friction varies, as maximum likelihood found it, as data."""
 
 from __future__ import annotations
 
@@ -9,13 +9,7 @@ import numpy as np
 
 from estimators.base import Estimate
 from estimators.engine.dynamic import LatentFriction
-from estimators.repetition import repetition
-from valve.nameplate import Nameplate
-from valve.recording import Recording
 
-#: Of F_s, from breakaway to breakaway: valves that repeat themselves stay below it, also with an effect hidden in
-#: them; a packing of the mildest grade scatters by twice as much.
-REPEATS_ITSELF: Final = 0.004
 _MOST_POINTS: Final = 200  # of a curve
 _DIGITS: Final = 5
 
@@ -41,24 +35,3 @@ def _curve(found: LatentFriction) -> dict[str, Any]:
 
 def _rounded(values: Sequence[float]) -> list[float]:
     return [float(f"{value:.{_DIGITS}g}") for value in values]
-
-
-def scatter_share(estimate: Estimate, symbol: str) -> float | None:
-    """Return by which share of its value a parameter varies within the test (one sigma); None where it is unknown."""
-    one = estimate.parameters[symbol]
-    return None if one.scatter is None or not one.value else one.scatter / abs(one.value)
-
-
-def repeats_itself(estimate: Estimate, recording: Recording, nameplate: Nameplate) -> bool:
-    """Whether a valve repeats itself, by maximum likelihood or, if that sees a scatter, by breakaways at one place.
-
-    Either must differ by less than ``REPEATS_ITSELF``: what a hidden effect does at a place it does there each time. A
-    scatter below the position's noise is not seen. True where no breakaways are known.
-    """
-    static, value_n = scatter_share(estimate, "F_s"), estimate.value("F_s")
-    if static is None or value_n is None or static <= REPEATS_ITSELF:
-        return True
-    found = repetition(recording, nameplate)
-    if static * value_n <= found.hidden_n:
-        return True
-    return found.scatter_n is not None and found.scatter_n <= REPEATS_ITSELF * value_n

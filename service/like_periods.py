@@ -34,15 +34,15 @@ def _alike(one: Recording, other: Recording) -> bool:
 
 
 def periods_note(recordings: Sequence[Recording], read: Sequence[int]) -> str:
-    """Return which recordings only the diagnosis used, their sampling periods being others; "" where there is none."""
+    """Return which recordings of other periods the diagnosis was only tried on; "" where there is none."""
     left = [number for number in range(len(recordings)) if number not in read]
     if not left:
         return ""
     own = ", ".join(f"{number + 1} ({_period(recordings[number])})" for number in read)
     others = ", ".join(f"{number + 1} ({_period(recordings[number])})" for number in left)
     return (
-        f"The methods and the signature are those of recording {own} alone: recording {others} was sampled at another "
-        "rate and was used by the diagnosis only. Analyse it by itself for its own estimates."
+        f"The methods, the signature and the diagnosis are those of recording {own} alone: recording {others} was "
+        "sampled at another rate, and the diagnosis was tried on it. Analyse it by itself for its own result."
     )
 
 

@@ -8,12 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from discrepancy.diagnosis import Diagnosis, Verdict
-from discrepancy.least_squares import Fit
-from discrepancy.preload import PRELOAD
-from discrepancy.rough.separating import Undecided
-from discrepancy.rough.separating import separating_test as rough_separating_test
-from discrepancy.separating import Planned, SeparatingTest, separating_test
+from discrepancy.rough.separating import Planned, SeparatingTest, Undecided, separating_test
 from service.runs.sequences import SEQUENCES, Room
 from valve.errors import WaveformError
 from valve.recording import Recording
@@ -45,20 +40,11 @@ def room_of_recordings(recordings: Sequence[Recording]) -> dict[str, float] | No
     return asdict(Room(low_pa, high_pa, (high_pa - low_pa) / _USUAL_RAMP_S, _USUAL_LONGEST_S))
 
 
-def find_separating_test(found: Diagnosis, room: Mapping[str, float] | None) -> SeparatingTest | None:
-    """Return the test that tells the causes of an ambiguous diagnosis apart, None where none does."""
-    if found.verdict is not Verdict.AMBIGUOUS or found.extended is None or room is None or not found.rival_fits:
-        return None
-    rivals: list[tuple[str, Fit]] = list(zip(found.not_told_apart_from, found.rival_fits, strict=False))
-    first = found.causes[-1] if found.causes[-1].cause == PRELOAD.name else found.causes[0]
-    return separating_test((first.cause, found.extended), rivals, planned(Room(**room)))
-
-
-def find_rough_separating_test(undecided: Undecided | None, room: Mapping[str, float] | None) -> SeparatingTest | None:
-    """Return the test that tells apart what a valve's varying friction leaves undecided, None where none does."""
+def find_separating_test(undecided: Undecided | None, room: Mapping[str, float] | None) -> SeparatingTest | None:
+    """Return the test that tells apart what a diagnosis leaves undecided, None where none does."""
     if undecided is None or room is None:
         return None
-    return rough_separating_test(undecided, planned(Room(**room)))
+    return separating_test(undecided, planned(Room(**room)))
 
 
 def planned(room: Room) -> list[Planned]:

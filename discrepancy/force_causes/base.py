@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from discrepancy.causes.base import Fitted
+from discrepancy.force_causes.fitted import Fitted
 from discrepancy.force_record import ForceRecord
-from discrepancy.registry import CAUSES
 from estimators.samples import FloatArray
 
 Shape = Mapping[str, float]  # what of a cause is not linear, by name, SI
@@ -24,7 +23,7 @@ class ForceCause:
     ``shapes`` are those to try on a record, beside what the plain balance leaves, (n,). ``columns`` makes a record's
     columns (n, q) of a shape, unfiltered. ``read`` says what their coefficients mean, None where that is not physical.
     ``free`` are the parts of a shape that are moved to where they explain most: "" moves by a ratio, the name of
-    another part by shares of that part.
+    another part by shares of that part. ``action`` is what a fitter does about it.
     """
 
     name: str
@@ -32,12 +31,8 @@ class ForceCause:
     columns: Callable[[ForceRecord, Shape], FloatArray]
     read: Callable[[Values, Found, Shape], dict[str, Fitted] | None]
     sentence: Callable[[Mapping[str, Fitted], Values], str]
+    action: str
     free: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def action(self) -> str:
-        """What a fitter does about it."""
-        return CAUSES[self.name].action
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from discrepancy.causes.base import Fitted, strongest_frequencies, with_interval
 from discrepancy.force_causes.base import ForceCause, Found, Shape, Values, fitted_value
+from discrepancy.force_causes.fitted import Fitted, with_interval
 from discrepancy.force_record import ForceRecord
 from estimators.samples import FloatArray
 
@@ -37,11 +37,18 @@ def _say_lag(parameters: Mapping[str, Fitted], _values: Values) -> str:
     return f"The position reading lags by {with_interval(parameters['lag_s'], 1.0e3, 'ms')}."
 
 
-LAG: Final = ForceCause("position_lag", _lag_shapes, _no_column, _read_lag, _say_lag)
+LAG: Final = ForceCause(
+    "position_lag",
+    _lag_shapes,
+    _no_column,
+    _read_lag,
+    _say_lag,
+    "Take the filter out of the position transmitter, or tell its time constant.",
+)
 
 
 def _vibration_shapes(record: ForceRecord, left: FloatArray) -> Iterator[Shape]:
-    for frequency_hz in strongest_frequencies(record.time_s, left, _FREQUENCIES):
+    for frequency_hz in _strongest_frequencies(record.time_s, left, _FREQUENCIES):
         if frequency_hz >= _SLOWEST_HZ:
             yield {"frequency_hz": frequency_hz}
 
@@ -67,6 +74,35 @@ def _say_vibration(parameters: Mapping[str, Fitted], _values: Values) -> str:
     return f"A periodic force of {force} shakes the drive at {parameters['frequency_hz'].value:.2f} Hz."
 
 
-VIBRATION: Final = ForceCause("vibration", _vibration_shapes, _vibration_columns, _read_vibration, _say_vibration)
+def _strongest_frequencies(time_s: FloatArray, residual: FloatArray, most: int) -> list[float]:
+    """Return the frequencies, Hz, at which residuals, shape (n,), hold most power, between 0.3 and 60 Hz."""
+    period_s = float(np.median(np.diff(time_s)))
+    even_s = np.arange(time_s[0], time_s[-1], max(period_s, 5.0e-3))
+    signal = np.interp(even_s, time_s, residual)
+    window = np.hanning(signal.size)
+    power = np.abs(np.fft.rfft((signal - signal.mean()) * window)) ** 2
+    frequency_hz = np.fft.rfftfreq(signal.size, float(even_s[1] - even_s[0]))
+    # what drifts fills the low frequencies: each line is judged against its neighbours
+    wide = max(5, signal.size // 200)
+    floor = np.convolve(power, np.ones(wide) / wide, mode="same")
+    contrast = np.where((frequency_hz > 0.3) & (frequency_hz < 60.0), power / (floor + 1.0e-300), 0.0)
+    found: list[float] = []
+    for place in np.argsort(contrast)[::-1]:
+        at_hz = float(frequency_hz[place])
+        if all(abs(at_hz - other) > 3.0 * frequency_hz[1] for other in found):
+            found.append(at_hz)
+        if len(found) == most or contrast[place] == 0.0:
+            break
+    return found
+
+
+VIBRATION: Final = ForceCause(
+    "vibration",
+    _vibration_shapes,
+    _vibration_columns,
+    _read_vibration,
+    _say_vibration,
+    "Look for what shakes at this frequency: a pump, flow past the plug, a loose bracket.",
+)
 
 CHANNELS: Final = (LAG, VIBRATION)

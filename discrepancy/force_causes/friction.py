@@ -9,11 +9,12 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from discrepancy.causes.base import Fitted, with_interval
 from discrepancy.force_causes.base import ForceCause, Found, Shape, Values, fitted_value, one_column, swept
+from discrepancy.force_causes.fitted import Fitted, with_interval
 from discrepancy.force_record import ForceRecord
 from estimators.samples import FloatArray
 
+SIDE_LOAD: Final = "Look at packing and stem guide for a side load or a lip that points one way."
 _SPEEDS: Final = (0.02, 0.05, 0.12, 0.3)  # of the usual speed
 _SPOT_WIDTHS: Final = (0.012, 0.03, 0.08)  # of the swept range
 _SPOT_STEP: Final = 1.25  # widths from one centre to the next
@@ -49,7 +50,7 @@ def _say_asymmetry(parameters: Mapping[str, Fitted], values: Values) -> str:
 
 
 ASYMMETRY: Final = ForceCause(
-    "friction_asymmetry", _asymmetry_shapes, _asymmetry_column, _read_asymmetry, _say_asymmetry
+    "friction_asymmetry", _asymmetry_shapes, _asymmetry_column, _read_asymmetry, _say_asymmetry, SIDE_LOAD
 )
 
 
@@ -82,7 +83,13 @@ def _say_stribeck(parameters: Mapping[str, Fitted], _values: Values) -> str:
 
 
 STRIBECK: Final = ForceCause(
-    "stribeck_friction", _stribeck_shapes, _stribeck_column, _read_stribeck, _say_stribeck, {"speed_m_per_s": ""}
+    "stribeck_friction",
+    _stribeck_shapes,
+    _stribeck_column,
+    _read_stribeck,
+    _say_stribeck,
+    "The stem will stick and slip at low speed: lubricate or change the packing.",
+    {"speed_m_per_s": ""},
 )
 
 
@@ -125,7 +132,13 @@ def _say_presliding(parameters: Mapping[str, Fitted], _values: Values) -> str:
 
 
 PRESLIDING: Final = ForceCause(
-    "presliding", _presliding_shapes, _presliding_column, _read_presliding, _say_presliding, {"deflection_m": ""}
+    "presliding",
+    _presliding_shapes,
+    _presliding_column,
+    _read_presliding,
+    _say_presliding,
+    "Look at the packing's and the coupling's give: a soft packing or a loose yoke.",
+    {"deflection_m": ""},
 )
 
 
@@ -158,7 +171,13 @@ def _say_spot(parameters: Mapping[str, Fitted], _values: Values) -> str:
 
 
 SPOT: Final = ForceCause(
-    "local_friction", _spot_shapes, _spot_column, _read_spot, _say_spot, {"centre_m": "width_m", "width_m": ""}
+    "local_friction",
+    _spot_shapes,
+    _spot_column,
+    _read_spot,
+    _say_spot,
+    "Look at stem and packing there: a bent stem, galling, a deposit.",
+    {"centre_m": "width_m", "width_m": ""},
 )
 
 
@@ -181,7 +200,14 @@ def _say_gradient(parameters: Mapping[str, Fitted], _values: Values) -> str:
     return f"Friction {sense} along the travel, by {with_interval(parameters['gradient_n_per_m'], 0.01, 'N')} a cm."
 
 
-GRADIENT: Final = ForceCause("friction_gradient", _gradient_shapes, _gradient_column, _read_gradient, _say_gradient)
+GRADIENT: Final = ForceCause(
+    "friction_gradient",
+    _gradient_shapes,
+    _gradient_column,
+    _read_gradient,
+    _say_gradient,
+    "Look at the guide: out of line, or worn at one end.",
+)
 
 
 def _drift_shapes(_record: ForceRecord, _left: FloatArray) -> Iterator[Shape]:
@@ -210,7 +236,13 @@ def _say_drift(parameters: Mapping[str, Fitted], _values: Values) -> str:
 
 
 DRIFT: Final = ForceCause(
-    "friction_drift", _drift_shapes, _drift_column, _read_drift, _say_drift, {"time_constant_s": ""}
+    "friction_drift",
+    _drift_shapes,
+    _drift_column,
+    _read_drift,
+    _say_drift,
+    "Exercise the valve and test again; if it goes on, look at packing and lubrication.",
+    {"time_constant_s": ""},
 )
 
 FRICTION: Final = (ASYMMETRY, STRIBECK, PRESLIDING, SPOT, GRADIENT, DRIFT)

@@ -9,16 +9,21 @@ from typing import Final
 
 import numpy as np
 
-from discrepancy.rough.causes import CAUSES, SEEN_CAUSES
+from discrepancy.rough.accepted import NOTHING_NEW, Accepted, accepted_in
+from discrepancy.rough.causes import SEEN_CAUSES
 from discrepancy.rough.causes.command_loop import command_loop
 from discrepancy.rough.causes.seen import Seen, SeenCause, View
 from discrepancy.rough.evidence import Solved, fitted, problem_of
+from discrepancy.rough.findings import extended_model, findings
 from discrepancy.rough.latent import latent_friction, strongest
 from discrepancy.rough.misfit import misfit
 from discrepancy.rough.observations import is_settled, observations
-from discrepancy.rough.prediction import Gain, Predictor, effect_percent, parameters_of
+from discrepancy.rough.pictures import pictures
+from discrepancy.rough.prediction import Gain, Predictor
 from discrepancy.rough.remarks import remarks
 from discrepancy.rough.result import Finding, RoughDiagnosis, Verdict
+from discrepancy.rough.saved_model import SavedModel
+from discrepancy.rough.scale import wrong_scale
 from discrepancy.rough.selection import NAMED, Selection, selected
 from discrepancy.rough.separating import Undecided
 from discrepancy.rough.setting import setting_of
@@ -43,6 +48,7 @@ _WANDERS: Final = 0.05  # of F_c, in time
 _OF_FULL_FORCE: Final = 0.004  # or of the full force: what gauge and I/P leave
 _SCATTERS: Final = 0.12  # of F_s, from breakaway to breakaway
 _SOMETHING: Final = 25.0  # nats of a cause that is not believed: something is there
+_ALIKE: Final = 0.05  # percent
 _CREEPS: Final = 2.5  # limit velocities
 _FEWEST_TO_SCATTER: Final = 6
 
@@ -53,13 +59,16 @@ def diagnose(
     estimate: Estimate | None = None,
     *,
     held_out: Sequence[Named] = (),
+    model: SavedModel | None = None,
 ) -> RoughDiagnosis:
     """Return what is wrong with the valve of this recording.
 
     ``estimate`` is the engine's of the same recording, whose mass, damping and sensor's filter are used where it has
     them. ``held_out`` are recordings of the same valve, by name, that the gain is measured on; without any it is a part
-    of the recording.
+    of the recording. ``model`` is the extended one that was accepted for the valve: its causes are part of the plain
+    valve, and only what changed since or is new is told.
     """
+    nameplate = nameplate if model is None else model.nameplate(nameplate)
     # behind a dead band or a loop the pressure is no delayed command: then it is read without
     followed = recording if command_loop(recording) is None else replace(recording, command_pa=None)
     reading = read(measured_rows(followed).recording, nameplate)
@@ -87,14 +96,20 @@ def diagnose(
     if coulomb.std_error < _KNOWN * coulomb.value:
         # least squares take what is viscous for dry friction
         setting = replace(setting, friction_n=coulomb.value, static_n=max(coulomb.value, static.value))
+    wrong = wrong_scale(null.known("k").value, nameplate) if rows.has_spring else ""
+    if wrong:
+        return RoughDiagnosis(Verdict.NOT_ASSESSED, wrong, latent=latent_friction(null))
+    accepted = accepted_in(model, setting)
+    if accepted.laws:
+        null = fitted(null.problem, accepted.columns(null.problem))
     view = View(recording, nameplate, reading, setting, null, estimate)
-    selection = selected(null, [cause(setting) for cause in CAUSES if rows.has_spring or not cause.needs_spring])
+    selection = selected(null, [one for one in accepted.candidates(setting) if rows.has_spring or not one.needs_spring])
     seen: list[tuple[SeenCause, Seen]] = []
     for other in SEEN_CAUSES if rows.has_spring else ():
         free = not other.is_last or not (selection.rounds or seen)
         if free and (shown := other.seen(view)) is not None:
             seen.append((other, shown))
-    return _concluded(view, selection, seen, held_out)
+    return _concluded(view, selection, seen, held_out, accepted)
 
 
 def _plain(reading: Reading, nameplate: Nameplate, lag: Known, creeping_m_per_s: float, of: int = 0) -> Solved | None:
@@ -120,20 +135,31 @@ def _not_assessed(reason: str) -> RoughDiagnosis:
 
 
 def _concluded(
-    view: View, selection: Selection, seen: Sequence[tuple[SeenCause, Seen]], held_out: Sequence[Named]
+    view: View,
+    selection: Selection,
+    seen: Sequence[tuple[SeenCause, Seen]],
+    held_out: Sequence[Named],
+    accepted: Accepted,
 ) -> RoughDiagnosis:
     null, model, setting = selection.null, selection.model, view.setting
     laws = tuple((one.cause, one.shape) for one in selection.causes)
-    predictor = Predictor(null, model, laws, tuple(one for _, one in seen), setting, view.estimate, view.nameplate)
+    usual = tuple(one for cause, one in seen if not accepted.has_changed(cause.name, one))
+    seen = [(cause, one) for cause, one in seen if accepted.has_changed(cause.name, one)]
+    new = tuple(one for _, one in seen)
+    predictor = Predictor(null, model, accepted.laws, laws, usual, new, setting, view.estimate, view.nameplate)
     gains: list[Gain] = []
     # without a spring a position that is simulated from the force drifts, as nothing draws it back
     if null.problem.rows.has_spring:
         gains = [gain for name, one in held_out if (gain := predictor.elsewhere(name, one)) is not None]
         if not gains and (own := predictor.left_out(view.reading)) is not None:
             gains = [own]
-    found = _findings(view, selection, seen)
+    found = findings(view, selection, seen, accepted)
     verdict, message, rivals = _verdict(view, selection, seen, found, gains)
+    if verdict is Verdict.NONE and accepted.model is not None:
+        message = f"{message} {NOTHING_NEW}"
     told = tuple(found) if verdict in {Verdict.NAMED, Verdict.LIKELY, Verdict.AMBIGUOUS} else ()
+    with_causes = model if told else None
+    missed = misfit(null, with_causes, view.reading.noise_m)
     return RoughDiagnosis(
         verdict,
         message,
@@ -144,8 +170,10 @@ def _concluded(
         gains=tuple(gains),
         latent=latent_friction(null),
         latent_after=latent_friction(model) if told else (),
-        misfit=misfit(null, model if told else None, view.reading.noise_m),
-        undecided=_undecided(view, selection, predictor) if verdict is Verdict.AMBIGUOUS else None,
+        misfit=missed,
+        extended=extended_model(model, told, accepted.model) if told else None,
+        pictures=pictures(null, with_causes, predictor.valves(), view.reading, missed),
+        undecided=_undecided(view, selection, predictor, accepted) if verdict is Verdict.AMBIGUOUS else None,
         separating_test=_separating(rivals) if verdict is Verdict.AMBIGUOUS else None,
         details={
             "friction_varies_by": _variation(null),
@@ -162,45 +190,12 @@ def _concluded(
     )
 
 
-def _undecided(view: View, selection: Selection, predictor: Predictor) -> Undecided | None:
+def _undecided(view: View, selection: Selection, predictor: Predictor, accepted: Accepted) -> Undecided | None:
     """Return the first cause that has rivals, and them."""
     for number, part in enumerate(selection.rounds):
         if part.rivals:
-            return Undecided(view, selection.causes[:number], part.best, part.rivals, predictor.mended())
+            return Undecided(view, accepted, selection.causes[:number], part.best, part.rivals, predictor.valves()[1])
     return None
-
-
-def _findings(view: View, selection: Selection, seen: Sequence[tuple[SeenCause, Seen]]) -> list[Finding]:
-    """The causes that were taken, the one that moves the stem most first."""
-    travel_m = view.setting.travel_m
-    findings = []
-    for cause, one in seen:
-        percent = None
-        if one.effect is not None:
-            plain = parameters_of(selection.null, view.estimate, view.nameplate)
-            percent = effect_percent(plain, one.effect, view.reading, travel_m)
-        sentence = cause.sentence(one.fitted, view.setting)
-        findings.append(Finding(cause.name, sentence, cause.action, one.fitted, None, percent))
-    mended = parameters_of(selection.model, view.estimate, view.nameplate)
-    short_n = max(mended.static_friction_n - selection.model.known("F_s").value, 0.0)
-    has_spring = selection.null.problem.rows.has_spring
-    before = float(np.mean(selection.null.left_n**2))
-    for number, found in enumerate(selection.causes):
-        last = selection.model.size(number)
-        values = found.cause.values(last.value, found.shape)
-        entry = {**found.fitted}
-        first = found.cause.parameters[0]
-        entry[first.name] = type(entry[first.name])(last.value, last.std_error, first.unit)
-        percent = None
-        if has_spring:
-            percent = effect_percent(mended, found.cause.effect(values, short_n), view.reading, travel_m)
-        share = max(0.0, 1.0 - float(np.mean(found.model.left_n**2)) / before) if before > 0.0 else None
-        findings.append(
-            Finding(
-                found.cause.name, found.cause.sentence(entry), found.cause.action, entry, share, percent, found.evidence
-            )
-        )
-    return sorted(findings, key=lambda one: -(one.effect_percent_of_span or 0.0))
 
 
 def _verdict(
@@ -227,7 +222,10 @@ def _verdict(
     if nearly is not None and nearly.evidence > _SOMETHING and nearly.swing_n > _ROUGHEST * view.setting.friction_n:
         return Verdict.UNEXPLAINED, _unexplained(selection), ()
     percent = 100.0 * _variation(selection.null)
-    return Verdict.NONE, f"No fault found. Friction varies by {percent:.1f} % along the travel, as packings do.", ()
+    varies = f"Friction varies by {percent:.1f} % along the travel, as packings do."
+    if percent < _ALIKE:
+        varies = "Friction is alike all along the travel."
+    return Verdict.NONE, f"No fault found. {varies}", ()
 
 
 def _variation(null: Solved) -> float:

@@ -8,6 +8,7 @@ same marginal likelihood finds. So the null and every candidate are compared wit
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -49,14 +50,17 @@ _FLAT: Final = 1.0e-12  # information of a parameter, in its scaled unit, of whi
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Columns:
-    """Columns of laws, shape (n, c), that enter linearly, and the standard deviation of each size beforehand."""
+    """Columns of laws, shape (n, c), that enter linearly, and what is known of each size beforehand, shape (c,)."""
 
     values: FloatArray
     spread: FloatArray
+    mean: FloatArray
 
-    def with_column(self, column: FloatArray, spread: float) -> Columns:
+    def with_column(self, column: FloatArray, spread: float, mean: float = 0.0) -> Columns:
         """Return these and one more."""
-        return Columns(np.column_stack([self.values, column]), np.append(self.spread, spread))
+        return Columns(
+            np.column_stack([self.values, column]), np.append(self.spread, spread), np.append(self.mean, mean)
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +78,7 @@ class Problem:
     @property
     def no_columns(self) -> Columns:
         """No law at all."""
-        return Columns(np.empty((self.rows.count, 0)), np.empty(0))
+        return Columns(np.empty((self.rows.count, 0)), np.empty(0), np.empty(0))
 
 
 def problem_of(rows: Observations, setting: Setting, lag: Known) -> Problem:
@@ -147,6 +151,17 @@ class Solved:
         at = len(SYMBOLS) + number
         return Known(float(self.values[at]), math.sqrt(max(float(self.covariance[at, at]), 0.0)))
 
+    @property
+    def sizes(self) -> FloatArray:
+        """Sizes of all columns, shape (c,)."""
+        return self.values[len(SYMBOLS) :]
+
+    def total(self, numbers: Sequence[int]) -> Known:
+        """Return the sum of the sizes of these columns, of one law, with its standard error."""
+        at = len(SYMBOLS) + np.asarray(numbers, dtype=np.int64)
+        variance = float(self.covariance[np.ix_(at, at)].sum())
+        return Known(float(self.values[at].sum()), math.sqrt(max(variance, 0.0)))
+
     def hyperparameter(self, name: str) -> float:
         """Return a hyperparameter in its unit."""
         return math.exp(float(self.logarithms[NAMES.index(name)]))
@@ -217,7 +232,7 @@ def _solved(problem: Problem, columns: Columns, logarithms: FloatArray) -> tuple
     factor = cho_factor(whole, lower=True, check_finite=False)
     inverse = cho_solve(factor, np.eye(rows.count), check_finite=False)
     design = np.hstack([problem.design, columns.values])
-    mean = np.concatenate([problem.prior_mean, np.zeros(columns.spread.size)])
+    mean = np.concatenate([problem.prior_mean, columns.mean])
     information = np.concatenate([problem.prior_information, columns.spread**-2.0])
     size = np.sqrt(np.mean(design**2, axis=0))
     scale = 1.0 / np.where(size > 0.0, size, 1.0)

@@ -23,7 +23,7 @@ from estimators.engine.reading import Reading, read
 from estimators.engine.roughness import ROUGH, field_covariance, roughness_of
 from estimators.engine.rows import measured_rows
 from valve.effects.base import Effect
-from valve.errors import ValveError
+from valve.errors import ParameterError, ValveError
 from valve.extended_motion import ExtendedStem
 from valve.extended_state import ExtendedState
 from valve.extended_valve import ExtendedValve
@@ -112,18 +112,30 @@ def parameters_of(model: Solved, estimate: Estimate | None, nameplate: Nameplate
 
 
 def simulated(valve: ExtendedValve, reading: Reading) -> tuple[FloatArray, FloatArray]:
-    """Return instants (s) and the position that the valve shows there (m), under the force of this reading."""
+    """Return instants (s) and the position that the valve shows there (m), under the force of this reading.
+
+    After a gap, as between two recordings, the stem begins where it was measured.
+    """
     step = max(1, round(_ROW_S / reading.samples.period_s))
-    time_s, force_n = reading.time_s[::step], reading.path.force_n[::step]
-    start = ExtendedState(StemState(float(reading.position_m[:step].mean()), 0.0))
-    return time_s, ExtendedStem(valve).motion(start, time_s, force_n, time_s).sensed_m
+    stem, times_s, shown_m = ExtendedStem(valve), [], []
+    for first in np.unique(reading.samples.run_first).tolist():
+        last = int(reading.samples.run_last[first])
+        run = slice(first, last + 1, step)
+        time_s = reading.time_s[run]
+        start = ExtendedState(StemState(float(reading.position_m[first : min(first + step, last + 1)].mean()), 0.0))
+        times_s.append(time_s)
+        shown_m.append(stem.motion(start, time_s, reading.path.force_n[run], time_s).sensed_m)
+    return np.concatenate(times_s), np.concatenate(shown_m)
 
 
 def with_effects(parameters: ValveParameters, effects: Sequence[Effect]) -> ExtendedValve:
-    """Return the valve with these effects."""
+    """Return the valve with these effects; of two that fill the same place the first stays."""
     valve = ExtendedValve(parameters)
     for effect in effects:
-        valve = effect.apply(valve)
+        try:
+            valve = effect.apply(valve)
+        except ParameterError:
+            continue
     return valve
 
 
@@ -149,33 +161,47 @@ def _simulated_error(valve: ExtendedValve, reading: Reading, from_s: float) -> f
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Predictor:
-    """The models before and after, and what it takes to ask them elsewhere."""
+    """The models before and after, and what it takes to ask them elsewhere.
+
+    ``accepted`` are the laws of the model that was accepted for the valve and ``usual`` what was seen of it: both
+    models have them. ``laws`` and ``seen`` are those of the model after alone.
+    """
 
     before: Solved
     after: Solved
+    accepted: tuple[Law, ...]
     laws: tuple[Law, ...]
+    usual: tuple[Seen, ...]
     seen: tuple[Seen, ...]
     setting: Setting
     estimate: Estimate | None
     nameplate: Nameplate
 
+    def valves(self) -> tuple[ExtendedValve, ExtendedValve]:
+        """Return the plain valve, and the one with all causes."""
+        return self._valves(self.before, self.after)
+
     def _valves(self, before: Solved, after: Solved) -> tuple[ExtendedValve, ExtendedValve]:
-        plain = parameters_of(before, self.estimate, self.nameplate)
-        mended = parameters_of(after, self.estimate, self.nameplate)
-        short_n = max(mended.static_friction_n - after.known("F_s").value, 0.0)
-        effects = [
-            cause.effect(cause.values(after.size(number).value, shape), short_n)
-            for number, (cause, shape) in enumerate(self.laws)
-        ]
-        for one in self.seen:
+        return self._valve(before, self.accepted, self.usual), self._valve(
+            after, self.accepted + self.laws, self.usual + self.seen
+        )
+
+    def _valve(self, model: Solved, laws: Sequence[Law], seen: Sequence[Seen]) -> ExtendedValve:
+        parameters = parameters_of(model, self.estimate, self.nameplate)
+        short_n = max(parameters.static_friction_n - model.known("F_s").value, 0.0)
+        # a law that changed since it was accepted is there twice
+        numbers: dict[str, list[int]] = {}
+        for number, (cause, _) in enumerate(laws):
+            numbers.setdefault(cause.name, []).append(number)
+        effects = []
+        for of_law in numbers.values():
+            cause, shape = laws[of_law[0]]
+            effects.append(cause.effect(cause.values(model.total(of_law).value, shape), short_n))
+        for one in seen:
             effects += [] if one.effect is None else [one.effect]
             if one.damping_n_s_per_m is not None:
-                mended = replace(mended, viscous_friction_n_s_per_m=one.damping_n_s_per_m)
-        return ExtendedValve(plain), with_effects(mended, effects)
-
-    def mended(self) -> ExtendedValve:
-        """Return the valve with all causes."""
-        return self._valves(self.before, self.after)[1]
+                parameters = replace(parameters, viscous_friction_n_s_per_m=one.damping_n_s_per_m)
+        return with_effects(parameters, effects)
 
     def elsewhere(self, name: str, recording: Recording) -> Gain | None:
         """Return the gain on another recording, None where it cannot be read."""
@@ -223,8 +249,8 @@ class Predictor:
 
     def _with_map(self, before: Solved, after: Solved, rows: Observations, here: Observations, lag: Known) -> MapGain:
         problem = problem_of(here, self.setting, lag)
-        of_before = _predicted(before, rows, problem, ())
-        of_after = _predicted(after, rows, problem, self.laws)
+        of_before = _predicted(before, rows, problem, self.accepted)
+        of_after = _predicted(after, rows, problem, self.accepted + self.laws)
         return MapGain(of_before[0], of_after[0], of_before[1], of_after[1])
 
 

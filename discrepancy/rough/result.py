@@ -11,6 +11,7 @@ from discrepancy.rough.causes.base import Fitted
 from discrepancy.rough.latent import LatentCurve
 from discrepancy.rough.misfit import RoughMisfit
 from discrepancy.rough.prediction import Gain
+from discrepancy.rough.saved_model import SavedModel
 from discrepancy.rough.separating import Undecided
 
 
@@ -46,15 +47,7 @@ class Finding:
             "cause": self.cause,
             "sentence": self.sentence,
             "action": self.action,
-            "parameters": {
-                name: {
-                    "value": entry.value,
-                    "unit": entry.unit,
-                    "std_error": entry.std_error,
-                    "ci95": list(entry.ci95),
-                }
-                for name, entry in self.parameters.items()
-            },
+            "parameters": {name: entry.to_json() for name, entry in self.parameters.items()},
             "share_of_misfit": self.share_of_misfit,
             "effect_percent_of_span": self.effect_percent_of_span,
             "evidence_nats": self.evidence,
@@ -66,6 +59,7 @@ class RoughDiagnosis:
     """What is wrong with a valve whose friction scatters.
 
     ``latent`` is friction beyond the mean law before any cause, ``latent_after`` with the causes in the model.
+    ``extended`` is the valve with its causes, the accepted ones too, as it may be accepted for later tests.
     ``undecided`` is what an ambiguous verdict leaves to be told apart; ``separating_test`` says how a hand does it.
     """
 
@@ -79,6 +73,8 @@ class RoughDiagnosis:
     latent: tuple[LatentCurve, ...] = ()
     latent_after: tuple[LatentCurve, ...] = ()
     misfit: RoughMisfit | None = None
+    extended: SavedModel | None = None
+    pictures: Mapping[str, Any] | None = None
     undecided: Undecided | None = None
     separating_test: str | None = None
     details: Mapping[str, Any] = field(default_factory=dict)
@@ -95,6 +91,8 @@ class RoughDiagnosis:
             "remarks": [one.to_json() for one in self.remarks],
             "gain": None if self.gain is None else self.gain.to_json(),
             "gains": [one.to_json() for one in self.gains],
+            "extended_model": None if self.extended is None else self.extended.to_json(),
+            "pictures": None if self.pictures is None else dict(self.pictures),
             "latent_friction": [one.to_json() for one in self.latent],
             "details": {**self.details, "latent_friction_after": [one.to_json() for one in self.latent_after]},
         }

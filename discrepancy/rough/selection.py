@@ -75,10 +75,12 @@ class Candidate:
     def is_sound(self) -> bool:
         """Whether its size is known, lies in its range, and agrees with its evidence."""
         entry = self.cause.parameters[0]
+        # of an accepted law the size is a change
+        low = entry.low if self.cause.known is None else entry.low - entry.high
         return (
             self.deviations > _SURE
             and self.swing_n > _LEAST_SWING * self.cause.setting.friction_n
-            and entry.low <= self.size.value <= entry.high
+            and low <= self.size.value <= entry.high
             and self.evidence < 0.5 * self.deviations**2 + _TOO_MUCH
         )
 
@@ -112,7 +114,7 @@ def screened(model: Solved, causes: Sequence[Cause]) -> list[tuple[float, Cause,
     usual = solved(model.problem, model.columns, model.problem.medians)
     found = []
     for cause in causes:
-        shapes = cause.shapes()
+        shapes = cause.tried()
         if not shapes:
             continue
         gains = [_gains(one, cause, shapes) for one in (model, usual)]
@@ -129,7 +131,7 @@ def refitted(model: Solved, cause: Cause, shape: Shape) -> Candidate:
     What the law depends on comes from the model with the cause in it: the force that a plain valve would need is off
     by the cause's own, and a perfect valve shows the difference.
     """
-    problem, shapes, spread = model.problem, cause.shapes(), cause.parameters[0].spread
+    problem, shapes, spread = model.problem, cause.tried(), cause.parameters[0].spread
     start, size_of = model.logarithms, model.columns.spread.size
     base, gains = model, np.zeros(1)
     column = column_of(cause, shape, problem)
@@ -154,7 +156,8 @@ def refitted(model: Solved, cause: Cause, shape: Shape) -> Candidate:
         evidence += max(_log_mean(gains) - (base.cost - found.cost), -math.log(len(shapes)) - _UNSEEN)
     known = found.size(size_of)
     swing_n = float(np.ptp(known.value * model.apart(column)))
-    if cause.is_offset:
+    # an accepted law has a column already, which takes up any change
+    if cause.is_offset or cause.known is not None:
         swing_n = abs(known.value) * float(np.abs(column).max())
     return Candidate(cause, shape, _shape_errors(base, cause, shape, known.value), known, evidence, swing_n, found)
 

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from discrepancy.rough.accepted import Accepted
 from discrepancy.rough.causes.base import Cause, Shape
 from discrepancy.rough.causes.seen import View
 from discrepancy.rough.evidence import SYMBOLS, Solved, problem_of, solved
 from discrepancy.rough.observations import Observations, observations
 from discrepancy.rough.selection import LIKELY, Candidate, column_of
 from discrepancy.rough.setting import Setting, setting_of
-from discrepancy.separating import Planned, SeparatingTest
 from estimators.base import Outcome
 from estimators.engine.balance import lag_after_corners
 from estimators.engine.parameters import Known
@@ -40,8 +40,23 @@ _SEED: Final = 1
 
 
 @dataclass(frozen=True, slots=True)
-class EvidenceTest(SeparatingTest):
+class Planned:
+    """A sequence that the valve's limits allow, with the overrides that make this waveform."""
+
+    name: str
+    overrides: Mapping[str, Any]
+    waveform: Waveform
+
+
+@dataclass(frozen=True, slots=True)
+class SeparatingTest:
     """The test to run: ``discrimination`` is by how many nats the first cause is expected to win at least."""
+
+    sequence: str
+    overrides: Mapping[str, Any]
+    duration_s: float
+    separates: tuple[str, ...]
+    discrimination: float
 
     @property
     def sentence(self) -> str:
@@ -52,22 +67,35 @@ class EvidenceTest(SeparatingTest):
             f"{' and '.join(others)} of {self.discrimination:.0f} nats is expected, and {ENOUGH:.0f} tell them apart."
         )
 
+    def to_json(self) -> dict[str, Any]:
+        """Return the test as the analysis object's ``separating_test``."""
+        return {
+            "sequence": self.sequence,
+            "overrides": dict(self.overrides),
+            "duration_s": self.duration_s,
+            "separates": list(self.separates),
+            "discrimination": self.discrimination,
+            "sentence": self.sentence,
+        }
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Undecided:
     """A first cause and the rivals that a recording does not tell it apart from.
 
-    ``earlier`` are the causes that were taken into the model before it; ``valve`` has the effects of all.
+    ``earlier`` are the causes that were taken into the model before it, ``accepted`` those of the model that was
+    accepted for the valve; ``valve`` has the effects of all.
     """
 
     view: View
+    accepted: Accepted
     earlier: tuple[Candidate, ...]
     first: Candidate
     rivals: tuple[Candidate, ...]
     valve: ExtendedValve
 
 
-def separating_test(undecided: Undecided, planned: Sequence[Planned]) -> EvidenceTest | None:
+def separating_test(undecided: Undecided, planned: Sequence[Planned]) -> SeparatingTest | None:
     """Return the planned sequence on which the first cause is expected to win by most nats over every rival.
 
     None where no sequence is worth ``ENOUGH``. A sequence like the recorded one is left out.
@@ -83,7 +111,7 @@ def separating_test(undecided: Undecided, planned: Sequence[Planned]) -> Evidenc
         return None
     nats, chosen = best
     names = (undecided.first.cause.name, *(one.cause.name for one in undecided.rivals))
-    return EvidenceTest(chosen.name, dict(chosen.overrides), chosen.waveform.duration_s, names, nats)
+    return SeparatingTest(chosen.name, dict(chosen.overrides), chosen.waveform.duration_s, names, nats)
 
 
 def expected_nats(undecided: Undecided, waveform: Waveform) -> float | None:
@@ -96,15 +124,15 @@ def expected_nats(undecided: Undecided, waveform: Waveform) -> float | None:
         return None
     rows, setting, lag = planned
     first, base = undecided.first, _expected(undecided, rows, setting, lag)
-    own = _best_nats(base, first.cause, [first.shape], len(first.cause.shapes()), first.size.value)
+    own = _best_nats(base, first.cause, [first.shape], len(first.cause.tried()), first.size.value)
     others = []
     for one in undecided.rivals:
         # in another test it may have another shape, also the one that it has now
-        again = type(one.cause)(setting)
-        shapes = again.shapes()
+        again = type(one.cause)(setting, one.cause.known)
+        shapes = again.tried()
         tried = [
             _best_nats(base, again, shapes, len(shapes)),
-            _best_nats(base, one.cause, [one.shape], len(one.cause.shapes()), one.size.value),
+            _best_nats(base, one.cause, [one.shape], len(one.cause.tried()), one.size.value),
         ]
         others.append(max(tried))
     return own - max(others)
@@ -126,7 +154,7 @@ def _expected(undecided: Undecided, rows: Observations, setting: Setting, lag: K
     """The balance of a test without the first cause, its forces those of the fit with it and free of chance."""
     fit = undecided.first.model
     problem = problem_of(rows, setting, lag)
-    columns = problem.no_columns
+    columns = undecided.accepted.columns(problem)
     for one in undecided.earlier:
         column = column_of(one.cause, one.shape, problem, one.size.value)
         columns = columns.with_column(column, one.cause.parameters[0].spread)

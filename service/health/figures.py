@@ -78,9 +78,13 @@ def figures_of(analysis: Mapping[str, Any]) -> dict[str, Figure]:
         if area_m2 is not None:
             found.update(_filled(found, "bench_low_pa", parameters.get("F_0"), 1.0 / area_m2))
     found = {key: _varying(figure, key, analysis) for key, figure in found.items()}
-    lag = None if model is None else (model.get("causes") or {}).get("transducer_lag", {}).get("lag_s")
-    found.update(_filled(found, "transducer_lag_s", lag))
+    found.update(_filled(found, "transducer_lag_s", _transducer_lag(analysis)))
     return found
+
+
+def _transducer_lag(analysis: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    remarks = (analysis.get("discrepancy") or {}).get("remarks") or ()
+    return next((one["parameters"].get("time_s") for one in remarks if one["cause"] == "transducer_lag"), None)
 
 
 def _varying(figure: Figure, key: str, analysis: Mapping[str, Any]) -> Figure:

@@ -134,8 +134,7 @@ def _pictures(source: ReportSource) -> Iterator[tuple[str, Picture | None]]:
     yield "loop", loop_picture(analysis.get("signature"), source.baseline, system)
     yield "trend", trends_picture(source.trends, system)
     yield "methods", methods_picture(all_estimates(analysis), system)
-    if pictures is None:  # of a valve that repeats itself the misfit is drawn
-        yield "friction", friction_picture((analysis.get("discrepancy") or {}).get("latent_friction"), system)
+    yield "friction", friction_picture((analysis.get("discrepancy") or {}).get("latent_friction"), system)
     yield "time", time_picture(pictures, system)
     if diagnosis_of(analysis).verdict != "none":  # it would draw noise
         yield "coordinate", coordinate_picture(pictures, system)

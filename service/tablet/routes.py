@@ -280,7 +280,7 @@ def _result(request: Request, parts: Parts, run: Run, past: ValvePast) -> dict[s
         "separating_words": _separating_words(diagnosis.separating_test),
         "next_words": next_step(analysis, run.sequence),
         "has_pictures": bool(pictures.get("time")),
-        "has_friction": not pictures and bool((analysis.get("discrepancy") or {}).get("latent_friction")),
+        "has_friction": bool((analysis.get("discrepancy") or {}).get("latent_friction")),
         "has_coordinates": bool(pictures.get("coordinates")) and diagnosis.verdict != "none",
         "has_comparison": can_compare(all_estimates(analysis)),
         "has_model": diagnosis.verdict != "ambiguous"

@@ -1,56 +1,52 @@
-"""How far each sequence would tell causes apart that one recording does not: the expected discrimination."""
+"""How far each sequence would tell causes apart that one recording does not: the expected evidence in nats."""
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 from rich.table import Table
 
-from discrepancy.diagnose import diagnose
-from discrepancy.diagnosis import Diagnosis, Verdict
-from discrepancy.separating import ENOUGH, expected_discrimination
+from discrepancy.rough.diagnose import diagnose
+from discrepancy.rough.result import RoughDiagnosis
+from discrepancy.rough.separating import ENOUGH, expected_nats
+from estimators.engine.engine import RoughFrictionEstimator
 from service.runs.sequences import Room
 from service.separating import find_separating_test, planned, room_of_recordings
-from tests.discrepancy.hidden import Hidden, hidden
+from tests.rough_valves import RoughCase, case
 from valve.effects import Effect, effect_from_values
 
 SEED: Final = 1
-# What two equal triangles of 12 s with 20 um of noise do not tell from another cause.
-CASES: Final[tuple[tuple[str, Effect], ...]] = (
-    ("vendor", effect_from_values("spring_hardening", {"hardening_n_per_m2": 4000.0})),
-    ("vendor", effect_from_values("friction_gradient", {"gradient_n_per_m": 8.76, "reference_m": 0.0508})),
-    ("vendor", effect_from_values("diaphragm_area_change", {"slope_per_m": -0.0394, "reference_m": 0.0508})),
+VALVE: Final = "large"  # 60 mm, 1120 N, 207 N/mm
+# What three triangles of 20 s do not tell from another cause.
+EFFECTS: Final[tuple[Effect, ...]] = (
+    effect_from_values("spring_hardening", {"hardening_n_per_m2": 3.4e5}),
+    effect_from_values("friction_gradient", {"gradient_n_per_m": 8.0e3, "reference_m": 0.03}),
 )
 
 
 def run() -> list[Table]:
     """Diagnose each recording and weigh every sequence that its range of pressure allows."""
-    return [_weighed(name, effect, hidden(name, effect, seed=SEED)) for name, effect in CASES]
+    return [_weighed(effect, case(VALVE, "triangle", "usual", seed=SEED, effects=[effect])) for effect in EFFECTS]
 
 
-def _weighed(name: str, effect: Effect, case: Hidden) -> Table:
-    found = diagnose([case.recording], case.nameplate)
-    table = Table(title=f"{name}, hidden {effect.cause}: {_told(found)}")
-    for heading in ("sequence", "lasts s", "discrimination", "standard deviations", ""):
+def _weighed(effect: Effect, made: RoughCase) -> Table:
+    estimate = RoughFrictionEstimator().estimate(made.recording, made.nameplate)
+    found = diagnose(made.recording, made.nameplate, estimate)
+    table = Table(title=f"{VALVE}, hidden {effect.cause}: {_told(found)}")
+    for heading in ("sequence", "lasts s", "nats", ""):
         table.add_column(heading, justify="left" if heading in {"sequence", ""} else "right")
-    room = room_of_recordings([case.recording])
-    if found.verdict is not Verdict.AMBIGUOUS or found.extended is None or room is None:
+    room = room_of_recordings([made.recording])
+    if found.undecided is None or room is None:
         return table
-    chosen = find_separating_test(found, room)
+    chosen = find_separating_test(found.undecided, room)
     for one in planned(Room(**room)):
-        discrimination = expected_discrimination(found.extended, found.rival_fits, one.waveform)
+        nats = expected_nats(found.undecided, one.waveform)
         is_chosen = chosen is not None and (chosen.sequence, dict(chosen.overrides)) == (one.name, dict(one.overrides))
-        table.add_row(
-            one.name,
-            f"{one.waveform.duration_s:.0f}",
-            f"{discrimination:.3g}",
-            f"{math.sqrt(discrimination):.1f}",
-            "proposed" if is_chosen else "too little to be proposed" if discrimination < ENOUGH else "",
-        )
+        said = "proposed" if is_chosen else "" if nats is not None and nats > ENOUGH else "too little to be proposed"
+        table.add_row(one.name, f"{one.waveform.duration_s:.0f}", "-" if nats is None else f"{nats:.3g}", said)
     return table
 
 
-def _told(found: Diagnosis) -> str:
+def _told(found: RoughDiagnosis) -> str:
     names = [found.causes[0].cause, *found.not_told_apart_from] if found.causes else []
     return f"{found.verdict}, {' or '.join(names)}"

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from discrepancy.diagnose import Diagnosis, Verdict, diagnose
+from discrepancy.force_diagnosis import diagnose_forces
 from discrepancy.force_gain import ForceGain
+from discrepancy.force_result import ForceDiagnosis
+from discrepancy.rough.result import Verdict
 from valve.nameplate import Action, Actuator, Nameplate
 from valve.recording import FloatArray, Recording
 
@@ -54,8 +56,8 @@ def bursting_drive(seed: int, from_s: float) -> Recording:
     return Recording(time_s=plain.time_s, position_m=plain.position_m, force_n=plain.force_n + way * burst_n)
 
 
-def asked(recording: Recording, *held_out: Recording) -> Diagnosis:
-    return diagnose([recording], DRIVE, held_out=[("held out", one) for one in held_out])
+def asked(recording: Recording, *held_out: Recording) -> ForceDiagnosis:
+    return diagnose_forces([recording], DRIVE, held_out=[("held out", one) for one in held_out])
 
 
 def test_a_healthy_drive_is_called_healthy() -> None:
@@ -83,8 +85,8 @@ def test_what_a_drives_force_hides_is_named_alone_and_predicts_another_motion(
     assert isinstance(left_out, ForceGain)
     assert held_out.rmse_after_n < 0.8 * held_out.rmse_before_n
     assert not left_out.is_worse
-    assert found.drawn is not None
-    assert len(found.drawn["coordinates"]) == 5
+    assert found.pictures is not None
+    assert len(found.pictures["coordinates"]) == 5
 
 
 def test_a_constant_force_may_be_a_load_or_a_friction_that_differs_by_direction() -> None:
@@ -146,7 +148,7 @@ def test_a_force_that_no_cause_explains_is_unexplained() -> None:
 def test_a_drive_whose_force_was_not_recorded_is_not_assessed() -> None:
     plain = drive(8)
     bare = Recording(time_s=plain.time_s, position_m=plain.position_m, command_pa=plain.force_n)
-    found = diagnose([bare], DRIVE)
+    found = diagnose_forces([bare], DRIVE)
     assert found.verdict is Verdict.NOT_ASSESSED
     assert "force_n" in found.message
 

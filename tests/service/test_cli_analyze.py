@@ -75,7 +75,7 @@ def test_the_verdict_comes_first_then_five_lines(run: Run) -> None:
     outcome = run("triangle.csv", "--nameplate", "fv-101.toml")
     assert outcome.returncode == 0, outcome.stderr
     lines = [line.rstrip() for line in outcome.stdout.splitlines()]
-    assert lines[0] == "No fault found."
+    assert lines[0] == "No fault found. Friction is alike all along the travel."
     assert [line.split("  ")[0] for line in lines[1:6]] == [
         "Friction", "Breakaway", "Spring rate", "Dead band", "Recording",
     ]  # fmt: skip

@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +35,10 @@ class Fitted:
         """Its 95 % interval."""
         return self.value - NORMAL_95 * self.std_error, self.value + NORMAL_95 * self.std_error
 
+    def to_json(self) -> dict[str, Any]:
+        """Return the parameter as in the analysis object."""
+        return {"value": self.value, "unit": self.unit, "std_error": self.std_error, "ci95": list(self.ci95)}
+
     def in_words(self, factor: float, unit: str) -> str:
         """Return the value times ``factor`` with its interval, without sign."""
         factor = -factor if self.value < 0.0 else factor
@@ -57,7 +61,8 @@ def parameter(
 class Cause(Law, ABC):
     """A law, nearly linear in its first parameter, its size; the others are its shape (a place, a width, a time).
 
-    ``setting`` holds the sizes of the valve that it is made for.
+    ``setting`` holds the sizes of the valve that it is made for. ``known`` is the shape where that is no question, as
+    of a cause that was accepted for the valve.
     """
 
     name: ClassVar[str]
@@ -65,8 +70,9 @@ class Cause(Law, ABC):
     needs_spring: ClassVar[bool] = False
     is_offset: ClassVar[bool] = False  # known by what the nameplate says of the preload
 
-    def __init__(self, setting: Setting) -> None:
+    def __init__(self, setting: Setting, known: Shape | None = None) -> None:
         self.setting = setting
+        self.known = known
         self.parameters = self.natural()
 
     @abstractmethod
@@ -76,6 +82,10 @@ class Cause(Law, ABC):
     def shapes(self) -> list[Shape]:
         """Return the shapes that are tried, each as likely as the others beforehand."""
         return [()]
+
+    def tried(self) -> list[Shape]:
+        """Return the known shape alone, else all."""
+        return self.shapes() if self.known is None else [self.known]
 
     def breakaway_n(self, values: FloatArray, where: Where, share: float) -> FloatArray:  # noqa: ARG002
         """Return as much as in motion: what place, time and pressure add is in F_c and F_s alike."""

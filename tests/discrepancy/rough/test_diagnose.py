@@ -12,8 +12,7 @@ from discrepancy.rough.causes.friction_drift import FrictionDrift as FrictionDri
 from discrepancy.rough.diagnose import diagnose
 from discrepancy.rough.result import RoughDiagnosis, Verdict
 from discrepancy.rough.selection import refitted
-from discrepancy.rough.separating import ENOUGH, separating_test
-from discrepancy.separating import Planned
+from discrepancy.rough.separating import ENOUGH, Planned, separating_test
 from tests.rough_valves import HELD_OUT, VALVES, case, sequence
 from valve.effects.base import Effect
 from valve.effects.friction_drift import FrictionDrift
