@@ -1,7 +1,6 @@
 """The exact motion's fit of a valve that repeats itself: simulated positions nearest to the measured ones.
 
-The search for causes in such valves begins at it, and recordings that the engine does not take are estimated by it
-(``estimators.maximum_likelihood``).
+The search for causes in such valves begins at it.
 """
 
 from __future__ import annotations

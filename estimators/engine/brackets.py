@@ -18,7 +18,7 @@ from scipy.special import log_ndtr, ndtr
 from estimators.base import NORMAL_95
 from estimators.engine.balance import Balance
 from estimators.engine.breakaways import StaticFriction
-from estimators.engine.stepped import Stepped
+from estimators.engine.stepped import Held, Stepped
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -42,8 +42,8 @@ class Brackets:
     error_n: FloatArray
 
 
-def brackets(found: Stepped, balance: Balance) -> Brackets:
-    """Return the brackets of a recording's rests, both directions of each; forces off a stop are left out."""
+def brackets(found: Stepped, balance: Balance, on_stop: tuple[Held, ...] = ()) -> Brackets:
+    """Return the brackets of a recording's rests, both directions of each; what holds a stem on a stop is left out."""
     values, joint = balance.values, balance.joint
     rows: list[tuple[float, float, float]] = []
 
@@ -55,20 +55,23 @@ def brackets(found: Stepped, balance: Balance) -> Brackets:
         return math.sqrt(max(float(slopes @ joint[:2, :2] @ slopes), 0.0))
 
     held_n: dict[float, float] = {}
-    level_m = math.nan
+    level_m, rests, outwards = math.nan, True, 0.0
     for one in found.held:
         if math.isnan(level_m):
             level_m = one.answer.start_m
             held_n = {way: net(one.before_n, level_m, way) for way in (1.0, -1.0)}
         if not one.answer.moved:
+            rests = rests or one.answer.settled
             held_n = {way: max(most_n, net(one.after_n, level_m, way)) for way, most_n in held_n.items()}
             continue
-        rows.append((held_n[one.sign], net(one.after_n, level_m, one.sign), error(level_m)))
-        rows.append((held_n[-one.sign], math.inf, error(level_m)))
-        level_m = one.answer.end_m
-        rests = one.answer.settled
-        held_n = {way: net(one.after_n, level_m, way) if rests else -math.inf for way in (1.0, -1.0)}
-    rows += [(low_n, math.inf, error(level_m)) for low_n in held_n.values()]
+        if rests:  # a stem that was still sliding did not break away
+            rows.append((held_n[one.sign], net(one.after_n, level_m, one.sign), error(level_m)))
+            if -one.sign != outwards:
+                rows.append((held_n[-one.sign], math.inf, error(level_m)))
+        level_m, rests, outwards = one.answer.end_m, one.answer.settled, one.sign if one in on_stop else 0.0
+        held_n = {way: net(one.after_n, level_m, way) for way in (1.0, -1.0)}
+    if rests:
+        rows += [(low_n, math.inf, error(level_m)) for way, low_n in held_n.items() if way != outwards]
     table = np.array(rows).reshape(-1, 3)
     return Brackets(*np.ascontiguousarray(table[table[:, 1] > table[:, 0]].T))
 

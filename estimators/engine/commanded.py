@@ -138,7 +138,9 @@ def command_path(as_recorded: Reading, likely: Reading, lag: Known) -> PathToFit
             LawParameter("dead time", "s", 0.0, _MOST_DEAD_S, 0.0, _DEAD_S, _START_DEAD_S, _TIME_STEP_S),
         ),
     )
-    return PathToFit(law, tuple((_start(lag, share), (1.0 - share) * lag.value) for share in _OTHER_SHARES))
+    return PathToFit(
+        law, tuple((_start(lag, share), max((1.0 - share) * lag.value, _SHORTEST_S)) for share in _OTHER_SHARES)
+    )
 
 
 def with_gauged_path(reading: Reading) -> tuple[Reading, PathToFit | None]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -33,6 +34,7 @@ from estimators.engine.settings import USUAL, Settings
 from estimators.engine.slips import balance_of_slips, lag_of_slips
 from estimators.engine.stepped import Stepped, balance_of_rests, stepped
 from estimators.engine.stops import ran_into_a_stop
+from estimators.samples import resolution
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
 
@@ -116,6 +118,7 @@ class _Basis:
     stepped: bool = False
     leaps: bool = False
     on_stop: bool = False
+    unsure_n: Mapping[str, float] = field(default_factory=dict)  # what neither balance nor motion knows, by symbol
 
 
 def _of_slides(reading: Reading) -> _Basis | Outcome:
@@ -126,21 +129,27 @@ def _of_slides(reading: Reading) -> _Basis | Outcome:
         found, lag = balance_of_slips(reading), lag_of_slips(reading)
     if found is None:
         return Outcome.NO_UNIFORM_MOTION
-    return _Basis(reading, lag, path, found, static_friction(breakaways(reading), found, lag if path else None))
+    static = static_friction(breakaways(reading), found, lag if path else None)
+    if path is None:
+        return _Basis(reading, lag, None, found, static)
+    # a command is known no better than to its treads, uniform within
+    tread_n = resolution(reading.samples.force_n) / math.sqrt(12.0)
+    return _Basis(reading, lag, path, found, static, unsure_n={"F_c": tread_n, "F_s": tread_n})
 
 
 def _of_steps(reading: Reading, steps: Stepped) -> _Basis | Outcome:
     """The balance of the rests between the steps of a force; breakaways lie between two of its levels."""
     rests = balance_of_rests(reading, steps)
     if rests is None:
-        return Outcome.TOO_FEW_STEPS
+        return _of_slides(reading) if steps.is_fine else Outcome.TOO_FEW_STEPS
     found, on_stop = rests
-    between = static_friction_between(brackets(steps, found), found)
+    between = static_friction_between(brackets(steps, found, on_stop), found)
     lag = Known(steps.lateness_s, _LAG_SHARE * steps.lateness_s)
     if steps.leaps(found.known("F_c").value):
-        return _Basis(reading, lag, None, found, between, stepped=True, leaps=True, on_stop=on_stop)
+        return _Basis(reading, lag, None, found, between, stepped=True, leaps=True, on_stop=bool(on_stop))
     static = static_friction(breakaways(reading), found) or between
-    return _Basis(reading, lag, None, found, static, stepped=True, on_stop=on_stop)
+    unsure = {"F_c": steps.short_n(found.known("k").value)}
+    return _Basis(reading, lag, None, found, static, stepped=True, on_stop=bool(on_stop), unsure_n=unsure)
 
 
 def _with_path(reading: Reading, lag: Known) -> tuple[Reading, Known, PathToFit | None]:
@@ -195,6 +204,18 @@ def _quantities(found: Balance, static: StaticFriction | None, whole: Dynamic | 
     return quantities
 
 
+def _widened(quantities: dict[str, Quantity], unsure_n: Mapping[str, float]) -> dict[str, Quantity]:
+    """The quantities with what is unsure of some of them besides, one standard deviation, N."""
+    out = dict(quantities)
+    for symbol, more_n in unsure_n.items():
+        if symbol in out and more_n > 0.0:
+            one = out[symbol]
+            half_n = math.hypot(0.5 * (one.ci95[1] - one.ci95[0]), NORMAL_95 * more_n)
+            error_n = math.hypot(one.std_error, more_n)
+            out[symbol] = Quantity(one.value, error_n, (one.value - half_n, one.value + half_n))
+    return out
+
+
 def _said(rows: MeasuredRows) -> str:
     """What is said of rows that were left out."""
     said = []
@@ -242,7 +263,7 @@ def _turned_back(reading: Reading) -> bool:
 
 def _concluded(basis: _Basis, whole: Dynamic | None, said: str) -> Estimate:
     reading, found, static = basis.reading, basis.found, basis.static
-    quantities = _quantities(found, static, whole)
+    quantities = _widened(_quantities(found, static, whole), basis.unsure_n)
     friction_n = max((quantities[symbol].value for symbol in ("F_s", "F_c") if symbol in quantities), default=0.0)
     parameters = {
         symbol: _parameter(quantity, friction_n if symbol == "F_0" else 0.0) for symbol, quantity in quantities.items()

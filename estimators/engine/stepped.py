@@ -22,7 +22,7 @@ from estimators.engine.force_path import Source
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading
 from estimators.engine.segmentation import extremes, moving_mean
-from estimators.steps.answer import SHARES, StepAnswer, answer_to
+from estimators.steps.answer import StepAnswer, answer_to
 from estimators.steps.inputs import InputStep, find_steps
 from valve.recording import Recording
 
@@ -37,6 +37,7 @@ _COARSE_S: Final = 0.02  # rows are averaged over this where a noisy pressure sh
 _LEAP_S: Final = 0.03  # so quick a rise of the pressure may be the gauge's filter alone
 _LEAP_ROWS: Final = 2.5
 _LEAP_SHARE: Final = 0.3  # of F_c, from row to row
+_FINE: Final = 0.04  # of the force's range
 _SEEN_BANDS: Final = 0.5  # of the segmentation's band: a smaller slide is noise
 _LARGE: Final = 0.25  # of the largest slide: what is timed
 _DAMPED: Final = 1.5  # T86 over T63: 2.0 of a lag, 1.6 of a critically damped stem, 1.5 of one that overshoots by 1.5 %
@@ -45,9 +46,10 @@ _SWUNG_PERCENT: Final = 5.0  # of a slide: a stem that swung back rests anywhere
 _OVERSHOOTS: Final = (3.0e-3, 0.15)  # of a slide, where its shape says none, and where it is not seen
 _COLOURED_S: Final = 0.1  # rows so near to each other share their noise
 _BEYOND: Final = 5.0  # errors by which a rest on a stop is off the balance
+_HELD: Final = 1.5  # times what usually moves a stem on
 _LIMIT_M_PER_S: Final = 2.0e-4  # a usual limit velocity
 _MOST_TIMES: Final = 19.0  # 97.5 % of valves have one of at most so many times as much, e^(1.96 * 1.5)
-_MOST_CUT: Final = 0.6  # of a slide
+_LONGER: Final = 3.0  # of a slide that is cut by half, its lag over its tail
 _HUNTING: Final = 1.0e-3  # of the force's range: what an I/P may swing by where the pressure was not measured
 
 
@@ -69,17 +71,15 @@ class Held:
 class Stepped:
     """The steps of a recording; ``rise_s`` is how long the force takes from a tenth to 63 % of a step.
 
-    ``lateness_s`` is how long the stem takes to 63 % of its slide, from the step on, ``pure_s`` from when it begins to
-    move. ``damped``: its slides show that it does not swing. ``cut``: at most so much of a slide is missing where the
-    stem stopped at its limit velocity. ``swing_n``: an I/P that hunts moves the force about a rest's by this.
+    ``lateness_s`` is how long the stem takes to 63 % of its slide, from the step on, ``tail_s`` from there to 86 %.
+    ``damped``: its slides show that it does not swing. ``swing_n``: an I/P that hunts moves the force by so much.
     """
 
     held: tuple[Held, ...]
     rise_s: float
     lateness_s: float
-    pure_s: float
+    tail_s: float
     damped: bool
-    cut: float
     swing_n: float
     period_s: float
 
@@ -87,6 +87,17 @@ class Stepped:
     def directions(self) -> set[float]:
         """Directions in which the stem moved."""
         return {one.sign for one in self.held if one.answer.moved}
+
+    @property
+    def is_fine(self) -> bool:
+        """Whether the steps are those of an output's resolution, on a ramp."""
+        ends_n = [end for one in self.held for end in (one.before_n, one.after_n)]
+        usual_n = float(np.median([abs(one.after_n - one.before_n) for one in self.held]))
+        return usual_n < _FINE * (max(ends_n) - min(ends_n))
+
+    def short_n(self, spring_n_per_m: float) -> float:
+        """By how much the force at a rest usually is beyond F_c, N, where the stem stopped at its limit velocity."""
+        return spring_n_per_m * _LIMIT_M_PER_S * self.tail_s
 
     def leaps(self, coulomb_n: float) -> bool:
         """Whether the rows do not show at what force a stem with this friction, N, breaks away."""
@@ -121,32 +132,25 @@ def stepped(reading: Reading, recording: Recording) -> Stepped | None:
     return Stepped(tuple(held), rise_s, *_slides(moved, samples.period_s), _swing_n(reading, steps), samples.period_s)
 
 
-def _slides(moved: list[StepAnswer], period_s: float) -> tuple[float, float, bool, float]:
-    """T63 of the large slides, s, with and without the dead time; whether they do not swing; how far they are cut."""
+def _slides(moved: list[StepAnswer], period_s: float) -> tuple[float, float, bool]:
+    """T63 of the large slides and T86 less T63, s, and whether they do not swing."""
     least_m = _LARGE * max(abs(one.change_m) for one in moved)
-    late_s, pure_s, shapes, errors, swung = [], [], [], [], False
+    late_s, pure_s, tails_s, shapes, swung = [], [], [], [], False
     for one in moved:
         first, later = one.times
         if abs(one.change_m) < least_m or first is None or later is None:
             continue
         dead_s = 0.0 if one.dead_time is None else one.dead_time.value_s
         late_s.append(first.value_s)
+        tails_s.append(later.value_s - first.value_s)
         pure_s.append(max(first.value_s - dead_s, 0.1 * period_s))
         shapes.append((later.value_s - dead_s) / pure_s[-1])
-        errors.append(math.hypot(later.std_error_s, shapes[-1] * first.std_error_s) / pure_s[-1])
         swung = swung or bool(one.overshoot_percent)
     if not late_s:
-        return 0.0, 0.0, False, _MOST_CUT
-    pure, shape = float(np.median(pure_s)), float(np.median(shapes))
-    damped = pure > _RESOLVED_ROWS * period_s and not swung and shape > _DAMPED
-    return float(np.median(late_s)), pure, damped, _cut(shape - float(np.median(errors)))
-
-
-def _cut(shape: float) -> float:
-    """The share of a lag's way that is missing at its end where T86 is so many times T63; other shapes have less."""
-    cuts = np.linspace(0.0, _MOST_CUT, 61)
-    first, later = (-np.log(1.0 - share * (1.0 - cuts)) for share in SHARES)
-    return float(np.interp(-shape, -(later / first), cuts))
+        return 0.0, 0.0, False
+    seen = float(np.median(pure_s)) > _RESOLVED_ROWS * period_s
+    damped = seen and not swung and float(np.median(shapes)) > _DAMPED
+    return float(np.median(late_s)), float(np.median(tails_s)), damped
 
 
 def _steps(reading: Reading, recording: Recording) -> tuple[list[InputStep], FloatArray]:
@@ -203,25 +207,42 @@ def _rise_s(reading: Reading, held: Held) -> float:
     return float(samples.time_s[step.row + later] - samples.time_s[step.row + max(first - 1, 0)])
 
 
-def balance_of_rests(reading: Reading, found: Stepped) -> tuple[Balance, bool] | None:
-    """Return the balance of the rests after slides, and whether some were on a travel stop; None with too few.
+def balance_of_rests(reading: Reading, found: Stepped) -> tuple[Balance, tuple[Held, ...]] | None:
+    """Return the balance of the rests after slides, and the slides onto a travel stop; None with too few others.
 
     Rests on a stop are left out: there the stem is held by more than friction.
     """
     slides = [one for one in found.held if _rests_on_friction(one)]
-    whole = _balance(reading, found, slides)
-    if whole is None:
+    if not slides:
         return None
     band_m = 2.0 * reading.segmentation.band_m
     ends_m = [one.answer.end_m for one in slides]
-    free = [one for one in slides if min(ends_m) + band_m < one.answer.end_m < max(ends_m) - band_m]
-    inner = _balance(reading, found, free)
-    if inner is None:
-        return whole, False
-    clear = [one for one in slides if one in free or not _is_held(one, inner)]
-    if len(clear) == len(slides):
-        return whole, False
-    return _balance(reading, found, clear) or inner, True
+    outer = [one for one in slides if not min(ends_m) + band_m < one.answer.end_m < max(ends_m) - band_m]
+    held = _held_outwards(found)
+    on_stop = [one for one in outer if one in held]
+    inner = _balance(reading, found, [one for one in slides if one not in outer])
+    if inner is not None:
+        on_stop += [one for one in outer if one not in on_stop and _is_held(one, inner)]
+    rests = _balance(reading, found, [one for one in slides if one not in on_stop]) or inner
+    return None if rests is None else (rests, tuple(on_stop))
+
+
+def _held_outwards(found: Stepped) -> list[Held]:
+    """Slides after which more of the same direction moved nothing than moved the stem on after other slides."""
+    rested: Held | None = None
+    moved_n: list[float] = []
+    unmoved_n: list[tuple[Held, float]] = []
+    for one in found.held:
+        if rested is not None:
+            onward_n = rested.sign * (one.after_n - rested.after_n)
+            if not one.answer.moved:
+                unmoved_n.append((rested, onward_n))
+            elif one.sign == rested.sign:
+                moved_n.append(onward_n)
+        if one.answer.moved:
+            rested = one
+    usual_n = float(np.median(moved_n)) if moved_n else math.inf
+    return [one for one, onward_n in unmoved_n if onward_n > _HELD * usual_n]
 
 
 def _rests_on_friction(held: Held) -> bool:
@@ -271,20 +292,19 @@ def _balance(reading: Reading, found: Stepped, slides: list[Held]) -> Balance | 
             return None
         spring, preload, coulomb, _ = rests.values
         beyond_n = np.maximum(sign * (force - spring * started_m - preload) - coulomb, 0.0)
-    return None if rests is None else _widened(rests, found, float(np.median(beyond_n)))
+    return None if rests is None else _widened(rests, found)
 
 
-def _widened(rests: Balance, found: Stepped, beyond_n: float) -> Balance:
+def _widened(rests: Balance, found: Stepped) -> Balance:
     """Return the balance with what a few rests leave open: the friction between them, and where a stem stops at DV.
 
-    It stops short of where the force, of which ``beyond_n`` drove it, would lead by what it is late at that speed.
+    It stops short of where the force would lead, by what it is late at that speed.
     """
     values, joint = rests.values.copy(), rests.joint.copy()
     coulomb, preload = rests.symbols.index("F_c"), rests.symbols.index("F_0")
-    usual_n = rests.known("k").value * _LIMIT_M_PER_S * found.pure_s
-    # a slide that is cut reaches 63 % of itself sooner
-    longer = -1.0 / math.log(1.0 - SHARES[0] * (1.0 - found.cut))
-    most_n = min(_MOST_TIMES * longer * usual_n, found.cut / (1.0 - found.cut) * beyond_n, 0.9 * values[coulomb])
+    usual_n = found.short_n(rests.known("k").value)
+    # a slide that is cut short has a shorter tail than its lag
+    most_n = min(_MOST_TIMES * _LONGER * usual_n, 0.9 * values[coulomb])
     short_n = min(usual_n, 0.5 * most_n)
     values[coulomb] -= short_n
     joint[coulomb, coulomb] += ((most_n - short_n) / NORMAL_95) ** 2 + found.swing_n**2
