@@ -14,7 +14,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.io import loadmat
 
-from discrepancy.diagnose import Diagnosis, diagnose
+from discrepancy.force_diagnosis import diagnose_forces
+from discrepancy.force_result import ForceDiagnosis
 from valve.nameplate import Action, Actuator, Nameplate
 from valve.recording import Recording
 
@@ -30,21 +31,21 @@ def recording_of(file: Path) -> Recording:
     return Recording(time_s=data["t"], position_m=data["qm"], force_n=data["gtau"][0] * data["vir"])
 
 
-def diagnosed(folder: Path) -> Diagnosis:
+def diagnosed(folder: Path) -> ForceDiagnosis:
     """Return the diagnosis of the estimation record, its gain measured on the record with pulses."""
     drive = Nameplate("EMPS", Actuator(travel_m=0.25, action=Action.DOUBLE))
     pulses = recording_of(folder / "DATA_EMPS_PULSES.mat")
-    return diagnose([recording_of(folder / "DATA_EMPS.mat")], drive, held_out=[("pulses", pulses)])
+    return diagnose_forces([recording_of(folder / "DATA_EMPS.mat")], drive, held_out=[("pulses", pulses)])
 
 
-def draw(found: Diagnosis, file: Path) -> None:
+def draw(found: ForceDiagnosis, file: Path) -> None:
     """Draw the misfit along speed for both directions, the cause's part in it, and the misfit along travel."""
-    assert found.drawn is not None
+    assert found.pictures is not None
     with mpl.rc_context({"svg.fonttype": "path", "svg.hashsalt": "emps", "font.size": 9}):
         figure = Figure(figsize=(7.2, 2.9), layout="constrained")
         speed, travel = figure.subplots(1, 2, sharey=True)
         for place, name, factor in ((speed, "speed", 1.0e3), (travel, "travel", 1.0e3)):
-            for curve in found.drawn["coordinates"]:
+            for curve in found.pictures["coordinates"]:
                 if curve["coordinate"] == name:
                     _curve(place, curve, factor)
             place.axhline(0.0, color="#888888", linewidth=0.6)

@@ -8,7 +8,6 @@ over a sub-step (docs/effects.md has the figures).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -214,29 +213,6 @@ def simulate_extended(
     if command:
         corners = input_corners(valve.input, *corners, float(time_s[-1] if time_s.size else corners[0][-1]))
     return ExtendedStem(valve, most_events).motion(state, *corners, time_s, rests=rests)
-
-
-def simulate_extended_batch(
-    valves: Sequence[ExtendedValve],
-    force_time_s: npt.ArrayLike,
-    force_n: npt.ArrayLike,
-    output_time_s: npt.ArrayLike,
-    *,
-    initial: ExtendedState | None = None,
-    rests: Rests | None = None,
-    command: bool = True,
-) -> FloatArray:
-    """Positions as sensed of many valves under one force, m, shape (n_valves, n); NaN where one cannot be followed."""
-    corners = checked_corners(force_time_s, force_n)
-    time_s = checked_outputs(output_time_s, float(corners[0][0]))
-    sensed_m = np.full((len(valves), time_s.size), math.nan)
-    for row, valve in zip(sensed_m, valves, strict=True):
-        try:
-            motion = simulate_extended(valve, *corners, time_s, initial=initial, rests=rests, command=command)
-        except (MotionError, ParameterError):
-            continue
-        row[:] = motion.sensed_m
-    return sensed_m
 
 
 def _require_within_stops(valve: ExtendedValve, stem: StemState) -> None:

@@ -12,7 +12,7 @@ breakaway needs (F_s + q (w_s(x) + d(t)) + E) (1 + z_n), q = F_s/F_c, and never 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
@@ -87,7 +87,6 @@ PACKINGS: Final[dict[str, Packing]] = {
     "usual": Packing(breakaway_scatter=0.025, roughness=0.015, wander=0.006),
     "hard": Packing(breakaway_scatter=0.06, roughness=0.04, wander=0.015),
 }
-PACKING_FIELDS: Final = tuple(entry.name for entry in fields(Packing))
 
 
 def packing_preset(name: str) -> Packing:

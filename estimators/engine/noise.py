@@ -28,11 +28,6 @@ class PositionNoise:
     coloured_m: float
     coloured_s: float
 
-    def of_mean(self, rows: int, duration_s: float) -> float:
-        """Standard error of a mean over rows that take this long, m."""
-        share = min(1.0, 2.0 * self.coloured_s / max(duration_s, 1.0e-9))
-        return float(np.sqrt(self.white_m**2 / rows + self.coloured_m**2 * share))
-
 
 def position_noise_at_rest(
     time_s: FloatArray, position_m: FloatArray, rests: tuple[Rest, ...], white_m: float, least_m: float

@@ -12,8 +12,6 @@ from valve.nameplate import Action
 
 # Moving parts of control valves weigh some kg; the heaviest that is thought of where the nameplate says nothing.
 _HEAVIEST_KG: Final = 100.0
-_WEIGHT_OF_FORCE: Final = 0.02  # of the actuator's full force: what a large one moves may weigh more than that
-_GRAVITY: Final = 9.81  # m/s2
 _NAMEPLATE_MASS: Final = 1.25  # how far the nameplate's mass may be exceeded
 
 
@@ -63,9 +61,3 @@ def viscous_bounds(balance: Balance) -> tuple[float, float]:
 def heaviest_mass_kg(moving_mass_kg: float | None) -> float:
     """Mass that the moving parts surely do not exceed, kg, by the nameplate's where it says one."""
     return _HEAVIEST_KG if moving_mass_kg is None else _NAMEPLATE_MASS * moving_mass_kg
-
-
-def heaviest_believed_kg(moving_mass_kg: float | None, force_range_n: float) -> float:
-    """Mass that no valve's moving parts have, kg, whatever its nameplate says, under a force of this range, N."""
-    by_force_kg = _WEIGHT_OF_FORCE * force_range_n / _GRAVITY
-    return max(heaviest_mass_kg(None), heaviest_mass_kg(moving_mass_kg), by_force_kg)

@@ -11,7 +11,7 @@ import pytest
 from tests.valve.extended_reference import integrate
 from tests.valve.random_valves import DURATION_S, KINDS, random_valve
 from valve.errors import MotionError, ParameterError, WaveformError
-from valve.extended_motion import ExtendedStem, input_corners, simulate_extended, simulate_extended_batch
+from valve.extended_motion import ExtendedStem, input_corners, simulate_extended
 from valve.extended_state import ExtendedState, Rests
 from valve.extended_valve import (
     AreaSlots,
@@ -217,13 +217,6 @@ def test_a_measured_force_takes_no_input_path() -> None:
     measured = simulate_extended(valve, COURSE_S, COURSE_N, EVERY_MS, command=False)
     bare = simulate_extended(ExtendedValve(NOMINAL), COURSE_S, COURSE_N, EVERY_MS)
     assert np.array_equal(measured.position_m, bare.position_m)
-
-
-def test_a_batch_is_its_valves_one_by_one() -> None:
-    valves = [ExtendedValve(NOMINAL), FILLED]
-    sensed_m = simulate_extended_batch(valves, COURSE_S, COURSE_N, EVERY_MS)
-    for row, valve in zip(sensed_m, valves, strict=True):
-        assert np.array_equal(row, simulate_extended(valve, COURSE_S, COURSE_N, EVERY_MS).sensed_m)
 
 
 def test_what_cannot_be_is_refused() -> None:

@@ -13,7 +13,7 @@ from estimators.base import Estimate, Outcome, Status
 from estimators.drive.equation import COLUMNS, window
 from estimators.drive.recording import estimate_force_recording
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
-from tests.estimators.likelihood.force_axes import NAMEPLATE, Axis, Reference, random_axis
+from tests.estimators.drive.force_axes import NAMEPLATE, Axis, Reference, random_axis
 from valve.motion import simulate_motion
 from valve.parameters import ValveParameters
 from valve.recording import Recording

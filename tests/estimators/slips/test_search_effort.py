@@ -9,7 +9,6 @@ import pytest
 from estimators.classic.garcia import GarciaEstimator
 from estimators.classic.regression import RegressionEstimator
 from estimators.motion.recorded_motion import read_motion
-from estimators.samples import resolution
 from estimators.slips.kernel import normal_equations
 from tests.estimators.recordings import recorded
 
@@ -42,12 +41,3 @@ def test_a_minimum_that_explains_nothing_and_one_that_is_reached_take_no_more_ro
             assert abs(value - test.truth.by_symbol()[symbol]) < 3.0 * error
     # 104 with rounds for trifles of a far-off minimum and with each slip's rest found anew
     assert counted.calls < 85
-
-
-def test_no_step_of_a_converter_is_looked_for_in_a_pressure_of_few_lines(monkeypatch: pytest.MonkeyPatch) -> None:
-    counted = _Counted(resolution)
-    monkeypatch.setattr("estimators.likelihood.lines.stretches.resolution", counted)
-    test = recorded("nominal", noise_m=5.0e-6, period_s=5.0e-3)
-    estimate = RegressionEstimator().estimate(test.recording, test.nameplate)
-    assert estimate.value("F_c") == pytest.approx(test.truth.coulomb_friction_n, rel=1.0e-3)
-    assert counted.calls == 0
