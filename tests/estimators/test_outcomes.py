@@ -10,7 +10,7 @@ import pytest
 from estimators.base import Estimate, Estimator, Form, Outcome, Status
 from estimators.classic.garcia import GarciaEstimator
 from estimators.classic.regression import RegressionEstimator
-from estimators.exact_motion import ExactMotionEstimator
+from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from estimators.samples import prepare
 from tests.estimators.recordings import SYMBOLS, Recorded, recorded
@@ -52,7 +52,7 @@ def test_a_force_that_did_not_change(estimator: Estimator) -> None:
     require_nothing_but(estimated(estimator, test), Outcome.NO_FORCE_CHANGE)
 
 
-@pytest.mark.parametrize("estimator", [*BOTH, ExactMotionEstimator()], ids=by_method)
+@pytest.mark.parametrize("estimator", [*BOTH, MaximumLikelihoodEstimator()], ids=by_method)
 def test_a_stem_that_moves_against_the_force(estimator: Estimator) -> None:
     # "repeat with a triangular wave" was the remedy, and it was one
     test = recorded("nominal", noise_m=20.0e-6, period_s=5.0e-3)
