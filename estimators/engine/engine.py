@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -21,20 +21,17 @@ from estimators.base import (
     in_order,
 )
 from estimators.drive.recording import estimate_force_recording
-from estimators.engine.balance import Balance, balance, driven_blocks, lag_after_corners, repeats_to_n
-from estimators.engine.brackets import brackets, static_friction_between
-from estimators.engine.breakaways import StaticFriction, breakaways, static_friction
-from estimators.engine.commanded import command_path, is_commanded, with_gauged_path, with_likely_path
-from estimators.engine.dynamic import Dynamic, PathToFit, Quantity, dynamic, latent_friction
-from estimators.engine.parameters import Known
+from estimators.engine.balance import Balance, repeats_to_n
+from estimators.engine.basis import Basis, of_slides, of_steps
+from estimators.engine.breakaways import StaticFriction
+from estimators.engine.commanded import is_commanded, with_gauged_path
+from estimators.engine.dynamic import Dynamic, Quantity, dynamic, latent_friction
 from estimators.engine.reading import Reading, read
 from estimators.engine.rows import MeasuredRows, measured_rows
 from estimators.engine.segmentation import moving_mean
 from estimators.engine.settings import USUAL, Settings
-from estimators.engine.slips import balance_of_slips, lag_of_slips
-from estimators.engine.stepped import Stepped, balance_of_rests, stepped
+from estimators.engine.stepped import stepped
 from estimators.engine.stops import ran_into_a_stop
-from estimators.samples import resolution
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
 
@@ -53,7 +50,6 @@ _ONE_SPEED: Final = "it takes a drive that is accelerated, and several speeds"
 _SMOOTHED_S: Final = 0.05
 _TURNED: Final = 0.1  # of the force's range
 _HIDDEN_BANDS: Final = 1.5
-_LAG_SHARE: Final = 0.5  # how well the stem's lag is known by how late it slides
 _SLOW_ROWS_S: Final = 0.05  # no slip shows in slower ones
 _FAR: Final = 3.5  # standard errors
 _NEAR_SHARE: Final = 0.05  # of the balance's value: so near the motion was understood
@@ -85,7 +81,7 @@ class RoughFrictionEstimator:
         steps = stepped(reading, rows.recording)
         if len(reading.segmentation.directions if steps is None else steps.directions) < 2:
             return _one_way(reading)
-        basis = _of_slides(reading) if steps is None else _of_steps(reading, steps)
+        basis = of_slides(reading) if steps is None else of_steps(reading, steps)
         if isinstance(basis, Outcome):
             return failed(METHOD, basis)
         reading, found, static = basis.reading, basis.found, basis.static
@@ -104,72 +100,6 @@ class RoughFrictionEstimator:
                 said = f"{Outcome.STOP_INSIDE_SWEEP} {said}".strip()
         estimate = _concluded(basis, whole, said)
         return _at_one_speed(estimate, drive) if drive is not None else estimate
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Basis:
-    """What the forces alone give, and what the motion's fit begins with; ``leaps``: the force has no path to follow."""
-
-    reading: Reading
-    lag: Known
-    path: PathToFit | None
-    found: Balance
-    static: StaticFriction | None
-    stepped: bool = False
-    leaps: bool = False
-    on_stop: bool = False
-    unsure_n: Mapping[str, float] = field(default_factory=dict)  # what neither balance nor motion knows, by symbol
-
-
-def _of_slides(reading: Reading) -> _Basis | Outcome:
-    """The balance of a stem that slides or slips under a force that ramps."""
-    reading, lag, path = _with_path(reading, lag_after_corners(reading))
-    found = _balance(reading, lag)
-    if found is None:
-        found, lag = balance_of_slips(reading), lag_of_slips(reading)
-    if found is None:
-        return Outcome.NO_UNIFORM_MOTION
-    static = static_friction(breakaways(reading), found, lag if path else None)
-    if path is None:
-        return _Basis(reading, lag, None, found, static)
-    # a command is known no better than to its treads, uniform within
-    tread_n = resolution(reading.samples.force_n) / math.sqrt(12.0)
-    return _Basis(reading, lag, path, found, static, unsure_n={"F_c": tread_n, "F_s": tread_n})
-
-
-def _of_steps(reading: Reading, steps: Stepped) -> _Basis | Outcome:
-    """The balance of the rests between the steps of a force; breakaways lie between two of its levels."""
-    rests = balance_of_rests(reading, steps)
-    if rests is None:
-        return _of_slides(reading) if steps.is_fine else Outcome.TOO_FEW_STEPS
-    found, on_stop = rests
-    between = static_friction_between(brackets(steps, found, on_stop), found)
-    lag = Known(steps.lateness_s, _LAG_SHARE * steps.lateness_s)
-    if steps.leaps(found.known("F_c").value):
-        return _Basis(reading, lag, None, found, between, stepped=True, leaps=True, on_stop=bool(on_stop))
-    static = static_friction(breakaways(reading), found) or between
-    unsure = {"F_c": steps.short_n(found.known("k").value)}
-    return _Basis(reading, lag, None, found, static, stepped=True, on_stop=bool(on_stop), unsure_n=unsure)
-
-
-def _with_path(reading: Reading, lag: Known) -> tuple[Reading, Known, PathToFit | None]:
-    """The reading with a likely path where the command stands in for the pressure, and the path to fit."""
-    if not is_commanded(reading):
-        return reading, lag, None
-    likely, left = with_likely_path(reading, lag)
-    return likely, left, command_path(reading, likely, lag)
-
-
-def _balance(reading: Reading, lag: Known) -> Balance | None:
-    blocks = driven_blocks(reading, lag)
-    return balance(
-        blocks,
-        noise_m=reading.noise_m,
-        travel_m=reading.travel_m,
-        has_spring=reading.spring_n_per_m > 0.0,
-        force_noise_n=reading.path.noise_n,
-        lag=lag,
-    )
 
 
 def _disagree(found: Balance, whole: Dynamic) -> bool:
@@ -261,7 +191,7 @@ def _turned_back(reading: Reading) -> bool:
     return float((np.maximum.accumulate(smooth) - smooth).max()) > _TURNED * float(np.ptp(smooth))
 
 
-def _concluded(basis: _Basis, whole: Dynamic | None, said: str) -> Estimate:
+def _concluded(basis: Basis, whole: Dynamic | None, said: str) -> Estimate:
     reading, found, static = basis.reading, basis.found, basis.static
     quantities = _widened(_quantities(found, static, whole), basis.unsure_n)
     friction_n = max((quantities[symbol].value for symbol in ("F_s", "F_c") if symbol in quantities), default=0.0)

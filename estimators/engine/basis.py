@@ -1,0 +1,91 @@
+"""What the forces of a recording give without its motion: by slides, by slips, or by the rests between steps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+from estimators.base import (
+    Outcome,
+)
+from estimators.engine.balance import Balance, balance, driven_blocks, lag_after_corners
+from estimators.engine.brackets import brackets, static_friction_between
+from estimators.engine.breakaways import StaticFriction, breakaways, static_friction
+from estimators.engine.commanded import command_path, is_commanded, with_likely_path
+from estimators.engine.dynamic import PathToFit
+from estimators.engine.parameters import Known
+from estimators.engine.reading import Reading
+from estimators.engine.rests import balance_of_rests
+from estimators.engine.slips import balance_of_slips, lag_of_slips
+from estimators.engine.stepped import Stepped
+from estimators.samples import resolution
+
+_LAG_SHARE: Final = 0.5  # how well the stem's lag is known by how late it slides
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Basis:
+    """What the forces alone give, and what the motion's fit begins with; ``leaps``: the force has no path to follow."""
+
+    reading: Reading
+    lag: Known
+    path: PathToFit | None
+    found: Balance
+    static: StaticFriction | None
+    stepped: bool = False
+    leaps: bool = False
+    on_stop: bool = False
+    unsure_n: Mapping[str, float] = field(default_factory=dict)  # what neither balance nor motion knows, by symbol
+
+
+def of_slides(reading: Reading) -> Basis | Outcome:
+    """Return the balance of a stem that slides or slips under a force that ramps."""
+    reading, lag, path = _with_path(reading, lag_after_corners(reading))
+    found = _balance(reading, lag)
+    if found is None:
+        found, lag = balance_of_slips(reading), lag_of_slips(reading)
+    if found is None:
+        return Outcome.NO_UNIFORM_MOTION
+    static = static_friction(breakaways(reading), found, lag if path else None)
+    if path is None:
+        return Basis(reading, lag, None, found, static)
+    # a command is known no better than to its treads, uniform within
+    tread_n = resolution(reading.samples.force_n) / math.sqrt(12.0)
+    return Basis(reading, lag, path, found, static, unsure_n={"F_c": tread_n, "F_s": tread_n})
+
+
+def of_steps(reading: Reading, steps: Stepped) -> Basis | Outcome:
+    """Return the balance of the rests between the steps of a force; breakaways lie between two of its levels."""
+    rests = balance_of_rests(reading, steps)
+    if rests is None:
+        return of_slides(reading) if steps.is_fine else Outcome.TOO_FEW_STEPS
+    found, on_stop = rests
+    between = static_friction_between(brackets(steps, found, on_stop), found)
+    lag = Known(steps.lateness_s, _LAG_SHARE * steps.lateness_s)
+    if steps.leaps(found.known("F_c").value):
+        return Basis(reading, lag, None, found, between, stepped=True, leaps=True, on_stop=bool(on_stop))
+    static = static_friction(breakaways(reading), found) or between
+    unsure = {"F_c": steps.short_n(found.known("k").value)}
+    return Basis(reading, lag, None, found, static, stepped=True, on_stop=bool(on_stop), unsure_n=unsure)
+
+
+def _with_path(reading: Reading, lag: Known) -> tuple[Reading, Known, PathToFit | None]:
+    """The reading with a likely path where the command stands in for the pressure, and the path to fit."""
+    if not is_commanded(reading):
+        return reading, lag, None
+    likely, left = with_likely_path(reading, lag)
+    return likely, left, command_path(reading, likely, lag)
+
+
+def _balance(reading: Reading, lag: Known) -> Balance | None:
+    blocks = driven_blocks(reading, lag)
+    return balance(
+        blocks,
+        noise_m=reading.noise_m,
+        travel_m=reading.travel_m,
+        has_spring=reading.spring_n_per_m > 0.0,
+        force_noise_n=reading.path.noise_n,
+        lag=lag,
+    )
