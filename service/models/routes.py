@@ -37,7 +37,7 @@ class ModelView(BaseModel):
     test: str = Field(description="id of the test that it came from")
     accepted_at: datetime
     accepted_by: str
-    model: dict[str, Any] = Field(description="breakaway/valve-model/1: parameters and causes with their intervals")
+    model: dict[str, Any] = Field(description="breakaway/valve-model/2: parameters and causes with their intervals")
 
 
 def _view(accepted: AcceptedModel) -> ModelView:

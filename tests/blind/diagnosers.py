@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, Final
 
-from discrepancy.diagnose import diagnose
-from estimators.exact_motion import ExactMotionEstimator
+from estimators.maximum_likelihood import MaximumLikelihoodEstimator
+from service.analysis import joined
+from service.diagnosis import assess
 from tests.blind.cases import HELD_OUT, BlindCase
 from tests.blind.strengths import Expected
 from tests.estimators.recordings import recorded
@@ -29,21 +30,23 @@ Diagnoser = Callable[[BlindCase], Asked]
 
 
 def product(case: BlindCase) -> Asked:
-    """What the product says of valves that repeat themselves: the exact fit of the first recording, the diagnosis."""
+    """What the product says: maximum likelihood of the recordings as one, and the diagnosis."""
     _warm()
     begun_s = time.process_time()
-    likelihood = ExactMotionEstimator().estimate(case.recordings[0], case.nameplate)
+    whole = joined(case.recordings)
+    likelihood = MaximumLikelihoodEstimator().estimate(whole, case.nameplate)
     estimated_s = time.process_time()
-    found = diagnose(case.recordings, case.nameplate, held_out=((HELD_OUT, case.held_out),), estimate=likelihood)
-    return Asked(found.to_json(), estimated_s - begun_s, time.process_time() - estimated_s)
+    held_out = ((HELD_OUT, case.held_out),)
+    found = assess(case.recordings, case.nameplate, [likelihood], held_out=held_out, estimated=whole)
+    return Asked(found, estimated_s - begun_s, time.process_time() - estimated_s)
 
 
 @cache
 def _warm() -> None:
     """Load what is compiled, once a process, so that no case's time holds it."""
     made = recorded("nominal", period_s=20.0e-3, noise_m=20.0e-6)
-    ExactMotionEstimator().estimate(made.recording, made.nameplate)
-    diagnose([made.recording], made.nameplate)
+    likelihood = MaximumLikelihoodEstimator().estimate(made.recording, made.nameplate)
+    assess([made.recording], made.nameplate, [likelihood])
 
 
 def oracle(case: BlindCase) -> Asked:

@@ -53,8 +53,8 @@ class Answer:
 
     @property
     def named(self) -> tuple[str, ...]:
-        """Causes that are named for sure."""
-        if self.verdict == "named":
+        """Causes that are named, for sure or probably."""
+        if self.verdict in {"named", "likely"}:
             return self.causes
         return self.causes[1:] if self.verdict == "ambiguous" else ()
 
@@ -84,7 +84,7 @@ def grade(answer: Answer, hidden: tuple[str, ...], expected: Expected) -> Grade:
         return Grade(answer.verdict)
     if answer.verdict == "not_assessed":
         return Grade.NOT_ASSESSED
-    if answer.verdict not in {"named", "ambiguous"} or not answer.causes:
+    if answer.verdict not in {"named", "likely", "ambiguous"} or not answer.causes:
         return Grade.FAILED
     truth, named, listed = set(hidden), set(answer.named), set(answer.listed)
     if listed and not listed & truth:

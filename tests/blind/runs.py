@@ -9,7 +9,7 @@ import signal
 import time
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
@@ -23,7 +23,6 @@ from tests.benchmarks.parallel import PROCESSES
 from tests.blind.cases import BlindCase, blind_case
 from tests.blind.diagnosers import DIAGNOSERS
 from tests.blind.grading import Answer, Grade, answer_from_json, grade
-from tests.blind.hiding import seen_by
 from tests.blind.strengths import Expected
 
 ROOT: Final = Path(__file__).parents[2]
@@ -111,15 +110,7 @@ def run_one(run: Run) -> Result:
         took_s = (0.0, time.process_time() - begun_s)
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
-    if found is Grade.NONE and case.expected is Expected.NAMED:
-        answer = replace(answer, message=_of_none(case))
     return _result(case, answer, found, took_s)
-
-
-def _of_none(case: BlindCase) -> str:
-    """What a miss is worth: whether anybody could have told the true valve from the best plain one."""
-    seen = seen_by(case)
-    return "" if seen is None else f"(the true model costs {seen:.1f} less than the plain one)"
 
 
 def _too_long(_number: int, _frame: FrameType | None) -> None:

@@ -84,7 +84,7 @@ def _discrepancy() -> dict[str, Any]:
         "not_told_apart_from": [],
         "separating_test": None,
         "extended_model": {
-            "schema": "breakaway/valve-model/1",
+            "schema": "breakaway/valve-model/2",
             "parameters": {"k": {"value": 52_480.0, "ci95": [52_470.0, 52_490.0], "unit": "N/m"}},
             "causes": {"local_friction": {"rise_n": {"value": 80.0, "ci95": [78.0, 82.0], "unit": "N"}}},
         },

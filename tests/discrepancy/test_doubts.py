@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from discrepancy.diagnose import Verdict, diagnose
 from discrepancy.doubts import doubt
+from service.diagnosis import assess
 from tests.service.recordings import NOMINAL, at_rest, recorded, triangle_test
 from valve.recording import Recording
 from valve.waveform import Waveform
@@ -78,17 +78,17 @@ BAD: dict[str, tuple[Recording, str]] = {
 @pytest.mark.parametrize("name", BAD)
 def test_bad_input_is_not_assessed_and_says_why(name: str) -> None:
     recording, words = BAD[name]
-    found = diagnose([recording], PLATE)
-    assert found.verdict is Verdict.NOT_ASSESSED
-    assert words in found.message
-    assert found.causes == ()
+    found = assess([recording], PLATE, [])
+    assert found["verdict"] == "not_assessed"
+    assert words in found["message"]
+    assert found["causes"] == []
 
 
 def test_a_bench_set_that_cannot_be_is_a_scale() -> None:
     wrong = replace(PLATE, actuator=replace(PLATE.actuator, bench_set_pa=(0.0, 20_000.0)))
-    found = diagnose([good()], wrong)
-    assert found.verdict is Verdict.NOT_ASSESSED
-    assert "the misfit is a scale" in found.message
+    found = assess([good()], wrong, [])
+    assert found["verdict"] == "not_assessed"
+    assert "the misfit is a scale" in found["message"]
 
 
 def test_good_recordings_are_not_doubted() -> None:

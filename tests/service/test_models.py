@@ -13,7 +13,7 @@ from tests.service.problem import assert_problem
 
 RUN = {"valve": "FV-101", "sequence": "triangle"}
 MODEL = {
-    "schema": "breakaway/valve-model/1",
+    "schema": "breakaway/valve-model/2",
     "parameters": {"k": {"value": 52.5e3, "ci95": [52.4e3, 52.6e3], "unit": "N/m"}},
     "causes": {"friction_asymmetry": {"asymmetry": {"value": 0.1, "ci95": [0.09, 0.11], "unit": "1"}}},
 }
