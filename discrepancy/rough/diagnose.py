@@ -92,6 +92,7 @@ def diagnose(
         null = _plain(reading, nameplate, longer, creeping_m_per_s, int(null.problem.rows.is_slide.sum())) or null
     rows = null.problem.rows
     setting = setting_of(rows, reading, nameplate, creeping_m_per_s)
+    setting = replace(setting, late_s=max(null.known("lag").value, 0.0))
     coulomb, static = null.known("F_c"), null.known("F_s")
     if coulomb.std_error < _KNOWN * coulomb.value:
         # least squares take what is viscous for dry friction

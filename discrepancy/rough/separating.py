@@ -184,7 +184,7 @@ def _planned_rows(undecided: Undecided, waveform: Waveform) -> tuple[Observation
     for chosen, kind in ((rows.is_slide, recorded.is_slide), (~rows.is_slide, ~recorded.is_slide)):
         least_n2[chosen] = float(np.median(recorded.variance_n2[kind])) if bool(kind.any()) else 0.0
     rows = replace(rows, variance_n2=np.maximum(rows.variance_n2, least_n2))
-    return rows, setting_of(rows, reading, view.nameplate), lag
+    return rows, replace(setting_of(rows, reading, view.nameplate), late_s=view.setting.late_s), lag
 
 
 def _played(view: View, valve: ExtendedValve, waveform: Waveform) -> Reading | None:

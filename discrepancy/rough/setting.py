@@ -17,6 +17,7 @@ class Setting:
 
     ``low_m`` to ``high_m`` is the travel swept, ``duration_s`` the recording's, ``speed_m_per_s`` the usual one in
     motion. k, F_c, F_s and F_0 are rough values. ``preload_n`` is the nameplate's, None where it has no bench set.
+    ``late_s`` is how late a damped stem follows the force.
     """
 
     travel_m: float
@@ -31,6 +32,7 @@ class Setting:
     full_force_n: float
     preload_n: float | None
     creeps: bool = False
+    late_s: float = 0.0
 
     @property
     def swept_m(self) -> float:

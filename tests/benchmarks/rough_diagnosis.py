@@ -107,8 +107,13 @@ def _swept(valve: str) -> Swept:
     travel_m = nameplate.actuator.travel_m
     full_n = nameplate.signal.range_pa[1] * nameplate.actuator.diaphragm_area_m2
     scale = ValveScale.of(parameters, travel_m, full_n)
-    top_m = (full_n - parameters.preload_n - parameters.coulomb_friction_n) / parameters.spring_rate_n_per_m
-    return Swept(0.0, min(top_m, travel_m), min(top_m, travel_m) / 10.0, 60.0, scale)
+    spring, friction_n = parameters.spring_rate_n_per_m, parameters.coulomb_friction_n
+    assert nameplate.actuator.bench_set_pa is not None
+    low_n = nameplate.actuator.bench_set_pa[0] * nameplate.actuator.diaphragm_area_m2
+    # friction keeps the stem from both ends
+    low_m = max((low_n - parameters.preload_n + friction_n) / spring, 0.0)
+    high_m = min((full_n - parameters.preload_n - friction_n) / spring, travel_m)
+    return Swept(low_m, high_m, high_m / 10.0, 60.0, scale)
 
 
 def misfit_n(one: RoughCase) -> float | None:

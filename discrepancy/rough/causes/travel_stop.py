@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import ClassVar, Final
 
 import numpy as np
@@ -26,17 +27,22 @@ _FEWEST_VISITS: Final = 2
 _BEYOND: Final = 0.004  # of the travel that a reading may show beyond the stop
 _SLIDING: Final = 0.3  # of the speed by the force's rate, at least, with which a sliding stem arrives
 _NEAR_S: Final = 0.1
+_EVEN: Final = 0.7  # least of the force's rates over the largest, before and in a rest to which no command led
 _HELD: Final = 5.0  # standard deviations of the breakaway by which a stop holds more than friction
 
 
 @dataclass(frozen=True, slots=True)
 class _Arrival:
-    """A stem that came to rest while the force went on: where, and how far the force would have driven it."""
+    """A stem that came to rest while the force went on: where, and how far the force would have driven it.
+
+    ``is_sliding``: it came from steady motion, in which friction holds no stem. ``beyond_static``: the net force that
+    it withstood over F_s, in standard deviations of the breakaway.
+    """
 
     place_m: float
     way_m: float
     is_sliding: bool
-    beyond_static: float  # net force over F_s, in standard deviations of the breakaway
+    beyond_static: float
 
 
 def _rise(force_n: npt.NDArray[np.float64]) -> float:
@@ -61,10 +67,12 @@ class _TravelStop(ABC):
     def seen(self, view: View) -> Seen | None:
         """Return the stop if the stem arrived there twice, once at least with a force that went on, and never went on.
 
-        It slid in without a reason to stop, or the force at rest was more than any friction.
+        It slid in without a reason to stop, or the force at rest was more than any friction. A stem that sticks and
+        slips stops without a reason, so that only the force counts.
         """
         places_m, arrivals = self._arrivals(view)
-        shown = [one for one in arrivals if one.is_sliding or one.beyond_static > _HELD]
+        slides = not self._sticks(view)
+        shown = [one for one in arrivals if (slides and one.is_sliding) or one.beyond_static > _HELD]
         if not shown:
             return None
         band_m = view.reading.segmentation.band_m
@@ -75,6 +83,24 @@ class _TravelStop(ABC):
             return None
         error_m = max(float(np.std(visits_m)), view.reading.noise_m) / np.sqrt(visits_m.size)
         return Seen({"position_m": Fitted(place_m, float(error_m), "m")}, self._effect(place_m))
+
+    def _sticks(self, view: View) -> bool:
+        """Whether the stem came to rest between two moves of this direction, while the force drove on evenly."""
+        reading = view.reading
+        time_s, force_n = reading.time_s, self.direction * reading.path.force_n
+        moves, rests = reading.segmentation.moves, reading.segmentation.rests
+        for move, after in pairwise(moves):
+            goes_on = move.direction == after.direction == self.direction and move.next_rest >= 0
+            if not goes_on or after.rest != move.next_rest:
+                continue
+            rest = rests[move.next_rest]
+            near_s = min(_NEAR_S, 0.5 * float(time_s[rest.last] - time_s[rest.first]))
+            first_s, last_s = float(time_s[rest.first]), float(time_s[rest.last])
+            at_n = np.interp([first_s - near_s, first_s, first_s + near_s, last_s - near_s, last_s], time_s, force_n)
+            steps_n = np.array([at_n[1] - at_n[0], at_n[2] - at_n[1], at_n[4] - at_n[3]])
+            if float(steps_n.min()) > _EVEN * float(steps_n.max()) > 0.0:
+                return True
+        return False
 
     def _arrivals(self, view: View) -> tuple[npt.NDArray[np.float64], list[_Arrival]]:
         """Where the stem turned, m, and of these its arrivals while the force still went on."""
