@@ -9,6 +9,7 @@ import numpy as np
 from discrepancy.rough.causes.base import Fitted
 from discrepancy.rough.causes.position_lag import LIMIT_S, lag_of
 from discrepancy.rough.causes.seen import View
+from discrepancy.rough.causes.transducer_delay import beyond_limit, delays
 from discrepancy.rough.result import Finding
 
 _LEAST_S: Final = 0.004
@@ -24,13 +25,15 @@ def remarks(view: View) -> tuple[Finding, ...]:
         said = f"The position sensor has a filter of {lag.in_words(1.0e3, 'ms')}."
         found.append(Finding("position_filter", said, _NOTHING, {"lag_s": lag}))
     path = view.reading.path
-    for name, value_s, what in (
-        ("transducer_lag", path.lag_s, "lags the command by"),
-        ("transducer_dead_time", path.dead_time_s, "follows the command after"),
-    ):
-        if value_s > _LEAST_S:
-            said = f"The pressure {what} {1.0e3 * value_s:.0f} ms."
-            found.append(Finding(name, said, _NOTHING, {"time_s": Fitted(value_s, path.late_s, "s")}))
+    late = delays(view.recording)
+    if late is not None:
+        for name, key, known, what in (
+            ("transducer_lag", "lag_s", late.lag, "lags the command by"),
+            ("transducer_dead_time", "delay_s", late.dead_time, "follows the command after"),
+        ):
+            if known.value > _LEAST_S and not beyond_limit(known):
+                said = f"The pressure {what} {known.in_words(1.0e3, 'ms')}."
+                found.append(Finding(name, said, _NOTHING, {key: known}))
     span_n = float(np.ptp(path.force_n))
     beside = float(np.std(path.left_n)) / max(span_n, 1.0e-9)
     if beside > _LEAST_SHARE:

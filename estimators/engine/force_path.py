@@ -129,7 +129,7 @@ def force_path(
     if not quiet:
         command = recording.command_pa
         if command is not None and np.isfinite(command[rows]).all() and float(np.ptp(command[rows])) > 0.0:
-            path = _through_command(time_s, command[rows], measured_n, run_first)
+            path = through_command(time_s, command[rows], measured_n, run_first)
             if float(path.left_n.std()) <= _MOST_LEFT * range_n:
                 return path
         lines = _straight_runs(time_s, measured_n, range_n, run_first)
@@ -155,7 +155,7 @@ def restarts_of(command: FloatArray, run_first: IntArray) -> BoolArray:
     return restarts
 
 
-def _through_command(time_s: FloatArray, command: FloatArray, measured_n: FloatArray, run_first: IntArray) -> ForcePath:
+def through_command(time_s: FloatArray, command: FloatArray, measured_n: FloatArray, run_first: IntArray) -> ForcePath:
     """The command behind a dead time and a lag, with the gain and offset that fit the measured force best."""
     restarts = restarts_of(command, run_first)
     begins_s = time_s[np.maximum.accumulate(np.where(restarts, np.arange(time_s.size), 0))]

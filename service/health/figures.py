@@ -83,8 +83,9 @@ def figures_of(analysis: Mapping[str, Any]) -> dict[str, Figure]:
 
 
 def _transducer_lag(analysis: Mapping[str, Any]) -> Mapping[str, Any] | None:
-    remarks = (analysis.get("discrepancy") or {}).get("remarks") or ()
-    return next((one["parameters"].get("time_s") for one in remarks if one["cause"] == "transducer_lag"), None)
+    found = analysis.get("discrepancy") or {}
+    told = [*(found.get("causes") or ()), *(found.get("remarks") or ())]
+    return next((one["parameters"].get("lag_s") for one in told if one["cause"] == "transducer_lag"), None)
 
 
 def _varying(figure: Figure, key: str, analysis: Mapping[str, Any]) -> Figure:

@@ -26,6 +26,7 @@ from discrepancy.rough.causes.spring_hardening import SpringHardening
 from discrepancy.rough.causes.spring_preload import SpringPreload
 from discrepancy.rough.causes.stribeck_friction import StribeckFriction
 from discrepancy.rough.causes.supply_saturation import SupplySaturation
+from discrepancy.rough.causes.transducer_delay import TransducerDeadTime, TransducerLag
 from discrepancy.rough.causes.transducer_hysteresis import TransducerHysteresis
 from discrepancy.rough.causes.travel_stop import TravelStopHigh, TravelStopLow
 
@@ -55,6 +56,8 @@ SEEN_CAUSES: Final[tuple[SeenCause, ...]] = (
     ActuatorLeak(),
     PositionerDeadBand(),
     TransducerHysteresis(),
+    TransducerLag(),
+    TransducerDeadTime(),
     PositionLag(),
     BreakawayScatter(),
 )
