@@ -59,6 +59,8 @@ class PositionBacklash(Cause):
         half_n = self.friction_n(values, where)
         rate = np.abs(where.rate_n_per_s)
         jump_n = max(share - 1.0, 0.0) * max(self.setting.friction_n - float(half_n.max(initial=0.0)), 0.0)
+        # a play hides the jump from the plain valve: then it is taken to reach across
+        jump_n = max(jump_n, 2.0 * float(half_n.max(initial=0.0)))
         gained_n = rate * _crossing_s(2.0 * half_n, jump_n, rate, self.setting.late_s)
         turns = where.direction * where.before < 0.0
         return np.asarray(where.direction * where.before * half_n + np.where(turns, gained_n, 0.0))
