@@ -85,7 +85,8 @@ def figures_of(analysis: Mapping[str, Any]) -> dict[str, Figure]:
 def _transducer_lag(analysis: Mapping[str, Any]) -> Mapping[str, Any] | None:
     found = analysis.get("discrepancy") or {}
     told = [*(found.get("causes") or ()), *(found.get("remarks") or ())]
-    return next((one["parameters"].get("lag_s") for one in told if one["cause"] == "transducer_lag"), None)
+    lags = (one.get("parameters") or {} for one in told if one["cause"] == "transducer_lag")
+    return next((one["lag_s"] for one in lags if "lag_s" in one), None)
 
 
 def _varying(figure: Figure, key: str, analysis: Mapping[str, Any]) -> Figure:

@@ -63,7 +63,8 @@ def test_a_tight_spot_is_named_beside_a_dead_band() -> None:
 
 @pytest.mark.parametrize(
     ("path", "named"),
-    [({}, []), ({"lag_s": 0.3}, []), ({"dead_time_s": 0.2}, []), ({"leak": 0.04}, ["actuator_leak"]),
+    [({}, []), ({"lag_s": 0.3}, ["transducer_lag"]), ({"dead_time_s": 0.2}, ["transducer_dead_time"]),
+     ({"leak": 0.04}, ["actuator_leak"]),
      ({"supply_pa": 92.0e3}, ["supply_saturation"])],
 )  # fmt: skip
 def test_a_path_that_is_late_or_short_has_no_dead_band_and_no_loop(path: dict[str, float], named: list[str]) -> None:

@@ -48,6 +48,7 @@ def test_a_late_force_is_late_by_what_the_pressure_shows(lag_s: float, dead_time
     assert path.late_s >= 0.008
 
 
+@pytest.mark.long
 def test_a_stem_behind_a_slow_converter_has_its_own_damping_and_mass() -> None:
     """The gauge's filter of 8 ms in what it shows of the I/P's 80 ms looked like a fifth of F_v, to within 2 %."""
     one = case("vendor", "multi_rate", "usual", seed=6, path={"lag_s": 0.08})
