@@ -391,19 +391,21 @@ async def test_what_another_master_writes_between_two_samples_is_seen_and_ends_t
 
 
 async def test_an_output_that_lags_is_nobody_elses(bench: Bench) -> None:
-    device, at_once, scanned = bench.device, bench.device.move, [0.0]
+    device, at_once = bench.device, bench.device.move
+    scanned: list[asyncio.TimerHandle] = []
 
     def later(pressure_pa: float) -> None:
         device.moves.append((time.monotonic(), pressure_pa))
         if pressure_pa == SAFE_PA:
+            for waiting in scanned:
+                waiting.cancel()  # a card that still follows an older value would leave the safe one again
             at_once(pressure_pa)
             return
-        asyncio.get_running_loop().call_later(0.15, lambda: setattr(device, "output_pa", pressure_pa))
-        scanned[0] += 1
+        scanned.append(asyncio.get_running_loop().call_later(0.15, lambda: setattr(device, "output_pa", pressure_pa)))
 
     device.move = later  # type: ignore[method-assign]  # a PLC's scan and its output card take their time
     outcome = await bench.play(triangle(2.0, 1, 10_000.0, 60_000.0))
-    assert scanned[0] > 20
+    assert len(scanned) > 20
     assert (outcome.ended, outcome.error) == (Ended.COMPLETED, None)
 
 
