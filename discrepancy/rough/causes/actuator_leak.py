@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from typing import ClassVar, Final
 
 import numpy as np
+from typing_extensions import override
 
 from discrepancy.rough.causes.base import Fitted
-from discrepancy.rough.causes.seen import Seen, View
+from discrepancy.rough.causes.seen import Seen, SeenCause, View
 from discrepancy.rough.setting import Setting
 
 _LEAST: Final = 0.01
@@ -16,7 +17,7 @@ _LEVELS: Final = 20
 _SURE: Final = 5.0
 
 
-class ActuatorLeak:
+class ActuatorLeak(SeenCause):
     """The measured pressure is a share of the command."""
 
     name: ClassVar[str] = "actuator_leak"
@@ -47,6 +48,7 @@ class ActuatorLeak:
             return None
         return Seen({"leak": Fitted(leak, error, "1")}, None)
 
-    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:  # noqa: ARG002
+    @override
+    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
         """Return what a fitter is told."""
         return f"The pressure stays {fitted['leak'].in_words(100.0, '%')} below what the command asks for."

@@ -87,7 +87,7 @@ class Cause(Law, ABC):
         """Return the known shape alone, else all."""
         return self.shapes() if self.known is None else [self.known]
 
-    def breakaway_n(self, values: FloatArray, where: Where, share: float) -> FloatArray:  # noqa: ARG002
+    def breakaway_n(self, values: FloatArray, where: Where, share: float) -> FloatArray:  # noqa: ARG002  - the default of every cause
         """Return as much as in motion: what place, time and pressure add is in F_c and F_s alike."""
         return self.friction_n(values, where)
 

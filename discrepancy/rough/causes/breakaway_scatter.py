@@ -8,9 +8,10 @@ from typing import ClassVar, Final
 
 import numpy as np
 from scipy.stats import chi2
+from typing_extensions import override
 
 from discrepancy.rough.causes.base import Fitted
-from discrepancy.rough.causes.seen import Seen, View
+from discrepancy.rough.causes.seen import Seen, SeenCause, View
 from discrepancy.rough.setting import Setting
 from estimators.base import NORMAL_95
 
@@ -23,7 +24,7 @@ _OFTEN: Final = 0.5  # of the scatter that the middle half must show too: no sin
 _BY_ITSELF: Final = 0.8  # of the variance, that place, direction and time leave
 
 
-class BreakawayScatter:
+class BreakawayScatter(SeenCause):
     """The breakaways' forces by the healthy fit: their standard deviation, a share of F_s, up to twice F_s."""
 
     name: ClassVar[str] = "breakaway_scatter"
@@ -68,7 +69,8 @@ class BreakawayScatter:
             {"scatter": Fitted(scatter_n / static_n, 0.5 * (high_n - low_n) / (NORMAL_95 * static_n), "1")}, None
         )
 
-    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:  # noqa: ARG002
+    @override
+    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
         """Return what a fitter is told."""
         return (
             f"The breakaways' forces differ by {fitted['scatter'].in_words(100.0, '%')} from one to the next; "

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import ClassVar, Final
 
 import numpy as np
+from typing_extensions import override
 
 from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, Shape, parameter
 from estimators.engine.laws import LawParameter, Where
@@ -42,7 +43,8 @@ class DualRateSpring(Cause):
         """Return -dk max(x - knee, 0)."""
         return np.asarray(-values[0] * np.maximum(where.travel_m - values[1], 0.0))
 
-    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:  # noqa: ARG002
+    @override
+    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:
         """Return the effect that a simulated valve takes."""
         return KneeEffect(float(values[0]), float(values[1]))
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import ClassVar, Final
 
 import numpy as np
+from typing_extensions import override
 
 from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, Shape, parameter
 from estimators.engine.laws import LawParameter, Where
@@ -33,7 +34,8 @@ class DwellDependentBreakaway(Cause):
         """Times of half a second to a minute."""
         return [(time_s,) for time_s in _TIMES_S]
 
-    def breakaway_n(self, values: FloatArray, where: Where, share: float) -> FloatArray:  # noqa: ARG002
+    @override
+    def breakaway_n(self, values: FloatArray, where: Where, share: float) -> FloatArray:
         """Return the rise after this rest."""
         return np.asarray(values[0] * where.rested_s / (where.rested_s + values[1]))
 

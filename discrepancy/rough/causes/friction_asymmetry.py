@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, parameter
 from estimators.engine.laws import LawParameter, Where
@@ -33,7 +34,8 @@ class FrictionAsymmetry(Cause):
         """Return the same share of F_s."""
         return share * self.friction_n(values, where)
 
-    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:  # noqa: ARG002
+    @override
+    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:
         """Return the effect that a simulated valve takes."""
         return AsymmetryEffect(float(np.clip(values[0] / self.setting.friction_n, -0.95, 0.95)))
 

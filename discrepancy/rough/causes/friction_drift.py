@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import ClassVar, Final
 
 import numpy as np
+from typing_extensions import override
 
 from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, Shape, parameter
 from estimators.engine.laws import LawParameter, Where
@@ -38,7 +39,8 @@ class FrictionDrift(Cause):
         whole = -np.expm1(-self.setting.duration_s / values[1])
         return np.asarray(values[0] * -np.expm1(-where.time_s / values[1]) / whole)
 
-    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:  # noqa: ARG002
+    @override
+    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:
         """Return the effect that a simulated valve takes."""
         return DriftEffect(float(values[0]), float(values[1]), self.setting.duration_s)
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, parameter
 from estimators.engine.laws import LawParameter, Where
@@ -28,7 +29,8 @@ class FrictionGradient(Cause):
         """Return g (x - middle)."""
         return np.asarray(values[0] * (where.travel_m - self.setting.middle_m))
 
-    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:  # noqa: ARG002
+    @override
+    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:
         """Return the effect that a simulated valve takes."""
         return GradientEffect(float(values[0]), self.setting.middle_m)
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import ClassVar, Final
 
 import numpy as np
+from typing_extensions import override
 
 from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, Shape, parameter
 from discrepancy.rough.causes.seat_friction import SEAT
@@ -50,7 +51,8 @@ class LocalFriction(Cause):
         """Return the rise at these places."""
         return np.asarray(values[0] * np.exp(-0.5 * ((where.travel_m - values[1]) / values[2]) ** 2))
 
-    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:  # noqa: ARG002
+    @override
+    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:
         """Return the effect that a simulated valve takes."""
         return SpotEffect(float(values[0]), float(values[1]), float(values[2]))
 

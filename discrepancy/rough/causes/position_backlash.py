@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import ClassVar, Final
 
 import numpy as np
+from typing_extensions import override
 
 from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, parameter
 from estimators.engine.laws import LawParameter, Where
@@ -65,7 +66,8 @@ class PositionBacklash(Cause):
         turns = where.direction * where.before < 0.0
         return np.asarray(where.direction * where.before * half_n + np.where(turns, gained_n, 0.0))
 
-    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:  # noqa: ARG002
+    @override
+    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:
         """Return the effect that a simulated valve takes."""
         return PlayEffect(float(max(values[0], 0.0)))
 

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from typing import ClassVar, Final
 
 import numpy as np
+from typing_extensions import override
 
 from discrepancy.rough.causes.base import Fitted
-from discrepancy.rough.causes.seen import Seen, View
+from discrepancy.rough.causes.seen import Seen, SeenCause, View
 from discrepancy.rough.setting import Setting
 from estimators.engine.dynamic import Dynamic
 from estimators.engine.fields import no_fields
@@ -28,7 +29,7 @@ _SECTIONS: Final = 8
 _TIMES_S: Final = (0.01, 0.003)  # of a stem that is quick itself
 
 
-class PositionLag:
+class PositionLag(SeenCause):
     """The sensor's filter, fitted beside the stem's own times to the motion after the breakaways.
 
     A damped stem lags on a ramp like a slow reading does. But it stops when it is slow, and a reading goes on.
@@ -55,7 +56,8 @@ class PositionLag:
         damping = math.exp(float(best.unknowns.parameters[LN_V]))
         return Seen({"lag_s": found}, LagEffect(found.value), damping)
 
-    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:  # noqa: ARG002
+    @override
+    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
         """Return what a fitter is told."""
         return f"The position reading lags by {fitted['lag_s'].in_words(1.0e3, 'ms')}."
 

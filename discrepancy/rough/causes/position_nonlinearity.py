@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, parameter
 from estimators.engine.laws import LawParameter, Where
@@ -32,7 +33,8 @@ class PositionNonlinearity(Cause):
         u = 2.0 * v / (1.0 + bow + np.sqrt(np.maximum((1.0 + bow) ** 2 - 4.0 * bow * v, 0.0)))
         return np.asarray(self.setting.spring_n_per_m * values[0] * 4.0 * u * (1.0 - u))
 
-    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:  # noqa: ARG002
+    @override
+    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:
         """Return the effect that a simulated valve takes."""
         return BowEffect(float(values[0]), self.setting.travel_m)
 

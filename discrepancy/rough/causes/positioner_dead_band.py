@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
+from typing_extensions import override
+
 from discrepancy.rough.causes.base import Fitted
 from discrepancy.rough.causes.command_loop import LoopLaw, command_loop
-from discrepancy.rough.causes.seen import Seen, View
+from discrepancy.rough.causes.seen import Seen, SeenCause, View
 from discrepancy.rough.setting import Setting
 
 
-class PositionerDeadBand:
+class PositionerDeadBand(SeenCause):
     """The measured pressure stands still after each turn of the command, up to 12 % of the command's range."""
 
     name: ClassVar[str] = "positioner_dead_band"
@@ -23,7 +25,8 @@ class PositionerDeadBand:
         found = command_loop(view.recording)
         return Seen({"dead_band_pa": found[1]}, None) if found is not None and found[0] is LoopLaw.DEAD_BAND else None
 
-    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:  # noqa: ARG002
+    @override
+    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
         """Return what a fitter is told."""
         band = fitted["dead_band_pa"].in_words(1.0e-3, "kPa")
         return f"The pressure follows only when the command has turned back by {band}: a dead band."

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, parameter
 from estimators.engine.laws import LawParameter, Where
@@ -29,7 +30,8 @@ class PressureDependentFriction(Cause):
         """Return mu |U|."""
         return np.asarray(values[0] * np.abs(where.force_n))
 
-    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:  # noqa: ARG002
+    @override
+    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:
         """Return the effect that a simulated valve takes."""
         return PressureEffect(float(values[0]))
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import ClassVar, Final
 
 import numpy as np
+from typing_extensions import override
 
 from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, Shape, parameter
 from estimators.engine.laws import LawParameter, Where
@@ -39,7 +40,8 @@ class SeatFriction(Cause):
         """Return the rise at these places."""
         return np.asarray(values[0] * np.exp(-0.5 * (np.maximum(where.travel_m, 0.0) / values[1]) ** 2))
 
-    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:  # noqa: ARG002
+    @override
+    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:
         """Return the effect that a simulated valve takes: a tight spot at the closed position."""
         return SpotEffect(float(values[0]), 0.0, float(values[1]))
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
+from typing_extensions import override
 
 from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, Shape, parameter
 from estimators.engine.laws import LawParameter, Where
@@ -34,7 +35,8 @@ class SpringPreload(Cause):
         """Return -dF_0."""
         return np.full(where.count, -values[0])
 
-    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:  # noqa: ARG002
+    @override
+    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:
         """Return the effect that a simulated valve takes."""
         return PreloadEffect(float(values[0]))
 

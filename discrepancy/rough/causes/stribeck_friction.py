@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import ClassVar, Final
 
 import numpy as np
+from typing_extensions import override
 
 from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, Shape, parameter
 from estimators.engine.laws import LawParameter, Where
@@ -39,11 +40,13 @@ class StribeckFriction(Cause):
         """Return what is left of the excess at this speed."""
         return np.asarray(values[0] * np.exp(-((where.speed_m_per_s / values[1]) ** 2)))
 
-    def breakaway_n(self, values: FloatArray, where: Where, share: float) -> FloatArray:  # noqa: ARG002
+    @override
+    def breakaway_n(self, values: FloatArray, where: Where, share: float) -> FloatArray:
         """Return nothing: F_s is free."""
         return np.zeros(where.count)
 
-    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:  # noqa: ARG002
+    @override
+    def effect(self, values: FloatArray, short_n: float = 0.0) -> Effect:
         """Return the effect that a simulated valve takes: F_s is already the whole of it."""
         return StribeckEffect(float(values[1]), 0.0)
 

@@ -6,9 +6,10 @@ from collections.abc import Mapping
 from typing import ClassVar, Final
 
 import numpy as np
+from typing_extensions import override
 
 from discrepancy.rough.causes.base import Fitted
-from discrepancy.rough.causes.seen import Seen, View
+from discrepancy.rough.causes.seen import Seen, SeenCause, View
 from discrepancy.rough.setting import Setting
 
 _MISSING: Final = 0.01  # of the span, by which the pressure stays below the command
@@ -17,7 +18,7 @@ _LEAST: Final = 0.01  # of the rows
 _ELSEWHERE: Final = 0.01  # of the span: how well it follows below
 
 
-class SupplySaturation:
+class SupplySaturation(SeenCause):
     """The measured pressure stays at its top while the command goes on."""
 
     name: ClassVar[str] = "supply_saturation"
@@ -44,6 +45,7 @@ class SupplySaturation:
         limit_pa = float(np.median(at_top))
         return Seen({"limit_pa": Fitted(limit_pa, float(np.std(at_top)) / np.sqrt(at_top.size), "Pa")}, None)
 
-    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:  # noqa: ARG002
+    @override
+    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
         """Return what a fitter is told."""
         return f"The pressure does not rise above {fitted['limit_pa'].in_words(1.0e-3, 'kPa')}."

@@ -8,11 +8,12 @@ from functools import lru_cache
 from typing import ClassVar, Final
 
 import numpy as np
+from typing_extensions import override
 
 from discrepancy.rough.causes.base import Fitted
 from discrepancy.rough.causes.command_loop import command_loop
 from discrepancy.rough.causes.position_lag import LIMIT_S
-from discrepancy.rough.causes.seen import Seen, View
+from discrepancy.rough.causes.seen import Seen, SeenCause, View
 from discrepancy.rough.setting import Setting
 from estimators.engine.force_path import through_command
 from estimators.engine.rows import runs_between_gaps
@@ -56,7 +57,7 @@ def beyond_limit(known: Fitted) -> bool:
     return known.value - _SURE * known.std_error > LIMIT_S
 
 
-class TransducerLag:
+class TransducerLag(SeenCause):
     """The pressure follows the command with a time constant."""
 
     name: ClassVar[str] = "transducer_lag"
@@ -70,12 +71,13 @@ class TransducerLag:
         found = delays(view.recording)
         return Seen({"lag_s": found.lag}, None) if found is not None and beyond_limit(found.lag) else None
 
-    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:  # noqa: ARG002
+    @override
+    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
         """Return what a fitter is told."""
         return f"The pressure lags the command with a time constant of {fitted['lag_s'].in_words(1.0e3, 'ms')}."
 
 
-class TransducerDeadTime:
+class TransducerDeadTime(SeenCause):
     """The pressure follows the command after a delay."""
 
     name: ClassVar[str] = "transducer_dead_time"
@@ -87,6 +89,7 @@ class TransducerDeadTime:
         found = delays(view.recording)
         return Seen({"delay_s": found.dead_time}, None) if found is not None and beyond_limit(found.dead_time) else None
 
-    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:  # noqa: ARG002
+    @override
+    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
         """Return what a fitter is told."""
         return f"The pressure follows the command after {fitted['delay_s'].in_words(1.0e3, 'ms')}."

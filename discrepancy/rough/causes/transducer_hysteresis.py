@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
+from typing_extensions import override
+
 from discrepancy.rough.causes.base import Fitted
 from discrepancy.rough.causes.command_loop import LoopLaw, command_loop
-from discrepancy.rough.causes.seen import Seen, View
+from discrepancy.rough.causes.seen import Seen, SeenCause, View
 from discrepancy.rough.setting import Setting
 
 
-class TransducerHysteresis:
+class TransducerHysteresis(SeenCause):
     """The measured pressure goes up below and down above the command's line, up to 12 % of the command's range apart.
 
     It begins to turn with the command at once, so it is no dead band; both ways meet at the ends of the range.
@@ -26,7 +28,8 @@ class TransducerHysteresis:
         found = command_loop(view.recording)
         return Seen({"width_pa": found[1]}, None) if found is not None and found[0] is LoopLaw.HYSTERESIS else None
 
-    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:  # noqa: ARG002
+    @override
+    def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
         """Return what a fitter is told."""
         width = fitted["width_pa"].in_words(1.0e-3, "kPa")
         return f"At the same command the pressure is up to {width} higher falling than rising: hysteresis of the I/P."
