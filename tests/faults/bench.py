@@ -88,7 +88,7 @@ async def _run_once(case: Case, folder: Path) -> tuple[Verdict, int]:
         patience_s = _DARK_PATIENCE_S if dark else _PATIENCE_S
         work = victim.run_watched_test if found.is_watched else victim.run_test
         await _live(work, (str(found.plant_file), str(told), dict(order)), process, patience_s)
-        found.around.mend()
+        await found.around.mend()
         lines = told_by(told)
         if not any(line["kind"] in ("end", "refused") for line in lines):
             # It died: the device's watchdog must act before anybody else does.

@@ -146,7 +146,7 @@ class Surroundings:
         self._tag = tag
         self._tunnel: Tunnel | None = None
         self._disk: Path | None = None
-        self._mended = threading.Event()
+        self._at_disk: asyncio.Future[None] | None = None
 
     async def set_up(self, stack: AsyncExitStack, folder: Path) -> None:
         """Make what the fault needs, the plant being served; it is taken away as the stack is closed."""
@@ -179,8 +179,7 @@ class Surroundings:
                 self._tunnel.go_dark()
             case PlantFault.FULL_DISK:
                 assert self._disk is not None
-                self._mended.clear()
-                asyncio.get_running_loop().run_in_executor(None, _fill, self._disk, self._mended)
+                self._at_disk = asyncio.get_running_loop().run_in_executor(None, _fill, self._disk)
             case PlantFault.FLAPPING:
                 self._inject(*_flaps(self._now_s))
             case PlantFault.STUCK_STEM:
@@ -188,13 +187,14 @@ class Surroundings:
             case None:
                 pass
 
-    def mend(self) -> None:
+    async def mend(self) -> None:
         """Take away what would keep a restart from telling what happened."""
         if self._tunnel is not None:
             self._tunnel.light_up()
-        if self._disk is not None:
-            self._mended.set()
-            (self._disk / "filling").unlink(missing_ok=True)
+        if self._disk is not None and self._at_disk is not None:
+            await self._at_disk
+            await asyncio.to_thread(_resize, self._disk, _DISK_BYTES)
+            self._at_disk = None
 
     @property
     def _now_s(self) -> float:
@@ -263,15 +263,17 @@ def _small_disk(folder: Path) -> Iterator[Path]:
         subprocess.run(["umount", "--lazy", folder], check=True, capture_output=True)
 
 
-def _fill(folder: Path, mended: threading.Event) -> None:
-    """Write until nothing more can be written, however much others write meanwhile, or until it is mended."""
-    size = 1 << 22
-    with (folder / "filling").open("wb", buffering=0) as file:
-        while size >= 512 and not mended.is_set():
-            try:
-                file.write(bytes(size))
-            except OSError:
-                size //= 2
+def _fill(folder: Path) -> None:
+    """Leave the disk no larger than what is on it: full at once, and without a writer that takes the machine's time."""
+    while True:
+        disk = os.statvfs(folder)
+        with contextlib.suppress(subprocess.CalledProcessError):  # somebody has written meanwhile
+            _resize(folder, (disk.f_blocks - disk.f_bfree) * disk.f_frsize)
+            return
+
+
+def _resize(folder: Path, size: int) -> None:
+    subprocess.run(["mount", "-o", f"remount,size={size}", folder], check=True, capture_output=True)
 
 
 # ---- a database of its own, from one that has the tables already
