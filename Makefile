@@ -7,7 +7,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 export PYTHONDONTWRITEBYTECODE =
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test long check kernels bench faults blind clean lock fuzz compose-check
+.PHONY: help demo test long check kernels collected bench faults blind clean lock fuzz compose-check
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -36,12 +36,15 @@ check: $(VENV)/.dev  ## style, types and import contracts
 kernels: $(VENV)/.runtime
 	@$(BIN)/python -c "from service.warm_up import warm_up; warm_up()"
 
-# The kernels are compiled beside the checks, which use one core: workers would compile the same at the same time.
-# Two workers compute and a third one has the tests that wait for motions in real time (tests/scheduling.py); the tests
+collected: kernels
+	@$(BIN)/pytest --collect-only -qq >/dev/null
+
+# Kernels and tests are compiled beside the checks, which use one core: workers would compile the same at the same time.
+# Two workers compute and two others have the tests that wait for motions in real time (tests/scheduling.py); the tests
 # of a file stay together, as they share what was simulated once, and files come in order: no long one is the last.
 test: $(VENV)/.dev  ## the checks, then every test
-	@$(MAKE) --no-print-directory -j 2 check kernels
-	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder $(ARGS)
+	@$(MAKE) --no-print-directory -j 2 check collected
+	$(BIN)/pytest -n 4 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 long: $(VENV)/.dev  ## whole searches of the estimate and the diagnosis, which `make test` leaves out: 5 minutes
 	$(BIN)/pytest -n 2 -m long $(ARGS)

@@ -19,7 +19,8 @@ _FAILURES: Final = 5  # at least, and half of the looks; fewer would end a test 
 _FAILURES_WITHIN: Final = 2.0  # windows
 _SILENCE_S: Final = 1.0  # without any answer, after more than one failure
 _FRESH_S: Final = 0.5  # nothing is driven by a look that is older
-_BLIND_S: Final = 1.0  # without a valid position
+_BLIND_S: Final = 1.0  # without a valid position or pressure, or within twice as long half of the looks without
+_UNSEEN: Final = 3  # looks without one, at least: more than a slow test takes in that time would never count
 _BEYOND: Final = 2  # samples beyond a limit within a window; a single one may be a spike
 _FOLLOWING_S: Final = 0.5  # a PLC's scan and its output card
 _PROMPT: Final = 5  # changed commands in a row that were there at the next look: this output has no lag
@@ -42,6 +43,7 @@ class AbortRules:
         self._longest_s = longest_s + _DURATION_SLACK_S
         self._last_error: EquipmentError | None = None
         self._silence_s = max(_SILENCE_S, 2.0 * period_s)
+        self._blind_s = max(_BLIND_S, self._silence_s)
         self._commands: deque[tuple[float, float]] = deque()
         self._asked: deque[tuple[float, float]] = deque()  # what an output that lags may still show
         self._foreign_s: deque[float] = deque(maxlen=_FOREIGN)
@@ -66,7 +68,12 @@ class AbortRules:
         if entry is not None:
             self.commanded(entry.output_pa)
             self._looked_s = entry.sent_s
-        self._started_s = self._seen_s = self._followed_s = self._answered_s = time.monotonic()
+        self._started_s = self._followed_s = self._answered_s = time.monotonic()
+        # A gauge that shows nothing before the test is none: many a device has its register and no sensor behind it.
+        has_gauge = entry is not None and math.isfinite(entry.pressure_pa)
+        measured = ("position", "pressure") if has_gauge else ("position",)
+        self._seen_s = dict.fromkeys(measured, self._started_s)
+        self._seen = {name: RecentLooks(_UNSEEN, 2.0 * self._blind_s) for name in measured}
         self._failures = 0  # since the last answer
         self._looks = RecentLooks(_FAILURES, _FAILURES_WITHIN * self._window_s)
         self._beyond = Recent(_BEYOND, self._window_s)
@@ -117,13 +124,29 @@ class AbortRules:
             return None
         if self._device.drives_safe_itself(sample):
             return DeviceError(f"{tag}: the device went to its safe value by itself: its watchdog tripped")
-        if math.isfinite(sample.position_m):
-            self._seen_s = now_s
-        elif now_s - self._seen_s > max(_BLIND_S, self._silence_s):
-            return DeviceError(f"{tag}: no valid position for {now_s - self._seen_s:.2g} s: check the position sensor")
+        blind = self._blind(sample, now_s)
+        if blind is not None:
+            return blind
         gone = None if self._watch is None else self._watch.judge(sample)
         following = self._not_following(sample, now_s) if follows else None
         return gone or self._beyond_limits(sample) or self._stem.fault(sample) or following
+
+    def _blind(self, sample: Sample, now_s: float) -> DeviceError | None:
+        """Return which measured value the limits cannot be watched by any more: half of it or all is not valid."""
+        for name, seen in self._seen.items():
+            is_valid = math.isfinite(sample.position_m if name == "position" else sample.pressure_pa)
+            seen.note(now_s, failed=not is_valid)
+            if is_valid:
+                self._seen_s[name] = now_s
+            unseen_s, began_s = now_s - self._seen_s[name], now_s - self._started_s
+            said = ""
+            if unseen_s > self._blind_s:
+                said = f"no valid {name} for {unseen_s:.2g} s"
+            elif began_s > self._blind_s and seen.too_many_failed:
+                said = f"no valid {name} in half of the looks within {2.0 * self._blind_s:.2g} s"
+            if said:
+                return DeviceError(f"{self._device.tag}: {said}: check the {name} sensor, its cable and its range")
+        return None
 
     def _beyond_limits(self, sample: Sample) -> EquipmentError | None:
         low_pa, high_pa = self._limits.pressure_pa

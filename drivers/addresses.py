@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Literal, TypeAlias
 
 from drivers.permissive_rules import PermissiveRules
 from drivers.points import Point as Point  # noqa: PLC0414  - an address too, and asked for here
+from drivers.register_map import RegisterMap
 from drivers.stands_at import RestRules
 from valve.errors import ConfigurationError, refuse
 from valve.units import SI_FACTORS
@@ -99,7 +101,7 @@ class RtuAddress:
 
     ``timeout_s`` is what a slave may take; the time of the frames on the line comes on top. ``worst_latency_s`` is
     the latest moment after a request at which its answer may still arrive: after a timeout the line is left to
-    itself until then.
+    itself until then. ``echo``: the adapter returns every byte that it sends, before the answer (two-wire RS-485).
     """
 
     name: str
@@ -109,6 +111,7 @@ class RtuAddress:
     stop_bits: Literal[1, 2] = 1
     timeout_s: float = 0.5
     worst_latency_s: float = 1.0
+    echo: bool = False
     kind: Literal["modbus_rtu"] = "modbus_rtu"
 
     def device_id_fault(self, device_id: int) -> str:
@@ -229,7 +232,10 @@ class WatchdogChoice:
 
 @dataclass(frozen=True, slots=True)
 class ValveWiring:
-    """How one valve is wired. ``safe_value_pa`` is a pressure, or "entry": what was commanded before the test."""
+    """How one valve is wired. ``safe_value_pa`` is a pressure, or "entry": what was commanded before the test.
+
+    ``maps`` are the register maps that its plant file describes, by name, beside those of ``drivers.maps``.
+    """
 
     tag: str
     command: Point
@@ -241,6 +247,7 @@ class ValveWiring:
     watchdog: WatchdogChoice = field(default_factory=lambda: WatchdogChoice(timeout_s=2.0))
     permissives: PermissiveRules = field(default_factory=PermissiveRules)
     rest: RestRules = field(default_factory=RestRules)
+    maps: Mapping[str, RegisterMap] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
         refuse(ConfigurationError, [safe_value_fault(self.tag, self.safe_value_pa, self.limits)])

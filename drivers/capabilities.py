@@ -34,10 +34,11 @@ class Fence:
 class Watchdog:
     """A timer in the device that drives ``safe_value`` after ``timeout`` without a command or a changed heartbeat.
 
-    ``run``, ``timeout``, ``heartbeat`` and ``safe_value`` are neighbours and are written together.
+    ``run``, ``timeout``, ``heartbeat`` and ``safe_value`` are neighbours and are written together; a device that knows
+    no runs has no ``run``.
     """
 
-    run: str
+    run: str | None
     timeout: str
     state: str
     safe_value: str

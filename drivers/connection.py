@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import os
 import ssl
 import termios
 import time
@@ -25,6 +26,7 @@ from pymodbus.pdu.register_message import (
     ReadInputRegistersRequest,
     ReadWriteMultipleRegistersRequest,
     WriteMultipleRegistersRequest,
+    WriteSingleRegisterRequest,
 )
 
 from drivers.addresses import RtuAddress, TcpAddress, TlsAddress
@@ -33,11 +35,16 @@ from drivers.frames import (
     READ_HOLDING,
     READ_INPUT,
     WRITE,
+    WRITE_ONE,
     Request,
     checked_words,
     instead_of_answer,
+    is_echo,
     mbap_answer,
     rtu_answer,
+    rtu_answer_in,
+    rtu_damage,
+    without_echo,
 )
 from drivers.serial_port import why_not_opened
 from valve.errors import ConfigurationError, WireError
@@ -45,7 +52,9 @@ from valve.errors import ConfigurationError, WireError
 _CHARACTER_BITS: Final = 11  # start, eight data, parity or second stop, stop (Modbus over Serial Line 1.02, 2.5.1)
 _LONGEST_SILENCE_S: Final = 1.75e-3  # the gap above 19200 baud (the same, 2.5.1.1)
 _TLS_HANDSHAKE_S: Final = 2.0  # on top of the transaction's deadline: two certificates are checked
+_WHY_S: Final = 0.2  # to learn why a port cannot be opened: who waits for the bus may be about to make a valve safe
 _RTU_FRAME_OVERHEAD: Final = 3
+_PIECE_S: Final = 0.02  # a USB adapter hands on what came every 16 ms: after so long an answer has no more pieces
 
 # What pymodbus would print is said by the errors here; who configures logging still gets it.
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())
@@ -75,6 +84,8 @@ def _pdu(request: Request) -> ModbusPDU:
         return ReadInputRegistersRequest(
             dev_id=request.device_id, address=request.read_address, count=request.read_count
         )
+    if request.function == WRITE_ONE:
+        return WriteSingleRegisterRequest(dev_id=request.device_id, address=request.write_address, registers=words)
     if request.function == WRITE:
         return WriteMultipleRegistersRequest(dev_id=request.device_id, address=request.write_address, registers=words)
     return ReadWriteMultipleRegistersRequest(
@@ -89,21 +100,27 @@ def _pdu(request: Request) -> ModbusPDU:
 class Connection:
     """What pymodbus opens at an address. One request is outstanding at a time: the caller sees to it.
 
-    ``unasked`` tells that bytes came which no request was waiting for; ``sent_s`` and ``heard_s`` when the last request
-    went out and its answer was there; ``quiet_from_s`` since when a serial line carries nothing (monotonic).
+    ``unasked`` tells that bytes came which no request was waiting for; ``answers`` how many requests were answered
+    since it was opened; ``sent_s`` and ``heard_s`` when the last request went out and its answer was there;
+    ``quiet_from_s`` since when a serial line carries nothing (monotonic).
     """
 
     def __init__(self, address: TcpAddress | TlsAddress | RtuAddress) -> None:
         self.address = address
         self.unasked = False
+        self.answers = 0
         self.sent_s = self.heard_s = self.quiet_from_s = 0.0
+        self._gone = asyncio.Event()  # the connection ended
         self._client: _Client | None = None
         self._outstanding: Request | None = None
         self._transaction_id = 0
         self._sent = self._heard = b""
         self._pieces: list[bytes] = []  # what came since the request went out
+        self._line = b""  # the same on a serial line, as a whole
+        self._quiet: asyncio.TimerHandle | None = None  # judges what came once a serial line is quiet
         self._answer: bytes | None = None
         self._refused: OSError | None = None  # why the last opening failed
+        self._tls: tuple[list[tuple[int, int]], ssl.SSLContext] | None = None  # its files' times and sizes
 
     @property
     def _subject(self) -> str:
@@ -120,6 +137,13 @@ class Connection:
         """Whether there is a connection."""
         return self._client is not None and self._client.connected
 
+    async def ends_before(self, until_s: float) -> bool:
+        """Whether the other end closes the connection before a time of the monotonic clock; wait for it until then."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(until_s - time.monotonic()):
+                await self._gone.wait()
+        return not self.is_open
+
     @property
     def silence_s(self) -> float:
         """Gap that ends a frame on a serial line (t3.5), s; 0 on TCP."""
@@ -129,10 +153,11 @@ class Connection:
             return _LONGEST_SILENCE_S
         return 3.5 * _CHARACTER_BITS / self.address.baud_rate
 
-    async def exchange(self, request: Request) -> tuple[int, ...]:
+    async def exchange(self, request: Request, within_s: float | None = None) -> tuple[int, ...]:
         """Send a request once and return the words of its answer, none for a write.
 
-        Raises WireError where no believable answer came, or the error of the exception that came.
+        It waits for ``within_s``, by default for ``deadline_s``. Raises WireError where no believable answer came, or
+        the error of the exception that came.
         """
         fault = self.address.device_id_fault(request.device_id)
         if fault:
@@ -145,8 +170,9 @@ class Connection:
         loop = asyncio.get_running_loop()
         pdu = _pdu(request)
         answered: asyncio.Future[ModbusPDU] = loop.create_future()
-        late = loop.call_later(self._deadline_s(request), self._late, answered, request)
-        self._outstanding, self._answer, self.unasked, self._pieces = request, None, False, []
+        waits_s = self.deadline_s(request) if within_s is None else within_s
+        late = loop.call_later(waits_s, self._late, answered, request)
+        self._outstanding, self._answer, self.unasked, self._pieces, self._line = request, None, False, [], b""
         self.sent_s = time.monotonic()
         try:
             # What pymodbus' own execute does, with one deadline and no repeats: ours, who comes next is decided above.
@@ -154,6 +180,7 @@ class Connection:
             client.ctx.recv_buffer, client.ctx.response_future = b"", answered
             client.ctx.pdu_send(pdu)
             await answered
+            self.answers += 1
             return self._believed(request, pdu.transaction_id)
         except ModbusException as error:
             lost = not self.is_open
@@ -166,6 +193,7 @@ class Connection:
             raise ConnectionLostError(f"{self._subject}: {request.subject}: {error}: check the line") from error
         finally:
             late.cancel()
+            self._forget_quiet()
             self._outstanding = None
 
     def _late(self, answered: asyncio.Future[ModbusPDU], request: Request) -> None:
@@ -174,7 +202,7 @@ class Connection:
         # pymodbus drops a frame of another device or transaction before anybody sees it.
         is_serial = isinstance(self.address, RtuAddress)
         came = instead_of_answer(request, None if is_serial else self._transaction_id, self._pieces)
-        late = f"{self._subject}: {request.subject}: no answer within {self._deadline_s(request):.3g} s"
+        late = f"{self._subject}: {request.subject}: no answer within {self.deadline_s(request):.3g} s"
         answered.set_exception(
             OtherAnswerError(f"{late}, but {came}") if came else NoAnswerError(f"{late}: check the device and the wire")
         )
@@ -187,7 +215,8 @@ class Connection:
         except BadAnswerError as error:
             raise BadAnswerError(f"{self._subject}: {error}") from None
 
-    def _deadline_s(self, request: Request) -> float:
+    def deadline_s(self, request: Request) -> float:
+        """Longest time from a request to its answer, s, the time on the line included."""
         return self.address.timeout_s + self._line_s(request.request_bytes) + self._line_s(request.answer_bytes)
 
     def _line_s(self, pdu_bytes: int) -> float:
@@ -207,8 +236,6 @@ class Connection:
         self.quiet_from_s = now_s
         if self._outstanding is None or self._answer is not None:
             self.unasked = True
-        elif isinstance(self.address, RtuAddress) and data.startswith(self._sent):
-            self._fail(EchoError(f"{self._subject}: the line returns what is sent: switch off the adapter's echo"))
         else:
             self._heard, self.heard_s = data, now_s
             self._pieces.append(data)
@@ -216,6 +243,53 @@ class Connection:
 
     def _framed(self, framed: Callable[..., int], data: bytes, addr: object = None) -> int:
         """Let pymodbus find its answer; a frame that it cannot read fails the request and not the event loop."""
+        if isinstance(self.address, RtuAddress) and self._outstanding is not None and self._answer is None:
+            used = len(data)
+            data = self._on_line(self._outstanding, data, echo=self.address.echo)
+            if data:
+                self._framed_alone(framed, data, addr)
+            return used
+        return self._framed_alone(framed, data, addr)
+
+    def _on_line(self, request: Request, data: bytes, *, echo: bool) -> bytes:
+        """Return the answer's frame once it has come on a serial line, b"" until then.
+
+        The line's own frames are found here: pymodbus takes a stray byte for the device, and throws the rest away.
+        """
+        self.quiet_from_s = time.monotonic()
+        self._line += data
+        self._forget_quiet()
+        heard: bytes | None = self._line
+        try:
+            if echo:
+                heard = without_echo(self._sent, self._line)
+            elif request.function != WRITE_ONE and is_echo(self._sent, self._line):
+                raise EchoError("the line returns what is sent: switch off the adapter's echo, or say echo = true")
+        except EchoError as error:
+            self._pieces.append(self._line)
+            self._fail(EchoError(f"{self._subject}: {error}"))
+            return b""
+        if not heard:
+            return b""
+        frame = rtu_answer_in(request, heard)
+        if not frame:
+            self._pieces.append(heard)
+            wait_s = max(_PIECE_S, self.silence_s)
+            self._quiet = asyncio.get_running_loop().call_later(wait_s, self._judge_line, request, heard)
+        return frame
+
+    def _judge_line(self, request: Request, heard: bytes) -> None:
+        """End a request whose answer came damaged: no more of it is under way."""
+        damage = rtu_damage(request, heard)
+        if damage is not None:
+            self._fail(type(damage)(f"{self._subject}: {damage}"))
+
+    def _forget_quiet(self) -> None:
+        if self._quiet is not None:
+            self._quiet.cancel()
+            self._quiet = None
+
+    def _framed_alone(self, framed: Callable[..., int], data: bytes, addr: object) -> int:
         try:
             return framed(data, addr=addr)
         except ModbusException as error:
@@ -229,6 +303,7 @@ class Connection:
 
     def _connection(self, connected: bool) -> None:
         if not connected:
+            self._gone.set()
             self._fail(ConnectionLostError(f"{self._subject}: the connection broke: check the device and the wire"))
 
     def _fail(self, error: WireError) -> None:
@@ -260,7 +335,7 @@ class Connection:
             )
         if isinstance(address, TcpAddress):
             return AsyncModbusTcpClient(address.host, port=address.port, **ours)
-        context = _tls_context(address)
+        context = self._certificates(address)
         client = AsyncModbusTlsClient(address.host, port=address.port, sslctx=context, **ours)
         # pymodbus' TLS framer takes every segment for a whole frame; Modbus/TCP Security frames as TCP does.
         client.ctx.framer = FramerSocket(DecodePDU(False))
@@ -273,6 +348,21 @@ class Connection:
             server_hostname=address.server_name or address.host,
         )
         return client
+
+    def _certificates(self, address: TlsAddress) -> ssl.SSLContext:
+        """Read them once, and anew where a file has changed: a bus is opened again in the middle of a test.
+
+        While they are being replaced the former ones serve. Raises ConfigurationError where none could be read yet.
+        """
+        files = (address.ca_file, address.certificate_file, address.key_file)
+        try:
+            stamps = [(one.st_mtime_ns, one.st_size) for one in map(os.stat, filter(None, files))]
+            if self._tls is None or self._tls[0] != stamps:
+                self._tls = stamps, _tls_context(address)
+        except (OSError, ConfigurationError):
+            if self._tls is None:
+                return _tls_context(address)
+        return self._tls[1]
 
     async def _created(self, create: Callable[[], Awaitable[Any]]) -> Any:
         """Open, and keep why that failed: pymodbus tells its log alone."""
@@ -287,6 +377,7 @@ class Connection:
         """Connect anew. Raises ConnectionLostError where that fails within the deadline."""
         self.close()
         client = self._new_client()
+        self._gone.clear()
         framed = client.ctx.callback_data
         client.ctx.callback_data = partial(self._framed, framed)  # type: ignore[method-assign]  # it has no other place
         client.ctx.call_create = partial(self._created, client.ctx.call_create)
@@ -309,10 +400,12 @@ class Connection:
         if not connected:
             reason = "check the address and the wire"
             if isinstance(self.address, RtuAddress):
-                reason = await asyncio.to_thread(why_not_opened, self._place, self._refused)
+                with contextlib.suppress(TimeoutError):
+                    async with asyncio.timeout(_WHY_S):
+                        reason = await asyncio.to_thread(why_not_opened, self._place, self._refused)
             raise ConnectionLostError(f"{self._subject}: {self._place} cannot be opened: {reason}")
         self._client = client
-        self.unasked = False
+        self.unasked, self.answers = False, 0
 
     def close(self) -> None:
         """Disconnect, if there is a connection."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -31,6 +31,10 @@ _UNSEEN_READS: Final = 3  # looks in a row that failed; a lost answer costs a se
 _READ_PAUSE_S: Final = 0.02
 _LOST_ANSWERS: Final = 1.4  # a quarter of the time that a place may stay unread passes before it is asked again
 _UNREAD_SLACK_S: Final = 0.15
+
+
+def _goes_on() -> None:
+    """Do not end what is under way."""
 
 
 class ValveDevice:
@@ -281,18 +285,22 @@ class ValveDevice:
     async def _write_command(self, words: tuple[int, ...], priority: bool) -> Exchange:
         unit, register, fence = self.unit, self._wired.command.register, self.unit.map.fence
         if fence is None:
-            return await unit.bus.write(unit.device_id, register.address, words, priority=priority)
+            return await unit.bus.write(
+                unit.device_id, register.address, words, priority=priority, function=unit.map.write_function
+            )
         number = unit.map.register(fence.run_number)
         both = [*number.encode(self.run_number), *words]
         return await unit.bus.write(unit.device_id, number.address, both, priority=priority)
 
-    async def command(self, pressure_pa: float) -> None:
+    async def command(self, pressure_pa: float, *, after_each: Callable[[], None] = _goes_on) -> None:
         """Write a command, once, and wait until the device shows it.
 
-        Raises DeviceError where its output does not follow.
+        ``after_each`` is called after every transaction, and ends the waiting by what it raises. Raises DeviceError
+        where the output does not follow.
         """
         await self.drive(pressure_pa)
-        if not await self.shows(pressure_pa, reads=1):
+        after_each()
+        if not (await self.confirmation(pressure_pa, reads=1, after_each=after_each)).confirmed:
             raise DeviceError(
                 f"{self.tag}: {pressure_pa:g} Pa were commanded and {self.unit.subject} does not show them within "
                 f"{_SETTLING_S:g} s: check that it is in automatic and the map fits"
@@ -332,16 +340,18 @@ class ValveDevice:
             return found
         return replace(found, reason=f"{refused}; {found.reason}")
 
-    async def shows(self, pressure_pa: float, *, reads: int = _SETTLED_READS) -> bool:
-        """Whether the device shows this command within the settling time, so many looks in a row."""
-        return (await self.confirmation(pressure_pa, reads=reads)).confirmed
-
     async def confirmation(
-        self, pressure_pa: float, *, reads: int = _SETTLED_READS, priority: bool = False
+        self,
+        pressure_pa: float,
+        *,
+        reads: int = _SETTLED_READS,
+        priority: bool = False,
+        after_each: Callable[[], None] = _goes_on,
     ) -> SafeOutcome:
         """Look whether the device shows this command within the settling time, so many looks in a row.
 
-        Only its output is read: a position or a pressure that cannot be had says nothing about it.
+        ``after_each`` is called after every look. Only its output is read: a position or a pressure that cannot be had
+        says nothing about it.
         """
         fitting, unseen, until_s = 0, 0, time.monotonic() + _SETTLING_S
         shown_pa, problem = math.nan, ""
@@ -354,6 +364,7 @@ class ValveDevice:
             else:
                 fits = abs(output_pa - pressure_pa) <= self.tolerance_pa
                 fitting, unseen, shown_pa = (fitting + 1 if fits else 0), 0, output_pa
+            after_each()
             if fitting < reads:
                 if time.monotonic() > until_s and (fitting == unseen == 0 or unseen >= _UNSEEN_READS):
                     shows = f"the device shows {shown_pa:g} Pa and not {pressure_pa:g} Pa"

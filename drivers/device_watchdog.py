@@ -68,9 +68,10 @@ class DeviceWatchdog:
 
     async def _write(self, watchdog: Watchdog, timeout_s: float, run_number: int, safe_value_pa: float) -> None:
         self._heartbeat = (self._heartbeat + 1) & 0xFFFF
+        whose = {} if watchdog.run is None else {watchdog.run: float(run_number)}
         exchange = await self._unit.write(
-            {
-                watchdog.run: run_number,
+            whose
+            | {
                 watchdog.timeout: timeout_s,
                 watchdog.heartbeat: self._heartbeat,
                 watchdog.safe_value: safe_value_pa,

@@ -19,6 +19,10 @@ class BadAnswerError(WireError):
     """Something came that is no answer to this request."""
 
 
+class GarbledError(BadAnswerError):
+    """The device answered this request, and its answer was damaged on the line: no other answer is due."""
+
+
 class EchoError(BadAnswerError):
     """The line returned our own request."""
 
@@ -98,4 +102,6 @@ _EXCEPTIONS: Final[dict[int, tuple[type[ValveError], str]]] = {
 def refusal(subject: str, function: int, code: int) -> ValveError:
     """Return the error that stands for a Modbus exception (Application Protocol 1.1b3, 7)."""
     kind, sentence = _EXCEPTIONS.get(code, (RefusedError, "the code is not in the standard: see the device's manual"))
+    if (function, code) == (16, 1):
+        sentence = "it does not know this function: where it knows function 6, say write_function = 6 in its [[maps]]"
     return kind(f"{subject}: exception {code} to function {function}: {sentence}")

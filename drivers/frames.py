@@ -8,14 +8,17 @@ from functools import lru_cache
 from typing import Final
 
 from drivers.crc import crc16
-from drivers.faults import BadAnswerError, refusal
+from drivers.faults import BadAnswerError, EchoError, GarbledError, refusal
 from drivers.registers import MAX_READ_WORDS, MAX_WRITE_WORDS, Table, bytes_to_words
-from valve.errors import ConfigurationError
+from valve.errors import ConfigurationError, ValveError
 
 READ_HOLDING: Final = 3
 READ_INPUT: Final = 4
+WRITE_ONE: Final = 6
 WRITE: Final = 16
 READ_WRITE: Final = 23
+_FUNCTIONS: Final = (READ_HOLDING, READ_INPUT, WRITE_ONE, WRITE, READ_WRITE)
+STRAY_BYTES: Final = 2  # before a frame that are taken for noise: a driver that turns the line round makes one
 _MBAP_BYTES: Final = 7
 _RTU_OVERHEAD: Final = 3  # device id and CRC
 
@@ -39,6 +42,11 @@ class Request:
                 f"device {self.device_id}: {self.read_count} words to read and {len(self.words)} to write, one "
                 f"transaction carries {MAX_READ_WORDS} and {MAX_WRITE_WORDS}"
             )
+        if self.function == WRITE_ONE and len(self.words) != 1:
+            raise ConfigurationError(
+                f"device {self.device_id}: {len(self.words)} words to write at {self.write_address}, function 6 "
+                "carries one: use function 16, or registers of 16 bits"
+            )
         if self.read_count == 0 and not self.words:
             raise ConfigurationError(f"device {self.device_id}: a transaction of no words")
 
@@ -55,7 +63,8 @@ class Request:
     @property
     def request_bytes(self) -> int:
         """Length of the request without what the carrier adds."""
-        return {READ_HOLDING: 5, READ_INPUT: 5, WRITE: 6, READ_WRITE: 10}[self.function] + 2 * len(self.words)
+        fixed = {READ_HOLDING: 5, READ_INPUT: 5, WRITE_ONE: 3, WRITE: 6, READ_WRITE: 10}
+        return fixed[self.function] + 2 * len(self.words)
 
     @property
     def subject(self) -> str:
@@ -79,6 +88,76 @@ def rtu_answer(request: Request, heard: bytes) -> bytes:
     if heard[0] != request.device_id:
         raise BadAnswerError(f"{request.subject}: {_other_device(request, heard[0])}")
     return heard[1:-2]
+
+
+def rtu_answer_in(request: Request, heard: bytes) -> bytes:
+    """Return the answer's whole frame, CRC included, where ``heard`` ends with it; b"" where it is not there (yet).
+
+    Up to STRAY_BYTES of noise may stand before it. It has the device, the function and the length that are due, or is
+    an exception to that function.
+    """
+    lengths = {request.function: request.answer_bytes + _RTU_OVERHEAD, request.function | 0x80: 2 + _RTU_OVERHEAD}
+    for start in range(STRAY_BYTES + 1):
+        frame = heard[start:]
+        is_due = len(frame) > 1 and frame[0] == request.device_id and len(frame) == lengths.get(frame[1])
+        if is_due and _is_rtu_frame(frame):
+            return frame
+    return b""
+
+
+def rtu_damage(request: Request, heard: bytes) -> BadAnswerError | None:
+    """Return what is wrong with a serial answer that is complete; None while nothing shows that it is.
+
+    It is a GarbledError where the damaged bytes are evidently the answer to this request: they have its length and
+    all but one byte of its head. Then no other answer is under way.
+    """
+    if _is_rtu_frame(heard) and heard[0] == request.device_id and heard[1] & 0x7F in _FUNCTIONS:
+        try:
+            checked_words(request, rtu_answer(request, heard))
+        except BadAnswerError as error:
+            return error
+        except ValveError:
+            return None  # an exception: rtu_answer_in has it
+    due = request.answer_bytes + _RTU_OVERHEAD
+    if len(heard) > due and rtu_answer_in(request, heard[:due]):
+        more = len(heard) - due
+        return BadAnswerError(f"{request.subject}: {more} bytes came behind the answer: check for a second master")
+    if not due <= len(heard) <= due + STRAY_BYTES:
+        return None
+    head = bytes((request.device_id, request.function)) + bytes((2 * request.read_count,) if request.is_read else ())
+    frames = [heard[start : start + due] for start in range(len(heard) - due + 1)]
+    if any(map(_is_rtu_frame, frames)):
+        return None  # whole, and another device's
+    for frame in frames:
+        if sum(one != other for one, other in zip(head, frame, strict=False)) <= 1:
+            return GarbledError(
+                f"{request.subject}: {len(heard)} bytes came and no frame whose CRC is right: check baud_rate, parity "
+                "and stop_bits, the line and its ends"
+            )
+    return None
+
+
+def is_echo(sent: bytes, heard: bytes) -> bool:
+    """Whether a line returns what was sent on it. Of a write by function 6 nobody can say: its answer is the same."""
+    return heard.find(sent, 0, len(sent) + STRAY_BYTES) >= 0
+
+
+def without_echo(sent: bytes, heard: bytes) -> bytes | None:
+    """Return what follows the echo of ``sent`` on a line that returns it; None while the echo is not complete.
+
+    Raises EchoError where something else came in its place.
+    """
+    if len(heard) < len(sent):
+        return None
+    start = heard.find(sent, 0, len(sent) + STRAY_BYTES)
+    if start >= 0:
+        return heard[start + len(sent) :]
+    if len(heard) < len(sent) + STRAY_BYTES and any(sent.startswith(heard[k:]) for k in range(1, STRAY_BYTES + 1)):
+        return None
+    raise EchoError(
+        "the line did not return what was sent, and echo = true says that it does: remove echo where the adapter "
+        "suppresses it, otherwise check the line and look for a second master"
+    )
 
 
 def mbap_answer(request: Request, transaction_id: int, heard: bytes) -> bytes:
@@ -174,6 +253,10 @@ def checked_words(request: Request, answer: bytes) -> tuple[int, ...]:
             raise BadAnswerError(f"{request.subject}: the answer counts {answer[1]} bytes")
         return bytes_to_words(answer[2:])
     address, count = int.from_bytes(answer[1:3], "big"), int.from_bytes(answer[3:5], "big")
+    if request.function == WRITE_ONE:
+        if (address, count) != (request.write_address, request.words[0]):
+            raise BadAnswerError(f"{request.subject}: the device confirms the word {count} at {address}")
+        return ()
     if (address, count) != (request.write_address, len(request.words)):
         raise BadAnswerError(f"{request.subject}: the device confirms {count} words at {address}")
     return ()

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from drivers.capabilities import Capture, Fence, LiveBlock, Watchdog
+from drivers.frames import WRITE_ONE
 from drivers.register_map import RegisterMap
 from valve.errors import ConfigurationError, ParameterError
 
@@ -29,7 +30,22 @@ def map_faults(device: RegisterMap) -> tuple[str, ...]:
         found += _live(device, device.live)
     if device.capture is not None:
         found += _capture(device, device.capture)
+    if device.write_function == WRITE_ONE:
+        found += _one_at_a_time(device)
     return tuple(found)
+
+
+def _one_at_a_time(device: RegisterMap) -> Iterator[str]:
+    """Values that function 6 would have to write in pieces: a device could be caught between two of them."""
+    for register in device.registers:
+        if register.writable and register.words > 1:
+            yield (
+                f"{register.name} has {register.words} registers ({register.kind}), and write_function 6 writes one at "
+                "a time: use write_function = 16, or a register of one word (u16, i16)"
+            )
+    for name, part in (("fence", device.fence), ("watchdog", device.watchdog), ("capture", device.capture)):
+        if part is not None:
+            yield f"its {name} is written as a whole, and write_function 6 writes one register at a time: use 16"
 
 
 def _exact(device: RegisterMap, name: str, *numbers: float) -> Iterator[str]:
@@ -56,11 +72,13 @@ def _fence(device: RegisterMap, fence: Fence) -> Iterator[str]:
 
 
 def _watchdog(device: RegisterMap, watchdog: Watchdog) -> Iterator[str]:
-    yield from _exact(device, watchdog.run, *_RUNS)
+    run = () if watchdog.run is None else (watchdog.run,)
+    for name in run:
+        yield from _exact(device, name, *_RUNS)
     yield from _exact(device, watchdog.timeout, 0)
     yield from _exact(device, watchdog.heartbeat, *_WORD)
     yield from _exact(device, watchdog.state, watchdog.armed, watchdog.tripped)
-    yield from _together(device, watchdog.run, watchdog.timeout, watchdog.heartbeat, watchdog.safe_value)
+    yield from _together(device, *run, watchdog.timeout, watchdog.heartbeat, watchdog.safe_value)
 
 
 def _live(device: RegisterMap, live: LiveBlock) -> Iterator[str]:

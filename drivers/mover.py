@@ -27,31 +27,53 @@ class OldPermissivesError(Exception):
 
 
 class Mover:
-    """Moves one valve within the rules; ``stop`` ends whatever is under way."""
+    """Moves one valve within the rules; ``stop`` ends whatever is under way.
+
+    ``wake`` ends a pause at once: it is set where a stop is asked for and where a permissive is lost.
+    """
 
     def __init__(
-        self, device: ValveDevice, rules: AbortRules, stop: asyncio.Event, pressure_rate_pa_per_s: float
+        self,
+        device: ValveDevice,
+        rules: AbortRules,
+        stop: asyncio.Event,
+        wake: asyncio.Event,
+        pressure_rate_pa_per_s: float,
     ) -> None:
         self.device = device
         self.rules = rules
         self.written: Exchange | None = None  # the last step's write; None where it wrote none that was confirmed
         self.first_before_s = math.inf  # until when the first write may go out, by time.monotonic
         self._stop = stop
+        self._wake = wake
         self._rate_pa_per_s = pressure_rate_pa_per_s
 
     async def pause_until(self, until_s: float) -> None:
-        """Wait until a time of the monotonic clock. Raises StopAskedError as soon as a stop is asked for."""
-        delay_s = until_s - time.monotonic()
-        if delay_s > 0.0:
+        """Wait until a time of the monotonic clock, or until this must end. Raises as ``require_leave``.
+
+        Who woke it for a place that answers again meanwhile has woken it for nothing: it waits on.
+        """
+        while True:
+            self.require_leave()
+            self._wake.clear()  # nothing is awaited between the judgement and this
+            delay_s = until_s - time.monotonic()
+            if delay_s <= 0.0:
+                return
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout(delay_s):
-                    await self._stop.wait()
-        self.require_no_stop()
+                    await self._wake.wait()
 
     def require_no_stop(self) -> None:
         """Raise StopAskedError where a stop was asked for."""
         if self._stop.is_set():
             raise StopAskedError
+
+    def require_leave(self) -> None:
+        """Raise StopAskedError where a stop was asked for, DeviceError where a permissive is lost."""
+        self.require_no_stop()
+        lost = self.rules.permissive_lost()
+        if lost is not None:
+            raise lost
 
     @property
     def stop_asked(self) -> bool:
@@ -88,9 +110,7 @@ class Mover:
         device, sample = self.device, None
         unknown = math.isnan(device.in_force_pa)
         if not (unknown or self.rules.look_is_old):
-            lost = self.rules.permissive_lost()
-            if lost is not None:
-                raise lost
+            self.require_leave()
             return True
         try:
             sample = await device.read()
@@ -120,7 +140,7 @@ class Mover:
             fault = self.rules.foreign(await self.device.output_pa())
         except EquipmentError as error:
             self.rules.missed(error)
-        self.require_no_stop()
+        self.require_leave()
         if fault is not None:
             raise fault
 
@@ -140,17 +160,19 @@ class Mover:
                 pressure_pa, then_s = next_pa, now_s
             if pressure_pa != target_pa:
                 await self.pause_until(time.monotonic() + _RAMP_PERIOD_S)
-        self.require_no_stop()
+        self.require_leave()
         self._require_fresh()
         self.rules.commanded(target_pa)
-        await self.device.command(target_pa)
+        await self.device.command(target_pa, after_each=self.require_leave)
 
     async def _present_output_pa(self) -> float:
         while True:
+            sample: Sample | None = None
             try:
-                return (await self.device.read()).output_pa
+                sample = await self.device.read()
             except EquipmentError as error:
                 self.rules.missed(error)
-            fault = self.rules.fault(None)
-            if fault is not None:
-                raise fault
+            self.require_leave()
+            if sample is not None:
+                return sample.output_pa
+            self._judge(None)

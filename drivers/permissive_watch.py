@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
+from collections.abc import Callable
 from typing import Final
 
 from drivers.device import ValveDevice
@@ -29,9 +30,21 @@ _REASONS: Final = {
 
 
 class PermissiveWatch:
-    """Watches one test. ``permitted`` tells that a permit stands for the manual mode."""
+    """Watches one test. ``permitted`` tells that a permit stands for the manual mode.
 
-    def __init__(self, device: ValveDevice, *, permitted: bool, within_s: float = WINDOW_S) -> None:
+    ``on_lost`` is called, while ``run`` reads, where one of those that no sample shows is lost: nobody waits for the
+    next sample then.
+    """
+
+    def __init__(
+        self,
+        device: ValveDevice,
+        *,
+        permitted: bool,
+        within_s: float = WINDOW_S,
+        on_lost: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._on_lost = on_lost
         self._device = device
         rules = device.wiring.permissives
         self._needs_manual = not permitted and not rules.manual_waived
@@ -88,7 +101,7 @@ class PermissiveWatch:
 
     async def run(self) -> None:
         """Read what stands elsewhere, until ``end``."""
-        await asyncio.gather(self._watch_owner(), *(self._watch(name) for name in self._elsewhere))
+        await asyncio.gather(self._watch_owner(), self._watch_time(), *(self._watch(name) for name in self._elsewhere))
 
     async def _paused(self, pause_s: float) -> bool:
         """Wait; return whether the watch goes on."""
@@ -113,7 +126,7 @@ class PermissiveWatch:
                 self._unread.pop(name, None)
                 self._held_s[name], pause_s = asked_s, self._device.unread_s(name) / _READS
             elif lost.note(asked_s):
-                self._lost = self._lost or self._error(name)
+                self._lose(self._error(name))
 
     async def _holds(self, name: str) -> bool | None:
         """Whether a place elsewhere permits the test; None where what it shows is not valid."""
@@ -138,7 +151,17 @@ class PermissiveWatch:
             if shown != self._device.run_number:
                 pause_s = _AGAIN_S
                 if foreign.note(time.monotonic()):
-                    self._lost = self._lost or self._foreign(shown)
+                    self._lose(self._foreign(shown))
+
+    async def _watch_time(self) -> None:
+        """Hear of a place that was not read for too long; also where reading itself hangs."""
+        while self._elsewhere and await self._paused(_AGAIN_S):
+            if self.lost() is not None:
+                self._on_lost()
+
+    def _lose(self, error: DeviceError) -> None:
+        self._lost = self._lost or error
+        self._on_lost()
 
     def _foreign(self, owner: int) -> DeviceError:
         device = self._device

@@ -22,6 +22,7 @@ UNREACHABLE: Final = "look at the device and its wire"
 _LOOKS: Final = 4  # a sample may be lost and the stem must still be seen at rest
 _LOOK_PERIOD_S: Final = 0.05
 _STILL_M: Final = 1.0e-3  # where the plant file and the nameplate say nothing
+FRESH_S: Final = 0.5  # that permissives may be old at the first write, or one round of reading them
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +56,18 @@ class Readiness:
     def require(self, tag: str) -> None:
         """Raise PermissiveError where one is missing."""
         require_met(tag, self.permissives)
+
+    @property
+    def fresh_until_s(self) -> float:
+        """Until when a first write may follow them (monotonic); minus infinity where nothing was read."""
+        if self.entry is None:
+            return -math.inf
+        return self.entry.sent_s + (max(FRESH_S, self.round_s) if math.isfinite(self.round_s) else FRESH_S)
+
+    @property
+    def is_fresh(self) -> bool:
+        """Whether a first write may follow them now."""
+        return time.monotonic() <= self.fresh_until_s
 
 
 def require_met(tag: str, permissives: Iterable[Permissive]) -> None:

@@ -9,10 +9,16 @@ from typing import Final
 
 from drivers.device import ValveDevice
 from drivers.outcome import SafeOutcome
-from drivers.permissives import missing_words, read_permissives
+from drivers.permissives import judge_entry, missing_words, read_permissives
 from valve.errors import EquipmentError
 
 _STEADY_S: Final = 0.5  # a waveform that a device plays by itself may pass its safe value
+_FRESH_READS: Final = 3
+_NOT_SENT: Final = {
+    False: "the test commanded nothing",
+    None: "its journal is damaged, or of an earlier version, and does not show whether the test commanded the valve: "
+    "look at the valve, and bring it to its safe value by hand where it is not there",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,11 +32,12 @@ class Recovered:
     sent: bool = False
 
 
-async def recover_valve(device: ValveDevice, run_number: int, *, commanded: bool) -> Recovered:
+async def recover_valve(device: ValveDevice, run_number: int, *, commanded: bool | None) -> Recovered:
     """Look at a valve that run ``run_number`` left, and send it to safe where that is due and allowed now.
 
-    Nothing that moves is written where the run commanded nothing, where the device shows the safe value, and where a
-    permissive is missing at this moment: a permit that was named for the test counts no more.
+    Nothing that moves is written where the run is not known to have commanded anything (``commanded`` is None where its
+    journal cannot say it), where the device shows the safe value, and where a permissive is missing at this moment: a
+    permit that was named for the test counts no more. At that write the permissives are as fresh as at a test's first.
 
     Raises WireError and DeviceError where the device cannot be asked, BusyError where another run owns it.
     """
@@ -38,11 +45,19 @@ async def recover_valve(device: ValveDevice, run_number: int, *, commanded: bool
     shown = await _steadily_safe(device)
     if shown.confirmed or not commanded:
         await _let_go(device, run_number)
-        return Recovered(shown if shown.confirmed else replace(shown, reason="the test commanded nothing"))
+        return Recovered(shown if shown.confirmed else replace(shown, reason=_NOT_SENT[commanded]))
     missing = missing_words((await read_permissives(device, owner=run_number)).permissives)
     if missing:
-        return Recovered(replace(shown, reason=f"{shown.reason}; it was not sent there, as {missing}"))
+        return Recovered(replace(shown, reason=_withheld(shown, missing)))
     await device.take_ownership(run_number)
+    try:
+        missing = await _missing_now(device)
+    except BaseException:
+        await _let_go(device, run_number)
+        raise
+    if missing:
+        await _let_go(device, run_number)
+        return Recovered(replace(shown, reason=_withheld(shown, missing)))
     found = await device.go_safe()
     if found.confirmed:
         try:
@@ -50,6 +65,20 @@ async def recover_valve(device: ValveDevice, run_number: int, *, commanded: bool
         except EquipmentError as error:
             found = replace(found, reason=f"the device was not released: {error}")
     return Recovered(found, sent=True)
+
+
+def _withheld(shown: SafeOutcome, missing: str) -> str:
+    return f"{shown.reason}; it was not sent there, as {missing}"
+
+
+async def _missing_now(device: ValveDevice) -> str:
+    """Return which permissives are missing, by a reading that is fresh when this returns; "" where none is."""
+    for _ in range(_FRESH_READS):
+        readiness = await judge_entry(device, None)
+        missing = missing_words(readiness.permissives)
+        if missing or readiness.is_fresh:
+            return missing
+    return "the permissives could not be read freshly: this machine or the bus is too busy"
 
 
 async def _steadily_safe(device: ValveDevice) -> SafeOutcome:

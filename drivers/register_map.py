@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 from drivers.capabilities import Capture, Fence, LiveBlock, Role, Watchdog
 from drivers.registers import MAX_READ_WORDS, Block, Register, Table
@@ -39,8 +40,8 @@ class RegisterMap:
 
     ``roles`` names the register that serves a role where the wiring names none; ``readbacks`` tells for a command
     register where the device shows what it really asks for, ``statuses`` for a measured one where the device says by 0
-    that it is a measurement. Raises ConfigurationError where registers overlap, share
-    a name, or a name stands for none.
+    that it is a measurement. ``write_function`` is 6 for a device that takes one register at a time and does not know
+    function 16. Raises ConfigurationError where registers overlap, share a name, or a name stands for none.
     """
 
     name: str
@@ -57,6 +58,7 @@ class RegisterMap:
     live: LiveBlock | None = None
     capture: Capture | None = None
     has_read_write: bool = False  # function 23
+    write_function: Literal[6, 16] = 16
     is_positioner: bool = False  # its command is a position of the stem
     number: str | None = None  # where it shows the number that its installer gave it
 
@@ -88,6 +90,13 @@ class RegisterMap:
                 return register
         known = ", ".join(register.name for register in self.registers)
         raise ConfigurationError(f"register map {self.name}: no register {name!r}; there are {known}")
+
+    @property
+    def own_pressure(self) -> Register | None:
+        """Where the device shows the actuator's pressure in Pa by itself; None where a valve must say what it means."""
+        name = self.roles.get(Role.PRESSURE)
+        register = None if name is None else self.register(name)
+        return register if register is not None and register.unit == "Pa" else None
 
     def block(self, *names: str) -> Block:
         """Return the one transaction that covers these registers.

@@ -20,7 +20,7 @@ from drivers.faults import StandstillError
 from drivers.mover import Mover, OldPermissivesError, StopAskedError
 from drivers.outcome import Ended, PlayOutcome, SafeOutcome, Sample, SampleBlock
 from drivers.permissive_watch import PermissiveWatch
-from drivers.permissives import Permissive, Readiness, judge_entry
+from drivers.permissives import FRESH_S, Permissive, Readiness, judge_entry
 from drivers.polled_play import PolledPlay
 from drivers.recent import window_s
 from drivers.rest_look import seen_last
@@ -38,7 +38,6 @@ OnIntent = Callable[[], Awaitable[None]]
 OnPermissives = Callable[[tuple[Permissive, ...]], None]
 
 _FOLLOWED_S = 5.0  # own choice: the slowest published I/P (0.93 s) is there within half of it
-_FRESH_S = 0.5  # that the permissives may be old at the first write, or one round of reading them
 _FRESH_READS = 3
 _RELEASE_ATTEMPTS = 3  # it moves nothing, so it may be repeated
 _PLAY_FROM, _PLAY_TO, _POLLED_TO = 0.05, 0.8, 0.95  # shares of the progress
@@ -194,14 +193,15 @@ class _Play:
         # There and back over the whole range, and as long again for a line that is slow.
         ramps_s = 4.0 * (limits.pressure_pa[1] - limits.pressure_pa[0]) / limits.pressure_rate_pa_per_s
         self._rules = AbortRules(device, limits, waveform.duration_s + ramps_s, period_s)
-        self._mover = Mover(device, self._rules, stop, limits.pressure_rate_pa_per_s)
+        wake = asyncio.Event()
+        self._mover = Mover(device, self._rules, stop, wake, limits.pressure_rate_pa_per_s)
         self._captured: CapturedPlay | None = None
         if buffer is not None:
             self._captured = CapturedPlay(buffer, course, on_samples, self._tell)
         self._polled = PolledPlay(course, on_samples, self._tell)
         self._notes: list[str] = []
-        self._stop = stop
-        self._watch = PermissiveWatch(device, permitted=permitted, within_s=window_s(period_s))
+        self._stop, self._wake = stop, wake
+        self._watch = PermissiveWatch(device, permitted=permitted, within_s=window_s(period_s), on_lost=wake.set)
 
     def _tell(self, share: float) -> None:
         low, high, phase = self._phase
@@ -209,15 +209,21 @@ class _Play:
 
     async def run(self, provenance: Provenance, entry: Sample, permit: str | None) -> PlayOutcome:
         """Move, make safe, fetch, let go; ``entry`` is how the valve stood when its safe value was chosen."""
-        watching = asyncio.ensure_future(self._watch.run())
+        watching, hearing = asyncio.ensure_future(self._watch.run()), asyncio.ensure_future(self._hear_stop())
         try:
             ended, error = await self._move(entry, permit)
         except BaseException:
             # A cancelled caller, a full disk under on_samples, a fault of ours: the valve goes to safe all the same.
             await _to_the_end(self._abandon(watching))
             raise
+        finally:
+            hearing.cancel()
         # From here on a cancellation is heard as a stop: neither what was recorded nor how the valve stands is lost.
         return await _to_the_end(self._rest(ended, error, provenance, watching), self._stop.set)
+
+    async def _hear_stop(self) -> None:
+        await self._stop.wait()
+        self._wake.set()
 
     async def _rest(
         self, ended: Ended, error: ValveError | None, provenance: Provenance, watching: asyncio.Future[None]
@@ -321,7 +327,7 @@ class _Play:
             )
         self._mover.require_no_stop()
         self._rules.begin(now, readiness.unrest_m, self._watch)
-        self._mover.first_before_s = now.sent_s + max(_FRESH_S, readiness.round_s)
+        self._mover.first_before_s = readiness.fresh_until_s
         return readiness
 
     async def _begin(self, entry: Sample, permit: str | None) -> None:
@@ -338,7 +344,7 @@ class _Play:
                 continue
             return
         raise PermissiveError(
-            f"{self._device.tag}: nothing was moved: the permissives were older than {_FRESH_S:g} s before the first "
+            f"{self._device.tag}: nothing was moved: the permissives were older than {FRESH_S:g} s before the first "
             f"write, {_FRESH_READS} times: this machine or the bus is too busy, start again"
         )
 

@@ -7,15 +7,18 @@ the next one and let a stop wait behind its queue.
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from drivers.addresses import RtuAddress, TcpAddress, TlsAddress
 from drivers.connection import Connection
 from drivers.faults import (
     BadAnswerError,
     ConnectionLostError,
+    GarbledError,
     GatewayPathError,
     GatewayTargetError,
 )
@@ -23,12 +26,16 @@ from drivers.frames import (
     READ_INPUT,
     READ_WRITE,
     WRITE,
+    WRITE_ONE,
     Request,
     read_request,
 )
 from drivers.gate import Gate
 from drivers.registers import Block, Table
 from valve.errors import DeviceError, WireError
+
+_HANGS_UP_S: Final = 0.05  # a device that closes after each answer does so at once; a network's way back is shorter
+_LEAST_LEFT: Final = 0.5  # of a read's deadline must be left to ask again: a slow answer must not come after it
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +69,8 @@ class Transport:
 
     After anything doubtful (a timeout, a cancelled caller, bytes that nobody asked for, a broken connection) the bus
     is cleaned before the next request: TCP is closed and reopened, a serial line is left alone until the slowest
-    slave must have answered, and a canary read proves it.
+    slave must have answered, and a canary read proves it. A TCP device that closes the connection after each answer is
+    connected anew for each request, at most twice: for its canary, where it has one, and for the request.
     """
 
     def __init__(self, address: TcpAddress | TlsAddress | RtuAddress) -> None:
@@ -72,6 +80,7 @@ class Transport:
         self._gate = Gate()
         self._connection = Connection(address)
         self._wanted = False
+        self._hangs_up: bool | None = None  # whether the device closes after each answer; None: nobody knows yet
         self._doubt: _Doubt | None = None
         self._canaries: dict[int, _Canary] = {}
 
@@ -90,7 +99,7 @@ class Transport:
 
     async def open(self) -> None:
         """Connect. Raises ConnectionLostError where that fails within the deadline."""
-        self._wanted = True
+        self._wanted, self._hangs_up = True, None
         async with self._gate.hold():
             await self._connection.open()
 
@@ -113,9 +122,15 @@ class Transport:
         """Read ``count`` words at ``address``. Raises as ``read`` does."""
         return await self._transact(read_request(device_id, table, address, count), priority)
 
-    async def write(self, device_id: int, address: int, words: Sequence[int], *, priority: bool = False) -> Exchange:
-        """Write words (function 16), once. After a WireError the device may or may not have carried it out."""
-        return await self._transact(Request(device_id, WRITE, write_address=address, words=tuple(words)), priority)
+    async def write(
+        self, device_id: int, address: int, words: Sequence[int], *, priority: bool = False, function: int = WRITE
+    ) -> Exchange:
+        """Write words, once, by function 16, or 6 for one word alone.
+
+        After a WireError the device may or may not have carried it out.
+        """
+        request = Request(device_id, function, write_address=address, words=tuple(words))
+        return await self._transact(request, priority)
 
     async def read_write(
         self, device_id: int, write_address: int, words: Sequence[int], read_address: int, count: int
@@ -131,23 +146,71 @@ class Transport:
             if not self._wanted:
                 raise ConnectionLostError(f"bus {self.name}: it is closed, open it first")
             await self._line_silence()
-            if self._doubt is not None or self._connection.unasked or not self._connection.is_open:
-                await self._recover(request)
+            await self._hang_up()
+            if not self._is_clean(request):
+                await self._connect_anew(request)
             self.writes += bool(request.words)
             return await self._exchange(request)
+
+    def _is_clean(self, request: Request) -> bool:
+        connection = self._connection
+        if self._doubt is not None or connection.unasked or not connection.is_open:
+            return False
+        # An answer to function 6 looks like the request's own echo: a read must have shown that the line has none.
+        return not (request.function == WRITE_ONE and isinstance(self.address, RtuAddress) and connection.answers == 0)
 
     async def _exchange(self, request: Request) -> Exchange:
         connection = self._connection
         try:
-            words = await connection.exchange(request)
+            words, sent_s = await self._answered(request)
         except (GatewayPathError, GatewayTargetError):
             raise  # a proper answer: the bus up to the gateway is clean
         except (asyncio.CancelledError, WireError):
             self._doubt = _Doubt(request, connection.sent_s)
             raise
-        return Exchange(words, connection.sent_s, connection.heard_s)
+        return Exchange(words, sent_s, connection.heard_s)
+
+    async def _answered(self, request: Request) -> tuple[tuple[int, ...], float]:
+        """Words of the answer, and when the request went out first.
+
+        A read whose answer came damaged is asked again while its own deadline lasts, as the device has answered
+        already and nothing is under way: that leaves the bus clean for a stop that waits, sooner than a recovery
+        would. The interval of the sample begins with the first request. Writes go out once.
+        """
+        connection, first_s, within_s = self._connection, math.nan, None
+        while True:
+            try:
+                words = await connection.exchange(request, within_s)
+            except GarbledError:
+                first_s = connection.sent_s if math.isnan(first_s) else first_s
+                await self._line_silence()
+                within_s = first_s + connection.deadline_s(request) - time.monotonic()
+                in_time = within_s >= _LEAST_LEFT * connection.deadline_s(request)
+                if request.words or connection.unasked or not in_time:
+                    raise
+            else:
+                return words, connection.sent_s if math.isnan(first_s) else first_s
 
     # ---- recovery
+
+    async def _hang_up(self) -> None:
+        """Let a device close the connection that does so after each answer: a request must not meet its farewell."""
+        connection = self._connection
+        if self._doubt is None and connection.answers == 1 and self._hangs_up is not False:
+            is_serial = isinstance(self.address, RtuAddress)
+            self._hangs_up = not is_serial and await connection.ends_before(connection.heard_s + _HANGS_UP_S)
+
+    async def _connect_anew(self, request: Request) -> None:
+        """Make the bus fit for a request. Raises WireError where it is not, within its deadlines."""
+        connection = self._connection
+        in_order = self._hangs_up and self._doubt is None and not connection.unasked and not connection.is_open
+        if in_order and request.device_id not in self._canaries:
+            await connection.open()
+            return
+        await self._recover(request)
+        await self._hang_up()
+        if not connection.is_open:
+            await connection.open()
 
     async def _recover(self, request: Request) -> None:
         """Make the bus trustworthy again, by one attempt. Raises WireError where it is not, within its deadlines.

@@ -47,8 +47,9 @@ class Unit:
 
     async def write(self, values: Mapping[str, float], *, priority: bool = False) -> Exchange:
         """Write neighbouring registers in one transaction, once. Raises as ``Transport.write`` does."""
-        block = self.map.block(*values)
-        return await self.bus.write(self.device_id, block.address, block.encode(dict(values)), priority=priority)
+        block, function = self.map.block(*values), self.map.write_function
+        words = block.encode(dict(values))
+        return await self.bus.write(self.device_id, block.address, words, priority=priority, function=function)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,7 +105,16 @@ class Wired:
         return tuple(found.values())
 
 
-def _unit(tag: str, point: Point, buses: Mapping[str, Bus]) -> Unit | SerialGauge:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Places:
+    """What names in a configuration stand for: buses, and the plant's own register maps."""
+
+    buses: Mapping[str, Bus]
+    maps: Mapping[str, RegisterMap]
+
+
+def _unit(tag: str, point: Point, places: _Places) -> Unit | SerialGauge:
+    buses = places.buses
     bus = buses.get(point.bus)
     if bus is None:
         raise ConfigurationError(f"{tag}: no bus is called {point.bus!r}, choose one of {', '.join(buses)}")
@@ -115,7 +125,7 @@ def _unit(tag: str, point: Point, buses: Mapping[str, Bus]) -> Unit | SerialGaug
     fault = bus.address.device_id_fault(point.device_id)
     if fault:
         raise ConfigurationError(f"{tag}: bus {point.bus}: {fault}")
-    return Unit(bus, point.device_id, register_map(point.map))
+    return Unit(bus, point.device_id, register_map(point.map, places.maps))
 
 
 def _as_quantity(tag: str, role: str, register: Register, point: Point, si_unit: str) -> Register:
@@ -163,6 +173,7 @@ def wire(wiring: ValveWiring, buses: Mapping[str, Bus]) -> Wired:
 
     Nothing is opened or sent.
     """
+    places = _Places(buses, wiring.maps)
     tag, rules, faults = wiring.tag, wiring.permissives, list[str]()
 
     def found(make: Callable[[], _Found]) -> _Found | None:
@@ -172,60 +183,59 @@ def wire(wiring: ValveWiring, buses: Mapping[str, Bus]) -> Wired:
             faults.append(str(error))
             return None
 
-    command = found(lambda: _command(tag, wiring.command, buses))
+    command = found(lambda: _command(tag, wiring.command, places))
     own = None if command is None else command[0].unit
-    position = found(lambda: _position(wiring, own, buses))
-    pressure = found(lambda: _pressure(wiring, own, buses))
-    manual = found(lambda: _contact(tag, rules.manual, buses))
-    interlock = found(lambda: _contact(tag, rules.interlock, buses))
-    supply = found(lambda: _supply(tag, rules, buses))
+    position = found(lambda: _position(wiring, own, places))
+    pressure = found(lambda: _pressure(wiring, own, places))
+    manual = found(lambda: _contact(tag, rules.manual, places))
+    interlock = found(lambda: _contact(tag, rules.interlock, places))
+    supply = found(lambda: _supply(tag, rules, places))
     refuse(ConfigurationError, faults)
     assert command is not None  # each None was refused above
     assert position is not None
     return Wired(*command, position, pressure, manual, interlock, supply)
 
 
-def _modbus(tag: str, point: Point, buses: Mapping[str, Bus], lacks: str) -> Unit:
-    unit = _unit(tag, point, buses)
+def _modbus(tag: str, point: Point, places: _Places, lacks: str) -> Unit:
+    unit = _unit(tag, point, places)
     if isinstance(unit, SerialGauge):
         raise ConfigurationError(f"{tag}: bus {unit.name} is a gauge, it {lacks}")
     return unit
 
 
-def _command(tag: str, point: Point, buses: Mapping[str, Bus]) -> tuple[Signal, Signal]:
-    return _commanded(tag, _modbus(tag, point, buses, "commands nothing"), point)
+def _command(tag: str, point: Point, places: _Places) -> tuple[Signal, Signal]:
+    return _commanded(tag, _modbus(tag, point, places, "commands nothing"), point)
 
 
-def _position(wiring: ValveWiring, own: Unit | None, buses: Mapping[str, Bus]) -> Signal | SerialGauge | None:
+def _position(wiring: ValveWiring, own: Unit | None, places: _Places) -> Signal | SerialGauge | None:
     if wiring.position is None:
         point = Point(wiring.command.bus, wiring.command.device_id, wiring.command.map)
         return None if own is None else _measured(wiring.tag, Role.POSITION, own, point, "m")
-    unit = _unit(wiring.tag, wiring.position, buses)
+    unit = _unit(wiring.tag, wiring.position, places)
     if isinstance(unit, SerialGauge):
         return unit
     return _measured(wiring.tag, Role.POSITION, unit, wiring.position, "m")
 
 
-def _pressure(wiring: ValveWiring, own: Unit | None, buses: Mapping[str, Bus]) -> Signal | None:
+def _pressure(wiring: ValveWiring, own: Unit | None, places: _Places) -> Signal | None:
     if wiring.pressure is not None:
-        unit = _modbus(wiring.tag, wiring.pressure, buses, "measures no pressure")
+        unit = _modbus(wiring.tag, wiring.pressure, places, "measures no pressure")
         return _measured(wiring.tag, Role.PRESSURE, unit, wiring.pressure, "Pa")
-    if own is None or own.map.live is None or Role.PRESSURE not in own.map.roles:
-        return None
-    return Signal(own, own.map.register(own.map.roles[Role.PRESSURE]))
+    register = None if own is None else own.map.own_pressure
+    return None if own is None or register is None else Signal(own, register)
 
 
-def _supply(tag: str, rules: PermissiveRules, buses: Mapping[str, Bus]) -> Signal | None:
+def _supply(tag: str, rules: PermissiveRules, places: _Places) -> Signal | None:
     if rules.supply is None:
         return None
-    unit = _modbus(tag, rules.supply, buses, "measures no pressure")
+    unit = _modbus(tag, rules.supply, places, "measures no pressure")
     return _measured(tag, Role.SUPPLY, unit, rules.supply, "Pa")
 
 
-def _contact(tag: str, contact: Contact | None, buses: Mapping[str, Bus]) -> WiredContact | None:
+def _contact(tag: str, contact: Contact | None, places: _Places) -> WiredContact | None:
     if contact is None:
         return None
-    unit = _modbus(tag, Point(contact.bus, contact.device_id, contact.map), buses, "has no contact")
+    unit = _modbus(tag, Point(contact.bus, contact.device_id, contact.map), places, "has no contact")
     unit.map.register(contact.register)
     return WiredContact(unit, contact)
 

@@ -179,16 +179,14 @@ def measured(value: float, std_error: float, *, note: str = "", reason: str = ""
     return ParameterEstimate(value, std_error, (value - half_width, value + half_width), True, note)
 
 
-def offset_estimate(
-    value: float, std_error: float, scale: float, *, note: str = "", reason: str = ""
-) -> ParameterEstimate:
+def offset_estimate(value: float, std_error: float, scale: float, *, reason: str = "") -> ParameterEstimate:
     """As ``measured`` for a quantity that may be zero: its interval is judged against ``scale``."""
     if not (math.isfinite(value) and math.isfinite(std_error)):
         return absent(reason or "the data do not determine it")
     half_width = NORMAL_95 * std_error
     if half_width > LARGEST_RELATIVE_HALF_WIDTH * max(abs(value), scale):
         return absent(f"known to +-{half_width:.3g} only: {reason or 'the data do not determine it better'}")
-    return ParameterEstimate(value, std_error, (value - half_width, value + half_width), True, note)
+    return ParameterEstimate(value, std_error, (value - half_width, value + half_width))
 
 
 @dataclass(frozen=True, slots=True)

@@ -243,9 +243,31 @@ def signature(
     nameplate: Nameplate,
     motion: RecordedMotion | Outcome | None = None,
 ) -> dict[str, Any]:
-    """Return the technician's figures: measured on the loop where it shows them, else from the estimates; and steps."""
+    """Return the technician's figures: measured on the loop where it shows them, else from the estimates; and steps.
+
+    ``input_percent`` is the range of the signal in percent of its span, ``stops_m`` the travel stops that the stem
+    rested on, m, closed end first; each is None where it is not known.
+    """
     found = measure_signature(recording, nameplate, estimates, motion).to_json()
-    return {**found, "loop": loop(found.get("curve")), "steps": step_figures(recording, nameplate)}
+    stops = motion.stops if isinstance(motion, RecordedMotion) else None
+    ends = None if stops is None else (stops.low_m, stops.high_m)
+    return {
+        **found,
+        "input_percent": _input_percent(recording, found["span"]),
+        "stops_m": None if ends is None else [end if np.isfinite(end) else None for end in ends],
+        "loop": loop(found.get("curve")),
+        "steps": step_figures(recording, nameplate),
+    }
+
+
+def _input_percent(recording: Recording, span: Mapping[str, Any] | None) -> list[float] | None:
+    """Lowest and highest command, or pressure without one, in percent of the span; None where either is unknown."""
+    asked = recording.pressure_pa if recording.command_pa is None else recording.command_pa
+    if asked is None or span is None or span["pressure_pa"] is None or not np.isfinite(asked).any():
+        return None
+    low_pa, high_pa = span["pressure_pa"]
+    ends = (float(np.nanmin(asked)), float(np.nanmax(asked)))
+    return [100.0 * (end - low_pa) / (high_pa - low_pa) for end in ends]
 
 
 def loop(curve: dict[str, Any] | None) -> dict[str, Any] | None:

@@ -20,15 +20,17 @@ _MOST_WORKERS: Final = 4  # each holds about 300 MB
 MOST_UPLOADS: Final = 8  # at once, those that wait included
 MOST_UPLOADED_ROWS: Final = 2_000_000  # of all files of one upload: half an hour of 1 kHz
 _MOST_UPLOAD_MEMORY_BYTES: Final = 4_000_000_000
+WARM_AFTER_S: Final = 15.0  # a job that comes earlier starts its worker itself
 _UPLOAD_AGAIN_S: Final = 60.0  # an analysis takes about 20 s of a core
 
 
 class AnalysisCrew:
-    """As many workers as there are cores, at most four; they start one after the other as soon as the crew starts.
+    """As many workers as there are cores, at most four; they start one after the other, a while after the crew.
 
-    What a worker loads, while valves move, makes their samples late, and the others find compiled what the first one
-    compiled. They run at a lower priority than the service, so a core that polls is not held up by them. While a valve
-    is polled no job begins that would leave it less than a core of its own, where there are two; one always may.
+    First of all a service that has just started reads where its valves stand. What a worker loads, while valves move,
+    makes their samples late, and the others find compiled what the first one compiled. They run at a lower priority
+    than the service, so a core that polls is not held up by them. While a valve is polled no job begins that would
+    leave it less than a core of its own, where there are two; one always may.
 
     Uploads have a worker of their own, of the lowest priority, and begin one at a time, when no test waits for its
     analysis and a core is free.
@@ -41,7 +43,9 @@ class AnalysisCrew:
         command: Sequence[str] = WORKER,
         polling: Polling | None = None,
         cores: int | None = None,
+        warm_after_s: float = WARM_AFTER_S,
     ) -> None:
+        self._warm_after_s = warm_after_s
         self._cores = cores or os.cpu_count() or 1
         count = workers if workers is not None else min(self._cores, _MOST_WORKERS)
         self._members = [AnalysisPool(command=command) for _ in range(count)]
@@ -61,12 +65,12 @@ class AnalysisCrew:
         """Process id of each worker, None where it has not started yet."""
         return [member.worker_pid for member in self._members]
 
-    async def start(self) -> None:
-        """Start the first worker; it warms up while the caller goes on, then the others."""
-        await self._members[0].start()
+    def start(self) -> None:
+        """Let the workers start and warm up, one after the other, while the caller goes on."""
         self._warming = asyncio.create_task(self._warm())
 
     async def _warm(self) -> None:
+        await asyncio.sleep(self._warm_after_s)
         for member in self._members:
             # The event loop waits until a new process has its program, which on a busy machine takes a while.
             while self._polling.goes_on and not self._closed:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
+from service.health.acceptance import remarked
 from service.next_step import next_step
 from service.plain_numbers import as_read, half_width, plus_minus, scatter_words
 from service.shown_sentences import NO_FAULT, as_sentence
@@ -34,7 +35,13 @@ def verdict_lines(analysis: Mapping[str, Any]) -> list[str]:
         return [f"Not assessed: {message[:1].lower()}{message[1:]}" if message else "Not assessed."]
     if verdict == "unexplained" or not causes:
         return ["Something is there that no cause of the catalogue explains.", *_some(next_step(analysis, None))]
+    small = remarked(analysis)
+    seen = [f"Seen, does not matter yet: {one['sentence']}" for one in causes if one["cause"] in small]
+    causes = [one for one in causes if one["cause"] not in small]
+    if not causes:
+        return [NO_FAULT, *seen]
     lines = [f"{_plain(one['cause']).capitalize()}: {one['sentence']} What to do: {one['action']}" for one in causes]
+    lines += seen
     if verdict == "likely":
         return [f"Probably {lines[0][:1].lower()}{lines[0][1:]} This is not proven.", *lines[1:]]
     if verdict == "ambiguous":
@@ -55,7 +62,7 @@ def summary_lines(analysis: Mapping[str, Any]) -> list[tuple[str, str]]:
     friction = _value(estimates, "F_c", 1.0, "N")
     share = signature.get("friction_mean_percent")
     if share is not None:
-        friction += f"; {share:.3g} % of the actuator's force"
+        friction += f"; {plus_minus(share, None)} % of the actuator's force"
     spring = _value(estimates, "k", 1.0e-3, "N/mm")
     bench = signature.get("bench_set_pa")
     if bench is not None and None not in bench:
@@ -66,7 +73,7 @@ def summary_lines(analysis: Mapping[str, Any]) -> list[tuple[str, str]]:
         ("Friction", friction),
         ("Breakaway", _value(estimates, "F_s", 1.0, "N")),
         ("Spring rate", spring),
-        ("Dead band", _NOT_KNOWN if dead_band is None else f"{dead_band:.3g} % of the span"),
+        ("Dead band", _NOT_KNOWN if dead_band is None else f"{plus_minus(dead_band, None)} % of the span"),
         ("Recording", _recording(analysis["recording"])),
     ]
 

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from importlib.metadata import version
-from typing import Final
+from typing import Any, Final
 from urllib.parse import urlsplit
 
 from fastapi import FastAPI
-from fastapi.openapi.utils import get_openapi
 from fastapi.responses import HTMLResponse
 from pydantic import BaseModel
 
 from service.access.access import access_of
 from service.access.gate import Gate
 from service.access.needs import OPEN_TO_ALL, rights
-from service.access.principal import Right
 from service.access.routes import router as access_routes
 from service.access.routes import session_router as session_routes
 from service.access.stop_grants import stoppers_known
@@ -35,15 +33,18 @@ from service.meters import Meters
 from service.metrics import router as metrics_routes
 from service.models.routes import router as model_routes
 from service.mqtt.publisher import mqtt_of
+from service.openapi import openapi_of
 from service.parts import Parts
 from service.polling import Polling
 from service.precedence import Precedence
-from service.problems import Problem
 from service.read_turns import ReadTurns
 from service.recordings.conversion import Converter
 from service.recordings.routes import router as recording_routes
+from service.reload import Reloader
+from service.reload import router as reload_routes
 from service.report.routes import router as report_routes
 from service.runs.analyst import Analyst
+from service.runs.renewal import Renewal
 from service.runs.rig import Rig
 from service.runs.routes import router as test_routes
 from service.runs.safety_routes import router as safety_routes
@@ -64,9 +65,6 @@ Vendor-neutral control-valve diagnostics: drives a valve through a test over Mod
 This service is not a safety function and never writes to a safety-instrumented device.
 Errors are problem documents (RFC 9457, application/problem+json).
 Every number is in SI units (m, Pa, N, s), in the words of a problem document too, unless a request names `units`."""
-
-
-RIGHT_KEY: Final = "x-breakaway-right"
 
 
 class Health(BaseModel):
@@ -114,16 +112,24 @@ def create_app(
         try:
             await asyncio.to_thread(note_start, audit, plant, software)
             if pool is not None:
-                await pool.start()
+                pool.start()
             await runs.recover()
+            app.state.reloader = Reloader(app.state.parts)
+            renewal = Renewal(plant, opened, runs)
             async with (
                 mqtt_of(plant, opened, stale) as app.state.mqtt,
                 nights(nightly, plant, opened, runs),
                 stoppers_known(runs.any_under_way, access.note_known),
             ):
-                yield
+                renewal.start()
+                try:
+                    yield
+                finally:
+                    await renewal.close()
         finally:
             await runs.shut_down()
+            if isinstance(getattr(app.state, "reloader", None), Reloader):
+                await app.state.reloader.close()
             if precedence is not None:
                 precedence.close()
             await converter.close()
@@ -159,6 +165,7 @@ def create_app(
         health_routes,
         valve_routes,
         schedule_routes,
+        reload_routes,
         session_routes,
         access_routes,
         metrics_routes,
@@ -177,7 +184,13 @@ def create_app(
         return HTMLResponse(docs_page(app.openapi()))
 
     needed = list(rights(app))
-    app.openapi = lambda: _openapi(app, needed)  # type: ignore[method-assign]  # the way that FastAPI documents
+
+    def openapi() -> dict[str, Any]:
+        if app.openapi_schema is None:
+            app.openapi_schema = openapi_of(app, needed)
+        return app.openapi_schema
+
+    app.openapi = openapi  # type: ignore[method-assign]  # the way that FastAPI documents
     return app
 
 
@@ -186,14 +199,3 @@ def _hosts(plant: Plant) -> list[str]:
     address = plant.gateways.get(plant.service.gateway)
     named = [] if address is None else [urlsplit(address).hostname or ""]
     return [host for host in (*plant.service.access.allowed_hosts, *named) if host]
-
-
-def _openapi(app: FastAPI, needed: Sequence[tuple[str, str, Right | None]]) -> dict[str, object]:
-    """Return the OpenAPI document, with the problem document among its schemas."""
-    if app.openapi_schema is None:
-        document = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
-        document["components"]["schemas"]["Problem"] = Problem.model_json_schema()
-        for path, method, right in needed:
-            document["paths"][path][method][RIGHT_KEY] = right
-        app.openapi_schema = document
-    return app.openapi_schema

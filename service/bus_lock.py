@@ -1,21 +1,23 @@
-"""One owner a bus between processes: a lock file by the bus's address, dropped by the system when its holder dies.
+"""One owner a bus between processes: a name in the kernel by the bus's address, dropped by it when its holder dies.
 
 The store's own lock keeps a second service off the same store; this one keeps a service with another store, or another
-configuration that names the same line, off a bus that is in use. It holds on one machine: between machines the fence
-of the device does (docs/reference-map.md). Services of several users see each other only where the environment names
-one folder for all of them.
+configuration that names the same line, off a bus that is in use. It holds on one machine, whoever runs the services:
+the name is an abstract Unix socket, which no folder, account or temporary directory divides. Containers have names of
+their own: there a folder that they share holds lock files instead. Between machines the fence of the device keeps them
+apart (docs/reference-map.md).
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import errno
 import fcntl
 import hashlib
 import ipaddress
 import os
-import stat
-import tempfile
+import socket
+import struct
 from collections.abc import AsyncIterator, Iterable, Mapping
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -24,8 +26,9 @@ from typing import Final
 from drivers.addresses import BusAddress, GaugeAddress, RtuAddress
 from valve.errors import BusyError, InternalError
 
-#: Names another folder for the lock files; every service of a machine must use the same.
+#: Names a folder for lock files instead, for containers; every service that may use the same buses must share it.
 FOLDER_VARIABLE: Final = "BREAKAWAY_LOCK_FOLDER"
+_ASKING: Final = 128  # processes that may ask who holds a bus before it is given back
 _LONGEST_NUMBER: Final = 15  # digits of a process's number
 
 
@@ -47,28 +50,6 @@ def _one_spelling(host: str) -> str:
         return name
     mapped = address.ipv4_mapped if isinstance(address, ipaddress.IPv6Address) else None
     return str(mapped or address)
-
-
-def lock_folder() -> Path:
-    """Return the folder of the lock files: as the environment says, or one for this user alone, made where it is not.
-
-    The latter goes by the user alone: one that a login or a service manager gives would not be the same for both.
-    Raises InternalError where somebody else made it, or may write there: what lies in it proves nothing then.
-    """
-    named = os.environ.get(FOLDER_VARIABLE)
-    if named:
-        return Path(named)
-    folder = Path(tempfile.gettempdir()) / f"breakaway-{os.getuid()}"
-    with contextlib.suppress(FileExistsError):
-        folder.mkdir(mode=0o700)
-    found = folder.lstat()
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
-        raise InternalError(
-            f"{folder}: the folder of the bus locks is not this user's alone (owner {found.st_uid}, mode "
-            f"{stat.S_IMODE(found.st_mode):o}), nothing moves without it: remove it, or name another folder for every "
-            f"service of this machine by {FOLDER_VARIABLE}"
-        )
-    return folder
 
 
 class BusLocks:
@@ -122,25 +103,61 @@ class BusLocks:
 
 
 def _locked(bus: str, place: str) -> int:
-    name = f"breakaway-bus-{hashlib.sha256(place.encode()).hexdigest()[:24]}.lock"
-    path = Path(name)
+    """Take a place; return the descriptor that holds it. Raises BusyError, InternalError."""
+    name = f"breakaway-bus-{hashlib.sha256(place.encode()).hexdigest()[:24]}"
+    folder = os.environ.get(FOLDER_VARIABLE)
+    return _file_locked(bus, place, Path(folder) / f"{name}.lock") if folder else _name_taken(bus, place, f"\0{name}")
+
+
+def _busy(bus: str, place: str, holder: str) -> BusyError:
+    return BusyError(
+        f"bus {bus} ({place}) is used by another process (process {holder or 'unknown'}): wait for the end of its "
+        "test, or stop it"
+    )
+
+
+def _name_taken(bus: str, place: str, name: str) -> int:
+    taken: socket.socket | None = None
     try:
-        path = lock_folder() / name
+        taken = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        taken.bind(name)
+        taken.listen(_ASKING)  # who asks is told our process's number by the kernel; nobody is ever answered
+    except OSError as error:
+        if taken is not None:
+            taken.close()
+        if error.errno == errno.EADDRINUSE:
+            raise _busy(bus, place, _holder(name)) from None
+        raise InternalError(
+            f"bus {bus}: its lock cannot be taken ({error.strerror}), nothing moves without it: allow this service "
+            f"Unix sockets (RestrictAddressFamilies), or name a folder for lock files by {FOLDER_VARIABLE}"
+        ) from error
+    return taken.detach()
+
+
+def _holder(name: str) -> str:
+    """Return the number of the process that holds a name; "" where the kernel does not tell it."""
+    with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
+        asking.setblocking(False)
+        asking.connect(name)
+        process, _, _ = struct.unpack("3i", asking.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, 12))
+        return str(process) if process else ""
+    return ""
+
+
+def _file_locked(bus: str, place: str, path: Path) -> int:
+    try:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
     except OSError as error:
         raise InternalError(
             f"bus {bus}: its lock {path} cannot be made ({error.strerror}), nothing moves without it: make the folder "
-            f"writable, or name another one for every service of this machine by {FOLDER_VARIABLE}"
+            f"writable, or name another one by {FOLDER_VARIABLE} for every service that uses this bus"
         ) from error
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         holder = os.pread(descriptor, _LONGEST_NUMBER, 0).decode(errors="replace").strip()
         os.close(descriptor)
-        raise BusyError(
-            f"bus {bus} ({place}) is used by another process (process {holder or 'unknown'}): wait for the end of its "
-            "test, or stop it"
-        ) from None
+        raise _busy(bus, place, holder) from None
     # Of one length, and only where it is new: to truncate it on a busy disk took 0.13 s, in which no valve was sampled.
     own = f"{os.getpid():<{_LONGEST_NUMBER}}\n".encode()
     if os.pread(descriptor, len(own), 0) != own:

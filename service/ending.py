@@ -5,9 +5,10 @@ The tablet's page and the report of such a test say the same.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, tzinfo
+from functools import partial
 from typing import Final
 
 from drivers.outcome import Ended
@@ -16,6 +17,7 @@ from service.runs.run import Run, RunState
 from service.shown_sentences import as_sentence
 from service.stands_words import NOT_CONFIRMED, where_it_stands
 
+_Clock = Callable[[datetime | None], str]
 _SENT_SAFE: Final = "; the valve was sent to its safe value"
 
 
@@ -34,18 +36,22 @@ class Ending:
     is_alarm: bool
 
 
-def ending_of(run: Run, *, later: Run | None = None, moment: str = "%Y-%m-%d %H:%M:%S %Z") -> Ending:
+def ending_of(
+    run: Run, *, later: Run | None = None, moment: str = "%Y-%m-%d %H:%M:%S %Z", zone: tzinfo | None = None
+) -> Ending:
     """Return how a finished test without a result ended.
 
-    ``later`` is the newest test of the valve since, ``moment`` how times are written.
+    ``later`` is the newest test of the valve since, ``moment`` how times are written, by ``zone`` or else this
+    machine's own.
     """
     assert run.state.finished
     assert run.analysis is None
+    at = partial(_at, moment=moment, zone=zone)
     return Ending(
         _headline(run),
-        _course(run, moment),
+        _course(run, at),
         _why(run),
-        _stands(run, later, moment),
+        _stands(run, later, at),
         tuple(_steps(run)),
         ended_badly(run),
     )
@@ -67,16 +73,16 @@ def _headline(run: Run) -> str:
     return f"The test of {run.valve} {tried}{' before anything moved' if _nothing_moved(run) else ''}."
 
 
-def _course(run: Run, moment: str) -> str:
-    said = f"Asked for by {run.requested_by or 'local'} at {_at(run.created_at, moment)}"
+def _course(run: Run, at: _Clock) -> str:
+    said = f"Asked for by {run.requested_by or 'local'} at {at(run.created_at)}"
     if run.started_at is None or _nothing_moved(run):
-        return f"{said}; ended at {_at(run.finished_at, moment)}, nothing was moved."
-    said += f"; begun at {_at(run.started_at, moment)}"
+        return f"{said}; ended at {at(run.finished_at)}, nothing was moved."
+    said += f"; begun at {at(run.started_at)}"
     if run.motion_ended_at is not None:
         lasted_s = (run.motion_ended_at - run.started_at).total_seconds()
         return f"{said}; the motion ended after {lasted_s:.0f} s."
     found = "found without its service" if run.state is RunState.INTERRUPTED else "ended"
-    return f"{said}; {found} at {_at(run.finished_at, moment)}."
+    return f"{said}; {found} at {at(run.finished_at)}."
 
 
 def _why(run: Run) -> str:
@@ -86,10 +92,10 @@ def _why(run: Run) -> str:
     return as_sentence(said) or "Nobody said why."
 
 
-def _stands(run: Run, later: Run | None, moment: str) -> str:
+def _stands(run: Run, later: Run | None, at: _Clock) -> str:
     said = where_it_stands(run)
     if later is not None:
-        said += f" Since then it was asked for again, last at {_at(later.created_at, moment)} ({later.state.value})."
+        said += f" Since then it was asked for again, last at {at(later.created_at)} ({later.state.value})."
     return said
 
 
@@ -111,5 +117,5 @@ def _steps(run: Run) -> Iterator[str]:
         yield "Remove the reason that stands above, then start the test again."
 
 
-def _at(at: datetime | None, moment: str) -> str:
-    return "an unknown time" if at is None else format(at.astimezone(), moment)
+def _at(at: datetime | None, moment: str, zone: tzinfo | None) -> str:
+    return "an unknown time" if at is None else format(at.astimezone(zone), moment)

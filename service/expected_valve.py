@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from drivers.addresses import Mode, ValveWiring
-from drivers.capabilities import Role
 from drivers.maps import register_map
 from estimators.planned_scatter import PackingScatter
 from service.settings import PlantValve
@@ -120,8 +119,7 @@ def measures_pressure(wiring: ValveWiring) -> bool:
         return True
     if wiring.command.map is None:
         return False
-    device = register_map(wiring.command.map)
-    return device.live is not None and Role.PRESSURE in device.roles
+    return register_map(wiring.command.map, wiring.maps).own_pressure is not None
 
 
 def _assumed_values(valve: PlantValve) -> dict[str, float]:
@@ -153,7 +151,7 @@ def _sample_period(wiring: ValveWiring, last_test: Mapping[str, Any] | None) -> 
     kept_s = ((last_test or {}).get("quality") or {}).get("median_period_s")
     if mode is Mode.POLLED:
         return (kept_s, "polled, as in the last test") if kept_s else (asked_s, "polled, as configured")
-    device = register_map(wiring.command.map) if wiring.command.map is not None else None
+    device = register_map(wiring.command.map, wiring.maps) if wiring.command.map is not None else None
     if device is None or device.capture is None:
         return asked_s, "captured, as configured"
     register = device.register(device.capture.period)

@@ -15,7 +15,7 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResp
 
 LONGEST_HEAD_BYTES: Final = 64 * 1024  # uvicorn's own limit where it reads by h11
 HEAD_LIMIT_S: Final = 10.0  # as for a body
-#: At once; 50 tablets hold 100 to 300. Then the one that has been silent for longest goes.
+#: At once; 50 tablets hold 100 to 300. Then the one goes that has owed a complete request for longest.
 MOST_CONNECTIONS: Final = 1024
 _FILES_WANTED: Final = 65_536
 _FILES_KEPT_FREE: Final = 256  # for buses, journals, recordings and the database
@@ -33,17 +33,20 @@ class BoundedHttp(HttpToolsProtocol):
         self._in_head = False
         self._head_bytes = 0
         self._head_limit: asyncio.TimerHandle | None = None
-        self._silent_since_s = 0.0
+        self._owes_since_s = 0.0
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Begin a connection; where there are too many, the longest silent one makes room, this one if no other is."""
+        """Begin a connection; where there are too many, the one that owes a request for longest makes room.
+
+        That is this one only where all others are being answered.
+        """
         super().connection_made(transport)
-        self._silent_since_s = self.loop.time()
+        self._owes_since_s = self.loop.time()
         self._wait_for_head()
         if len(self.connections) > self.most_connections:
-            silent = [one for one in self.connections if isinstance(one, BoundedHttp) and one.is_silent]
+            owing = [one for one in self.connections if isinstance(one, BoundedHttp) and one.owes_a_request]
             _LOG.warning("connection closed for another", most=self.most_connections)
-            min(silent, key=lambda one: one._silent_since_s).give_way()
+            min(owing, key=lambda one: one._owes_since_s).give_way()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """End a connection."""
@@ -55,6 +58,12 @@ class BoundedHttp(HttpToolsProtocol):
         """Whether nothing is asked on it now."""
         cycle: RequestResponseCycle | None = self.cycle
         return cycle is None or cycle.response_complete
+
+    @property
+    def owes_a_request(self) -> bool:
+        """Whether it is silent, or the body of what it asks is not complete: nothing would be lost with it."""
+        cycle: RequestResponseCycle | None = self.cycle
+        return self.is_silent or (cycle is not None and cycle.more_body)
 
     def give_way(self) -> None:
         """Close it at once, whatever it may still have to say."""
@@ -84,12 +93,13 @@ class BoundedHttp(HttpToolsProtocol):
     def on_headers_complete(self) -> None:
         """Begin its body."""
         self._in_head = False
+        self._owes_since_s = self.loop.time()
         self._stop_waiting()
         super().on_headers_complete()
 
     def on_response_complete(self) -> None:
         """End an answer."""
-        self._silent_since_s = self.loop.time()
+        self._owes_since_s = self.loop.time()
         super().on_response_complete()
 
     def _wait_for_head(self) -> None:

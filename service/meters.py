@@ -32,7 +32,8 @@ class Meters:
         self._since = datetime.now(UTC)
         self._counted: OrderedDict[tuple[str, str], None] = OrderedDict()
         self._lock = threading.Lock()
-        self._buses = {tag: valve.wiring.command.bus for tag, valve in plant.valves.items()}
+        self._buses: dict[str, str] = {}
+        self.read(plant)
         self._samples = self._by_bus("breakaway_samples", "samples that were recorded")
         self._gaps = self._by_bus("breakaway_sample_gaps", "samples that could not be had")
         self._missed = self._by_bus("breakaway_missed_slots", "sampling instants without a sample")
@@ -59,6 +60,10 @@ class Meters:
             registry=self._registry,
             buckets=_ANALYSIS_S,
         )
+
+    def read(self, plant: Plant) -> None:
+        """Read anew which bus each valve is on."""
+        self._buses = {**self._buses, **{tag: valve.wiring.command.bus for tag, valve in plant.valves.items()}}
 
     def _by_bus(self, name: str, text: str) -> Counter:
         return Counter(name, text, labelnames=["bus"], registry=self._registry)

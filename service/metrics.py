@@ -15,6 +15,7 @@ from prometheus_client.registry import Collector
 
 from service.access.needs import needs
 from service.access.principal import Right
+from service.health.figures import MAIN_FIGURES
 from service.mqtt.metrics import BrokerCollector
 from service.parts import Parts, parts_of
 from service.precedence import Precedence
@@ -24,6 +25,12 @@ from service.store.conditions import valve_standings
 
 router = APIRouter(tags=["service"], responses=PROBLEMS)
 _NE107: Final = ("N", "C", "S", "M", "F")
+# By figure: the name in Prometheus, with its unit, and what it is.
+_FIGURES: Final = {
+    "friction_mean_n": ("breakaway_valve_friction_newtons", "mean friction of the last completed test"),
+    "dead_band_percent": ("breakaway_valve_dead_band_percent", "dead band of the last completed test"),
+    "travel_m": ("breakaway_valve_travel_meters", "travel that the last completed test went through"),
+}
 
 
 class PlantCollector(Collector):
@@ -39,6 +46,7 @@ class PlantCollector(Collector):
         yield info
         yield from self._tests()
         yield from self._valves()
+        yield from self._figures()
         entries = CounterMetricFamily("breakaway_audit_entries", "entries of this gateway's audit log")
         entries.add_metric([], self._parts.audit.head[0])
         yield entries
@@ -72,7 +80,12 @@ class PlantCollector(Collector):
             labels=["valve", "state"],
         )
         stale = GaugeMetricFamily(
-            "breakaway_valve_stale", "1 where there is no result that is new enough to speak for it", labels=["valve"]
+            "breakaway_valve_stale",
+            "1 where no result of a tested valve is new enough for it",
+            labels=["valve"],
+        )
+        untested = GaugeMetricFamily(
+            "breakaway_valve_never_tested", "1 where no test of the valve was ever asked for", labels=["valve"]
         )
         last = GaugeMetricFamily(
             "breakaway_valve_last_test_timestamp_seconds", "when the last test was asked for", labels=["valve"]
@@ -85,7 +98,8 @@ class PlantCollector(Collector):
         for tag in sorted(self._parts.plant.valves):
             busy.add_metric([tag], float(self._parts.runs.user_of(tag) is not None))
             standing, oldest = standings.get(tag), self._parts.staleness.oldest(tag, now)
-            stale.add_metric([tag], float(standing is None or oldest.is_stale(standing.completed_at)))
+            untested.add_metric([tag], float(standing is None))
+            stale.add_metric([tag], float(standing is not None and oldest.is_stale(standing.completed_at)))
             if standing is None:
                 continue
             last.add_metric([tag], standing.last_at.timestamp())
@@ -94,7 +108,18 @@ class PlantCollector(Collector):
             known = oldest.state(standing.ne107, standing.completed_at)
             if known in _NE107:
                 health.add_metric([tag, known], 1.0)
-        yield from (busy, stale, last, result, health)
+        yield from (busy, stale, untested, last, result, health)
+
+    def _figures(self) -> Iterator[Metric]:
+        found = self._parts.store.figures.of_last_results(MAIN_FIGURES)
+        for kind in MAIN_FIGURES:
+            name, words = _FIGURES[kind]
+            family = GaugeMetricFamily(name, words, labels=["valve"])
+            for tag in sorted(self._parts.plant.valves):
+                value = found.get(tag, {}).get(kind)
+                if value is not None:
+                    family.add_metric([tag], value)
+            yield family
 
 
 class PrecedenceCollector(Collector):

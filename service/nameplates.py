@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, Final
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
+from service.settings_units import in_own_words, in_si
 from valve.errors import ConfigurationError, ParameterError, refuse
 from valve.nameplate import Nameplate
 
@@ -60,20 +61,35 @@ def nameplate_from_toml(data: bytes, source: str) -> Nameplate:
 
 
 def nameplate_from_mapping(mapping: Mapping[str, Any], source: str) -> Nameplate:
-    """Nameplate of ``{"tag", "actuator", "signal"}``, nested as in its TOML file; types are not converted.
+    """Nameplate of ``{"tag", "actuator", "signal"}``, nested as in its TOML file; of types units alone are converted.
 
     Raises ConfigurationError with source, key, value and reason.
     """
+    table = in_si(Nameplate, mapping)
+    refuse(
+        ConfigurationError,
+        (
+            f"{source}: {'.'.join(one.path)} = {json.dumps(one.value, default=str)}: {one.reason}: {one.remedy}"
+            for one in table.faults
+        ),
+    )
+    try:
+        return _nameplate(table.values, source, {".".join(path) for path in table.written})
+    except ConfigurationError as error:
+        raise ConfigurationError(in_own_words(str(error), table.written.items())) from None
+
+
+def _nameplate(values: Mapping[str, Any], source: str, with_unit: Collection[str]) -> Nameplate:
     try:
         # through JSON: strict about types, and a list may still stand for a range
-        nameplate = _ADAPTER.validate_json(json.dumps(dict(mapping), default=str), strict=True)
+        nameplate = _ADAPTER.validate_json(json.dumps(dict(values), default=str), strict=True)
     except ValidationError as error:
         raise ConfigurationError(f"{source}: {_first_reason(error)}") from None
     except (ParameterError, ValueError, RecursionError) as error:
         raise ConfigurationError(f"{source}: {error}") from None
     if nameplate is None:
         raise ConfigurationError(f"{source}: it is empty, give tag and [actuator]")
-    _require_plausible(nameplate, source)
+    _require_plausible(nameplate, source, with_unit)
     return nameplate
 
 
@@ -91,23 +107,23 @@ def _first_reason(error: ValidationError) -> str:
     return f"{key} is {shown}: {first['msg'][0].lower()}{first['msg'][1:]}"
 
 
-def _require_plausible(nameplate: Nameplate, source: str) -> None:
+def _require_plausible(nameplate: Nameplate, source: str, with_unit: Collection[str]) -> None:
+    """Raise ConfigurationError where a value looks like one in another unit; ``with_unit`` are keys that gave one."""
     faults = []
-    for key, (limit, unit, looks) in _LARGEST.items():
-        value = getattr(nameplate.actuator, key)
+    for name, (limit, unit, looks) in _LARGEST.items():
+        key, value = f"actuator.{name}", getattr(nameplate.actuator, name)
         if value is not None and value > limit:
-            faults.append(
-                f"{source}: actuator.{key} is {value:g} {unit}, no valve has more than {limit:g}: "
-                f"it looks like {looks}, write it in {unit}"
-            )
+            remedy = "correct it" if key in with_unit else f"it looks like {looks}, write it in {unit} or with its unit"
+            faults.append(f"{source}: {key} is {value:g} {unit}, no valve has more than {limit:g}: {remedy}")
     ranges = {
         "actuator.bench_set_pa": nameplate.actuator.bench_set_pa,
         "signal.range_pa": None if nameplate.signal is None else nameplate.signal.range_pa,
     }
     for key, span in ranges.items():
         if span is not None and max(abs(span[0]), abs(span[1])) < _LOWEST_FULL_PRESSURE_PA:
+            looks = "it looks like bar, psi or kPa, write it in Pa or with its unit"
             faults.append(
                 f"{source}: {key} is {span[0]:g} to {span[1]:g} Pa, no actuator works below "
-                f"{_LOWEST_FULL_PRESSURE_PA:g}: it looks like bar, psi or kPa, write it in Pa"
+                f"{_LOWEST_FULL_PRESSURE_PA:g}: {'correct it' if key in with_unit else looks}"
             )
     refuse(ConfigurationError, faults)

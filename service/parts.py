@@ -9,6 +9,7 @@ from fastapi import Request
 from service.access.access import Access
 from service.audit.log import AuditLog
 from service.figures.drawer import Drawer
+from service.health.earlier import EarlierResults
 from service.health.staleness import Staleness
 from service.meters import Meters
 from service.recordings.conversion import Converter
@@ -35,6 +36,7 @@ class Parts:
     staleness: Staleness
     meters: Meters
     drawer: Drawer = field(default_factory=Drawer)
+    earlier: EarlierResults = field(default_factory=EarlierResults)
 
 
 async def parts_of(request: Request) -> Parts:

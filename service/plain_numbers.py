@@ -6,25 +6,27 @@ import math
 import re
 from typing import Any, Final
 
+from valve.carried_digits import INSTRUMENT, carried_places
+
 # How a parameter itself varies in a test, by symbol.
 _VARIES: Final = {"F_s": "from breakaway to breakaway", "F_c": "along the travel and in time"}
 _MOST_DIGITS: Final = 12  # after the point
+_HUGE: Final = 1.0e7
 _POWER: Final = re.compile(r"(?<![\w.])-?\d(?:\.\d+)?e\+0[1-5](?![\w.])")
 
 
-def plus_minus(value: float, half_width: float | None, *, digits: int = 4) -> str:
-    """Value and half of its interval with two digits of it; without an interval ``digits`` digits of the value."""
-    if half_width is None:
+def plus_minus(value: float, half_width: float | None, *, digits: int | None = None) -> str:
+    """A measured value with half of its 95 % interval, with as many digits as that and the instrument carry.
+
+    ``50.7 ± 1.2``, and ``50.7`` where the interval is narrower than what an instrument knows. A value that was set, and
+    not measured, has ``digits`` digits.
+    """
+    if digits is not None and half_width is None:
         return _plain(value, digits)
-    if half_width <= 0.0 or half_width < 1.0e-9 * abs(value):
-        return f"{_plain(value, 8)} ± 0"
-    places = 1 - math.floor(math.log10(half_width))
-    if abs(value) >= 1.0e7 or places > _MOST_DIGITS:
-        return f"{value:.{digits}g} ± {half_width:.2g}"
-    if places <= 0:
-        return f"{round(value, places):.0f} ± {round(half_width, places):.0f}"
-    # + 0.0: no minus before a zero
-    return f"{round(value, places) + 0.0:.{places}f} ± {half_width:.{places}f}"
+    places, is_shown = carried_places(value, half_width)
+    if not is_shown or half_width is None:
+        return _at(value, places)
+    return f"{_at(value, places)} ± {_at(half_width, places)}"
 
 
 def half_width(interval: dict[str, Any] | None, scale: float = 1.0) -> float | None:
@@ -35,32 +37,38 @@ def half_width(interval: dict[str, Any] | None, scale: float = 1.0) -> float | N
     return 0.5 * scale * float(high - low)
 
 
-def with_span(value: float, low: float, high: float, *, digits: int = 5) -> tuple[str, str]:
-    """Value and the ends of its interval, ``250.020`` and ``249.970 to 250.070``: with two digits of its half.
+def with_span(value: float, low: float, high: float) -> tuple[str, str]:
+    """A measured value and the ends of its interval, ``250.0`` and ``248.8 to 251.2``, with the digits that they carry.
 
-    Where there is no interval, ``digits`` digits of the value stand for all three.
+    An interval that is narrower than what an instrument knows is not told by its ends.
     """
-    half_width = 0.5 * (high - low)
-    if not half_width > 1.0e-9 * abs(value):
-        return _plain(value, digits), f"{_plain(low, digits)} to {_plain(high, digits)}"
-    places = 1 - math.floor(math.log10(half_width))
-    if abs(value) >= 1.0e7 or places > _MOST_DIGITS:
-        return f"{value:.{digits}g}", f"{low:.{digits}g} to {high:.{digits}g}"
-    shown, least, most = (f"{round(number, places) + 0.0:.{max(places, 0)}f}" for number in (value, low, high))
-    return shown, f"{least} to {most}"
+    places, is_shown = carried_places(value, 0.5 * (high - low))
+    span = f"{_at(low, places)} to {_at(high, places)}" if is_shown else f"within {100.0 * INSTRUMENT:g} %"
+    return _at(value, places), span
+
+
+def _at(value: float, places: int) -> str:
+    """The value rounded to this place; with an exponent where it is huge or tiny."""
+    if abs(value) >= _HUGE or places > _MOST_DIGITS:
+        return f"{value:.3g}"
+    # + 0.0: no minus before a zero
+    return f"{round(value, places) + 0.0:.{max(places, 0)}f}"
 
 
 def _plain(value: float, digits: int) -> str:
     """``digits`` significant digits, without an exponent where that is readable."""
-    if value == 0.0 or not 1.0e-4 <= abs(value) < 1.0e7:
+    if value == 0.0 or not 1.0e-4 <= abs(value) < _HUGE:
         return f"{value:.{digits}g}"
     places = max(0, digits - 1 - math.floor(math.log10(abs(value))))
     return f"{value:.{places}f}"
 
 
 def scatter_words(symbol: str, value: float | None, scatter: float | None) -> str:
-    """How much a parameter itself varies, ``from breakaway to breakaway ± 2.4 %``; empty where none is seen."""
-    if value is None or not value or scatter is None:
+    """How much a parameter itself varies, ``from breakaway to breakaway ± 2.4 %``; empty where none is seen.
+
+    Less than an instrument knows is none.
+    """
+    if not value or scatter is None or abs(scatter) < INSTRUMENT * abs(value):
         return ""
     return f"{_VARIES.get(symbol, 'in this test')} ± {100.0 * scatter / abs(value):.2g} %"
 

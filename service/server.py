@@ -9,6 +9,7 @@ import signal
 import socket
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from types import FrameType
 from typing import Final
 
@@ -18,11 +19,13 @@ from fastapi import FastAPI
 
 from service.app import create_app
 from service.audit.log import AuditLog
+from service.certificates import Certificates
 from service.first_use import use_once
 from service.http_protocol import BoundedHttp, provide_files
 from service.parts import Parts
 from service.polling import Polling
 from service.precedence import Precedence
+from service.reload import Reloader
 from service.settings import Plant, ServiceSettings
 from service.store.store import open_store
 from service.systemd import ServiceManager
@@ -32,8 +35,8 @@ _LOG = structlog.get_logger(__name__)
 # Threads ask the store; by default (5 ms) each may keep the polling waiting for so long before it hands on.
 _THREAD_TURN_S: Final = 0.5e-3
 _SELDOM: Final = 100  # rounds of the middle generation before a full one; 10 by default
-# A closed terminal, and Ctrl-\: both would end the process at once, and leave a valve where it stands.
-_MORE_ENDING_SIGNALS: Final = (signal.SIGHUP, signal.SIGQUIT)
+# A closed terminal, and Ctrl-\, too: each would end the process at once, and leave a valve where it stands.
+_ENDING_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 _END_S: Final = 30  # for requests that wait for the end of a test, which is being stopped
 
 
@@ -46,10 +49,16 @@ class _Server(uvicorn.Server):
         self._loop: asyncio.AbstractEventLoop | None = None
         self._manager = ServiceManager()
         self._beside: list[asyncio.Task[None]] = []
+        self._certificates: Certificates | None = None
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Start, and say where."""
         self._loop = asyncio.get_running_loop()
+        if self.config.ssl is not None:
+            assert self.config.ssl_certfile is not None
+            assert self.config.ssl_keyfile is not None, "settings ask for both"
+            self._certificates = Certificates(Path(self.config.ssl_certfile), Path(self.config.ssl_keyfile))
+            self._certificates.show_on(self.config.ssl)
         await super().startup(sockets=sockets)
         for listener in sockets or []:
             host, port = listener.getsockname()[:2]
@@ -62,6 +71,8 @@ class _Server(uvicorn.Server):
                 asyncio.create_task(self._manager.keep_alive()),
                 asyncio.create_task(tidy_at_rest(self._application.state.polling)),
             ]
+            if self._certificates is not None:
+                self._beside.append(asyncio.create_task(self._certificates.keep_fresh()))
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """End; the service manager hears that it is meant, and that it goes on."""
@@ -72,25 +83,38 @@ class _Server(uvicorn.Server):
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Hear the signals that end a service, those too that uvicorn does not know of.
+        """Leave the signals as they are: uvicorn would give them back while valves are still brought to safe."""
+        yield
+
+    @contextlib.contextmanager
+    def hearing_signals(self) -> Iterator[None]:
+        """Hear the signals that end a service, those too that uvicorn does not know of, until nothing runs any more.
 
         One that whoever started us had ignored stays so: nohup asks for it.
         """
-        with super().capture_signals():
-            heard = [one for one in _MORE_ENDING_SIGNALS if signal.getsignal(one) is not signal.SIG_IGN]
-            former = {one: signal.signal(one, self.handle_exit) for one in heard}
-            try:
-                yield
-            finally:
-                for one, handler in former.items():
-                    signal.signal(one, handler)
+        heard = [one for one in _ENDING_SIGNALS if signal.getsignal(one) is not signal.SIG_IGN]
+        former = {one: signal.signal(one, self.handle_exit) for one in heard}
+        try:
+            yield
+        finally:
+            for one, handler in former.items():
+                signal.signal(one, handler)
 
     def handle_exit(self, sig: int, _frame: FrameType | None) -> None:
-        """Stop the tests at once; the second signal no longer waits for anybody."""
+        """Stop the tests at once; the second signal no longer waits for anybody.
+
+        A service manager asks by SIGHUP that the plant file is read again; a terminal that is closed sends it, too, and
+        then the service ends.
+        """
+        if sig == signal.SIGHUP and self._manager.listens and not self.should_exit:
+            reloader = getattr(self._application.state, "reloader", None)
+            if isinstance(reloader, Reloader) and self._loop is not None and not self._loop.is_closed():
+                self._loop.call_soon_threadsafe(reloader.on_signal)
+            return
         self.force_exit = self.should_exit and sig == signal.SIGINT
         self.should_exit = True
         parts = getattr(self._application.state, "parts", None)
-        if isinstance(parts, Parts) and self._loop is not None:
+        if isinstance(parts, Parts) and self._loop is not None and not self._loop.is_closed():
             self._loop.call_soon_threadsafe(parts.runs.begin_shutdown)
 
 
@@ -159,5 +183,7 @@ def serve_plant(plant: Plant) -> None:
             proxy_headers=access.behind_proxy,  # otherwise anybody could name another address as their own
             forwarded_allow_ips=list(access.proxy_addresses),
         )
-        _Server(config, app).run(sockets=[listener])
+        server = _Server(config, app)
+        with server.hearing_signals():
+            server.run(sockets=[listener])
     _LOG.info("ended")

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import ipaddress
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Final
+from zoneinfo import ZoneInfo
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.addresses import BusAddress, GaugeAddress, RtuAddress, TcpAddress, TlsAddress, ValveWiring
+from drivers.register_map import RegisterMap
 from service.health.limits import HealthLimits
 from service.settings_access import AccessSection, AccessSettings, access_settings
 from service.settings_checks import check_schedules, check_wiring
 from service.settings_database import DatabaseAddress, database_address
 from service.settings_errors import Fault, Findings, read_toml
 from service.settings_health import health_limits
+from service.settings_maps import own_maps, without_wrong
 from service.settings_mqtt import MqttSettings, mqtt_settings
 from service.settings_nightly import (
     Retention,
@@ -27,8 +30,9 @@ from service.settings_nightly import (
     groups_by_name,
     name_gateway,
     schedules,
+    zone_named,
 )
-from service.settings_valves import ValveParts, valve_parts
+from service.settings_valves import Identity, ValveParts, valve_parts
 from valve.errors import ConfigurationError
 from valve.nameplate import Nameplate
 
@@ -52,6 +56,8 @@ class ServiceSection(AccessSection):
     database: str | None = None
     database_password_file: str | None = None
     gateway: str | None = None
+    zone: str | None = None
+    plant: str = Field(default="", max_length=200)
     retention: RetentionSection | None = None
 
 
@@ -66,13 +72,15 @@ class PlantSection(BaseModel):
     schedules: list[dict[str, Any]] = []
     gateways: list[dict[str, Any]] = []
     mqtt: dict[str, Any] | None = None
+    maps: list[dict[str, Any]] = []
 
 
 @dataclass(frozen=True, slots=True)
 class ServiceSettings:
     """The service's own settings. ``bind`` is an address; port 0 means any free one.
 
-    ``gateway`` is this service's name among several, "" where it is the only one.
+    ``gateway`` is this service's name among several, "" where it is the only one; ``zone`` is None where none is named;
+    ``plant`` is what reports call the plant.
     """
 
     store: Path
@@ -82,15 +90,18 @@ class ServiceSettings:
     gateway: str = ""
     retention: Retention | None = None
     access: AccessSettings = field(default_factory=AccessSettings)
+    zone: ZoneInfo | None = None
+    plant: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class PlantValve:
-    """One valve: what it is and how it is wired."""
+    """One valve: what it is, how it is wired, what is asked of it and what people know it by."""
 
     nameplate: Nameplate
     wiring: ValveWiring
     health: HealthLimits = field(default_factory=HealthLimits)
+    identity: Identity = field(default_factory=Identity)
 
     @property
     def buses(self) -> frozenset[str]:
@@ -99,19 +110,49 @@ class PlantValve:
         return frozenset(point.bus for point in points if point is not None)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Plant:
-    """Everything that plant.toml says."""
+    """Everything that plant.toml says. A reload alone changes it, on the event loop (``service.reload``)."""
 
     file: Path
     service: ServiceSettings
-    buses: Mapping[str, BusAddress]
+    buses: dict[str, BusAddress]
     valves: Mapping[str, PlantValve]
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     schedules: tuple[Schedule, ...] = ()
     gateways: Mapping[str, str] = field(default_factory=dict)
     bus_gateways: Mapping[str, str] = field(default_factory=dict)
     mqtt: MqttSettings | None = None
+    maps: Mapping[str, RegisterMap] = field(default_factory=dict)
+
+    @property
+    def zone(self) -> ZoneInfo | None:
+        """The plant's time zone: ``service.zone``, else the one of all schedules; None for this machine's own."""
+        of_schedules = {schedule.zone.key: schedule.zone for schedule in self.schedules}
+        return self.service.zone or (next(iter(of_schedules.values())) if len(of_schedules) == 1 else None)
+
+    def take_over(self, fresh: Plant, kept: Mapping[str, PlantValve]) -> None:
+        """Become what a fresh file says of valves, groups, schedules, zone and approved sequences.
+
+        ``kept`` valves stay as they are. Buses are added, and none is changed: the caller sees to that.
+        """
+        self.buses.update({name: address for name, address in fresh.buses.items() if name not in self.buses})
+        self.bus_gateways = {**self.bus_gateways, **fresh.bus_gateways}
+        self.valves = {**fresh.valves, **kept}
+        self.groups = fresh.groups
+        self.schedules = fresh.schedules if self.schedules else ()
+        approved = fresh.service.access.approved_sequences
+        access = replace(self.service.access, approved_sequences=approved)
+        self.service = replace(self.service, zone=fresh.service.zone, access=access)
+
+    def set_valve(self, tag: str, valve: PlantValve | None) -> None:
+        """Give one valve another configuration, or take it out of the plant."""
+        valves = dict(self.valves)
+        if valve is None:
+            valves.pop(tag, None)
+        else:
+            valves[tag] = valve
+        self.valves = valves
 
     def gateway_of(self, tag: str) -> str:
         """Return the name of the gateway that drives a valve; "" in a plant of one gateway."""
@@ -130,23 +171,26 @@ def load_plant(path: Path) -> Plant:
     return plant
 
 
-def faults_of(path: Path) -> tuple[Plant | None, tuple[Fault, ...]]:
-    """Return the plant of a file, or None with everything that is wrong with it; no TOML is one fault."""
+def faults_of(path: Path, text: str | None = None) -> tuple[Plant | None, tuple[Fault, ...]]:
+    """Return the plant of a file, or None with everything that is wrong with it; no TOML is one fault.
+
+    ``text`` is what the file would have: it is judged instead, and the file need not be there.
+    """
     try:
-        plant, findings = read_plant(path)
+        plant, findings = read_plant(path, text)
     except ConfigurationError as error:
         return None, (Fault("", "", None, str(error)),)
     return plant, findings.faults
 
 
-def read_plant(path: Path) -> tuple[Plant | None, Findings]:
+def read_plant(path: Path, text: str | None = None) -> tuple[Plant | None, Findings]:
     """Read a plant file: the plant, or None where something was found. Raises ConfigurationError where it is no TOML.
 
     A part that is wrong is left out of what follows, so that each fault is told once and the rest is judged all the
     same.
     """
     findings = Findings(path.name)
-    raw = read_toml(path)
+    raw = read_toml(path, text)
     findings.model(PlantSection, raw, ())
     service_part = raw.get("service")
     service_part = service_part if isinstance(service_part, dict) else None
@@ -158,7 +202,8 @@ def read_plant(path: Path) -> tuple[Plant | None, Findings]:
     urls = gateways(findings, _tables(raw, "gateways"), own if isinstance(own, str) else None)
     buses, bus_gateways = _buses(findings, _tables(raw, "buses"), urls)
     sections = _tables(raw, "valves")
-    valves = [valve_parts(findings, one, ("valves", index)) for index, one in enumerate(sections)]
+    maps = own_maps(findings, _tables(raw, "maps"))
+    valves = [valve_parts(findings, one, ("valves", index), maps) for index, one in enumerate(sections)]
     health = health_limits(findings, sections)
     tags = {valve.tag for valve in valves}
     groups = groups_by_name(findings, _tables(raw, "groups"), tags)
@@ -173,12 +218,13 @@ def read_plant(path: Path) -> tuple[Plant | None, Findings]:
         path,
         service,
         {address.name: address for address in buses.values() if address is not None},
-        {valve.tag: PlantValve(*_whole(valve), health[valve.tag]) for valve in valves},
+        {valve.tag: PlantValve(*_whole(valve), health[valve.tag], valve.identity) for valve in valves},
         {name: tags_of or () for name, tags_of in groups.items()},
         tuple(checks.values()),
         urls,
         bus_gateways,
         broker,
+        without_wrong(maps),
     ), findings
 
 
@@ -207,6 +253,7 @@ def _service(
         loopback = ipaddress.ip_address(section.bind).is_loopback
     except ValueError:
         findings.add(("service", "bind"), section.bind, "it is no IP address", "give one such as 127.0.0.1")
+    zone = None if section.zone is None else zone_named(findings, ("service", "zone"), section.zone)
     database = database_address(findings, section.database, section.database_password_file, folder)
     # an address that is none is reached by nobody: what else is wrong with the access is still found
     access = access_settings(
@@ -222,6 +269,8 @@ def _service(
         section.gateway or "",
         None if section.retention is None else Retention(**section.retention.model_dump()),
         access,
+        zone,
+        section.plant,
     ), section.approved_sequences
 
 

@@ -60,8 +60,9 @@ def access_settings(
 ) -> AccessSettings | None:
     """Return what ``[service]`` says of access, or None with its faults noted."""
     before = len(findings)
-    certificate = None if section.tls_certificate is None else (folder / section.tls_certificate).resolve()
-    tls_key = None if section.tls_key is None else (folder / section.tls_key).resolve()
+    # Not resolved: a link that a renewal sets to a new file stays a link.
+    certificate = None if section.tls_certificate is None else (folder / section.tls_certificate).absolute()
+    tls_key = None if section.tls_key is None else (folder / section.tls_key).absolute()
     _check_tls(findings, certificate, tls_key)
     encrypted = certificate is not None or section.behind_proxy
     reachable = not loopback or section.behind_proxy

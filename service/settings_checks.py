@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Final
 from drivers.addresses import BusAddress, GaugeAddress, MotionLimits, Point, RtuAddress, ValveWiring
 from drivers.capabilities import Role
 from drivers.maps import register_map
+from drivers.register_map import RegisterMap
 from drivers.representable import misfits, waveform_misfit
 from drivers.waveform_check import check_waveform
 from drivers.wiring import Bus, Signal, Wired, wire
 from service.bus import make_bus
 from service.bus_lock import place_of
 from service.runs.sequences import build_waveform
+from service.settings_maps import without_wrong
 from service.settings_permissives import check_permissives
 from valve.errors import ConfigurationError, ValveError, WaveformError
 from valve.nameplate import Nameplate
@@ -64,7 +66,9 @@ def check_wiring(
         if valve.limits is not None and valve.signal is not None:
             _check_limits(findings, (*valve.key, "limits", "pressure_pa"), valve.limits, valve.signal)
         if valve.permissives is not None and "command" in valve.points:
-            check_permissives(findings, valve.key, valve.points["command"], valve.permissives)
+            check_permissives(
+                findings, valve.key, valve.points["command"], valve.permissives, without_wrong(valve.maps)
+            )
         wiring = valve.wiring
         if wiring is None or not is_placed or not _buses_of(wiring) <= unopened.keys():
             continue  # what is left is for the drivers to find
@@ -111,7 +115,7 @@ def _check_points(
 ) -> None:
     """Judge where a valve's signals and contacts stand; ``commanded`` are the words that other valves command."""
     for role, point in valve.points.items():
-        _check_point(findings, (*valve.key, role), role, point, buses=buses, declared=gateways)
+        _check_point(findings, (*valve.key, role), role, point, buses=buses, declared=gateways, maps=valve.maps)
     rules = valve.permissives
     if rules is not None:
         for role, place in (("manual", rules.manual), ("interlock", rules.interlock), ("supply", rules.supply)):
@@ -119,12 +123,15 @@ def _check_points(
                 point = (
                     place if isinstance(place, Point) else Point(place.bus, place.device_id, place.map, place.register)
                 )
-                _check_point(findings, (*valve.key, "permissives", role), role, point, buses=buses, declared=gateways)
+                key = (*valve.key, "permissives", role)
+                _check_point(findings, key, role, point, buses=buses, declared=gateways, maps=valve.maps)
     command = valve.points.get("command")
     if command is None:
         return
     _check_gateways(findings, (*valve.key, "command", "bus"), valve, gateways)
-    for other in sorted({commanded.setdefault(word, valve.tag) for word in _commanded_words(command)} - {valve.tag}):
+    for other in sorted(
+        {commanded.setdefault(word, valve.tag) for word in _commanded_words(command, valve.maps)} - {valve.tag}
+    ):
         findings.add(
             (*valve.key, "command"),
             f"{command.bus}, device_id {command.device_id}",
@@ -225,10 +232,10 @@ def _cannot_follow(schedule: Schedule, valve: ValveParts, wired: Wired | None) -
     return (f"{valve.tag}: {misfit}" if misfit else ""), False
 
 
-def _commanded_words(command: Point) -> list[tuple[object, ...]]:
+def _commanded_words(command: Point, maps: Mapping[str, RegisterMap | None]) -> list[tuple[object, ...]]:
     """Every word that commanding this point writes; none where the point is wrong in itself, which is told anyway."""
     try:
-        device = register_map(command.map or "")
+        device = register_map(command.map or "", without_wrong(maps))
         name = command.register or device.roles.get(Role.COMMAND)
         register = None if name is None else device.register(name)
     except ConfigurationError:
@@ -247,6 +254,7 @@ def _check_point(
     *,
     buses: Mapping[str, BusAddress],
     declared: Collection[str],
+    maps: Mapping[str, RegisterMap | None],
 ) -> None:
     address = buses.get(point.bus)
     if address is None and point.bus not in declared:
@@ -264,10 +272,10 @@ def _check_point(
         fault = address.device_id_fault(point.device_id)
         if fault:
             findings.add_error((*key, "device_id"), ConfigurationError(f"bus {point.bus}: {fault}"))
-    if point.map is None:
-        return
+    if point.map is None or maps.get(point.map, ...) is None:
+        return  # a gauge, or a map that is wrong in itself, which is told there
     try:
-        chosen = register_map(point.map)
+        chosen = register_map(point.map, without_wrong(maps))
     except ConfigurationError as error:
         findings.add_error((*key, "map"), error)
         return

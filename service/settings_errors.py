@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
@@ -11,6 +12,7 @@ from typing import Any, Final, Generic, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
+from service.settings_units import Written, in_own_words, in_si, own_names
 from service.spelling import known_keys, nearest
 from valve.errors import ConfigurationError, ValveError
 
@@ -18,7 +20,9 @@ Key = tuple[str | int, ...]
 Model = TypeVar("Model", bound=BaseModel)
 Part = TypeVar("Part")
 
-SAFE_VALUE: Final = "safe_value"  # pydantic's name of the fault
+# pydantic's names of faults
+SAFE_VALUE: Final = "safe_value"
+TEXT: Final = "text"
 
 _REMEDIES: Final = {
     "float_type": "give a number without quotes and unit",
@@ -27,6 +31,9 @@ _REMEDIES: Final = {
     "bool_type": "give true or false",
     "string_type": "put it in quotes",
     "tuple_type": "give a list such as [low, high]",
+    "string_too_short": "say something or remove it",
+    "string_too_long": "shorten it",
+    TEXT: "write it in one line of printable characters",
     SAFE_VALUE: 'give Pa, or "entry"',
 }
 
@@ -38,10 +45,13 @@ class _One(BaseModel, Generic[Part]):
     part: Part
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """Return the content of a TOML file. Raises ConfigurationError where it cannot be read or is no TOML."""
+def read_toml(path: Path, text: str | None = None) -> dict[str, Any]:
+    """Return the content of a TOML file, or of the ``text`` that it would have.
+
+    Raises ConfigurationError where it cannot be read or is no TOML.
+    """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8") if text is None else text)
     except OSError as error:
         raise ConfigurationError(f"{path}: it cannot be read ({error.strerror}): give an existing file") from error
     except UnicodeDecodeError as error:
@@ -57,8 +67,8 @@ def _written(key: Key) -> str:
     return text.lstrip(".") or "the file"
 
 
-def _spelling(word: str, known: list[str]) -> str:
-    close = nearest(word, known)
+def _spelling(word: str, known: list[str], with_unit: Collection[str]) -> str:
+    close = nearest(word, [*known, *with_unit])
     return f"write {close}" if close else f"remove it; known here are {', '.join(known)}"
 
 
@@ -90,11 +100,13 @@ class Fault:
 
 
 class Findings:
-    """Faults of one file, gathered so that all can be mended at once."""
+    """Faults of one file, gathered so that all can be mended at once; each names key and value as they stand there."""
 
     def __init__(self, file: str) -> None:
         self._file = file
         self._faults: dict[Fault, None] = {}  # each once, in order
+        self._written: dict[Key, Written] = {}  # by their SI keys, what stands in the file with a unit
+        self._left_open: set[Key] = set()  # SI keys that are missing because what was given for them is refused
 
     def __len__(self) -> int:
         return len(self._faults)
@@ -106,25 +118,51 @@ class Findings:
 
     def add(self, key: Key, value: object, reason: str, remedy: str) -> None:
         """Note one fault."""
-        self._faults[Fault(self._file, _written(key), _shown(value), reason, remedy)] = None
+        reason, remedy = self._in_own_words(key, reason), self._in_own_words(key, remedy)
+        own = self._written.get(key)
+        value = value if own is None else own.value
+        self._faults[Fault(self._file, _written(self._own_key(key)), _shown(value), reason, remedy)] = None
 
     def add_error(self, key: Key, error: ValveError) -> None:
         """Note faults that a dataclass found in itself, one a line; each names value, limit and remedy already."""
         for line in str(error).splitlines():
-            self._faults[Fault(self._file, _written(key), None, line)] = None
+            self._faults[Fault(self._file, _written(self._own_key(key)), None, self._in_own_words(key, line))] = None
 
     def error(self) -> ConfigurationError:
         """Return all faults as one error, one line each."""
         return ConfigurationError("\n".join(str(fault) for fault in self._faults))
 
+    def si_table(
+        self, kind: Any, raw: Mapping[str, Any], key: Key, ends: Mapping[str, str] | None = None
+    ) -> dict[str, Any]:
+        """Return a table with its values in the units of its SI keys; what has no fitting unit is noted and left out.
+
+        ``model`` and ``part`` do it by themselves; it is for who reads the table before they check it. ``ends`` are
+        those of keys without one: {"quantity": "_pa"}.
+        """
+        table = in_si(kind, raw, ends or {})
+        self._written |= {(*key, *path): one for path, one in table.written.items()}
+        for one in table.faults:
+            place = (*key, *one.path)
+            self._left_open |= {(*place[:-1], name) for name in one.si_names}
+            self.add(place, one.value, one.reason, one.remedy)
+        return table.values
+
     def model(self, kind: type[Model], raw: dict[str, Any], key: Key) -> Model | None:
         """Return ``raw`` as a pydantic model, or None with its faults noted."""
-        return self._validated(kind, raw, key, kind)
+        before = len(self)
+        values = self.si_table(kind, raw, key)
+        model = self._validated(kind, values, key, kind)
+        return model if len(self) == before else None
 
-    def part(self, kind: type[Part], raw: dict[str, Any], key: Key) -> Part | None:
-        """Return ``raw`` as a stdlib dataclass, or None with its faults noted."""
-        carrier = self._validated(_One[kind], {"part": raw}, key, kind)  # type: ignore[valid-type]  # a runtime type
-        return None if carrier is None else carrier.part
+    def part(
+        self, kind: type[Part], raw: dict[str, Any], key: Key, ends: Mapping[str, str] | None = None
+    ) -> Part | None:
+        """Return ``raw`` as a stdlib dataclass, or None with its faults noted; ``ends`` as in ``si_table``."""
+        before = len(self)
+        values = self.si_table(kind, raw, key, ends)
+        carrier = self._validated(_One[kind], {"part": values}, key, kind)  # type: ignore[valid-type]  # a runtime type
+        return carrier.part if carrier is not None and len(self) == before else None
 
     def _validated(self, model: type[Model], raw: dict[str, Any], key: Key, kind: Any) -> Model | None:
         try:
@@ -140,12 +178,31 @@ class Findings:
     def _note(self, outer: Key, one: ErrorDetails, kind: Any) -> None:
         key = (*outer, *(part for part in one["loc"] if part != "part"))
         if one["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-            self.add(key, one["input"], "this key is unknown", _spelling(str(key[-1]), known_keys(kind)))
+            with_unit = own_names(kind) if isinstance(one["input"], str | list) else ()
+            self.add(key, one["input"], "this key is unknown", _spelling(str(key[-1]), known_keys(kind), with_unit))
         elif one["type"] in ("missing", "missing_argument"):
-            self._faults[Fault(self._file, _written(key), None, "it is missing", "add it")] = None
+            if key not in self._left_open:
+                self._faults[Fault(self._file, _written(key), None, "it is missing", "add it")] = None
         else:
             reason = one["msg"][0].lower() + one["msg"][1:]
-            self.add(key, one["input"], reason, _REMEDIES.get(one["type"], "correct it"))
+            remedy = _REMEDIES.get(one["type"], "correct it")
+            own = next((own for own, names in own_names(kind).items() if key[-1] in names), None)
+            if isinstance(one["input"], str) and own is not None and not in_si(kind, {own: one["input"]}).faults:
+                remedy += f", or write {own} = {_shown(one['input'])}"
+            self.add(key, one["input"], reason, remedy)
+
+    def _own_key(self, key: Key) -> Key:
+        """Return a key as it stands in the file."""
+        own = list(key)
+        for end in range(1, len(key) + 1):
+            if key[:end] in self._written:
+                own[end - 1] = self._written[key[:end]].name
+        return tuple(own)
+
+    def _in_own_words(self, key: Key, text: str) -> str:
+        """Return a message with the names that stand in the file, by those of the same table or valve."""
+        near = [(path[2:], one) for path, one in self._written.items() if path[:2] == key[:2] and len(path) > 2]
+        return in_own_words(text, ((tuple(map(str, path)), one) for path, one in near)) if near else text
 
 
 def _shown(value: object) -> str:

@@ -119,7 +119,7 @@ def schedules(
         if section.name in names:
             findings.add((*key, "name"), section.name, "another schedule has this name", "rename one")
         names.add(section.name)
-        zone = _zone(findings, (*key, "zone"), section.zone)
+        zone = zone_named(findings, (*key, "zone"), section.zone)
         _check_cron(findings, (*key, "cron"), section.cron)
         _check_tags(findings, (*key, "valves"), section.valves, tags)
         valves, is_known = list(section.valves), True
@@ -144,7 +144,8 @@ def schedules(
     return found
 
 
-def _zone(findings: Findings, key: tuple[str | int, ...], name: str) -> ZoneInfo | None:
+def zone_named(findings: Findings, key: tuple[str | int, ...], name: str) -> ZoneInfo | None:
+    """Return the time zone of this name, or None with the fault noted."""
     try:
         return ZoneInfo(name)
     except (KeyError, ValueError, OSError):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from drivers.maps import register_map
 from drivers.permissive_rules import PermissiveRules
 from drivers.points import Point
+from drivers.register_map import RegisterMap
 from valve.errors import ConfigurationError
 from valve.nameplate import Nameplate
 
@@ -28,10 +30,12 @@ def stem_rules_of(rules: PermissiveRules, nameplate: Nameplate) -> PermissiveRul
     )
 
 
-def check_permissives(findings: Findings, key: Key, command: Point, rules: PermissiveRules) -> None:
+def check_permissives(
+    findings: Findings, key: Key, command: Point, rules: PermissiveRules, maps: Mapping[str, RegisterMap]
+) -> None:
     """Note where nothing could ever permit a test of this valve."""
     try:
-        device = None if command.map is None else register_map(command.map)
+        device = None if command.map is None else register_map(command.map, maps)
     except ConfigurationError:
         return  # told already
     shows_manual = device is not None and device.live is not None and device.live.manual_mask != 0

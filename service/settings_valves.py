@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic_core import PydanticCustomError
 
 from drivers.addresses import Mode, MotionLimits, Point, Sampling, ValveWiring, WatchdogChoice, safe_value_fault
 from drivers.permissive_rules import PermissiveRules
+from drivers.register_map import RegisterMap
 from drivers.stands_at import RestRules
 from service.nameplates import nameplate_from_mapping
-from service.settings_errors import Findings, Key
+from service.settings_errors import TEXT, Findings, Key
+from service.settings_maps import without_wrong
 from service.settings_permissives import stem_rules_of
 from service.settings_safe_value import SafeValue, rest_rules
 from valve.errors import ConfigurationError, ValveError
@@ -22,11 +26,38 @@ _Part = TypeVar("_Part")
 _SAFE_VALUE: TypeAdapter[SafeValue] = TypeAdapter(SafeValue)
 
 
+def _one_line(value: str) -> str:
+    if not value.isprintable():
+        raise PydanticCustomError(TEXT, "it has a character that cannot be shown")
+    return value
+
+
+_Text = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_one_line)]
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """What people know a valve by beside its tag; None where the plant file does not say it."""
+
+    description: str | None = None
+    area: str | None = None
+    service: str | None = None
+    manufacturer: str | None = None
+    model: str | None = None
+    serial_number: str | None = None
+
+
 class ValveSection(BaseModel):
     """One ``[[valves]]``, its parts still as they stand in the file."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
     tag: Annotated[str, Field(min_length=1, max_length=64)]
+    description: _Text | None = None
+    area: _Text | None = None
+    service: _Text | None = None
+    manufacturer: _Text | None = None
+    model: _Text | None = None
+    serial_number: _Text | None = None
     safe_value_pa: SafeValue
     safe_position_m: float | None = None
     safe_position_tolerance_m: float | None = None
@@ -54,23 +85,32 @@ class ValveParts:
 
     key: Key
     tag: str
+    identity: Identity
     nameplate: Nameplate | None
     limits: MotionLimits | None
     signal: Signal | None
     permissives: PermissiveRules | None
     points: dict[str, Point]  # by their key: command, position, pressure
     wiring: ValveWiring | None
+    maps: Mapping[str, RegisterMap | None]  # the plant's own by name, None where one is wrong
 
 
-def valve_parts(findings: Findings, raw: dict[str, Any], key: Key) -> ValveParts:
-    """Return one valve as far as it can be read, with every fault noted."""
-    findings.model(ValveSection, raw, key)
+def valve_parts(
+    findings: Findings, raw: dict[str, Any], key: Key, own_maps: Mapping[str, RegisterMap | None] | None = None
+) -> ValveParts:
+    """Return one valve as far as it can be read, with every fault noted; ``own_maps`` are the plant's own."""
+    maps = own_maps or {}
+    raw = findings.si_table(ValveSection, raw, key)
+    section = findings.model(ValveSection, raw, key)
+    names = [one.name for one in fields(Identity)]
+    identity = Identity() if section is None else Identity(**{name: getattr(section, name) for name in names})
     tag = raw["tag"] if isinstance(raw.get("tag"), str) else ""
 
     def part(kind: type[_Part], name: str) -> _Part | None:
         """A part that is there; what is no table, or missing, is told with the whole."""
         given = raw.get(name)
-        return findings.part(kind, given, (*key, name)) if isinstance(given, dict) else None
+        counted = {"quantity": "_m" if name == "position" else "_pa"}  # of a point, its own or of the permissives
+        return findings.part(kind, given, (*key, name), counted) if isinstance(given, dict) else None
 
     actuator, signal = part(Actuator, "actuator"), part(Signal, "signal")
     limits, sampling, watchdog = (
@@ -107,6 +147,8 @@ def valve_parts(findings: Findings, raw: dict[str, Any], key: Key) -> ValveParts
     if misplaced:
         findings.add_error(key, ConfigurationError(misplaced))
     is_placed = "command" in points and all(raw.get(name) is None or name in points for name in given)
+    used = {point.map for point in (*points.values(), *(() if rules is None else rules.points))}
+    is_placed &= not any(maps.get(name or "", ...) is None for name in used)
     if is_placed and limits is not None:
         # What is wrong in itself is told already; in its stead stands what nothing can be said against.
         if watchdog is None:
@@ -122,8 +164,9 @@ def valve_parts(findings: Findings, raw: dict[str, Any], key: Key) -> ValveParts
             watchdog,
             PermissiveRules() if rules is None else rules,
             rest or RestRules(),
+            without_wrong(maps),
         )
-    return ValveParts(key, tag, nameplate, limits, signal, rules, points, wiring)
+    return ValveParts(key, tag, identity, nameplate, limits, signal, rules, points, wiring, maps)
 
 
 def _safe_value_pa(given: object) -> SafeValue | None:

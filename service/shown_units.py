@@ -80,7 +80,7 @@ def shown_unit(si_unit: str, system: UnitSystem) -> ShownUnit:
 
 
 def quantity(value_si: float | None, si_unit: str, system: UnitSystem, digits: int = 4) -> str:
-    """Value and unit in words, such as ``82.74 kPa``; a dash where there is none."""
+    """A value that was set, with its unit, such as ``82.74 kPa``; a dash where there is none."""
     if value_si is None:
         return "–"
     unit = shown_unit(si_unit, system)
@@ -90,9 +90,12 @@ def quantity(value_si: float | None, si_unit: str, system: UnitSystem, digits: i
 def measured(
     value_si: float | None, ci95: list[float] | tuple[float, float] | None, si_unit: str, system: UnitSystem
 ) -> str:
-    """Value with half of its 95 % interval, and the unit, such as ``509.58 ± 0.72 N``; a dash where there is none."""
-    if value_si is None or ci95 is None:
-        return quantity(value_si, si_unit, system)
+    """A measured value with half of its 95 % interval and its unit, ``510.0 ± 1.2 N``; a dash where it is None.
+
+    The digits are those that interval and instrument carry: ``50.7 N`` where the interval is narrower than these.
+    """
+    if value_si is None:
+        return "–"
     unit = shown_unit(si_unit, system)
-    half = max(ci95[1] - value_si, value_si - ci95[0])
-    return f"{plus_minus(unit.shown(value_si), unit.shown(half))} {unit.name}".rstrip()
+    half = None if ci95 is None else unit.shown(max(ci95[1] - value_si, value_si - ci95[0]))
+    return f"{plus_minus(unit.shown(value_si), half)} {unit.name}".rstrip()

@@ -125,7 +125,7 @@ class WiredRig:
             return await look_at_rest(device, confirmed=confirmed, after_s=after_s)
 
     async def recover(
-        self, valve: PlantValve, run_number: int, entry_pa: float | None, *, commanded: bool
+        self, valve: PlantValve, run_number: int, entry_pa: float | None, *, commanded: bool | None
     ) -> Recovered:
         """Look at a valve that a dead process left, and send it to safe where that is due and allowed now.
 
@@ -137,13 +137,13 @@ class WiredRig:
         while True:
             found = await self._recovered_once(valve, run_number, entry_pa, commanded)
             is_seen = math.isfinite(found.safe.output_pa)
-            if found.safe.confirmed or found.sent or (is_seen and not commanded) or time.monotonic() > until_s:
+            if found.safe.confirmed or found.sent or (is_seen and commanded is False) or time.monotonic() > until_s:
                 return found
             _LOG.warning("valve not at its safe value", valve=tag, reason=found.safe.reason)
             await asyncio.sleep(_SAFE_PAUSE_S)
 
     async def _recovered_once(
-        self, valve: PlantValve, run_number: int, entry_pa: float | None, commanded: bool
+        self, valve: PlantValve, run_number: int, entry_pa: float | None, commanded: bool | None
     ) -> Recovered:
         safe = valve.wiring.safe_value_pa
         safe_pa = entry_pa if isinstance(safe, str) else safe

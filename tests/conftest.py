@@ -35,5 +35,5 @@ def quick_path(tmp_path: Path) -> Iterator[Path]:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> WaitingBeside | None:
-    """Let the third of three workers run what waits; see tests/scheduling.py."""
+    """Let workers from the third on run what waits; see tests/scheduling.py."""
     return WaitingBeside(config, log) if config.getoption("dist") == "loadfile" else None

@@ -1,6 +1,6 @@
-"""Which worker runs which file of tests: what waits for motions in real time has a worker of its own beside the others.
+"""Which worker runs which file of tests: what waits for motions in real time has workers of its own beside the others.
 
-That worker hardly computes, so as many others as there are cores compute all the while. A further one that computes
+Those hardly compute, so as many others as there are cores compute all the while. A further one that computes
 would take the core that the analyses have, which stand back behind everything: their tests then last for minutes.
 """
 
@@ -25,12 +25,17 @@ WAITING: Final = (
     "tests/service/test_stem_looks.py",
     "tests/service/test_wired.py",
 )
-_WAITER: Final = "gw2"  # the third worker
+# Half of their time is waiting: for a process, a browser, a database.
+HALF_WAITING: Final = ("tests/service/", "tests/browser/", "tests/end_to_end/")
+_WAITERS: Final = ("gw2", "gw3")  # beside two that compute
 _WORKERS: Final = 3  # of fewer none stands aside
 
 
 class WaitingBeside(LoadFileScheduling):  # type: ignore[misc]  # it has no types
-    """Files in order, each on one worker; the third worker takes those that wait, and the others these at the end."""
+    """Files in order, each on one worker: two workers compute, those from the third on take what waits.
+
+    At the end the first two help with what waits; the others never take what only computes.
+    """
 
     def _assign_work_unit(self, node: WorkerController) -> None:
         file = self._next_file(node)
@@ -41,7 +46,9 @@ class WaitingBeside(LoadFileScheduling):  # type: ignore[misc]  # it has no type
         super()._assign_work_unit(node)
 
     def _next_file(self, node: WorkerController) -> str | None:
-        waiting = next((file for file in self.workqueue if file.startswith(WAITING)), None)
-        if node.gateway.id == _WAITER and len(self.nodes) >= _WORKERS:
-            return waiting
-        return next((file for file in self.workqueue if not file.startswith(WAITING)), waiting)
+        waiting = [file for file in self.workqueue if file.startswith(WAITING)]
+        half = [file for file in self.workqueue if file.startswith(HALF_WAITING) and file not in waiting]
+        if node.gateway.id in _WAITERS and len(self.nodes) >= _WORKERS:
+            return next(iter((*waiting, *half)), None)
+        computing = [file for file in self.workqueue if not file.startswith((*WAITING, *HALF_WAITING))]
+        return next(iter((*computing, *half, *waiting)), None)

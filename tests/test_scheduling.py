@@ -1,4 +1,4 @@
-"""Who runs what: tests that wait have the third worker, and no file is left behind."""
+"""Who runs what: tests that wait have workers of their own, and no file is left behind."""
 
 from __future__ import annotations
 
@@ -29,12 +29,16 @@ def _scheduling(files: list[str], nodes: list[Any]) -> WaitingBeside:
         (["tests/drivers/b.py", "tests/valve/c.py"], "tests/valve/c.py", "tests/drivers/b.py"),
         (["tests/drivers/b.py", "tests/faults/d.py"], "tests/drivers/b.py", "tests/drivers/b.py"),
         (["tests/blind/a.py", "tests/valve/c.py"], "tests/blind/a.py", None),
+        (["tests/service/d.py", "tests/valve/c.py"], "tests/valve/c.py", "tests/service/d.py"),
+        (["tests/service/d.py", "tests/drivers/b.py"], "tests/service/d.py", "tests/drivers/b.py"),
     ],
 )
-def test_the_third_worker_waits_and_the_others_compute_first(files: list[str], first: str, third: str | None) -> None:
-    nodes = [_node(number) for number in range(3)]
+def test_workers_from_the_third_on_wait_and_the_others_compute_first(
+    files: list[str], first: str, third: str | None
+) -> None:
+    nodes = [_node(number) for number in range(4)]
     scheduling = _scheduling(files, nodes)
-    assert [scheduling._next_file(node) for node in nodes] == [first, first, third]
+    assert [scheduling._next_file(node) for node in nodes] == [first, first, third, third]
 
 
 def test_of_two_workers_none_stands_aside() -> None:

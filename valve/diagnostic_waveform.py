@@ -8,10 +8,13 @@ from typing import Final
 import numpy as np
 
 from valve.errors import WaveformError
-from valve.waveform import LEAST_RATIO, Waveform, dwell, joined, multi_rate_triangle, require_positive
+from valve.waveform import LEAST_RATIO, Waveform, joined, multi_rate_triangle, require_positive
 
 # The diagnostic sequence: one ramp up and down with rests, one small loop, and the way to the loops' middle, s.
-_RESTING_PERIOD_S: Final = 16.0
+_RESTING_PERIOD_S: Final = 13.0
+# Where its ramps rest, as shares of their way: behind any usual dead band, and far enough apart to break away between.
+_REST_AT: Final = (0.6, 0.68, 0.76, 0.84)
+_OWN_REST: Final = 1  # which of them lasts as long as its dwell; the others last as long as the shortest
 _LOOP_S: Final = 12.0
 _LEAD_S: Final = 6.0
 _HALVINGS: Final = 12
@@ -42,6 +45,25 @@ def small_loops(
     return joined(name, [*legs, (lead_s, low_pa)])
 
 
+def _resting(period_s: float, low_pa: float, high_pa: float, dwells_s: Sequence[float]) -> Waveform:
+    """A triangle for each dwell: it rests four times on each ramp, for the shortest dwell and once for its own.
+
+    A stem that rests and goes on as it came does not cross a play, one that turns does: by the many breakaways of both
+    kinds a play is told from friction.
+    """
+    legs, short_s = [(0.0, low_pa)], min(dwells_s)
+    for dwell_s in dwells_s:
+        for begin_pa, end_pa in ((low_pa, high_pa), (high_pa, low_pa)):
+            before = 0.0
+            for place, share in enumerate(_REST_AT):
+                at_pa = begin_pa + share * (end_pa - begin_pa)
+                rest_s = dwell_s if place == _OWN_REST else short_s
+                legs += [((share - before) * period_s / 2.0, at_pa), (rest_s, at_pa)]
+                before = share
+            legs.append(((1.0 - before) * period_s / 2.0, end_pa))
+    return joined("resting", legs)
+
+
 def one_after_the_other(name: str, waves: Sequence[Waveform]) -> Waveform:
     """Return the waveforms as one; each begins where the last ended. Raises WaveformError where one does not."""
     time_s, pressure_pa = [waves[0].time_s], [waves[0].pressure_pa]
@@ -67,11 +89,11 @@ def diagnostic(
     dwells_s: Sequence[float] = (0.5, 8.0),
     swings: Sequence[float] = (0.35, 0.23, 0.16),
 ) -> Waveform:
-    """Triangles at a slow and at fast rates, then rests at the middle of the ramps, then small loops: 139 s.
+    """Triangles at a slow and at fast rates, then ramps with short rests and a long one, then small loops: 138 s.
 
     Each part shows what equal triangles hide: rates tell friction that falls with speed and what lags, rests a
-    breakaway that grows with them, small loops lost motion (docs/diagnosis.md). Ramps are no faster than
-    ``rate_pa_per_s``, and all is made shorter where ``longest_s`` asks for it.
+    breakaway that grows with them, and beside turns and small loops lost motion (docs/diagnosis.md). Ramps are no
+    faster than ``rate_pa_per_s``, and all is made shorter where ``longest_s`` asks for it.
     """
     name = "diagnostic"
     require_positive(name, "the pressure's rate in Pa/s", rate_pa_per_s)
@@ -89,7 +111,7 @@ def diagnostic(
         loop_s = there_and_back(_LOOP_S, 2.0 * max(swings))
         return [
             multi_rate_triangle([slow, *fast], low_pa, high_pa),
-            dwell(ramp_s, low_pa, high_pa, [share * rest_s for rest_s in dwells_s]),
+            _resting(ramp_s, low_pa, high_pa, [share * dwell_s for dwell_s in dwells_s]),
             small_loops(low_pa, high_pa, swings, loop_s, lead_s=there_and_back(_LEAD_S, 0.25)),
         ]
 

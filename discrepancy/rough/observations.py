@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from estimators.engine.balance import ramps
 from estimators.engine.breakaways import breakaways
 from estimators.engine.laws import Law, Where
 from estimators.engine.parameters import Known
@@ -190,8 +191,10 @@ def _spans(reading: Reading, settled_s: float) -> list[tuple[int, int, int]]:
             last = int(np.searchsorted(time_s, right_s - max(_BEFORE_CORNER_S, margin_s))) - 1
             if last - first < 2:
                 continue
-            if not has_spring or move.direction * (force_n[last] - force_n[first]) > 0.0:
+            if not has_spring:
                 spans.append((first, last, move.direction))
+            elif move.direction * (force_n[last] - force_n[first]) > 0.0:
+                spans += [(*part, move.direction) for part in ramps(reading, first, last, settled_s)]
 
     def speed(span: tuple[int, int, int]) -> float:
         way_m = abs(float(reading.position_m[span[1]] - reading.position_m[span[0]]))

@@ -1,7 +1,11 @@
-"""Register maps of devices, one file each; add one by its file and a line in REGISTER_MAPS."""
+"""Register maps of devices, one file each; add one by its file and a line in REGISTER_MAPS.
+
+A plant file may describe more of them (``[[maps]]``); those belong to its valves' wiring and to nothing else.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Final
 
 from drivers.maps import advantech_adam_6024, fisher_easy_drive, moxa_iologik, reference
@@ -21,8 +25,9 @@ REGISTER_MAPS: Final[dict[str, RegisterMap]] = {
 }
 
 
-def register_map(name: str) -> RegisterMap:
-    """Return the map of this name. Raises ConfigurationError for another name."""
-    if name not in REGISTER_MAPS:
-        raise ConfigurationError(f"register map {name!r} is unknown: choose one of {', '.join(REGISTER_MAPS)}")
-    return REGISTER_MAPS[name]
+def register_map(name: str, own: Mapping[str, RegisterMap] | None = None) -> RegisterMap:
+    """Return the map of this name, one of a plant's ``own`` included. Raises ConfigurationError for another name."""
+    known = REGISTER_MAPS | dict(own or {})
+    if name not in known:
+        raise ConfigurationError(f"register map {name!r} is unknown: choose one of {', '.join(known)}")
+    return known[name]

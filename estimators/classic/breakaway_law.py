@@ -61,7 +61,7 @@ def breakaway_law(
     within_s, place_m = leaving.within_s[order], leaving.position_m[order]
     kept, harder = _like_the_others(held_n)
     held_n, rate, sense, within_s, place_m = (one[kept] for one in (held_n, rate, sense, within_s, place_m))
-    believed_s = math.hypot(lag.error_s, _DETECTION_S, 0.3 * period_s, float(np.median(within_s)))
+    believed_s = math.hypot(late_s(lag, period_s), float(np.median(within_s)))
     open_n = rate * period_s / math.sqrt(12.0)
     count = int(held_n.size)
     level_n = abs(float(np.median(held_n)))
@@ -92,6 +92,11 @@ def breakaway_law(
     return BreakawayLaw(static, scatter, count, harder)
 
 
+def late_s(lag: Lag, period_s: float) -> float:
+    """What the instants of all breakaways may be late by, s, one standard deviation."""
+    return math.hypot(lag.error_s, _DETECTION_S, 0.3 * period_s)
+
+
 def _like_the_others(held_n: FloatArray) -> tuple[np.ndarray, float | None]:
     """Which breakaways (n,) are of one law, and by what share the first one is harder than the others."""
     kept = np.ones(held_n.size, dtype=np.bool_)
@@ -115,13 +120,29 @@ def _places(place_m: FloatArray, sense: FloatArray) -> int:
     return len({(float(s), round(20.0 * float(p - place_m.min()) / span)) for p, s in zip(place_m, sense, strict=True)})
 
 
-def law_of_jumps(
-    rough: RoughMotion, *, sprung: bool
-) -> tuple[WindowFit, bool, FloatArray, FloatArray, FloatArray] | None:
-    """Return the fit of (k, F_0, F_s, end of a jump) to where jumps begin and end; the last one where ends are seen.
+@dataclass(frozen=True, slots=True, eq=False)
+class JumpFit:
+    """The fit of (k, F_0, F_s, end of a jump) to where jumps begin and end; the last one where ends are seen.
 
-    With it: whether they are, and stroke, sense and place of each row of the fit. None where too few jumps are seen.
+    Arrays (n,) of its rows: stroke, sense, place and the force's rate, N/s.
     """
+
+    fit: WindowFit
+    has_ends: bool
+    stroke: FloatArray
+    sense: FloatArray
+    position_m: FloatArray
+    rate: FloatArray
+
+    def late_n(self, late_s: float) -> FloatArray:
+        """How far the coefficients (p,) are off where all instants are late by this: a force by the ramps' rates."""
+        fit, kept = self.fit, self.fit.kept
+        weighted = (fit.through * fit.weight[:, None])[kept]
+        return np.asarray(late_s * np.linalg.pinv(weighted.T @ fit.matrix[kept]) @ (weighted.T @ self.rate[kept]))
+
+
+def law_of_jumps(rough: RoughMotion, *, sprung: bool) -> JumpFit | None:
+    """Return what the jumps of a stem say that never slides; None where too few are seen."""
     leaving, stopping = rough.leaving, rough.stopping
     if leaving.count < _FEWEST_TO_COMPARE or np.unique(leaving.sense).size < 2:
         return None
@@ -137,4 +158,5 @@ def law_of_jumps(
     if ends:
         columns.append(sense * is_end)
     fit = fit_windows(np.column_stack(columns), force_n, np.ones(sense.size))
-    return None if fit is None else (fit, ends, stroke, sense, position_m)
+    rate = np.concatenate([one.rate for one in parts])
+    return None if fit is None else JumpFit(fit, ends, stroke, sense, position_m, rate)

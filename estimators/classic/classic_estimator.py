@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -13,8 +14,11 @@ from estimators.base import Estimate, Form, Outcome, failed
 from estimators.classic.misfit import misfit_m
 from estimators.classic.rough_estimate import FRICTION, rough_estimate
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
-from valve.nameplate import Nameplate
+from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
+
+_LARGEST_RESIDUAL: Final = 1.3  # own choice: what uniform motion may leave beside the noise
+_ROUNDING: Final = 1.0e-4  # of the friction
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,10 +43,10 @@ class ClassicEstimator(ABC):
             return replace(estimate, residual_rms_m=misfit_m(estimate, motion))
 
     def _estimate(self, motion: RecordedMotion) -> Estimate:
-        """The slips' fit where the recording repeats itself to its noise, else what its windows of motion say."""
+        """The corrected form where the recording repeats itself without noise, else what its windows of motion say."""
         if not self.adapts:
             return self._exact(motion)
-        exact = self._repeating(motion)
+        exact = self._exact(motion) if repeats_exactly(motion) else self._without_ramps(motion)
         if exact is not None and _has(exact, FRICTION):
             return exact
         rough = rough_estimate(self.method, motion, jointly=self.solves_jointly)
@@ -58,13 +62,23 @@ class ClassicEstimator(ABC):
         """Whether the estimate suits itself to what the recording is: not in a form that is to stay as it is."""
         return self.form is Form.ROBUST
 
-    @abstractmethod
-    def _repeating(self, motion: RecordedMotion) -> Estimate | None:
-        """Return the estimate of a valve that repeats itself to the noise; None where the recording is of no such."""
+    def _without_ramps(self, motion: RecordedMotion) -> Estimate | None:  # noqa: ARG002
+        """Return the estimate of a motion without noise that is never uniform; None where the method has none."""
+        return None
 
     @abstractmethod
     def _exact(self, motion: RecordedMotion) -> Estimate:
         """Return the estimate by the published or the corrected form."""
+
+
+def repeats_exactly(motion: RecordedMotion) -> bool:
+    """Whether the friction of a recording without noise, or of a drive, is the same along the travel and in time."""
+    uniform, samples = motion.uniform, motion.samples
+    if uniform is None or (samples.position_noise_m > 0.0 and motion.action is Action.SPRING):
+        return False
+    noise_n = math.hypot(samples.force_noise_n, uniform.spring_n_per_m * samples.position_noise_m)
+    rounding_n = _ROUNDING * abs(uniform.friction_n)
+    return motion.action is Action.DOUBLE or uniform.residual_rms_n <= _LARGEST_RESIDUAL * noise_n + rounding_n
 
 
 def _has(estimate: Estimate, symbols: Iterable[str]) -> bool:
@@ -72,6 +86,6 @@ def _has(estimate: Estimate, symbols: Iterable[str]) -> bool:
 
 
 def _filled(exact: Estimate, rough: Estimate) -> Estimate:
-    """What the slips gave of a valve that repeats itself, and what windows give of the rest."""
+    """What the corrected form gave of a valve that repeats itself, and what windows give of the rest."""
     given = {symbol: entry for symbol, entry in exact.parameters.items() if entry.value is not None}
     return replace(rough, parameters={**rough.parameters, **given})

@@ -23,10 +23,8 @@ from estimators.motion.recorded_motion import RecordedMotion
 from valve.nameplate import Action
 
 _LARGE_BIAS = 0.05  # own choice: from here on a published value's bias makes the estimate poor
-_WINDOWS = "windows"
 _ASKED = ("k", "F_c", "F_s")
 _ASSUMED = frozenset({Outcome.COMMAND_ONLY, Outcome.MAY_CREEP, Outcome.ONE_SPEED, Outcome.OVERSHOOT_ASSUMED})
-_BELOW = 0.95  # own choice, of the ramp's speed: a DV that surely is below it
 _NO_JUMP = 0.06  # own choice, of the friction in motion: what creeping valves with a wrong F_c showed
 _KNOWN_WITHOUT_LAG = 0.1  # own choice, half width of 95 %: what is given without an interval is known to that at least
 
@@ -61,10 +59,6 @@ def conclude(
     complete = in_order(parameters)
     if _may_creep(complete, motion, diagnostics, transients):
         found.append(Outcome.MAY_CREEP)
-        if diagnostics.get("by") != _WINDOWS:
-            # of slips that may be none these say nothing
-            complete |= {symbol: absent(str(Outcome.MAY_CREEP)) for symbol in ("m", "F_v", "DV")}
-            complete["F_c"] = replace(complete["F_c"], std_error=None, ci95=None)
     missing = [symbol for symbol in _ASKED if complete[symbol].value is None]
     message = sentences(found)
     biased = [
@@ -106,9 +100,6 @@ def _may_creep(
     slowest = diagnostics.get("slowest_m_per_s")
     if static is None or coulomb is None or slowest is None or motion.action is not Action.SPRING:
         return False
-    limit = parameters["DV"].value
-    if limit is not None and limit < _BELOW * float(slowest) and not diagnostics.get("several_rates"):
-        return False  # it was seen to slide at DV and then faster
     moving = coulomb + max(0.0, transients.viscous_used[0]) * float(slowest)
     return abs(static - moving) < _NO_JUMP * moving
 

@@ -11,16 +11,14 @@ from estimators.classic.conclusion import conclude
 from estimators.classic.friction_parameters import friction_parameters, has_stiction
 from estimators.classic.garcia_points import published_points
 from estimators.classic.misfit import Fallback
-from estimators.classic.robust_estimate import repeats_exactly, robust_estimate
 from estimators.classic.slip_fit import fit_slips
 from estimators.classic.transients import Setting, judge_transients
 from estimators.linear_fit import LinearFit
 from estimators.motion.balance import Balance, viscous_bounds
 from estimators.motion.recorded_motion import RecordedMotion
+from estimators.motion.settling import viscous_from_settling
 from estimators.motion.static_friction import BreakawayForces, breakaway_forces
 from estimators.motion.uniform_motion import UniformMotion
-from estimators.slips.search import AFTER_THE_BALANCE
-from estimators.slips.settling import viscous_from_settling
 
 _NO_LIMIT_VELOCITY = "the method does not give it; on ramps of one speed it cannot be told from F_s"
 
@@ -36,13 +34,6 @@ class GarciaEstimator(ClassicEstimator):
 
     method: ClassVar[str] = "garcia"
     solves_jointly: ClassVar[bool] = False
-
-    def _repeating(self, motion: RecordedMotion) -> Estimate | None:
-        if motion.uniform is None:
-            return None
-        balance = Balance.of(motion.uniform, self.form, motion.action)
-        robust = robust_estimate(self.method, motion, balance, AFTER_THE_BALANCE, motion.uniform.covariance)
-        return self._exact(motion) if robust is None and repeats_exactly(motion) else robust
 
     def _exact(self, motion: RecordedMotion) -> Estimate:
         if motion.uniform is None:

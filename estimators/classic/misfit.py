@@ -24,15 +24,11 @@ _MOST_EVENTS: Final = 100_000
 
 @dataclass(frozen=True, slots=True)
 class Fallback:
-    """What stands in for a value that the estimate does not have: m in kg, F_v in N s/m, and a speed for DV in m/s.
-
-    ``limit_m_per_s`` is the DV that the estimate's F_s was found with: another would break away at another force.
-    """
+    """What stands in for a value that the estimate does not have: m in kg, F_v in N s/m, and a speed for DV in m/s."""
 
     mass_kg: float
     viscous_n_s_per_m: float
     moving_speed: float
-    limit_m_per_s: float | None = None
 
     @classmethod
     def of(cls, motion: RecordedMotion, transients: Transients, balance: Balance) -> Fallback:
@@ -49,7 +45,7 @@ class Fallback:
         return {
             "m": self.mass_kg,
             "F_v": max(0.0, self.viscous_n_s_per_m),
-            "DV": _LIMIT_SPEED_SHARE * self.moving_speed if self.limit_m_per_s is None else self.limit_m_per_s,
+            "DV": _LIMIT_SPEED_SHARE * self.moving_speed,
             "F_0": 0.0,
         }
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Any, ClassVar, Final
 
 import numpy as np
@@ -16,28 +15,18 @@ from estimators.classic.friction_parameters import friction_parameters
 from estimators.classic.limit_velocity import limit_velocity
 from estimators.classic.misfit import Fallback, misfit_m
 from estimators.classic.regressors import Regressors, corrected_regressors, published_regressors
-from estimators.classic.robust_estimate import repeats_exactly, robust_estimate
-from estimators.classic.simulated_static_friction import refined_static_friction
 from estimators.classic.threshold_sweep import ThresholdSweep
 from estimators.classic.transients import Setting, is_resolved, judge_transients
 from estimators.linear_fit import LinearFit
 from estimators.motion.balance import Balance, heaviest_mass_kg, viscous_bounds
 from estimators.motion.recorded_motion import RecordedMotion
+from estimators.motion.settling import viscous_from_settling
 from estimators.motion.static_friction import BreakawayForces, breakaway_forces, published_breakaway_forces
 from estimators.motion.uniform_motion import UniformMotion
-from estimators.slips.search import AFTER_THE_BALANCE, ALL_AT_ONCE
-from estimators.slips.settling import viscous_from_settling
 from valve.errors import ParameterError
 from valve.nameplate import Action
 
 _TRIFLE: Final = 1.0e-3  # own choice, of the travel: F_s and DV stand in
-
-
-class StaticFriction(StrEnum):
-    """How F_s is found."""
-
-    BREAKAWAY = "breakaway"  # Eq. (2), last line, as the paper does
-    SIMULATION = "simulation"  # Eq. (9), with the exact motion
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +67,6 @@ class RegressionEstimator(ClassicEstimator):
     parts: int = 1500
     threshold: int | None = None
     preload: bool | None = None
-    static_friction: StaticFriction = StaticFriction.BREAKAWAY
 
     def __post_init__(self) -> None:
         if not 1 <= self.thresholds <= self.parts:
@@ -100,20 +88,9 @@ class RegressionEstimator(ClassicEstimator):
         """Whether the estimate suits itself to the recording: neither that as published nor that at a threshold."""
         return self.form is Form.ROBUST and self.threshold is None and self._fits_preload
 
-    def _repeating(self, motion: RecordedMotion) -> Estimate | None:
-        if motion.uniform is None:
-            return self._without_ramps(motion)
-        start = Balance.of(motion.uniform, self.form, motion.action)
-        robust = robust_estimate(self.method, motion, start, ALL_AT_ONCE, None)
-        if motion.uniform.viscous_n_s_per_m is not None and (robust is None or robust.value("F_v") is None):
-            # the slips seen are of one speed, and the uniform motion of several
-            other = robust_estimate(self.method, motion, start, AFTER_THE_BALANCE, motion.uniform.covariance)
-            robust = robust if other is None or other.value("F_v") is None else other
-        return self._exact(motion) if robust is None and repeats_exactly(motion) else robust
-
     def _without_ramps(self, motion: RecordedMotion) -> Estimate | None:
         """The regression on a motion that is never uniform, where without noise it follows all of it."""
-        if motion.samples.position_noise_m > 0.0 or motion.action is not Action.SPRING:
+        if motion.uniform is not None or motion.samples.position_noise_m > 0.0 or motion.action is not Action.SPRING:
             return None
         found = self._exact(motion)
         missed_m = misfit_m(found, motion)
@@ -145,8 +122,6 @@ class RegressionEstimator(ClassicEstimator):
         second = limit_velocity(first.sweep, raw.get("F_c"), raw.get("F_v"), first.regressors.reference_speed)
         parameters |= {"m": transients.mass, "F_v": transients.viscous, "DV": absent(second.note)}
         fallback = Fallback.of(motion, transients, balance)
-        if self.static_friction is StaticFriction.SIMULATION:
-            parameters["F_s"] = refined_static_friction(motion, parameters, fallback)
         diagnostics: dict[str, Any] = {
             "form": str(self.form),
             "raw": raw,

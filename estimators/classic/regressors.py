@@ -14,9 +14,9 @@ from estimators.linear_fit import LinearFit, fit_trimmed
 from estimators.motion.balance import Balance
 from estimators.motion.ramp_speeds import ramp_speeds
 from estimators.motion.recorded_motion import RecordedMotion, young_rows
+from estimators.motion.settling import inertial_rows
 from estimators.motion.stops import rows_off_stops
 from estimators.samples import BoolArray, FloatArray
-from estimators.slips.settling import inertial_rows
 from valve.nameplate import Action
 
 _NOISE_SIGMAS: Final = 4.5  # a stem at rest seems to move by less than that

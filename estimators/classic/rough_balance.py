@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from estimators.base import LARGEST_RELATIVE_HALF_WIDTH
-from estimators.classic.breakaway_law import BreakawayLaw, breakaway_law, law_of_jumps
+from estimators.classic.breakaway_law import BreakawayLaw, breakaway_law, late_s, law_of_jumps
 from estimators.classic.force_windows import COAST, SLIDE, SLIP, ForceWindows, RoughMotion, rough_motion
 from estimators.classic.window_fit import (
     Known,
@@ -34,10 +34,10 @@ _SPRING_OFF: Final = 0.25  # a first spring rate that was further off is not goo
 _LONGEST_LAG_S: Final = 0.04  # of a gauge's filter; an I/P that hunts does so more slowly
 _LAG_OF_BEND: Final = 0.8  # a filter's time constant by the lag at which second differences stop to grow
 _CAPTURE_S: Final = 2.0e-3  # a row; slower ones are polled
-_ROW_OPEN: Final = 0.3  # of a polled row
+_ROW_OPEN: Final = 0.3  # of a row: the standard deviation of an instant in it
 _WHITE: Final = 0.8
 _SATURATED: Final = 1.7  # over twice the lag: noise that hangs together stops to grow, a bend grows four times
-_OPEN_S: Final = 1.0e-3  # of the instant of a breakaway, beside half a row
+_OPEN_S: Final = 1.0e-3  # of the instant of a breakaway, beside what its row leaves open
 _SETTLED_AFTER: Final = 4.0  # times F_v / k
 _PLACES: Final = 25  # of the travel: as long as the roughness hangs together
 _MODEL_SHARE: Final = 0.06  # of F_v: windows that begin or end in a transient
@@ -244,6 +244,15 @@ class _Slides:
         else:
             weights = unit["A"]
         across = scatter.of(weights, float(weights @ fit.coefficients))
+        if viscous is not None and self.sprung:
+            more = math.hypot(
+                self.spring * max(self.lag.error_s, _ROW_OPEN * self.samples.period_s),
+                _MODEL_SHARE * abs(viscous.value),
+                0.0 if self.several else self._hidden_viscous(viscous.value),
+            )
+            viscous = viscous.with_more(more)
+            if not self.several:  # F_c is what F_v leaves of the friction
+                across = across.with_more(more * self.reference)
         coulomb, viscous, is_assumed = self._coulomb(across, friction, viscous, has_speed="F_v" in names)
         coulomb = self._wandering(coulomb, fit, chosen).with_more(_LEAST_ERROR * friction.value)
         spring = known["k"] if self.sprung else Known(0.0, 0.0)
@@ -256,9 +265,6 @@ class _Slides:
             local_share=roughness / max(coulomb.value, 1.0e-12 * abs(friction.value), 1.0e-300),
         )
         coulomb = self._without_hidden_jumps(coulomb, viscous, law)
-        if viscous is not None and self.sprung:
-            viscous = viscous.with_more(spring.value * max(self.lag.error_s, 0.3 * self.samples.period_s))
-            viscous = viscous.with_more(_MODEL_SHARE * abs(viscous.value))
         return RoughBalance(
             spring=spring,
             coulomb=coulomb,
@@ -379,6 +385,26 @@ class _Slides:
         local = roughness * self._over_places(influence, other)
         return Known(value, error, float(number - 1)).with_more(math.hypot(local, together))
 
+    def _jump_n(self) -> float:
+        """How far slips go beyond their ramp, as a force, N; 0 for a stem that starts without a slip jump."""
+        windows, slip = self.windows, self.windows.kind == SLIP
+        beyond = ((windows.speed - self.ramp) * windows.length_s)[slip]
+        return self.spring * max(0.0, float(np.median(beyond))) if beyond.size else 0.0
+
+    def _hidden_viscous(self, seen: float) -> float:
+        """By how much F_v, N s/m, may exceed what is ``seen`` of it in transients whose beginning noise hides.
+
+        In a share u of its time constant F_v / k a stem with a slip jump J goes J u + v F_v u^2 / (2 k), which may be
+        as much as noise hides, h. What is seen is then F_v (1 - u): a quadratic equation, with one root below 1.
+        """
+        hidden_n, jump_n = self.rough.hidden_m * self.spring, self._jump_n()
+        if hidden_n <= 0.0:
+            return 0.0
+        seen_n = max(seen * self.reference, 1.0e-3 * hidden_n)
+        square, linear = 0.5 * seen_n - jump_n, jump_n + hidden_n
+        share = 2.0 * hidden_n / (linear + math.sqrt(linear**2 + 4.0 * square * hidden_n))
+        return seen_n / self.reference * share / max(1.0 - share, 1.0e-3)
+
     def _with_places(self, scatter: Scatter, fit: WindowFit, chosen: BoolArray, roughness: float) -> Scatter:
         """The scatter with what F_v has of the places at which stems slip and turn: the same in every stroke."""
         kept = fit.kept
@@ -399,7 +425,7 @@ class _Slides:
 
     def _late_n(self, friction_n: float) -> FloatArray:
         """What the instants of breakaway and stop, as far as they are open, do to the windows that they bound, N."""
-        open_s = 0.5 * self.samples.period_s + _OPEN_S
+        open_s = _ROW_OPEN * self.samples.period_s + _OPEN_S
         # a breakaway's force is about that much above the friction in motion
         return np.where(self.windows.is_slide, 0.0, open_s / self.windows.length_s * _JUMP * abs(friction_n))
 
@@ -430,7 +456,6 @@ class _Slides:
         if not self.sprung:
             return friction, None, True  # at one speed: the friction at that speed
         most = friction.value / self.reference
-        late_n = self.spring * self.reference
         if viscous is not None and viscous.error < most / math.sqrt(12.0) and 0.0 <= viscous.value <= most:
             if not has_speed:
                 known = Known(friction.value - viscous.value * self.reference, friction.error, friction.freedom)
@@ -443,7 +468,7 @@ class _Slides:
             viscous = believed
             known = Known(friction.value - believed.value * self.reference, friction.error, friction.freedom)
             known = known.with_more(believed.error * self.reference)
-        return known.with_more(self.lag.error_s * late_n), viscous, False
+        return known, viscous, False
 
     def _without_hidden_jumps(self, coulomb: Known, viscous: Known | None, law: BreakawayLaw | None) -> Known:
         """F_c of a stem whose jumps would hide in the noise: it seems to slide under the mean of F_s and F_c."""
@@ -573,10 +598,20 @@ def _by_jumps(motion: RecordedMotion, rough: RoughMotion) -> RoughBalance | None
     found = law_of_jumps(rough, sprung=sprung)
     if found is None:
         return None
-    fit, chosen, stroke, sense, position_m = found
-    scatter = scatter_of(fit, stroke=stroke, sense=sense, position_m=position_m, swept_m=rough.swept_m, sprung=sprung)
-    width = fit.coefficients.size
-    known = [scatter.of(np.eye(width)[place], float(fit.coefficients[place])) for place in range(width)]
+    fit = found.fit
+    scatter = scatter_of(
+        fit,
+        stroke=found.stroke,
+        sense=found.sense,
+        position_m=found.position_m,
+        swept_m=rough.swept_m,
+        sprung=sprung,
+    )
+    unit, late_n = np.eye(fit.coefficients.size), np.abs(found.late_n(late_s(lag, motion.samples.period_s)))
+    known = [
+        scatter.of(unit[place], float(value)).with_more(float(late_n[place]))
+        for place, value in enumerate(fit.coefficients)
+    ]
     place = int(sprung)
     spring = known[0] if sprung else Known(0.0, 0.0)
     law = breakaway_law(
@@ -589,7 +624,7 @@ def _by_jumps(motion: RecordedMotion, rough: RoughMotion) -> RoughBalance | None
     )
     if law is None:
         return None
-    ended = known[place + 2] if chosen else None
+    ended = known[place + 2] if found.has_ends else None
     coulomb = law.coulomb_of_jumps(ended)
     return RoughBalance(
         spring=spring,

@@ -24,7 +24,6 @@ from valve.nameplate import Action
 FRICTION: Final = ("k", "F_c", "F_s", "F_0")
 _NO_MASS: Final = "friction that varies hides it in the slips: maximum likelihood tells it where anything does"
 _NO_LIMIT: Final = "on ramps of one speed DV cannot be told from F_s, and friction that varies hides it on others"
-_LEAST_OF_LIMIT: Final = 0.01  # of the ramps' speed, where nothing is known of DV
 _NO_JUMP: Final = 0.02  # of the friction: so little above it no slip jump is seen
 _OPEN: Final = 1.2  # half widths by value: nothing is known but the sign
 
@@ -68,7 +67,7 @@ def rough_estimate(method: str, motion: RecordedMotion, *, jointly: bool) -> Est
         outcomes=outcomes,
         transients=transients,
         diagnostics=diagnostics,
-        fallback=Fallback(mass_kg, max(0.0, used.value), speed, _LEAST_OF_LIMIT * speed),
+        fallback=Fallback(mass_kg, max(0.0, used.value), speed),
     )
     return replace(
         estimate, diagnostics={**estimate.diagnostics, "breakaways": 0 if balance.law is None else balance.law.count}

@@ -14,8 +14,8 @@ from estimators.motion.balance import Balance
 from estimators.motion.phases import After, Stretch
 from estimators.motion.ramp_speeds import ramp_speeds
 from estimators.motion.recorded_motion import RecordedMotion, young_rows
+from estimators.motion.settling import inertial_rows
 from estimators.samples import BoolArray, FloatArray
-from estimators.slips.settling import inertial_rows
 from valve.nameplate import Action
 
 # A transient is fitted over its first 1.25^n rows, n by the least expected error.

@@ -48,6 +48,8 @@ _LAG_ERROR_S: Final = 0.02  # an arrival is seen early or late by the band of th
 _LAG_SHARE: Final = 0.5
 _MOST_ALIKE: Final = 4.0
 _BEFORE_CORNER_S: Final = 0.03
+_RATE_S: Final = 0.05  # to either side, over which the force's rate is taken
+_WAITS: Final = 0.3  # of the rate of the rows that go on: less is a force that waits
 _FEWEST_OF_DRIVE: Final = 4
 _SEARCH: Final = {"maxiter": 30, "ftol": 1.0e-6}
 
@@ -72,10 +74,9 @@ class Blocks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Balance:
-    """What the balance gives; ``covariance`` is of (k, F_0, F_c, F_v) without the average of the field.
+    """What the balance gives; F_c and F_0 are the averages over the travel swept and the time recorded.
 
-    ``F_c`` and ``F_0`` are the averages over the travel swept and the time recorded; ``joint`` is the covariance of
-    (k, F_0, F_c, F_v) so averaged.
+    ``joint`` is the covariance of (k, F_0, F_c, F_v) so averaged.
     """
 
     symbols: tuple[str, ...]
@@ -85,8 +86,6 @@ class Balance:
     smoothness: int
     prior: RoughnessPrior
     blocks: Blocks
-    variation_n: FloatArray  # of friction about F_c in each block, mean, N
-    variation_error_n: FloatArray
 
     def known(self, symbol: str) -> Known:
         """Return value and standard error of this symbol."""
@@ -134,6 +133,28 @@ def lag_of_coasting(coasted_s: float, path_lag_s: float) -> float:
     return float(brentq(left, 1.0e-3 * coasted_s, 2.0 * coasted_s))
 
 
+def ramps(reading: Reading, first: int, last: int, settled_s: float) -> list[tuple[int, int]]:
+    """First and last rows of the parts of these rows in which the force goes on, and does not wait at a value.
+
+    A stem that is late goes on for a while behind a force that waits: it is in transients there, and again for
+    ``settled_s`` after a wait, and not in balance.
+    """
+    time_s, force_n = reading.time_s, reading.path.force_n
+    rows = np.arange(first, last + 1)
+    step = max(2, round(_RATE_S / reading.samples.period_s))
+    before, after = np.maximum(rows - step, first), np.minimum(rows + step, last)
+    rate = np.abs(force_n[after] - force_n[before]) / (time_s[after] - time_s[before])
+    goes_on = rate > _WAITS * np.median(rate[rate > _WAITS * rate.max()])
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], goes_on, [False]]).astype(np.int8)))
+    parts = []
+    for begin, end in zip((first + edges[::2]).tolist(), (first + edges[1::2] - 1).tolist(), strict=True):
+        begins = begin if begin == first else int(np.searchsorted(time_s, time_s[begin] + settled_s))
+        ends = end if end == last else end - step  # the rate of the rows beside a wait is of both
+        if ends - begins >= 2:
+            parts.append((begins, ends))
+    return parts
+
+
 def driven_blocks(reading: Reading, lag: Known) -> Blocks:
     """Cut the driven parts of the moves into blocks of ``_BLOCK_SHARE`` of the travel, from the slowest moves on.
 
@@ -157,8 +178,10 @@ def driven_blocks(reading: Reading, lag: Known) -> Blocks:
             last = int(np.searchsorted(time_s, right_s - _BEFORE_CORNER_S)) - 1
             if last - first < 2:
                 continue
-            if not has_spring or move.direction * (force_n[last] - force_n[first]) > 0.0:
+            if not has_spring:
                 spans.append((first, last, move.direction))
+            elif move.direction * (force_n[last] - force_n[first]) > 0.0:
+                spans += [(*part, move.direction) for part in ramps(reading, first, last, settled_s)]
     if has_spring:
         spans = _chosen(spans, time_s, position_m, longest_m)
     columns: list[tuple[float, ...]] = []
@@ -348,8 +371,7 @@ def _averaged(
     remains = field - gain @ field
     moved = np.diag(1.0 / scale) - average @ gain @ design
     joint = average @ remains @ average.T + moved @ fit.theta_covariance @ moved.T
-    spread = np.sqrt(np.maximum(np.diag(remains), 0.0))
-    return Balance(symbols, values, joint, *law, blocks, blocks.direction * mean, spread)
+    return Balance(symbols, values, joint, *law, blocks)
 
 
 def repeats_to_n(found: Balance) -> float:

@@ -113,4 +113,4 @@ def static_friction_between(found: Brackets, balance: Balance) -> StaticFriction
     ends_n = np.interp([0.025, 0.975], np.cumsum(of_static), static_n)
     half_n = NORMAL_95 * max(least_n, 1.0e-9)
     interval_n = (min(float(ends_n[0]), mean_n - half_n), max(float(ends_n[1]), mean_n + half_n))
-    return StaticFriction(mean_n, max(error_n, least_n), interval_n, None, count, None)
+    return StaticFriction(mean_n, max(error_n, least_n), interval_n, None, count)

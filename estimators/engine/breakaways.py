@@ -46,7 +46,6 @@ class StaticFriction:
     ci95_n: tuple[float, float]
     scatter_n: float | None
     count: int
-    first_left_out_n: float | None
 
 
 def breakaways(reading: Reading) -> Breakaways:
@@ -76,11 +75,9 @@ def static_friction(found: Breakaways, balance: Balance, late: Known | None = No
     spring_n_per_m = balance.known("k").value if "k" in balance.symbols else 0.0
     preload_n = balance.known("F_0").value
     force_n = found.direction * (found.force_n - spring_n_per_m * found.travel_m - preload_n)
-    left_out_n: float | None = None
     if force_n.size >= _FEWEST_TO_JUDGE:
         others = force_n[1:]
         if force_n[0] - others.mean() > max(_HARD_FIRST * float(np.std(others, ddof=1)), 0.05 * others.mean()):
-            left_out_n = float(force_n[0])
             force_n, found = others, _without_first(found)
     count = force_n.size
     # F_s and the lateness by least squares; the lateness has a prior, so that one rate is enough
@@ -100,7 +97,7 @@ def static_friction(found: Breakaways, balance: Balance, late: Known | None = No
     moved[balance.symbols.index("F_0")] = -float(weights @ found.direction)
     error_n = math.sqrt(float(covariance[0, 0]) + float(moved @ balance.joint @ moved))
     mean_n, half_n = float(values[0]), float(student.ppf(0.975, count - 1)) * error_n
-    return StaticFriction(mean_n, error_n, (mean_n - half_n, mean_n + half_n), scatter_n, count, left_out_n)
+    return StaticFriction(mean_n, error_n, (mean_n - half_n, mean_n + half_n), scatter_n, count)
 
 
 def _weighed(design: FloatArray, force_n: FloatArray, scatter_n: float, late_s: float) -> tuple[FloatArray, FloatArray]:

@@ -61,4 +61,4 @@ def balance_of_slips(reading: Reading) -> Balance | None:
         own_n=share * found.roughness.own_n,
         wander_n=share * found.roughness.wander_n,
     )
-    return replace(found, values=values, joint=joint, roughness=rough, variation_n=share * found.variation_n)
+    return replace(found, values=values, joint=joint, roughness=rough)

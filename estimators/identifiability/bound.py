@@ -6,7 +6,7 @@ One definition for a test that is planned and for one that was done: both give t
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -97,14 +97,11 @@ def knowledge(
     *,
     sliding_speeds_m_per_s: Sequence[float] = (),
     ramp_rates_n_per_s: Sequence[float] = (),
-    widest: Mapping[str, float] | None = None,
 ) -> Knowledge:
     """Turn a Fisher information, shape (p, p), SI, into what is known; it may be singular.
 
     ``symbols`` are the model's and those of the nuisances that were fitted with them; known priors stand in the
-    information. The speeds at which the stem slid and the rates of the force put the ties into words. ``widest`` are
-    standard deviations, SI, of what is known to lie within bounds: a direction without information goes no farther,
-    and what has but a trace of it is known no worse for that.
+    information. The speeds at which the stem slid and the rates of the force put the ties into words.
     Raises ValueError where the information does not fit the symbols or is not finite.
     """
     p = len(symbols)
@@ -116,15 +113,6 @@ def knowledge(
     weights, directions = np.linalg.eigh(0.5 * (information + information.T) / np.outer(size, size))
     empty = weights < _LEAST_EIGENVALUE
     variances = 1.0 / np.maximum(weights, _LEAST_EIGENVALUE)
-    for number in np.flatnonzero(empty):
-        along = np.abs(directions[:, number]) / size
-        ends = [
-            sd / along[symbols.index(symbol)]
-            for symbol, sd in (widest or {}).items()
-            if along[symbols.index(symbol)] > 0.0
-        ]
-        if ends:
-            variances[number], empty[number] = min(ends) ** 2, False
     shares = np.square(directions[:, empty]).sum(axis=1)
     covariance = (directions * variances) @ directions.T / np.outer(size, size)
     return Knowledge(

@@ -31,32 +31,24 @@ def find_stops(samples: Samples, phases: Phases, uniform: UniformMotion) -> Trav
     forces = breakaway_forces(samples, phases, spring, preload)
     friction = uniform.friction_n if forces is None else max(float(forces.friction_n.max()), uniform.friction_n)
     ended = _ended_in_motion(samples, phases, (spring, preload), uniform.friction_n)
-    return stops_beyond(samples, phases, (spring, preload), friction, ended=ended)
+    return _stops_beyond(samples, phases, (spring, preload), friction, ended)
 
 
-def stops_beyond(
-    samples: Samples,
-    phases: Phases,
-    line: tuple[float, float],
-    friction_n: float,
-    *,
-    excess: float = _EXCESS,
-    ended: BoolArray | None = None,
+def _stops_beyond(
+    samples: Samples, phases: Phases, line: tuple[float, float], friction_n: float, ended: BoolArray
 ) -> TravelStops | None:
     """Return the stops at the ends of the travel on which the stem rests with |F - k x - F_0| beyond the friction.
 
-    ``line`` are k, N/m, and F_0, N; beyond is ``excess`` times the friction and more. ``ended``, shape (n,), are rows
-    of rests that are on a stop for another reason.
+    ``line`` are k, N/m, and F_0, N. ``ended``, shape (n,), are rows of rests that are on a stop for another reason.
     """
     spring_n_per_m, preload_n = line
-    limit = excess * friction_n + _EXCESS_OF_RANGE * float(np.ptp(samples.force_n)) + 5.0 * samples.force_noise_n
+    limit = _EXCESS * friction_n + _EXCESS_OF_RANGE * float(np.ptp(samples.force_n)) + 5.0 * samples.force_noise_n
     resting = _resting(samples, phases)
     held_n = samples.force_n - spring_n_per_m * samples.position_m - preload_n
     low_m, high_m = float(samples.position_m.min()), float(samples.position_m.max())
     near = _NEAR_THE_END * (high_m - low_m) + 6.0 * samples.position_noise_m
-    is_held = np.zeros(samples.count, dtype=np.bool_) if ended is None else ended
-    on_high = resting & ((held_n > limit) | (is_held & (held_n > 0.0))) & (samples.position_m > high_m - near)
-    on_low = resting & ((held_n < -limit) | (is_held & (held_n < 0.0))) & (samples.position_m < low_m + near)
+    on_high = resting & ((held_n > limit) | (ended & (held_n > 0.0))) & (samples.position_m > high_m - near)
+    on_low = resting & ((held_n < -limit) | (ended & (held_n < 0.0))) & (samples.position_m < low_m + near)
     stops = {}
     if on_high.any():
         stops["high_m"] = float(np.median(samples.position_m[on_high]))

@@ -11,33 +11,20 @@ from estimators.signature.figures import Parts, figure, percent_figure
 from estimators.signature.reversals import dead_band, reversals, softness_n
 from estimators.signature.scatter import Measured, combined
 from estimators.signature.span import Span
-from estimators.signature.timed_slips import TimedSlips, timed_slips
 
 _NO_REVERSAL: Final = "no reversal of a moving stem was seen on a ramp: repeat with ramps up and down"
 _SMALL_JUMP: Final = 1.0e-3  # own choice, of the span: a jump known so well is told even if it may be none
 _LIMIT: Final = 0.3  # of a value, as the half width that ``figure`` allows
 
 
-def bands(
-    motion: RecordedMotion, friction: Measured, speed_m_per_s: float, line: tuple[float, float], span: Span | None
-) -> Parts:
+def bands(motion: RecordedMotion, friction: Measured, line: tuple[float, float], span: Span | None) -> Parts:
     """Dead band from the reversals; S = F_b + F and J = F_b - F from the friction at breakaway F_b and in motion F.
 
     Two-parameter model of Choudhury, Thornhill and Shah (2005) with S = f_s + f_d, J = f_s - f_d (He, Wang, Pottmann
     and Qin 2007). For Karnopp's valve F_b is F_s, with what the force gains while the stem creeps up to DV, and F is
     F_c + F_v v at this speed. ``line`` is spring rate and preload, N/m and N.
     """
-    timed = timed_slips(motion)
-    figures: Parts = {"dead_band_percent": dead_band_figure(motion, timed, span)}
-    if timed is not None:
-        rate_n_per_s = line[0] * speed_m_per_s
-        (breakaway_n, by_breakaway), (friction_n, by_friction) = (
-            timed.breakaway(rate_n_per_s),
-            timed.friction(speed_m_per_s),
-        )
-        band = timed.measured(breakaway_n + friction_n, by_breakaway + by_friction)
-        jump = timed.measured(breakaway_n - friction_n, by_breakaway - by_friction)
-        return figures | stiction(band, jump, span)
+    figures: Parts = {"dead_band_percent": dead_band_figure(motion, span)}
     forces = breakaway_forces(motion.samples, motion.phases, *line)
     if forces is None:
         none = absent(str(Outcome.NO_BREAKAWAY))
@@ -69,11 +56,10 @@ def stiction(band: Measured, jump: Measured, span: Span | None) -> Parts:
     }
 
 
-def dead_band_figure(motion: RecordedMotion, timed: TimedSlips | None, span: Span | None) -> ParameterEstimate:
+def dead_band_figure(motion: RecordedMotion, span: Span | None) -> ParameterEstimate:
     """Dead band in percent of span."""
     samples, phases = motion.samples, motion.phases
-    soft_n = softness_n(samples, phases) if timed is None else 0.0
-    found = dead_band(reversals(samples, phases, motion.stops, timed), soft_n, timed)
+    found = dead_band(reversals(samples, phases, motion.stops), softness_n(samples, phases))
     if found is None:
         return absent(_NO_REVERSAL)
     return percent_figure(figure(found, reason="the instants of breakaway are known too badly"), span)

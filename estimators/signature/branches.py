@@ -27,8 +27,7 @@ class Branches:
     """Both branches over the central stroke, of force N against travel m, from one rate's passes.
 
     ``friction`` is (F_up - F_down)/2: mean over the stroke and least and greatest cell; ``spring`` the slope of the
-    mid-line (F_up + F_down)/2, ``middle`` its force at ``middle_m``. ``cell_m`` (n,), ``up_n`` and ``down_n`` (n,)
-    are the branches themselves.
+    mid-line (F_up + F_down)/2, ``middle`` its force at ``middle_m``.
     """
 
     friction: Measured
@@ -41,9 +40,6 @@ class Branches:
     speed_m_per_s: float
     rate_n_per_s: float
     cycles: int
-    cell_m: FloatArray
-    up_n: FloatArray
-    down_n: FloatArray
 
     def mid_line(self, travel_m: float) -> Measured:
         """Force of the mid-line at this travel, N."""
@@ -123,9 +119,6 @@ def fit_branches(samples: Samples, at_rate: PassesAtRate, spring_n_per_m: float,
         speed_m_per_s=at_rate.speed_m_per_s,
         rate_n_per_s=at_rate.rate_n_per_s,
         cycles=int(min(upward.sum(), (~upward).sum())),
-        cell_m=cell_m,
-        up_n=up_n,
-        down_n=down_n,
     )
 
 

@@ -120,7 +120,7 @@ def signature_of(figures: Parts, bench: Bench, span: Span | None, about: dict[st
     return Signature(whole, bench, sources, span, about)
 
 
-def nothing(reason: str, *, about: dict[str, Any] | None = None, span: Span | None = None) -> Signature:
+def nothing(reason: str, *, span: Span | None = None) -> Signature:
     """Return a signature of which every figure is absent for this reason."""
     bench = (absent(reason), absent(reason))
-    return Signature({name: absent(reason) for name in FIELDS}, bench, {}, span, {"curve": None, **(about or {})})
+    return Signature({name: absent(reason) for name in FIELDS}, bench, {}, span, {"curve": None})

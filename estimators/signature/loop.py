@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from estimators.base import absent
+from estimators.base import ParameterEstimate, absent
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.motion.uniform_motion import UniformMotion
 from estimators.signature.bands import bands, dead_band_figure
@@ -28,14 +28,16 @@ from estimators.signature.figures import (
 from estimators.signature.passes import StartLine, lies_off, passes_by_rate
 from estimators.signature.scatter import Measured
 from estimators.signature.span import span_of
-from estimators.signature.timed_slips import timed_slips
-from estimators.slips.kernel import K
 from valve.nameplate import Action, Nameplate
 
 _NO_COMMON_TRAVEL: Final = (
     "the two branches share too little travel in settled motion: repeat with a larger amplitude or a slower ramp"
 )
 _UNVARIED: Final = "no variation over the travel beyond the noise"
+_NARROWER: Final = (
+    "less than the dead band, and no contradiction: the loop is twice the friction of the moving stem, and a reversal "
+    "takes the higher friction at breakaway as well"
+)
 _LARGEST_SHARE_OF_STROKE: Final = 0.3  # of the longest one among the rates: a shorter one is no central stroke
 _BENT: Final = (
     "the two branches share too little travel in settled motion, and they are no straight lines: "
@@ -69,10 +71,11 @@ def with_branches(motion: RecordedMotion, line: StartLine, nameplate: Nameplate)
     if free:
         figures["spring_rate_n_per_m"] = figure(slowest.spring, reason="the common travel of the branches is short")
         preload = slowest.mid_line(0.0)
-        figures |= bands(motion, slowest.friction, slowest.speed_m_per_s, (slowest.spring.value, preload.value), span)
+        figures |= bands(motion, slowest.friction, (slowest.spring.value, preload.value), span)
     else:
         figures |= dict.fromkeys(FIELDS[6:8] + FIELDS[9:], absent(NO_SPRING))
-    figures["hysteresis_percent"] = percent_figure(figure(slowest.greatest.scaled(2.0)), span)
+    widest = percent_figure(figure(slowest.greatest.scaled(2.0)), span)
+    figures["hysteresis_percent"] = widest if widest.note else replace(widest, note=_below(widest, figures))
     bench = bench_set(nameplate, slowest.mid_line(0.0), slowest.mid_line(nameplate.actuator.travel_m), span, free=free)
     about: dict[str, Any] = {
         "central_stroke_m": list(slowest.stroke_m),
@@ -85,13 +88,21 @@ def with_branches(motion: RecordedMotion, line: StartLine, nameplate: Nameplate)
     return signature_of(figures, bench, span, about)
 
 
+def _below(widest: ParameterEstimate, figures: Parts) -> str:
+    """Return why the loop is narrower than the dead band; "" where it is not."""
+    dead_band = figures.get("dead_band_percent")
+    if widest.value is None or dead_band is None or dead_band.value is None or widest.value >= dead_band.value:
+        return ""
+    return _NARROWER
+
+
 def without_common_travel(motion: RecordedMotion, uniform: UniformMotion, nameplate: Nameplate) -> Signature:
     """Signature where the branches lie beside each other: friction as if it were the same all over the travel."""
     if motion.action is Action.DOUBLE:
         return nothing(_NO_COMMON_TRAVEL, span=span_of(nameplate, None))
     if lies_off(motion, uniform, _STRAIGHT, _STRAIGHT_SHARE):  # a slope through them is no spring rate
         return dead_band_alone(motion, nameplate, _BENT)
-    spring, friction, preload, full = _straight_lines(motion, uniform, nameplate.actuator.travel_m)
+    spring, friction, preload, full = _straight_lines(uniform, nameplate.actuator.travel_m)
     span = span_of(nameplate, spring)
     straight = f"{_NO_COMMON_TRAVEL.partition(':')[0]}: straight lines through each were used"
     figures: Parts = {
@@ -100,7 +111,7 @@ def without_common_travel(motion: RecordedMotion, uniform: UniformMotion, namepl
         "friction_max_n": absent(_NO_COMMON_TRAVEL),
         "spring_rate_n_per_m": figure(spring, note=straight),
         "hysteresis_percent": absent(_NO_COMMON_TRAVEL),
-        **bands(motion, friction, uniform.reference_speed, (spring.value, preload.value), span),
+        **bands(motion, friction, (spring.value, preload.value), span),
     }
     about: dict[str, Any] = {
         "central_stroke_m": None,
@@ -113,17 +124,8 @@ def without_common_travel(motion: RecordedMotion, uniform: UniformMotion, namepl
     return signature_of(figures, bench_set(nameplate, preload, full, span), span, about)
 
 
-def _straight_lines(
-    motion: RecordedMotion, uniform: UniformMotion, travel_m: float
-) -> tuple[Measured, Measured, Measured, Measured]:
-    """Spring rate, friction, and the mid-line at 0 and at this travel, by the slips' joint fit where there is one."""
-    timed = timed_slips(motion)
-    if timed is not None:
-        low, full = timed.line(0.0), timed.line(travel_m)
-        covariance = timed.covariance
-        spring = Measured(float(timed.found.solution.common[K]), math.sqrt(float(covariance[K, K])))
-        value, weights = timed.friction(uniform.reference_speed)
-        return spring, Measured(value, math.sqrt(float(weights @ covariance @ weights))), low, full
+def _straight_lines(uniform: UniformMotion, travel_m: float) -> tuple[Measured, Measured, Measured, Measured]:
+    """Spring rate, friction, and the mid-line at 0 and at this travel, by straight lines through the branches."""
     errors, model_n = uniform.std_error, _MODEL_SHARE * abs(uniform.friction_n)
     spring = Measured(uniform.spring_n_per_m, float(errors[0]))
     friction = Measured(uniform.friction_n, float(errors[1])).with_error(model_n)
@@ -139,7 +141,7 @@ def dead_band_alone(motion: RecordedMotion, nameplate: Nameplate, reason: str) -
     absent_all = nothing(reason, span=span)
     if motion.action is Action.DOUBLE:
         return absent_all
-    band = dead_band_figure(motion, None, span)
+    band = dead_band_figure(motion, span)
     sources = {} if band.value is None else {"dead_band_percent": MEASURED}
     about = {**absent_all.about, "curve": branch_curve(motion, None, nameplate)}
     return replace(absent_all, figures={**absent_all.figures, "dead_band_percent": band}, sources=sources, about=about)

@@ -12,16 +12,13 @@ from estimators.motion.phases import Phases, Stretch
 from estimators.motion.rests import Breakaway
 from estimators.motion.static_friction import force_at
 from estimators.samples import FloatArray, Samples
-from estimators.signature.scatter import Measured, mean_of_cycles
-from estimators.signature.timed_slips import TimedSlips
+from estimators.signature.scatter import Measured
 from valve.parameters import TravelStops
 
 _LINE_ROWS: Final = 60  # own choice: rows on each side of a corner for the line through them
 _STRAIGHT: Final = 3.0  # noises; what is off the line by more is a curve
 _FEWEST_ROWS: Final = 3
 _RATES_APART: Final = 1.2  # as for the passes
-_TURN_NOISE: Final = 0.25  # of the force's noise: error of a turn between two lines
-_MANY: Final = 1.0e9  # degrees of freedom
 _CLEAR_SIGMAS: Final = 9.0
 _SOFT_ROWS: Final = 2000
 _LARGEST_LEAP: Final = 0.05  # of the range: an input that leaps by more at the breakaway does not show where it was
@@ -34,13 +31,10 @@ class Reversal:
     range_n: float
     timing_n: float
     rate_n_per_s: float  # of the force, before or after the turn, whichever was faster
-    weights: FloatArray | None = None  # (7,): derivatives to the unknowns of the slips' joint fit, where it timed it
 
 
-def reversals(
-    samples: Samples, phases: Phases, stops: TravelStops | None, timed: TimedSlips | None = None
-) -> list[Reversal]:
-    """Return the reversals at the slowest rate, but those that began on a travel stop; only those ``timed``, if any is.
+def reversals(samples: Samples, phases: Phases, stops: TravelStops | None) -> list[Reversal]:
+    """Return the reversals at the slowest rate, but those that began on a travel stop.
 
     Force at its turn less force at the breakaway in the new direction. Karnopp's stem moves at the turn with
     F - k x - F_0 = F_c + F_v v, coasts on by (at most) F_v v / k, and breaks away at -F_s: the range lies between
@@ -60,33 +54,20 @@ def reversals(
             open_n = max(abs(rate_n_per_s) * breakaway.within_s, _leap(samples, breakaway.row) / math.sqrt(12.0))
             timing_n = math.hypot(open_n, samples.force_noise_n / 2.0)
             before_n_per_s = float(np.median(np.abs(phases.force_rate[before.rows])))
-            fastest = max(before_n_per_s, abs(rate_n_per_s))
-            slip = None if timed is None else timed.force_at(breakaway, abs(rate_n_per_s))
-            if slip is None:
-                found.append(Reversal(range_n, timing_n, fastest))
-            else:
-                own_n = math.hypot(slip[1], _TURN_NOISE * samples.force_noise_n)
-                range_n = before.direction * (turn_n - slip[0])
-                found.append(Reversal(range_n, own_n, fastest, -before.direction * slip[2]))
+            found.append(Reversal(range_n, timing_n, max(before_n_per_s, abs(rate_n_per_s))))
     slowest = min((one.rate_n_per_s for one in found), default=0.0)
-    found = [one for one in found if one.rate_n_per_s <= _RATES_APART * slowest]
-    return [one for one in found if one.weights is not None] or found
+    return [one for one in found if one.rate_n_per_s <= _RATES_APART * slowest]
 
 
-def dead_band(found: list[Reversal], soft_n: float, timed: TimedSlips | None = None) -> Measured | None:
+def dead_band(found: list[Reversal], soft_n: float) -> Measured | None:
     """Mean range of the reversals, N; None without any. ``soft_n`` is what softness_n says.
 
-    The error of ``timed`` reversals is that of the fit, which they share, and their own. That of others is the scatter
-    of the mean and the timing error, which all reversals share where the ramps are in step with the samples.
+    Its error is the scatter of the mean and the timing error, which all reversals share where the ramps are in step
+    with the samples.
     """
     if not found:
         return None
     ranges = np.array([one.range_n for one in found])
-    shared = [one.weights for one in found if one.weights is not None]
-    if timed is not None and shared:
-        own_n = math.sqrt(float(np.mean([one.timing_n**2 for one in found])))
-        fit = timed.measured(0.0, np.mean(shared, axis=0))
-        return mean_of_cycles(ranges, own_n, _MANY).with_error(fit.std_error)
     timing_n = max(float(np.median([one.timing_n for one in found])), soft_n)
     if ranges.size < 2:
         return Measured(float(ranges[0]), timing_n)

@@ -127,6 +127,13 @@ class Access:
         self.audit.append("user.changed", who=by, details={"name": name, **changes})
         return user
 
+    def remove_user(self, name: str, *, by: str) -> User:
+        """Remove a user; their sessions end, and what the audit log says of them stays."""
+        user = self.users.remove(name)
+        self.grants.end_of(name, RequesterKind.PERSON)
+        self.audit.append("user.removed", who=by, details={"name": name, "role": user.role.value})
+        return user
+
     def create_token(
         self, name: str, role: Role, *, by: str, lasts: timedelta, valves: list[str] | None
     ) -> tuple[Token, str]:

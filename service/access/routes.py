@@ -18,6 +18,7 @@ from service.access.principal import RIGHTS, Principal, Right, Role
 from service.access.tokens import Token
 from service.access.users import User
 from service.json_body import JsonRoute
+from service.lists import KNOWN_KEYS
 from service.parts import parts_of
 from service.problems import PROBLEMS
 from service.runs.requester import RequesterKind
@@ -202,7 +203,7 @@ def _user(user: User) -> UserView:
     )
 
 
-@router.get("/users")
+@router.get("/users", dependencies=[KNOWN_KEYS])
 async def list_users(access: AccessOf) -> UserList:
     """List all users."""
     return UserList(users=[_user(user) for user in await asyncio.to_thread(access.users.all)])
@@ -231,6 +232,15 @@ async def change_user(name: str, wanted: UserChange, asks: Asks, access: AccessO
     )
 
 
+@router.delete("/users/{name}", status_code=HTTPStatus.NO_CONTENT, response_class=Response)
+async def remove_user(name: str, asks: Asks, access: AccessOf) -> Response:
+    """Remove another user: their sessions end at once, the audit log goes on naming them."""
+    if name == asks.name:
+        raise ForbiddenError(f"{name}: nobody removes themselves: ask another admin")
+    await asyncio.to_thread(access.remove_user, name, by=asks.name)
+    return Response(status_code=HTTPStatus.NO_CONTENT)
+
+
 def _token(token: Token) -> TokenView:
     return TokenView(**_token_fields(token))
 
@@ -240,7 +250,7 @@ def _token_fields(token: Token) -> dict[str, Any]:
     return {name: getattr(token, name) for name in TokenView.model_fields} | {"valves": valves}
 
 
-@router.get("/tokens")
+@router.get("/tokens", dependencies=[KNOWN_KEYS])
 async def list_tokens(access: AccessOf) -> TokenList:
     """List all tokens, those that are over too."""
     return TokenList(tokens=[_token(token) for token in await asyncio.to_thread(access.tokens.all)])

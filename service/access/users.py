@@ -1,4 +1,4 @@
-"""Users: people with a name, a role and a password of their own. They are never deleted: the audit log names them."""
+"""Users: people with a name, a role and a password of their own. The audit log goes on naming one who is removed."""
 
 from __future__ import annotations
 
@@ -118,6 +118,14 @@ class Users:
                 connection.execute(update(USERS).where(USERS.c.name == name).values(values))
                 connection.execute(delete(SESSIONS).where(SESSIONS.c.user_name == name))
         return self.get(name)
+
+    def remove(self, name: str) -> User:
+        """Delete a user and end their sessions; return who it was. Raises NotFoundError."""
+        known = self.get(name)
+        with self._engine.begin() as connection:
+            connection.execute(delete(SESSIONS).where(SESSIONS.c.user_name == name))
+            connection.execute(delete(USERS).where(USERS.c.name == name))
+        return known
 
 
 def _checked_role(name: str, role: Role) -> Role:

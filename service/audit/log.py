@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from service.audit.entries import Entry, chain_start, read_entry
+from service.synced import sync_folder
 from valve.errors import InternalError
 
 TORN: Final = "audit.torn"
@@ -101,7 +102,7 @@ class AuditLog:
             raise OSError(errno.ENOSPC, f"{written} of {len(data)} bytes were written, the disk is full")
         os.fsync(descriptor)
         if count == 0:
-            _sync_folder(self.path.parent)  # the name of a new file
+            sync_folder(self.path.parent)  # the name of a new file
         self._end = (size + len(data), entries[-1].n, entries[-1].hash)
 
     def _known_end(self, descriptor: int) -> tuple[int, int, str]:
@@ -131,14 +132,6 @@ def _end_of(descriptor: int, size: int, start: str) -> tuple[int, int, str]:
     if stated != entry.hash:
         raise ValueError("its last entry was changed")
     return tail_at + len(whole) + 1, entry.n, stated
-
-
-def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _now() -> str:

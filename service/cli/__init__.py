@@ -14,11 +14,14 @@ import typer
 from service.cli.command import Command, CommandGroup
 from valve.errors import ValveError
 
-# Name of each command and what the list of commands says of it; its module is service.cli.NAME.
+# Name of each command and what the list of commands says of it; its module is service.cli.NAME, with "_" for "-".
 COMMANDS: Final = {
     "demo": "Simulated valves and the service, each valve tested through REST, truth beside estimate.",
+    "init": "A plant file from questions, or from options alone.",
+    "import-valves": "Valves of a CSV file into a plant file, all of them or none.",
     "check": "All faults of a plant file at once; with --live every device is read, none is written to.",
     "serve": "The service of the plant that a plant file describes.",
+    "reload": "A running service reads its plant file again.",
     "simulate": "The valves of a plant file as Modbus slaves.",
     "run": "One test of one valve through the REST interface of a running service.",
     "stop": "Stop a test, or whatever test uses a valve: it goes to its safe value at once.",
@@ -27,7 +30,9 @@ COMMANDS: Final = {
     "plan": "What a test would tell of a valve, by sequence, before anything moves.",
     "analyze": "Estimates from recordings that exist already, with no service or device.",
     "export": "Tests out of the store as CSV, Parquet or MAT, with no service.",
-    "user": "People who may sign in: add, list, change.",
+    "backup": "All that the store holds in one file, while the service runs or not.",
+    "restore": "An empty store filled from a backup, while no service runs on it.",
+    "user": "People who may sign in: add, list, change, remove.",
     "token": "Machines that may call the service: create, list, revoke.",
     "audit": "The audit log: show it, and verify that nobody changed it.",
     "paper": "Tables and figures of Romano and Garcia (2007), ours beside the printed values.",
@@ -45,12 +50,16 @@ class _LazyGroup(CommandGroup):
         return name, command if name is None else _loaded(name), rest
 
 
+def _module(name: str) -> str:
+    return name.replace("-", "_")
+
+
 def _loaded(name: str) -> Any:
     single = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-    module = import_module(f"service.cli.{name}")
+    module = import_module(f"service.cli.{_module(name)}")
     if hasattr(module, "GROUP"):  # a command with commands of its own
         return typer.main.get_command(module.GROUP)
-    single.command(name, cls=getattr(module, "COMMAND_CLASS", Command))(getattr(module, name))
+    single.command(name, cls=getattr(module, "COMMAND_CLASS", Command))(getattr(module, _module(name)))
     return typer.main.get_command(single)
 
 

@@ -89,9 +89,9 @@ def _cell(parameter: dict[str, Any]) -> str:
     if parameter["value"] is None:
         return _NOT_GIVEN
     if parameter["ci95"] is None:
-        return f"{parameter['value']:.6g}"
+        return plus_minus(parameter["value"], None)
     low, high = parameter["ci95"]
-    return plus_minus(parameter["value"], max(high - parameter["value"], parameter["value"] - low), digits=6)
+    return plus_minus(parameter["value"], max(high - parameter["value"], parameter["value"] - low))
 
 
 def scatters(estimates: list[dict[str, Any]]) -> list[str]:

@@ -166,6 +166,7 @@ async def _run_test(
     """Start one test and follow it to its end; the test as ``GET /tests/{id}`` gives it."""
     answer = await client.post("/tests/run", json={"valve": valve.tag, "sequence": "triangle", "overrides": _OVERRIDES})
     if answer.status_code != httpx.codes.ACCEPTED:
+        await _require_alive(processes)
         detail = answer.json().get("detail", answer.text)
         raise InternalError(f"demo: {valve.tag} was not started ({answer.status_code}): {detail}")
     deadline = time.monotonic() + _TEST_TIMEOUT_S

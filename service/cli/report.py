@@ -31,6 +31,7 @@ def write_report(
 
     Raises RequestError where the file cannot be written.
     """
+    from service.figures.signature import Frame
     from service.report.source import ReportSource
     from service.report.valve_facts import nameplate_facts
     from service.report.written import report_html, report_pdf
@@ -42,7 +43,8 @@ def write_report(
     facts += [("Analysis", str(analysis["schema"])), ("Written", f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC")]
     names = ", ".join(path.name for path in recordings)
     told = tuple(nameplate_facts(valve, UnitSystem.SI))
-    source = ReportSource(valve.tag, f"recording {names}", analysis, tuple(facts), valve=told)
+    frame = Frame(valve.actuator.travel_m, valve.actuator.bench_set_pa)
+    source = ReportSource(valve.tag, f"recording {names}", analysis, tuple(facts), valve=told, frame=frame)
     write = report_pdf if Path(target).suffix.lower() == ".pdf" else report_html
     try:
         Path(target).write_bytes(write(source))

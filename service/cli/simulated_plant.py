@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -13,6 +14,7 @@ from pydantic import BaseModel, ConfigDict
 from drivers.addresses import BusAddress, GaugeAddress, Point, RtuAddress, TcpAddress, ValveWiring
 from drivers.capabilities import Role
 from drivers.maps import reference, register_map
+from drivers.register_map import RegisterMap
 from drivers.registers import Register
 from service.cli.hidden_effects import check_effect, hidden_effect
 from service.cli.simulated_instruments import (
@@ -108,7 +110,7 @@ def plant_from_settings(
         served_on = _listener(settings.buses[bus], certificate)
         if served_on in listeners:
             raise ConfigurationError(f"bus {bus}: another bus has its address, name one bus for both")
-        listeners[served_on] = [_unit(bus, device_id, of) for device_id, of in on_bus.items()]
+        listeners[served_on] = [_unit(bus, device_id, of, settings.maps) for device_id, of in on_bus.items()]
     # before the clock: what is compiled must not take simulated time
     warm_up_for(valves)
     return SimulatedPlant(valves, listeners, RunningClock(speed), gauges)
@@ -227,27 +229,27 @@ def _channels(tag: str, wiring: ValveWiring) -> list[tuple[Point, SimulatedChann
     """Every register that shows or moves one valve, with its place."""
     command = wiring.command
     assert command.map is not None  # checked with the rest of the file
-    device = register_map(command.map)
-    name = _register_name(tag, command, Role.COMMAND)
+    device = register_map(command.map, wiring.maps)
+    name = _register_name(tag, command, Role.COMMAND, wiring.maps)
     channels = [(command, _channel(tag, Quantity.COMMAND, command, device.register(name)))]
     readback = command.readback_register or device.readbacks.get(name)
     if readback is not None and command.map != reference.MAP.name:
         channels.append((command, _channel(tag, Quantity.OUTPUT, command, device.register(readback))))
     own = Point(command.bus, command.device_id, command.map)
     for role, given in ((Role.POSITION, wiring.position), (Role.PRESSURE, wiring.pressure)):
-        if given is None and (role is Role.PRESSURE and command.map != reference.MAP.name):
+        if given is None and role is Role.PRESSURE and device.own_pressure is None:
             continue
         point = own if given is None else given
         if point.map is None:
             continue  # a gauge
-        register = register_map(point.map).register(_register_name(tag, point, role))
+        register = register_map(point.map, wiring.maps).register(_register_name(tag, point, role, wiring.maps))
         channels.append((point, _channel(tag, Quantity(role), point, register)))
     return channels
 
 
-def _register_name(tag: str, point: Point, role: Role) -> str:
+def _register_name(tag: str, point: Point, role: Role, maps: Mapping[str, RegisterMap]) -> str:
     assert point.map is not None  # checked with the rest of the file
-    name = point.register or register_map(point.map).roles.get(role)
+    name = point.register or register_map(point.map, maps).roles.get(role)
     if name is None:
         raise ConfigurationError(f"{tag}: map {point.map} has no {role} of its own, name the register")
     return name
@@ -265,13 +267,15 @@ def _channel(tag: str, quantity: Quantity, point: Point, register: Register) -> 
     return SimulatedChannel(tag, quantity, register)
 
 
-def _unit(bus: str, device_id: int, channels: list[tuple[str, SimulatedChannel]]) -> SimulatedUnit:
+def _unit(
+    bus: str, device_id: int, channels: list[tuple[str, SimulatedChannel]], own: Mapping[str, RegisterMap]
+) -> SimulatedUnit:
     maps = {name for name, _ in channels}
     if len(maps) > 1:
         raise ConfigurationError(
             f"bus {bus}: device {device_id} has the maps {' and '.join(sorted(maps))}, a device has one: correct it"
         )
-    return SimulatedUnit(device_id, register_map(maps.pop()), tuple(channel for _, channel in channels))
+    return SimulatedUnit(device_id, register_map(maps.pop(), own), tuple(channel for _, channel in channels))
 
 
 def _listener(address: BusAddress, certificate: ServerCertificate | None) -> Listener:

@@ -16,7 +16,7 @@ from service.cli.command import Command, CommandGroup
 
 GROUP: Final = typer.Typer(
     name="user",
-    help="People who may sign in: add, list, change. Works whether the service runs or not.",
+    help="People who may sign in: add, list, change, remove. Works whether the service runs or not.",
     cls=CommandGroup,
     no_args_is_help=True,
     add_completion=False,
@@ -95,3 +95,11 @@ def enable(config: Config, name: Name) -> None:
     with accounts(config) as (access, _):
         access.change_user(name, by=caller(), disabled=False)
     sys.stdout.write(f"{name} may sign in again\n")
+
+
+@GROUP.command(cls=Command)
+def remove(config: Config, name: Name) -> None:
+    """Remove a user; their sessions end. The audit log goes on naming them; tokens that they made stay."""
+    with accounts(config) as (access, _):
+        access.remove_user(name, by=caller())
+    sys.stdout.write(f"{name} is removed; every session of theirs has ended\n")

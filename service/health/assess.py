@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
-from service.health.changes import Change, ValveFacts, changes_between
-from service.health.figures import Figures, figures_of
-from service.health.forecast import forecasts, trends_of
-from service.health.limits import HealthLimits
-from service.health.results import Baseline, Case, Finding, Health, Ne107
+from service.health.acceptance import checks_of, is_known, remark, unmet
+from service.health.changes import Change, changes_between
+from service.health.figures import Figures, figures_of, widened
+from service.health.forecast import forecasts, scatter_of, trends_of
+from service.health.results import Baseline, Case, Check, Finding, Health, Ne107
 
+_NOT_ASSESSED: Final = "not_assessed"
+_NO_BASELINE: Final = (
+    "This test does not become the baseline by itself, because of what was found. If the valve is meant to be so, a "
+    "person accepts the test as the baseline: on its page, or by POST /valves/TAG/baseline."
+)
 _HARDLY_MOVED: Final = 0.02  # of rated travel: what a sensor's drift and noise may look like
 # Properties of what the valve is measured with: a lag that was always there is no reason to send anybody.
 _OF_THE_INSTRUMENTS: Final = frozenset({"transducer_lag", "transducer_dead_time", "position_lag"})
@@ -34,27 +40,61 @@ _STATES: Final = {
 
 
 def assess(case: Case) -> Health:
-    """Judge one result. A change counts where it is beyond both its 95 % interval and its limit."""
+    """Judge one result: by itself against what a valve must do, and against its baseline and history.
+
+    A change counts where it is beyond both its 95 % interval and its limit.
+    """
     now = figures_of(case.analysis)
     was = None if case.baseline is None else case.baseline.test.figures
-    changes = changes_between(was, now, case.limits, case.valve)
-    trends = trends_of(case, now)
-    stuck = _stuck(now, case.valve, is_full_stroke=case.is_full_stroke)
-    findings: list[Finding] = [] if stuck is None else [stuck]
-    if stuck is None:
-        findings += _of_changes(changes, case.limits, case.valve)
-        findings += _of_breakaway(case, now)
-        findings += _of_causes(case)
+    scatter = scatter_of(case, now)  # of figures between tests, which no single test's interval holds
+    held = None if was is None else widened(was, scatter)
+    changes = changes_between(held, widened(now, scatter), case.limits, case.valve)
+    trends = trends_of(case, held, widened(now, scatter))
+    checks = checks_of(case, now)
+    findings = list(_by_itself(case, now, checks))
+    if _stuck(case, now) is None:
+        findings += _of_changes(case, changes)
         findings += forecasts(case, trends, changes)
-        findings += _not_judged(case.analysis, now, was)
-    notes = tuple(_notes(case, findings, changes))
-    return Health(tuple(findings), tuple(changes), tuple(trends), case.baseline, notes)
+        findings += _not_comparable(now, was)
+    alone = replace(case, baseline=None)
+    is_accepted = not any(_by_itself(alone, now, checks_of(alone, now)))
+    remarks = _remarks(case)
+    notes = (*_notes(case, findings, changes, checks, is_accepted=is_accepted), *remarks.values())
+    found = (tuple(findings), tuple(changes), tuple(trends), case.baseline)
+    return Health(*found, notes, checks, tuple(remarks), is_accepted=is_accepted)
 
 
 def is_good(analysis: Mapping[str, Any]) -> bool:
-    """Whether a result may become a baseline: it shows friction and spring, or at least one of them with its size."""
+    """Whether a result can be a baseline: it shows friction and spring, or at least one of them with its size."""
     figures = figures_of(analysis)
     return any(name in figures for name in ("friction_mean_n", "friction_coulomb_n", "spring_rate_n_per_m"))
+
+
+def _by_itself(case: Case, now: Figures, checks: tuple[Check, ...]) -> Iterator[Finding]:
+    """Yield what stands against the valve by this result alone, but for what a person knows of it."""
+    stuck = _stuck(case, now)
+    if stuck is not None:
+        yield stuck
+        return
+    yield from unmet(checks, case)
+    yield from _of_causes(case)
+    yield from _no_friction(case.analysis, now)
+    if _is_not_assessed(case) and not _is_known_well(case, checks):
+        yield Finding(Ne107.FUNCTION_CHECK, f"{_not_looked_for(case)} Repeat the test.")
+
+
+def _is_not_assessed(case: Case) -> bool:
+    return ((case.analysis.get("discrepancy") or {}).get("verdict") or _NOT_ASSESSED) == _NOT_ASSESSED
+
+
+def _is_known_well(case: Case, checks: tuple[Check, ...]) -> bool:
+    """Whether a person chose the baseline and everything that can be measured is as it should be."""
+    return case.is_chosen and not any(unmet(checks, case))
+
+
+def _not_looked_for(case: Case) -> str:
+    message = str((case.analysis.get("discrepancy") or {}).get("message") or "").strip()
+    return f"Causes were not looked for. {message}".strip()
 
 
 def _all_well(baseline: Baseline | None, changes: Sequence[Change]) -> str:
@@ -66,22 +106,23 @@ def _all_well(baseline: Baseline | None, changes: Sequence[Change]) -> str:
     )
 
 
-def _stuck(now: Figures, valve: ValveFacts, *, is_full_stroke: bool) -> Finding | None:
-    travel = now.get("travel_m")
+def _stuck(case: Case, now: Figures) -> Finding | None:
+    travel, valve = now.get("travel_m"), case.valve
     if travel is None or travel.value > _HARDLY_MOVED * valve.rated_travel_m:
         return None
     told = (
         f"The stem moved {1e3 * travel.value:.3g} mm of its {1e3 * valve.rated_travel_m:.4g} mm: "
         "a stuck stem, no supply, or a position that is not measured"
     )
-    if is_full_stroke:
-        return Finding(Ne107.FAILURE, f"{told}. Go and look at the valve.")
+    if case.is_full_stroke:
+        return Finding(Ne107.FAILURE, f"{told}. Go and look at the valve.", 100.0)
     return Finding(
         Ne107.FUNCTION_CHECK, f"{told}, or a motion too small for its dead band. Repeat over the full stroke."
     )
 
 
-def _of_changes(changes: Sequence[Change], limits: HealthLimits, valve: ValveFacts) -> Iterator[Finding]:
+def _of_changes(case: Case, changes: Sequence[Change]) -> Iterator[Finding]:
+    limits, valve = case.limits, case.valve
     by_name = {one.name: one for one in changes if not one.kept}
     for name, one in by_name.items():
         assert one.change is not None
@@ -97,82 +138,79 @@ def _of_changes(changes: Sequence[Change], limits: HealthLimits, valve: ValveFac
         state = _STATES.get(name, Ne107.MAINTENANCE)
         if name == "travel_m" and -one.change > limits.travel_failed_percent / 100.0 * valve.rated_travel_m:
             state = Ne107.FAILURE
-        yield Finding(state, f"{one.sentence()}: {advice}.")
+        yield Finding(state, f"{one.sentence()}: {advice}.", _effect_percent(case, one))
 
 
-def _of_breakaway(case: Case, now: Figures) -> Iterator[Finding]:
-    """Against the actuator: reversing a stuck stem takes the dead band's pressure, out of all that there is.
-
-    A valve that a person took as its baseline like that is known; it is told of again once half of the margin that was
-    left then is gone.
-    """
-    dead_band, span = now.get("dead_band_percent"), ((case.analysis.get("signature") or {}).get("span") or {})
-    if dead_band is None or not span.get("pressure_pa"):
-        return
-    one_percent_pa = float(span["pressure_pa"][1] - span["pressure_pa"][0]) / 100.0
-    needed_pa, there_pa = dead_band.value * one_percent_pa, case.valve.available_pa
-    share, allowed = 100.0 * needed_pa / there_pa, case.limits.breakaway_share_percent
-    was = None if case.baseline is None else case.baseline.test.figures.get("dead_band_percent")
-    if case.is_chosen and was is not None:
-        allowed = max(allowed, (100.0 + 100.0 * was.value * one_percent_pa / there_pa) / 2.0)
-    if share > allowed:
-        travel, rated_m = now.get("travel_m"), case.valve.rated_travel_m
-        reached = (
-            "" if travel is None else f", and the stem moved {1e3 * travel.value:.3g} of its {1e3 * rated_m:.4g} mm"
-        )
-        yield Finding(
-            Ne107.OUT_OF_SPECIFICATION,
-            f"Breaking away takes {1e-3 * needed_pa:.3g} kPa, {share:.3g} % of the {1e-3 * there_pa:.4g} kPa "
-            f"that there are, {allowed:.3g} % is allowed: the actuator has hardly any margin{reached}.",
-        )
+def _effect_percent(case: Case, change: Change) -> float | None:
+    """What a change does to the stem, percent of rated travel, that the signal's span drives it over; None unknown."""
+    span_n = ((case.analysis.get("signature") or {}).get("span") or {}).get("force_n")
+    whole = None
+    if change.name == "travel_m":
+        whole = case.valve.rated_travel_m
+    elif change.name.startswith("bench"):
+        whole = case.valve.span_pa
+    elif change.name.startswith("friction"):
+        whole = span_n
+    return None if not whole or change.change is None else 100.0 * abs(change.change) / float(whole)
 
 
-def _is_small(cause: Mapping[str, Any], case: Case) -> bool:
-    """Whether a cause is within what the limits allow of it: a bench set that is off from the nameplate's by little."""
-    offset = (cause.get("parameters") or {}).get("offset_n")
-    span = (case.analysis.get("signature") or {}).get("span") or {}
-    if cause["cause"] != "spring_preload" or offset is None or not span.get("force_n"):
-        return False
-    return 100.0 * abs(float(offset["value"]) / float(span["force_n"])) <= case.limits.bench_set_percent
+def _remarks(case: Case) -> dict[str, str]:
+    """What is said of the causes that do not matter yet, by their names."""
+    causes = (case.analysis.get("discrepancy") or {}).get("causes") or ()
+    said = {str(one["cause"]): remark(one, case.analysis, case.limits) for one in causes}
+    return {name: sentence for name, sentence in said.items() if sentence}
 
 
 def _of_causes(case: Case) -> Iterator[Finding]:
     """Causes that the baseline does not have; one that a person chose as the baseline, or accepted, is known."""
     found, baseline = case.analysis.get("discrepancy") or {}, case.baseline
-    if case.analysis.get("accepted_model") is not None and found.get("verdict") in ("none", "not_assessed"):
+    if case.analysis.get("accepted_model") is not None and found.get("verdict") in ("none", _NOT_ASSESSED):
         return
     known = set(baseline.test.causes) if baseline is not None else set()
     for cause in found.get("causes") or ():
         name = str(cause["cause"])
         excused = name in known and (case.is_chosen or name in _OF_THE_INSTRUMENTS)
-        if excused or _is_small(cause, case) or (baseline is None and name in _OF_THE_INSTRUMENTS):
+        if excused or remark(cause, case.analysis, case.limits) or (baseline is None and name in _OF_THE_INSTRUMENTS):
             continue
         fresh = "New since the baseline: " if baseline is not None and name not in known else ""
-        yield Finding(Ne107.MAINTENANCE, f"{fresh}{cause['sentence']} {cause['action']}")
+        said = f"{fresh}{cause['sentence']} {cause['action']}"
+        yield Finding(Ne107.MAINTENANCE, said, cause.get("effect_percent_of_span"))
     accounted = baseline is not None and baseline.test.verdict not in ("none", "named")
     if found.get("verdict") == "unexplained" and not (accounted and case.is_chosen):
         fresh = "New since the baseline: something" if baseline is not None and not accounted else "Something"
         yield Finding(Ne107.MAINTENANCE, f"{fresh} that no known cause explains. Run the diagnostic sequence.")
 
 
-def _notes(case: Case, findings: Sequence[Finding], changes: Sequence[Change]) -> Iterator[str]:
+def _notes(
+    case: Case,
+    findings: Sequence[Finding],
+    changes: Sequence[Change],
+    checks: tuple[Check, ...],
+    *,
+    is_accepted: bool,
+) -> Iterator[str]:
     """Yield what is no reason for a state and still worth a word."""
     if not findings:
         yield _all_well(case.baseline, changes)
-    found = case.analysis.get("discrepancy") or {}
-    if found.get("verdict") == "not_assessed" and found.get("message"):
-        yield f"Causes were not looked for. {found['message']}"
-    for cause in found.get("causes") or ():
-        if _is_small(cause, case):
-            yield f"{cause['sentence']} That is within {case.limits.bench_set_percent:.3g} % of the span."
+    if case.baseline is None and not is_accepted:
+        yield _NO_BASELINE
+    known = [one.words for one in checks if one.met is False and is_known(one, case)]
+    if known and case.baseline is not None:
+        yield f"Known since {case.baseline.set_by} chose the baseline: {', '.join(known)}."
+    if _is_not_assessed(case) and _is_known_well(case, checks):
+        yield f"{_not_looked_for(case)} All that could be measured is as in the baseline that a person chose."
 
 
-def _not_judged(analysis: Mapping[str, Any], now: Figures, was: Figures | None) -> Iterator[Finding]:
+def _no_friction(analysis: Mapping[str, Any], now: Figures) -> Iterator[Finding]:
     if not any(name.startswith("friction") for name in now):
         note = ((analysis.get("signature") or {}).get("notes") or {}).get("friction_mean_n")
         because = f" ({note})" if note else ""
         yield Finding(Ne107.FUNCTION_CHECK, f"Friction could not be judged{because}: repeat the test.")
-    elif was is not None and not any(name in now for name in was if name.startswith("friction")):
+
+
+def _not_comparable(now: Figures, was: Figures | None) -> Iterator[Finding]:
+    has_friction = any(name.startswith("friction") for name in now)
+    if has_friction and was is not None and not any(name in now for name in was if name.startswith("friction")):
         yield Finding(
             Ne107.FUNCTION_CHECK, "Friction was found otherwise than in the baseline and cannot be compared: repeat."
         )

@@ -57,9 +57,10 @@ class Change:
         moved = measured(abs(self.change), self.size_ci95, unit, UnitSystem.SI)
         share = "" if self.was == 0.0 else f" ({100.0 * abs(self.change / self.was):.3g} %)"
         name = self.words[0].upper() + self.words[1:]
+        now, was = (measured(one, None, unit, UnitSystem.SI) for one in (self.now, self.was))
         return (
-            f"{name}: {quantity(self.now, unit, UnitSystem.SI)} is {moved}{share} {way} the baseline's "
-            f"{quantity(self.was, unit, UnitSystem.SI)}, {quantity(self.limit, unit, UnitSystem.SI, 3)} is allowed"
+            f"{name}: {now} is {moved}{share} {way} the baseline's "
+            f"{was}, {quantity(self.limit, unit, UnitSystem.SI, 3)} is allowed"
         )
 
     @property

@@ -34,6 +34,8 @@ FIGURE_KINDS: Final = {
         FigureKind("transducer_lag_s", "lag of the I/P", "s"),
     )
 }
+#: What lists and metrics show of a test.
+MAIN_FIGURES: Final = ("friction_mean_n", "dead_band_percent", "travel_m")
 _MEASURED: Final = "measured"  # how the signature says that a figure came from the loop itself
 _PEAKS: Final = 10.0  # how far noise spreads two extremes of a long recording, in rms: 5 each
 _GOOD: Final = "ok"
@@ -80,6 +82,21 @@ def figures_of(analysis: Mapping[str, Any]) -> dict[str, Figure]:
     found = {key: _varying(figure, key, analysis) for key, figure in found.items()}
     found.update(_filled(found, "transducer_lag_s", _transducer_lag(analysis)))
     return found
+
+
+def widened(figures: Figures, scatter: Mapping[str, float]) -> dict[str, Figure]:
+    """Return the figures with what each differs by from one test to the next in its interval.
+
+    ``scatter`` is a standard deviation in the figure's unit. Of it and the interval of the test the wider one holds.
+    """
+    return {key: _no_narrower(figure, NORMAL_95 * scatter.get(key, 0.0)) for key, figure in figures.items()}
+
+
+def _no_narrower(figure: Figure, half: float) -> Figure:
+    if figure.ci95 is None:
+        return figure
+    low, high = figure.ci95
+    return Figure(figure.value, (min(low, figure.value - half), max(high, figure.value + half)))
 
 
 def _transducer_lag(analysis: Mapping[str, Any]) -> Mapping[str, Any] | None:

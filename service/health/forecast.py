@@ -9,24 +9,30 @@ from typing import Final
 from service.health.changes import Change, allowed
 from service.health.figures import FIGURE_KINDS, Figures
 from service.health.results import Case, Finding, Ne107, TrendFound
-from service.health.trend import robust_slope
+from service.health.trend import robust_slope, scatter_between
 
 _DAY_S: Final = 86400.0
 
 
-def trends_of(case: Case, now: Figures) -> list[TrendFound]:
-    """Return the trend of each figure that has tests and days enough for one."""
-    found = [_trend(case, now, name) for name in FIGURE_KINDS if name in now]
+def trends_of(case: Case, was: Figures | None, now: Figures) -> list[TrendFound]:
+    """Return the trend of each figure that has tests and days enough for one; ``was`` are the baseline's figures."""
+    found = [_trend(case, was or {}, now, name) for name in FIGURE_KINDS if name in now]
     return [one for one in found if one is not None]
 
 
-def _trend(case: Case, now: Figures, name: str) -> TrendFound | None:
+def scatter_of(case: Case, now: Figures) -> dict[str, float]:
+    """How much each figure differs from one test to the next, by the tests since the baseline; in the figure's unit."""
+    past = {name: [one.figures[name].value for one in case.history if name in one.figures] for name in now}
+    return {name: scatter_between([*values, now[name].value]) for name, values in past.items()}
+
+
+def _trend(case: Case, held: Figures, now: Figures, name: str) -> TrendFound | None:
     past = [(one.at, one.figures[name].value) for one in case.history if name in one.figures]
     times = [at for at, _ in past] + [case.at]
     slope = robust_slope(times, [value for _, value in past] + [now[name].value])
     if slope is None:
         return None
-    was = None if case.baseline is None else case.baseline.test.figures.get(name)
+    was = held.get(name)
     limit_at = None
     if was is not None:
         up, down = allowed(name, was, case.limits, case.valve)

@@ -1,4 +1,4 @@
-"""``[valves.health]``: how far a valve may change before somebody is told. docs/health.md says why each default."""
+"""``[valves.health]``: what a valve must do, and how far it may change. docs/health.md says why each default."""
 
 from __future__ import annotations
 
@@ -10,11 +10,20 @@ from valve.errors import ConfigurationError, refuse
 
 @dataclass(frozen=True, slots=True)
 class HealthLimits:
-    """Changes against the baseline in percent of it, or of what the name says; 0 is refused: nothing repeats exactly.
+    """What is asked of a valve from its first test on, and how far it may change against its baseline.
 
-    Raises ConfigurationError where a limit is not above 0.
+    Changes are in percent of the baseline, or of what the name says; None asks for nothing. 0 is refused: nothing
+    repeats exactly. Raises ConfigurationError where a limit is not above 0.
     """
 
+    travel_end_percent: float = 5.0  # of rated travel: how far from an end the stem may stay with the signal there
+    dead_band_percent: float = 30.0  # of the signal's span
+    friction_share_percent: float = 15.0  # of the force that the signal's span gives
+    repeatability_percent: float = 10.0  # of F_s: one standard deviation from breakaway to breakaway
+    cause_effect_percent: float = 1.0  # of rated travel: a cause that moves the stem by less is a remark
+    transducer_lag_s: float = 0.3
+    response_time_s: float | None = None  # T63 of a step test
+    seat_load_percent: float | None = None  # of the force that the signal's span gives: at least
     friction_up_percent: float = 25.0
     friction_down_percent: float = 25.0
     spring_rate_percent: float = 5.0
@@ -35,6 +44,6 @@ class HealthLimits:
             (
                 f"health.{name} is {value:g}, it must be above 0: correct it"
                 for name, value in values.items()
-                if not (math.isfinite(value) and value > 0.0)
+                if value is not None and not (math.isfinite(value) and value > 0.0)
             ),
         )

@@ -29,7 +29,7 @@ _RANKS: Final = {state: rank for rank, state in enumerate(Ne107)}
 
 @dataclass(frozen=True, slots=True)
 class PastTest:
-    """An earlier test as its figures are kept."""
+    """An earlier test as its figures are kept; ``unmet`` names the acceptance checks that it did not meet."""
 
     test_id: str
     at: datetime
@@ -38,6 +38,7 @@ class PastTest:
     verdict: str = ""
     label: str | None = None
     ne107: str | None = None
+    unmet: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,10 +52,42 @@ class Baseline:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One reason for a state."""
+    """One reason for a state; ``effect_percent`` is what it does to the stem, of rated travel, None where unknown."""
 
     state: Ne107
     sentence: str
+    effect_percent: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One thing that is asked of a valve from its first test on.
+
+    ``met`` is None where the result cannot say. ``state`` and ``sentence`` are what holds where it is not met.
+    ``is_widened`` says that ``limit`` has what the baseline shows that a person chose.
+    """
+
+    name: str
+    words: str
+    unit: str
+    value: float | None
+    limit: float
+    met: bool | None
+    state: Ne107
+    sentence: str
+    effect_percent: float | None = None
+    is_widened: bool = False
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the entry of ``health.acceptance.checks``."""
+        return {
+            "name": self.name,
+            "meaning": self.words,
+            "unit": self.unit,
+            "value": self.value,
+            "limit": self.limit,
+            "met": self.met,
+        }
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,13 +112,25 @@ class TrendFound:
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """How a valve stands by one result: the worst state, every reason, every figure against the baseline."""
+    """How a valve stands by one result: the worst state, every reason, every figure against the baseline.
+
+    ``remarks`` names the causes that were seen and do not matter yet.
+    ``is_accepted`` says that nothing stands against the valve by this result alone: then it may become the baseline.
+    """
 
     findings: tuple[Finding, ...]
     changes: tuple[Change, ...] = ()
     trends: tuple[TrendFound, ...] = ()
     baseline: Baseline | None = None
     notes: tuple[str, ...] = field(default=())
+    checks: tuple[Check, ...] = ()
+    remarks: tuple[str, ...] = ()
+    is_accepted: bool = False
+
+    @property
+    def effect_percent(self) -> float | None:
+        """What the findings do to the stem, the largest, percent of rated travel; None where nothing is known."""
+        return max((one.effect_percent for one in self.findings if one.effect_percent is not None), default=None)
 
     @property
     def ne107(self) -> Ne107:
@@ -94,11 +139,14 @@ class Health:
 
     def to_json(self) -> dict[str, Any]:
         """Return ``analysis.health``."""
-        ordered = sorted(self.findings, key=lambda one: _RANKS[one.state])
+        ordered = sorted(self.findings, key=lambda one: (_RANKS[one.state], -(one.effect_percent or 0.0)))
         base = self.baseline
         return {
             "ne107": self.ne107.value,
             "reasons": [one.sentence for one in ordered] + list(self.notes),
+            "effect_percent_of_span": self.effect_percent,
+            "remarks": list(self.remarks),
+            "acceptance": {"passed": self.is_accepted, "checks": [one.to_json() for one in self.checks]},
             "changes": [one.to_json() for one in self.changes],
             "trends": [one.to_json() for one in self.trends],
             "baseline": None

@@ -6,20 +6,22 @@ import asyncio
 from datetime import datetime
 from typing import Annotated, Any, Final
 
-from fastapi import APIRouter, Depends, Query
+from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.access.needs import Asks, needs, require_covers
 from service.access.principal import Right
 from service.health.comparison import compare
+from service.health.figures import FIGURE_KINDS
 from service.health.judge import facts_of
 from service.health.results import Baseline, PastTest
 from service.health.trend_view import TrendView, trends_of_tests
 from service.json_body import JsonRoute
+from service.lists import KNOWN_KEYS, OR_CSV, Form, csv_answer, dated, wants_csv
 from service.parts import Parts, parts_of
 from service.problems import PROBLEMS
 from service.runs.own_test import completed_test_of
-from service.runs.run import Label
+from service.runs.run import Label, file_words
 from valve.errors import NotFoundError, RequestError
 
 router = APIRouter(prefix="/valves", tags=["health"], responses=PROBLEMS, route_class=JsonRoute)
@@ -27,6 +29,10 @@ PartsOf = Annotated[Parts, Depends(parts_of)]
 TestId = Annotated[str | None, Query(max_length=40, pattern=r"^[^\x00]*$")]
 
 _MOST_TESTS: Final = 1000
+_COLUMNS: Final = (
+    *("test", "at", "label", "ne107", "verdict"),
+    *(f"{key}{end}" for key in FIGURE_KINDS for end in ("", "_low", "_high")),
+)
 
 
 class BaselineRequest(BaseModel):
@@ -42,7 +48,7 @@ class BaselineView(BaseModel):
     valve: str
     test: str
     at: datetime
-    set_by: str | None = Field(description="null where the first good test became it by itself")
+    set_by: str | None = Field(description="null where the first test that passed acceptance became it by itself")
     set_at: datetime | None
     figures: dict[str, dict[str, Any]]
 
@@ -83,7 +89,10 @@ async def get_baseline(tag: str, parts: PartsOf) -> BaselineView:
     parts.runs.valve(tag)
     baseline = await asyncio.to_thread(parts.store.figures.baseline, tag)
     if baseline is None:
-        raise NotFoundError(f"{tag}: there is no baseline yet: its first good test becomes it")
+        raise NotFoundError(
+            f"{tag}: there is no baseline yet: the first test that passes acceptance becomes it, or one that a person "
+            "chooses by POST to this address"
+        )
     return _view(tag, baseline)
 
 
@@ -101,7 +110,7 @@ async def set_baseline(tag: str, wanted: BaselineRequest, parts: PartsOf, asks: 
     return _view(tag, baseline)
 
 
-@router.get("/{tag:path}/comparison", dependencies=[needs(Right.VIEW)])
+@router.get("/{tag:path}/comparison", dependencies=[needs(Right.VIEW), KNOWN_KEYS])
 async def get_comparison(tag: str, parts: PartsOf, as_found: TestId = None, as_left: TestId = None) -> ComparisonView:
     """Compare a valve as found and as left: two tests by id, or the newest that carry these labels."""
     valve = parts.runs.valve(tag)
@@ -111,12 +120,31 @@ async def get_comparison(tag: str, parts: PartsOf, as_found: TestId = None, as_l
     return ComparisonView(valve=tag, **found)
 
 
-@router.get("/{tag:path}/trend", dependencies=[needs(Right.VIEW)])
-async def get_trend(tag: str, parts: PartsOf, limit: Annotated[int, Query(ge=1, le=_MOST_TESTS)] = 100) -> TrendPage:
-    """Return the main figures of a valve over its newest tests, with their 95 % intervals."""
+@router.get(
+    "/{tag:path}/trend", dependencies=[needs(Right.VIEW), KNOWN_KEYS], response_model=TrendPage, responses=OR_CSV
+)
+async def get_trend(
+    request: Request,
+    tag: str,
+    parts: PartsOf,
+    limit: Annotated[int, Query(ge=1, le=_MOST_TESTS)] = 100,
+    form: Form = None,
+) -> Response:
+    """Return the main figures of a valve over its newest tests, with their 95 % intervals, SI; as CSV a row a test."""
     parts.runs.valve(tag)
     tests = await asyncio.to_thread(parts.store.figures.newest, tag, limit)
-    return TrendPage(valve=tag, trends=trends_of_tests(tests))
+    if wants_csv(request, form):
+        return csv_answer(_COLUMNS, (_line(test) for test in reversed(tests)), dated(f"{file_words(tag)}_trend"))
+    shown = TrendPage(valve=tag, trends=trends_of_tests(tests))
+    return Response(shown.model_dump_json(), media_type="application/json", headers={"Vary": "Accept"})
+
+
+def _line(test: PastTest) -> list[object]:
+    row: list[object] = [test.test_id, test.at, test.label, test.ne107, test.verdict]
+    for key in FIGURE_KINDS:
+        figure = test.figures.get(key)
+        row += [None] * 3 if figure is None else [figure.value, *(figure.ci95 or (None, None))]
+    return row
 
 
 def _test(parts: Parts, tag: str, test_id: str | None, label: Label, after: PastTest | None) -> PastTest:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from typing import Any, Final
 
@@ -59,16 +59,23 @@ class Staleness:
     """
 
     def __init__(self, plant: Plant) -> None:
+        self._rules: dict[str, _Rule] = {}
+        self._present: dict[_Rule, tuple[datetime, Oldest]] = {}
+        self.read(plant)
+
+    def read(self, plant: Plant) -> None:
+        """Read the plant's rules anew; a valve that is gone keeps its own for whoever still lists it."""
         self._schedules = tuple(plant.schedules)
         places: defaultdict[str, list[int]] = defaultdict(list)
         for place, schedule in enumerate(self._schedules):
             for tag in schedule.valves:
                 places[tag].append(place)
         limits = {tag: valve.health for tag, valve in plant.valves.items()}
-        self._rules = {
+        fresh = {
             tag: _Rule(one.stale_days, one.stale_checks, tuple(places.get(tag, ()))) for tag, one in limits.items()
         }
-        self._present: dict[_Rule, tuple[datetime, Oldest]] = {}
+        gone = {tag: replace(rule, schedules=()) for tag, rule in self._rules.items() if tag not in fresh}
+        self._rules, self._present = {**gone, **fresh}, {}
 
     def oldest(self, tag: str, now: datetime) -> Oldest:
         """Return how old the last result of a valve of the plant may be."""

@@ -15,6 +15,9 @@ LEAST_DAYS: Final = 3.0
 _NORMAL_95: Final = 1.959964
 _MOST_DAYS: Final = 3650.0
 _DAY_S: Final = 86400.0
+_FARTHEST: Final = 3  # tests apart: friction wanders over some nights, a change that stays is in six of these pairs
+_LEAST_TO_SCATTER: Final = 8  # so that those six are less than half of the pairs
+_OF_MEDIAN: Final = 1.4826  # standard deviation over median size, of a normal distribution
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +40,19 @@ class Slope:
             return None
         days = (level - self.last) / self.per_day
         return self.last_at + timedelta(days=days) if 0.0 <= days <= _MOST_DAYS else None
+
+
+def scatter_between(values: Sequence[float]) -> float:
+    """How much a figure differs from test to test, as a standard deviation in its unit; 0 for too few tests.
+
+    1.4826 times the median size of the differences of tests up to three apart, over the root of 2. Neither a slow
+    drift, nor a change that stays, nor a few odd tests are in it.
+    """
+    if len(values) < _LEAST_TO_SCATTER:
+        return 0.0
+    level = np.asarray(values, dtype=np.float64)
+    apart = [np.abs(level[lag:] - level[:-lag]) for lag in range(1, _FARTHEST + 1)]
+    return _OF_MEDIAN * float(np.median(np.concatenate(apart))) / math.sqrt(2.0)
 
 
 def robust_slope(times: Sequence[datetime], values: Sequence[float]) -> Slope | None:

@@ -44,7 +44,7 @@ class MqttPublisher:
         self._settings = settings
         self._store = store
         self._staleness = staleness
-        self._valves = [tag for tag in plant.valves if plant.is_ours(tag)]
+        self._plant = plant
         self._root = f"{settings.prefix}/{topic_part(plant.service.gateway or 'gateway')}"
         self._waiting: dict[str, None] = {}  # valves to be told of, in their order
         self._told: dict[str, bool] = {}  # whether the result of a valve was too old when it was told of
@@ -122,7 +122,9 @@ class MqttPublisher:
         await self._publish(client, self.status_topic, b"online")
         _LOG.info("mqtt broker reached", host=self._settings.host, topics=f"{self._root}/#", after_s=round(self.lost_s))
         self._lost_at_s, self._is_lost = None, False
-        for tag in self._valves:  # a broker that restarted may have forgotten what it retained
+        for tag in [
+            tag for tag in self._plant.valves if self._plant.is_ours(tag)
+        ]:  # a broker that restarted may have forgotten what it retained
             self._remember(tag)
         # The client says that the line is lost only to whoever waits for messages; none was subscribed to.
         listening = asyncio.create_task(_listen(client))

@@ -100,7 +100,7 @@ _UNITS: Final[dict[str, str]] = {  # a spelling, small letters, and what pint ca
     "pa": "pascal", "hpa": "hectopascal", "kpa": "kilopascal", "mpa": "megapascal", "bar": "bar", "mbar": "millibar",
     "psi": "psi", "lb/in2": "psi", "kg/cm2": "kilogram_force / centimeter ** 2",
     "kgf/cm2": "kilogram_force / centimeter ** 2", "kp/cm2": "kilogram_force / centimeter ** 2",
-    "ksc": "kilogram_force / centimeter ** 2", "inh2o": "inch_H2O_39F", "inwc": "inch_H2O_39F",
+    "ksc": "kilogram_force / centimeter ** 2", "inh2o": "inch_H2O", "inwc": "inch_H2O",
     "mmh2o": "kilogram_force / meter ** 2", "mmws": "kilogram_force / meter ** 2", "mmhg": "mmHg",
     "n": "newton", "newton": "newton", "kn": "kilonewton", "lbf": "pound_force", "lbs": "pound_force",
     "kgf": "kilogram_force", "kp": "kilogram_force", "ma": "milliampere", "a": "ampere", "v": "volt", "mv": "millivolt",
@@ -138,16 +138,22 @@ def _unit_of(text: str) -> Unit | None:
         return None
     if name in _PERCENT:
         return Unit("%", "percent", 1.0)
-    absolute = False
+    name, absolute = pint_name(text)
+    try:
+        dimension, factor = _measured(name)
+    except ValueError:
+        return None
+    return Unit(text.strip(), dimension, factor, absolute)
+
+
+def pint_name(text: str) -> tuple[str, bool]:
+    """Return what pint calls a unit of this spelling, and whether it is a pressure that counts from vacuum."""
+    name, absolute = _spelled(text), False
     if name not in _UNITS:
         gauge = re.fullmatch(r"(.+?)[ _]?\(?(g|a|abs|gauge|ga|e|ü)\)?", name)
         if gauge is not None and gauge[1] in _UNITS and _measured(_UNITS[gauge[1]])[0] == "pressure":
             name, absolute = gauge[1], gauge[2] in ("a", "abs")
-    try:
-        dimension, factor = _measured(_UNITS.get(name, text.strip()))
-    except ValueError:
-        return None
-    return Unit(text.strip(), dimension, factor, absolute)
+    return _UNITS.get(name, text.strip()), absolute
 
 
 def _spelled(text: str) -> str:
@@ -156,7 +162,8 @@ def _spelled(text: str) -> str:
 
 
 @lru_cache(maxsize=1)
-def _registry() -> Any:
+def registry() -> Any:
+    """Return pint's units, one for all: pint takes half a second to set them up."""
     import pint  # noqa: PLC0415  - a file in SI units needs none
 
     return pint.UnitRegistry()
@@ -168,7 +175,7 @@ def _measured(name: str) -> tuple[str, float]:
     if not re.fullmatch(r"[A-Za-zµ°_][A-Za-z0-9µ°_ */]*", name):
         raise ValueError(name)
     try:
-        quantity = _registry().Quantity(1.0, _registry().Unit(name)).to_base_units()
+        quantity = registry().Quantity(1.0, registry().Unit(name)).to_base_units()
     except Exception as error:
         raise ValueError(name) from error
     found = next(((ours, scale) for theirs, ours, scale in _DIMENSIONS if quantity.check(theirs)), None)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from typing import Any, Final
 
 from service.figures.canvas import Picture, svg_text
 from service.figures.friction import friction_picture
-from service.figures.loop import loop_picture
 from service.figures.methods import all_estimates, methods_picture
 from service.figures.misfit import coordinate_picture, time_picture
+from service.figures.signature import Drawing, Layer, signature_drawing
 from service.figures.trend import trends_picture
 from service.next_step import most_telling, next_step
 from service.report.source import ReportSource
@@ -75,7 +76,7 @@ def document_of(source: ReportSource) -> dict[str, Any]:
             {
                 "name": row.words,
                 "value": measured(row.value, row.ci95, row.unit, system),
-                "was": quantity(row.was, row.unit, system),
+                "was": measured(row.was, None, row.unit, system),
                 "note": row.note or fitted.get(row.words) or row.tells,
             }
             for row in rows
@@ -104,14 +105,16 @@ def document_of(source: ReportSource) -> dict[str, Any]:
         "sampling": [{"name": name, "value": value} for name, value in _sampling(analysis, system)],
         "permissives": [permissive_row(one) for one in source.permissives],
         "comparison": list(source.comparison),
+        "before": source.before,
+        "before_after": [asdict(row) | {"verdict": row.verdict} for row in source.before_after],
     }
     pictures = {name: _drawn(picture) for name, picture in _pictures(source) if picture is not None}
     told = {
         key: [{"name": name, "value": value} for name, value in rows]
-        for key, rows in (("facts", source.facts), ("valve", source.valve))
+        for key, rows in (("facts", source.facts), ("valve", source.valve), ("head", source.head))
     }
     front = [name for name in _front(analysis, pictures) if name in pictures]
-    return {**all_in_units(document, system), **told, "pictures": pictures, "front": front}
+    return {**all_in_units(document, system), **told, "note": source.note, "pictures": pictures, "front": front}
 
 
 def _fitted(analysis: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -124,29 +127,34 @@ def _fitted(analysis: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
                 yield words, f"from {origin}, whose fit is {one['status']}"
 
 
-def _drawn(picture: Picture) -> dict[str, str]:
+def _drawn(picture: Picture | Drawing) -> dict[str, str]:
+    if isinstance(picture, Drawing):
+        return {"svg": picture.svg, "title": picture.title, "description": picture.description}
     return {"svg": svg_text(picture, text_as_paths=True), "title": picture.title, "description": picture.description}
 
 
-def _pictures(source: ReportSource) -> Iterator[tuple[str, Picture | None]]:
+def _pictures(source: ReportSource) -> Iterator[tuple[str, Picture | Drawing | None]]:
     system, analysis = source.system, source.analysis
     pictures = (analysis.get("discrepancy") or {}).get("pictures")
-    yield "loop", loop_picture(analysis.get("signature"), source.baseline, system)
+    latent = (analysis.get("discrepancy") or {}).get("latent_friction") or ()
+    own = Layer(source.subject, analysis.get("signature") or {}, latent)
+    yield "signature", signature_drawing([own, *source.behind], source.frame, system)
     yield "trend", trends_picture(source.trends, system)
     yield "methods", methods_picture(all_estimates(analysis), system)
-    yield "friction", friction_picture((analysis.get("discrepancy") or {}).get("latent_friction"), system)
+    yield "friction", friction_picture(latent, system)
     yield "time", time_picture(pictures, system)
     if diagnosis_of(analysis).verdict != "none":  # it would draw noise
         yield "coordinate", coordinate_picture(pictures, system)
 
 
 def _front(analysis: Mapping[str, Any], drawn: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the pictures of page one: the trend, or the signature of a first test, and the misfit where one is."""
-    first = "trend" if "trend" in drawn else "loop"
+    """Return the pictures of page one: the signature; where there is none the trend, and the misfit where one is."""
+    if "signature" in drawn:
+        return ("signature",)
     if diagnosis_of(analysis).verdict in ("none", "not_assessed"):
-        return (first,)
+        return ("trend",)
     misfit = "time" if most_telling(analysis) is None or "coordinate" not in drawn else "coordinate"
-    return first, misfit if misfit in drawn else "friction"
+    return "trend", misfit if misfit in drawn else "friction"
 
 
 def _gain(gain: Mapping[str, Any] | None, system: UnitSystem) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from datetime import datetime
 from typing import Any, Final
 
@@ -10,11 +10,13 @@ from service.ending import ending_of
 from service.health.comparison import compare
 from service.health.judge import facts_of
 from service.recordings.place import recording_of
+from service.report.before_after import BeforeAfter, before_after
 from service.report.ended import EndedSource
 from service.report.source import ReportSource
-from service.report.valve_facts import nameplate_facts, wiring_facts
+from service.report.valve_facts import frame_of, identity_facts, nameplate_facts, wiring_facts
 from service.runs.acknowledgement import alarm_words
 from service.runs.again import words_of_repetition
+from service.runs.requester import LOCAL
 from service.runs.run import Label, Run
 from service.settings import Plant, PlantValve
 from service.shown_sentences import as_sentence, in_units
@@ -22,6 +24,7 @@ from service.shown_units import UnitSystem
 from service.stands_words import where_it_stands
 from service.store.store import Store
 from service.tablet.history import past_of
+from service.tablet.overlays import before_of, layers_of, words_of
 from service.tablet.words import STATES
 from valve.errors import ValveError
 
@@ -30,10 +33,16 @@ _IN_JOURNAL: Final = (
 )
 
 
-def source_of(store: Store, run: Run, valve: PlantValve | None, system: UnitSystem) -> ReportSource:
-    """Return what the report of a completed test is made of; reads the database and blocks."""
+def source_of(store: Store, run: Run, valve: PlantValve | None, system: UnitSystem, plant: str = "") -> ReportSource:
+    """Return what the report of a completed test is made of, of ``plant``; reads the database and blocks."""
     assert run.analysis is not None
     past = past_of(store, run.valve, valve, run)
+    chosen = before_of(store, run, past)
+    then = None if chosen is None else store.runs.get(chosen)
+    rows: list[BeforeAfter] = []
+    if valve is not None and then is not None and then.analysis is not None:
+        rows = before_after(then.analysis, run.analysis, valve.health, facts_of(valve), system)
+    held = past.held_against
     baseline = None if past.baseline is None or past.baseline.id == run.id else past.baseline.analysis
     return ReportSource(
         run.valve,
@@ -49,7 +58,25 @@ def source_of(store: Store, run: Run, valve: PlantValve | None, system: UnitSyst
         run.sequence,
         where_it_stands(run),
         alarm_words(run),
+        frame_of(valve, None if held is None else held.test),
+        tuple(layers_of(store, run, [] if then is None else [then.id])[1:]),
+        tuple(_head(run, valve, plant)),
+        "" if then is None else words_of(then, "" if then.label else "test"),
+        tuple(rows),
+        run.note or "",
     )
+
+
+def _head(run: Run, valve: PlantValve | None, plant: str) -> Iterator[tuple[str, str]]:
+    """Yield what a technician files the report by; "" where it is to be filled in by hand."""
+    identity = {} if valve is None else dict(identity_facts(valve.identity))
+    yield "Plant", plant
+    yield "Area", identity.pop("Area", "")
+    yield "Tag", run.valve
+    yield "Serial number", identity.pop("Serial number", "")
+    yield from identity.items()
+    yield "Technician", "" if run.requested_by in ("", LOCAL.name) else run.requested_by
+    yield "Work order", run.work_order or (run.permissives or {}).get("permit") or ""
 
 
 def ended_source_of(plant: Plant, store: Store, run: Run, system: UnitSystem) -> EndedSource:
@@ -85,7 +112,11 @@ def ended_source_of(plant: Plant, store: Store, run: Run, system: UnitSystem) ->
 def _of_valve(valve: PlantValve | None, system: UnitSystem) -> tuple[tuple[str, str], ...]:
     if valve is None:
         return ()
-    return (*nameplate_facts(valve.nameplate, system), *wiring_facts(valve.wiring, valve.health, system))
+    return (
+        *identity_facts(valve.identity),
+        *nameplate_facts(valve.nameplate, system),
+        *wiring_facts(valve.wiring, valve.health, system),
+    )
 
 
 def _instant(at: datetime | None) -> str:
@@ -104,6 +135,7 @@ def _facts(run: Run, baseline: str | None, system: UnitSystem) -> list[tuple[str
     facts = [
         ("Test", run.id),
         ("Label", None if run.label is None else run.label.value.replace("_", " ")),
+        ("Note", run.note and f"{run.note} ({run.described_by}, {_instant(run.described_at)})"),
         ("Work permit", (run.permissives or {}).get("permit")),
         ("Asked for by", run.requested_by or "local"),
         ("Schedule", run.schedule),

@@ -60,14 +60,14 @@ async def get_report(
         address = f"/tests/{run.id}/report?format=pdf&units={system.value}"
         return Response(await parts.drawer.document(report_html, source, address), headers=_HEADERS, media_type=_HTML)
     data = await parts.drawer.document(report_pdf, source)
-    disposition = {"Content-Disposition": f'inline; filename="{run.id}.pdf"'}
+    disposition = {"Content-Disposition": f'inline; filename="{run.file_stem}.pdf"'}
     return Response(data, headers=_HEADERS | disposition, media_type=_PDF)
 
 
 def _source(parts: Parts, run: Run, system: UnitSystem) -> ReportSource | EndedSource:
     if run.analysis is None:
         return ended_source_of(parts.plant, parts.store, run, system)
-    return source_of(parts.store, run, parts.plant.valves.get(run.valve), system)
+    return source_of(parts.store, run, parts.plant.valves.get(run.valve), system, parts.plant.service.plant)
 
 
 def _preferred(accept: str) -> Literal["pdf", "html"]:

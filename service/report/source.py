@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from service.figures.signature import Frame, Layer
 from service.figures.trend import Trend
+from service.report.before_after import BeforeAfter
 from service.shown_units import UnitSystem
 
 
@@ -14,9 +16,12 @@ from service.shown_units import UnitSystem
 class ReportSource:
     """A test's result with what stands around it; all of it plain, so that another process can draw it.
 
-    ``facts`` are the provenance: names and values. ``baseline`` is the signature that the loop is drawn over. ``valve``
-    is its nameplate and limits as names and values, ``sequence`` the one that the test played, None where unknown.
+    ``facts`` are the provenance: names and values. ``baseline`` is the signature that figures are held against,
+    ``frame`` what the signature is drawn into and ``behind`` the tests that it is drawn over. ``valve`` is its
+    nameplate and limits as names and values, ``sequence`` the one that the test played, None where unknown.
     ``stands`` is where the test left the valve, "" where no service tested it, ``alarm`` what is wrong with that.
+    ``head`` is what identifies valve and work on the first page, ``before_after`` the test beside the one called
+    ``before``, ``note`` what somebody noted of it.
     """
 
     tag: str
@@ -32,3 +37,9 @@ class ReportSource:
     sequence: str | None = None
     stands: str = ""
     alarm: str = ""
+    frame: Frame = field(default_factory=Frame)
+    behind: tuple[Layer, ...] = ()
+    head: tuple[tuple[str, str], ...] = ()
+    before: str = ""
+    before_after: tuple[BeforeAfter, ...] = ()
+    note: str = ""

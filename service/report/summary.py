@@ -6,20 +6,21 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from service.next_step import next_step
+from service.plain_numbers import plus_minus
 from service.report.source import ReportSource
-from service.shown_sentences import as_sentence
+from service.shown_sentences import NO_FAULT, as_sentence
 from service.shown_units import UnitSystem, measured, quantity
 from service.tablet.results import diagnosis_of
 from service.tablet.words import NE107
 
 _VERDICTS: Final = {
-    "F": "has failed: go and look at it.",
-    "S": "works outside its specification.",
-    "M": "needs maintenance.",
-    "C": "could not be judged by this test.",
-    "N": "is in order.",
+    "F": " has failed: go and look at it.",
+    "S": " works outside its specification.",
+    "M": " needs maintenance.",
+    "C": " could not be judged by this test.",
+    "N": ": no fault found.",
 }
-_NOT_ASSESSED: Final = "was measured; its health was not assessed."
+_NOT_ASSESSED: Final = " was measured; its health was not assessed."
 _FRICTION: Final = ("friction_mean_n", "friction_coulomb_n")
 _MONTH_DAYS: Final = 30.0
 _SAME_PERCENT: Final = 0.1  # less is not worth a number to whoever plans the work
@@ -35,7 +36,7 @@ def summary_of(source: ReportSource) -> dict[str, Any]:
         "state": "!" if source.alarm else state or "–",
         "state_words": "Not assessed" if shown is None else shown.words,
         "reasons": [as_sentence(reason) for reason in health.get("reasons") or ()],
-        "diagnosis": _diagnosis(source.analysis, health.get("reasons") or ()),
+        "diagnosis": _diagnosis(source.analysis, health.get("reasons") or (), state),
         "actions": _actions(source),
         "key_figures": key_figures(source.analysis, source.system),
     }
@@ -45,22 +46,23 @@ def _verdict(source: ReportSource, state: str | None) -> str:
     """Return the verdict; whatever was measured, a valve that was not left where it should be is not in order."""
     if source.alarm:
         return f"{source.tag}: {source.alarm}."
-    return f"{source.tag} {_VERDICTS.get(state or '', _NOT_ASSESSED)}"
+    return f"{source.tag}{_VERDICTS.get(state or '', _NOT_ASSESSED)}"
 
 
-def _diagnosis(analysis: Mapping[str, Any], reasons: Sequence[str]) -> str:
+def _diagnosis(analysis: Mapping[str, Any], reasons: Sequence[str], state: str | None) -> str:
     """Return the diagnosis with the causes' sentences that the reasons do not have; "" where they say it all."""
     found = diagnosis_of(analysis)
     sentences = [str(cause["sentence"]) for cause in found.causes]
     left = [one for one in sentences if not any(one in reason for reason in reasons)]
     is_told = sentences and not left and found.verdict in {"named", "likely"}
+    is_told = is_told or (found.headline == NO_FAULT and state == "N")
     if is_told or any(found.headline in reason for reason in reasons):
         return " ".join(left)
     return " ".join([found.headline, *left])
 
 
 def _actions(source: ReportSource) -> list[str]:
-    causes = (source.analysis.get("discrepancy") or {}).get("causes") or ()
+    causes = diagnosis_of(source.analysis).causes
     actions = [
         *(str(cause["action"]) for cause in causes),
         next_step(source.analysis, source.sequence),
@@ -85,7 +87,7 @@ def key_figures(analysis: Mapping[str, Any], system: UnitSystem) -> list[dict[st
         rows.append(
             {
                 "name": "Dead band",
-                "value": quantity(signature["dead_band_percent"], "percent", system, 3),
+                "value": measured(signature["dead_band_percent"], None, "percent", system),
                 "beside": "how far the signal turns back before the stem answers",
             }
         )
@@ -109,7 +111,7 @@ def _friction(analysis: Mapping[str, Any]) -> tuple[float, Any] | None:
 def _of_span(analysis: Mapping[str, Any], friction_n: float) -> str:
     span = (analysis.get("signature") or {}).get("span") or {}
     force_n = span.get("force_n")
-    return "" if not force_n else f"{100.0 * friction_n / force_n:.3g} % of span"
+    return "" if not force_n else f"{plus_minus(100.0 * friction_n / force_n, None)} % of span"
 
 
 def _against(analysis: Mapping[str, Any]) -> list[str]:

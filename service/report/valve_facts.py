@@ -7,11 +7,34 @@ from typing import Final
 
 from drivers.addresses import MotionLimits, ValveWiring
 from drivers.stands_at import RestRules
+from service.figures.signature import Frame
+from service.health.changes import allowed
+from service.health.judge import facts_of
 from service.health.limits import HealthLimits
+from service.health.results import PastTest
+from service.settings import PlantValve
+from service.settings_valves import Identity
 from service.shown_units import UnitSystem, quantity
 from valve.nameplate import Action, Nameplate
 
 _ACTIONS: Final = {Action.SPRING: "spring-opposed", Action.DOUBLE: "double-acting, no spring"}
+
+_IDENTITY: Final = {
+    "description": "Description",
+    "area": "Area",
+    "service": "Service",
+    "manufacturer": "Manufacturer",
+    "model": "Model",
+    "serial_number": "Serial number",
+}
+
+
+def identity_facts(identity: Identity) -> Iterator[tuple[str, str]]:
+    """Yield name and value of what the plant file says of a valve in words."""
+    for name, words in _IDENTITY.items():
+        value = getattr(identity, name)
+        if value is not None:
+            yield words, value
 
 
 def nameplate_facts(nameplate: Nameplate, system: UnitSystem) -> Iterator[tuple[str, str]]:
@@ -30,6 +53,26 @@ def nameplate_facts(nameplate: Nameplate, system: UnitSystem) -> Iterator[tuple[
     if signal is not None:
         low_ma, high_ma = signal.range_ma
         yield "Signal", f"{low_ma:g} to {high_ma:g} mA for {_between(signal.range_pa, system)}"
+
+
+def frame_of(valve: PlantValve | None, baseline: PastTest | None) -> Frame:
+    """Return what the signature is drawn into: what the plant file says of a valve, and what it is allowed."""
+    if valve is None:
+        return Frame()
+    was = None if baseline is None else baseline.figures.get("friction_mean_n")
+    up_n, down_n = (None, None) if was is None else allowed("friction_mean_n", was, valve.health, facts_of(valve))
+    return Frame(
+        valve.nameplate.actuator.travel_m,
+        valve.nameplate.actuator.bench_set_pa,
+        valve.health.bench_set_percent,
+        valve.health.travel_end_percent,
+        valve.wiring.limits.position_m,
+        valve.health.friction_share_percent,
+        (
+            None if was is None or down_n is None else was.value - down_n,
+            None if was is None or up_n is None else was.value + up_n,
+        ),
+    )
 
 
 def wiring_facts(wiring: ValveWiring, health: HealthLimits, system: UnitSystem) -> Iterator[tuple[str, str]]:

@@ -57,17 +57,18 @@ def words_of_repetition(run: Run) -> str:
     return f"made again on {at:%Y-%m-%d %H:%M %Z} for {about['by']} by {about['software']}"
 
 
-def begun_again(run: Run) -> Run:
-    """Return a run as it stands while its analysis is made again."""
+def begun_again(run: Run) -> dict[str, Any]:
+    """Return what changes in a run while its analysis is made again."""
     quality = dict(run.quality or {})
     quality[BEGUN_KEY] = int(quality.get(BEGUN_KEY) or 0) + 1
-    return replace(run, state=RunState.ANALYZING, progress=MOTION_SHARE, error="", finished_at=None, quality=quality)
+    changes = {"state": RunState.ANALYZING, "progress": MOTION_SHARE, "error": "", "finished_at": None}
+    return {**changes, "quality": quality}
 
 
 async def analyse_again(
     live: LiveRun, valve: PlantValve, store: Store, analyst: Analyst, *, about: Mapping[str, Any]
 ) -> None:
-    """Analyse the recording of a run that ``begun_again`` gave, and store how that ended.
+    """Analyse the recording of a run that stands as ``begun_again`` says, and store how that ended.
 
     ``about`` is what the analysis says of its repetition. Where it fails a former result stands.
     """
@@ -92,7 +93,7 @@ async def analyse_again(
             changes = {"state": RunState.COMPLETED, "error": failed, "progress": 1.0}
     changes |= {"finished_at": datetime.now(UTC), "quality": quality}
     try:
-        changed = await asyncio.to_thread(_kept, store, run, changes)
+        changed = await asyncio.to_thread(store.runs.change, run.id, changes)  # its stem was looked at meanwhile
     except Exception as error:  # noqa: BLE001  - it stands as unfinished in the store, and is taken up at the next start
         _LOG.error("analysis not stored", test=run.id, exc_info=error)
         changed = replace(run, state=RunState.FAILED, error=f"{ANALYSIS_FAILED}: the store cannot be written")
@@ -100,10 +101,3 @@ async def analyse_again(
     live.run = changed
     live.announce()
     _LOG.info("analysis ended", test=run.id, valve=run.valve, state=changed.state.value, error=changed.error)
-
-
-def _kept(store: Store, run: Run, changes: Mapping[str, Any]) -> Run:
-    """Store what an analysis changes in a run, as others left it meanwhile, and return it: its stem was looked at."""
-    changed = replace(store.runs.get(run.id), **changes)
-    store.runs.save(changed)
-    return changed

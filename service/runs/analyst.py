@@ -41,6 +41,9 @@ class Analyst(Protocol):
         """
 
 
+#: Raised by one whenever the same recording gives other figures: an analysis keeps it under ``engine``.
+#: One without it is older than the first.
+ENGINE: Final = 1
 #: How the reason of a test begins whose motion ended well.
 ANALYSIS_FAILED: Final = "the recording is stored, its analysis failed"
 
@@ -73,4 +76,4 @@ async def assessed(
     if accepted is not None:
         analysis = {**analysis, "accepted_model": {"number": accepted.number, "test": accepted.test}}
     health = await asyncio.to_thread(health_of, store.figures, valve, run, analysis)
-    return {**analysis, "health": health}
+    return {**analysis, "engine": ENGINE, "health": health}

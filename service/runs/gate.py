@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterable, Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -47,6 +47,11 @@ class Gate:
         self._bus_turns = {name: asyncio.Lock() for name in plant.buses}
         self._permissions: dict[str, Permission] = {}  # as they were read last, by tag
         self._storing = asyncio.Lock()
+
+    def add_buses(self, names: Iterable[str]) -> None:
+        """Know buses that a reload has added; their addresses come with the plant's."""
+        for name in names:
+            self._bus_turns.setdefault(name, asyncio.Lock())
 
     @contextlib.asynccontextmanager
     async def turn(self, valve: PlantValve) -> AsyncIterator[None]:

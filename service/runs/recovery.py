@@ -161,8 +161,7 @@ class Recovery:
             if run.valve in self._plant.valves and _may_stand_elsewhere(run):
                 commanded = await asyncio.to_thread(shown_commanded, self._store, run)
                 entry_pa = await asyncio.to_thread(_entry_pressure_pa, self._store, run)
-                # Where neither the test nor its journal says it, it may have been.
-                recovered[run.id] = self._tasks.spawn(self._recover(run, commanded is not False, entry_pa))
+                recovered[run.id] = self._tasks.spawn(self._recover(run, commanded, entry_pa))
         marked = [await asyncio.to_thread(mark_interrupted, self._store, run) for run in unfinished]
         await asyncio.to_thread(keep_journals_of_ended_runs, self._store)
         for run in marked:
@@ -176,7 +175,7 @@ class Recovery:
                 await self._look_again(run)
         return whole
 
-    async def _recover(self, run: Run, commanded: bool, entry_pa: float | None) -> _Recovered:
+    async def _recover(self, run: Run, commanded: bool | None, entry_pa: float | None) -> _Recovered:
         valve = self._plant.valves[run.valve]
         claim = await self._gate.claim_when_free(run, valve)
         try:
@@ -190,7 +189,7 @@ class Recovery:
         safe_pa = entry_pa if isinstance(safe, str) else safe
         # A valve that may still be on its way there has its time; one that stands anywhere is looked at now.
         waited_s = 0.0 if found.safe.confirmed else _since_s(run.created_at)
-        confirmed = found.safe.confirmed if commanded else None
+        confirmed = None if commanded is False else found.safe.confirmed
         return _Recovered(found, Rest(run, valve, claim, time.monotonic() - waited_s, safe_pa, confirmed))
 
     async def _note(self, run_id: str, recovering: asyncio.Task[_Recovered]) -> None:

@@ -62,11 +62,12 @@ class Rig(Protocol):
         """Send a valve that was left alone to its safe value; return what it reached and why not. Raises nothing."""
 
     async def recover(
-        self, valve: PlantValve, run_number: int, entry_pa: float | None, *, commanded: bool
+        self, valve: PlantValve, run_number: int, entry_pa: float | None, *, commanded: bool | None
     ) -> Recovered:
         """Look at a valve that a dead process left, and send it to safe where that is due and allowed now.
 
-        Raises nothing. ``entry_pa`` is what its device commanded before the test, None where that is not known.
+        Raises nothing. ``entry_pa`` is what its device commanded before the test, ``commanded`` whether the test
+        commanded it; None where that is not known.
         """
 
     async def stands(

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping, Sequence
 from http import HTTPStatus
 from typing import Annotated, Final
-from urllib.parse import urlencode
 
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
 from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
@@ -15,19 +15,41 @@ from service.access.motion import require_may_run
 from service.access.needs import Asks, needs, require_covers
 from service.access.principal import Right
 from service.events import Event
+from service.health.figures import MAIN_FIGURES, Figure
+from service.health.results import Ne107, PastTest
 from service.json_body import JsonRoute
+from service.lists import (
+    KNOWN_KEYS,
+    OR_CSV,
+    Areas,
+    Form,
+    Since,
+    Until,
+    csv_answer,
+    dated,
+    next_page,
+    tags_of_areas,
+    wants_csv,
+)
 from service.parts import Parts, parts_of
 from service.problems import PROBLEMS
 from service.recordings.formats import CSV, PARQUET, acceptable
 from service.recordings.place import recording_of
-from service.runs.views import ReadIn, RunPage, RunRequest, RunView, summary, view
+from service.runs.run import Label, Run, RunState, file_words
+from service.runs.views import ReadIn, RunDescription, RunPage, RunRequest, RunView, summary, view
 from service.shown_units import UnitSystem
+from service.store.run_table import RunFilter
 
 router = APIRouter(prefix="/tests", tags=["tests"], responses=PROBLEMS, route_class=JsonRoute)
 PartsOf = Annotated[Parts, Depends(parts_of)]
 
 _WAIT: Final = re.compile(r"(?:^|[,;\s])wait\s*=\s*\"?(\d{1,6})")
 _LONGEST_WAIT_S: Final = 900
+_COLUMNS: Final = (
+    *("id", "valve", "sequence", "label", "state", "created_at", "finished_at", "ne107"),
+    *MAIN_FIGURES,
+    *("safe_confirmed", "error"),
+)
 
 
 def _wait_s(request: Request) -> int | None:
@@ -74,28 +96,65 @@ async def run_test(
     return JSONResponse(view(run).model_dump(mode="json"), status_code=status, headers=headers)
 
 
-@router.get("", dependencies=[needs(Right.VIEW)])
-async def list_tests(
+@router.get("", dependencies=[needs(Right.VIEW), KNOWN_KEYS], response_model=RunPage, responses=OR_CSV)
+async def list_tests(  # noqa: PLR0917 - each is a query key
+    request: Request,
     parts: PartsOf,
-    limit: Annotated[int, Query(ge=1, le=200)] = 50,
+    limit: Annotated[int, Query(ge=1, le=1000)] = 50,
     before: Annotated[str | None, Query(max_length=40, description="an id: list what is older")] = None,
     valve: Annotated[
         str | None, Query(max_length=64, pattern=r"^[^\x00]*$", description="a tag: list its tests alone")
     ] = None,
-) -> RunPage:
-    """List tests, newest first, without their analysis."""
-    runs = await parts.runs.newest(limit + 1, before=before, tag=valve)
-    following = None
+    area: Areas = None,
+    state: Annotated[list[RunState] | None, Query(description="one of these states")] = None,
+    ne107: Annotated[list[Ne107] | None, Query(description="one of these NE 107 states, as the test found it")] = None,
+    label: Annotated[list[Label] | None, Query(description="one of these labels")] = None,
+    since: Since = None,
+    until: Until = None,
+    form: Form = None,
+) -> Response:
+    """List tests, newest first, without their analysis; as CSV with their main figures, SI."""
+    tags = tags_of_areas(parts.plant, area) if area else None
+    wanted = RunFilter(valve, tuple(state or ()), tuple(ne107 or ()), tuple(label or ()), since, until, tags)
+    runs = await parts.runs.newest(limit + 1, wanted, before=before)
+    page, following = runs[:limit], None
     if len(runs) > limit:
-        query = {"limit": limit, "before": runs[limit - 1].id} | ({} if valve is None else {"valve": valve})
-        following = f"/tests?{urlencode(query)}"
-    return RunPage(tests=[summary(run) for run in runs[:limit]], next=following)
+        filters = {"valve": valve, "area": area, "state": state, "ne107": ne107, "label": label}
+        asked = {"limit": limit, "before": page[-1].id, **filters, "since": since, "until": until, "format": form}
+        following = next_page("/tests", asked)
+    if not wants_csv(request, form):
+        shown = await asyncio.to_thread(_page, page, following)
+        return Response(shown, media_type="application/json", headers={"Vary": "Accept"})
+    found = await asyncio.to_thread(parts.store.figures.of_tests, [run.number for run in page])
+    name = dated("tests" if valve is None else f"{file_words(valve)}_tests")
+    return csv_answer(_COLUMNS, (_line(run, found.get(run.number)) for run in page), name, following)
+
+
+def _page(runs: Sequence[Run], following: str | None) -> str:
+    return RunPage(tests=[summary(run) for run in runs], next=following).model_dump_json()
+
+
+def _line(run: Run, found: PastTest | None) -> list[object]:
+    figures: Mapping[str, Figure] = {} if found is None else found.figures
+    about = (run.id, run.valve, run.sequence, run.label, run.state.value, run.created_at, run.finished_at)
+    measured = (figures[key].value if key in figures else None for key in MAIN_FIGURES)
+    return [*about, None if found is None else found.ne107, *measured, run.safe_confirmed, run.error]
 
 
 @router.get("/{test_id}", dependencies=[needs(Right.VIEW)])
 async def get_test(test_id: str, parts: PartsOf) -> RunView:
     """Return one test."""
     return view(await parts.runs.get(test_id))
+
+
+@router.patch("/{test_id}", dependencies=[needs(Right.ACKNOWLEDGE)])
+async def describe_test(test_id: str, said: RunDescription, parts: PartsOf, asks: Asks) -> RunView:
+    """Correct the label of a test, or say its work order and a note; recording and result stay as they are.
+
+    What it was before stands in the audit log. A baseline stays, whatever the label says now.
+    """
+    require_covers(asks, (await parts.runs.get(test_id)).valve)
+    return view(await parts.runs.describe(test_id, asks.requester, said.model_dump(exclude_unset=True)))
 
 
 @router.post("/{test_id}/stop", dependencies=[needs(Right.STOP)])
@@ -154,7 +213,7 @@ async def get_recording(request: Request, test_id: str, parts: PartsOf) -> Respo
     path = recording_of(run, parts.plant, parts.store)
     if media_type == PARQUET:
         headers = {"ETag": f'"{run.recording_sha256}"', "Vary": "Accept"}
-        return FileResponse(path, media_type=PARQUET, filename=path.name, headers=headers)
+        return FileResponse(path, media_type=PARQUET, filename=f"{run.file_stem}.parquet", headers=headers)
     data = await parts.converter.csv(path)
-    disposition = f'attachment; filename="{run.id}.csv"'
+    disposition = f'attachment; filename="{run.file_stem}.csv"'
     return Response(data, media_type=CSV, headers={"Content-Disposition": disposition, "Vary": "Accept"})

@@ -15,6 +15,8 @@ from valve.errors import NotFoundError
 
 RUN_ID: Final = re.compile(r"[0-9]{8}T[0-9]{6}Z-[0-9a-f]{8}")
 
+_NO_FILE_NAME: Final = re.compile(r"[^A-Za-z0-9._-]+")
+
 
 class RunState(StrEnum):
     """Where a run stands; the names are the contract's."""
@@ -46,6 +48,7 @@ class Run:
 
     ``safe_confirmed`` is None while the valve has not moved or still moves, then whether its safe value was read back.
     ``commanded`` is whether anything was sent that can move the valve; None while that is open, or was never kept.
+    ``note`` and ``work_order`` are what people said of it, ``described_by`` at ``described_at``, its label included.
     ``stands`` is where it was seen to stand after its motion; None while it moves, and where nobody looked.
     """
 
@@ -78,6 +81,20 @@ class Run:
     acknowledged_by: str | None = None
     acknowledgement: str | None = None
     stands: StandsAt | None = None
+    note: str | None = None
+    work_order: str | None = None
+    described_at: datetime | None = None
+    described_by: str | None = None
+
+    @property
+    def file_stem(self) -> str:
+        """What a file of it is called when it is downloaded: tag, date and time, UTC: ``FV-101_2026-11-21_031502Z``."""
+        return f"{file_words(self.valve)}_{self.created_at.astimezone(UTC):%Y-%m-%d_%H%M%SZ}"
+
+
+def file_words(text: str) -> str:
+    """Return a tag as it can stand in the name of a file on every system."""
+    return _NO_FILE_NAME.sub("-", text).strip("-.") or "valve"
 
 
 def new_run_id(now: datetime | None = None) -> str:

@@ -162,11 +162,11 @@ class Dwell(Sequence):
 
 
 class Diagnostic(Sequence):
-    """Slow and fast triangles, rests at the middle of the ramps, small loops: all that names a cause, in 139 s.
+    """Slow and fast triangles, ramps that rest, small loops: all that names a cause, in 138 s.
 
-    ``fast_s`` are the periods of the fast triangles, ``dwells_s`` the rests, ``swings`` the loops to either side of
-    the middle, in shares of the range. Fast ramps are slower where the limit of the pressure's rate asks for it, and
-    all is shortened to longest_test_s.
+    ``fast_s`` are the periods of the fast triangles, ``dwells_s`` the rests (each has a triangle of its own),
+    ``swings`` the loops to either side of the middle, in shares of the range. Fast ramps are slower where the limit of
+    the pressure's rate asks for it, and all is shortened to longest_test_s.
     """
 
     slow_s: Period = 20.0

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import time
 from collections.abc import AsyncIterator, Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from typing import Any, Final
@@ -13,12 +14,14 @@ from weakref import WeakValueDictionary
 
 import structlog
 
+from drivers.addresses import BusAddress
 from service.audit.log import AuditLog
 from service.events import Event
 from service.recordings.place import recording_of
 from service.runs.acknowledgement import acknowledged, ended_badly, is_moving
 from service.runs.again import analyse_again, begun_again, can_be_analysed
 from service.runs.analyst import Analyst
+from service.runs.description import DESCRIBED, description_of
 from service.runs.gate import Gate
 from service.runs.life import Life, OnSamples
 from service.runs.live import LiveRun, LiveRuns
@@ -32,6 +35,7 @@ from service.runs.sequences import choose_waveform
 from service.runs.stem_looks import StemLooks
 from service.runs.tasks import Tasks
 from service.settings import Plant, PlantValve
+from service.store.run_table import RunFilter
 from service.store.store import Store
 from valve.errors import BusyError, ElsewhereError, InternalError, NotFoundError, RequestError
 
@@ -76,6 +80,10 @@ class Runs:
         if tag not in self._plant.valves:
             raise NotFoundError(f"valve {tag[:64]!r} is unknown: GET /valves lists all")
         return self._plant.valves[tag]
+
+    def add_buses(self, buses: Mapping[str, BusAddress]) -> None:
+        """Know buses that a reload has added."""
+        self._gate.add_buses(buses)
 
     def user_of(self, tag: str) -> str | None:
         """Return the id of the run that uses this valve now, if any."""
@@ -223,6 +231,27 @@ class Runs:
         _LOG.warning("test acknowledged", test=run.id, valve=run.valve, by=requester.name, note=note)
         return changed
 
+    async def describe(self, run_id: str, requester: Requester, said: Mapping[str, Any]) -> Run:
+        """Change what people say of a test: ``label``, ``work_order`` and ``note``, those that ``said`` has.
+
+        It is in the audit log, with what it was before, ere it is stored. Raises NotFoundError, AuditError.
+        """
+        live = self._live.find(checked_run_id(run_id))
+        async with contextlib.nullcontext() if live is None else live.storing:
+            run = await asyncio.to_thread(self._store.runs.get, run_id) if live is None else live.run
+            found = description_of(run, said, requester.name)
+            if not found.changes:
+                return run
+            if self._audit is not None:
+                append = partial(self._audit.append, DESCRIBED, valve=run.valve, test=run.id)
+                details = {"was": dict(found.was), "now": dict(found.now)}
+                await asyncio.to_thread(append, who=requester.name, details=details)
+            stored = await asyncio.to_thread(self._store.runs.change, run.id, found.changes)
+            if live is None:
+                return stored
+            live.run = replace(live.run, **found.changes)
+            return live.run
+
     def any_under_way(self) -> bool:
         """Whether a test of this process has not ended yet."""
         return any(not live.finished.is_set() for live in self._live)
@@ -254,10 +283,10 @@ class Runs:
         live = self._live.find(checked_run_id(run_id))
         return await asyncio.to_thread(self._store.runs.get, run_id) if live is None else live.run
 
-    async def newest(self, limit: int, *, before: str | None = None, tag: str | None = None) -> list[Run]:
-        """Runs older than the run ``before``, newest first. Raises NotFoundError."""
+    async def newest(self, limit: int, wanted: RunFilter = RunFilter(), *, before: str | None = None) -> list[Run]:
+        """Runs that are meant and older than the run ``before``, newest first. Raises NotFoundError."""
         number = None if before is None else (await self.get(before)).number
-        runs = await asyncio.to_thread(self._store.runs.newest, limit, before=number, valve=tag)
+        runs = await asyncio.to_thread(self._store.runs.newest, limit, before=number, wanted=wanted)
         return [self.as_it_stands(run) for run in runs]
 
     def as_it_stands(self, run: Run) -> Run:
@@ -369,8 +398,8 @@ class Runs:
             return await self._begin_analysis(run, valve, by=requester.name)
 
     async def _begin_analysis(self, run: Run, valve: PlantValve, *, by: str) -> Run:
-        changed = begun_again(run)
-        await asyncio.to_thread(self._store.runs.save, changed)
+        # These fields alone: after a restart the stem is looked at meanwhile, and what was seen of it stays.
+        changed = await asyncio.to_thread(self._store.runs.change, run.id, begun_again(run))
         live = self._live.begin(changed)
         live.at_rest.set()
         live.motion_ended.set()

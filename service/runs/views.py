@@ -40,6 +40,19 @@ class RunRequest(BaseModel):
     permit: Permit | None = None
 
 
+class RunDescription(BaseModel):
+    """What ``PATCH /tests/{id}`` takes: what is named changes, null takes it away."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+    label: Annotated[Label, Field(strict=False)] | None = Field(
+        default=None, description="what the test stands for beside a repair"
+    )
+    work_order: str | None = Field(default=None, max_length=64, pattern=r"^[^\x00-\x1f]*$", examples=["WO-4711"])
+    note: str | None = Field(
+        default=None, max_length=2000, pattern=r"^[^\x00]*$", examples=["packing was replaced before this test"]
+    )
+
+
 class RecordingLink(BaseModel):
     """Where the raw recording is and what it hashes to."""
 
@@ -109,6 +122,10 @@ class RunView(RunSummary):
     acknowledged_at: datetime | None
     acknowledged_by: str | None
     acknowledgement: str | None
+    note: str | None = Field(description="what somebody noted of the test")
+    work_order: str | None
+    described_at: datetime | None = Field(description="when label, work order or note were changed last")
+    described_by: str | None
     quality: dict[str, Any] | None = Field(description="achieved rate, jitter and missed slots of the recording")
     analysis: dict[str, Any] | None = Field(description="the analysis object, breakaway/analysis/1, once completed")
 
@@ -153,6 +170,10 @@ def view(run: Run, system: UnitSystem = UnitSystem.SI) -> RunView:
         acknowledged_at=run.acknowledged_at,
         acknowledged_by=run.acknowledged_by,
         acknowledgement=run.acknowledgement,
+        note=run.note,
+        work_order=run.work_order,
+        described_at=run.described_at,
+        described_by=run.described_by,
         quality=run.quality,  # type: ignore[arg-type]
         analysis=run.analysis,  # type: ignore[arg-type]
     )

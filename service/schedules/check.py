@@ -71,4 +71,4 @@ class Check:
     def too_late(self, reason: str) -> str:
         """Say that its window has ended, and what was in the way."""
         because = f": {reason}" if reason else ": its turn did not come"
-        return f"its window of {self.window_s:g} s ended at {self.ends_at:%H:%M} UTC{because}"
+        return f"its window of {self.window_s:g} s ended at {self.ends_at:%Y-%m-%d %H:%M} UTC{because}"

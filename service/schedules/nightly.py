@@ -72,6 +72,7 @@ class Nightly:
         self._wake = asyncio.Event()
         self._looking = asyncio.Lock()  # two looks at once would queue the checks of one occurrence out of their order
         self._handled: dict[str, datetime] = {}
+        self._known_schedules: dict[str, Schedule] = {}
 
     async def prepare(self) -> None:
         """Write down what a dead process left. To be called after the recovery of tests and before ``start``."""
@@ -82,6 +83,7 @@ class Nightly:
         for schedule in self._plant.schedules:
             newest = await asyncio.to_thread(self._table.newest_due, schedule.name, self._gateway)
             self._handled[schedule.name] = now if newest is None else min(now, max(newest, now - _LOOK_BACK))
+        self._known_schedules = {schedule.name: schedule for schedule in self._plant.schedules}
 
     async def start(self, queue: Queue) -> None:
         """Queue again what was queued, and watch the clock from now on."""
@@ -109,6 +111,16 @@ class Nightly:
 
     def look_now(self) -> None:
         """Look at the clock at once: for tests that set it."""
+        self._wake.set()
+
+    def schedules_changed(self) -> None:
+        """Go by the schedules that the plant has now; one that is new or has another time counts from now on."""
+        now, known = self._clock(), self._known_schedules
+        for schedule in self._plant.schedules:
+            was = known.get(schedule.name)
+            if was is None or (was.cron, was.zone) != (schedule.cron, schedule.zone):
+                self._handled[schedule.name] = now
+        self._known_schedules = {schedule.name: schedule for schedule in self._plant.schedules}
         self._wake.set()
 
     async def run_now(self, name: str, requested_by: str) -> list[Check]:

@@ -7,10 +7,11 @@ from functools import partial
 from http import HTTPStatus
 from typing import Annotated
 
-from fastapi import APIRouter, Depends
+from fastapi import APIRouter, Depends, Request
 
 from service.access.needs import Asks, needs
 from service.access.principal import Right
+from service.lists import KNOWN_KEYS, OR_CSV, Form, csv_answer, dated, wants_csv
 from service.parts import Parts, parts_of
 from service.problems import PROBLEMS
 from service.schedules.nightly import wall_clock
@@ -20,7 +21,7 @@ router = APIRouter(prefix="/schedules", tags=["schedules"], responses=PROBLEMS)
 PartsOf = Annotated[Parts, Depends(parts_of)]
 
 
-@router.get("", dependencies=[needs(Right.VIEW)])
+@router.get("", dependencies=[needs(Right.VIEW), KNOWN_KEYS])
 async def list_schedules(parts: PartsOf) -> ScheduleList:
     """List the nightly checks, when each runs next and how it went last."""
     table, now = parts.store.schedule_runs, wall_clock()
@@ -31,10 +32,14 @@ async def list_schedules(parts: PartsOf) -> ScheduleList:
     return ScheduleList(schedules=views)
 
 
-@router.get("/night", dependencies=[needs(Right.VIEW)])
-async def get_night(parts: PartsOf) -> list[NightEntry]:
+@router.get("/night", dependencies=[needs(Right.VIEW), KNOWN_KEYS], response_model=list[NightEntry], responses=OR_CSV)
+async def get_night(request: Request, parts: PartsOf, form: Form = None) -> object:
     """Return the last night's checks and the coming night's, valve by valve."""
-    return await asyncio.to_thread(night, parts.plant, parts.store.schedule_runs, wall_clock())
+    entries = await asyncio.to_thread(night, parts.plant, parts.store.schedule_runs, wall_clock())
+    if not wants_csv(request, form):
+        return entries
+    columns = tuple(NightEntry.model_fields)
+    return csv_answer(columns, ([getattr(one, name) for name in columns] for one in entries), dated("night"))
 
 
 @router.post("/{name}/run", status_code=HTTPStatus.ACCEPTED, dependencies=[needs(Right.SCHEDULE)])

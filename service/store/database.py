@@ -48,6 +48,26 @@ def _config(connection: Connection | None = None) -> Config:
     return config
 
 
+def newest_revision() -> str:
+    """Return the schema's revision that this version makes."""
+    return str(ScriptDirectory.from_config(_config()).get_current_head())
+
+
+def refuse_newer(revision: str, subject: str) -> None:
+    """Raise ConfigurationError where a database of this revision was made by a newer version of this software."""
+    script = ScriptDirectory.from_config(_config())
+    if revision not in {known.revision for known in script.walk_revisions()}:
+        raise ConfigurationError(
+            f"{subject}: a newer version of breakaway made this database (its schema is {revision}, "
+            f"this version knows up to {script.get_current_head()}): install that version, or name another store"
+        )
+
+
+def connected(url: str | URL) -> Engine:
+    """Return an engine for a database as it is: nothing is checked, and nothing migrated."""
+    return _engine(make_url(url))
+
+
 def migrate(engine: Engine) -> None:
     """Bring the database to the newest revision; nothing happens where it is there already.
 
@@ -57,15 +77,8 @@ def migrate(engine: Engine) -> None:
         if engine.dialect.name == "postgresql":  # two gateways may start at once
             connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _MIGRATION_LOCK})
         config = _config(connection)
-        script = ScriptDirectory.from_config(config)
-        known = {revision.revision for revision in script.walk_revisions()}
         for head in MigrationContext.configure(connection).get_current_heads():
-            if head not in known:
-                raise ConfigurationError(
-                    f"{_subject(engine.url)}: a newer version of breakaway made this database (its schema is {head}, "
-                    f"this version knows up to {script.get_current_head()}): install that version, or name another "
-                    "store"
-                )
+            refuse_newer(head, _subject(engine.url))
         command.upgrade(config, "head")
 
 

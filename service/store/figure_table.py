@@ -15,6 +15,7 @@ from service.health.figures import FIGURE_KINDS, Figure, figures_of
 from service.health.results import Baseline, PastTest
 from service.runs.run import Label, Run
 from service.store.schema_health import BASELINES, FIGURES
+from service.store.schema_nightly import VALVE_STATES
 
 
 def conditions_of(run: Run) -> str:
@@ -26,15 +27,16 @@ def conditions_of(run: Run) -> str:
 
 
 def write_figures(connection: Connection, run: Run) -> None:
-    """Keep the figures of a completed run, in its transaction; the first good one becomes the baseline by itself.
+    """Keep the figures of a completed run, in its transaction; the first that passes acceptance becomes the baseline.
 
-    So does a good one that is labelled as left: what comes after a repair is held against how the valve was left.
+    So does one that passes and is labelled as left: what comes after a repair is held against how the valve was left.
+    Another becomes it only where a person chooses it.
     """
     assert run.analysis is not None
     is_again = connection.execute(delete(FIGURES).where(FIGURES.c.number == run.number)).rowcount > 0
     row = _row(run, run.analysis)
     connection.execute(insert(FIGURES).values(row))
-    if is_again or not row["good"]:
+    if is_again or not (row["good"] and _acceptance(run.analysis).get("passed")):
         return
     if run.label is Label.AS_LEFT:
         _set_baseline(connection, run.valve, row["conditions"], run.id, "")
@@ -56,11 +58,18 @@ def _row(run: Run, analysis: Mapping[str, Any]) -> dict[str, Any]:
         "verdict": str(discrepancy.get("verdict") or "not_assessed")[:16],
         "causes": [str(cause["cause"]) for cause in discrepancy.get("causes") or ()],
         "good": is_good(analysis),
+        "engine": analysis.get("engine"),
+        "unmet": [str(one["name"]) for one in _acceptance(analysis).get("checks") or () if one["met"] is False],
     }
     for key, figure in figures_of(analysis).items():
         low, high = figure.ci95 or (None, None)
         row |= {key: figure.value, f"{key}_low": low, f"{key}_high": high}
     return row
+
+
+def _acceptance(analysis: Mapping[str, Any]) -> Mapping[str, Any]:
+    found: Mapping[str, Any] = (analysis.get("health") or {}).get("acceptance") or {}
+    return found
 
 
 def _past(row: Any) -> PastTest:
@@ -70,7 +79,9 @@ def _past(row: Any) -> PastTest:
         value, low, high = values[key], values[f"{key}_low"], values[f"{key}_high"]
         if value is not None:
             figures[key] = Figure(value, None if low is None or high is None else (low, high))
-    return PastTest(row.test_id, row.at, figures, tuple(row.causes), row.verdict, row.label, row.ne107)
+    return PastTest(
+        row.test_id, row.at, figures, tuple(row.causes), row.verdict, row.label, row.ne107, tuple(row.unmet or ())
+    )
 
 
 def _current(connection: Connection, valve: str, conditions: str) -> Any:
@@ -119,6 +130,29 @@ class FigureTable:
         with self._engine.connect() as connection:
             return {row.number: row.friction_mean_n for row in connection.execute(query)}
 
+    def of_tests(self, numbers: Sequence[int]) -> dict[int, PastTest]:
+        """Return the figures of tests by their numbers, of those that have any."""
+        with self._engine.connect() as connection:
+            rows = connection.execute(select(FIGURES).where(FIGURES.c.number.in_(numbers))).all()
+        return {row.number: _past(row) for row in rows}
+
+    def of_ids(self, test_ids: Sequence[str]) -> dict[str, PastTest]:
+        """Return the figures of tests by their ids, of those that have any."""
+        with self._engine.connect() as connection:
+            rows = connection.execute(select(FIGURES).where(FIGURES.c.test_id.in_(test_ids))).all()
+        return {row.test_id: _past(row) for row in rows}
+
+    def of_last_results(self, kinds: Sequence[str]) -> dict[str, dict[str, float]]:
+        """Return figures of these kinds, SI, of each valve's last completed test, by valve; what is unknown is out."""
+        states, columns = VALVE_STATES.c, [FIGURES.c[kind] for kind in kinds]
+        query = select(states.valve, *columns).join(FIGURES, FIGURES.c.number == states.completed_number)
+        with self._engine.connect() as connection:
+            rows = connection.execute(query).all()
+        return {
+            row.valve: {kind: value for kind, value in zip(kinds, row[1:], strict=True) if value is not None}
+            for row in rows
+        }
+
     def baseline(self, valve: str, conditions: str | None = None) -> Baseline | None:
         """Return the baseline of a valve's motion; without a motion the one that was set last."""
         standing = (BASELINES.c.valve == valve) & BASELINES.c.withdrawn_at.is_(None)
@@ -130,6 +164,16 @@ class FigureTable:
         with self._engine.connect() as connection:
             row = connection.execute(query.where(standing).order_by(BASELINES.c.number.desc()).limit(1)).one_or_none()
         return None if row is None else Baseline(_past(row), row.set_by, row.set_at)
+
+    def baselines_before(self, engine: int) -> list[tuple[str, str]]:
+        """Return valve and test of each baseline that stands and whose figures an earlier engine made, oldest first."""
+        query = select(BASELINES.c.valve, BASELINES.c.test_id).join_from(
+            BASELINES, FIGURES, BASELINES.c.test_id == FIGURES.c.test_id
+        )
+        older = FIGURES.c.engine.is_(None) | (FIGURES.c.engine < engine)
+        query = query.where(BASELINES.c.withdrawn_at.is_(None), older).order_by(BASELINES.c.number)
+        with self._engine.connect() as connection:
+            return list(dict.fromkeys((row.valve, row.test_id) for row in connection.execute(query)))
 
     def set_baseline(self, run: Run, who: str) -> Baseline | None:
         """Make a test the valve's baseline; it is on disk when this returns. None where the test has no figures."""

@@ -32,6 +32,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.outcome import SampleBlock
+from service.synced import sync_folder
 from valve.errors import RecordingError
 from valve.recording import Acquisition, Provenance, Recording
 
@@ -48,11 +49,14 @@ def _line(text: str) -> bytes:
     return b"%s %08x\n" % (data, zlib.crc32(data))
 
 
+def _checked(line: bytes) -> str | None:
+    """Return what stands in a line; None where its CRC does not fit."""
+    text, _, crc = line.rpartition(b" ")
+    return text.decode() if text and crc == b"%08x" % zlib.crc32(text) else None
+
+
 def _checked_lines(data: bytes) -> Iterator[str]:
-    for line in data.split(b"\n"):
-        text, _, crc = line.rpartition(b" ")
-        if text and crc == b"%08x" % zlib.crc32(text):
-            yield text.decode()
+    return (text for text in map(_checked, data.split(b"\n")) if text is not None)
 
 
 def _rows(block: SampleBlock) -> FloatArray:
@@ -80,7 +84,7 @@ class JournalWriter:
         self._file.write(_line(json.dumps({"schema": SCHEMA, **header})))
         os.fsync(self._file.fileno())
         self._unsynced = False
-        _sync_folder(path.parent)
+        sync_folder(path.parent)
 
     def note_commanded(self) -> None:
         """Write that the valve may move from now on; it is on disk when this returns. Raises OSError."""
@@ -112,29 +116,23 @@ class JournalWriter:
         self._file.close()
 
 
-def _sync_folder(folder: Path) -> None:
-    """Force the name of a new file onto the disk."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
-
-
 def was_commanded(path: Path) -> bool | None:
     """Whether a journal shows that something was sent which can move the valve; None where it cannot say it.
 
-    False where there is no journal: its intent comes before every such write. Raises RecordingError where the header
-    is damaged, OSError: then the caller must take it for commanded.
+    True where its intent can be read, whatever else is damaged. False only where all of it can be read and holds no
+    intent, which comes before every such write, and where there is no journal. A line without an end, the last after a
+    crash, was not on the disk before anything was sent. Raises OSError.
     """
     try:
-        data = path.read_bytes()
+        *lines, _ = path.read_bytes().split(b"\n")
     except FileNotFoundError:
         return False
-    lines = _checked_lines(data)
-    if _header(path, lines)["schema"] != SCHEMA:
-        return None
-    return any(line.startswith("{") and _COMMANDED in json.loads(line) for line in lines)
+    texts = [_checked(line) for line in lines]
+    if any(text is not None and text.startswith("{") and _COMMANDED in json.loads(text) for text in texts[1:]):
+        return True
+    header = json.loads(texts[0]) if texts and texts[0] is not None else {}
+    only_header = len(texts) == 1 and header.get("schema") == SCHEMA  # samples come after the intent
+    return False if only_header else None
 
 
 def read_header(path: Path) -> dict[str, Any]:

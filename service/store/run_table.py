@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from types import MappingProxyType
 from typing import Any, Final
 
-from sqlalchemy import ColumnElement, Connection, Engine, Select, Table, delete, func, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Engine, Select, Table, delete, exists, func, insert, select, update
 from sqlalchemy.dialects import postgresql, sqlite
 
 from drivers.stands_at import StandsAt, StemVerdict
 from service.runs.run import Label, Run, RunState
 from service.store.figure_table import write_figures
+from service.store.schema_health import FIGURES
 from service.store.schema_nightly import VALVE_HEALTHS, VALVE_STATES
 from service.store.schema_tests import ANALYSES, TESTS
 from valve.errors import NotFoundError
@@ -21,6 +23,7 @@ from valve.errors import NotFoundError
 #: Stands for the analysis of a run that came from a list: it is many times the rest.
 NOT_LOADED: Final[Mapping[str, Any]] = MappingProxyType({"not_loaded": True})
 _DOCUMENT: Final = "document"
+_FEW: Final = 2000  # tests of a state: so many are looked up one by one faster than all are walked past
 _NAMES: Final = tuple(column.name for column in TESTS.c)
 
 
@@ -32,6 +35,66 @@ class ValveHead:
     completed_number: int | None
     completed_at: datetime | None
     health: Mapping[str, Any] | None
+
+
+@dataclass(frozen=True, slots=True)
+class RunFilter:
+    """Which runs are meant; what is empty or None asks for nothing. ``ne107`` is what the test itself found.
+
+    ``since`` and ``until``: asked for at the first or later, and before the second. ``valves`` is None for all.
+    """
+
+    valve: str | None = None
+    states: Sequence[RunState] = ()
+    ne107: Sequence[str] = ()
+    labels: Sequence[Label] = ()
+    since: datetime | None = None
+    until: datetime | None = None
+    valves: Sequence[str] | None = None
+
+    def conditions(self) -> list[ColumnElement[bool]]:
+        """Return what a row of tests must meet."""
+        tests, found = TESTS.c, FIGURES.c
+        asked: list[tuple[bool, Callable[[], ColumnElement[bool]]]] = [
+            (self.valve is not None, lambda: tests.valve == self.valve),
+            (self.valves is not None, lambda: tests.valve.in_(self.valves or ())),
+            (bool(self.states), lambda: tests.state.in_([state.value for state in self.states])),
+            (bool(self.labels), lambda: tests.label.in_([label.value for label in self.labels])),
+            (self.since is not None, lambda: tests.created_at >= self.since),
+            (self.until is not None, lambda: tests.created_at < self.until),
+            (
+                bool(self.ne107),
+                lambda: exists().where(found.number == tests.number, found.ne107.in_(list(self.ne107))),
+            ),
+        ]
+        return [*(condition() for is_asked, condition in asked if is_asked), *self._bounds(tests.number)]
+
+    def _bounds(self, number: ColumnElement[int]) -> list[ColumnElement[bool]]:
+        """Return between which numbers the tests of the asked time lie: newest first, a walk begins and ends there.
+
+        It follows from the times themselves, so it stays true where the clock was set back. ``+ 0`` has the index of
+        times read for it: both databases would walk all numbers for a plain minimum.
+        """
+        of_time = TESTS.alias("of_time").c
+        asked = [] if self.since is None else [of_time.created_at >= self.since]
+        asked += [] if self.until is None else [of_time.created_at < self.until]
+        bounds: list[ColumnElement[bool]] = []
+        if self.since is not None:
+            bounds.append(number >= select(func.min(of_time.number + 0)).where(*asked).scalar_subquery())
+        if self.until is not None:
+            bounds.append(number <= select(func.max(of_time.number + 0)).where(*asked).scalar_subquery())
+        return bounds
+
+    def narrowed(self, connection: Connection) -> list[ColumnElement[bool]]:
+        """Return what lets the database begin with the few tests of these NE 107 states, where they are few."""
+        if not self.ne107:
+            return []
+        found = select(FIGURES.c.number).where(FIGURES.c.ne107.in_(list(self.ne107)), *self._bounds(FIGURES.c.number))
+        numbers = connection.scalars(found.limit(_FEW + 1)).all()
+        return [TESTS.c.number.in_(numbers)] if len(numbers) <= _FEW else []
+
+
+_ALL: Final = RunFilter()
 
 
 def _whole() -> Select[Any]:
@@ -102,6 +165,7 @@ def _note_state(connection: Connection, run: Run) -> None:
         "completed_number": run.number,
         "completed_at": run.created_at,
         "ne107": None if health is None else health.get("ne107"),
+        "effect_percent": None if health is None else health.get("effect_percent_of_span"),
     }
     newer = states.completed_number.is_(None) | (states.completed_number <= run.number)
     if connection.execute(update(VALVE_STATES).where(mine, newer).values(completed)).rowcount == 1:
@@ -124,6 +188,7 @@ class RunTable:
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
         self._listeners: list[Callable[[Run], None]] = []
+        self._changing = threading.Lock()  # two threads may change a run: one its state, one where its stem stands
 
     def listen(self, listener: Callable[[Run], None]) -> None:
         """Call ``listener`` with every run that this process has stored, in the thread that did; it must not wait."""
@@ -158,6 +223,13 @@ class RunTable:
             _write_all(connection, run)
         self._tell(run)
 
+    def change(self, run_id: str, changes: Mapping[str, Any]) -> Run:
+        """Write what changes in a run, as others left it meanwhile; return it as stored. Raises NotFoundError."""
+        with self._changing:
+            changed = replace(self.get(run_id), **changes)
+            self.save(changed)
+        return changed
+
     def get(self, run_id: str) -> Run:
         """Return one run. Raises NotFoundError."""
         with self._engine.connect() as connection:
@@ -172,15 +244,17 @@ class RunTable:
             row = connection.execute(_whole().where(TESTS.c.idempotency_key == key)).one_or_none()
         return None if row is None else _run(row)
 
-    def newest(self, limit: int, *, before: int | None = None, valve: str | None = None) -> list[Run]:
+    def newest(
+        self, limit: int, *, before: int | None = None, valve: str | None = None, wanted: RunFilter = _ALL
+    ) -> list[Run]:
         """Runs with a number below ``before``, newest first, at most ``limit``; their analysis is NOT_LOADED."""
-        query = select(TESTS).order_by(TESTS.c.number.desc()).limit(limit)
+        query = select(TESTS).order_by(TESTS.c.number.desc()).limit(limit).where(*wanted.conditions())
         if before is not None:
             query = query.where(TESTS.c.number < before)
         if valve is not None:
             query = query.where(TESTS.c.valve == valve)
         with self._engine.connect() as connection:
-            return [_head(row) for row in connection.execute(query)]
+            return [_head(row) for row in connection.execute(query.where(*wanted.narrowed(connection)))]
 
     def in_states(self, states: Sequence[RunState], *, gateway: str | None = None) -> list[Run]:
         """Runs in one of these states, oldest first; of one gateway where it is named."""
@@ -228,7 +302,7 @@ class RunTable:
         Raises NotFoundError where it was never stored.
         """
         mine = (TESTS.c.id == run.id) & (TESTS.c.number == run.number)
-        with self._engine.begin() as connection:
+        with self._changing, self._engine.begin() as connection:
             if connection.execute(update(TESTS).where(mine).values(stands=stands.to_json())).rowcount != 1:
                 raise NotFoundError(f"test {run.id} is unknown: it was never stored")
             is_last = VALVE_STATES.c.last_number == run.number

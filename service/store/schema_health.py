@@ -10,7 +10,8 @@ from service.health.figures import FIGURE_KINDS
 from service.store.schema_base import METADATA, UtcDateTime
 
 # A row a completed test. ``conditions`` names the motion: only tests of the same motion are compared.
-# Each figure has three columns: itself and the ends of its 95 % interval, SI.
+# Each figure has three columns: itself and the ends of its 95 % interval, SI. ``unmet`` names the acceptance checks
+# that the test did not meet; null where they were not looked at. ``engine`` made them; null is older than the first.
 FIGURES: Final = Table(
     "figures",
     METADATA,
@@ -24,8 +25,11 @@ FIGURES: Final = Table(
     Column("verdict", String(16), nullable=False),
     Column("causes", JSON, nullable=False),
     Column("good", Boolean, nullable=False),
+    Column("unmet", JSON(none_as_null=True)),
+    Column("engine", Integer),
     *(Column(f"{key}{end}", Float) for key in FIGURE_KINDS for end in ("", "_low", "_high")),
     Index(None, "valve", "number"),
+    Index("ix_figures_ne107_number", "ne107", "number"),
 )
 
 # The newest row of a valve and its conditions that was not withdrawn is the baseline; ``set_by`` is empty where the

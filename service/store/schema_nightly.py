@@ -38,7 +38,8 @@ SCHEDULE_RUNS: Final = Table(
 )
 
 # One row a valve: kept by the writes of its tests, so that a list of thousands of valves reads thousands of rows, and
-# narrow: how all valves stand is read for each list. ``ne107`` and ``completed_at`` are of the last completed test.
+# narrow: how all valves stand is read for each list. ``ne107``, ``effect_percent`` (of the
+# findings, the largest, of rated travel) and ``completed_at`` are of the last completed test.
 VALVE_STATES: Final = Table(
     "valve_states",
     METADATA,
@@ -50,6 +51,7 @@ VALVE_STATES: Final = Table(
     Column("stem", String(16)),
     Column("last_at", UtcDateTime),
     Column("ne107", String(1)),
+    Column("effect_percent", Float),
     Column("completed_at", UtcDateTime),
 )
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Final
 
-from sqlalchemy import JSON, Boolean, Column, Float, ForeignKey, Integer, String, Table, Text
+from sqlalchemy import JSON, Boolean, Column, Float, ForeignKey, Index, Integer, String, Table, Text, text
 
 from service.store.schema_base import METADATA, UtcDateTime
 
+_LABELLED: Final = text("label IS NOT NULL")
 TESTS: Final = Table(
     "tests",
     METADATA,
@@ -39,6 +40,13 @@ TESTS: Final = Table(
     Column("acknowledgement", Text),
     Column("commanded", Boolean),
     Column("stands", JSON(none_as_null=True)),
+    Column("note", Text),
+    Column("work_order", String(64)),
+    Column("described_at", UtcDateTime),
+    Column("described_by", String(64)),
+    # By these a list finds the few tests that it is asked for among hundreds of thousands.
+    Index("ix_tests_created_at_number", "created_at", "number"),
+    Index("ix_tests_label_number", "label", "number", sqlite_where=_LABELLED, postgresql_where=_LABELLED),
     sqlite_autoincrement=True,  # a number that fenced a device is never given again, even after a deletion
 )
 

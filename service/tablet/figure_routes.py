@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import Callable
+from dataclasses import asdict
 from http import HTTPStatus
 from typing import Annotated, Any, Final
 
-from fastapi import APIRouter, Depends, Request, Response
+from fastapi import APIRouter, Depends, Query, Request, Response
 
 from service.figures.friction import friction_svg
-from service.figures.loop import loop_svg
 from service.figures.methods import all_estimates, methods_svg
 from service.figures.misfit import coordinate_svg, time_svg
+from service.figures.signature import NARROW, WIDE, Frame, Layer, has_signature, signature_svg
 from service.figures.trace import trace_svg
 from service.figures.trend import trends_svg
 from service.parts import Parts, parts_of
 from service.recordings.place import recording_of
-from service.runs.run import Run
+from service.report.summary import key_figures
+from service.report.valve_facts import frame_of
+from service.runs.run import Run, RunState
 from service.tablet.history import past_of
-from service.tablet.rendering import units_of
+from service.tablet.overlays import before_of, layers_of, measured_signature
+from service.tablet.rendering import page, units_of
 from service.tablet.routes import VisitorOf
 from valve.errors import NotFoundError
 
@@ -33,10 +38,6 @@ _HEADERS: Final = {
     "X-Content-Type-Options": "nosniff",
 }
 _NO_PICTURE: Final = "this test has no such picture: its page says what there is"
-
-
-def _signature(run: Run | None) -> Any:
-    return None if run is None else (run.analysis or {}).get("signature")
 
 
 def _pictures(run: Run) -> Any:
@@ -55,19 +56,82 @@ _OF_A_TEST: Final[dict[str, tuple[Callable[..., str | None], Callable[[Run], Any
 }
 
 
-@router.get("/tests/{test_id}/{name}.svg")
-async def figure_of_test(
-    request: Request, test_id: str, name: str, parts: PartsOf, _visitor: VisitorOf, baseline: str | None = None
+@router.get("/tests/{test_id}/signature.svg")
+async def figure_of_signature(
+    request: Request,
+    test_id: str,
+    parts: PartsOf,
+    _visitor: VisitorOf,
+    others: Annotated[list[str] | None, Query(alias="with", max_length=8)] = None,
+    *,
+    narrow: bool = False,
 ) -> Response:
-    """Draw one picture of a test: loop, methods, time, coordinate, friction, trace."""
+    """Draw the signature of a test, with others of its valve laid over it."""
+    run, system = await parts.runs.get(test_id), units_of(request)
+    own = await measured_early(parts, run)
+    layers, frame = await asyncio.to_thread(_signature, parts, run, tuple(others or ()), own)
+    key = (
+        run.id,
+        run.finished_at,
+        own is None,
+        "signature",
+        system,
+        narrow,
+        repr(frame),
+        tuple(others or ()),
+        *(one.words for one in layers),
+    )
+    return _svg(await parts.drawer.svg(key, signature_svg, layers, frame, system, NARROW if narrow else WIDE))
+
+
+@router.get("/tests/{test_id}/measured")
+async def measured_part(request: Request, test_id: str, parts: PartsOf, visitor: VisitorOf) -> Response:
+    """Return the first figures of a test whose diagnosis is still under way, which its page puts into itself."""
+    run, system = await parts.runs.get(test_id), units_of(request)
+    own = await measured_early(parts, run)
+    if own is None:
+        raise NotFoundError(f"test {run.id} is {run.state.value}: its page says what there is")
+    valve = parts.plant.valves.get(run.valve)
+    past = await asyncio.to_thread(past_of, parts.store, run.valve, valve, run)
+    first = await asyncio.to_thread(before_of, parts.store, run, past)
+    address = f"/ui/figures/tests/{run.id}/signature.svg?units={system.value}&early=1"
+    shown = {
+        "early_figures": key_figures({"signature": own}, system),
+        "early_address": "" if not has_signature(own) else address + ("" if first is None else f"&with={first}"),
+        "early_missing": "" if has_signature(own) else str(next(iter((own.get("notes") or {}).values()), "")),
+    }
+    return page(request, "measured.html", visitor, shown)
+
+
+async def measured_early(parts: Parts, run: Run) -> dict[str, Any] | None:
+    """Return the signature of a test whose motion has ended and whose analysis is under way; None for all others.
+
+    It is measured once, in the process that draws. Raises what reading the recording raises.
+    """
+    valve = parts.plant.valves.get(run.valve)
+    if run.state is not RunState.ANALYZING or run.analysis is not None or run.recording_file is None or valve is None:
+        return None
+    file = str(recording_of(run, parts.plant, parts.store))
+    plate = json.dumps(asdict(valve.nameplate))
+    found = await parts.drawer.svg((run.id, "measured", run.recording_sha256), measured_signature, file, plate)
+    return None if found is None else dict(json.loads(found))
+
+
+def _signature(
+    parts: Parts, run: Run, others: tuple[str, ...], own: dict[str, Any] | None
+) -> tuple[list[Layer], Frame]:
+    valve = parts.plant.valves.get(run.valve)
+    baseline = past_of(parts.store, run.valve, valve, run).held_against
+    return layers_of(parts.store, run, others, own), frame_of(valve, None if baseline is None else baseline.test)
+
+
+@router.get("/tests/{test_id}/{name}.svg")
+async def figure_of_test(request: Request, test_id: str, name: str, parts: PartsOf, _visitor: VisitorOf) -> Response:
+    """Draw one picture of a test: methods, time, coordinate, friction, trace."""
     run, system = await parts.runs.get(test_id), units_of(request)
     if name == "trace":
         file = str(recording_of(run, parts.plant, parts.store))
         return _svg(await parts.drawer.svg((run.id, name, system, run.recording_sha256), trace_svg, file, system))
-    if name == "loop":
-        behind = None if baseline in (None, run.id) else await parts.runs.get(str(baseline))
-        key = (run.id, run.finished_at, name, system, baseline)
-        return _svg(await parts.drawer.svg(key, loop_svg, _signature(run), _signature(behind), system))
     if name not in _OF_A_TEST:
         raise NotFoundError(f"test {run.id}: {_NO_PICTURE}")
     draw, data_of = _OF_A_TEST[name]

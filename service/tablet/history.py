@@ -97,11 +97,12 @@ def history_row(run: Run, test: PastTest | None) -> dict[str, Any]:
         "is_bad": needs_acknowledgement(run),
         "friction_n": None if friction is None else friction.value,
         "friction_ci95": None if friction is None else friction.ci95,
-        "diagnosis": _diagnosis_words(test),
+        "diagnosis": diagnosis_words(test),
     }
 
 
-def _diagnosis_words(test: PastTest | None) -> str:
+def diagnosis_words(test: PastTest | None) -> str:
+    """Return what a test found in a few words; a dash where that is nothing."""
     if test is None:
         return "–"
     if test.causes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from functools import cache
@@ -14,8 +15,9 @@ from zoneinfo import ZoneInfo
 
 from fastapi import Request
 from fastapi.responses import HTMLResponse
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_context
 
+from service.parts import Parts
 from service.shown_sentences import as_sentence, in_units
 from service.shown_units import UnitSystem, measured, quantity, shown_unit
 from service.tablet.script import NAME, script
@@ -28,6 +30,7 @@ UNITS_COOKIE: Final = "breakaway-units"
 CONTENT_SECURITY: Final = (
     "default-src 'self'; object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
 )
+_IN_UTC: Final = re.compile(r"\b(\d{4}-(?:0[1-9]|1[0-2])-(?:0[1-9]|[12]\d|3[01]) (?:[01]\d|2[0-3]):[0-5]\d) UTC\b")
 _HEADERS: Final = {
     "Content-Security-Policy": CONTENT_SECURITY,
     "X-Content-Type-Options": "nosniff",
@@ -74,12 +77,30 @@ def units_of(request: Request) -> UnitSystem:
     return UnitSystem.of(request.query_params.get("units") or request.cookies.get(UNITS_COOKIE))
 
 
-def moment(at: datetime | None) -> str:
-    """Return an instant with its zone, by its schedule's clock or else the gateway's own; a dash for none."""
-    if at is None:
-        return "–"
-    own = at if isinstance(at.tzinfo, ZoneInfo) else at.astimezone()
-    return f"{own:%Y-%m-%d %H:%M %Z}"
+def zone_of(request: Request) -> ZoneInfo | None:
+    """Return the plant's time zone; None for the gateway's own."""
+    parts = request.app.state.parts
+    assert isinstance(parts, Parts)
+    return parts.plant.zone
+
+
+@pass_context
+def moment(context: Mapping[str, Any], at: datetime | None) -> str:
+    """Return an instant by the plant's clock, with its zone; a dash for none."""
+    return "–" if at is None else _by_clock(at, context["zone"])
+
+
+def by_the_plants_clock(sentence: str, zone: ZoneInfo | None) -> str:
+    """Return a sentence with the instants that it tells in UTC by the plant's clock: a row has one clock."""
+
+    def told(found: re.Match[str]) -> str:
+        return _by_clock(datetime.fromisoformat(found[1]).replace(tzinfo=UTC), zone)
+
+    return _IN_UTC.sub(told, sentence)
+
+
+def _by_clock(at: datetime, zone: ZoneInfo | None) -> str:
+    return f"{at.astimezone(zone):%Y-%m-%d %H:%M %Z}"
 
 
 def duration(seconds: float | None) -> str:
@@ -102,7 +123,7 @@ def page(
     status: int = HTTPStatus.OK,
 ) -> HTMLResponse:
     """Return a page. The units stand in a cookie, so that the switch is kept in the browser."""
-    system = units_of(request)
+    system, zone = units_of(request), zone_of(request)
     shown = {
         "visitor": visitor,
         "units": system,
@@ -110,7 +131,8 @@ def page(
         "q": lambda value, unit, digits=4: quantity(value, unit, system, digits),
         "m": lambda value, ci95, unit: measured(value, ci95, unit, system),
         "u": lambda unit: shown_unit(unit, system),
-        "s": lambda sentence: in_units(str(sentence), system),
+        "s": lambda sentence: by_the_plants_clock(in_units(str(sentence), system), zone),
+        "zone": zone,
         "now": datetime.now(UTC),
         "path": request.url.path,
         **values,

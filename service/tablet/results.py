@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from service.figures.methods import METHOD_WORDS, all_estimates
+from service.health.acceptance import remarked
 from service.plain_numbers import scatter_words
 from service.runs.again import words_of_repetition
 from service.runs.run import Run
@@ -57,7 +58,10 @@ class FigureRow:
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """The diagnosis in sentences; ``verdict`` is the analysis object's word."""
+    """The diagnosis in sentences; ``verdict`` is the analysis object's word.
+
+    ``causes`` are those that matter, ``remarks`` those that were seen and do not matter yet.
+    """
 
     verdict: str
     headline: str
@@ -66,6 +70,7 @@ class Diagnosis:
     others: tuple[str, ...]
     separating_test: Any
     gain: Mapping[str, Any] | None
+    remarks: tuple[Mapping[str, Any], ...] = ()
 
 
 def method_names(analysis: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -186,17 +191,21 @@ def _to_the_larger(ends: Sequence[float | None]) -> list[float | None]:
 
 
 def diagnosis_of(analysis: Mapping[str, Any]) -> Diagnosis:
-    """Return the diagnosis as the page tells it."""
+    """Return the diagnosis as the page tells it: no fault where all that was seen does not matter yet."""
     found = analysis.get("discrepancy") or {"verdict": "not_assessed"}
-    verdict = str(found["verdict"])
+    verdict, small = str(found["verdict"]), remarked(analysis)
+    seen = tuple(found.get("causes") or ())
+    causes = tuple(one for one in seen if one["cause"] not in small)
+    is_harmless = bool(seen) and not causes
     return Diagnosis(
         verdict,
-        VERDICTS.get(verdict, verdict),
-        str(found.get("message") or "").removeprefix(NO_FAULT).strip(),
-        tuple(found.get("causes") or ()),
-        tuple(str(other).replace("_", " ") for other in found.get("not_told_apart_from") or ()),
-        found.get("separating_test"),
+        NO_FAULT if is_harmless else VERDICTS.get(verdict, verdict),
+        "" if is_harmless else str(found.get("message") or "").removeprefix(NO_FAULT).strip(),
+        causes,
+        () if is_harmless else tuple(str(other).replace("_", " ") for other in found.get("not_told_apart_from") or ()),
+        None if is_harmless else found.get("separating_test"),
         found.get("gain"),
+        tuple(one for one in seen if one["cause"] in small),
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from collections import Counter
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from http import HTTPStatus
@@ -15,11 +14,14 @@ from fastapi.responses import RedirectResponse
 
 from service.ending import ending_of
 from service.figures.methods import all_estimates, can_compare
+from service.figures.signature import has_signature
+from service.health.judge import facts_of
 from service.next_step import next_step
 from service.parts import Parts, parts_of
+from service.report.before_after import BeforeAfter, before_after
 from service.report.of_run import repair_sentences
 from service.report.summary import key_figures
-from service.report.valve_facts import safe_position_words, safe_value_words
+from service.report.valve_facts import identity_facts, safe_position_words, safe_value_words
 from service.runs.acknowledgement import alarm_words, needs_acknowledgement
 from service.runs.again import can_be_analysed
 from service.runs.run import Run
@@ -27,6 +29,7 @@ from service.shown_units import UnitSystem, shown_unit
 from service.stands_words import where_it_stands
 from service.tablet.history import ValvePast, history_row, past_of
 from service.tablet.night import due_checks, night_of
+from service.tablet.overlays import before_of, overlays_of, words_of
 from service.tablet.plans import AROUND_S, approved_plans, planned_line, plans_of, waveform_of
 from service.tablet.rendering import page, units_of
 from service.tablet.results import (
@@ -40,7 +43,9 @@ from service.tablet.results import (
     recording_facts,
     told_once,
 )
-from service.tablet.valve_rows import valve_conditions, valve_rows
+from service.tablet.since import since_yesterday
+from service.tablet.valve_list import ValveList, Wish
+from service.tablet.valve_rows import valve_rows, valve_stands
 from service.tablet.visitor import Visitor, sign_in_address, visitor_of
 from service.tablet.words import NE107, STATES, alarm_condition, condition_of
 from valve.errors import NotFoundError, ValveError
@@ -48,7 +53,6 @@ from valve.errors import NotFoundError, ValveError
 router = APIRouter(include_in_schema=False)
 PartsOf = Annotated[Parts, Depends(parts_of)]
 
-_ROWS: Final = 50  # of the list on one page
 _HISTORY: Final = 20
 
 
@@ -72,35 +76,30 @@ async def to_sign_in(request: Request, _error: Exception) -> Response:
 
 
 @router.get("/")
-async def valves_page(
-    request: Request,
-    parts: PartsOf,
-    visitor: VisitorOf,
-    find: Annotated[str, Query(max_length=64)] = "",
-    number: Annotated[int, Query(alias="page", ge=1, le=10_000)] = 1,
-) -> Response:
-    """Show the valves, worst first."""
-    conditions = await asyncio.to_thread(valve_conditions, parts)
-    counts = Counter(condition.words for condition in conditions.values())
-    wanted = [tag for tag in conditions if find.strip().lower() in tag.lower()]
-    pages = max(1, -(-len(wanted) // _ROWS))
-    number = min(number, pages)
-    shown = wanted[(number - 1) * _ROWS : number * _ROWS]
-    values = {
-        "rows": await asyncio.to_thread(valve_rows, parts, shown, due_checks(parts)),
-        "counts": ", ".join(f"{count} {words.lower()}" for words, count in counts.items()),
-        "find": find,
-        "number": number,
-        "pages": pages,
-    }
+async def valves_page(request: Request, parts: PartsOf, visitor: VisitorOf, wish: Annotated[Wish, Query()]) -> Response:
+    """Show the valves, worst first, and what changed since yesterday."""
+    values = await asyncio.to_thread(_valves_shown, parts, wish, due_checks(parts))
     return page(request, "valves.html", visitor, values)
+
+
+def _valves_shown(parts: Parts, wish: Wish, due: Mapping[str, datetime]) -> dict[str, Any]:
+    stands = valve_stands(parts)
+    since = since_yesterday(parts, stands, datetime.now(UTC))
+    listed = ValveList(parts.plant.valves, stands, since.changes, wish)
+    return {
+        "rows": valve_rows(parts, listed.shown, due),
+        "listed": listed,
+        "chips": listed.chips(),
+        "since": since,
+        "valve_count": len(stands),
+        "wish": wish,
+    }
 
 
 @router.get("/ui/night")
 async def night_page(request: Request, parts: PartsOf, visitor: VisitorOf) -> Response:
     """Show the coming night valve by valve, and the schedules."""
-    checks, schedules = await night_of(parts)
-    return page(request, "night.html", visitor, {"checks": checks, "schedules": schedules})
+    return page(request, "night.html", visitor, {"night": await night_of(parts)})
 
 
 @router.get("/ui/recordings")
@@ -163,14 +162,17 @@ async def valve_page(request: Request, tag: str, parts: PartsOf, visitor: Visito
         "latest": latest,
         "baseline": past.baseline,
         "baseline_is_other": latest is not None and past.baseline is not None and past.baseline.id != latest.id,
-        "loop_address": None
-        if latest is None
-        else f"/ui/figures/tests/{latest.id}/loop.svg?{_query(past, latest, system)}",
+        "signature_address": None
+        if latest is None or not has_signature((latest.analysis or {}).get("signature"))
+        else f"/ui/figures/tests/{latest.id}/signature.svg?{_query(past, latest, system)}"
+        + ("" if past.baseline is None or past.baseline.id == latest.id else f"&with={past.baseline.id}"),
         "trend_address": None
         if latest is None
         else f"/ui/figures/valves/{quote(tag)}/trend.svg?{_query(past, latest, system)}&to={latest.id}",
         "trend_words": "Friction, spring rate, bench set and dead band over the tests; figures stand below.",
         "next_check": due.get(tag),
+        "description": valve.identity.description,
+        "identity": [one for one in identity_facts(valve.identity) if one[0] != "Description"],
         "travel_m": valve.nameplate.actuator.travel_m,
         "limits": valve.wiring.limits,
         "safe_words": safe_value_words(valve.wiring.safe_value_pa, system),
@@ -196,8 +198,48 @@ async def test_page(request: Request, test_id: str, parts: PartsOf, visitor: Vis
         return page(request, "running.html", visitor, {**shared, "live": live})
     valve = parts.plant.valves.get(run.valve)
     past = await asyncio.to_thread(past_of, parts.store, run.valve, valve, run)
-    repaired = await asyncio.to_thread(repair_sentences, parts.store, run, valve)
-    return page(request, "result.html", visitor, {**shared, **_result(request, parts, run, past), "repaired": repaired})
+    compared = await asyncio.to_thread(_compared, parts, run, past, units_of(request))
+    return page(request, "result.html", visitor, {**shared, **_result(request, parts, run, past), **compared})
+
+
+@router.get("/ui/tests/{test_id}/compared")
+async def compared_part(
+    request: Request,
+    test_id: str,
+    parts: PartsOf,
+    visitor: VisitorOf,
+    before: Annotated[str, Query(max_length=40)],
+) -> Response:
+    """Return the table of a test beside an earlier one, which the page puts into itself."""
+    try:
+        run = await parts.runs.get(test_id)
+        past = await asyncio.to_thread(past_of, parts.store, run.valve, parts.plant.valves.get(run.valve), run)
+        compared = await asyncio.to_thread(_compared, parts, run, past, units_of(request), before)
+    except NotFoundError as error:
+        return _missing(request, visitor, error)
+    return page(request, "compared.html", visitor, compared)
+
+
+def _compared(parts: Parts, run: Run, past: ValvePast, system: UnitSystem, before: str | None = None) -> dict[str, Any]:
+    """Return what a test is laid over and held against; reads the database and blocks. Raises NotFoundError."""
+    valve, analysis = parts.plant.valves.get(run.valve), run.analysis
+    if analysis is None:
+        return {"chips": [], "others": [], "repaired": [], "before_run": None, "compared": []}
+    chips, others = overlays_of(parts.store, run, past)
+    chosen = before or before_of(parts.store, run, past)
+    then = None if chosen is None else parts.store.runs.get(chosen)
+    if then is not None and then.valve != run.valve:
+        raise NotFoundError(f"test {then.id} is none of {run.valve}: choose one of the same valve")
+    rows: list[BeforeAfter] = []
+    if valve is not None and then is not None and then.analysis is not None:
+        rows = before_after(then.analysis, analysis, valve.health, facts_of(valve), system)
+    return {
+        "chips": chips,
+        "others": others,
+        "repaired": repair_sentences(parts.store, run, valve),
+        "before_run": None if then is None else {"id": then.id, "words": words_of(then, "" if then.label else "test")},
+        "compared": rows,
+    }
 
 
 def _missing(request: Request, visitor: Visitor, error: NotFoundError) -> Response:
@@ -227,7 +269,8 @@ def _standing(parts: Parts, latest: Run | None, tag: str) -> Mapping[str, Any]:
 def _query(past: ValvePast, run: Run, system: UnitSystem) -> str:
     """Return what else a picture of a test depends on, so that its address changes with it."""
     analysed = "" if run.finished_at is None else f"&of={run.finished_at:%Y%m%dT%H%M%S%f}"
-    return f"units={system.value}{analysed}" + ("" if past.baseline is None else f"&baseline={past.baseline.id}")
+    label = "" if run.label is None else f"&as={run.label.value}"
+    return f"units={system.value}{analysed}{label}" + ("" if past.baseline is None else f"&baseline={past.baseline.id}")
 
 
 def _live(parts: Parts, run: Run, system: UnitSystem) -> dict[str, Any]:
@@ -260,6 +303,8 @@ def _result(request: Request, parts: Parts, run: Run, past: ValvePast) -> dict[s
         "analysis": analysis,
         "ne107": alarm_condition(run) or NE107.get(health.get("ne107") or ""),
         "reasons": health.get("reasons") or (),
+        "may_be_baseline": (health.get("acceptance") or {}).get("passed") is False
+        and (past.baseline is None or past.baseline.id != run.id),
         "unacknowledged": run if needs_acknowledgement(run) else None,
         "recording_facts": recording_facts(run, system),
         "may_be_analysed": can_be_analysed(run),
@@ -269,7 +314,7 @@ def _result(request: Request, parts: Parts, run: Run, past: ValvePast) -> dict[s
     if analysis is None:
         later = past.newest[0] if past.newest and past.newest[0].id != run.id else None
         return shown | {
-            "ending": ending_of(run, later=later),
+            "ending": ending_of(run, later=later, zone=parts.plant.zone),
             "has_trace": run.recording_file is not None and parts.store.recording_path(run.id).is_file(),
         }
     pictures = (analysis.get("discrepancy") or {}).get("pictures") or {}
@@ -285,7 +330,7 @@ def _result(request: Request, parts: Parts, run: Run, past: ValvePast) -> dict[s
         "has_comparison": can_compare(all_estimates(analysis)),
         "has_model": diagnosis.verdict != "ambiguous"
         and bool((analysis.get("discrepancy") or {}).get("extended_model")),
-        "has_loop": bool((analysis.get("signature") or {}).get("curve")),
+        "has_signature": has_signature(analysis.get("signature")),
         "reasons": reasons_beside(health.get("reasons") or (), diagnosis),
         "key_figures": key_figures(analysis, system),
         "figure_rows": shown_rows,

@@ -9,7 +9,19 @@ from typing import Final
 NAME: Final = "tablet.js"
 _FOLDER: Final = Path(__file__).parent / "script_parts"
 #: In the order in which they use each other.
-PARTS: Final = ("requests", "connection", "forms", "permissives", "start", "stop", "live", "recordings", "begin")
+PARTS: Final = (
+    "requests",
+    "connection",
+    "forms",
+    "permissives",
+    "start",
+    "stop",
+    "live",
+    "signature",
+    "recordings",
+    "valves",
+    "begin",
+)
 
 
 @cache

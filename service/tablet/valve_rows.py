@@ -10,7 +10,7 @@ from typing import Any, Final
 from service.parts import Parts
 from service.runs.run import Run
 from service.stands_words import NOT_CONFIRMED, where_it_stands
-from service.store.conditions import valve_standings
+from service.store.conditions import ValveStanding, valve_standings
 from service.store.run_table import ValveHead
 from service.tablet.words import STATES, Condition, condition_of
 
@@ -22,6 +22,7 @@ class ValveRow:
     """One valve in the list."""
 
     tag: str
+    about: str
     condition: Condition
     reason: str
     stands: str
@@ -34,12 +35,24 @@ class ValveRow:
     next_check: datetime | None
 
 
-def valve_conditions(parts: Parts) -> dict[str, Condition]:
-    """Return how each valve stands, worst first, then by tag; reads the database, so callers use a thread."""
+@dataclass(frozen=True, slots=True)
+class Stand:
+    """How a valve stands. ``at_rest`` leaves aside that it is under test now; ``standing`` is None without a test."""
+
+    condition: Condition
+    at_rest: Condition
+    standing: ValveStanding | None
+
+
+def valve_stands(parts: Parts) -> dict[str, Stand]:
+    """Return how each valve stands: worst first, then by what was found does to the stem, then by tag.
+
+    Reads the database, so callers use a thread.
+    """
     standings = valve_standings(parts.store.engine)
     doubtful = [tag for tag, one in standings.items() if one.may_be_bad and tag in parts.plant.valves]
     heads = parts.store.runs.valve_heads(doubtful) if doubtful else {}
-    conditions, now = {}, datetime.now(UTC)
+    stands, now = {}, datetime.now(UTC)
     for tag in parts.plant.valves:
         standing = standings.get(tag)
         ne107 = None
@@ -47,8 +60,16 @@ def valve_conditions(parts: Parts) -> dict[str, Condition]:
             ne107 = parts.staleness.oldest(tag, now).state(standing.ne107, standing.completed_at)
         is_busy = parts.runs.user_of(tag) is not None
         last = heads[tag].last if tag in heads else None
-        conditions[tag] = condition_of(last, ne107, is_busy=is_busy, is_tested=standing is not None)
-    return dict(sorted(conditions.items(), key=lambda item: (item[1].rank, item[0])))
+        at_rest = condition_of(last, ne107, is_busy=False, is_tested=standing is not None)
+        condition = condition_of(last, ne107, is_busy=True, is_tested=True) if is_busy else at_rest
+        stands[tag] = Stand(condition, at_rest, standing)
+
+    def place(item: tuple[str, Stand]) -> tuple[int, float, str]:
+        tag, stand = item
+        effect = None if stand.standing is None else stand.standing.effect_percent
+        return stand.condition.rank, -(effect or 0.0), tag
+
+    return dict(sorted(stands.items(), key=place))
 
 
 def valve_rows(parts: Parts, tags: Sequence[str], due: Mapping[str, datetime]) -> list[ValveRow]:
@@ -66,7 +87,7 @@ def valve_rows(parts: Parts, tags: Sequence[str], due: Mapping[str, datetime]) -
 
 def _row(parts: Parts, tag: str, head: ValveHead | None, due: datetime | None) -> ValveRow:
     last = None if head is None else parts.runs.as_it_stands(head.last)
-    now = datetime.now(UTC)
+    identity, now = parts.plant.valves[tag].identity, datetime.now(UTC)
     oldest = parts.staleness.oldest(tag, now)
     health = {} if head is None else oldest.health(head.health, head.completed_at, now) or {}
     busy_with = parts.runs.user_of(tag)
@@ -75,6 +96,7 @@ def _row(parts: Parts, tag: str, head: ValveHead | None, due: datetime | None) -
     arrow, trend = _ARROWS[friction_trend(friction)]
     return ValveRow(
         tag,
+        " · ".join(one for one in (identity.description, identity.area) if one is not None),
         condition,
         _reason(condition, last, health),
         "" if last is None else where_it_stands(last),

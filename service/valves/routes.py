@@ -4,24 +4,40 @@ from __future__ import annotations
 
 import asyncio
 from bisect import bisect_right
-from dataclasses import asdict
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from typing import Annotated, Any, Final
-from urllib.parse import quote, urlencode
+from urllib.parse import quote
 
-from fastapi import APIRouter, Depends, Query, Response
+from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import BaseModel, Field
 
 from service.access.needs import needs
 from service.access.principal import Right
-from service.health.results import PastTest
+from service.health.figures import MAIN_FIGURES
+from service.health.results import Ne107, PastTest
 from service.health.trend_view import TrendView, trends_of_tests
+from service.lists import (
+    KNOWN_KEYS,
+    OR_CSV,
+    Areas,
+    Form,
+    Since,
+    Until,
+    csv_answer,
+    dated,
+    next_page,
+    tags_of_areas,
+    wants_csv,
+)
 from service.parts import Parts, parts_of
 from service.problems import PROBLEMS
 from service.runs.acknowledgement import alarm_of
-from service.runs.run import Run
+from service.runs.run import Label, Run, RunState
 from service.runs.sequences import SEQUENCES, default_of
 from service.runs.views import RunSummary, RunView, summary, view
+from service.store.conditions import ValveStanding, last_labelled, valve_standings
 from service.store.run_table import ValveHead
 from service.store.store import Store
 
@@ -29,6 +45,11 @@ router = APIRouter(prefix="/valves", tags=["valves"], responses=PROBLEMS)
 PartsOf = Annotated[Parts, Depends(parts_of)]
 
 _TREND_TESTS: Final = 40
+_COLUMNS: Final = (
+    *("valve", "last_test", "state", "last_test_at", "last_result_at", "ne107", "reasons"),
+    *MAIN_FIGURES,
+    *("alarms", "busy_with"),
+)
 
 
 class ValveSummary(BaseModel):
@@ -36,6 +57,8 @@ class ValveSummary(BaseModel):
 
     tag: str
     href: str
+    description: str | None = Field(description="as the plant file says it, as area; null where it does not")
+    area: str | None
     buses: list[str]
     acquisition: str
     busy_with: str | None = Field(description="id of the test that uses the valve now")
@@ -47,6 +70,10 @@ class ValveSummary(BaseModel):
 class ValveView(ValveSummary):
     """One valve with what it is and what it may do."""
 
+    service: str | None = Field(description="what flows through it, and what it is for")
+    manufacturer: str | None
+    model: str | None
+    serial_number: str | None
     nameplate: dict[str, Any]
     limits: dict[str, Any]
     safe_value_pa: float | str
@@ -75,6 +102,8 @@ def _summary(parts: Parts, tag: str, head: ValveHead | None) -> dict[str, Any]:
     return {
         "tag": tag,
         "href": f"/valves/{quote(tag)}",
+        "description": valve.identity.description,
+        "area": valve.identity.area,
         "buses": sorted(valve.buses),
         "acquisition": valve.wiring.acquisition.mode.value,
         "busy_with": parts.runs.user_of(tag),
@@ -84,22 +113,94 @@ def _summary(parts: Parts, tag: str, head: ValveHead | None) -> dict[str, Any]:
     }
 
 
-@router.get("", dependencies=[needs(Right.VIEW)], response_model=ValveList)
-async def list_valves(
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """Which valves are meant, by their area and last test; what is empty or None asks for nothing."""
+
+    areas: Sequence[str]
+    states: Sequence[RunState]
+    ne107: Sequence[Ne107]
+    labels: Sequence[Label]
+    since: datetime | None
+    until: datetime | None
+
+    def tags(self, parts: Parts) -> list[str]:
+        """Return their tags, sorted; one that was never tested has no last test to be asked for. Reads the database."""
+        tags = tags_of_areas(parts.plant, self.areas)
+        if not any((self.states, self.ne107, self.labels, self.since, self.until)):
+            return tags
+        standings, now = valve_standings(parts.store.engine), datetime.now(UTC)
+        labelled = last_labelled(parts.store.engine, self.labels) if self.labels else None
+        found = []
+        for tag in tags:
+            standing = standings.get(tag)
+            if standing is None or (labelled is not None and tag not in labelled):
+                continue
+            state = parts.staleness.oldest(tag, now).state(standing.ne107, standing.completed_at)
+            if self._fits(standing, state):
+                found.append(tag)
+        return found
+
+    def _fits(self, standing: ValveStanding, ne107: str | None) -> bool:
+        return (
+            (not self.states or standing.state in self.states)
+            and (not self.ne107 or ne107 in self.ne107)
+            and (self.since is None or standing.last_at >= self.since)
+            and (self.until is None or standing.last_at < self.until)
+        )
+
+
+@router.get("", dependencies=[needs(Right.VIEW), KNOWN_KEYS], response_model=ValveList, responses=OR_CSV)
+async def list_valves(  # noqa: PLR0917 - each is a query key
+    request: Request,
     parts: PartsOf,
     limit: Annotated[int, Query(ge=1, le=5000)] = 200,
     after: Annotated[
         str | None, Query(max_length=64, pattern=r"^[^\x00]*$", description="a tag: list what comes after it")
     ] = None,
+    area: Areas = None,
+    state: Annotated[list[RunState] | None, Query(description="one of these states of the last test")] = None,
+    ne107: Annotated[list[Ne107] | None, Query(description="one of these NE 107 states, as it stands today")] = None,
+    label: Annotated[list[Label] | None, Query(description="one of these labels of the last test")] = None,
+    since: Since = None,
+    until: Until = None,
+    form: Form = None,
 ) -> Response:
-    """List the plant's valves by their tags, each with its last test."""
-    tags = sorted(parts.plant.valves)
+    """List the plant's valves by their tags, each with its last test; as CSV with its main figures, SI.
+
+    A filter other than `area` asks for the last test: a valve that was never tested is not in the list then.
+    """
+    asked = _Asked(area or (), state or (), ne107 or (), label or (), since, until)
+    tags = await asyncio.to_thread(asked.tags, parts)
     tags = tags if after is None else tags[bisect_right(tags, after) :]
     page = tags[:limit]
     heads = await asyncio.to_thread(parts.store.runs.valve_heads, page)
-    following = f"/valves?{urlencode({'limit': limit, 'after': page[-1]})}" if len(tags) > limit else None
+    following = None
+    if len(tags) > limit:
+        filters = {"area": area, "state": state, "ne107": ne107, "label": label, "since": since, "until": until}
+        following = next_page("/valves", {"limit": limit, "after": page[-1], **filters, "format": form})
+    if wants_csv(request, form):
+        figures = await asyncio.to_thread(parts.store.figures.of_last_results, MAIN_FIGURES)
+        rows = (_line(_summary(parts, tag, heads.get(tag)), figures.get(tag, {}), heads.get(tag)) for tag in page)
+        return csv_answer(_COLUMNS, rows, dated("valves"), following)
     listed = ValveList(valves=[ValveSummary(**_summary(parts, tag, heads.get(tag))) for tag in page], next=following)
-    return Response(listed.model_dump_json(), media_type="application/json")  # it was validated as it was made
+    headers = {"Vary": "Accept"}
+    return Response(listed.model_dump_json(), media_type="application/json", headers=headers)  # it was validated
+
+
+def _line(shown: Mapping[str, Any], figures: Mapping[str, float], head: ValveHead | None) -> list[object]:
+    last, health = shown["last_test"], shown["health"] or {}
+    about = (None,) * 3 if last is None else (last.id, last.state.value, last.created_at)
+    return [
+        shown["tag"],
+        *about,
+        None if head is None else head.completed_at,
+        health.get("ne107"),
+        "; ".join(health.get("reasons") or ()),
+        *(figures.get(key) for key in MAIN_FIGURES),
+        "; ".join(shown["alarms"]),
+        shown["busy_with"],
+    ]
 
 
 @router.get("/{tag:path}", dependencies=[needs(Right.VIEW)], response_model=ValveView)
@@ -111,6 +212,10 @@ async def get_valve(tag: str, parts: PartsOf) -> Response:
     rest = valve.wiring.rest
     shown = ValveView(
         **_summary(parts, tag, head),
+        service=valve.identity.service,
+        manufacturer=valve.identity.manufacturer,
+        model=valve.identity.model,
+        serial_number=valve.identity.serial_number,
         nameplate=asdict(valve.nameplate),
         limits=asdict(valve.wiring.limits),
         safe_value_pa=valve.wiring.safe_value_pa,

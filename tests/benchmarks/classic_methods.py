@@ -11,7 +11,7 @@ from rich.table import Table
 
 from estimators.base import Estimate, Estimator, Form
 from estimators.classic.garcia import GarciaEstimator
-from estimators.classic.regression import RegressionEstimator, StaticFriction
+from estimators.classic.regression import RegressionEstimator
 from estimators.motion.recorded_motion import read_motion
 from tests.benchmarks.timing import least_cpu_s, shown
 from tests.estimators.recordings import VALVES, Recorded, recorded
@@ -91,20 +91,18 @@ def _shown(errors: list[float]) -> str:
 
 def _times() -> Table:
     table = Table(title="Classic methods: processor time at 60,001 samples, robust form, 5 um", title_justify="left")
-    headings = ("valve", "both together", "regression", "garcia", "reading alone", "both, corrected", "F_s by Eq. (9)")
+    headings = ("valve", "both together", "regression", "garcia", "reading alone", "both, corrected")
     for heading in headings:
         table.add_column(heading, justify="left" if heading == "valve" else "right")
     for name in VALVES:
         test = recorded(name, noise_m=5.0e-6)
         recording, nameplate = test.recording, test.nameplate
-        by_simulation = RegressionEstimator(form=Form.CORRECTED, static_friction=StaticFriction.SIMULATION)
         calls: list[Callable[[], object]] = [
             partial(_together, test, Form.ROBUST),
             partial(RegressionEstimator().estimate, recording, nameplate),
             partial(GarciaEstimator().estimate, recording, nameplate),
             partial(read_motion, recording, nameplate),
             partial(_together, test, Form.CORRECTED),
-            partial(by_simulation.estimate, recording, nameplate),
         ]
         table.add_row(name, *(shown(least_cpu_s(call)) for call in calls))
     return table

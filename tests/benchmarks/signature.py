@@ -19,7 +19,7 @@ from valve.recording import Recording
 from valve.stem import Mode
 from valve.waveform import triangle
 
-_USUAL_COUNT: Final = 12  # tests a case; the figures of docs/signature.md are of 100
+_USUAL_COUNT: Final = 12  # tests a case; the figures of docs/signature.md are of 30
 _VALVES: Final = ("vendor", "nominal", "rough", "graphite")
 # sample period s, position noise m, pressure noise Pa
 _SAMPLINGS: Final = (

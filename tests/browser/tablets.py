@@ -20,6 +20,7 @@ BROWSER: Final = Path("/usr/bin/chromium")
 DRIVER: Final = Path("/usr/bin/chromedriver")
 LANDSCAPE: Final = (1280, 800)
 PORTRAIT: Final = (800, 1280)
+PHONE: Final = (320, 640)  # CSS pixels, as WCAG 2.1, 1.4.10 asks
 
 
 class Tablet:
@@ -33,6 +34,15 @@ class Tablet:
         width, height = size
         metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+
+    def darken(self, *, is_dark: bool) -> None:
+        """Ask pages for their dark colours, or for their light ones."""
+        feature = {"name": "prefers-color-scheme", "value": "dark" if is_dark else "light"}
+        self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [feature]})
+
+    def print_as(self, media: str) -> None:
+        """Show pages as they are printed (``print``), or as they are on a screen (an empty text)."""
+        self.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": media})
 
     def open(self, address: str) -> None:
         self.driver.get(address)

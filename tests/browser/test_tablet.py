@@ -16,7 +16,7 @@ from service.store.schema_access import SESSIONS
 from tests.browser.analyses import ACTION, MISSING
 from tests.browser.conftest import store_test
 from tests.browser.gateway import Gateway
-from tests.browser.tablets import LANDSCAPE, PORTRAIT, Tablet
+from tests.browser.tablets import LANDSCAPE, PHONE, PORTRAIT, Tablet
 from tests.service.wired_plant import SAFE_PA, TAG
 
 LEAST_TARGET_PX = 118  # 20 mm on a tablet of 10.1 inches and 1280x800, whose pixel is 0.17 mm
@@ -413,7 +413,7 @@ for (const one of document.querySelectorAll('body *')) {
 }
 return found;"""
 UNNAMED = """
-return [...document.querySelectorAll('a, button, input, select, img, canvas, table')].filter((one) =>
+return [...document.querySelectorAll('a, button, input:not([type=hidden]), select, img, canvas, table')].filter((one) =>
   !(one.labels?.length || one.innerText?.trim() || one.getAttribute('aria-label') || one.getAttribute('alt')))
   .map((one) => one.outerHTML.slice(0, 120));"""
 SMALL = """
@@ -422,14 +422,19 @@ return [...document.querySelectorAll('[data-moves], .stop, button, .button, sele
   return box.width && Math.min(box.width, box.height) < least; }).map((one) => one.outerHTML.slice(0, 120));"""
 
 
-@pytest.mark.parametrize("size", [LANDSCAPE, PORTRAIT])
-def test_every_page_can_be_read_named_and_touched(service: Gateway, browser: Tablet, size: tuple[int, int]) -> None:
+@pytest.mark.parametrize(("size", "is_dark"), [(LANDSCAPE, False), (PORTRAIT, True), (PHONE, False), (PHONE, True)])
+def test_every_page_can_be_read_named_and_touched(
+    service: Gateway, browser: Tablet, size: tuple[int, int], is_dark: bool
+) -> None:
     browser.turn(size)
+    browser.darken(is_dark=is_dark)
     test_id = service.client.get("/tests", params={"valve": TAG, "limit": 200}).json()["tests"][-1]["id"]
     failed = store_test(service, 0.0, 0.0, state=RunState.FAILED)
     for path in (
         "/",
+        "/?find=nothing&state=N",
         "/ui/night",
+        "/ui/recordings",
         f"/ui/valves/{TAG}",
         f"/ui/valves/{TAG}/start",
         f"/ui/tests/{test_id}",
@@ -444,6 +449,35 @@ def test_every_page_can_be_read_named_and_touched(service: Gateway, browser: Tab
         assert all(after <= before + 1 for before, after in pairwise(levels))
         assert browser.run("return document.documentElement.scrollWidth") <= size[0], f"{path} scrolls sideways"
     browser.turn(LANDSCAPE)
+    browser.darken(is_dark=False)
+
+
+def test_the_list_follows_what_is_typed_and_keeps_it_in_its_address(service: Gateway, browser: Tablet) -> None:
+    browser.open(service.url + "/")
+    assert TAG in browser.text("#list")
+    browser.write("#find", "nowhere")
+    browser.until_reads("#list", "No valve fits")
+    assert browser.run("return location.search") == "?find=nowhere"
+    assert browser.run("return document.activeElement.id") == "find"
+    assert browser.run("return document.getElementById('said').textContent").startswith("0 of 1 valves")
+    browser.write("#find", TAG[:4].lower())
+    browser.until_reads("#list", TAG)
+    browser.press("#since .chips li:first-child a")
+    browser.until(lambda: "since=worse" in browser.run("return location.search"), "the chip is in the address")
+    assert f"find={TAG[:4].lower()}" in browser.run("return location.search")
+    assert browser.run("return document.querySelector('#since [aria-current]').innerText").startswith("0 worse")
+
+
+def test_a_printed_list_has_its_rows_and_no_buttons(service: Gateway, browser: Tablet) -> None:
+    browser.open(service.url + "/")
+    browser.print_as("print")
+    try:
+        seen = "filter((one) => one.getBoundingClientRect().width).length"
+        shown = f"return [...document.querySelectorAll(arguments[0])].{seen}"
+        assert browser.run(shown, "#valves tbody tr, #valves thead th") == 6
+        assert browser.run(shown, "button, select, input, header nav") == 0
+    finally:
+        browser.print_as("")
 
 
 def test_no_page_asked_another_host_or_broke_its_own_rules(service: Gateway, browser: Tablet) -> None:

@@ -2,22 +2,30 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any, Final, cast
+from zoneinfo import ZoneInfo
 
 import pytest
 from sqlalchemy import event
 
+from service.health.earlier import EarlierResults
 from service.health.staleness import Staleness
 from service.parts import Parts
 from service.runs.run import Run, RunState, new_run_id
+from service.schedules.check import Check, CheckState
 from service.settings import load_plant
+from service.settings_valves import Identity
 from service.store.store import Store
-from service.tablet.valve_rows import friction_trend, valve_conditions, valve_rows
+from service.tablet.since import Change, Since, since_yesterday, yesterday_noon
+from service.tablet.valve_list import ValveList, Wish
+from service.tablet.valve_rows import friction_trend, valve_rows, valve_stands
 from tests.browser.analyses import FRICTION_N, made_analysis
 from tests.service.conftest import PLANT
+
+NOW: Final = datetime.now(UTC)
 
 
 @pytest.fixture
@@ -30,13 +38,18 @@ def parts(tmp_path: Path) -> Iterator[Parts]:
     plant = replace(plant, valves={f"XV-{number}": valve for number in range(1, 8)})
     store = Store(plant.service.store)
     runs = SimpleNamespace(as_it_stands=lambda run: run, user_of=lambda tag: "a test" if tag == "XV-7" else None)
-    yield cast(Parts, SimpleNamespace(plant=plant, store=store, runs=runs, staleness=Staleness(plant)))
+    yield cast(
+        Parts,
+        SimpleNamespace(plant=plant, store=store, runs=runs, staleness=Staleness(plant), earlier=EarlierResults()),
+    )
     store.close()
 
 
 def _tested(parts: Parts, tag: str, ne107: str | None, **changes: Any) -> None:
-    at = datetime.now(UTC)
+    at = changes.get("created_at", datetime.now(UTC))
     analysis = made_analysis(ne107=ne107) if "state" not in changes else None
+    if analysis is not None:
+        analysis["health"]["effect_percent_of_span"] = changes.pop("effect_percent", None)
     run = Run(id=new_run_id(at), valve=tag, sequence="triangle", state=RunState.COMPLETED, started_at=at)
     defaults: dict[str, Any] = {"quality": {}, "safe_confirmed": True, "analysis": analysis}
     parts.store.runs.insert(replace(run, **(defaults | changes)))
@@ -51,7 +64,7 @@ def test_valves_are_listed_worst_first(parts: Parts) -> None:
     _tested(parts, "XV-5", None)
     _tested(parts, "XV-6", "N")
     _tested(parts, "XV-6", None, state=RunState.STOPPED)
-    conditions = valve_conditions(parts)
+    conditions = {tag: one.condition for tag, one in valve_stands(parts).items()}
     assert [(tag, one.code) for tag, one in conditions.items()] == [
         ("XV-3", "F"),
         ("XV-4", "bad"),
@@ -65,6 +78,21 @@ def test_valves_are_listed_worst_first(parts: Parts) -> None:
     assert [row.condition for row in rows] == list(conditions.values())
     assert rows[1].reason == "the stem is stuck"
     assert {row.tag: row.friction_n for row in rows}["XV-1"] == FRICTION_N
+
+
+def test_valves_of_one_state_are_listed_by_what_was_found_does_to_the_stem(parts: Parts) -> None:
+    for tag, state, effect_percent in (
+        ("XV-1", "M", 1.5),
+        ("XV-2", "M", None),
+        ("XV-3", "M", 26.6),
+        ("XV-4", "S", 0.5),
+        ("XV-5", "M", 1.5),
+        ("XV-6", "N", None),
+    ):
+        _tested(parts, tag, state, effect_percent=effect_percent)
+    assert list(valve_stands(parts))[:5] == ["XV-4", "XV-3", "XV-1", "XV-5", "XV-2"]
+    _tested(parts, "XV-3", "M", effect_percent=1.2)
+    assert list(valve_stands(parts))[:5] == ["XV-4", "XV-1", "XV-5", "XV-3", "XV-2"]
 
 
 def test_a_valve_that_could_not_be_judged_says_why_and_one_under_test_does_not(parts: Parts) -> None:
@@ -90,12 +118,142 @@ def test_a_longer_list_asks_the_database_no_more_often(parts: Parts) -> None:
     assert counts[0] == counts[1]
 
 
+def _since(parts: Parts) -> Since:
+    return since_yesterday(parts, valve_stands(parts), NOW)
+
+
+def test_since_yesterday_each_valve_is_counted_once_with_the_reason(parts: Parts) -> None:
+    before, night = NOW - timedelta(days=2), NOW - timedelta(hours=6)
+    for number in range(1, 6):
+        _tested(parts, f"XV-{number}", "M" if number == 3 else "N", created_at=before)
+    _tested(parts, "XV-1", "M", created_at=night)
+    _tested(parts, "XV-2", "N", created_at=night)
+    _tested(parts, "XV-3", "N", created_at=night)
+    _tested(parts, "XV-6", "N", created_at=night)
+    _skipped(parts, "XV-4", night, "XV-4: its line is under pressure")
+    _skipped(parts, "XV-2", night - timedelta(hours=1), "its turn did not come")  # it was tested later
+    since = _since(parts)
+    assert dict(since.changes) == {
+        "XV-1": Change.WORSE,
+        "XV-2": Change.UNCHANGED,
+        "XV-3": Change.BETTER,
+        "XV-4": Change.NOT_TESTED,
+        "XV-5": Change.UNCHANGED,
+        "XV-6": Change.FIRST,
+        "XV-7": Change.UNCHANGED,
+    }
+    assert [(note.tags, note.change.value, note.words) for note in since.notes] == [
+        (("XV-1",), "worse", "normal → maintenance required"),
+        (("XV-4",), "not tested", "its line is under pressure"),
+    ]
+
+
+def test_a_bad_end_of_the_night_is_worse_and_one_that_stood_before_is_not(parts: Parts) -> None:
+    for tag, at in (("XV-1", NOW - timedelta(hours=6)), ("XV-2", NOW - timedelta(days=3))):
+        _tested(parts, tag, "N", created_at=NOW - timedelta(days=4))
+        _tested(parts, tag, None, state=RunState.FAILED, error="the stem is stuck", created_at=at)
+    changes = _since(parts).changes
+    assert (changes["XV-1"], changes["XV-2"]) == (Change.WORSE, Change.UNCHANGED)
+
+
+def test_reasons_that_many_valves_share_are_told_once(parts: Parts) -> None:
+    for number in range(1, 6):
+        _skipped(parts, f"XV-{number}", NOW - timedelta(hours=6), f"XV-{number}: its bus was busy")
+    (note,) = _since(parts).notes
+    assert (note.tags, note.more, note.words) == (("XV-1", "XV-2", "XV-3"), 2, "its bus was busy")
+
+
+@pytest.mark.parametrize(
+    ("now", "noon"),
+    [
+        ("2026-11-27T06:00:00+00:00", "2026-11-26T11:00:00+00:00"),
+        ("2026-11-26T23:30:00+00:00", "2026-11-26T11:00:00+00:00"),  # past midnight by the plant's clock
+        ("2026-10-25T09:00:00+00:00", "2026-10-24T10:00:00+00:00"),  # the hour that came twice lies between
+    ],
+)
+def test_yesterday_is_the_plants_own(now: str, noon: str) -> None:
+    found = yesterday_noon(datetime.fromisoformat(now), ZoneInfo("Europe/Berlin"))
+    assert found == datetime.fromisoformat(noon)
+
+
+def _listed(parts: Parts, **wish: Any) -> ValveList:
+    stands = valve_stands(parts)
+    return ValveList(parts.plant.valves, stands, since_yesterday(parts, stands, NOW).changes, Wish(**wish))
+
+
+@pytest.mark.parametrize(
+    ("find", "tags"),
+    [
+        ("xv-3", ["XV-3"]),
+        ("reflux", ["XV-1", "XV-2"]),
+        ("TANK farm", ["XV-3"]),
+        ("naphtha reflux", ["XV-2"]),
+        ("sn-77", ["XV-1"]),
+        ("steam naphtha", []),
+    ],
+)
+def test_a_valve_is_found_by_all_that_people_know_it_by(parts: Parts, find: str, tags: list[str]) -> None:
+    assert sorted(_listed(_known(parts), find=find).tags) == tags
+
+
+def test_chips_count_what_they_would_show_beside_the_other_choices(parts: Parts) -> None:
+    known = _known(parts)
+    _tested(known, "XV-1", "M")
+    _tested(known, "XV-2", "N")
+    _tested(known, "XV-3", "M")
+    listed = _listed(known, state=["M"])
+    assert sorted(listed.tags) == ["XV-1", "XV-3"]
+    chips = listed.chips()
+    assert {one.value: one.count for one in chips["area"]} == {"Column": 1, "Tank farm": 1}
+    assert {one.value: one.count for one in chips["state"]} == {"M": 2, "C": 1, "none": 3, "N": 1}
+    (chosen,) = [one for one in chips["state"] if one.is_chosen]
+    assert (chosen.value, chosen.address) == ("M", "/")
+    both = _listed(known, state=["M", "N"], area=["Column"], find="reflux")
+    assert sorted(both.tags) == ["XV-1", "XV-2"]
+    (area,) = [one for one in both.chips()["area"] if one.value == "Tank farm"]
+    assert area.address == "/?find=reflux&state=M&state=N&area=Column&area=Tank+farm"
+
+
+def test_a_longer_past_is_read_once_for_each_day(parts: Parts) -> None:
+    for days in (3, 2, 0.1):
+        for number in range(1, 7):
+            _tested(parts, f"XV-{number}", "N", created_at=NOW - timedelta(days=days))
+    asked: list[str] = []
+    event.listen(parts.store.engine, "before_cursor_execute", lambda *given: asked.append(given[2]))
+    stands = valve_stands(parts)
+    counts = []
+    for _ in range(2):
+        asked.clear()
+        since_yesterday(parts, stands, NOW)
+        counts.append(len(asked))
+    assert counts == [2, 1]
+
+
+def _known(parts: Parts) -> Parts:
+    """Return the plant with what people know three of its valves by."""
+    known = {
+        "XV-1": Identity("Reflux control", "Column", "steam", serial_number="SN-77"),
+        "XV-2": Identity("Reflux bypass", "Column", "naphtha"),
+        "XV-3": Identity("Inlet", "Tank farm", "naphtha"),
+    }
+    valves = {tag: replace(valve, identity=known.get(tag, valve.identity)) for tag, valve in parts.plant.valves.items()}
+    parts.plant = replace(parts.plant, valves=valves)  # type: ignore[misc]
+    return parts
+
+
+def _skipped(parts: Parts, tag: str, due_at: datetime, reason: str) -> None:
+    check = Check("nightly", f"{due_at:%Y-%m-%dT%H:%M}", tag, due_at, 3600.0, "triangle", "plc-1")
+    stored = parts.store.schedule_runs.insert(check)
+    assert stored is not None
+    parts.store.schedule_runs.end(stored.id, CheckState.SKIPPED, reason, due_at)
+
+
 def test_an_unconfirmed_safe_state_stands_above_everything_until_it_is_acknowledged(parts: Parts) -> None:
     _tested(parts, "XV-1", "F")
     _tested(parts, "XV-2", None, state=RunState.STOPPED, safe_confirmed=False)
-    assert next(iter(valve_conditions(parts).items()))[1].code == "alarm"
+    assert next(iter(valve_stands(parts).values())).condition.code == "alarm"
     _tested(parts, "XV-2", None, state=RunState.STOPPED, safe_confirmed=False, acknowledged_at=datetime.now(UTC))
-    assert next(iter(valve_conditions(parts).items()))[1].code == "F"
+    assert next(iter(valve_stands(parts).values())).condition.code == "F"
 
 
 @pytest.mark.parametrize(

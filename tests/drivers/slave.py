@@ -31,6 +31,7 @@ class Fault:
     exception: int | None = None
     flip: int | None = None  # bit of the answer (function and data) that is turned over, after the CRC was made
     hang_up: bool = False
+    stray: bytes = b""  # noise before the answer, after the echo if there is one
     silent_execution: bool = True  # whether a dropped request is carried out
 
 
@@ -56,14 +57,20 @@ class RawSlave:
     most_in_flight: int = 0
     on_write: Callable[[int, int, list[int]], int | None] | None = None  # returns an exception code to refuse
     on_read: Callable[[int, int, int], None] | None = None
+    hangs_up: bool = False  # it closes a connection once its answer is out
+    functions: frozenset[int] = frozenset({3, 4, 6, 16, 23})  # that it knows
 
     @property
     def writes(self) -> list[tuple[int, int, list[int]]]:
-        """Unit, address and words of every function 16 that came."""
+        """Unit, address and words of every function 16 and 6 that came."""
         return [
-            (r[0], int.from_bytes(r[2:4], "big"), [int.from_bytes(r[i : i + 2], "big") for i in range(7, len(r), 2)])
+            (
+                r[0],
+                int.from_bytes(r[2:4], "big"),
+                [int.from_bytes(r[i : i + 2], "big") for i in range(7 if r[1] == 16 else 4, len(r), 2)],
+            )
             for r in self.requests
-            if r[1] == 16
+            if r[1] in (6, 16)
         ]
 
     def set_words(self, unit: int, address: int, words: list[int] | tuple[int, ...]) -> None:
@@ -86,6 +93,11 @@ class RawSlave:
 
     def answer(self, unit: int, pdu: bytes) -> bytes:
         function, address, count = pdu[0], int.from_bytes(pdu[1:3], "big"), int.from_bytes(pdu[3:5], "big")
+        if function not in self.functions:
+            return bytes((function | 0x80, 1))
+        if function == 6:
+            code = self._write(unit, address, [count])
+            return pdu if code is None else bytes((function | 0x80, code))
         if function in (3, 4):
             return self._read(unit, function, address, count)
         if function == 16:
@@ -134,7 +146,7 @@ class RawSlave:
             spoiled = bytearray(whole)
             spoiled[-3 - fault.flip // 8] ^= 1 << (fault.flip % 8)
             whole = bytes(spoiled)
-        whole = whole[: len(whole) - fault.cut] * fault.copies
+        whole = fault.stray + whole[: len(whole) - fault.cut] * fault.copies
         return raw + whole if fault.echo else whole
 
 
@@ -186,6 +198,8 @@ class TcpPort:
 
         try:
             writer.write(await self.slave.serve(head[6], pdu, frame, head + pdu))
+            if self.slave.hangs_up:
+                writer.close()
         except ConnectionResetError:
             writer.transport.abort()
 
@@ -232,7 +246,7 @@ class SerialPort:
         self._buffer += os.read(self._ours, 1024)
         while len(self._buffer) >= 8:
             function = self._buffer[1]
-            length = {3: 8, 4: 8, 16: 9 + self._buffer[6]}.get(function, 0)
+            length = {3: 8, 4: 8, 6: 8, 16: 9 + self._buffer[6]}.get(function, 0)
             if function == 23:
                 length = 13 + self._buffer[10] if len(self._buffer) > 10 else 999
             if length == 0:

@@ -126,6 +126,37 @@ def test_a_second_without_a_position_ends_it(watched: type[Watched]) -> None:
     assert "no valid position" in str(test.look(position_m=math.nan))
 
 
+@pytest.mark.parametrize("period_s", [0.02, 0.2, 1.0])
+@pytest.mark.parametrize("value", ["position", "pressure"])
+@pytest.mark.parametrize(("valid_of", "ends"), [((1, 20), True), ((1, 2), True), ((4, 5), False)])
+def test_a_valid_value_now_and_then_does_not_hide_that_its_sensor_is_lost(
+    watched: type[Watched], value: str, valid_of: tuple[int, int], ends: bool, period_s: float
+) -> None:
+    test = watched(period_s)
+    invalid = {"position_m" if value == "position" else "pressure_pa": math.nan}
+    fault: Fault = None
+    while fault is None and watched.now_s < test.began_s + 14.0:
+        for number in range(valid_of[1]):
+            watched.now_s += period_s
+            fault = test.look() if number < valid_of[0] else test.look(**invalid)
+            if fault is not None:
+                break
+    if ends:
+        assert f"no valid {value}" in str(fault)
+        assert f"check the {value} sensor" in str(fault)
+        assert watched.now_s - test.began_s < 2.2 * max(1.0, 2.0 * period_s) + 2.0 * period_s
+    else:
+        assert fault is None or isinstance(fault, MeasurementError)  # its longest time is over
+
+
+def test_a_gauge_that_showed_nothing_before_the_test_is_not_missed_in_it(watched: type[Watched]) -> None:
+    test = watched()
+    test.rules.begin(test.sample(pressure_pa=math.nan))
+    for _ in range(200):
+        watched.now_s += 0.02
+        assert test.look(pressure_pa=math.nan) is None
+
+
 def test_a_slow_test_may_be_blind_for_two_of_its_periods(watched: type[Watched]) -> None:
     test = watched(period_s=1.0)
     watched.now_s += 1.9

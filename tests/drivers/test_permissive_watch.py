@@ -12,7 +12,7 @@ import pytest
 
 from drivers.addresses import Parity, Point, RtuAddress, TcpAddress
 from drivers.device import connect_valve
-from drivers.outcome import Ended, PlayOutcome
+from drivers.outcome import Ended, PlayOutcome, SampleBlock
 from drivers.permissive_rules import Contact, PermissiveRules
 from drivers.transport import Transport
 from tests.drivers.bench import SAFE_PA, WIRING, Bench, until
@@ -32,8 +32,9 @@ DEAD = Fault(drop=True, silent_execution=False)
 
 
 @asynccontextmanager
-async def remote(rules: PermissiveRules = RULES) -> AsyncIterator[tuple[Bench, RawSlave]]:
+async def remote(rules: PermissiveRules = RULES, watchdog_s: float = 2.0) -> AsyncIterator[tuple[Bench, RawSlave]]:
     """A valve on a bus of its own, and its contacts and its supply on another bus."""
+    wiring = replace(WIRING, permissives=rules, watchdog=replace(WIRING.watchdog, timeout_s=watchdog_s))
     device, contacts = ReferenceDevice(RawSlave()), RawSlave()
     device.status = 0  # its own status says nothing of the loop
     for address in range(32):
@@ -47,7 +48,7 @@ async def remote(rules: PermissiveRules = RULES) -> AsyncIterator[tuple[Bench, R
         for bus in buses.values():
             await bus.open()
         try:
-            yield Bench(device, connect_valve(replace(WIRING, permissives=rules), buses)), contacts
+            yield Bench(device, connect_valve(wiring, buses)), contacts
         finally:
             for bus in buses.values():
                 await bus.close()
@@ -138,6 +139,28 @@ async def test_a_contact_that_opens_and_closes_in_turns_is_lost() -> None:
         outcome = await asyncio.wait_for(bench.play(LONG), 15.0)
     assert outcome.ended is Ended.FAILED
     assert "no longer in manual" in str(outcome.error)
+
+
+@pytest.mark.parametrize("how", ["a contact", "a dead bus"])
+async def test_what_is_lost_between_two_slow_samples_is_heard_at_once_and_not_with_the_next_one(how: str) -> None:
+    async with remote(replace(RULES, unread_s=0.5), watchdog_s=15.0) as (bench, contacts):
+        lost_s: list[float] = []
+        samples: list[float] = []
+
+        def kept(block: SampleBlock) -> None:
+            samples.append(time.monotonic())
+            if len(samples) == 2:
+                lost_s.append(time.monotonic())
+                if how == "a contact":
+                    contacts.holding[9, 2] = OPEN
+                else:
+                    contacts.always = DEAD
+
+        outcome = await asyncio.wait_for(bench.play(LONG, period_s=2.5, on_samples=kept), 20.0)
+    assert outcome.ended is Ended.FAILED
+    assert "permissive lost" in str(outcome.error)
+    (at_s,) = [at_s for at_s, pressure_pa in bench.device.moves if pressure_pa == SAFE_PA and at_s > lost_s[0]][:1]
+    assert at_s - lost_s[0] < 1.5
 
 
 # ---- at the first write

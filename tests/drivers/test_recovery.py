@@ -7,8 +7,11 @@ from dataclasses import replace
 
 import pytest
 
+from drivers import recovery
 from drivers.device import ValveDevice, connect_valve
+from drivers.faults import NoAnswerError
 from drivers.maps.reference import StatusBit
+from drivers.permissives import Readiness, judge_entry
 from drivers.recovery import recover_valve
 from drivers.transport import Transport
 from tests.drivers.bench import SAFE_PA, WIRING
@@ -91,6 +94,66 @@ async def test_where_nothing_was_commanded_nothing_is_written(device: ReferenceD
     found = await recover_valve(valve, RUN, commanded=False)
     assert (found.safe.confirmed, found.sent, valve.writes) == (False, False, 0)
     assert device.output_pa == LEFT_PA
+
+
+async def test_where_nothing_shows_whether_it_was_commanded_it_is_read_and_a_person_is_told_what_to_do(
+    device: ReferenceDevice, valve: ValveDevice
+) -> None:
+    device.show(run_owner=0)
+    found = await recover_valve(valve, RUN, commanded=None)
+    assert (found.safe.confirmed, found.sent, valve.writes) == (False, False, 0)
+    assert (device.output_pa, found.safe.output_pa) == (LEFT_PA, LEFT_PA)
+    for words in ("journal is damaged", "by hand"):
+        assert words in found.safe.reason
+
+
+async def test_a_permissive_that_is_lost_while_the_device_is_taken_keeps_the_valve_where_it_is(
+    device: ReferenceDevice, valve: ValveDevice, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device.show(run_owner=0)
+    take = ValveDevice.take_ownership
+
+    async def slowly(self: ValveDevice, run_number: int) -> None:
+        await take(self, run_number)
+        device.status &= ~(1 << StatusBit.LOOP_IN_MANUAL)
+
+    monkeypatch.setattr(ValveDevice, "take_ownership", slowly)
+    found = await recover_valve(valve, RUN, commanded=True)
+    assert (found.sent, device.moves, device.output_pa) == (False, [], LEFT_PA)
+    assert "loop_in_manual: not in manual" in found.safe.reason
+    assert device.value("run_owner") == 0, "it is given back"
+
+
+async def test_a_device_whose_permissives_cannot_be_read_after_it_was_taken_is_given_back(
+    device: ReferenceDevice, valve: ValveDevice, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device.show(run_owner=0)
+
+    async def silent(valve: ValveDevice, permit: str | None) -> Readiness:
+        raise NoAnswerError("bus remote: no answer")
+
+    monkeypatch.setattr(recovery, "judge_entry", silent)
+    with pytest.raises(NoAnswerError):
+        await recover_valve(valve, RUN, commanded=True)
+    assert device.value("run_owner") == 0
+    assert device.moves == []
+
+
+async def test_permissives_that_grow_old_are_read_again_before_a_valve_is_sent_to_safe(
+    device: ReferenceDevice, valve: ValveDevice, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    delays_s, rounds = iter([0.6, 0.0]), list[float]()
+
+    async def held_up(valve: ValveDevice, permit: str | None) -> Readiness:
+        readiness = await judge_entry(valve, permit)
+        rounds.append(readiness.round_s)
+        await asyncio.sleep(next(delays_s))
+        return replace(readiness, round_s=0.0)
+
+    monkeypatch.setattr(recovery, "judge_entry", held_up)
+    found = await recover_valve(valve, RUN, commanded=True)
+    assert (found.sent, found.safe.confirmed) == (True, True)
+    assert len(rounds) == 2
 
 
 async def test_a_claim_that_no_watchdog_ends_is_given_back_and_moves_nothing(

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers import connection
 from drivers.addresses import TlsAddress
 from drivers.faults import ConnectionLostError
 from drivers.registers import Table
@@ -51,3 +52,35 @@ async def test_a_certificate_that_cannot_be_read_is_said(tmp_path: Path) -> None
     bus = Transport(TlsAddress("plc", "127.0.0.1", str(tmp_path / "missing.pem")))
     with pytest.raises(ConfigurationError, match="certificates"):
         await bus.open()
+
+
+async def test_a_bus_that_is_opened_again_reads_its_certificates_only_where_they_have_changed(
+    slave: RawSlave, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shown, key = certificate(tmp_path, "plc-1")
+    read: list[TlsAddress] = []
+    load = connection._tls_context
+
+    def counted(address: TlsAddress) -> ssl.SSLContext:
+        read.append(address)
+        return load(address)
+
+    monkeypatch.setattr(connection, "_tls_context", counted)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(shown, key)
+    async with TcpPort(slave, context) as port:
+        trusted = tmp_path / "trusted.pem"
+        trusted.write_bytes(shown.read_bytes())
+        bus = Transport(TlsAddress("plc", "127.0.0.1", str(trusted), port.port, server_name="plc-1"))
+        for _ in range(3):
+            await bus.open()
+        assert len(read) == 1
+        trusted.write_text("half a fi")  # it is being replaced just now
+        await bus.open()
+        trusted.unlink()
+        await bus.open()
+        other, _ = certificate(tmp_path, "plc-2")
+        trusted.write_bytes(other.read_bytes())
+        with pytest.raises(ConnectionLostError):
+            await bus.open()
+        await bus.close()

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import uvloop
 
-from drivers import faults
+from drivers import connection, faults
 from drivers.addresses import GaugeAddress, Parity, RtuAddress, TcpAddress
 from drivers.faults import BadAnswerError, ConnectionLostError, EchoError, NoAnswerError
 from drivers.registers import Block, Register, Table
@@ -185,7 +185,7 @@ async def test_an_answer_that_cannot_be_read_is_said_at_once_and_by_no_other_err
 
 @pytest.mark.parametrize("bit", range(0, 24, 3))
 async def test_a_bit_that_flips_on_a_serial_line_never_gives_a_value(rtu: Transport, slave: RawSlave, bit: int) -> None:
-    slave.faults.append(Fault(flip=bit))
+    slave.always = Fault(flip=bit)
     with pytest.raises(WireError):
         await read(rtu, 100)
 
@@ -384,8 +384,8 @@ async def test_what_always_comes_instead_is_said_by_every_later_request_too(tcp:
 async def test_what_came_instead_of_the_answer_is_said_on_a_serial_line(
     rtu: Transport, slave: RawSlave, fault: Fault, said: str
 ) -> None:
-    slave.faults.append(fault)
-    with pytest.raises(NoAnswerError, match=f"bus line: device 1, reading 1 words at 100: .*{said}"):
+    slave.always = fault
+    with pytest.raises(WireError, match=f"bus line: device 1, reading 1 words at 100: .*{said}"):
         await read(rtu, 100)
 
 
@@ -416,6 +416,15 @@ async def test_another_service_at_the_port_is_told_by_what_it_says() -> None:
         await bus.close()
         server.close()
         await gone.wait()
+
+
+async def test_nobody_waits_long_to_learn_why_a_port_cannot_be_opened(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connection, "why_not_opened", lambda *_: time.sleep(1.5))  # /proc of a busy machine
+    line = Transport(RtuAddress("line", "/dev/no-such-port", 115200, Parity.NONE, timeout_s=TIMEOUT_S))
+    began_s = time.monotonic()
+    with pytest.raises(ConnectionLostError, match="check the address and the wire"):
+        await line.open()
+    assert time.monotonic() - began_s < 1.0
 
 
 _HOLDER = """

@@ -69,7 +69,7 @@ class _Reader:
         ends_s = time.monotonic() + _COMMAND_S
         while not re.search(wanted, said := self.run("", script)):
             assert time.monotonic() < ends_s, said
-            time.sleep(0.5)
+            time.sleep(2.0)  # each look starts a command
 
     def start(self, port: str, script: str) -> None:
         log = (self.folder / f"{port}.log").open("ab")

@@ -218,19 +218,6 @@ def test_a_symbol_without_any_information_takes_no_other_with_it() -> None:
     assert not known.identifiable("DV")
 
 
-def test_what_lies_within_bounds_goes_no_farther_and_takes_with_it_only_what_its_trace_says() -> None:
-    # F_c and a lag are seen by their sum alone; the rounding of the differences has a trace of m in that direction
-    trace = 1.0e-4
-    rows = np.array([[0.0, 1.0, 1.0], [1.0, trace, 0.0]])
-    symbols, values = ("m", "F_c", "transducer_lag_s"), (100.0, 100.0, 1.0)
-    free = knowledge(symbols, values, rows.T @ rows)
-    assert not any(free.identifiable(symbol) for symbol in symbols)
-    bounded = knowledge(symbols, values, rows.T @ rows, widest={"transducer_lag_s": 50.0})
-    assert bounded.std_error("transducer_lag_s") == pytest.approx(50.0, rel=1.0e-3)
-    assert bounded.std_error("F_c") == pytest.approx(50.0, rel=1.0e-3)
-    assert bounded.std_error("m") == pytest.approx(1.0, rel=1.0e-2)  # its own, and 50 times the trace
-
-
 def test_a_hidden_mass_is_called_so() -> None:
     known = known_of("graphite", [20.0] * 3)
     assert "damped so strongly" in known.note("m")

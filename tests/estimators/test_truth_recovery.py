@@ -7,7 +7,7 @@ import pytest
 from estimators.base import Estimator, Form, Status
 from estimators.classic.differences import without_bias
 from estimators.classic.garcia import GarciaEstimator
-from estimators.classic.regression import RegressionEstimator, StaticFriction
+from estimators.classic.regression import RegressionEstimator
 from tests.estimators.recordings import PAPER_VALVES, VALVES, Recorded, recorded
 from valve.parameters import parameters_from_symbols
 from valve.recording import Recording
@@ -127,15 +127,6 @@ def test_the_bias_of_backward_differences_is_undone_exactly(name: str) -> None:
     assert undone is not None
     assert undone.mass_kg == pytest.approx(test.truth.mass_kg, rel=3.0e-5)
     assert undone.viscous_n_s_per_m == pytest.approx(test.truth.viscous_friction_n_s_per_m, rel=3.0e-5)
-
-
-@pytest.mark.parametrize("name", ["nominal", "rough"])
-def test_static_friction_by_simulation_is_better_than_by_the_last_sample_at_rest(name: str) -> None:
-    test = recorded(name)
-    by_breakaway = error_percent(RegressionEstimator(), test, "F_s")
-    by_simulation = error_percent(RegressionEstimator(static_friction=StaticFriction.SIMULATION), test, "F_s")
-    # what is left is DV, which stands in and is tied to F_s
-    assert abs(by_simulation) < 0.8 * abs(by_breakaway)
 
 
 @pytest.mark.parametrize("estimator", CORRECTED, ids=by_method)

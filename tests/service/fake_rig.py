@@ -39,7 +39,7 @@ class FakeRig:
         self.moving = asyncio.Event()
         self.permits: list[str | None] = []
         self.stem_m: float | None = 0.0
-        self.recoveries: list[tuple[str, int, float | None, bool]] = []
+        self.recoveries: list[tuple[str, int, float | None, bool | None]] = []
         self.recovered = Recovered(SafeOutcome(True), sent=True)
         self.looks: list[tuple[str, float]] = []
         self.shown: tuple[Permissive, ...] = (Permissive("loop_in_manual", True, "in manual", "the loop in manual"),)
@@ -88,10 +88,10 @@ class FakeRig:
         return SafeOutcome(self.safe_confirmed, reason="" if self.safe_confirmed else "the device shows 7 Pa")
 
     async def recover(
-        self, valve: PlantValve, run_number: int, entry_pa: float | None, *, commanded: bool
+        self, valve: PlantValve, run_number: int, entry_pa: float | None, *, commanded: bool | None
     ) -> Recovered:
         self.recoveries.append((valve.nameplate.tag, run_number, entry_pa, commanded))
-        return replace(self.recovered, sent=self.recovered.sent and commanded)
+        return replace(self.recovered, sent=self.recovered.sent and commanded is True)
 
     async def stands(
         self, valve: PlantValve, *, safe_pa: float | None, confirmed: bool | None, after_s: float

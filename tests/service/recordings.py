@@ -41,9 +41,9 @@ def triangle_test(period_s: float = 0.001, noise_m: float = 0.0) -> Recording:
     return recorded(triangle(10.0, 2, 0.0, 82737.0), period_s, noise_m)
 
 
-def sine_test() -> Recording:
+def sine_test(period_s: float = 0.001) -> Recording:
     """One cycle of 8 s: the paper's validation."""
-    return recorded(sine(8.0, 1.0, 0.0, 82737.0))
+    return recorded(sine(8.0, 1.0, 0.0, 82737.0), period_s)
 
 
 def with_gaps(recording: Recording) -> Recording:

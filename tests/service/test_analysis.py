@@ -12,6 +12,7 @@ import pytest
 from discrepancy.rough.result import Finding, RoughDiagnosis, Verdict
 from discrepancy.rough.separating import SeparatingTest
 from estimators.base import Outcome, failed
+from estimators.registry import ESTIMATORS
 from service.analysis import analyze_recordings, joined, recording_summary
 from service.analysis_pool import AnalysisPool
 from service.diagnosis import assess, not_assessed
@@ -134,6 +135,7 @@ def test_a_fault_of_the_diagnosis_leaves_the_estimates(monkeypatch: pytest.Monke
         raise ZeroDivisionError("a fault")
 
     monkeypatch.setattr("service.diagnosis.diagnose", broken)
+    monkeypatch.delitem(ESTIMATORS, "maximum_likelihood")
     analysis = analyze_recordings([triangle_test(0.002, noise_m=5.0e-6)], PLATE)
     assert values(analysis, "regression")["k"] is not None
     assert analysis["discrepancy"]["verdict"] == "not_assessed"
@@ -222,8 +224,9 @@ def test_the_signature_is_measured_with_intervals(noisy: dict[str, Any]) -> None
     assert figures["steps"] is None
 
 
-def test_a_sine_shows_no_branches_and_takes_the_figures_from_the_parameters() -> None:
-    analysis = analyze_recordings([sine_test()], PLATE)
+def test_a_sine_shows_no_branches_and_takes_the_figures_from_the_parameters(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.analysis.assess", lambda *_, **__: not_assessed("of this test"))
+    analysis = analyze_recordings([sine_test(0.005)], PLATE)
     figures = analysis["signature"]
     known = [one for one in analysis["estimates"] if one["parameters"]["k"]["value"] is not None]
     assert figures["friction_max_n"] is None

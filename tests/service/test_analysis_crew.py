@@ -16,7 +16,7 @@ from valve.errors import InternalError
 
 async def test_jobs_that_come_together_are_done_side_by_side_and_others_by_the_first_worker() -> None:
     crew = AnalysisCrew(2, command=WORKER)
-    await crew.start()
+    crew.start()
     alone = [(await crew.analyze(name, PLATE))["pid"] for name in ("a.csv", "b.csv")]
     assert alone == [crew.worker_pids[0]] * 2
     together = await asyncio.gather(*(crew.analyze(name, PLATE) for name in ("a.csv", "b.csv", "c.csv")))
@@ -36,9 +36,9 @@ say("starts"); time.sleep(0.2); say("ready")
 print('{{"ready": true}}', flush=True)
 sys.stdin.read()
 """
-    crew = AnalysisCrew(2, command=(sys.executable, "-c", script))
-    await crew.start()
-    assert [pid is None for pid in crew.worker_pids] == [False, True]
+    crew = AnalysisCrew(2, command=(sys.executable, "-c", script), warm_after_s=0.1)
+    crew.start()
+    assert crew.worker_pids == [None, None]  # what the caller goes on with is first
     await until(lambda: said.exists() and said.read_text(encoding="utf-8").count("ready") == 2)
     assert said.read_text(encoding="utf-8").split() == ["starts", "ready"] * 2
     await crew.close()
@@ -46,7 +46,7 @@ sys.stdin.read()
 
 async def test_a_hanging_job_leaves_the_other_worker_to_others_and_ends_with_the_crew() -> None:
     crew = AnalysisCrew(2, command=WORKER)
-    await crew.start()
+    crew.start()
     hanging = asyncio.create_task(crew.analyze("hang", PLATE))
     await asyncio.sleep(0)  # it takes its worker
     async with asyncio.timeout(60.0):
@@ -77,7 +77,7 @@ async def test_while_a_valve_is_polled_the_analyses_leave_it_a_core(cores: int, 
 async def test_while_a_valve_is_polled_no_further_worker_is_started() -> None:
     polling = Polling()
     crew = AnalysisCrew(2, command=WORKER, polling=polling, cores=2)
-    await crew.start()
+    crew.start()
     with polling.motion():
         await crew.analyze("good", PLATE)  # by the first, which is warm then
         await _settled()
@@ -112,7 +112,7 @@ async def _settled() -> None:
 
 async def test_uploads_are_analysed_one_at_a_time_beside_the_workers_of_real_tests() -> None:
     crew = AnalysisCrew(2, command=WORKER, cores=2)
-    await crew.start()
+    crew.start()
     uploads = await asyncio.gather(*(crew.analyze(name, PLATE, upload=True) for name in ("a.csv", "b.csv")))
     assert len({answer["pid"] for answer in uploads}) == 1
     own = (await crew.analyze("c.csv", PLATE))["pid"]

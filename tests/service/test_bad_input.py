@@ -57,7 +57,7 @@ PLANTS: dict[str, tuple[str, str, list[str]]] = {
         "device_id = 1\nspeed = 9600",
         ["command.speed = 9600", "unknown", "remove it"],
     ),
-    "a misspelled key": ("timeout_s = 2.0\n[[valves]]", "timeout = 2.0\n[[valves]]", ["timeout", "write timeout_s"]),
+    "a misspelled key": ("timeout_s = 2.0\n[[valves]]", "timeout = 2.0\n[[valves]]", ["timeout", "or give timeout_s"]),
     "registers that overlap": ("", "", ["valves[1].command", "FV-102", "FV-101", "same register", "correct one"]),
     "a travel in mm": ("travel_m = 0.1016", "travel_m = 101.6", ["travel_m", "101.6 m", "looks like mm"]),
     "limits beyond the I/P": (

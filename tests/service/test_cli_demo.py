@@ -71,7 +71,7 @@ def test_a_signal_ends_the_demonstration_and_all_that_it_started(quick_path: Pat
         assert list(quick_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", ["simulate", "serve"])
+@pytest.mark.parametrize("name", ["simulate", pytest.param("serve", marks=pytest.mark.long)])
 def test_a_process_that_dies_ends_the_demonstration_in_a_sentence(quick_path: Path, name: str) -> None:
     with demonstration(quick_path) as process:
         os.kill(processes_in(quick_path)[name], signal.SIGKILL)

@@ -30,6 +30,7 @@ def _estimated(made: RoughCase) -> Estimate:
     return MaximumLikelihoodEstimator().estimate(made.recording, made.nameplate)
 
 
+@pytest.mark.long  # of the examples in the documentation `make test` asks the same
 def test_a_usual_valve_is_healthy_and_its_tight_spot_is_named() -> None:
     spot = effect_from_values("local_friction", TIGHT_SPOT)
     healthy, faulty = (case("nominal", "triangle", "usual", seed=7, effects=one) for one in ((), (spot,)))
@@ -46,7 +47,7 @@ def test_a_usual_valve_is_healthy_and_its_tight_spot_is_named() -> None:
     assert set(found["extended_model"]["parameters"]) == {"k", "F_0", "F_c", "F_s"}
 
 
-@pytest.mark.parametrize("period_s", [1.0e-3, 20.0e-3])
+@pytest.mark.parametrize("period_s", [pytest.param(1.0e-3, marks=pytest.mark.long), 20.0e-3])
 def test_a_tight_spot_is_named_by_the_command_alone_and_in_polled_rows(period_s: float) -> None:
     spot = effect_from_values("local_friction", TIGHT_SPOT)
     made = case("nominal", "triangle", "usual", period_s, 7, effects=(spot,), jitter_s=0.2 * period_s)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
+import pytest
 
 from service.figures.canvas import svg_text
-from service.figures.loop import loop_picture
 from service.figures.methods import methods_picture
 from service.figures.misfit import time_picture
+from service.figures.signature import NARROW, WIDE, Frame, Layer, friction_over_travel, signature_drawing
 from service.figures.trace import trace_picture
 from service.shown_units import UnitSystem
 from valve.recording import Recording
@@ -83,20 +86,125 @@ def test_a_misfit_without_a_cause_is_not_called_one_without_the_cause() -> None:
     assert "without the cause" in svg_text(found)
 
 
-def _loop_over(channel: str) -> dict[str, Any]:
-    """Return a signature with both branches over ``channel``."""
-    up = {"travel_m": [0.0, 0.05, 0.1], channel: [0.0, 1000.0, 2000.0]}
-    return {"curve": {"up": up, "down": up}, "central_stroke_m": [0.03, 0.07], "friction_mean_n": 20.0}
+AREA_M2, RATE_N_PER_M, FRICTION_N, REST_PA, SPAN_PA = 0.05, 40_000.0, 200.0, 10_000.0, (0.0, 100_000.0)
 
 
-def test_the_loop_of_a_drive_is_drawn_over_its_force_and_never_over_a_pressure() -> None:
+def _signature(channel: str = "pressure_pa", friction_n: float = FRICTION_N) -> dict[str, Any]:
+    """Return the signature of a valve whose spring and friction are known, over ``channel``."""
+    travel_m = np.linspace(0.0, 0.1, 21)
+    branches = {}
+    for way, sign in (("up", 1.0), ("down", -1.0)):
+        force_n = RATE_N_PER_M * travel_m + AREA_M2 * REST_PA + sign * friction_n
+        driven = force_n / AREA_M2 if channel == "pressure_pa" else sign * friction_n + 0.0 * travel_m
+        branches[way] = {"travel_m": travel_m.tolist(), channel: driven.tolist()}
+    return {
+        "curve": branches,
+        "friction_mean_n": friction_n,
+        "spring_rate_n_per_m": RATE_N_PER_M,
+        "bench_set_pa": [REST_PA, REST_PA + 0.1 * RATE_N_PER_M / AREA_M2],
+        "span": {"force_n": AREA_M2 * (SPAN_PA[1] - SPAN_PA[0]), "pressure_pa": list(SPAN_PA)},
+        "stops_m": [0.0, None],
+    }
+
+
+def _ends_of(svg: str, way: str, letter: str = "A") -> list[tuple[float, float]]:
+    """Return first and last point of a curve of the loop, in percent of both axes."""
+    root = ElementTree.fromstring(svg)
+    pane = next(one for one in root.iter() if one.get("class") == "pane")
+    left, top, width, height = (float(one) for one in pane.attrib["data-box"].split())
+    (x_low, x_high), (y_low, y_high) = (
+        [float(one) for one in pane.attrib[key].split()] for key in ("data-x", "data-y")
+    )
+    curve = next(one for one in pane.iter() if (one.get("data-of"), one.get("data-way")) == (letter, way))
+    places = [[float(one) for one in pair.split(",")] for pair in curve.attrib["points"].split()]
+    return [
+        (x_low + (x_high - x_low) * (x - left) / width, y_high - (y_high - y_low) * (y - top) / height)
+        for x, y in (places[0], places[-1])
+    ]
+
+
+@pytest.mark.parametrize("width", [WIDE, NARROW])
+def test_the_signature_is_drawn_in_percent_of_rated_travel_and_of_the_signals_span(width: int) -> None:
+    drawing = signature_drawing([Layer("this test", _signature())], Frame(0.2), UnitSystem.SI, width)
+    assert drawing is not None
+    ((x_low, y_low), (x_high, y_high)) = _ends_of(drawing.svg, "opening")
+    assert (x_low, x_high) == pytest.approx((0.0, 50.0), abs=0.3)  # 100 mm of 200 mm rated
+    assert (y_low, y_high) == pytest.approx((14.0, 94.0), abs=0.3)
+    assert _ends_of(drawing.svg, "closing")[0][1] == pytest.approx(6.0, abs=0.3)
+    assert "Travel, % of 200.0 mm rated" in drawing.svg
+
+
+def test_friction_over_travel_is_that_of_the_valve_in_both_directions() -> None:
+    for channel in ("pressure_pa", "force_n"):
+        found = friction_over_travel(
+            Layer("", _signature(channel) | ({"spring_rate_n_per_m": 0.0} if channel == "force_n" else {}))
+        )
+        assert set(found) == {"opening", "closing"}
+        for _, friction_n in found.values():
+            assert friction_n == pytest.approx(FRICTION_N)
+    assert friction_over_travel(Layer("", _signature() | {"spring_rate_n_per_m": None})) == {}
+
+
+def test_stops_bench_set_and_limits_are_drawn_where_they_are_known() -> None:
+    layer = Layer("this test", _signature())
+    frame = Frame(0.1, (9_000.0, 91_000.0), 5.0, 5.0, (-0.002, 0.103), 5.0, (150.0, 250.0))
+    drawing, bare = (signature_drawing([layer], one, UnitSystem.SI) for one in (frame, Frame()))
+    assert drawing is not None
+    assert bare is not None
+    words = set(re.findall(r">([^<>]+)</text>", drawing.svg))
+    told = {"closed", "rated travel", "stop", "stem limit", "must reach", "bench set, nameplate", "bench set limits"}
+    assert told | {"acceptance limit", "most by baseline", "least by baseline"} <= words
+    bare_words = set(re.findall(r">([^<>]+)</text>", bare.svg))
+    assert not {"rated travel", "stem limit", "must reach", "bench set limits", "acceptance limit"} & bare_words
+    assert "bench set, measured" in bare_words
+
+
+def test_a_limit_far_above_what_was_measured_is_told_and_does_not_flatten_the_curve() -> None:
+    frame = Frame(0.1, friction_share_percent=60.0)  # 3,000 N
+    drawing = signature_drawing([Layer("this test", _signature())], frame, UnitSystem.SI)
+    assert drawing is not None
+    assert "acceptance limit 3000 N, above" in drawing.svg
+
+
+def test_tests_are_laid_over_each_other_by_letter_and_a_drive_by_force_never_over_a_pressure() -> None:
     """A recording with force_n has no pressure: its report ended in a KeyError."""
-    picture = loop_picture(_loop_over("force_n"), _loop_over("pressure_pa"), UnitSystem.SI)
-    assert picture is not None
-    (axes,) = picture.figure.axes
-    assert axes.get_xlabel() == "force of the actuator, N"
-    drawn = [line.get_label() for line in axes.get_lines() if np.asarray(line.get_xdata()).size == 3]
-    assert drawn == ["opening", "closing"]
-    over_pressure = loop_picture(_loop_over("pressure_pa"), None, UnitSystem.SI)
-    assert over_pressure is not None
-    assert over_pressure.figure.axes[0].get_xlabel() == "pressure at the actuator, kPa"
+    own, other, forced = (
+        Layer("now", _signature()),
+        Layer("as found", _signature(friction_n=400.0)),
+        _signature("force_n"),
+    )
+    both = signature_drawing([own, other, Layer("a motor", forced)], Frame(0.1), UnitSystem.SI)
+    assert both is not None
+    assert _ends_of(both.svg, "opening", "B")[0][1] == pytest.approx(18.0, abs=0.3)
+    assert 'data-of="C"' not in both.svg
+    assert "B  as found" in both.svg
+    assert "A, now: friction 200 N; B, as found: friction 400 N" in both.description
+    driven = signature_drawing([Layer("a motor", forced), own], Frame(0.1), UnitSystem.SI)
+    assert driven is not None
+    assert "Force, %" in driven.svg
+    assert "Pressure" not in driven.svg
+    assert 'data-of="B"' not in driven.svg
+
+
+def test_the_band_of_friction_lies_about_its_mean() -> None:
+    latent = [
+        {"coordinate": "travel_m", "direction": "opening", "at": [0.0, 0.1], "ci95": [[-10.0, 10.0], [-5.0, 15.0]]}
+    ]
+    drawing = signature_drawing([Layer("x", _signature(), latent)], Frame(0.1), UnitSystem.SI)
+    assert drawing is not None
+    root = ElementTree.fromstring(drawing.svg)
+    below = [one for one in root.iter() if one.get("class") == "pane"][1]
+    _, top, _, height = (float(one) for one in below.attrib["data-box"].split())
+    low_n, high_n = (float(one) for one in below.attrib["data-y"].split())
+    band = next(one for one in below.iter() if one.get("class") == "band")
+    drawn = [
+        high_n - (high_n - low_n) * (float(pair.split(",")[1]) - top) / height for pair in band.attrib["points"].split()
+    ]
+    assert drawn == pytest.approx([210.0, 215.0, 195.0, 190.0], abs=0.5)
+
+
+def test_words_of_a_test_are_never_markup() -> None:
+    drawing = signature_drawing([Layer("<script>&", _signature())], Frame(0.1), UnitSystem.SI)
+    assert drawing is not None
+    assert "<script>" not in drawing.svg
+    ElementTree.fromstring(drawing.svg)

@@ -11,7 +11,7 @@ import httpx
 import jinja2
 import pytest
 
-from service import app as app_module
+from service import openapi as openapi_module
 from service import server
 from service.app import create_app
 from service.first_use import use_once
@@ -31,7 +31,7 @@ async def test_pages_and_document_are_made_before_the_first_request(
     rendering._environment.cache_clear()
     await asyncio.to_thread(use_once, app)
     monkeypatch.setattr(jinja2.Environment, "compile", _too_late)
-    monkeypatch.setattr(app_module, "get_openapi", _too_late)
+    monkeypatch.setattr(openapi_module, "get_openapi", _too_late)
     carried = httpx.ASGITransport(app=app)
     async with (
         app.router.lifespan_context(app),

@@ -6,6 +6,7 @@ import asyncio
 import re
 from pathlib import Path
 
+import httpx
 import pytest
 
 from service.http_protocol import LONGEST_HEAD_BYTES, MOST_CONNECTIONS, BoundedHttp, most_connections
@@ -78,8 +79,13 @@ async def test_who_sends_a_head_slowly_or_none_at_all_is_cut_and_others_are_answ
         assert (await client.get("/healthz")).status_code == 200
 
 
-async def test_a_crowd_of_silent_connections_keeps_neither_files_nor_a_stop_from_anybody(
-    plant_file: Path, monkeypatch: pytest.MonkeyPatch
+POST = b"POST /tests/run HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Type: application/json\r\nContent-Length: 900\r\n\r\n"
+CROWDS = {"silent": b"", "half a head": POST[:60], "no body": POST, "half a body": POST + b"{"}
+
+
+@pytest.mark.parametrize("says", CROWDS.values(), ids=CROWDS.keys())
+async def test_a_crowd_that_completes_no_request_keeps_neither_files_nor_a_stop_from_anybody(
+    plant_file: Path, monkeypatch: pytest.MonkeyPatch, says: bytes
 ) -> None:
     monkeypatch.setattr(BoundedHttp, "most_connections", 20)
     rig = FakeRig(60.0)
@@ -87,7 +93,11 @@ async def test_a_crowd_of_silent_connections_keeps_neither_files_nor_a_stop_from
         test = (await client.post("/tests/run", json={"valve": "FV-101"})).json()
         async with client.stream("GET", f"/tests/{test['id']}/events") as watching:
             crowd = [await asyncio.open_connection("127.0.0.1", client.base_url.port) for _ in range(60)]
-            stopped = await client.post(f"/tests/{test['id']}/stop")
+            for _, writer in crowd:
+                writer.write(says)
+            await asyncio.sleep(0.1)  # all are heard
+            async with httpx.AsyncClient(base_url=client.base_url) as another:  # a connection of its own
+                stopped = await another.post(f"/tests/{test['id']}/stop")
             assert stopped.json()["safe_confirmed"] is True
             assert '"state": "stopped"' in "".join(
                 [line async for line in watching.aiter_lines()]

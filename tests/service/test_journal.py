@@ -66,9 +66,37 @@ def test_a_journal_of_an_older_version_does_not_say_whether_the_valve_moved(tmp_
     path = tmp_path / "old.journal"
     path.write_bytes(_old_line(json.dumps({"schema": "breakaway/journal/2", "valve": "FV-101"})))
     assert was_commanded(path) is None
+
+
+@pytest.mark.parametrize(
+    ("damage", "shown"),
+    [
+        ((), True),
+        ((0,), True),  # its intent can be read: the valve was commanded, whatever else is damaged
+        ((1,), None),
+        ((0, 1), None),
+        ((2, 3), True),
+    ],
+)
+def test_a_flipped_byte_makes_a_journal_doubtful_and_never_says_that_nothing_was_commanded(
+    tmp_path: Path, damage: tuple[int, ...], shown: bool | None
+) -> None:
+    path = tmp_path / "x.journal"
+    journal = JournalWriter(path, {"valve": "FV-101"})
+    journal.note_commanded()
+    block = _polled().fresh()
+    assert block is not None
+    journal.append(block)
+    journal.close()
+    lines = path.read_bytes().splitlines(keepends=True)
+    for place in damage:
+        lines[place] = bytes([lines[place][0] ^ 0x01]) + lines[place][1:]
+    path.write_bytes(b"".join(lines))
+    assert was_commanded(path) is shown
+    path.write_bytes(b"".join(lines[:2]))
+    assert was_commanded(path) is shown
     path.write_bytes(b"torn")
-    with pytest.raises(RecordingError, match="no header"):
-        was_commanded(path)
+    assert was_commanded(path) is None
 
 
 def _old_line(text: str) -> bytes:

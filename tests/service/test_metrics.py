@@ -13,6 +13,7 @@ from service.settings import load_plant
 from service.store.store import open_store
 from tests.service.access.signed_in import body_of, signed_in
 from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.service.health.analyses import analysis
 from tests.service.problem import assert_problem
 from tests.service.running_service import running_service
 
@@ -33,7 +34,8 @@ async def test_metrics_count_tests_and_need_a_viewer(quick_path: Path) -> None:
         before = samples(await served.client.get("/metrics", headers=viewer))
         assert before["breakaway_tests", "completed"] == 0
         assert before["breakaway_valve_under_test", "FV-101"] == 0
-        assert before["breakaway_valve_stale", "FV-101"] == 1  # there is no result yet
+        # There is no result yet that could be too old.
+        assert (before["breakaway_valve_stale", "FV-101"], before["breakaway_valve_never_tested", "FV-101"]) == (0, 1)
         wanted = {"Prefer": "wait=10", **engineer}
         test = body_of(await served.client.post("/tests/run", json={"valve": "FV-101"}, headers=wanted))
         assert test["state"] == "completed"
@@ -42,7 +44,9 @@ async def test_metrics_count_tests_and_need_a_viewer(quick_path: Path) -> None:
         assert after["breakaway_safe_state_not_confirmed",] == 0
         assert after["breakaway_valve_last_test_timestamp_seconds", "FV-101"] > 1.0e9
         assert after["breakaway_valve_last_result_timestamp_seconds", "FV-101"] > 1.0e9
-        assert (after["breakaway_valve_stale", "FV-101"], after["breakaway_valve_stale", "FV-102"]) == (0, 1)
+        assert (after["breakaway_valve_stale", "FV-101"], after["breakaway_valve_stale", "FV-102"]) == (0, 0)
+        untested = [after["breakaway_valve_never_tested", tag] for tag in ("FV-101", "FV-102")]
+        assert untested == [0, 1]
         assert not [sample for sample in after if sample[0].startswith("breakaway_mqtt")]  # the plant has no broker
         assert after["breakaway_audit_entries_total",] > before["breakaway_audit_entries_total",]
         assert after["process_resident_memory_bytes",] > 0
@@ -54,6 +58,25 @@ async def test_metrics_count_tests_and_need_a_viewer(quick_path: Path) -> None:
         assert after["breakaway_sampling_lateness_seconds_bucket", "plc-1", "0.01"] == 0
         assert after["breakaway_sampling_lateness_seconds_bucket", "plc-1", "0.02"] == test["quality"]["samples"]
         assert_problem(await served.client.get("/metrics"), 401)
+
+
+async def test_friction_dead_band_and_travel_are_those_of_the_last_result(plant_file: Path) -> None:
+    plant = load_plant(plant_file)
+    store = open_store(plant.service)
+    for friction_n, state in ((500.0, RunState.COMPLETED), (620.0, RunState.COMPLETED), (None, RunState.FAILED)):
+        run = store.runs.insert(Run(id=new_run_id(), valve="FV-101", sequence="triangle"))
+        found = None if friction_n is None else analysis(friction_n=friction_n, travel_m=0.09, dead_band_percent=7.5)
+        store.runs.save(replace(run, state=state, analysis=found))
+    run = store.runs.insert(Run(id=new_run_id(), valve="FV-102", sequence="triangle"))
+    store.runs.save(replace(run, state=RunState.COMPLETED, analysis=analysis(friction_n=None, dead_band_percent=3.0)))
+    store.close()
+    async with running_service(plant, FakeRig(), FakeAnalyst()) as client:
+        found_now = samples(await client.get("/metrics"))
+    assert found_now["breakaway_valve_friction_newtons", "FV-101"] == 620.0
+    assert found_now["breakaway_valve_dead_band_percent", "FV-101"] == 7.5
+    assert found_now["breakaway_valve_travel_meters", "FV-101"] == 0.09
+    assert found_now["breakaway_valve_dead_band_percent", "FV-102"] == 3.0
+    assert ("breakaway_valve_friction_newtons", "FV-102") not in found_now, "what is unknown is no number"
 
 
 async def test_a_safe_state_that_was_not_confirmed_stands_until_it_is_acknowledged(quick_path: Path) -> None:

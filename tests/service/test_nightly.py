@@ -125,7 +125,7 @@ async def test_a_check_whose_turn_comes_after_the_window_is_skipped_with_the_rea
         skipped = [check for check in checks if check.state is CheckState.SKIPPED]
         assert {check.valve for check in skipped} == {"A1", "A2"}
         assert all(f"used by test {long.id}" in c.reason or f"test {long.id} uses" in c.reason for c in skipped)
-        assert "window of 3600 s ended at 01:30 UTC" in skipped[0].reason
+        assert "window of 3600 s ended at " in skipped[0].reason
     store.close()
 
 

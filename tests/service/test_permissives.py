@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import errno
+import multiprocessing
 import os
-import tempfile
+import socket
 import time
+from collections.abc import Iterator, Mapping
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import httpx
 import pytest
 from structlog.testing import capture_logs
 
+from drivers.addresses import BusAddress
 from drivers.outcome import PlayOutcome
 from drivers.permissives import Permissive
 from service import bus_lock
@@ -26,6 +32,7 @@ from tests.service.wired_plant import TAG, wired_plant
 from valve.errors import BusyError, ConfigurationError, DeviceError, InternalError
 
 ORDER = {"valve": "FV-101"}
+_NOBODY = 65534
 IN_AUTOMATIC = Permissive("loop_in_manual", False, "not in manual", "the loop in manual", "put it in manual")
 
 
@@ -259,45 +266,66 @@ def test_a_map_that_shows_no_manual_mode_must_say_how_a_test_is_permitted(plant_
         load_plant(plant_file)
 
 
-def test_the_locks_lie_in_a_folder_of_this_user_alone(
-    plant_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def _hold_as_another(addresses: Mapping[str, BusAddress], told: Connection) -> None:
+    """Hold plc-1 as another user, where this one may become one, until the process is killed."""
+    if os.getuid() == 0:
+        os.setuid(_NOBODY)
+    BusLocks(addresses).take(["plc-1"])
+    told.send(os.getuid())
+    time.sleep(60.0)
+
+
+@contextlib.contextmanager
+def held_elsewhere(addresses: Mapping[str, BusAddress]) -> Iterator[int]:
+    """Let another process hold plc-1; return its number."""
+    fork = multiprocessing.get_context("fork")  # another user may not start this interpreter anew
+    heard, told = fork.Pipe(duplex=False)
+    process = fork.Process(target=_hold_as_another, args=(addresses, told), daemon=True)
+    process.start()
+    try:
+        assert heard.poll(30.0)
+        assert (heard.recv() != os.getuid()) == (os.getuid() == 0)
+        assert process.pid is not None
+        yield process.pid
+    finally:
+        process.kill()
+        process.join()
+
+
+def test_services_of_two_users_keep_each_other_off_a_bus_and_say_who_has_it(
+    plant_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv(FOLDER_VARIABLE)
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "of a login alone"))
     addresses = load_plant(plant_file).buses
     locks = BusLocks(addresses)
+    with held_elsewhere(addresses) as process, pytest.raises(BusyError, match=rf"\(process {process}\)"):
+        locks.take(["plc-1"])
+    locks.take(["plc-1"])  # its holder was killed: the kernel has dropped it
+    locks.give_back(["plc-1"])
     locks.take(["plc-1"])
-    (folder,) = tmp_path.glob("breakaway-*")
-    assert folder.name == f"breakaway-{os.getuid()}"
-    assert folder.stat().st_mode & 0o777 == 0o700
-    assert len(list(folder.iterdir())) == 1
-    with pytest.raises(BusyError):  # another service of this user, whoever started it
-        BusLocks(addresses).take(["plc-1"])
     locks.give_back(["plc-1"])
 
 
-@pytest.mark.parametrize("how", ["others may write", "a link", "a file", "another's"])
-def test_a_folder_of_locks_that_somebody_else_may_have_made_is_not_believed(
-    plant_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
+def test_a_service_that_may_not_have_its_lock_moves_nothing_and_says_what_to_do(
+    plant_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def refused(*_: object) -> socket.socket:
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
     monkeypatch.delenv(FOLDER_VARIABLE)
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    folder = tmp_path / f"breakaway-{os.getuid()}"
-    elsewhere = tmp_path / "elsewhere"
-    elsewhere.mkdir(mode=0o700)
-    if how == "a link":
-        folder.symlink_to(elsewhere)
-    elif how == "a file":
-        folder.touch(mode=0o600)
-    else:
-        folder.mkdir(mode=0o700)
-        if how == "others may write":
-            folder.chmod(0o1777)
-        else:
-            another = os.getuid() + 1
-            folder.rename(tmp_path / f"breakaway-{another}")
-            monkeypatch.setattr(os, "getuid", lambda: another)
-    with pytest.raises(InternalError, match=f"not this user's alone.*{FOLDER_VARIABLE}"):
+    monkeypatch.setattr(socket.socket, "bind", refused)
+    with pytest.raises(InternalError, match=f"Operation not permitted.*nothing moves.*{FOLDER_VARIABLE}"):
         BusLocks(load_plant(plant_file).buses).take(["plc-1"])
-    assert list(elsewhere.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", [errno.EAFNOSUPPORT, errno.EMFILE])
+def test_a_machine_that_gives_no_socket_for_a_lock_is_told_what_to_allow(
+    plant_file: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    def refused(*_: object) -> object:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.delenv(FOLDER_VARIABLE, raising=False)
+    monkeypatch.setattr(socket, "socket", refused)
+    with pytest.raises(InternalError, match="RestrictAddressFamilies"):
+        BusLocks(load_plant(plant_file).buses).take(["plc-1"])

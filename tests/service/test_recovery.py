@@ -109,12 +109,28 @@ async def test_a_commanded_valve_is_sent_to_safe_or_was_found_there_and_its_stem
     assert rig.orders == [], "nothing resumes by itself"
 
 
-async def test_a_journal_that_does_not_say_it_counts_as_commanded(plant: Plant, store: Store) -> None:
-    run = store.runs.insert(stored(RunState.RUNNING))
-    store.journal_path(run.id).write_bytes(b"torn")
-    rig = FakeRig()
+def _flip(journal: Path, places: tuple[int, ...]) -> None:
+    """Flip a bit in the first byte of some of a journal's lines, as a bad block does."""
+    lines = journal.read_bytes().splitlines(keepends=True)
+    for place in places:
+        lines[place] = bytes([lines[place][0] ^ 0x01]) + lines[place][1:]
+    journal.write_bytes(b"".join(lines))
+
+
+async def test_a_journal_that_does_not_say_whether_its_valve_was_commanded_is_an_alarm(
+    plant: Plant, store: Store
+) -> None:
+    run, rig = commanded(store), FakeRig()
+    _flip(store.journal_path(run.id), (0, 1))
+    rig.recovered = Recovered(SafeOutcome(False, 55_000.0, "its journal is damaged"))
     await restarted(plant, store, rig)
-    assert rig.recoveries == [("FV-101", 1, None, True)]
+    after = store.runs.get(run.id)
+    assert rig.recoveries == [("FV-101", 1, None, None)]
+    assert (after.commanded, after.safe_confirmed) == (None, False)
+    for words in ("SAFE STATE NOT CONFIRMED", "its journal is damaged"):
+        assert words in alarm_of(after)
+    assert store.journal_path(run.id).exists(), "what was shown is kept"
+    assert not last_end(after).met
 
 
 async def test_a_motion_that_ended_well_is_not_recovered_and_its_stem_is_looked_at(plant: Plant, store: Store) -> None:
@@ -196,22 +212,32 @@ async def test_a_journal_that_takes_long_does_not_hold_up_the_valve(
 
 
 @pytest.mark.parametrize(
-    ("is_commanded", "faults", "sent"),
+    ("flipped", "faults", "sent"),
     [
-        (True, (), True),
-        (True, (Fault(FaultKind.LOOP_IN_AUTOMATIC, 0.0),), False),
-        (False, (), False),
+        ((), (), True),
+        ((), (Fault(FaultKind.LOOP_IN_AUTOMATIC, 0.0),), False),
+        (None, (), False),
+        ((0,), (), True),
+        ((0, 1), (), False),
     ],
-    ids=["commanded", "commanded, and the loop is in automatic again", "only queued"],
+    ids=[
+        "commanded",
+        "commanded, and the loop is in automatic again",
+        "only queued",
+        "commanded, its journal's header damaged",
+        "its journal does not say it",
+    ],
 )
 async def test_on_real_wires_only_what_was_commanded_and_may_move_now_is_written_to(
-    quick_path: Path, is_commanded: bool, faults: tuple[Fault, ...], sent: bool
+    quick_path: Path, flipped: tuple[int, ...] | None, faults: tuple[Fault, ...], sent: bool
 ) -> None:
-    left_pa = 55_000.0
+    left_pa, is_commanded = 55_000.0, flipped is not None
     async with wired_plant(quick_path, valve=standing_valve(left_pa, *faults)) as (path, plant):
         settings = load_plant(path)
         store = Store(settings.service.store)
-        run = commanded(store) if is_commanded else store.runs.insert(stored(RunState.QUEUED))
+        run = store.runs.insert(stored(RunState.QUEUED)) if flipped is None else commanded(store)
+        if flipped:
+            _flip(store.journal_path(run.id), flipped)
         store.close()
         async with running_service(settings, None, FakeAnalyst()) as client:
             async with asyncio.timeout(30.0):
@@ -231,4 +257,4 @@ async def test_on_real_wires_only_what_was_commanded_and_may_move_now_is_written
         assert bool(alarms) == is_commanded
         if is_commanded and not sent:
             assert "SAFE STATE NOT CONFIRMED" in alarms[0]
-            assert "loop_in_manual: not in manual" in alarms[0]
+            assert ("loop_in_manual: not in manual" if faults else "its journal is damaged") in alarms[0]

@@ -7,20 +7,25 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from service.cli import main
+from service.figures.signature import Frame
+from service.figures.trend import Trend, TrendPoint
+from service.health.changes import ValveFacts
+from service.health.limits import HealthLimits
+from service.report.before_after import before_after
 from service.report.document import document_of
 from service.report.source import ReportSource
 from service.report.valve_facts import nameplate_facts
 from service.report.written import report_html, report_pdf
 from service.settings import load_plant
 from service.shown_units import UnitSystem
-from tests.browser.analyses import ACTION, MISSING, made_analysis
+from tests.browser.analyses import ACTION, FRICTION_N, MISSING, made_analysis
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.problem import assert_problem
 from tests.service.recordings import NAMEPLATE_TOML, triangle_test
@@ -37,6 +42,11 @@ def source(**others: Any) -> ReportSource:
     facts = (("Recording, SHA-256", SHA256), ("Software", "breakaway 0"))
     permissive = {"name": "loop_in_manual", "met": True, "value": "in manual", "limit": "the loop in manual"}
     return ReportSource("FV-101", "test of today", analysis, facts, None, (), (permissive,), **others)
+
+
+def name_plant(file: Path, name: str) -> None:
+    text = file.read_text(encoding="utf-8").replace("[service]\n", f'[service]\nplant = "{name}"\n', 1)
+    file.write_text(text, encoding="utf-8")
 
 
 def words_of(pdf: bytes, folder: Path) -> str:
@@ -150,25 +160,67 @@ def test_a_column_for_the_baseline_stands_only_where_there_is_one(tmp_path: Path
     against = replace(source(), baseline={"friction_mean_n": 590.0})
     html = report_html(against).decode()
     assert 'scope="col">baseline' in html
-    assert "590.0 N" in html
+    assert "590 N" in html
     for made, is_told in ((source(), False), (against, True)):
         pdf = report_pdf(made)
         assert pdf.startswith(b"%PDF-")
         if shutil.which("pdftotext"):
-            assert ("590.0 N" in words_of(pdf, tmp_path)) == is_told
+            assert ("590 N" in words_of(pdf, tmp_path)) == is_told
 
 
-def test_page_one_draws_the_signature_and_the_misfit_where_there_is_no_trend() -> None:
+def test_page_one_draws_the_signature_and_the_pictures_of_the_misfit_stand_behind_it() -> None:
     document = document_of(source())
-    assert document["front"] == ["loop", "coordinate"]
+    assert document["front"] == ["signature"]
     html = report_html(source()).decode()
     first, behind = html.split("For the engineer")
-    assert (first.count("<svg"), behind.count("<svg")) == (2, 2)
-    healthy = made_analysis(ne107="N")
-    healthy["discrepancy"] |= {"verdict": "none", "causes": []}
-    assert document_of(ReportSource("FV-1", "x", healthy, ()))["front"] == ["loop"]
-    healthy["signature"]["curve"] = None
-    assert document_of(ReportSource("FV-1", "x", healthy, ()))["front"] == []
+    assert (first.count("<svg"), behind.count("<svg")) == (1, 3)
+    bare = made_analysis(ne107="M")
+    bare["signature"]["curve"] = None
+    trend = Trend("friction_mean_n", "friction", "N", (TrendPoint(datetime.now(UTC), 600.0),))
+    without = replace(source(), analysis=bare, trends=(trend,))
+    assert document_of(without)["front"] == ["trend", "coordinate"]
+    assert document_of(ReportSource("FV-1", "x", bare | {"discrepancy": None}, ()))["front"] == []
+
+
+def test_page_one_identifies_valve_and_work_draws_the_signature_as_vectors_and_leaves_room_to_sign(
+    tmp_path: Path,
+) -> None:
+    head = (("Plant", "Mill 2"), ("Area", "Boiler 3"), ("Tag", "FV-101"), ("Technician", ""), ("Work order", "W-17"))
+    made = replace(source(), head=head, frame=Frame(0.1016))
+    html = report_html(made).decode()
+    first = html.split("For the engineer")[0]
+    for words in ("Mill 2", "Boiler 3", "W-17", "Technician", ">Signature</span>", "rated travel"):
+        assert words in first, words
+    pdf = report_pdf(made)
+    assert b"/Subtype /Image" not in pdf, "pictures are vectors"
+    if shutil.which("pdftotext"):
+        (tmp_path / "report.pdf").write_bytes(pdf)
+        command = ["pdftotext", "-l", "1", "-layout", str(tmp_path / "report.pdf"), "-"]
+        page_one = subprocess.run(command, capture_output=True, check=True).stdout.decode()
+        for words in ("Mill 2", "Boiler 3", "W-17", "Technician", "Name", "Signature", "rated travel"):
+            assert words in page_one, words
+    assert ">Signature</span>" not in report_html(source()).decode(), "what no service tested is not signed for"
+
+
+def test_before_and_after_stand_beside_each_other_with_what_passes() -> None:
+    before, after = made_analysis(900.0), made_analysis(FRICTION_N)
+    check = {"name": "dead_band", "meaning": "dead band", "unit": "percent", "limit": 20.0}
+    after["health"]["acceptance"]["checks"] = [check | {"value": 22.4, "met": False}]
+    facts = ValveFacts(0.1016, 82_737.0, 82_737.0)
+    rows = {row.name: row for row in before_after(before, after, HealthLimits(), facts, UnitSystem.SI)}
+    friction, dead_band = rows["Friction, mean"], rows["Dead band"]
+    assert (friction.before, friction.after) == ("900.0 ± 2.0 N", "612.0 ± 2.0 N")
+    assert friction.change.startswith("−288")
+    assert "−32 %" in friction.change
+    assert friction.verdict == "pass", "a repair that lowers friction is no failure"
+    assert (dead_band.limit, dead_band.verdict) == ("at most 20.0 %", "FAIL")
+    assert rows["Bench set, low end"].change == "+0 kPa", "no share of what may be zero"
+    assert rows["Spring rate"].verdict == "–", "nothing is asked of it without a baseline"
+    made = replace(source(), before="as found 2026-11-20", before_after=tuple(rows.values()))
+    text = report_html(made).decode()
+    assert "Before: as found 2026-11-20" in text
+    assert "<strong>FAIL</strong>" in text
+    assert report_pdf(made).startswith(b"%PDF-")
 
 
 def test_of_a_valve_whose_friction_scatters_friction_is_drawn_along_the_travel() -> None:
@@ -185,7 +237,6 @@ def test_of_a_valve_whose_friction_scatters_friction_is_drawn_along_the_travel()
     ]
     analysis["discrepancy"] |= {"pictures": None, "latent_friction": curves, "gain": None, "gains": []}
     document = document_of(ReportSource("FV-1", "x", analysis, ()))
-    assert document["front"] == ["loop", "friction"]
     assert "opening -10 to 30 N" in document["pictures"]["friction"]["description"]
 
 
@@ -216,6 +267,7 @@ async def test_the_service_gives_pdf_or_html_as_it_is_asked(plant_file: Path) ->
             await super().analyze(*args, **others)
             return made_analysis()
 
+    name_plant(plant_file, "Mill 2")
     async with running_service(load_plant(plant_file), FakeRig(), Found()) as client:
         order = {**RUN, "label": "as_left", "permit": "W-17"}
         run = (await client.post("/tests/run", json=order, headers={"Prefer": "wait=10"})).json()
@@ -229,6 +281,8 @@ async def test_the_service_gives_pdf_or_html_as_it_is_asked(plant_file: Path) ->
         assert "loop in manual" in html.text
         pairs = dict(re.findall(r'<th scope="row">([^<]*)</th><td class="mark">([^<]*)</td>', html.text))
         assert (pairs["Label"], pairs["Work permit"]) == ("as left", "W-17")
+        head = dict(re.findall(r"<dt>([^<]*)</dt><dd>([^<]*)</dd>", html.text))
+        assert (head["Plant"], head["Tag"], head["Work order"]) == ("Mill 2", "FV-101", "W-17")
         assert (pairs["Safe value"], pairs["Diaphragm area"]) == ("0 kPa", "645.2 cm²")
         assert pairs["A test may use"].startswith("0 kPa to 82.74 kPa, changes of ")
         zone = datetime.now().astimezone().strftime("%Z")
@@ -266,3 +320,16 @@ def test_the_command_writes_the_report_of_a_recording(
     assert file_sha256(tmp_path / "triangle.parquet") in text
     assert "FV-101 was measured; its health was not assessed." in text
     assert "Rated travel" in text
+
+
+def test_the_report_of_a_healthy_valve_begins_with_that_no_fault_was_found_and_says_it_once() -> None:
+    analysis = made_analysis(ne107="N")
+    healthy = analysis | {"discrepancy": {"verdict": "none", "message": "No fault found.", "causes": []}}
+    summary = document_of(replace(source(), analysis=healthy))["summary"]
+    assert summary["verdict"].endswith(": no fault found.")
+    assert not summary["diagnosis"]
+    small = analysis["discrepancy"]["causes"][0] | {"effect_percent_of_span": 0.1}
+    seen = analysis | {"discrepancy": analysis["discrepancy"] | {"causes": [small]}}
+    summary = document_of(replace(source(), analysis=seen))["summary"]
+    assert not summary["diagnosis"]
+    assert small["action"] not in summary["actions"]

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -239,7 +240,8 @@ async def test_the_intent_is_on_disk_before_the_rig_is_asked(plant_file: Path) -
     assert store.runs.get(run.id).valve == "FV-101"
     ended = await runs.wait(run.id, 10.0)
     assert seen == [RunState.RUNNING]
-    assert ended == store.runs.get(run.id)
+    # Where the stem stands is looked at again and again after a test has ended.
+    assert replace(ended, stands=None) == replace(store.runs.get(run.id), stands=None)
     assert ended.recording_sha256 == hashlib.sha256(store.recording_path(run.id).read_bytes()).hexdigest()
     await runs.shut_down()
     store.close()

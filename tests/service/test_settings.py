@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.addresses import GaugeAddress, TcpAddress
+from drivers.addresses import GaugeAddress, RtuAddress, TcpAddress
 from service.settings import load_plant
 from valve.errors import ConfigurationError
 
@@ -23,7 +23,21 @@ def test_a_plant_file_becomes_the_dataclasses_that_the_drivers_use(plant_file: P
     assert second.buses == {"plc-1", "gauge-1"}
 
 
+def test_a_serial_line_may_be_said_to_echo(plant_file: Path, plant_text: str) -> None:
+    line = '[[buses]]\nname = "line-1"\nkind = "modbus_rtu"\nserial_port = "/dev/ttyUSB0"\n'
+    for more, echo in (("", False), ("echo = true\n", True)):
+        plant_file.write_text(plant_text.replace("[[valves]]", f"{line}{more}[[valves]]", 1), encoding="utf-8")
+        bus = load_plant(plant_file).buses["line-1"]
+        assert isinstance(bus, RtuAddress)
+        assert bus.echo is echo
+
+
 BAD = {
+    "an echo on a network": (
+        'kind = "modbus_tcp"\n',
+        'kind = "modbus_tcp"\necho = true\n',
+        ["buses[0].echo", "unknown"],
+    ),
     "an unknown key, with the right spelling": (
         'kind = "modbus_tcp"\n',
         'kind = "modbus_tcp"\ntimeout = 0.5\n',
@@ -38,7 +52,7 @@ BAD = {
     "a number in quotes": (
         "travel_m = 0.1016",
         'travel_m = "4 inch"',
-        ["actuator.travel_m", "4 inch", "without quotes"],
+        ["actuator.travel_m", "4 inch", "without quotes", 'or write travel = "4 inch"'],
     ),
     "an impossible travel": ("travel_m = 0.1016", "travel_m = -0.1", ["valves[0].actuator", "-0.1 m", "above 0"]),
     "not a number": ("travel_m = 0.1016", "travel_m = nan", ["valves[0].actuator.travel_m", "finite"]),

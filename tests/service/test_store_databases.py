@@ -3,17 +3,20 @@ from __future__ import annotations
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import pytest
 from alembic import command
-from sqlalchemy import bindparam, make_url, text
+from sqlalchemy import bindparam, event, insert, make_url, text, update
 
-from service.runs.run import Run, RunState, new_run_id
+from service.runs.run import Label, Run, RunState, new_run_id
 from service.schedules.check import Check, CheckState
 from service.settings_database import PASSWORD_VARIABLE, DatabaseAddress
 from service.store.database import _config, _engine, open_database
-from service.store.run_table import NOT_LOADED, RunTable
+from service.store.figure_table import FigureTable
+from service.store.run_table import NOT_LOADED, RunFilter, RunTable, _row
 from service.store.schema_base import UtcDateTime
+from service.store.schema_tests import TESTS
 from service.store.store import Store
 from tests.service.databases import postgresql_database
 from valve.errors import BusyError, ConfigurationError
@@ -125,6 +128,33 @@ def test_an_older_database_says_what_was_commanded_only_where_it_left_no_doubt(d
     migrated.dispose()
 
 
+def test_a_baseline_of_an_older_database_stands_and_what_it_did_not_meet_is_not_known(database_url: str) -> None:
+    engine = _engine(make_url(database_url))
+    with engine.begin() as connection:
+        command.upgrade(_config(connection), "0009")
+        for statement in (
+            (
+                "INSERT INTO tests (id, valve, sequence, overrides, state, progress, created_at, error, software) "
+                "VALUES ('old', 'A', 'triangle', '{}', 'completed', 1.0, :now, '', 'x')"
+            ),
+            (
+                "INSERT INTO figures (number, test_id, valve, conditions, at, verdict, causes, good, friction_mean_n) "
+                "VALUES (1, 'old', 'A', 'triangle', :now, 'none', '[]', true, 500.0)"
+            ),
+            (
+                "INSERT INTO baselines (valve, conditions, test_id, set_by, set_at) "
+                "VALUES ('A', 'triangle', 'old', 'anna', :now)"
+            ),
+        ):
+            connection.execute(text(statement).bindparams(bindparam("now", type_=UtcDateTime)), {"now": NOW})
+    engine.dispose()
+    migrated = open_database(database_url)
+    baseline = FigureTable(migrated).baseline("A", "triangle")
+    assert baseline is not None
+    assert (baseline.set_by, baseline.test.unmet) == ("anna", ())
+    migrated.dispose()
+
+
 def test_tests_are_counted_by_their_states_as_they_stand(quick_path: Path, database_url: str) -> None:
     store = Store(quick_path, database_url)
     counts = store.state_counts
@@ -201,3 +231,78 @@ def test_the_password_comes_from_a_file_of_its_owner_alone(quick_path: Path) -> 
     file.write_text("", encoding="utf-8")
     with pytest.raises(ConfigurationError, match="empty"):
         address.with_password()
+
+
+def test_times_are_asked_for_by_themselves_where_the_clock_was_set_back(quick_path: Path, database_url: str) -> None:
+    store = Store(quick_path, database_url)
+    days = (1, 5, 3, 9, 2)
+    for day in days:
+        store.runs.insert(replace(_run(), created_at=NOW + timedelta(days=day)))
+
+    def found(since: datetime | None = None, until: datetime | None = None) -> list[int]:
+        wanted = RunFilter(since=since, until=until)
+        return [(run.created_at - NOW).days for run in store.runs.newest(9, wanted=wanted)]
+
+    assert found(since=NOW + timedelta(days=3)) == [9, 3, 5]
+    assert found(until=NOW + timedelta(days=3)) == [2, 1]
+    assert found(since=NOW + timedelta(days=2), until=NOW + timedelta(days=5)) == [2, 3]
+    assert found(since=NOW + timedelta(days=10)) == found(until=NOW) == []
+    store.close()
+
+
+@pytest.mark.parametrize("few", [2, 2000])
+def test_states_are_asked_for_alike_where_many_tests_have_them_and_where_few_have(
+    quick_path: Path, database_url: str, monkeypatch: pytest.MonkeyPatch, few: int
+) -> None:
+    monkeypatch.setattr("service.store.run_table._FEW", few)
+    store = Store(quick_path, database_url)
+    for state in "NMNFMN":
+        store.runs.save(_completed(store.runs.insert(_run()), state))
+    newest = store.runs.newest
+    assert [run.number for run in newest(9, wanted=RunFilter(ne107=("M", "F")))] == [5, 4, 2]
+    assert [run.number for run in newest(2, wanted=RunFilter(ne107=("N",)))] == [6, 3]
+    assert newest(9, wanted=RunFilter(ne107=("S",))) == []
+    store.close()
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        RunFilter(ne107=("F",)),
+        RunFilter(ne107=("S",)),
+        RunFilter(labels=(Label.AS_FOUND,)),
+        RunFilter(states=(RunState.COMPLETED,), labels=(Label.AS_LEFT,)),
+        RunFilter(since=NOW + timedelta(days=400)),
+        RunFilter(until=NOW - timedelta(days=1)),
+        RunFilter(states=(RunState.COMPLETED,), until=NOW - timedelta(days=1)),
+        RunFilter(states=(RunState.COMPLETED,), ne107=("F",), since=NOW + timedelta(hours=4990)),
+    ],
+)
+def test_a_filter_that_matches_almost_nothing_is_answered_without_a_walk_past_all_tests(
+    quick_path: Path, wanted: RunFilter
+) -> None:
+    store = Store(quick_path)
+    tests = [_row(replace(_run(), state=RunState.COMPLETED, created_at=NOW + timedelta(hours=h))) for h in range(5000)]
+    with store.engine.begin() as connection:
+        connection.execute(insert(TESTS), tests)
+        connection.execute(update(TESTS).where(TESTS.c.number == 17).values(label=Label.AS_FOUND.value))
+        connection.execute(
+            text(
+                "INSERT INTO figures (number, test_id, valve, conditions, at, ne107, verdict, causes, good) "
+                "SELECT number, id, valve, '', created_at, iif(number = 17, 'F', 'N'), 'none', '[]', 1 FROM tests"
+            )
+        )
+    steps = [0]
+
+    def count() -> int:
+        steps[0] += 1
+        return 0
+
+    def watch(connection: Any, *_: Any) -> None:
+        connection.set_progress_handler(count, 10)
+
+    event.listen(store.engine, "checkout", watch)
+    found = store.runs.newest(50, wanted=wanted)
+    assert len(found) <= 1
+    assert steps[0] < 500, "each test that is walked past takes SQLite several steps"
+    store.close()

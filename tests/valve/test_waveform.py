@@ -230,3 +230,13 @@ def test_no_part_of_the_diagnostic_sequence_is_faster_than_the_pressure_may_go(a
     wave = diagnostic(0.0, 82737.0, rate_pa_per_s=rate_pa_per_s, longest_s=3600.0)
     assert wave.fastest_rate_pa_per_s <= rate_pa_per_s
     assert wave.range_pa == (0.0, 82737.0)
+
+
+def test_the_diagnostic_sequence_rests_on_its_way_and_not_only_where_it_turns() -> None:
+    wave = diagnostic(0.0, 100.0, rate_pa_per_s=1.0e3, longest_s=300.0, dwells_s=(0.5, 8.0))
+    assert wave.duration_s < 139.0
+    still = np.diff(wave.pressure_pa) == 0.0
+    places, lengths_s = wave.pressure_pa[:-1][still], np.diff(wave.time_s)[still]
+    up, down = (60.0, 68.0, 76.0, 84.0), (40.0, 32.0, 24.0, 16.0)
+    assert places.tolist() == pytest.approx([*up, *down, *up, *down])
+    assert lengths_s.tolist() == pytest.approx([0.5] * 9 + [8.0, 0.5, 0.5, 0.5, 8.0, 0.5, 0.5])

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from discrepancy.rough.setting import Setting
 from estimators.base import NORMAL_95
 from estimators.engine.laws import Law, LawParameter, Where
+from valve.carried_digits import carried_places
 from valve.effects import Effect
 
 FloatArray = npt.NDArray[np.float64]
@@ -40,13 +41,13 @@ class Fitted:
         return {"value": self.value, "unit": self.unit, "std_error": self.std_error, "ci95": list(self.ci95)}
 
     def in_words(self, factor: float, unit: str) -> str:
-        """Return the value times ``factor`` with its interval, without sign."""
+        """Return the value times ``factor``, without sign, with its interval where the instrument knows better."""
         factor = -factor if self.value < 0.0 else factor
         low, high = sorted(factor * end for end in self.ci95)
-        # as many digits as the interval knows, three at most
-        width = max(0.5 * (high - low), 1.0e-2 * abs(factor * self.value), 1.0e-9)
-        digits = min(max(0, 1 - math.floor(math.log10(width))), 6)
-        return f"{factor * self.value:.{digits}f} {unit} ({low:.{digits}f} to {high:.{digits}f})"
+        places, is_shown = carried_places(factor * self.value, 0.5 * (high - low))
+        digits = min(max(0, places), 6)
+        value, *ends = (f"{round(one, places):.{digits}f}" for one in (factor * self.value, low, high))
+        return f"{value} {unit} ({ends[0]} to {ends[1]})" if is_shown else f"{value} {unit}"
 
 
 def parameter(

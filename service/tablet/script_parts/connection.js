@@ -54,16 +54,22 @@ async function refresh() {
   const isRenewed = document.querySelector("[data-live]");
   if (!isRenewed && !csrf) return;
   let answer;
+  const asked = location.href;
   try { answer = await ask("GET", isRenewed ? location.href : "/session", { headers: { "X-Background": "1" } }); } catch { return; }
   if (answer.status === 401 || new URL(answer.address).pathname === "/ui/sign-in") { lock(); return; }
   if (!answer.ok) return;
   if (isLocked) { location.reload(); return; }  // somebody signed in on another page of this browser
-  if (!isRenewed) return;
+  if (!isRenewed || location.href !== asked) return;  // another list was asked for meanwhile
   const fresh = new DOMParser().parseFromString(answer.text, "text/html");
   const wasMoving = $("stands")?.dataset.verdict === "moving", isMoving = fresh.getElementById("stands")?.dataset.verdict === "moving";
   if (Boolean(fresh.getElementById("stop")) !== Boolean($("stop")) || (page !== "running" && wasMoving && !isMoving)) { location.reload(); return; }
+  renew(fresh);
+}
+
+function renew(fresh) {
   for (const old of document.querySelectorAll("[data-live]")) {
     const renewed = fresh.getElementById(old.id);
+    for (const one of old.querySelectorAll("details[id]")) renewed?.querySelector(`#${one.id}`)?.toggleAttribute("open", one.open);
     if (renewed && renewed.outerHTML !== old.outerHTML && !old.contains(document.activeElement)) old.replaceWith(renewed);
   }
 }

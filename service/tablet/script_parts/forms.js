@@ -1,4 +1,4 @@
-// Units, signing in and out, acknowledging a test, accepting a model, analysing again.
+// Units, signing in and out, acknowledging a test, what is said of it, accepting a model or a baseline, analysing again.
 $("units")?.addEventListener("change", (event) => {
   document.cookie = `breakaway-units=${event.target.value}; path=/; max-age=31536000; samesite=strict`;
   const address = new URL(location.href);
@@ -29,12 +29,31 @@ $("acknowledge")?.addEventListener("submit", async (event) => {
   } catch { lost(); }
 });
 
+$("describe")?.addEventListener("submit", async (event) => {
+  event.preventDefault();
+  const form = event.currentTarget, said = {};
+  for (const name of ["label", "work_order", "note"]) said[name] = form.elements[name].value.trim() || null;
+  try {
+    const answer = await ask("PATCH", `/tests/${form.dataset.test}`, { body: said });
+    if (answer.ok) location.reload(); else trouble(refusal(answer));
+  } catch { lost(); }
+});
+
 $("accept")?.addEventListener("submit", async (event) => {
   event.preventDefault();
   const form = event.currentTarget;
   try {
     const answer = await ask("POST", `/valves/${encodeURIComponent(form.dataset.valve)}/model`, { body: { test: form.dataset.test } });
     $("accept-words").textContent = answer.ok ? "Accepted: it is how this valve is from now on." : refusal(answer);
+  } catch { lost(); }
+});
+
+$("baseline")?.addEventListener("submit", async (event) => {
+  event.preventDefault();
+  const form = event.currentTarget;
+  try {
+    const answer = await ask("POST", `/valves/${encodeURIComponent(form.dataset.valve)}/baseline`, { body: { test: form.dataset.test } });
+    $("baseline-words").textContent = answer.ok ? "Accepted: later tests are held against it." : refusal(answer);
   } catch { lost(); }
 });
 

@@ -119,6 +119,7 @@ if ($("live")) {
     },
     state(data) {
       if (data.state === "analyzing" && $("stop") && !$("stop").dataset.pressed) $("stop-words").textContent = "The motion has ended.";
+      if (data.state === "analyzing") showMeasured();
       if (data.state === "queued" || data.state === "analyzing") HANDLERS.progress({ progress: data.progress, phase: data.state });
     },
     stands(data) {  // the page has it in the units that are shown
@@ -132,6 +133,18 @@ if ($("live")) {
       if (!isLocked) showResult();
     },
   };
+
+  // What the motion shows is there long before the diagnosis.
+  async function showMeasured() {
+    if (!$("early")?.hidden) return;
+    try {
+      const answer = await ask("GET", `/ui/figures/tests/${place.dataset.test}/measured`, { limitMs: 60000 });
+      const fresh = answer.ok ? new DOMParser().parseFromString(answer.text, "text/html").getElementById("early") : null;
+      if (!fresh || hasEnded || !$("early")?.hidden) return;
+      $("early").replaceWith(fresh);
+      say("Friction, dead band and signature are shown. The diagnosis follows.");
+    } catch { /* the result has them too */ }
+  }
 
   async function showResult() {  // a line that is just lost must not replace the page by the browser's own
     for (;;) {

@@ -3,7 +3,12 @@ const $ = (id) => document.getElementById(id);
 const page = document.body.dataset.page;
 const csrf = document.body.dataset.csrf;
 const wait = (ms) => new Promise((done) => setTimeout(done, ms));
-const clock = (ms) => new Date(ms).toLocaleTimeString([], { hour12: false });
+// By the plant's clock, wherever the tablet was set up; by its own where the plant names no zone.
+const dial = (() => {
+  const shown = { hour: "2-digit", minute: "2-digit", second: "2-digit", hourCycle: "h23", timeZoneName: "short" };
+  try { return new Intl.DateTimeFormat("en-GB", { ...shown, timeZone: document.body.dataset.zone }); } catch { return new Intl.DateTimeFormat("en-GB", shown); }
+})();
+const clock = (ms) => dial.format(ms);
 
 function element(name, text = "", className = "") {
   const made = document.createElement(name);

@@ -78,6 +78,7 @@ def test_a_new_cause_is_named_beside_the_accepted_one() -> None:
     assert set(found.extended.causes) == {"local_friction", "friction_drift"}
 
 
+@pytest.mark.long
 def test_an_accepted_preload_moves_the_nameplates_bench_set() -> None:
     area_m2 = VALVES["large"][1].actuator.diaphragm_area_m2
     assert area_m2 is not None

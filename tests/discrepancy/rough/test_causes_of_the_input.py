@@ -25,7 +25,11 @@ def _found(valve: str, sequence: str, seed: int, **changes: Any) -> RoughDiagnos
 
 @pytest.mark.parametrize(
     ("valve", "sequence", "share"),
-    [("large", "multi_rate", 0.008), ("nominal", "multi_rate", 0.03), ("small", "triangle", 0.03)],
+    [
+        ("large", "multi_rate", 0.008),
+        pytest.param("nominal", "multi_rate", 0.03, marks=pytest.mark.long),
+        pytest.param("small", "triangle", 0.03, marks=pytest.mark.long),
+    ],
 )
 def test_a_dead_band_is_named_with_its_width(valve: str, sequence: str, share: float) -> None:
     found = _found(valve, sequence, 41, path={"dead_band_pa": share * _span_pa(valve)})
@@ -45,7 +49,7 @@ def test_a_hysteresis_loop_is_named_with_its_width(valve: str, sequence: str, sh
     assert found.causes[0].parameters["width_pa"].value == pytest.approx(share * _span_pa(valve), rel=0.08)
 
 
-@pytest.mark.parametrize("scatter", [0.2, 0.3])
+@pytest.mark.parametrize("scatter", [0.2, pytest.param(0.3, marks=pytest.mark.long)])
 def test_breakaways_that_scatter_more_than_packings_do_are_named(scatter: float) -> None:
     found = _found("nominal", "multi_rate", 43, packing={"breakaway_scatter": scatter})
     assert found.verdict is Verdict.NAMED

@@ -13,12 +13,15 @@ from discrepancy.rough.diagnose import diagnose
 from discrepancy.rough.result import RoughDiagnosis, Verdict
 from discrepancy.rough.selection import refitted
 from discrepancy.rough.separating import ENOUGH, Planned, separating_test
-from tests.rough_valves import HELD_OUT, VALVES, case, sequence
+from simulator.recorded import recorded
+from tests.rough_valves import HELD_OUT, VALVES, case, rough_valve, sequence
+from valve.diagnostic_waveform import diagnostic
 from valve.effects.base import Effect
 from valve.effects.friction_drift import FrictionDrift
 from valve.effects.local_friction import LocalFriction
 from valve.effects.spring_hardening import SpringHardening
 from valve.effects.travel_stop_high import TravelStopHigh
+from valve.waveform import dwell
 
 _VALVE = "large"
 _FRICTION_N = 1120.0
@@ -100,6 +103,23 @@ def test_a_stem_that_moves_one_way_only_cannot_be_told() -> None:
     found = diagnose(first, made.nameplate)
     assert found.verdict is Verdict.NOT_ASSESSED
     assert found.message.startswith("Cannot tell")
+
+
+@pytest.mark.parametrize("sequence", ["diagnostic", pytest.param("dwell", marks=pytest.mark.long)])
+def test_a_damped_stem_that_coasts_behind_a_force_that_waits_is_healthy(sequence: str) -> None:
+    settings = rough_valve("graphite", "usual", 311)
+    assert settings.nameplate.signal is not None
+    assert settings.nameplate.actuator.bench_set_pa is not None
+    low_pa, high_pa = settings.nameplate.actuator.bench_set_pa[0], settings.nameplate.signal.range_pa[1]
+    wave = (
+        dwell(12.0, low_pa, high_pa, [0.5, 1.0, 2.0])
+        if sequence == "dwell"
+        else diagnostic(low_pa, high_pa, rate_pa_per_s=high_pa - low_pa, longest_s=140.0)
+    )
+    recording, _ = recorded(settings, wave, 1.0e-3)
+    found = diagnose(recording, settings.nameplate)
+    assert found.verdict is Verdict.NONE, found.message
+    assert found.message.startswith("No fault found")
 
 
 def test_a_heavily_damped_perfect_stem_is_read_after_its_transients() -> None:

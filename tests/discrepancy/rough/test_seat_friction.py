@@ -39,7 +39,9 @@ def _found(valve: str, rise: float, width: float, seed: int) -> RoughDiagnosis:
     return diagnose(recording, made.nameplate)
 
 
-@pytest.mark.parametrize(("valve", "rise", "width"), [("large", 0.4, 0.03), ("small", 0.8, 0.02)])
+@pytest.mark.parametrize(
+    ("valve", "rise", "width"), [("large", 0.4, 0.03), pytest.param("small", 0.8, 0.02, marks=pytest.mark.long)]
+)
 def test_friction_at_the_seat_is_named_with_its_size(valve: str, rise: float, width: float) -> None:
     found = _found(valve, rise, width, 51)
     assert found.verdict is Verdict.NAMED

@@ -21,8 +21,8 @@ def by_method(estimator: Estimator) -> str:
     return estimator.method
 
 
-# DV just above a slow ramp's speed (295, 939), and above that of every ramp (731, 859): F_c is 1.5 to 32 % off.
-@pytest.mark.parametrize("seed", [295, 731, 859, 939])
+# DV just above a slow ramp's speed (939), and above that of every ramp (731, 859): F_c is 5 to 25 % off.
+@pytest.mark.parametrize("seed", [731, 859, 939])
 @pytest.mark.parametrize("estimator", BOTH, ids=by_method)
 def test_the_friction_of_a_stem_that_may_creep_is_not_called_ok(estimator: Estimator, seed: int) -> None:
     test = coverage.scattered_test(seed)[0]
@@ -33,8 +33,8 @@ def test_the_friction_of_a_stem_that_may_creep_is_not_called_ok(estimator: Estim
 
 
 @pytest.mark.parametrize("estimator", BOTH, ids=by_method)
-@pytest.mark.parametrize("name", ["nominal", "rough", "vendor"])
-def test_a_stem_that_jumps_or_surely_slides_is_not_doubted(estimator: Estimator, name: str) -> None:
+@pytest.mark.parametrize("name", ["nominal", "rough"])
+def test_a_stem_that_jumps_is_not_doubted(estimator: Estimator, name: str) -> None:
     test = recorded(name, noise_m=5.0e-6)
     estimate = estimator.estimate(test.recording, test.nameplate)
     assert estimate.status is Status.OK

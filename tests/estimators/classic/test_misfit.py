@@ -32,5 +32,5 @@ def test_an_estimates_motion_is_followed_once(
     assert len(calls) == 1
     assert estimate.residual_rms_m is not None
     assert estimate.residual_rms_m >= 19.0e-6
-    assert form is Form.CORRECTED or estimate.residual_rms_m < 21.0e-6
+    assert form is Form.CORRECTED or estimate.residual_rms_m < 50.0e-6
     assert "stand_ins" in estimate.diagnostics

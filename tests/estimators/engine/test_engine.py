@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -17,6 +18,12 @@ from valve.recording import Recording
 
 def _estimated(made: RoughCase) -> Estimate:
     return RoughFrictionEstimator().estimate(made.recording, made.nameplate)
+
+
+@cache
+def _usual(valve: str, sequence: str) -> tuple[RoughCase, Estimate]:
+    made = case(valve, sequence, "usual", 1.0e-3, seed=8)
+    return made, _estimated(made)
 
 
 def _off(estimate: Estimate, made: RoughCase, symbol: str) -> tuple[float, float]:
@@ -34,10 +41,9 @@ _OTHERS = [pytest.param(name, marks=pytest.mark.long) for name in ("rough", "sma
 
 
 @pytest.mark.parametrize("valve", ["nominal", *_OTHERS])
-@pytest.mark.parametrize("sequence", ["triangle", "multi_rate"])
+@pytest.mark.parametrize("sequence", ["triangle", pytest.param("multi_rate", marks=pytest.mark.long)])
 def test_a_usual_valve_gets_its_friction_and_spring_rate(valve: str, sequence: str) -> None:
-    made = case(valve, sequence, "usual", 1.0e-3, seed=8)
-    estimate = _estimated(made)
+    made, estimate = _usual(valve, sequence)
 
     assert estimate.status is Status.OK
     for symbol, most in (("k", 0.04), ("F_c", 0.02), ("F_s", 0.05), ("F_0", 0.05)):
@@ -47,8 +53,7 @@ def test_a_usual_valve_gets_its_friction_and_spring_rate(valve: str, sequence: s
 
 
 def test_the_mass_and_damping_of_a_usual_valve_are_known_from_several_rates() -> None:
-    made = case("nominal", "multi_rate", "usual", 1.0e-3, seed=8)
-    estimate = _estimated(made)
+    made, estimate = _usual("nominal", "multi_rate")
 
     for symbol in ("m", "F_v"):
         error, half_width = _off(estimate, made, symbol)
@@ -84,6 +89,7 @@ def test_polled_rows_give_the_spring_rate_and_friction() -> None:
     assert float(np.max(errors)) < 0.06
 
 
+@pytest.mark.long
 def test_friction_along_the_travel_is_seen_with_its_band() -> None:
     made = case("nominal", "triangle", "usual", 1.0e-3, seed=11, packing={"roughness": 0.03})
     fields = _estimated(made).diagnostics["latent_friction"]

@@ -55,6 +55,7 @@ def test_several_recordings_of_one_valve_give_one_estimate() -> None:
         assert abs(error) < min(2.0 * half_width, most)
 
 
+@pytest.mark.long
 def test_a_command_alone_tells_spring_and_friction_through_an_unknown_lag_and_dead_time() -> None:
     # without the lag in the model F_c would be 9 % too large: 500 N/s for a quarter of a second
     made = case("nominal", "triangle", "usual", 5.0e-3, seed=5, path={"lag_s": 0.2, "dead_time_s": 0.05})
@@ -117,6 +118,7 @@ def test_polled_rows_with_jitter_and_gaps_leave_the_friction_of_a_light_valve_kn
         assert half_width < 2.0 * most
 
 
+@pytest.mark.long
 def test_rows_each_tenth_of_a_second_give_spring_and_friction_but_no_mass() -> None:
     made = case("nominal", "triangle", "usual", 0.1, seed=7)
     estimate = _estimated(made)
@@ -133,6 +135,7 @@ def test_rows_each_second_say_that_they_are_too_slow() -> None:
     assert estimate.message == str(Outcome.RATE_TOO_LOW)
 
 
+@pytest.mark.long
 def test_noise_that_hides_a_valves_jumps_makes_an_effective_friction_of_f_c() -> None:
     quiet = case("nominal", "triangle", "mild", 1.0e-2, seed=2)
     loud = case("nominal", "triangle", "mild", 1.0e-2, seed=2, position={"noise_rms": 1.0e-3})

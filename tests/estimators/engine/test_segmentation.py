@@ -23,8 +23,8 @@ def _compared(found: RoughCase) -> tuple[int, int, int]:
 
 
 @pytest.mark.parametrize("valve", ["nominal", "rough", "small", "large"])
-@pytest.mark.parametrize("sequence", ["triangle", "multi_rate"])
-@pytest.mark.parametrize("grade", ["ideal", "mild", "usual"])
+@pytest.mark.parametrize("sequence", ["triangle", pytest.param("multi_rate", marks=pytest.mark.long)])
+@pytest.mark.parametrize("grade", ["ideal", pytest.param("mild", marks=pytest.mark.long), "usual"])
 def test_every_breakaway_is_found_and_none_is_made_up(valve: str, sequence: str, grade: str) -> None:
     # an ideal packing's breakaways are noted only where it has one
     packing = {"breakaway_scatter": 1.0e-9} if grade == "ideal" else {}

@@ -128,8 +128,6 @@ def balance_of(coulomb_n: float) -> Balance:
         0,
         roughness_prior(coulomb_n, 0.1),
         Blocks(*[nothing] * 7),
-        nothing,
-        nothing,
     )
 
 

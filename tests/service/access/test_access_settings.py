@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ssl
 import subprocess
 import sys
@@ -11,6 +12,7 @@ from pathlib import Path
 import httpx
 import pytest
 
+from service.certificates import Certificates, context_of
 from service.settings import load_plant
 from tests.service.conftest import PLANT
 from valve.errors import ConfigurationError
@@ -117,12 +119,83 @@ def test_the_service_speaks_tls_and_its_cookie_is_for_tls_alone(tls_folder: Path
             assert "Secure" in cookie
             assert "max-age" in answer.headers["strict-transport-security"]
             assert client.get("/valves").status_code == 200
+        _renew(tls_folder)
+        deadline = time.monotonic() + 120.0
+        renewed = ssl.PEM_cert_to_DER_cert((tls_folder / "certificate.pem").read_text(encoding="utf-8"))
+        while _shown(url) != renewed:
+            assert time.monotonic() < deadline, "the renewed certificate is not taken up"
+            time.sleep(0.5)
         with httpx.Client(timeout=120.0) as plain, pytest.raises(httpx.HTTPError):
             plain.get(url.replace("https", "http") + "/healthz")
     finally:
         process.terminate()
         process.wait(120.0)
     assert password not in log.read_text(encoding="utf-8")
+
+
+def _renew(folder: Path) -> None:
+    subprocess.run(_OPENSSL.split(), cwd=folder, capture_output=True, check=True)
+    (folder / "key.pem").chmod(0o600)
+
+
+def _shown(url: str) -> bytes:
+    """Return the certificate that a server shows, DER."""
+    host, _, port = url.removeprefix("https://").partition(":")
+    return ssl.PEM_cert_to_DER_cert(ssl.get_server_certificate((host, int(port)), timeout=60.0))
+
+
+def test_a_renewed_pair_is_taken_up_whole_and_one_that_does_not_fit_never(tls_folder: Path) -> None:
+    kept = tls_folder / "kept"
+    kept.mkdir()
+    for name in ("certificate.pem", "key.pem"):  # as certbot does: a link to the newest of several files
+        (tls_folder / name).rename(kept / f"1-{name}")
+        (tls_folder / name).symlink_to(kept / f"1-{name}")
+    access = load_plant(plant(tls_folder, "127.0.0.1", *TLS)).service.access
+    assert access.tls_certificate is not None
+    assert access.tls_key is not None
+    certificates = Certificates(access.tls_certificate, access.tls_key)
+    listening = context_of(access.tls_certificate, access.tls_key)
+    certificates.show_on(listening)
+    first, renewed = _der(kept / "1-certificate.pem"), tls_folder / "renewed"
+    renewed.mkdir()
+    _renew(renewed)
+    for name in ("certificate.pem", "key.pem"):
+        (renewed / name).rename(kept / f"2-{name}")
+    assert (certificates.look(), _handshaken(listening)) == (False, first)
+    _point(tls_folder / "certificate.pem", kept / "2-certificate.pem")
+    assert (certificates.look(), _handshaken(listening)) == (False, first), "its key is still the former one"
+    _point(tls_folder / "key.pem", kept / "2-key.pem")
+    (kept / "2-key.pem").chmod(0o644)
+    assert (certificates.look(), _handshaken(listening)) == (False, first), "others may read its key"
+    (kept / "2-key.pem").chmod(0o600)
+    _point(tls_folder / "key.pem", kept / "2-key.pem")
+    (kept / "2-key.pem").touch()
+    assert (certificates.look(), _handshaken(listening)) == (True, _der(kept / "2-certificate.pem"))
+    (tls_folder / "key.pem").unlink()
+    assert (certificates.look(), _handshaken(listening)) == (False, _der(kept / "2-certificate.pem"))
+
+
+def _der(path: Path) -> bytes:
+    return ssl.PEM_cert_to_DER_cert(path.read_text(encoding="utf-8"))
+
+
+def _point(link: Path, to: Path) -> None:
+    link.unlink()
+    link.symlink_to(to)
+
+
+def _handshaken(listening: ssl.SSLContext) -> bytes:
+    """Return the certificate that a connection to this context is shown, DER; no name is asked for."""
+    asking = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    asking.check_hostname, asking.verify_mode = False, ssl.CERT_NONE
+    there, back = ssl.MemoryBIO(), ssl.MemoryBIO()
+    client, server = asking.wrap_bio(back, there), listening.wrap_bio(there, back, server_side=True)
+    for one in (client, server, client, server):
+        with contextlib.suppress(ssl.SSLWantReadError):
+            one.do_handshake()
+    shown = client.getpeercert(binary_form=True)
+    assert shown is not None
+    return shown
 
 
 def _listening(log: Path, process: subprocess.Popen[bytes]) -> str:

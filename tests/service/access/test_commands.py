@@ -75,6 +75,20 @@ def test_the_first_admin_a_token_and_their_trace_in_the_audit_log(breakaway: Bre
     assert len(said.splitlines()) == 1
 
 
+def test_a_user_who_is_removed_is_gone_and_the_log_still_names_them(breakaway: Breakaway, plant_file: Path) -> None:
+    folder, config = plant_file.parent, ("--config", "plant.toml")
+    breakaway(folder, "user", "add", "otto", "--role", "viewer", *config, BREAKAWAY_PASSWORD=PASSWORD)
+    code, out, _ = breakaway(folder, "user", "remove", "otto", *config)
+    assert (code, out) == (0, "otto is removed; every session of theirs has ended\n")
+    assert breakaway(folder, "user", "list", *config) == (0, "", "")
+    code, _, said = breakaway(folder, "user", "remove", "otto", *config)
+    assert code == 1
+    assert "'otto' is unknown" in said
+    code, out, _ = breakaway(folder, "audit", "show", "--json", *config)
+    last = json.loads(out.splitlines()[-1])
+    assert (last["event"], last["details"]["name"]) == ("user.removed", "otto")
+
+
 @pytest.mark.parametrize(
     ("arguments", "password", "part"),
     [

@@ -141,6 +141,13 @@ async def test_an_admin_adds_a_user_and_a_token_over_rest_and_ends_them(quick_pa
         changed = await served.client.patch("/users/otto", json={"disabled": True}, headers=admin)
         assert body_of(changed)["disabled_at"] is not None
         assert_problem(await served.client.get("/tests"), 401)
+        await served.client.patch("/users/otto", json={"disabled": False}, headers=admin)
+        assert (await served.sign_in("otto")).status_code == 200
+        assert (await served.client.delete("/users/otto", headers=admin)).status_code == 204
+        assert_problem(await served.client.get("/tests"), 401)
+        assert (await served.sign_in("otto")).status_code == 401
+        assert_problem(await served.client.delete("/users/otto", headers=admin), 404, "otto")
+        assert_problem(await served.client.delete("/users/admin", headers=admin), 403, "another admin")
         served.client.cookies.clear()
         wanted = {"name": "cmms", "role": "viewer", "days": 1}
         token = body_of(await served.client.post("/tokens", json=wanted, headers=admin))
@@ -155,7 +162,7 @@ async def test_an_admin_adds_a_user_and_a_token_over_rest_and_ends_them(quick_pa
         assert_problem(await served.client.post("/tests/run", json=RUN, headers=admin), 403, "admin")
         demoted = await served.client.patch("/users/admin", json={"role": "viewer"}, headers=admin)
         assert_problem(demoted, 403, "another admin")
-        assert set(events(served)) >= {"user.added", "user.changed", "token.created", "token.revoked"}
+        assert set(events(served)) >= {"user.added", "user.changed", "user.removed", "token.created", "token.revoked"}
 
 
 async def test_a_person_changes_their_own_password(quick_path: Path) -> None:

@@ -22,6 +22,8 @@ from valve.recording_files import read_recording
 ROUGH_CASES = Path(__file__).parents[4] / "shared" / "data" / "rough_cases"
 CONVERTER = (2.5e-5, 20.0)  # 12 bits
 
+OTHERS = tuple(name for name in PARAMETER_SETS if name != "nominal")
+
 
 def found(recording: Recording, plate: Nameplate = PLATE) -> tuple[Recording, list[DataFault]]:
     (one,), told = without_data_faults([recording], plate)
@@ -55,7 +57,7 @@ def dropped(recording: Recording, channel: str, level: float, rows: int, *from_s
 # ---------------------------------------------------------------- no remark
 
 
-@pytest.mark.parametrize("valve", list(PARAMETER_SETS))
+@pytest.mark.parametrize("valve", ["nominal", *(pytest.param(one, marks=pytest.mark.long) for one in OTHERS)])
 @pytest.mark.parametrize("wave", ["triangle", "fast", "slow", "sine", "pulse", "pulses", "steps"])
 @pytest.mark.parametrize("late", [0.0, 0.1], ids=["even", "jitter"])
 def test_a_healthy_recording_gets_no_remark(valve: str, wave: str, late: float) -> None:

@@ -25,10 +25,16 @@ def analysis(
     spring_n_per_m: float = 52500.0,
     bench_pa: tuple[float, float] = (0.0, 82700.0),
     travel_m: float = 0.09,
+    stroke_m: tuple[float, float] | None = None,
+    signal_percent: tuple[float, float] | None = None,
+    stops_m: tuple[float | None, float | None] | None = None,
     dead_band_percent: float = 20.0,
     **others: Any,
 ) -> dict[str, Any]:
-    """Return an analysis of a test that was measured well; ``others`` stand for its further keys."""
+    """Return an analysis of a test that was measured well; ``others`` stand for its further keys.
+
+    Without ``signal_percent`` nothing is known of how far the signal went: no end of the travel is judged.
+    """
     ends = None if friction_n is None else [friction_n - half_n, friction_n + half_n]
     measured = "measured on the recording"
     signature = {
@@ -43,12 +49,14 @@ def analysis(
             "bench_set_pa": {"ci95": [[one - 20.0, one + 20.0] for one in bench_pa], "from": measured},
             "dead_band_percent": {"ci95": [dead_band_percent - 0.1, dead_band_percent + 0.1], "from": measured},
         },
+        "input_percent": None if signal_percent is None else list(signal_percent),
+        "stops_m": None if stops_m is None else list(stops_m),
         "notes": {} if friction_n is not None else {"friction_mean_n": "the stem moved one way only"},
         "steps": None,
     }
     return {
         "schema": "breakaway/analysis/1",
-        "recording": {"stroke_m": [0.0, travel_m], "position_noise_m": 1.0e-5},
+        "recording": {"stroke_m": list(stroke_m or (0.0, travel_m)), "position_noise_m": 1.0e-5},
         "estimates": [],
         "discrepancy": {"verdict": "none", "causes": []},
         "signature": signature,

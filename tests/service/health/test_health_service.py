@@ -12,7 +12,7 @@ import pytest
 from service.health.limits import HealthLimits
 from service.settings import Plant, load_plant
 from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.health.analyses import analysis, named
+from tests.service.health.analyses import SPOT, analysis, named
 from tests.service.problem import assert_problem
 from tests.service.running_service import running_service
 from valve.errors import ConfigurationError
@@ -75,7 +75,7 @@ async def test_the_first_good_test_becomes_the_baseline_and_later_ones_are_held_
     assert (found["ne107"], found["baseline"]["test"]) == ("M", first)
     listed = (await client.get("/valves")).json()["valves"][0]
     assert listed["health"]["ne107"] == "M"
-    assert "Friction, mean: 700.0 N" in listed["health"]["reasons"][0]
+    assert "Friction, mean: 700 N is 200.0 ± 1.4 N" in listed["health"]["reasons"][0]
     trend = (await client.get("/valves/FV-101")).json()["trend"]
     assert [point["value"] for point in trend[0]["points"]] == [500.0, 700.0]
 
@@ -97,9 +97,39 @@ async def test_a_chosen_baseline_takes_the_place_of_the_old_one_and_is_audited(
     assert_problem(answer, 422, "one of FV-101, not of FV-102")
 
 
+async def test_a_test_that_does_not_pass_becomes_the_baseline_only_where_a_person_accepts_it(
+    client: httpx.AsyncClient, analyst: Found
+) -> None:
+    analyst.result = analysis(friction_n=700.0, dead_band_percent=58.8)
+    first, found = await health(client, label="as_left")
+    assert (found["ne107"], found["acceptance"]["passed"]) == ("M", False)
+    assert_problem(await client.get("/valves/FV-101/baseline"), 404, "the first test that passes acceptance")
+    page = (await client.get(f"/ui/tests/{first}")).text
+    assert "This test does not become the baseline by itself" in page
+    assert "Accept this test as the baseline" in page
+    await client.post("/valves/FV-101/baseline", json={"test": first})
+    assert "Accept this test as the baseline" not in (await client.get(f"/ui/tests/{first}")).text
+    _, found = await health(client)
+    assert found["ne107"] == "N"
+    assert "Known since local chose the baseline: dead band." in found["reasons"]
+    assert found["baseline"]["test"] == first
+
+
+async def test_a_small_cause_is_a_remark_on_the_page_and_no_fault(client: httpx.AsyncClient, analyst: Found) -> None:
+    analyst.result = named()
+    analyst.result["discrepancy"]["causes"] = [SPOT | {"effect_percent_of_span": 0.075}]
+    test, found = await health(client)
+    assert (found["ne107"], found["remarks"]) == ("N", ["local_friction"])
+    page = (await client.get(f"/ui/tests/{test}")).text
+    assert '<h2 id="h-diagnosis">No fault found.</h2>' in page
+    assert "<strong>Seen, does not matter yet:</strong> Friction is 260 N higher" in page
+    assert "Look at stem and packing there" not in page
+    assert (await client.get("/valves/FV-101/baseline")).json()["test"] == test
+
+
 async def test_another_motion_has_its_own_baseline(client: httpx.AsyncClient, analyst: Found) -> None:
     first, _ = await health(client)
-    analyst.result = analysis(friction_n=900.0)
+    analyst.result = analysis(friction_n=750.0)
     other, found = await health(client, overrides={"period_s": 10})
     assert (found["ne107"], found["baseline"]) == ("N", None)
     _, found = await health(client, overrides={"period_s": 10})

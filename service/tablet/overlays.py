@@ -1,0 +1,114 @@
+"""What the signature of a test is laid over: as found, as left, the baseline, or any other test of its valve."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any, Final
+
+from service.figures.signature import MOST_LAYERS, Layer, has_signature
+from service.health.results import PastTest
+from service.nameplates import nameplate_from_mapping
+from service.runs.run import Label, Run
+from service.store.store import Store
+from service.tablet.history import ValvePast
+from valve.errors import NotFoundError
+from valve.recording_files import read_recording
+
+_LISTED: Final = 40  # tests in the choice of any test
+
+
+@dataclass(frozen=True, slots=True)
+class Overlay:
+    """A test that can be laid over another one: what its chip says, and whether it is shown from the start."""
+
+    test_id: str
+    words: str
+    at: datetime
+    is_shown: bool = False
+
+
+def instant(at: datetime) -> str:
+    """Return an instant by the gateway's clock, short."""
+    return f"{at.astimezone():%Y-%m-%d %H:%M}"
+
+
+def words_of(run: Run, role: str = "") -> str:
+    """Return what a test is called in a figure: its role or label, and when it was."""
+    label = role or ("" if run.label is None else run.label.value.replace("_", " "))
+    return f"{label} {instant(run.created_at)}".strip()
+
+
+def overlays_of(store: Store, run: Run, past: ValvePast) -> tuple[list[Overlay], list[Overlay]]:
+    """Return the chips of a test, and all other tests of its valve for the choice; reads the database and blocks.
+
+    As found and as left are the newest with these labels that are not later than the test. The first chip is shown
+    from the start: as found for a test as left, else the baseline.
+    """
+    chips: dict[str, Overlay] = {}
+    for label in (Label.AS_FOUND, Label.AS_LEFT):
+        test = next((one for one in _labelled(store, run, label) if one.test_id != run.id), None)
+        if test is not None:
+            chips[test.test_id] = Overlay(test.test_id, label.value.replace("_", " "), test.at)
+    base = past.baseline
+    if base is not None and base.id != run.id and base.id not in chips:
+        chips[base.id] = Overlay(base.id, "baseline", base.created_at)
+    first = before_of(store, run, past)
+    shown = [Overlay(one.test_id, one.words, one.at, one.test_id == first) for one in chips.values()]
+    others = [one for one in past.figures if one.test_id != run.id and one.test_id not in chips][:_LISTED]
+    listed = [Overlay(one.test_id, (one.label or "test").replace("_", " "), one.at) for one in others]
+    return shown, listed
+
+
+def before_of(store: Store, run: Run, past: ValvePast) -> str | None:
+    """Return the test that a result is held against: as found for a test as left, else the baseline; None without."""
+    if run.label is Label.AS_LEFT:
+        found = next(iter(_labelled(store, run, Label.AS_FOUND)), None)
+        if found is not None:
+            return found.test_id
+    return None if past.baseline is None or past.baseline.id == run.id else past.baseline.id
+
+
+def _labelled(store: Store, run: Run, label: Label) -> Iterator[PastTest]:
+    return (one for one in store.figures.newest(run.valve, 100, label=label) if one.at <= run.created_at)
+
+
+def layers_of(store: Store, run: Run, others: Sequence[str], own: Mapping[str, Any] | None = None) -> list[Layer]:
+    """Return the layers of a figure: a test, then others of its valve; reads the database and blocks.
+
+    ``own`` is the test's signature where it is not analysed yet. Raises NotFoundError for a test of another valve.
+    """
+    layers = [_layer(run, "this test" if others else "", own)]
+    for test_id in list(dict.fromkeys(others))[: MOST_LAYERS - 1]:
+        other = store.runs.get(test_id)
+        if other.valve != run.valve:
+            raise NotFoundError(f"test {other.id} is none of {run.valve}: choose one of the same valve")
+        layer = _layer(other, "" if other.label else "test")
+        if other.id != run.id and has_signature(layer.signature):
+            layers.append(layer)
+    return layers
+
+
+def _layer(run: Run, role: str, own: Mapping[str, Any] | None = None) -> Layer:
+    analysis = run.analysis or {}
+    latent = (analysis.get("discrepancy") or {}).get("latent_friction") or ()
+    shown = own if own is not None else analysis.get("signature") or {}
+    return Layer(words_of(run, role), shown, () if own is not None else latent)
+
+
+def measured_signature(file: str, nameplate: str) -> str:
+    """Return the signature of a recording as JSON, measured on the loop alone: a second after the motion has ended.
+
+    ``nameplate`` is JSON. Estimates and the diagnosis follow. Raises what reading a recording raises.
+    """
+    # The process that serves pages needs none of these.
+    from service.analysis import signature  # noqa: PLC0415
+    from service.data_faults.found import without_data_faults  # noqa: PLC0415
+    from service.driven_force import with_driven_forces  # noqa: PLC0415
+
+    plate = nameplate_from_mapping(json.loads(nameplate), "nameplate")
+    (recording,), _ = without_data_faults([read_recording(file, plate)], plate)
+    (driven,), _ = with_driven_forces([recording], plate)
+    return json.dumps(signature(driven, (), plate))
