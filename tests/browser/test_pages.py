@@ -75,13 +75,13 @@ def test_each_picture_is_small_names_what_it_shows_and_loads_nothing(service: Ga
 
 @pytest.mark.parametrize(("units", "friction"), [("si", "752.0 ± 2.0 N"), ("psi", "169.06 ± 0.45 lbf")])
 def test_figures_are_shown_in_the_units_that_the_browser_keeps(service: Gateway, units: str, friction: str) -> None:
-    with httpx.Client(base_url=service.url, cookies={"breakaway-units": units}) as client:
+    with httpx.Client(base_url=service.url, cookies={"breakaway-units": units}, timeout=60.0) as client:
         assert friction in client.get(f"/ui/valves/{TAG}").text
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if page != "/ui/sign-in"])
 def test_no_sentence_keeps_units_that_were_not_chosen(service: Gateway, page: str) -> None:
-    with httpx.Client(base_url=service.url, cookies={"breakaway-units": "psi"}) as client:
+    with httpx.Client(base_url=service.url, cookies={"breakaway-units": "psi"}, timeout=60.0) as client:
         said = re.sub(r"<[^>]+>", " ", client.get(_address(service, page)).text)
         assert re.findall(r"\d\s+(?:k?Pa|bar|m|mm|µm|um|N|N/mm|kg)\b(?![/·*])", said) == []
 
@@ -91,7 +91,7 @@ def test_a_bad_end_is_told_in_the_chosen_units_on_its_page_and_in_its_report(ser
     error = f"{TAG}: the pressure changed by 8.049e+04 Pa and the stem stood at 2.0e-06 m: look at packing and seat"
     service.parts.store.runs.save(replace(run, error=error, acknowledged_at=run.created_at, acknowledgement="eased"))
     for address in (f"/ui/tests/{run.id}", f"/tests/{run.id}/report?format=html"):
-        with httpx.Client(base_url=service.url, cookies={"breakaway-units": "psi"}) as client:
+        with httpx.Client(base_url=service.url, cookies={"breakaway-units": "psi"}, timeout=60.0) as client:
             said = re.sub(r"<style.*?</style>|<[^>]+>", " ", client.get(address).text, flags=re.DOTALL)
         assert "The pressure changed by 11.67 psi and the stem stood at 0.00008 in: look at packing" in said
         assert re.findall(r"\d\s+(?:k?Pa|bar|m|mm|µm|um|N|N/mm|kg)\b(?![/·*])", said) == []

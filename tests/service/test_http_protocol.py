@@ -96,7 +96,7 @@ async def test_a_crowd_that_completes_no_request_keeps_neither_files_nor_a_stop_
             for _, writer in crowd:
                 writer.write(says)
             await asyncio.sleep(0.1)  # all are heard
-            async with httpx.AsyncClient(base_url=client.base_url) as another:  # a connection of its own
+            async with httpx.AsyncClient(base_url=client.base_url, timeout=60.0) as another:  # a connection of its own
                 stopped = await another.post(f"/tests/{test['id']}/stop")
             assert stopped.json()["safe_confirmed"] is True
             assert '"state": "stopped"' in "".join(

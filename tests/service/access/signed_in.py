@@ -52,7 +52,7 @@ async def signed_in(folder: Path, *users: str, more: str = "", rig_s: float = 0.
     rig = FakeRig(rig_s)
     async with running_service(load_plant(config), rig, FakeAnalyst()) as client:
         if "admin" in users:
-            async with httpx.AsyncClient(base_url=client.base_url) as other:
+            async with httpx.AsyncClient(base_url=client.base_url, timeout=60.0) as other:
                 answer = await other.post("/session", json={"name": "admin", "password": PASSWORD})
                 cookie = f"breakaway={answer.cookies['breakaway']}"
                 tokens[Role.ADMIN] = {"Cookie": cookie, "X-CSRF-Token": answer.json()["csrf_token"]}
