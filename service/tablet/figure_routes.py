@@ -122,7 +122,9 @@ def _signature(
 ) -> tuple[list[Layer], Frame]:
     valve = parts.plant.valves.get(run.valve)
     baseline = past_of(parts.store, run.valve, valve, run).held_against
-    return layers_of(parts.store, run, others, own), frame_of(valve, None if baseline is None else baseline.test)
+    return layers_of(parts.store, run, others, parts.plant.zone, own), frame_of(
+        valve, None if baseline is None else baseline.test
+    )
 
 
 @router.get("/tests/{test_id}/{name}.svg")

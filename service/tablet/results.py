@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import tzinfo
 from typing import Any
 
 from service.figures.methods import METHOD_WORDS, all_estimates
@@ -215,7 +216,7 @@ def reasons_beside(reasons: Sequence[str], diagnosis: Diagnosis) -> list[str]:
     return [reason for reason in reasons if reason not in told]
 
 
-def recording_facts(run: Run, system: UnitSystem) -> list[tuple[str, str]]:
+def recording_facts(run: Run, system: UnitSystem, zone: tzinfo | None) -> list[tuple[str, str]]:
     """Return how the recording was taken and what it hashes to, for the foot of the page."""
     summary: Mapping[str, Any] = (run.analysis or {}).get("recording") or {}
     sampling: Mapping[str, Any] = summary.get("sampling") or {}
@@ -230,7 +231,7 @@ def recording_facts(run: Run, system: UnitSystem) -> list[tuple[str, str]]:
         ("Schedule", run.schedule),
         ("SHA-256", run.recording_sha256),
         ("Software", run.software),
-        ("Analysis", words_of_repetition(run)),
+        ("Analysis", words_of_repetition(run, zone)),
         ("Test", run.id),
     ]
     return [(name, value) for name, value in facts if value]

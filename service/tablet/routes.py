@@ -237,7 +237,9 @@ def _compared(parts: Parts, run: Run, past: ValvePast, system: UnitSystem, befor
         "chips": chips,
         "others": others,
         "repaired": repair_sentences(parts.store, run, valve),
-        "before_run": None if then is None else {"id": then.id, "words": words_of(then, "" if then.label else "test")},
+        "before_run": None
+        if then is None
+        else {"id": then.id, "words": words_of(then, parts.plant.zone, "" if then.label else "test")},
         "compared": rows,
     }
 
@@ -306,7 +308,7 @@ def _result(request: Request, parts: Parts, run: Run, past: ValvePast) -> dict[s
         "may_be_baseline": (health.get("acceptance") or {}).get("passed") is False
         and (past.baseline is None or past.baseline.id != run.id),
         "unacknowledged": run if needs_acknowledgement(run) else None,
-        "recording_facts": recording_facts(run, system),
+        "recording_facts": recording_facts(run, system, parts.plant.zone),
         "may_be_analysed": can_be_analysed(run),
         "figures": f"/ui/figures/tests/{run.id}",
         "figure_query": _query(past, run, system),
