@@ -197,6 +197,9 @@ def _notes(
     known = [one.words for one in checks if one.met is False and is_known(one, case)]
     if known and case.baseline is not None:
         yield f"Known since {case.baseline.set_by} chose the baseline: {', '.join(known)}."
+    for one in checks:
+        if one.open_because:
+            yield f"{one.words[0].upper()}{one.words[1:]} was not assessed: {one.open_because}."
     if _is_not_assessed(case) and _is_known_well(case, checks):
         yield f"{_not_looked_for(case)} All that could be measured is as in the baseline that a person chose."
 

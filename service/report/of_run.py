@@ -14,7 +14,7 @@ from service.recordings.place import recording_of
 from service.report.before_after import BeforeAfter, before_after
 from service.report.ended import EndedSource
 from service.report.source import ReportSource
-from service.report.valve_facts import frame_of, identity_facts, nameplate_facts, wiring_facts
+from service.report.valve_facts import class_facts, frame_of, identity_facts, nameplate_facts, wiring_facts
 from service.runs.acknowledgement import alarm_words
 from service.runs.again import words_of_repetition
 from service.runs.requester import LOCAL
@@ -117,6 +117,7 @@ def _of_valve(valve: PlantValve | None, system: UnitSystem) -> tuple[tuple[str, 
         *identity_facts(valve.identity),
         *nameplate_facts(valve.nameplate, system),
         *wiring_facts(valve.wiring, valve.health, system),
+        *class_facts(valve),
     )
 
 

@@ -21,7 +21,7 @@ from service.parts import Parts, parts_of
 from service.report.before_after import BeforeAfter, before_after
 from service.report.of_run import repair_sentences
 from service.report.summary import key_figures
-from service.report.valve_facts import identity_facts, safe_position_words, safe_value_words
+from service.report.valve_facts import class_facts, identity_facts, safe_position_words, safe_value_words
 from service.runs.acknowledgement import alarm_words, needs_acknowledgement
 from service.runs.again import can_be_analysed
 from service.runs.run import Run
@@ -172,7 +172,10 @@ async def valve_page(request: Request, tag: str, parts: PartsOf, visitor: Visito
         "trend_words": "Friction, spring rate, bench set and dead band over the tests; figures stand below.",
         "next_check": due.get(tag),
         "description": valve.identity.description,
-        "identity": [one for one in identity_facts(valve.identity) if one[0] != "Description"],
+        "identity": [
+            *(one for one in identity_facts(valve.identity) if one[0] != "Description"),
+            *class_facts(valve),
+        ],
         "travel_m": valve.nameplate.actuator.travel_m,
         "limits": valve.wiring.limits,
         "safe_words": safe_value_words(valve.wiring.safe_value_pa, system),

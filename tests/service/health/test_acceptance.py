@@ -138,6 +138,40 @@ def test_each_limit_is_the_valves_own_and_two_are_off_until_they_are_set() -> No
         HealthLimits(dead_band_percent=0.0)
 
 
+def stroked(opening_s: float | None, closing_s: float | None, note: str = "") -> dict[str, Any]:
+    found = analysis()
+    ways = {
+        way: None if value_s is None else {"value": value_s, "ci95": [value_s - 0.1, value_s + 0.1]}
+        for way, value_s in (("opening", opening_s), ("closing", closing_s))
+    }
+    found["signature"]["steps"] = {"summary": {"stroke_time_s": {**ways, "note": note}}}
+    return found
+
+
+@pytest.mark.parametrize(
+    ("found", "is_met", "state"),
+    [
+        (stroked(1.5, 1.95), True, "N"),
+        (stroked(1.5, 2.05), True, "N"),  # its interval reaches 1.95 s
+        (stroked(1.5, 2.2), False, "S"),
+        (stroked(None, 2.2, "opening: the stem still moved when the step ended"), False, "S"),
+        (stroked(None, 1.5, "opening: the stem still moved when the step ended"), None, "N"),
+        (stroked(None, None, "opening: no step; closing: no step"), None, "N"),
+        (analysis(), None, "N"),
+    ],
+)
+def test_the_slower_stroke_is_judged_where_a_limit_is_set_and_a_step_shows_it(
+    found: dict[str, Any], is_met: bool | None, state: str
+) -> None:
+    assert "stroke_time" not in [one.name for one in judged(found).checks], "nobody asked for it"
+    health = judged(found, replace(LIMITS, stroke_time_max_s=2.0))
+    assert (met(health, "stroke_time"), health.ne107) == (is_met, state)
+    told = reasons(health)
+    assert ("The closing stroke takes 2.2 s, 2 s is allowed" in told) == (is_met is False)
+    assert ("Stroke time was not assessed" in told) == (is_met is None)
+    assert ("run the sequence steps with levels_percent [0, 100, 0]" in told) == (is_met is None)
+
+
 @pytest.mark.parametrize("verdict", ["named", "likely", "ambiguous"])
 def test_a_cause_is_maintenance_only_where_it_moves_the_stem_by_more_than_its_limit(verdict: str) -> None:
     small, large, unknown = judged(spot(0.075, verdict)), judged(spot(1.2, verdict)), judged(spot(None, verdict))
