@@ -62,7 +62,7 @@ def test_t63_t86_and_t98_are_those_of_the_exact_motion(name: str, period_s: floa
             if error_s is None:
                 left_m = 0.02 * abs(one["change_percent"]) / 100.0 * 0.1016
                 assert key == "t98"
-                assert left_m < 10.0 * noise_m, "2 % of such a step is noise, of no larger one"
+                assert left_m < 15.0 * noise_m, "2 % of such a step is noise, of no larger one"
                 continue
             assert abs(one[f"{key}_s"] - true[f"{key}_s"]) <= 3.0 * error_s + 1.0e-4, (key, one, true)
             if key != "t98":  # its slope is small: noise tells in it
