@@ -28,7 +28,7 @@ from service.runs.run import Run
 from service.shown_units import UnitSystem, shown_unit
 from service.stands_words import where_it_stands
 from service.tablet.history import ValvePast, history_row, past_of
-from service.tablet.night import due_checks, night_of
+from service.tablet.night import NightWish, due_checks, night_of
 from service.tablet.overlays import before_of, overlays_of, words_of
 from service.tablet.plans import AROUND_S, approved_plans, planned_line, plans_of, waveform_of
 from service.tablet.rendering import page, units_of
@@ -97,9 +97,11 @@ def _valves_shown(parts: Parts, wish: Wish, due: Mapping[str, datetime]) -> dict
 
 
 @router.get("/ui/night")
-async def night_page(request: Request, parts: PartsOf, visitor: VisitorOf) -> Response:
-    """Show the coming night valve by valve, and the schedules."""
-    return page(request, "night.html", visitor, {"night": await night_of(parts)})
+async def night_page(
+    request: Request, parts: PartsOf, visitor: VisitorOf, wish: Annotated[NightWish, Query()]
+) -> Response:
+    """Show the last and the coming night valve by valve, and the schedules."""
+    return page(request, "night.html", visitor, {"night": await night_of(parts, wish), "wish": wish})
 
 
 @router.get("/ui/recordings")
