@@ -1,4 +1,4 @@
-"""The table in a file: text of any encoding, gz, xlsx or Parquet becomes headers and columns of cells."""
+"""The table in a file: text of any encoding, gz, zip, xlsx or Parquet becomes headers and columns of cells."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ from statistics import mode
 from typing import Any, Final
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet as pq
 
 from service.own_files.cells import is_gap_text, is_number, is_stamp
-from service.own_files.names import is_unit, quantities
+from service.own_files.names import is_unit, number_and_unit, quantities, unit_of, without_unit
 from valve.errors import RecordingError
 from valve.recording_csv import too_many_rows
 
@@ -41,6 +42,11 @@ _BOMS: Final = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
+_ZIP: Final = b"PK\x03\x04"
+_WORKBOOK: Final = "[Content_Types].xml"  # what makes a zip an xlsx
+_MOST_NAMED: Final = 5  # files of a zip in a message
+_TEXT_HEAD: Final = 256  # bytes that show whether it is UTF-16
+_LOOKED_AT: Final = 50  # cells of a column
 _SPACES: Final = "  "  # two spaces or more between columns
 _SEPARATORS: Final = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars", _SPACES: "spaces", " ": "spaces"}
 
@@ -82,14 +88,21 @@ def find_table(data: bytes, source: str, most_rows: int | None = None) -> Table 
     With ``most_rows`` a file of more rows, or of more bytes than they have, is refused before it is unpacked.
     Raises RecordingError where the file cannot be unpacked or is no text, or where it holds two tables.
     """
-    packed = data.startswith(b"\x1f\x8b")
     most_rows = _MOST_ROWS if most_rows is None else most_rows
     most_bytes = _most_bytes(most_rows)
-    data = _unpacked(data, most_bytes, source) if packed else data
-    prefix = "gz of " if packed else ""
+    prefix = ""
+    if data.startswith(b"\x1f\x8b"):
+        data, prefix = _unpacked(data, most_bytes, source), "gz of "
+    if data.startswith(_ZIP) and (name := _only_file(data, most_bytes, source)) is not None:
+        data, prefix = _unzipped(data, name, most_bytes, source), f"{prefix}zip of "
+    table = _of_kind(data, source, prefix, most_rows)
+    return None if table is None else _without_cell_units(table)
+
+
+def _of_kind(data: bytes, source: str, prefix: str, most_rows: int) -> Table | None:
     if data.startswith(b"PAR1"):
         return _of_parquet(data, source, prefix, most_rows)
-    if data.startswith(b"PK\x03\x04"):
+    if data.startswith(_ZIP):
         return _of_workbook(data, source, prefix, most_rows)
     if data.startswith(b"\xd0\xcf\x11\xe0"):
         raise RecordingError(f"{source}: it is a workbook of the old kind (xls): save it as xlsx or as CSV")
@@ -109,6 +122,59 @@ def _unpacked(data: bytes, most_bytes: int, source: str) -> bytes:
         raise RecordingError(f"{source}: its gz cannot be unpacked ({error}): pack it again") from None
     _require_size(len(unpacked), most_bytes, source)
     return unpacked
+
+
+def _only_file(data: bytes, most_bytes: int, source: str) -> str | None:
+    """Return the one file of a zip; None for a workbook, and for what only looks like a zip."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            entries = [one for one in archive.infolist() if not one.is_dir() and not _is_litter(one.filename)]
+    except (zipfile.BadZipFile, OSError, ValueError):
+        return None
+    if any(one.filename == _WORKBOOK for one in entries):
+        return None
+    if len(entries) != 1:
+        names = ", ".join(repr(one.filename) for one in entries[:_MOST_NAMED]) or "none"
+        raise RecordingError(f"{source}: it is a zip of {len(entries)} files ({names}): give one of them alone")
+    _require_size(entries[0].file_size, most_bytes, source)
+    return entries[0].filename
+
+
+def _is_litter(name: str) -> bool:
+    """Whether a file of a zip is what a desktop put beside the others."""
+    return name.startswith("__MACOSX/") or name.rpartition("/")[2] in (".DS_Store", "Thumbs.db")
+
+
+def _unzipped(data: bytes, name: str, most_bytes: int, source: str) -> bytes:
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive, archive.open(name) as file:
+            unpacked = file.read(most_bytes + 1)
+    except (zipfile.BadZipFile, OSError, EOFError, KeyError, ValueError, RuntimeError, zlib.error) as error:
+        raise RecordingError(
+            f"{source}: its zip cannot be unpacked ({error}): pack it again, without a password"
+        ) from None
+    _require_size(len(unpacked), most_bytes, source)
+    return unpacked
+
+
+def _without_cell_units(table: Table) -> Table:
+    """Return a table whose cells had their units beside the numbers, ``12.5 psi``, with the units below the headers.
+
+    Where header and cells name different units the cells stay as they are, which the reader refuses.
+    """
+    columns, units = list(table.columns), list(table.units)
+    for at, column in enumerate(columns):
+        seen = [cell for one in column.slice(0, _LOOKED_AT).to_pylist() if (cell := str(one).strip())]
+        split = [number_and_unit(cell) for cell in seen if not is_gap_text(cell)]
+        own = {one[1] for one in split if one is not None}
+        if len(own) != 1 or None in split:
+            continue
+        (unit,) = own
+        stated = unit_of(without_unit(table.headers[at])[1]) or unit_of(units[at])
+        if stated is None or stated == unit_of(unit) or unit == stated.text:
+            columns[at] = pc.replace_substring_regex(pc.utf8_trim_whitespace(column), rf"\s*{re.escape(unit)}$", "")
+            units[at] = unit
+    return replace(table, columns=tuple(columns), units=tuple(units))
 
 
 def _require_size(size: int, most_bytes: int, source: str) -> None:
@@ -163,6 +229,8 @@ def _guessed_encoding(data: bytes, source: str) -> str:
 
 
 def _of_text(data: bytes, source: str, prefix: str, most_rows: int) -> Table | None:
+    if data.endswith(b"\0\0") and b"\0" not in data[:_TEXT_HEAD]:
+        data = data.rstrip(b"\0")  # room that a logger kept for more rows when it was cut off
     text, encoding = decoded(data, source)
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     if (lines := text.count("\n")) > most_rows + _HEAD_ROWS:
@@ -255,6 +323,10 @@ def _run(rows: Sequence[Sequence[str]], first: int) -> tuple[int, int]:
 def _holds_values(cells: Sequence[str]) -> bool:
     values = sum(is_number(cell) or is_stamp(cell) for cell in cells)
     others = sum(bool(cell) and not is_gap_text(cell) for cell in cells) - values
+    if values < 2 and others:  # a stamp beside "12.5 psi", or units in every cell
+        measured = sum(number_and_unit(cell) is not None for cell in cells)
+        if values or measured == others:
+            values, others = values + measured, others - measured
     return len(cells) > 1 and values > 0 and (values > 1 or others == 0)
 
 
@@ -393,7 +465,7 @@ def _of_workbook(data: bytes, source: str, prefix: str, most_rows: int) -> Table
             most_bytes = _most_bytes(most_rows)
             _require_size(sum(entry.file_size for entry in archive.infolist()), most_bytes, source)
         workbook = load_workbook(io.BytesIO(data), read_only=True, data_only=True)
-        sheets = [(sheet.title, [_texts(row) for row in sheet.iter_rows(values_only=True)]) for sheet in workbook]
+        sheets = [(sheet.title, [_texts(row) for row in sheet.iter_rows()]) for sheet in workbook]
     except RecordingError:
         raise
     except (ValueError, KeyError, TypeError, OSError, zipfile.BadZipFile, zlib.error, SyntaxError) as error:
@@ -431,13 +503,16 @@ def _is_row(cells: Sequence[str]) -> bool:
 
 
 def _texts(row: Sequence[Any]) -> list[str]:
-    cells = [_text(cell) for cell in row]
+    cells = [_text(cell.value, str(cell.number_format) if isinstance(cell.value, float | int) else "") for cell in row]
     while cells and not cells[-1]:
         cells.pop()
     return cells
 
 
-def _text(cell: Any) -> str:
+def _text(cell: Any, form: str = "") -> str:
+    """Return a cell as a text; of one that is shown in percent as it is shown."""
+    if "%" in form and not isinstance(cell, bool):
+        return f"{100.0 * cell!r}%"
     if cell is None:
         return ""
     if isinstance(cell, datetime | date | time):
