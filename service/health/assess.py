@@ -14,8 +14,8 @@ from service.health.results import Baseline, Case, Check, Finding, Health, Ne107
 
 _NOT_ASSESSED: Final = "not_assessed"
 _NO_BASELINE: Final = (
-    "This test does not become the baseline by itself, because of what was found. If the valve is meant to be so, a "
-    "person accepts the test as the baseline: on its page, or by POST /valves/TAG/baseline."
+    "This test does not become the baseline by itself, because of what was found. If the valve is meant to be so, "
+    "accept the test as the baseline on its page."
 )
 _HARDLY_MOVED: Final = 0.02  # of rated travel: what a sensor's drift and noise may look like
 # Properties of what the valve is measured with: a lag that was always there is no reason to send anybody.

@@ -165,6 +165,12 @@ def test_what_was_found_and_done_since_is_told() -> None:
     assert "Since then it was asked for again" in ending_of(acknowledged, later=later).stands
 
 
+def test_where_nobody_signs_in_no_name_is_made_up() -> None:
+    ending = ending_of(ended(RunState.STOPPED, error="stopped by local", requested_by="local"))
+    assert ending.why == "Stopped by hand."
+    assert ending.course.startswith("Asked for at ")
+
+
 def test_both_forms_tell_the_end_and_draw_what_was_recorded(tmp_path: Path) -> None:
     file = tmp_path / "it.parquet"
     write_parquet(triangle_test(0.02, noise_m=2.0e-6), file)

@@ -338,3 +338,22 @@ def test_the_report_of_a_healthy_valve_begins_with_that_no_fault_was_found_and_s
     summary = document_of(replace(source(), analysis=seen))["summary"]
     assert not summary["diagnosis"]
     assert small["action"] not in summary["actions"]
+
+
+def test_a_figure_has_the_digits_of_its_interval_wherever_it_stands() -> None:
+    analysis = made_analysis(ne107="N")
+    analysis["signature"] |= {"dead_band_percent": 1.794, "bench_set_pa": [10.0, 82_700.0]}
+    intervals = {
+        "dead_band_percent": {"ci95": [1.52, 2.07]},
+        "bench_set_pa": {"ci95": [[-12.0, 32.0], [82_680, 82_720]]},
+    }
+    for known, dead_band, closed_end in (
+        (intervals, "1.79 ± 0.28 %", "0.010 ± 0.022 kPa"),
+        ({}, "1.794 %", "0 kPa"),
+    ):
+        analysis["signature"]["intervals"] = known
+        document = document_of(replace(source(), analysis=analysis))
+        key = {row["name"]: row["value"] for row in document["summary"]["key_figures"]}
+        figures = {row["name"]: row["value"] for row in document["figures"]}
+        assert key["Dead band"] == figures["Dead band"] == dead_band
+        assert figures["Bench set, closed end"] == closed_end

@@ -59,7 +59,7 @@ def test_a_valve_that_reaches_neither_end_is_not_normal_and_says_by_how_much() -
     assert "At 100 % signal the stem reaches 74 mm of 101.6 mm, 27.2 % of the travel from that end" in told
     assert "Dead band is 58.8 % of the signal, 30 % is allowed" in told
     assert "Friction is 1423 N, 26.7 % of the actuator's force, 15 % is allowed" in told
-    assert "accepts the test as the baseline" in told
+    assert "accept the test as the baseline on its page" in told
 
 
 def test_a_valve_that_does_what_is_asked_is_normal_and_may_be_the_baseline() -> None:
