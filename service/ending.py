@@ -13,7 +13,7 @@ from typing import Final
 
 from drivers.outcome import Ended
 from service.runs.acknowledgement import ENDED_KEY, alarm_words, ended_badly, needs_acknowledgement
-from service.runs.requester import LOCAL
+from service.runs.requester import LOCAL, person_of
 from service.runs.run import Run, RunState
 from service.shown_sentences import as_sentence
 from service.stands_words import NOT_CONFIRMED, where_it_stands
@@ -88,7 +88,7 @@ def _course(run: Run, at: _Clock) -> str:
 
 def _by(name: str) -> str:
     """Return who asked for a test; nothing where nobody signs in."""
-    return "" if name in ("", LOCAL.name) else f" by {name}"
+    return f" by {person}" if (person := person_of(name)) else ""
 
 
 def _why(run: Run) -> str:

@@ -1,10 +1,8 @@
-"""The table in a file: text of any encoding, gz, zip, xlsx or Parquet becomes headers and columns of cells."""
+"""The table in a file: text, xlsx or Parquet becomes headers and columns of cells."""
 
 from __future__ import annotations
 
-import codecs
 import csv
-import gzip
 import io
 import re
 import zipfile
@@ -21,31 +19,17 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 
 from service.own_files.cells import is_gap_text, is_number, is_stamp
+from service.own_files.content import ZIP, bytes_of_rows, plain, require_size, text_of
 from service.own_files.names import is_unit, number_and_unit, quantities, unit_of, without_unit
 from valve.errors import RecordingError
 from valve.recording_csv import too_many_rows
 
 SECOND_TABLE: Final = "begins a second table"
-_MOST_BYTES: Final = 2**29  # unpacked: 4 hours of 1 kHz
 _MOST_ROWS: Final = 20_000_000
-_BYTES_A_ROW: Final = 256
 _HEAD_ROWS: Final = 2000  # a header stands within them
 _RUN_ROWS: Final = 50
 _TABLE_ROWS: Final = 20
 _HEADER_ROWS: Final = 4  # names, units, a comment
-_ENCODING_SAMPLE: Final = 2**18
-# Where bytes are no UTF-8, these write a German, French, Polish or Russian header; the first that fits is taken.
-_ENCODINGS: Final = ("cp1252", "latin_1", "cp1250", "cp1251", "cp437", "cp850", "mac_roman", "shift_jis", "gb18030")
-_BOMS: Final = (
-    (codecs.BOM_UTF8, "utf-8"),
-    (codecs.BOM_UTF32_LE, "utf-32"),
-    (codecs.BOM_UTF16_LE, "utf-16"),
-    (codecs.BOM_UTF16_BE, "utf-16"),
-)
-_ZIP: Final = b"PK\x03\x04"
-_WORKBOOK: Final = "[Content_Types].xml"  # what makes a zip an xlsx
-_MOST_NAMED: Final = 5  # files of a zip in a message
-_TEXT_HEAD: Final = 256  # bytes that show whether it is UTF-16
 _LOOKED_AT: Final = 50  # cells of a column
 _SPACES: Final = "  "  # two spaces or more between columns
 _SEPARATORS: Final = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars", _SPACES: "spaces", " ": "spaces"}
@@ -89,12 +73,7 @@ def find_table(data: bytes, source: str, most_rows: int | None = None) -> Table 
     Raises RecordingError where the file cannot be unpacked or is no text, or where it holds two tables.
     """
     most_rows = _MOST_ROWS if most_rows is None else most_rows
-    most_bytes = _most_bytes(most_rows)
-    prefix = ""
-    if data.startswith(b"\x1f\x8b"):
-        data, prefix = _unpacked(data, most_bytes, source), "gz of "
-    if data.startswith(_ZIP) and (name := _only_file(data, most_bytes, source)) is not None:
-        data, prefix = _unzipped(data, name, most_bytes, source), f"{prefix}zip of "
+    data, prefix = plain(data, bytes_of_rows(most_rows), source)
     table = _of_kind(data, source, prefix, most_rows)
     return None if table is None else _without_cell_units(table)
 
@@ -102,59 +81,11 @@ def find_table(data: bytes, source: str, most_rows: int | None = None) -> Table 
 def _of_kind(data: bytes, source: str, prefix: str, most_rows: int) -> Table | None:
     if data.startswith(b"PAR1"):
         return _of_parquet(data, source, prefix, most_rows)
-    if data.startswith(_ZIP):
+    if data.startswith(ZIP):
         return _of_workbook(data, source, prefix, most_rows)
     if data.startswith(b"\xd0\xcf\x11\xe0"):
         raise RecordingError(f"{source}: it is a workbook of the old kind (xls): save it as xlsx or as CSV")
     return _of_text(data, source, prefix, most_rows)
-
-
-def _most_bytes(most_rows: int) -> int:
-    """Return how many bytes so many rows may have, with what a workbook has beside them."""
-    return min(_MOST_BYTES, 2**20 + _BYTES_A_ROW * most_rows)
-
-
-def _unpacked(data: bytes, most_bytes: int, source: str) -> bytes:
-    try:
-        with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
-            unpacked = file.read(most_bytes + 1)
-    except (OSError, EOFError, zlib.error) as error:
-        raise RecordingError(f"{source}: its gz cannot be unpacked ({error}): pack it again") from None
-    _require_size(len(unpacked), most_bytes, source)
-    return unpacked
-
-
-def _only_file(data: bytes, most_bytes: int, source: str) -> str | None:
-    """Return the one file of a zip; None for a workbook, and for what only looks like a zip."""
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            entries = [one for one in archive.infolist() if not one.is_dir() and not _is_litter(one.filename)]
-    except (zipfile.BadZipFile, OSError, ValueError):
-        return None
-    if any(one.filename == _WORKBOOK for one in entries):
-        return None
-    if len(entries) != 1:
-        names = ", ".join(repr(one.filename) for one in entries[:_MOST_NAMED]) or "none"
-        raise RecordingError(f"{source}: it is a zip of {len(entries)} files ({names}): give one of them alone")
-    _require_size(entries[0].file_size, most_bytes, source)
-    return entries[0].filename
-
-
-def _is_litter(name: str) -> bool:
-    """Whether a file of a zip is what a desktop put beside the others."""
-    return name.startswith("__MACOSX/") or name.rpartition("/")[2] in (".DS_Store", "Thumbs.db")
-
-
-def _unzipped(data: bytes, name: str, most_bytes: int, source: str) -> bytes:
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive, archive.open(name) as file:
-            unpacked = file.read(most_bytes + 1)
-    except (zipfile.BadZipFile, OSError, EOFError, KeyError, ValueError, RuntimeError, zlib.error) as error:
-        raise RecordingError(
-            f"{source}: its zip cannot be unpacked ({error}): pack it again, without a password"
-        ) from None
-    _require_size(len(unpacked), most_bytes, source)
-    return unpacked
 
 
 def _without_cell_units(table: Table) -> Table:
@@ -177,61 +108,11 @@ def _without_cell_units(table: Table) -> Table:
     return replace(table, columns=tuple(columns), units=tuple(units))
 
 
-def _require_size(size: int, most_bytes: int, source: str) -> None:
-    if size > most_bytes:
-        raise RecordingError(f"{source}: unpacked it has more than {most_bytes} bytes: cut it into parts")
-
-
 # ---------------------------------------------------------------- text
 
 
-def decoded(data: bytes, source: str) -> tuple[str, str]:
-    """Return the text and its encoding's name. Raises RecordingError where it is no text."""
-    for bom, encoding in _BOMS:
-        if data.startswith(bom):
-            return _strictly(data[len(bom) :] if encoding == "utf-8" else data, encoding, source), f"{encoding} (BOM)"
-    head = data[:4096]
-    if b"\0" in head:
-        odd, even = head[1::2].count(0), head[0::2].count(0)
-        if max(odd, even) < 0.3 * len(head[1::2]) or min(odd, even) > 0.05 * len(head):
-            raise RecordingError(f"{source}: it is no text: give a CSV, xlsx or Parquet file")
-        encoding = "utf-16-le" if odd > even else "utf-16-be"
-        return _strictly(data, encoding, source), encoding
-    try:
-        return data.decode("utf-8"), "utf-8"
-    except UnicodeDecodeError:
-        encoding = _guessed_encoding(data, source)
-        return data.decode(encoding, errors="replace"), encoding
-
-
-def _strictly(data: bytes, encoding: str, source: str) -> str:
-    try:
-        return data.decode(encoding)
-    except UnicodeDecodeError as error:
-        raise RecordingError(f"{source}: it begins as {encoding} and is not ({error.reason}): save it again") from None
-
-
-def _guessed_encoding(data: bytes, source: str) -> str:
-    from charset_normalizer import from_bytes  # noqa: PLC0415  - few files need it
-
-    # Only lines with a letter beyond ASCII tell encodings apart, and numbers are no language.
-    telling = [line for line in data[:_ENCODING_SAMPLE].splitlines() if not line.isascii()][:200] or [data[:4096]]
-    best = from_bytes(b"\n".join(telling), cp_isolation=list(_ENCODINGS)).best()
-    if best is None:
-        raise RecordingError(f"{source}: it is no text in any encoding that is known: save it as UTF-8")
-    # Western Europe first: it writes every unit, and the short text of a header fits others as well.
-    for encoding in (*_ENCODINGS[:1], best.encoding):
-        text = b"\n".join(telling).decode(encoding, errors="replace")
-        strange = [letter for letter in text if ord(letter) > 127 and not letter.isalpha() and letter not in "°µ²³–—"]
-        if not strange:
-            return encoding
-    return best.encoding
-
-
 def _of_text(data: bytes, source: str, prefix: str, most_rows: int) -> Table | None:
-    if data.endswith(b"\0\0") and b"\0" not in data[:_TEXT_HEAD]:
-        data = data.rstrip(b"\0")  # room that a logger kept for more rows when it was cut off
-    text, encoding = decoded(data, source)
+    text, encoding = text_of(data, source)
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     if (lines := text.count("\n")) > most_rows + _HEAD_ROWS:
         raise RecordingError(too_many_rows(source, lines, most_rows))
@@ -462,8 +343,8 @@ def _of_workbook(data: bytes, source: str, prefix: str, most_rows: int) -> Table
 
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            most_bytes = _most_bytes(most_rows)
-            _require_size(sum(entry.file_size for entry in archive.infolist()), most_bytes, source)
+            most_bytes = bytes_of_rows(most_rows)
+            require_size(sum(entry.file_size for entry in archive.infolist()), most_bytes, source)
         workbook = load_workbook(io.BytesIO(data), read_only=True, data_only=True)
         sheets = [(sheet.title, [_texts(row) for row in sheet.iter_rows()]) for sheet in workbook]
     except RecordingError:
@@ -526,7 +407,7 @@ def _of_parquet(data: bytes, source: str, prefix: str, most_rows: int) -> Table 
         if described.num_rows > most_rows:
             raise RecordingError(too_many_rows(source, described.num_rows, most_rows))
         unpacked = sum(described.row_group(number).total_byte_size for number in range(described.num_row_groups))
-        _require_size(unpacked, _most_bytes(most_rows), source)
+        require_size(unpacked, bytes_of_rows(most_rows), source)
         # one thread: where memory is bounded, none can be started
         table = pq.read_table(io.BytesIO(data), use_threads=False, pre_buffer=False)
         columns = [table[at].cast(pa.string()).combine_chunks() for at in range(table.num_columns)]

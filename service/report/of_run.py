@@ -17,7 +17,7 @@ from service.report.source import ReportSource
 from service.report.valve_facts import class_facts, frame_of, identity_facts, nameplate_facts, wiring_facts
 from service.runs.acknowledgement import alarm_words
 from service.runs.again import words_of_repetition
-from service.runs.requester import LOCAL
+from service.runs.requester import person_of
 from service.runs.run import Label, Run
 from service.settings import Plant, PlantValve
 from service.shown_sentences import as_sentence, in_units
@@ -77,7 +77,7 @@ def _head(run: Run, valve: PlantValve | None, plant: str) -> Iterator[tuple[str,
     yield "Tag", run.valve
     yield "Serial number", identity.pop("Serial number", "")
     yield from identity.items()
-    yield "Technician", "" if run.requested_by in ("", LOCAL.name) else run.requested_by
+    yield "Technician", person_of(run.requested_by)
     yield "Work order", run.work_order or (run.permissives or {}).get("permit") or ""
 
 
@@ -134,7 +134,7 @@ def _facts(run: Run, baseline: str | None, system: UnitSystem, zone: tzinfo | No
         ("Label", None if run.label is None else run.label.value.replace("_", " ")),
         ("Note", run.note and f"{run.note} ({run.described_by}, {instant_words(run.described_at, zone)})"),
         ("Work permit", (run.permissives or {}).get("permit")),
-        ("Asked for by", run.requested_by or "local"),
+        ("Asked for by", person_of(run.requested_by)),
         ("Schedule", run.schedule),
         ("Began, ended", ", ".join(instant_words(at, zone) for at in (run.started_at, run.motion_ended_at))),
         ("Motion", run.sequence + "".join(f", {key} {value}" for key, value in sorted(run.overrides.items()))),

@@ -18,6 +18,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_context
 
 from service.parts import Parts
 from service.plant_clock import by_the_plants_clock, instant_words
+from service.runs.requester import person_of
 from service.shown_sentences import as_sentence, in_units
 from service.shown_units import UnitSystem, measured, quantity, shown_unit
 from service.tablet.script import NAME, script
@@ -50,6 +51,7 @@ def _environment() -> Environment:
     )
     environment.filters["moment"] = moment
     environment.filters["sentence"] = as_sentence
+    environment.filters["person"] = person_of
     environment.filters["duration"] = duration
     environment.filters["attribute_json"] = lambda value: json.dumps(value, allow_nan=False, separators=(",", ":"))
     environment.globals["static"] = static_address

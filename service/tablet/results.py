@@ -11,6 +11,7 @@ from service.figures.methods import METHOD_WORDS, all_estimates
 from service.health.acceptance import remarked
 from service.plain_numbers import scatter_words
 from service.runs.again import words_of_repetition
+from service.runs.requester import person_of
 from service.runs.run import Run
 from service.shown_sentences import NO_FAULT, in_units
 from service.shown_units import UnitSystem
@@ -228,7 +229,7 @@ def recording_facts(run: Run, system: UnitSystem, zone: tzinfo | None) -> list[t
         ("Rate", None if not sampling else f"{sampling['rate_hz']:.4g} Hz, {sampling['missed_slots']} slots missed"),
         ("Position noise", None if noise_m is None else f"{_noise(noise_m, system)} rms"),
         ("After the motion", in_units(where_it_stands(run), system) or None),
-        ("Asked for by", run.requested_by or None),
+        ("Asked for by", person_of(run.requested_by)),
         ("Schedule", run.schedule),
         ("SHA-256", run.recording_sha256),
         ("Software", run.software),

@@ -417,7 +417,7 @@ def test_too_few_rows_for_an_analysis_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_packed_file_that_is_too_large_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("service.own_files.table._MOST_BYTES", 1000)
+    monkeypatch.setattr("service.own_files.content._MOST_BYTES", 1000)
     with pytest.raises(RecordingError, match="unpacked it has more than 1000 bytes"):
         own_from_bytes(gzip.compress(GERMAN.encode(), mtime=0), "a.csv", PLATE)
     with pytest.raises(RecordingError, match="unpacked it has more than 1000 bytes"):
