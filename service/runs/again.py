@@ -18,6 +18,7 @@ from service.plant_clock import instant_words
 from service.runs.acknowledgement import ENDED_KEY
 from service.runs.analyst import ANALYSIS_FAILED, Analyst, assessed
 from service.runs.live import MOTION_SHARE, LiveRun
+from service.runs.requester import person_of
 from service.runs.run import Run, RunState
 from service.runs.separating import played_by
 from service.settings import PlantValve
@@ -55,7 +56,8 @@ def words_of_repetition(run: Run, zone: tzinfo | None) -> str:
     if not about:
         return ""
     at = instant_words(datetime.fromisoformat(str(about["at"])), zone)
-    return f"made again on {at} for {about['by']} by {about['software']}"
+    person = person_of(str(about["by"]))
+    return f"made again on {at}{' for ' + person if person else ''} by {about['software']}"
 
 
 def begun_again(run: Run) -> dict[str, Any]:

@@ -122,7 +122,7 @@ async def test_a_test_whose_analysis_failed_is_analysed_again_on_request(plant_f
         assert 'breakaway_tests{state="failed"}' not in metrics or 'breakaway_tests{state="failed"} 0.0' in metrics
         assert body_of(await client.get("/valves/FV-101"))["last_result"]["id"] == test["id"]
         for address in (f"/ui/tests/{test['id']}", f"{test['href']}/report?format=html"):
-            assert re.search(r"made again on [\d-]+ [\d:]+ IST for", (await client.get(address)).text), address
+            assert re.search(r"made again on [\d-]+ [\d:]+ IST by breakaway", (await client.get(address)).text), address
         assert len(rig.orders) == 1
     (log,) = (plant.service.store / "audit").iterdir()
     (entry,) = [one for one in entries_of(log) if one.event == "analysis.repeated"]
