@@ -13,6 +13,7 @@ from typing import Final
 
 from drivers.outcome import Ended
 from service.runs.acknowledgement import ENDED_KEY, alarm_words, ended_badly, needs_acknowledgement
+from service.runs.requester import LOCAL, person_of
 from service.runs.run import Run, RunState
 from service.shown_sentences import as_sentence
 from service.stands_words import NOT_CONFIRMED, where_it_stands
@@ -74,7 +75,7 @@ def _headline(run: Run) -> str:
 
 
 def _course(run: Run, at: _Clock) -> str:
-    said = f"Asked for by {run.requested_by or 'local'} at {at(run.created_at)}"
+    said = f"Asked for{_by(run.requested_by)} at {at(run.created_at)}"
     if run.started_at is None or _nothing_moved(run):
         return f"{said}; ended at {at(run.finished_at)}, nothing was moved."
     said += f"; begun at {at(run.started_at)}"
@@ -85,8 +86,13 @@ def _course(run: Run, at: _Clock) -> str:
     return f"{said}; {found} at {at(run.finished_at)}."
 
 
+def _by(name: str) -> str:
+    """Return who asked for a test; nothing where nobody signs in."""
+    return f" by {person}" if (person := person_of(name)) else ""
+
+
 def _why(run: Run) -> str:
-    said = run.error
+    said = run.error.replace(f"stopped by {LOCAL.name}", "stopped by hand")
     for told_elsewhere in (f"{NOT_CONFIRMED}; ", f"; {NOT_CONFIRMED}", f"{run.valve}: ", _SENT_SAFE):
         said = said.replace(told_elsewhere, "")
     return as_sentence(said) or "Nobody said why."

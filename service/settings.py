@@ -73,6 +73,7 @@ class PlantSection(BaseModel):
     gateways: list[dict[str, Any]] = []
     mqtt: dict[str, Any] | None = None
     maps: list[dict[str, Any]] = []
+    classes: dict[str, dict[str, Any]] = {}
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,12 +97,16 @@ class ServiceSettings:
 
 @dataclass(frozen=True, slots=True)
 class PlantValve:
-    """One valve: what it is, how it is wired, what is asked of it and what people know it by."""
+    """One valve: what it is, how it is wired, what is asked of it and what people know it by.
+
+    ``limits_class`` is the class that its limits come from, "" without one.
+    """
 
     nameplate: Nameplate
     wiring: ValveWiring
     health: HealthLimits = field(default_factory=HealthLimits)
     identity: Identity = field(default_factory=Identity)
+    limits_class: str = ""
 
     @property
     def buses(self) -> frozenset[str]:
@@ -204,7 +209,7 @@ def read_plant(path: Path, text: str | None = None) -> tuple[Plant | None, Findi
     sections = _tables(raw, "valves")
     maps = own_maps(findings, _tables(raw, "maps"))
     valves = [valve_parts(findings, one, ("valves", index), maps) for index, one in enumerate(sections)]
-    health = health_limits(findings, sections)
+    health = health_limits(findings, sections, _named_tables(raw, "classes"))
     tags = {valve.tag for valve in valves}
     groups = groups_by_name(findings, _tables(raw, "groups"), tags)
     checks = schedules(findings, _tables(raw, "schedules"), groups, tags)
@@ -218,7 +223,10 @@ def read_plant(path: Path, text: str | None = None) -> tuple[Plant | None, Findi
         path,
         service,
         {address.name: address for address in buses.values() if address is not None},
-        {valve.tag: PlantValve(*_whole(valve), health[valve.tag], valve.identity) for valve in valves},
+        {
+            valve.tag: PlantValve(*_whole(valve), health[valve.tag], valve.identity, valve.limits_class)
+            for valve in valves
+        },
         {name: tags_of or () for name, tags_of in groups.items()},
         tuple(checks.values()),
         urls,
@@ -239,6 +247,12 @@ def _tables(raw: Mapping[str, Any], key: str) -> list[dict[str, Any]]:
     value = raw.get(key)
     is_list = isinstance(value, list) and all(isinstance(one, dict) for one in value)
     return value if isinstance(value, list) and is_list else []
+
+
+def _named_tables(raw: Mapping[str, Any], key: str) -> dict[str, dict[str, Any]]:
+    """Return tables by their names; nothing where the file has something else there, which is told with the whole."""
+    value = raw.get(key)
+    return value if isinstance(value, dict) and all(isinstance(one, dict) for one in value.values()) else {}
 
 
 def _service(

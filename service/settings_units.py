@@ -185,13 +185,13 @@ def _unit(si_name: str) -> _Unit:
 def hints_of(kind: Any) -> dict[str, Any]:
     """Return the annotations of what a table has, by its keys."""
     if is_dataclass(kind):
-        known = [one.name for one in fields(kind)]
+        known = {one.name: one.name for one in fields(kind)}
     elif isinstance(kind, type) and issubclass(kind, BaseModel):
-        known = list(kind.model_fields)
+        known = {one.alias or name: name for name, one in kind.model_fields.items()}
     else:
         return {}
     hints = get_type_hints(kind, include_extras=True)
-    return {name: hints[name] for name in known}
+    return {key: hints[name] for key, name in known.items()}
 
 
 def types_in(hint: Any) -> Iterator[Any]:

@@ -52,6 +52,7 @@ class ValveSection(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
     tag: Annotated[str, Field(min_length=1, max_length=64)]
+    limits_class: Annotated[str | None, Field(alias="class")] = None
     description: _Text | None = None
     area: _Text | None = None
     service: _Text | None = None
@@ -93,6 +94,7 @@ class ValveParts:
     points: dict[str, Point]  # by their key: command, position, pressure
     wiring: ValveWiring | None
     maps: Mapping[str, RegisterMap | None]  # the plant's own by name, None where one is wrong
+    limits_class: str = ""
 
 
 def valve_parts(
@@ -166,7 +168,8 @@ def valve_parts(
             rest or RestRules(),
             without_wrong(maps),
         )
-    return ValveParts(key, tag, identity, nameplate, limits, signal, rules, points, wiring, maps)
+    of_class = "" if section is None else section.limits_class or ""
+    return ValveParts(key, tag, identity, nameplate, limits, signal, rules, points, wiring, maps, of_class)
 
 
 def _safe_value_pa(given: object) -> SafeValue | None:

@@ -23,7 +23,9 @@ def known_keys(kind: Any) -> list[str]:
     """Return the keys that a dataclass or a pydantic model takes; none of anything else."""
     if is_dataclass(kind):
         return [one.name for one in fields(kind)]
-    return list(kind.model_fields) if isinstance(kind, type) and issubclass(kind, BaseModel) else []
+    if not (isinstance(kind, type) and issubclass(kind, BaseModel)):
+        return []
+    return [one.alias or name for name, one in kind.model_fields.items()]
 
 
 def unknown_key(word: str, known: Collection[str]) -> str:

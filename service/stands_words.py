@@ -6,6 +6,7 @@ from textwrap import shorten
 from typing import Final
 
 from drivers.stands_at import StandsAt, StemVerdict
+from service.runs.requester import person_of
 from service.runs.run import Run
 from service.shown_sentences import as_sentence
 
@@ -37,7 +38,8 @@ def _seen_since(run: Run) -> str:
     if not is_alarm or run.acknowledged_at is None:
         return ""
     note = shorten(run.acknowledgement or "", _LONGEST_NOTE, placeholder=" …")
-    return f" {run.acknowledged_by or 'Somebody'} looked at it since: “{note}”."
+    who = person_of(run.acknowledged_by or "") or "Somebody"
+    return f" {who} looked at it since: “{note}”."
 
 
 def stands_sentence(stands: StandsAt) -> str:

@@ -1,4 +1,4 @@
-"""How a stem answers one step: levels before and after, dead time, T63 and T86, overshoot (ISA-75.25.01 sense)."""
+"""How a stem answers one step: levels before and after, dead time, T63, T86 and T98, overshoot (ISA-75.25.01 sense)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from estimators.base import NORMAL_95
 from estimators.samples import FloatArray
 from estimators.steps.inputs import InputStep
 
-SHARES: Final = (0.632, 0.865)  # of the realised change: T63 and T86
+SHARES: Final = (0.632, 0.865, 0.98)  # of the realised change: T63, T86 and T98, where a stroke counts as done
 # Own choices.
 _MOVED_SIGMAS: Final = 5.0  # of the levels' difference
 _SEEN_SIGMAS: Final = 4.5  # of one sample's noise: the stem is on its way
@@ -55,8 +55,9 @@ def answer_to(
 ) -> StepAnswer:
     """Return the stem's answer to one step; levels are medians over the last quarter of the holds before and after.
 
-    Dead time: from the step to the first observable change. T63, T86: from the step until 63.2 % and 86.5 % of the
-    realised change are reached (ANSI/ISA-75.25.01). ``floor_m`` is the least motion that counts.
+    Dead time: from the step to the first observable change. T63, T86, T98: from the step until 63.2 %, 86.5 % and
+    98 % of the realised change are reached (the first two by ANSI/ISA-75.25.01). ``floor_m`` is the least motion that
+    counts.
     """
     begin = step.row - int(_LEVEL_SHARE * (step.row - step.first))
     end = step.last - int(_LEVEL_SHARE * (step.last - step.row))
@@ -74,9 +75,11 @@ def answer_to(
     clock_s = time_s[step.row : step.last + 1] - step.time_s
     seen_m = max(_SEEN_SIGMAS * noise_m, floor_m, 1.0e-3 * abs(change_m))
     dead_time = None if seen_m > 0.5 * abs(change_m) else _dead_time(clock_s, way_m, seen_m, step)
-    times = tuple(_reached(clock_s, way_m, share * abs(change_m), noise_m, step) for share in SHARES)
+    times = [_reached(clock_s, way_m, share * abs(change_m), noise_m, step) for share in SHARES]
+    if (1.0 - SHARES[-1]) * abs(change_m) < _SEEN_SIGMAS * noise_m:
+        times[-1] = None  # what is left of the way then is lost in the noise
     overshoot, overshoot_error = _overshoot(way_m, abs(change_m), noise_m, error_m)
-    return StepAnswer(step, True, start_m, end_m, error_m, settled, dead_time, times, overshoot, overshoot_error)
+    return StepAnswer(step, True, start_m, end_m, error_m, settled, dead_time, tuple(times), overshoot, overshoot_error)
 
 
 def _dead_time(clock_s: FloatArray, way_m: FloatArray, seen_m: float, step: InputStep) -> Timed | None:

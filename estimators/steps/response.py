@@ -17,6 +17,7 @@ from valve.recording import Recording
 
 # Own choices.
 _LARGE_SHARE: Final = 0.25  # of the largest change
+_STROKE_PERCENT: Final = 80.0  # of rated travel: a step that moves the stem by as much shows its stroke time
 _LEAST_MOTION: Final = 1.0e-5  # of the travel: less is rounding
 
 
@@ -82,6 +83,7 @@ def _to_json(name: str, answers: list[StepAnswer], span: tuple[float, float] | N
     for key in ("dead_time_s", "dead_time_below_s", "t63_s", "t86_s", "overshoot_percent", "steady_error_percent"):
         values = [one[key] for one in (each if key == "steady_error_percent" else large) if one[key] is not None]
         summary[key] = float(np.median(values)) if values else None
+    summary["stroke_time_s"] = _stroke_time(each)
     if span is None:
         missing = {"value": None, "ci95": None, "note": "the span is unknown: give signal.range_pa on the nameplate"}
         summary |= {"resolution_percent": missing, "dead_band_percent": missing}
@@ -99,7 +101,7 @@ def _to_json(name: str, answers: list[StepAnswer], span: tuple[float, float] | N
 def _step_json(one: StepAnswer, span: tuple[float, float] | None, travel_m: float) -> dict[str, Any]:
     share = None if span is None else 100.0 / (span[1] - span[0])
     where = None if span is None or share is None else share * (one.step.after - span[0])
-    timed = {"dead_time": one.dead_time, "t63": one.times[0], "t86": one.times[1]}
+    timed = {"dead_time": one.dead_time, "t63": one.times[0], "t86": one.times[1], "t98": one.times[2]}
     found: dict[str, Any] = {
         "time_s": one.step.time_s,
         "input": [one.step.before, one.step.after],
@@ -122,3 +124,28 @@ def _step_json(one: StepAnswer, span: tuple[float, float] | None, travel_m: floa
         found[f"{key}_s"] = None if told is None else told["value_s"]
         found[f"{key}_std_error_s"] = None if told is None else told["std_error_s"]
     return found
+
+
+def _stroke_time(each: list[dict[str, Any]]) -> dict[str, Any]:
+    """How long a stroke takes each way, s: T98 of the slowest step over most of the rated travel, dead time included.
+
+    A direction is None where no such step is, or none after which the stem came to rest; ``note`` says which.
+    """
+    found: dict[str, Any] = {}
+    notes = []
+    for way, sign in (("opening", 1.0), ("closing", -1.0)):
+        strokes = [one for one in each if sign * one["change_percent"] >= _STROKE_PERCENT]
+        rested = [one for one in strokes if one["settled"] and one["t98_s"] is not None]
+        slowest = max(rested, key=lambda one: float(one["t98_s"]), default=None)
+        found[way] = None
+        if slowest is not None:
+            half_s = NORMAL_95 * slowest["t98_std_error_s"]
+            found[way] = {
+                "value": slowest["t98_s"],
+                "ci95": [max(0.0, slowest["t98_s"] - half_s), slowest["t98_s"] + half_s],
+            }
+        elif strokes:
+            notes.append(f"{way}: the stem still moved when the step ended")
+        else:
+            notes.append(f"{way}: no step moved the stem over {_STROKE_PERCENT:g} % of its rated travel")
+    return {**found, "note": "; ".join(notes)}

@@ -93,6 +93,7 @@ _QUESTIONS: Final = (
     _Question("tag", "Tag of the valve, such as FV-101"),
     _Question("description", "What it does, in a line (may stay empty)", ""),
     _Question("area", "Area of the plant (may stay empty)", ""),
+    _Question("class_", "Class of its acceptance limits, such as isolation (may stay empty)", ""),
     _Question("map", f"Device that drives its I/P ({', '.join(_MAPS)})", "reference", _one_of(*_MAPS)),
     _Question("bus", "How the device is reached (tcp, rtu)", "tcp", _one_of("tcp", "rtu")),
     _Question("host", "Its address or name on the network", when=lambda answers: answers["bus"] == "tcp"),
@@ -155,6 +156,9 @@ def init(
     tag: Annotated[str | None, typer.Option(metavar="TAG", help="Tag of the valve.")] = None,
     description: Annotated[str | None, typer.Option(metavar="TEXT", help="What it does.")] = None,
     area: Annotated[str | None, typer.Option(metavar="TEXT", help="Area of the plant.")] = None,
+    class_: Annotated[
+        str | None, typer.Option("--class", metavar="NAME", help="Class that its acceptance limits come from.")
+    ] = None,
     map: Annotated[str | None, typer.Option("--map", metavar="MAP", help=f"Device: {', '.join(_MAPS)}.")] = None,  # noqa: A002
     bus: Annotated[str | None, typer.Option(metavar="KIND", help="How it is reached: tcp or rtu.")] = None,
     host: Annotated[str | None, typer.Option(metavar="HOST", help="Address of the device (tcp).")] = None,
@@ -233,7 +237,7 @@ def _answers(given: Mapping[str, str]) -> _Answers:
 
 
 def _named(question: _Question) -> str:
-    return f"--{question.option.replace('_', '-')}"
+    return f"--{question.option.rstrip('_').replace('_', '-')}"
 
 
 def _is_asked(given: Mapping[str, str]) -> bool:
@@ -276,7 +280,7 @@ def _text(answers: _Answers) -> str:
     pressure = as_value(answers["signal_range"])
     place: dict[str, Any] = {"bus": "bus-1", "device_id": number, "map": answers["map"]}
     valve: dict[str, Any] = {"tag": answers["tag"]}
-    valve |= {name: answers[name] for name in ("description", "area") if answers[name]}
+    valve |= {name.rstrip("_"): answers[name] for name in ("description", "area", "class_") if answers[name]}
     valve["safe_value"] = answers["safe_value"]
     valve["actuator"] = {name: answers[name] for name in ("diaphragm_area", "travel", "action")}
     if answers.get("bench_set"):
@@ -292,4 +296,9 @@ def _text(answers: _Answers) -> str:
     if module:
         waived = answers["manual_waived"]
         valve["permissives"] = {"manual_waived": waived} if waived else {"permit": True}
-    return tomlkit.dumps({"service": {"store": "store"}, "buses": [bus], "valves": [valve]})
+    plant: dict[str, Any] = {"service": {"store": "store"}, "buses": [bus]}
+    if answers["class_"]:
+        limits = tomlkit.table()
+        limits.comment("limits of all valves of this class: docs/health.md")
+        plant["classes"] = {answers["class_"]: limits}
+    return tomlkit.dumps(plant | {"valves": [valve]})

@@ -37,17 +37,20 @@ class Trend:
 
 
 _COLUMNS: Final = 2
+_WIDE_IN: Final = 7.2
+_NARROW_IN: Final = 4.0  # of a phone: its text is read at 320 pixels
 
 
-def trends_picture(trends: Sequence[Trend], system: UnitSystem) -> Picture | None:
-    """Return the trends, two beside each other; None where no test gave a figure."""
+def trends_picture(trends: Sequence[Trend], system: UnitSystem, *, narrow: bool = False) -> Picture | None:
+    """Return the trends, two beside each other, or below each other if narrow; None where no test gave a figure."""
     shown = [trend for trend in trends if trend.points]
     if not shown:
         return None
-    rows = -(-len(shown) // _COLUMNS)
+    columns = 1 if narrow else min(_COLUMNS, len(shown))
+    rows = -(-len(shown) // columns)
     with settings():
-        figure = sheet(7.2, 2.5 * rows)
-        panels = figure.subplots(rows, min(_COLUMNS, len(shown)), squeeze=False)
+        figure = sheet(_NARROW_IN if narrow else _WIDE_IN, 2.5 * rows)
+        panels = figure.subplots(rows, columns, squeeze=False)
         for axes, trend in zip(panels.flat, shown, strict=False):
             _draw(axes, trend, system)
         for axes in panels.flat[len(shown) :]:
@@ -56,9 +59,9 @@ def trends_picture(trends: Sequence[Trend], system: UnitSystem) -> Picture | Non
     return Picture(figure, "Trend of the valve over its tests", f"{said}.")
 
 
-def trends_svg(trends: Sequence[Trend], system: UnitSystem) -> str | None:
+def trends_svg(trends: Sequence[Trend], system: UnitSystem, narrow: bool) -> str | None:
     """Return the trends as SVG text."""
-    picture = trends_picture(trends, system)
+    picture = trends_picture(trends, system, narrow=narrow)
     return None if picture is None else svg_text(picture)
 
 

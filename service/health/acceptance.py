@@ -12,6 +12,8 @@ from service.shown_units import UnitSystem, measured
 
 _AT_END: Final = 2.0  # own choice, percent of the span: the signal counts as at its end
 _WHOLE: Final = 100.0
+_WAYS: Final = ("opening", "closing")
+_STROKE_TEST: Final = "run the sequence steps with levels_percent [0, 100, 0], and with a hold longer than the stroke"
 #: What each check is called, and its unit.
 _MEANINGS: Final = {
     "closed_end": ("distance from the closed end", "percent"),
@@ -22,6 +24,7 @@ _MEANINGS: Final = {
     "repeatability": ("scatter from breakaway to breakaway", "percent"),
     "transducer_lag": ("lag of the I/P", "s"),
     "response_time": ("response, T63", "s"),
+    "stroke_time": ("stroke time", "s"),
     "seat_load": ("seat load in percent of the actuator's force", "percent"),
 }
 
@@ -232,6 +235,35 @@ def _response(case: Case, now: Figures) -> Check | None:
     return _most("response_time", figure, limit, said)
 
 
+def _stroke_time(case: Case, _now: Figures) -> Check | None:
+    """The slower way of a stroke; open where a step shows neither, or one alone and that is fast enough."""
+    limit = case.limits.stroke_time_max_s
+    if limit is None:
+        return None
+    steps = (case.analysis.get("signature") or {}).get("steps") or {}
+    told = (steps.get("summary") or {}).get("stroke_time_s") or {"note": "the test had no steps"}
+    known = {way: Figure(told[way]["value"], tuple(told[way]["ci95"])) for way in _WAYS if told.get(way)}
+    slow = max(known, key=lambda way: known[way].value, default="")
+    figure = known.get(slow)
+    met = _met(figure, limit)
+    because = "" if met is False or len(known) == len(_WAYS) else f"{told['note']}; {_STROKE_TEST}"
+    said = (
+        f"The {slow} stroke takes {_number(figure)} s, {limit:.3g} s is allowed: "
+        "look at supply, tubing, I/P and booster, and at the friction."
+    )
+    value, state = None if figure is None else figure.value, Ne107.OUT_OF_SPECIFICATION
+    return Check(
+        "stroke_time",
+        *_MEANINGS["stroke_time"],
+        value,
+        limit,
+        None if because else met,
+        state,
+        said,
+        open_because=because,
+    )
+
+
 def _seat_load(case: Case, now: Figures) -> Check | None:
     """What presses the plug on its seat at 0 % signal: F_0 - A p_0 - F_c, of the force that the span gives."""
     limit, span = case.limits.seat_load_percent, _span(case)
@@ -268,5 +300,6 @@ _CHECKS: Final[tuple[Callable[[Case, Figures], Check | None], ...]] = (
     _repeatability,
     _transducer_lag,
     _response,
+    _stroke_time,
     _seat_load,
 )

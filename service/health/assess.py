@@ -14,8 +14,8 @@ from service.health.results import Baseline, Case, Check, Finding, Health, Ne107
 
 _NOT_ASSESSED: Final = "not_assessed"
 _NO_BASELINE: Final = (
-    "This test does not become the baseline by itself, because of what was found. If the valve is meant to be so, a "
-    "person accepts the test as the baseline: on its page, or by POST /valves/TAG/baseline."
+    "This test does not become the baseline by itself, because of what was found. If the valve is meant to be so, "
+    "accept the test as the baseline on its page."
 )
 _HARDLY_MOVED: Final = 0.02  # of rated travel: what a sensor's drift and noise may look like
 # Properties of what the valve is measured with: a lag that was always there is no reason to send anybody.
@@ -197,6 +197,9 @@ def _notes(
     known = [one.words for one in checks if one.met is False and is_known(one, case)]
     if known and case.baseline is not None:
         yield f"Known since {case.baseline.set_by} chose the baseline: {', '.join(known)}."
+    for one in checks:
+        if one.open_because:
+            yield f"{one.words[0].upper()}{one.words[1:]} was not assessed: {one.open_because}."
     if _is_not_assessed(case) and _is_known_well(case, checks):
         yield f"{_not_looked_for(case)} All that could be measured is as in the baseline that a person chose."
 

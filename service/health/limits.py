@@ -23,6 +23,7 @@ class HealthLimits:
     cause_effect_percent: float = 1.0  # of rated travel: a cause that moves the stem by less is a remark
     transducer_lag_s: float = 0.3
     response_time_s: float | None = None  # T63 of a step test
+    stroke_time_max_s: float | None = None  # T98 of a step over most of the travel, either way
     seat_load_percent: float | None = None  # of the force that the signal's span gives: at least
     friction_up_percent: float = 25.0
     friction_down_percent: float = 25.0

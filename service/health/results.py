@@ -64,7 +64,8 @@ class Check:
     """One thing that is asked of a valve from its first test on.
 
     ``met`` is None where the result cannot say. ``state`` and ``sentence`` are what holds where it is not met.
-    ``is_widened`` says that ``limit`` has what the baseline shows that a person chose.
+    ``is_widened`` says that ``limit`` has what the baseline shows that a person chose. ``open_because`` says why a
+    check that somebody asked for was not made.
     """
 
     name: str
@@ -77,6 +78,7 @@ class Check:
     sentence: str
     effect_percent: float | None = None
     is_widened: bool = False
+    open_because: str = ""
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry of ``health.acceptance.checks``."""
@@ -87,6 +89,7 @@ class Check:
             "value": self.value,
             "limit": self.limit,
             "met": self.met,
+            "note": self.open_because,
         }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import warnings
 from collections import Counter
@@ -46,6 +47,12 @@ _DATE: Final = re.compile(
     r"\d{4}[-/.]\d{1,2}[-/.]\d{1,2}|\d{1,2}[-/.]\d{1,2}[-/.]\d{2,4}|\d{1,2}[-/ .]+[A-Za-z]{3,9}\.?[-/ .,]+\d{2,4}"
     r"|[A-Za-z]{3,9}\.? +\d{1,2},? +\d{4}"
 )
+_MINUTES: Final = re.compile(r"(\d{1,3}):([0-5]\d)[.,](\d{1,9})")  # 59:58.0, as spreadsheets show a time of day
+_COMPACT: Final = re.compile(r"\b(\d{4})(\d\d)(\d\d)[Tt](\d\d)(\d\d)(\d\d)")  # 20261125T115958.250Z
+_REGION: Final = re.compile(r"\[?[A-Za-z]+(?:/[A-Za-z_+-]+)+\]?")  # Europe/Berlin: alone it gives no offset
+_CODE: Final = re.compile(r"\[-?\d+\].*|<[^<>]*>")  # [-11059] No Good Data For Calculation, <null>
+_SHARED: Final = 0.1  # of the rows that have the stamp of the row before: the stamps are too coarse
+_HOUR_S: Final = 3600.0
 _ONE_OF_THOUSAND: Final = re.compile(r"[+-]?[1-9]\d{0,2}([.,])\d{3}")  # 1,234: a number near 1, or above 1000
 _GROUPS: Final = "['\u00a0\u202f ]"
 _DAY_S: Final = 86400.0
@@ -64,12 +71,12 @@ def is_number(cell: str) -> bool:
 
 def is_stamp(cell: str) -> bool:
     """Whether the cell is a date, a time of day or both."""
-    return bool(cell) and len(cell) < 64 and bool(_CLOCK.search(cell) or _DATE.match(cell))
+    return bool(cell) and len(cell) < 64 and bool(_CLOCK.search(cell) or _DATE.match(cell) or _COMPACT.match(cell))
 
 
 def is_gap_text(cell: str) -> bool:
     """Whether the cell is a text that historians write for no value."""
-    return cell.casefold() in _GAPS
+    return cell.casefold() in _GAPS or bool(_CODE.fullmatch(cell))
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +104,8 @@ def numbers(cells: pa.Array, *, comma_elsewhere: bool | None = None) -> Numbers:
     texts = pc.utf8_trim_whitespace(cells)
     small = pc.utf8_lower(texts)
     empty = pc.equal(texts, "")
-    gap = pc.or_(empty, pc.is_in(small, value_set=pa.array(sorted(_GAPS))))
+    coded = pc.match_substring_regex(texts, f"^(?:{_CODE.pattern})$")
+    gap = pc.or_(pc.or_(empty, coded), pc.is_in(small, value_set=pa.array(sorted(_GAPS))))
     counts: Counter[str] = Counter()
     if pc.any(gap).as_py():
         for entry in pc.value_counts(texts.filter(gap)).to_pylist():
@@ -203,7 +211,11 @@ def stamps(cells: pa.Array, source: str, name: str) -> Stamps:
 
     Raises BadCellError at a cell that is none, and RecordingError where the dates fit two readings.
     """
-    texts = [str(cell).strip() for cell in cells.to_pylist()]
+    texts = [_COMPACT.sub(r"\1-\2-\3 \4:\5:\6", str(cell).strip()) for cell in cells.to_pylist()]
+    filled = [text for text in texts if text and not is_gap_text(text)]
+    if filled and all(_MINUTES.fullmatch(text) for text in filled):
+        past_hour_s = np.array([_past_hour_s(text) for text in texts])
+        return Stamps(_begun_again(past_hour_s, _HOUR_S), "", "minutes and seconds of the hour")
     clock_s = np.full(len(texts), np.nan)
     parts: list[_Part | None] = [None] * len(texts)
     known: dict[tuple[str, str], _Part] = {}
@@ -214,12 +226,14 @@ def stamps(cells: pa.Array, source: str, name: str) -> Stamps:
         if found is None:
             raise BadCellError(row, text, "give a date and a time of day")
         clock_s[row] = _seconds(found, row, text)
-        around = (text[: found.start()].rstrip("T ,;"), text[found.end() :].strip())
+        around = (text[: found.start()].rstrip("T ,;"), _REGION.sub("", text[found.end() :]).strip())
         parts[row] = known.setdefault(around, _Part(*around))
     if not known:
         raise BadCellError(0, texts[0], "give a date and a time of day")
     if not any(part.date for part in known.values()):
-        return Stamps(_over_midnight(clock_s), "", "time of day")
+        time_s = _begun_again(clock_s, _DAY_S)
+        _refuse_coarse(time_s, source, name)
+        return Stamps(time_s, "", "time of day")
     orders = [_dated(list(known.values()), day_first=day_first) for day_first in (True, False)]
     possible = [origins for origins in orders if origins is not None]
     if not possible:
@@ -235,6 +249,7 @@ def stamps(cells: pa.Array, source: str, name: str) -> Stamps:
     begin_s = float(clock_s[np.flatnonzero(np.isfinite(clock_s))[0]])
     # whole nanoseconds: what the stamps' decimals mean, not what float64 makes of their difference
     time_s = np.round(since_s - begin_s, 9)
+    _refuse_coarse(time_s, source, name)
     started = zero + timedelta(seconds=begin_s)
     return Stamps(time_s, started.isoformat() if started.tzinfo is not None else "", words)
 
@@ -249,14 +264,32 @@ def _seconds(found: re.Match[str], row: int, text: str) -> float:
     return 3600.0 * hour + 60.0 * minute + second + (int(fraction) / 10 ** len(fraction) if fraction else 0.0)
 
 
-def _over_midnight(clock_s: FloatArray) -> FloatArray:
-    """Seconds from the first row on, a day added where the time of day begins again."""
+def _past_hour_s(text: str) -> float:
+    found = _MINUTES.fullmatch(text)
+    return math.nan if found is None else 60.0 * int(found[1]) + float(f"{found[2]}.{found[3]}")
+
+
+def _begun_again(clock_s: FloatArray, round_s: float) -> FloatArray:
+    """Seconds from the first row on, a round (a day, an hour) added where the clock begins again."""
     rows = np.flatnonzero(np.isfinite(clock_s))
     steps_s = np.diff(clock_s[rows])
-    days = np.concatenate([[0.0], np.cumsum(steps_s < -0.5 * _DAY_S)])
+    rounds = np.concatenate([[0.0], np.cumsum(steps_s < -0.5 * round_s)])
     time_s = np.array(clock_s)
-    time_s[rows] = np.round(clock_s[rows] + _DAY_S * days - clock_s[rows[0]], 9)
+    time_s[rows] = np.round(clock_s[rows] + round_s * rounds - clock_s[rows[0]], 9)
     return time_s
+
+
+def _refuse_coarse(time_s: FloatArray, source: str, name: str) -> None:
+    """Refuse whole seconds that many rows share: when in the second each was is not in the file."""
+    known_s = time_s[np.isfinite(time_s)]
+    steps_s = np.diff(known_s)
+    if steps_s.size == 0 or np.any(steps_s < 0.0) or np.mean(steps_s == 0.0) < _SHARED:
+        return
+    most = int(np.unique(known_s, return_counts=True)[1].max())
+    raise RecordingError(
+        f"{source}: column {name!r}: up to {most} rows share a stamp, it is too coarse for them: "
+        "export it with fractions of a second, or the time as a number"
+    )
 
 
 def _duration_s(origins: dict[_Part, datetime], clock_s: FloatArray, parts: list[_Part | None]) -> float:

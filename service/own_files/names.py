@@ -101,6 +101,8 @@ _UNITS: Final[dict[str, str]] = {  # a spelling, small letters, and what pint ca
     "psi": "psi", "lb/in2": "psi", "kg/cm2": "kilogram_force / centimeter ** 2",
     "kgf/cm2": "kilogram_force / centimeter ** 2", "kp/cm2": "kilogram_force / centimeter ** 2",
     "ksc": "kilogram_force / centimeter ** 2", "inh2o": "inch_H2O", "inwc": "inch_H2O",
+    "torr": "torr", "lbf/in2": "psi",
+    "thou": "thou", "mil": "thou", "mils": "thou",
     "mmh2o": "kilogram_force / meter ** 2", "mmws": "kilogram_force / meter ** 2", "mmhg": "mmHg",
     "n": "newton", "newton": "newton", "kn": "kilonewton", "lbf": "pound_force", "lbs": "pound_force",
     "kgf": "kilogram_force", "kp": "kilogram_force", "ma": "milliampere", "a": "ampere", "v": "volt", "mv": "millivolt",
@@ -122,6 +124,7 @@ _DIMENSIONS: Final = (  # pint's name of a dimension, ours, and what one SI unit
     ("[]", "angle", 1.0),
 )
 _ONE_LETTER: Final = frozenset({"s", "m", "n", "%"})  # of a unit that stands behind an underscore: position_m
+_MEASURED_CELL: Final = re.compile(r"([+-]?[\d.,' ]*\d(?:[eE][+-]?\d+)?)\s*([^\d\s.,'+-][^\d]{0,9}2?)")
 _BRACKETS: Final = re.compile(r"\s*(?:\[([^\[\]]*)\]|\{([^{}]*)\}|<([^<>]*)>|\(((?:[^()]|\([^()]*\))*)\))\s*$")
 
 
@@ -186,6 +189,12 @@ def _measured(name: str) -> tuple[str, float]:
     if not 1.0e-10 < factor < 1.0e8:
         raise ValueError(name)
     return dimension, factor
+
+
+def number_and_unit(cell: str) -> tuple[str, str] | None:
+    """Return number and unit of a cell such as ``12.5 psi`` or ``45 %``; None where it is no such cell."""
+    found = _MEASURED_CELL.fullmatch(cell)
+    return (found[1], found[2]) if found is not None and unit_of(found[2]) is not None else None
 
 
 def is_unit(text: str) -> bool:

@@ -216,6 +216,8 @@ def _chosen(
         own = [at for at in own if _may_be(table, at, quantity)]
         if quantity is Quantity.TIME and (pair := _date_and_time(table, own)) is not None:
             dates, own = pair, [pair[1]]
+        if quantity is Quantity.TIME:
+            own = _each_once(table, own)
         several = [at for at in own if len(quantities(table.headers[at])) > 1]
         name = _CHANNELS[quantity]
         if len(own) > 1 or several:
@@ -242,6 +244,13 @@ def _chosen(
         raise RecordingError(f"{table.source}: {odd[0]}")
     if missing:
         free = [at for at in range(len(table.headers)) if at not in {choice.at for choice in chosen.values()}]
+        values = [at for at in free if _first_values(table, at).size]
+        if (tags := _value_a_row(table, free, values)) is not None:
+            raise RecordingError(
+                f"{table.source}: it holds one value a row, of the tag in column {table.headers[tags]!r}: "
+                "export it with a column for each tag and a row for each time"
+            )
+        free = values or free
         words = [name if name != "pressure_pa" else "pressure_pa, force_n or command_pa" for name in missing]
         open_points.append(f"no column is surely {' and none '.join(words)}, there are {_listed(table, free)}")
         for number, name in enumerate(missing):
@@ -255,6 +264,26 @@ def _chosen(
             f'{table.source}: {"; ".join(open_points)}: say which column is what, for example --map "{typed}"{leave}'
         )
     return list(chosen.values()), dates
+
+
+def _each_once(table: Table, columns: Sequence[int]) -> list[int]:
+    """Return columns without those that repeat an earlier one: some loggers write the time beside each channel."""
+    kept: list[int] = []
+    for at in columns:
+        if not any(table.columns[at].equals(table.columns[other]) for other in kept):
+            kept.append(at)
+    return kept
+
+
+def _value_a_row(table: Table, free: Sequence[int], values: Sequence[int]) -> int | None:
+    """Return the column of tags where each row holds the value of one tag, as historians export; else None."""
+    if len(values) != 1:
+        return None
+    for at in free:
+        cells = [str(cell).strip() for cell in table.columns[at].slice(0, 1000).to_pylist()]
+        if at not in values and all(cells) and not _holds_stamps(table, at) and 2 * len(set(cells)) <= len(cells):
+            return at
+    return None
 
 
 def _key(name: str) -> Quantity | str:

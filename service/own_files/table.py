@@ -1,10 +1,8 @@
-"""The table in a file: text of any encoding, gz, xlsx or Parquet becomes headers and columns of cells."""
+"""The table in a file: text, xlsx or Parquet becomes headers and columns of cells."""
 
 from __future__ import annotations
 
-import codecs
 import csv
-import gzip
 import io
 import re
 import zipfile
@@ -16,31 +14,23 @@ from statistics import mode
 from typing import Any, Final
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet as pq
 
 from service.own_files.cells import is_gap_text, is_number, is_stamp
-from service.own_files.names import is_unit, quantities
+from service.own_files.content import ZIP, bytes_of_rows, plain, require_size, text_of
+from service.own_files.names import is_unit, number_and_unit, quantities, unit_of, without_unit
 from valve.errors import RecordingError
 from valve.recording_csv import too_many_rows
 
 SECOND_TABLE: Final = "begins a second table"
-_MOST_BYTES: Final = 2**29  # unpacked: 4 hours of 1 kHz
 _MOST_ROWS: Final = 20_000_000
-_BYTES_A_ROW: Final = 256
 _HEAD_ROWS: Final = 2000  # a header stands within them
 _RUN_ROWS: Final = 50
 _TABLE_ROWS: Final = 20
 _HEADER_ROWS: Final = 4  # names, units, a comment
-_ENCODING_SAMPLE: Final = 2**18
-# Where bytes are no UTF-8, these write a German, French, Polish or Russian header; the first that fits is taken.
-_ENCODINGS: Final = ("cp1252", "latin_1", "cp1250", "cp1251", "cp437", "cp850", "mac_roman", "shift_jis", "gb18030")
-_BOMS: Final = (
-    (codecs.BOM_UTF8, "utf-8"),
-    (codecs.BOM_UTF32_LE, "utf-32"),
-    (codecs.BOM_UTF16_LE, "utf-16"),
-    (codecs.BOM_UTF16_BE, "utf-16"),
-)
+_LOOKED_AT: Final = 50  # cells of a column
 _SPACES: Final = "  "  # two spaces or more between columns
 _SEPARATORS: Final = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars", _SPACES: "spaces", " ": "spaces"}
 
@@ -82,88 +72,47 @@ def find_table(data: bytes, source: str, most_rows: int | None = None) -> Table 
     With ``most_rows`` a file of more rows, or of more bytes than they have, is refused before it is unpacked.
     Raises RecordingError where the file cannot be unpacked or is no text, or where it holds two tables.
     """
-    packed = data.startswith(b"\x1f\x8b")
     most_rows = _MOST_ROWS if most_rows is None else most_rows
-    most_bytes = _most_bytes(most_rows)
-    data = _unpacked(data, most_bytes, source) if packed else data
-    prefix = "gz of " if packed else ""
+    data, prefix = plain(data, bytes_of_rows(most_rows), source)
+    table = _of_kind(data, source, prefix, most_rows)
+    return None if table is None else _without_cell_units(table)
+
+
+def _of_kind(data: bytes, source: str, prefix: str, most_rows: int) -> Table | None:
     if data.startswith(b"PAR1"):
         return _of_parquet(data, source, prefix, most_rows)
-    if data.startswith(b"PK\x03\x04"):
+    if data.startswith(ZIP):
         return _of_workbook(data, source, prefix, most_rows)
     if data.startswith(b"\xd0\xcf\x11\xe0"):
         raise RecordingError(f"{source}: it is a workbook of the old kind (xls): save it as xlsx or as CSV")
     return _of_text(data, source, prefix, most_rows)
 
 
-def _most_bytes(most_rows: int) -> int:
-    """Return how many bytes so many rows may have, with what a workbook has beside them."""
-    return min(_MOST_BYTES, 2**20 + _BYTES_A_ROW * most_rows)
+def _without_cell_units(table: Table) -> Table:
+    """Return a table whose cells had their units beside the numbers, ``12.5 psi``, with the units below the headers.
 
-
-def _unpacked(data: bytes, most_bytes: int, source: str) -> bytes:
-    try:
-        with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
-            unpacked = file.read(most_bytes + 1)
-    except (OSError, EOFError, zlib.error) as error:
-        raise RecordingError(f"{source}: its gz cannot be unpacked ({error}): pack it again") from None
-    _require_size(len(unpacked), most_bytes, source)
-    return unpacked
-
-
-def _require_size(size: int, most_bytes: int, source: str) -> None:
-    if size > most_bytes:
-        raise RecordingError(f"{source}: unpacked it has more than {most_bytes} bytes: cut it into parts")
+    Where header and cells name different units the cells stay as they are, which the reader refuses.
+    """
+    columns, units = list(table.columns), list(table.units)
+    for at, column in enumerate(columns):
+        seen = [cell for one in column.slice(0, _LOOKED_AT).to_pylist() if (cell := str(one).strip())]
+        split = [number_and_unit(cell) for cell in seen if not is_gap_text(cell)]
+        own = {one[1] for one in split if one is not None}
+        if len(own) != 1 or None in split:
+            continue
+        (unit,) = own
+        stated = unit_of(without_unit(table.headers[at])[1]) or unit_of(units[at])
+        if stated is None or stated == unit_of(unit) or unit == stated.text:
+            columns[at] = pc.replace_substring_regex(pc.utf8_trim_whitespace(column), rf"\s*{re.escape(unit)}$", "")
+            units[at] = unit
+    return replace(table, columns=tuple(columns), units=tuple(units))
 
 
 # ---------------------------------------------------------------- text
 
 
-def decoded(data: bytes, source: str) -> tuple[str, str]:
-    """Return the text and its encoding's name. Raises RecordingError where it is no text."""
-    for bom, encoding in _BOMS:
-        if data.startswith(bom):
-            return _strictly(data[len(bom) :] if encoding == "utf-8" else data, encoding, source), f"{encoding} (BOM)"
-    head = data[:4096]
-    if b"\0" in head:
-        odd, even = head[1::2].count(0), head[0::2].count(0)
-        if max(odd, even) < 0.3 * len(head[1::2]) or min(odd, even) > 0.05 * len(head):
-            raise RecordingError(f"{source}: it is no text: give a CSV, xlsx or Parquet file")
-        encoding = "utf-16-le" if odd > even else "utf-16-be"
-        return _strictly(data, encoding, source), encoding
-    try:
-        return data.decode("utf-8"), "utf-8"
-    except UnicodeDecodeError:
-        encoding = _guessed_encoding(data, source)
-        return data.decode(encoding, errors="replace"), encoding
-
-
-def _strictly(data: bytes, encoding: str, source: str) -> str:
-    try:
-        return data.decode(encoding)
-    except UnicodeDecodeError as error:
-        raise RecordingError(f"{source}: it begins as {encoding} and is not ({error.reason}): save it again") from None
-
-
-def _guessed_encoding(data: bytes, source: str) -> str:
-    from charset_normalizer import from_bytes  # noqa: PLC0415  - few files need it
-
-    # Only lines with a letter beyond ASCII tell encodings apart, and numbers are no language.
-    telling = [line for line in data[:_ENCODING_SAMPLE].splitlines() if not line.isascii()][:200] or [data[:4096]]
-    best = from_bytes(b"\n".join(telling), cp_isolation=list(_ENCODINGS)).best()
-    if best is None:
-        raise RecordingError(f"{source}: it is no text in any encoding that is known: save it as UTF-8")
-    # Western Europe first: it writes every unit, and the short text of a header fits others as well.
-    for encoding in (*_ENCODINGS[:1], best.encoding):
-        text = b"\n".join(telling).decode(encoding, errors="replace")
-        strange = [letter for letter in text if ord(letter) > 127 and not letter.isalpha() and letter not in "°µ²³–—"]
-        if not strange:
-            return encoding
-    return best.encoding
-
-
 def _of_text(data: bytes, source: str, prefix: str, most_rows: int) -> Table | None:
-    text, encoding = decoded(data, source)
+    text, encoding = text_of(data, source)
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     if (lines := text.count("\n")) > most_rows + _HEAD_ROWS:
         raise RecordingError(too_many_rows(source, lines, most_rows))
@@ -255,6 +204,10 @@ def _run(rows: Sequence[Sequence[str]], first: int) -> tuple[int, int]:
 def _holds_values(cells: Sequence[str]) -> bool:
     values = sum(is_number(cell) or is_stamp(cell) for cell in cells)
     others = sum(bool(cell) and not is_gap_text(cell) for cell in cells) - values
+    if values < 2 and others:  # a stamp beside "12.5 psi", or units in every cell
+        measured = sum(number_and_unit(cell) is not None for cell in cells)
+        if values or measured == others:
+            values, others = values + measured, others - measured
     return len(cells) > 1 and values > 0 and (values > 1 or others == 0)
 
 
@@ -390,10 +343,10 @@ def _of_workbook(data: bytes, source: str, prefix: str, most_rows: int) -> Table
 
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            most_bytes = _most_bytes(most_rows)
-            _require_size(sum(entry.file_size for entry in archive.infolist()), most_bytes, source)
+            most_bytes = bytes_of_rows(most_rows)
+            require_size(sum(entry.file_size for entry in archive.infolist()), most_bytes, source)
         workbook = load_workbook(io.BytesIO(data), read_only=True, data_only=True)
-        sheets = [(sheet.title, [_texts(row) for row in sheet.iter_rows(values_only=True)]) for sheet in workbook]
+        sheets = [(sheet.title, [_texts(row) for row in sheet.iter_rows()]) for sheet in workbook]
     except RecordingError:
         raise
     except (ValueError, KeyError, TypeError, OSError, zipfile.BadZipFile, zlib.error, SyntaxError) as error:
@@ -431,13 +384,16 @@ def _is_row(cells: Sequence[str]) -> bool:
 
 
 def _texts(row: Sequence[Any]) -> list[str]:
-    cells = [_text(cell) for cell in row]
+    cells = [_text(cell.value, str(cell.number_format) if isinstance(cell.value, float | int) else "") for cell in row]
     while cells and not cells[-1]:
         cells.pop()
     return cells
 
 
-def _text(cell: Any) -> str:
+def _text(cell: Any, form: str = "") -> str:
+    """Return a cell as a text; of one that is shown in percent as it is shown."""
+    if "%" in form and not isinstance(cell, bool):
+        return f"{100.0 * cell!r}%"
     if cell is None:
         return ""
     if isinstance(cell, datetime | date | time):
@@ -451,7 +407,7 @@ def _of_parquet(data: bytes, source: str, prefix: str, most_rows: int) -> Table 
         if described.num_rows > most_rows:
             raise RecordingError(too_many_rows(source, described.num_rows, most_rows))
         unpacked = sum(described.row_group(number).total_byte_size for number in range(described.num_row_groups))
-        _require_size(unpacked, _most_bytes(most_rows), source)
+        require_size(unpacked, bytes_of_rows(most_rows), source)
         # one thread: where memory is bounded, none can be started
         table = pq.read_table(io.BytesIO(data), use_threads=False, pre_buffer=False)
         columns = [table[at].cast(pa.string()).combine_chunks() for at in range(table.num_columns)]

@@ -29,7 +29,10 @@ _OF_FORCE: Final = "of the actuator's force"
 
 @dataclass(frozen=True, slots=True)
 class BeforeAfter:
-    """One row of the table, as it is read; ``passed`` is None where nothing is asked or nothing is known."""
+    """One row of the table, as it is read; ``passed`` is None where nothing is asked or nothing is known.
+
+    ``open_because`` says why a check was not made that somebody asked for.
+    """
 
     name: str
     before: str
@@ -37,10 +40,13 @@ class BeforeAfter:
     change: str
     limit: str
     passed: bool | None
+    open_because: str = ""
 
     @property
     def verdict(self) -> str:
         """What the last column says."""
+        if self.open_because:
+            return f"not assessed ({self.open_because})"
         return {True: "pass", False: "FAIL", None: "–"}[self.passed]
 
 
@@ -57,7 +63,7 @@ def before_after(
     ]
     told = set(_CHECK_OF.values())
     rows += [_check_row(one, checks_then.get(name), system) for name, one in checks.items() if name not in told]
-    return [row for row in rows if row.before != "–" or row.after != "–"]
+    return [row for row in rows if row.before != "–" or row.after != "–" or row.open_because]
 
 
 def _checks(analysis: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
@@ -122,6 +128,7 @@ def _check_row(check: Mapping[str, Any], then: Mapping[str, Any] | None, system:
         moved,
         "" if check["limit"] is None else f"{most} {quantity(check['limit'], check['unit'], system, 3)}",
         check["met"],
+        str(check.get("note") or ""),
     )
 
 

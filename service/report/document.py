@@ -181,6 +181,12 @@ def _steps(analysis: Mapping[str, Any], system: UnitSystem) -> list[dict[str, st
         for key, words, unit in _STEP_FIGURES
         if summary.get(key) is not None
     ]
+    stroke = summary.get("stroke_time_s") or {}
+    rows += [
+        {"name": f"Stroke time, {way}", "value": measured(one["value"], one["ci95"], "s", system)}
+        for way in ("opening", "closing")
+        if (one := stroke.get(way))
+    ]
     for key, words in (("resolution_percent", "Resolution"), ("dead_band_percent", "Dead band by steps")):
         found = summary.get(key) or {}
         if found.get("value") is not None:

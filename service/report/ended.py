@@ -22,7 +22,8 @@ _NO_SAMPLE: Final = "No sample was recorded."
 class EndedSource:
     """What the report of a test without a result is made of; all of it plain, so that another process can draw it.
 
-    ``file`` is the recording, None where there is none here, for the reason ``no_file``. ``quality`` is the run's own.
+    ``head`` is what identifies valve and work on the first page, ``note`` what somebody noted of the test. ``file`` is
+    the recording, None where there is none here, for the reason ``no_file``. ``quality`` is the run's own.
     """
 
     tag: str
@@ -36,6 +37,8 @@ class EndedSource:
     permissives: tuple[Mapping[str, Any], ...] = ()
     system: UnitSystem = field(default=UnitSystem.SI)
     valve: tuple[tuple[str, str], ...] = ()
+    head: tuple[tuple[str, str], ...] = ()
+    note: str = ""
 
 
 def ended_document(source: EndedSource) -> dict[str, Any]:
@@ -58,9 +61,14 @@ def ended_document(source: EndedSource) -> dict[str, Any]:
     }
     told = {
         key: [{"name": name, "value": value} for name, value in rows]
-        for key, rows in (("facts", source.facts), ("valve", source.valve))
+        for key, rows in (("facts", source.facts), ("valve", source.valve), ("head", source.head))
     }
-    return {**all_in_units(document, source.system), **told, "pictures": {} if picture is None else {"trace": picture}}
+    return {
+        **all_in_units(document, source.system),
+        **told,
+        "note": source.note,
+        "pictures": {} if picture is None else {"trace": picture},
+    }
 
 
 def _trace(source: EndedSource) -> tuple[dict[str, str] | None, str]:

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from datetime import datetime
+from datetime import tzinfo
 from typing import Any, Final
 
 from service.ending import ending_of
 from service.health.comparison import compare
 from service.health.judge import facts_of
+from service.plant_clock import instant_words
 from service.recordings.place import recording_of
 from service.report.before_after import BeforeAfter, before_after
 from service.report.ended import EndedSource
 from service.report.source import ReportSource
-from service.report.valve_facts import frame_of, identity_facts, nameplate_facts, wiring_facts
+from service.report.valve_facts import class_facts, frame_of, identity_facts, nameplate_facts, wiring_facts
 from service.runs.acknowledgement import alarm_words
 from service.runs.again import words_of_repetition
-from service.runs.requester import LOCAL
+from service.runs.requester import person_of
 from service.runs.run import Label, Run
 from service.settings import Plant, PlantValve
 from service.shown_sentences import as_sentence, in_units
@@ -33,9 +34,10 @@ _IN_JOURNAL: Final = (
 )
 
 
-def source_of(store: Store, run: Run, valve: PlantValve | None, system: UnitSystem, plant: str = "") -> ReportSource:
-    """Return what the report of a completed test is made of, of ``plant``; reads the database and blocks."""
+def source_of(plant: Plant, store: Store, run: Run, system: UnitSystem) -> ReportSource:
+    """Return what the report of a completed test is made of; reads the database and blocks."""
     assert run.analysis is not None
+    valve, zone = plant.valves.get(run.valve), plant.zone
     past = past_of(store, run.valve, valve, run)
     chosen = before_of(store, run, past)
     then = None if chosen is None else store.runs.get(chosen)
@@ -46,9 +48,9 @@ def source_of(store: Store, run: Run, valve: PlantValve | None, system: UnitSyst
     baseline = None if past.baseline is None or past.baseline.id == run.id else past.baseline.analysis
     return ReportSource(
         run.valve,
-        _subject(run),
+        _subject(run, zone),
         run.analysis,
-        tuple(_facts(run, None if past.baseline is None else past.baseline.id, system)),
+        tuple(_facts(run, None if past.baseline is None else past.baseline.id, system, zone)),
         None if baseline is None else baseline.get("signature"),
         past.trends if len(past.same_motion) > 1 else (),
         tuple((run.permissives or {}).get("permissives") or ()),
@@ -59,9 +61,9 @@ def source_of(store: Store, run: Run, valve: PlantValve | None, system: UnitSyst
         where_it_stands(run),
         alarm_words(run),
         frame_of(valve, None if held is None else held.test),
-        tuple(layers_of(store, run, [] if then is None else [then.id])[1:]),
-        tuple(_head(run, valve, plant)),
-        "" if then is None else words_of(then, "" if then.label else "test"),
+        tuple(layers_of(store, run, [] if then is None else [then.id], zone)[1:]),
+        tuple(_head(run, valve, plant.service.plant)),
+        "" if then is None else words_of(then, zone, "" if then.label else "test"),
         tuple(rows),
         run.note or "",
     )
@@ -75,7 +77,7 @@ def _head(run: Run, valve: PlantValve | None, plant: str) -> Iterator[tuple[str,
     yield "Tag", run.valve
     yield "Serial number", identity.pop("Serial number", "")
     yield from identity.items()
-    yield "Technician", "" if run.requested_by in ("", LOCAL.name) else run.requested_by
+    yield "Technician", person_of(run.requested_by)
     yield "Work order", run.work_order or (run.permissives or {}).get("permit") or ""
 
 
@@ -93,19 +95,18 @@ def ended_source_of(plant: Plant, store: Store, run: Run, system: UnitSystem) ->
         no_file = _IN_JOURNAL
     return EndedSource(
         run.valve,
-        _subject(run),
+        _subject(run, plant.zone),
         STATES[run.state],
-        ending_of(
-            run,
-            later=newest[0] if newest and newest[0].id != run.id else None,
-        ),
+        ending_of(run, later=newest[0] if newest and newest[0].id != run.id else None, zone=plant.zone),
         file,
         no_file,
         run.quality or {},
-        tuple(_facts(run, None, system)),
+        tuple(_facts(run, None, system, plant.zone)),
         tuple((run.permissives or {}).get("permissives") or ()),
         system,
         _of_valve(valve, system),
+        tuple(_head(run, valve, plant.service.plant)),
+        run.note or "",
     )
 
 
@@ -116,36 +117,35 @@ def _of_valve(valve: PlantValve | None, system: UnitSystem) -> tuple[tuple[str, 
         *identity_facts(valve.identity),
         *nameplate_facts(valve.nameplate, system),
         *wiring_facts(valve.wiring, valve.health, system),
+        *class_facts(valve),
     )
 
 
-def _instant(at: datetime | None) -> str:
-    """Return an instant by the gateway's clock with its zone: a report is read elsewhere, and years later."""
-    return "–" if at is None else f"{at.astimezone():%Y-%m-%d %H:%M %Z}"
-
-
-def _subject(run: Run) -> str:
+def _subject(run: Run, zone: tzinfo | None) -> str:
     label = "" if run.label is None else f", {run.label.value.replace('_', ' ')}"
-    return f"test of {_instant(run.created_at)}, {run.sequence.replace('_', ' ')}{label}"
+    return f"test of {instant_words(run.created_at, zone)}, {run.sequence.replace('_', ' ')}{label}"
 
 
-def _facts(run: Run, baseline: str | None, system: UnitSystem) -> list[tuple[str, str]]:
+def _facts(run: Run, baseline: str | None, system: UnitSystem, zone: tzinfo | None) -> list[tuple[str, str]]:
     quality: Mapping[str, Any] = run.quality or {}
     accepted = (run.analysis or {}).get("accepted_model")
     facts = [
         ("Test", run.id),
         ("Label", None if run.label is None else run.label.value.replace("_", " ")),
-        ("Note", run.note and f"{run.note} ({run.described_by}, {_instant(run.described_at)})"),
+        ("Note", run.note and f"{run.note} ({run.described_by}, {instant_words(run.described_at, zone)})"),
         ("Work permit", (run.permissives or {}).get("permit")),
-        ("Asked for by", run.requested_by or "local"),
+        ("Asked for by", person_of(run.requested_by)),
         ("Schedule", run.schedule),
-        ("Began, ended", f"{_instant(run.started_at)}, {_instant(run.motion_ended_at)}"),
+        ("Began, ended", ", ".join(instant_words(at, zone) for at in (run.started_at, run.motion_ended_at))),
         ("Motion", run.sequence + "".join(f", {key} {value}" for key, value in sorted(run.overrides.items()))),
         ("After the motion", in_units(where_it_stands(run), system) or None),
         ("Notes of the driver", "; ".join(str(note) for note in quality.get("notes") or ()) or None),
         ("Recording, SHA-256", run.recording_sha256),
         ("Software", run.software),
-        ("Analysis", ", ".join(one for one in ((run.analysis or {}).get("schema"), words_of_repetition(run)) if one)),
+        (
+            "Analysis",
+            ", ".join(one for one in ((run.analysis or {}).get("schema"), words_of_repetition(run, zone)) if one),
+        ),
         ("Gateway", run.gateway or None),
         ("Baseline", baseline),
         ("Accepted model of", None if accepted is None else str(accepted.get("test"))),

@@ -67,7 +67,7 @@ async def get_report(
 def _source(parts: Parts, run: Run, system: UnitSystem) -> ReportSource | EndedSource:
     if run.analysis is None:
         return ended_source_of(parts.plant, parts.store, run, system)
-    return source_of(parts.store, run, parts.plant.valves.get(run.valve), system, parts.plant.service.plant)
+    return source_of(parts.plant, parts.store, run, system)
 
 
 def _preferred(accept: str) -> Literal["pdf", "html"]:

@@ -83,11 +83,12 @@ def key_figures(analysis: Mapping[str, Any], system: UnitSystem) -> list[dict[st
         )
     rows += [{"name": "Friction against the baseline", "value": text, "beside": ""} for text in _against(analysis)]
     rows += [{"name": "Trend of friction", "value": text, "beside": ""} for text in _trend(analysis, system)]
+    dead_band = (signature.get("intervals") or {}).get("dead_band_percent") or {}
     if signature.get("dead_band_percent") is not None:
         rows.append(
             {
                 "name": "Dead band",
-                "value": measured(signature["dead_band_percent"], None, "percent", system),
+                "value": measured(signature["dead_band_percent"], dead_band.get("ci95"), "percent", system),
                 "beside": "how far the signal turns back before the stem answers",
             }
         )

@@ -37,6 +37,12 @@ def identity_facts(identity: Identity) -> Iterator[tuple[str, str]]:
             yield words, value
 
 
+def class_facts(valve: PlantValve) -> Iterator[tuple[str, str]]:
+    """Yield name and value of the class that a valve's acceptance limits come from; nothing without one."""
+    if valve.limits_class:
+        yield "Class of its limits", valve.limits_class
+
+
 def nameplate_facts(nameplate: Nameplate, system: UnitSystem) -> Iterator[tuple[str, str]]:
     """Yield name and value of what the nameplate says; what it does not say is left out."""
     actuator, signal = nameplate.actuator, nameplate.signal

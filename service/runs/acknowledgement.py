@@ -85,11 +85,11 @@ def last_end(run: Run | None) -> Permissive:
         return Permissive(name, True, "none yet", limit)
     if run.stands is not None and is_moving(run):
         wait = f"wait until it was looked at, {run.stands.due_s:g} s after the motion"
-        return Permissive(name, False, f"the stem may still move after {run.id}", limit, wait)
+        return Permissive(name, False, "the stem may still move", limit, wait)
     if not needs_acknowledgement(run):
-        value = f"{run.id} {run.state.value}" + (", acknowledged" if run.acknowledged_at is not None else "")
+        value = run.state.value + (", acknowledged" if run.acknowledged_at is not None else "")
         return Permissive(name, True, value, limit)
     remedy = f"acknowledge first: look at the valve, then say so on its page, or by breakaway acknowledge {run.valve}"
     unsafe = alarm_words(run).partition(":")[0]
-    value = f"{run.id} {run.state.value}" + (f", {unsafe}" if unsafe else "")
+    value = run.state.value + (f", {unsafe}" if unsafe else "")
     return Permissive(name, False, value, limit, remedy)

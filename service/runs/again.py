@@ -8,15 +8,17 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, datetime, tzinfo
 from typing import Any, Final
 
 import structlog
 
 from drivers.outcome import Ended
+from service.plant_clock import instant_words
 from service.runs.acknowledgement import ENDED_KEY
 from service.runs.analyst import ANALYSIS_FAILED, Analyst, assessed
 from service.runs.live import MOTION_SHARE, LiveRun
+from service.runs.requester import person_of
 from service.runs.run import Run, RunState
 from service.runs.separating import played_by
 from service.settings import PlantValve
@@ -48,13 +50,14 @@ def is_to_be_taken_up(run: Run, store: Store) -> bool:
     return whole and begun < _MOST_BEGUN and store.recording_path(run.id).is_file()
 
 
-def words_of_repetition(run: Run) -> str:
-    """Return when and for whom the analysis of a run was made again; "" where it is the first one."""
+def words_of_repetition(run: Run, zone: tzinfo | None) -> str:
+    """Return when, by the clock of ``zone``, and for whom a run was analysed again; "" where it was not."""
     about = (run.analysis or {}).get(REPEATED)
     if not about:
         return ""
-    at = datetime.fromisoformat(str(about["at"])).astimezone()
-    return f"made again on {at:%Y-%m-%d %H:%M %Z} for {about['by']} by {about['software']}"
+    at = instant_words(datetime.fromisoformat(str(about["at"])), zone)
+    person = person_of(str(about["by"]))
+    return f"made again on {at}{' for ' + person if person else ''} by {about['software']}"
 
 
 def begun_again(run: Run) -> dict[str, Any]:

@@ -34,12 +34,16 @@ class Permission:
         return {**about, "permissives": shown}
 
 
+def _size(size: float) -> str:
+    return f"{size / 1e9:.0f} GB" if size >= 1e10 else f"{size / 1e6:.0f} MB"
+
+
 def free_disk(folder: Path) -> Permissive:
     """Return the permissive that the store's disk is. Blocks."""
     try:
         free = shutil.disk_usage(folder).free
     except OSError as error:
         return Permissive("disk", False, f"it cannot be read ({error.strerror})", "a disk", "look at the store's disk")
-    limit = f"at least {LEAST_FREE_BYTES / 1e6:.0f} MB free"
+    limit = f"at least {_size(LEAST_FREE_BYTES)} free"
     remedy = "free some space on the store's disk, or name another service.store"
-    return Permissive("disk", free >= LEAST_FREE_BYTES, f"{free / 1e6:.0f} MB free", limit, remedy)
+    return Permissive("disk", free >= LEAST_FREE_BYTES, f"{_size(free)} free", limit, remedy)

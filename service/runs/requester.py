@@ -26,3 +26,8 @@ class Requester:
 
 #: A command on the gateway itself, where no sign-in is configured.
 LOCAL: Final = Requester("local", RequesterKind.LOCAL)
+
+
+def person_of(name: str) -> str:
+    """Return the name of whoever asked for something as people read it: "" where nobody signs in."""
+    return "" if name == LOCAL.name else name

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import Connection, Engine, delete, insert, select, update
+from sqlalchemy import Connection, Engine, delete, insert, or_, select, update
 
 from service.health.assess import is_good
 from service.health.figures import FIGURE_KINDS, Figure, figures_of
@@ -16,6 +16,7 @@ from service.health.results import Baseline, PastTest
 from service.runs.run import Label, Run
 from service.store.schema_health import BASELINES, FIGURES
 from service.store.schema_nightly import VALVE_STATES
+from service.store.schema_tests import ANALYSES
 
 
 def conditions_of(run: Run) -> str:
@@ -141,6 +142,16 @@ class FigureTable:
         with self._engine.connect() as connection:
             rows = connection.execute(select(FIGURES).where(FIGURES.c.test_id.in_(test_ids))).all()
         return {row.test_id: _past(row) for row in rows}
+
+    def with_loops(self, test_ids: Sequence[str]) -> frozenset[str]:
+        """Return those of these tests whose signature has a loop that can be drawn: two points of one direction."""
+        second = [
+            ANALYSES.c.document["signature", "curve", way, "travel_m", 1].as_float().is_not(None)
+            for way in ("up", "down")
+        ]
+        query = select(FIGURES.c.test_id).join(ANALYSES, ANALYSES.c.number == FIGURES.c.number)
+        with self._engine.connect() as connection:
+            return frozenset(connection.scalars(query.where(FIGURES.c.test_id.in_(test_ids), or_(*second))))
 
     def of_last_results(self, kinds: Sequence[str]) -> dict[str, dict[str, float]]:
         """Return figures of these kinds, SI, of each valve's last completed test, by valve; what is unknown is out."""

@@ -122,7 +122,9 @@ def _signature(
 ) -> tuple[list[Layer], Frame]:
     valve = parts.plant.valves.get(run.valve)
     baseline = past_of(parts.store, run.valve, valve, run).held_against
-    return layers_of(parts.store, run, others, own), frame_of(valve, None if baseline is None else baseline.test)
+    return layers_of(parts.store, run, others, parts.plant.zone, own), frame_of(
+        valve, None if baseline is None else baseline.test
+    )
 
 
 @router.get("/tests/{test_id}/{name}.svg")
@@ -139,17 +141,20 @@ async def figure_of_test(request: Request, test_id: str, name: str, parts: Parts
 
 
 @router.get("/valves/{tag:path}/trend.svg")
-async def figure_of_trend(request: Request, tag: str, parts: PartsOf, _visitor: VisitorOf) -> Response:
+async def figure_of_trend(
+    request: Request, tag: str, parts: PartsOf, _visitor: VisitorOf, *, narrow: bool = False
+) -> Response:
     """Draw the trends of a valve."""
     valve = parts.runs.valve(tag)
     past, system = await asyncio.to_thread(past_of, parts.store, tag, valve), units_of(request)
     key = (
         tag,
         system,
+        narrow,
         None if past.latest is None else (past.latest.id, past.latest.finished_at),
         None if past.baseline is None else past.baseline.id,
     )
-    return _svg(await parts.drawer.svg(key, trends_svg, past.trends, system))
+    return _svg(await parts.drawer.svg(key, trends_svg, past.trends, system, narrow))
 
 
 def _svg(text: str | None) -> Response:

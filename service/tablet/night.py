@@ -7,6 +7,10 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from typing import Annotated, Final
+from urllib.parse import urlencode
+
+from pydantic import BaseModel, Field
 
 from service.health.results import PastTest
 from service.parts import Parts
@@ -15,7 +19,25 @@ from service.schedules.check import CheckState
 from service.schedules.nightly import wall_clock
 from service.schedules.views import NightEntry, night
 from service.tablet.history import diagnosis_words
+from service.tablet.valve_list import Chip, found_by
 from service.tablet.words import BAD_END, NE107, NOT_ASSESSED, Condition
+
+_ROWS: Final = 50  # of each list on one page
+
+
+class NightWish(BaseModel):
+    """What the address of the night's page asks for; what is empty asks for nothing."""
+
+    find: str = Field("", max_length=64)
+    found: Annotated[list[Annotated[str, Field(max_length=64)]], Field(max_length=20)] = []
+    page: int = Field(1, ge=1, le=10_000)
+    coming: int = Field(1, ge=1, le=10_000)
+
+    def address(self, **changes: object) -> str:
+        """Return the address of the page with these changes; what was chosen stays, lists begin at their first page."""
+        asked = {"find": self.find, "found": self.found, **changes}
+        given = {key: value for key, value in asked.items() if value}
+        return f"/ui/night?{urlencode(given, doseq=True)}" if given else "/ui/night"
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +51,11 @@ class NightCheck:
     test_id: str | None
     found: Condition | None
     diagnosis: str
+
+    @property
+    def words(self) -> str:
+        """What came of it: how the valve was found, or what became of its check."""
+        return self.state if self.found is None else self.found.words.lower()
 
     @property
     def rank(self) -> int:
@@ -50,41 +77,78 @@ class NightSchedule:
 
 
 @dataclass(frozen=True, slots=True)
-class Nights:
-    """The last night's checks, worst first, and how many found what; the coming night's by their turn."""
+class Paged:
+    """One page of a list of checks: how many fit what was asked, of how many, and the pages that they fill."""
 
-    last: Sequence[NightCheck]
-    coming: Sequence[NightCheck]
+    rows: Sequence[NightCheck]
+    fitting: int
+    all: int
+    number: int
+    pages: int
+
+
+@dataclass(frozen=True, slots=True)
+class Nights:
+    """The last night's checks, worst first, with chips that choose by what was found; the coming ones by their turn."""
+
+    last: Paged
+    coming: Paged
+    chips: Sequence[Chip]
     schedules: Sequence[NightSchedule]
 
-    @property
-    def summary(self) -> str:
-        """How many valves the last night found in which state."""
-        counts = Counter(
-            one.state if one.found is None else one.found.words.lower()
-            for one in sorted(self.last, key=lambda one: one.rank)
-        )
-        return ", ".join(f"{count} {words}" for words, count in counts.items())
 
-
-async def night_of(parts: Parts) -> Nights:
+async def night_of(parts: Parts, wish: NightWish) -> Nights:
     """Return the last and the coming night valve by valve, and the schedules; all empty where none is planned."""
     now = wall_clock()
     entries = await asyncio.to_thread(night, parts.plant, parts.store.schedule_runs, now)
     ids = [one.test_id for one in entries if one.test_id is not None]
     figures = await asyncio.to_thread(parts.store.figures.of_ids, ids)
     checks = [_check(one, figures.get(one.test_id or "")) for one in entries]
-    last = [one for one in checks if one.state != CheckState.PLANNED]
+    last = sorted((one for one in checks if one.state != CheckState.PLANNED), key=lambda one: (one.rank, one.due_at))
+    coming = [one for one in checks if one.state == CheckState.PLANNED]
+    named = [one for one in last if _is_named(parts, wish, one.valve)]
+    chosen = [one for one in named if not wish.found or one.words in wish.found]
     schedules = []
     for schedule in parts.plant.schedules:
         due = next_occurrence(schedule, now)
         due_at = None if due is None else due.due_at
         schedules.append(NightSchedule(schedule.name, due_at, schedule.zone.key, schedule.sequence, schedule.valves))
     return Nights(
-        sorted(last, key=lambda one: (one.rank, one.due_at)),
-        [one for one in checks if one.state == CheckState.PLANNED],
+        _paged(chosen, len(last), wish.page),
+        _paged([one for one in coming if _is_named(parts, wish, one.valve)], len(coming), wish.coming),
+        _chips(named, wish),
         schedules,
     )
+
+
+def _is_named(parts: Parts, wish: NightWish, tag: str) -> bool:
+    """Whether a valve is found by the words that are looked for, in what the list of valves finds it by."""
+    valve = parts.plant.valves.get(tag)
+    text = tag.lower() if valve is None else found_by(tag, valve)
+    return all(word in text for word in wish.find.lower().split())
+
+
+def _paged(fitting: Sequence[NightCheck], whole: int, wanted: int) -> Paged:
+    pages = max(1, -(-len(fitting) // _ROWS))
+    number = min(wanted, pages)
+    return Paged(fitting[(number - 1) * _ROWS : number * _ROWS], len(fitting), whole, number, pages)
+
+
+def _chips(checks: Sequence[NightCheck], wish: NightWish) -> list[Chip]:
+    counts = Counter(one.words for one in checks)
+    counts.update(dict.fromkeys(set(wish.found) - counts.keys(), 0))
+    return [
+        Chip(
+            words,
+            words,
+            count,
+            words in wish.found,
+            wish.address(
+                found=[one for one in wish.found if one != words] if words in wish.found else [*wish.found, words]
+            ),
+        )
+        for words, count in counts.items()
+    ]
 
 
 def _check(entry: NightEntry, test: PastTest | None) -> NightCheck:

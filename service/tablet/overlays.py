@@ -5,19 +5,18 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
-from typing import Any, Final
+from datetime import datetime, tzinfo
+from typing import Any
 
 from service.figures.signature import MOST_LAYERS, Layer, has_signature
 from service.health.results import PastTest
 from service.nameplates import nameplate_from_mapping
+from service.plant_clock import short_instant
 from service.runs.run import Label, Run
 from service.store.store import Store
 from service.tablet.history import ValvePast
 from valve.errors import NotFoundError
 from valve.recording_files import read_recording
-
-_LISTED: Final = 40  # tests in the choice of any test
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,22 +29,17 @@ class Overlay:
     is_shown: bool = False
 
 
-def instant(at: datetime) -> str:
-    """Return an instant by the gateway's clock, short."""
-    return f"{at.astimezone():%Y-%m-%d %H:%M}"
-
-
-def words_of(run: Run, role: str = "") -> str:
-    """Return what a test is called in a figure: its role or label, and when it was."""
+def words_of(run: Run, zone: tzinfo | None, role: str = "") -> str:
+    """Return what a test is called in a figure: its role or label, and when it was by the plant's clock."""
     label = role or ("" if run.label is None else run.label.value.replace("_", " "))
-    return f"{label} {instant(run.created_at)}".strip()
+    return f"{label} {short_instant(run.created_at, zone)}".strip()
 
 
 def overlays_of(store: Store, run: Run, past: ValvePast) -> tuple[list[Overlay], list[Overlay]]:
     """Return the chips of a test, and all other tests of its valve for the choice; reads the database and blocks.
 
     As found and as left are the newest with these labels that are not later than the test. The first chip is shown
-    from the start: as found for a test as left, else the baseline.
+    from the start: as found for a test as left, else the baseline. A test without a loop has nothing to lay over.
     """
     chips: dict[str, Overlay] = {}
     for label in (Label.AS_FOUND, Label.AS_LEFT):
@@ -57,9 +51,10 @@ def overlays_of(store: Store, run: Run, past: ValvePast) -> tuple[list[Overlay],
         chips[base.id] = Overlay(base.id, "baseline", base.created_at)
     first = before_of(store, run, past)
     shown = [Overlay(one.test_id, one.words, one.at, one.test_id == first) for one in chips.values()]
-    others = [one for one in past.figures if one.test_id != run.id and one.test_id not in chips][:_LISTED]
+    others = [one for one in past.figures if one.test_id != run.id and one.test_id not in chips]
     listed = [Overlay(one.test_id, (one.label or "test").replace("_", " "), one.at) for one in others]
-    return shown, listed
+    drawn = store.figures.with_loops([one.test_id for one in (*shown, *listed)])
+    return [one for one in shown if one.test_id in drawn], [one for one in listed if one.test_id in drawn]
 
 
 def before_of(store: Store, run: Run, past: ValvePast) -> str | None:
@@ -75,27 +70,29 @@ def _labelled(store: Store, run: Run, label: Label) -> Iterator[PastTest]:
     return (one for one in store.figures.newest(run.valve, 100, label=label) if one.at <= run.created_at)
 
 
-def layers_of(store: Store, run: Run, others: Sequence[str], own: Mapping[str, Any] | None = None) -> list[Layer]:
+def layers_of(
+    store: Store, run: Run, others: Sequence[str], zone: tzinfo | None, own: Mapping[str, Any] | None = None
+) -> list[Layer]:
     """Return the layers of a figure: a test, then others of its valve; reads the database and blocks.
 
     ``own`` is the test's signature where it is not analysed yet. Raises NotFoundError for a test of another valve.
     """
-    layers = [_layer(run, "this test" if others else "", own)]
+    layers = [_layer(run, zone, "this test" if others else "", own)]
     for test_id in list(dict.fromkeys(others))[: MOST_LAYERS - 1]:
         other = store.runs.get(test_id)
         if other.valve != run.valve:
             raise NotFoundError(f"test {other.id} is none of {run.valve}: choose one of the same valve")
-        layer = _layer(other, "" if other.label else "test")
+        layer = _layer(other, zone, "" if other.label else "test")
         if other.id != run.id and has_signature(layer.signature):
             layers.append(layer)
     return layers
 
 
-def _layer(run: Run, role: str, own: Mapping[str, Any] | None = None) -> Layer:
+def _layer(run: Run, zone: tzinfo | None, role: str, own: Mapping[str, Any] | None = None) -> Layer:
     analysis = run.analysis or {}
     latent = (analysis.get("discrepancy") or {}).get("latent_friction") or ()
     shown = own if own is not None else analysis.get("signature") or {}
-    return Layer(words_of(run, role), shown, () if own is not None else latent)
+    return Layer(words_of(run, zone, role), shown, () if own is not None else latent)
 
 
 def measured_signature(file: str, nameplate: str) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from functools import cache
@@ -18,6 +17,8 @@ from fastapi.responses import HTMLResponse
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_context
 
 from service.parts import Parts
+from service.plant_clock import by_the_plants_clock, instant_words
+from service.runs.requester import person_of
 from service.shown_sentences import as_sentence, in_units
 from service.shown_units import UnitSystem, measured, quantity, shown_unit
 from service.tablet.script import NAME, script
@@ -30,7 +31,6 @@ UNITS_COOKIE: Final = "breakaway-units"
 CONTENT_SECURITY: Final = (
     "default-src 'self'; object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
 )
-_IN_UTC: Final = re.compile(r"\b(\d{4}-(?:0[1-9]|1[0-2])-(?:0[1-9]|[12]\d|3[01]) (?:[01]\d|2[0-3]):[0-5]\d) UTC\b")
 _HEADERS: Final = {
     "Content-Security-Policy": CONTENT_SECURITY,
     "X-Content-Type-Options": "nosniff",
@@ -51,6 +51,7 @@ def _environment() -> Environment:
     )
     environment.filters["moment"] = moment
     environment.filters["sentence"] = as_sentence
+    environment.filters["person"] = person_of
     environment.filters["duration"] = duration
     environment.filters["attribute_json"] = lambda value: json.dumps(value, allow_nan=False, separators=(",", ":"))
     environment.globals["static"] = static_address
@@ -87,20 +88,7 @@ def zone_of(request: Request) -> ZoneInfo | None:
 @pass_context
 def moment(context: Mapping[str, Any], at: datetime | None) -> str:
     """Return an instant by the plant's clock, with its zone; a dash for none."""
-    return "–" if at is None else _by_clock(at, context["zone"])
-
-
-def by_the_plants_clock(sentence: str, zone: ZoneInfo | None) -> str:
-    """Return a sentence with the instants that it tells in UTC by the plant's clock: a row has one clock."""
-
-    def told(found: re.Match[str]) -> str:
-        return _by_clock(datetime.fromisoformat(found[1]).replace(tzinfo=UTC), zone)
-
-    return _IN_UTC.sub(told, sentence)
-
-
-def _by_clock(at: datetime, zone: ZoneInfo | None) -> str:
-    return f"{at.astimezone(zone):%Y-%m-%d %H:%M %Z}"
+    return instant_words(at, context["zone"])
 
 
 def duration(seconds: float | None) -> str:

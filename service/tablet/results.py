@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from datetime import tzinfo
 from typing import Any
 
 from service.figures.methods import METHOD_WORDS, all_estimates
 from service.health.acceptance import remarked
 from service.plain_numbers import scatter_words
 from service.runs.again import words_of_repetition
+from service.runs.requester import person_of
 from service.runs.run import Run
 from service.shown_sentences import NO_FAULT, in_units
 from service.shown_units import UnitSystem
 from service.stands_words import where_it_stands
 from service.tablet.words import FIGURES, VERDICTS
+from valve.carried_digits import carried_places
 from valve.parameters import PARAMETER_SYMBOLS
 
 
@@ -177,16 +179,17 @@ def told_once(rows: Sequence[FigureRow]) -> tuple[list[FigureRow], list[tuple[st
 def _bench_rows(signature: Mapping[str, Any], old: Mapping[str, Any]) -> list[FigureRow]:
     bench, was = signature.get("bench_set_pa") or (None, None), old.get("bench_set_pa") or (None, None)
     ends = ("Bench set, closed end", "the spring's adjustment"), ("Bench set, open end", "")
-    now, before = _to_the_larger(bench), _to_the_larger(was)
+    known = ((signature.get("intervals") or {}).get("bench_set_pa") or {}).get("ci95") or (None, None)
+    now, before = bench if None not in known else _to_the_larger(bench), _to_the_larger(was)
     return [
-        FigureRow(words, "Pa", now[place], None, before[place], "", tells) for place, (words, tells) in enumerate(ends)
+        FigureRow(words, "Pa", now[place], _pair(known[place]), before[place], "", tells)
+        for place, (words, tells) in enumerate(ends)
     ]
 
 
 def _to_the_larger(ends: Sequence[float | None]) -> list[float | None]:
-    """Round both ends of a range where the larger one is: a spring that starts at zero reads 0, not -0.0001."""
-    most = max((abs(one) for one in ends if one), default=1.0)
-    places = 3 - math.floor(math.log10(most))
+    """Round both ends of a range as the larger one is known: a spring that starts at zero reads 0, not -0.0001."""
+    places, _ = carried_places(max((abs(one) for one in ends if one), default=1.0))
     return [None if one is None else round(one, places) + 0.0 for one in ends]  # + 0.0: no minus before a zero
 
 
@@ -215,7 +218,7 @@ def reasons_beside(reasons: Sequence[str], diagnosis: Diagnosis) -> list[str]:
     return [reason for reason in reasons if reason not in told]
 
 
-def recording_facts(run: Run, system: UnitSystem) -> list[tuple[str, str]]:
+def recording_facts(run: Run, system: UnitSystem, zone: tzinfo | None) -> list[tuple[str, str]]:
     """Return how the recording was taken and what it hashes to, for the foot of the page."""
     summary: Mapping[str, Any] = (run.analysis or {}).get("recording") or {}
     sampling: Mapping[str, Any] = summary.get("sampling") or {}
@@ -226,11 +229,11 @@ def recording_facts(run: Run, system: UnitSystem) -> list[tuple[str, str]]:
         ("Rate", None if not sampling else f"{sampling['rate_hz']:.4g} Hz, {sampling['missed_slots']} slots missed"),
         ("Position noise", None if noise_m is None else f"{_noise(noise_m, system)} rms"),
         ("After the motion", in_units(where_it_stands(run), system) or None),
-        ("Asked for by", run.requested_by or None),
+        ("Asked for by", person_of(run.requested_by)),
         ("Schedule", run.schedule),
         ("SHA-256", run.recording_sha256),
         ("Software", run.software),
-        ("Analysis", words_of_repetition(run)),
+        ("Analysis", words_of_repetition(run, zone)),
         ("Test", run.id),
     ]
     return [(name, value) for name, value in facts if value]

@@ -21,14 +21,14 @@ from service.parts import Parts, parts_of
 from service.report.before_after import BeforeAfter, before_after
 from service.report.of_run import repair_sentences
 from service.report.summary import key_figures
-from service.report.valve_facts import identity_facts, safe_position_words, safe_value_words
+from service.report.valve_facts import class_facts, identity_facts, safe_position_words, safe_value_words
 from service.runs.acknowledgement import alarm_words, needs_acknowledgement
 from service.runs.again import can_be_analysed
 from service.runs.run import Run
 from service.shown_units import UnitSystem, shown_unit
 from service.stands_words import where_it_stands
 from service.tablet.history import ValvePast, history_row, past_of
-from service.tablet.night import due_checks, night_of
+from service.tablet.night import NightWish, due_checks, night_of
 from service.tablet.overlays import before_of, overlays_of, words_of
 from service.tablet.plans import AROUND_S, approved_plans, planned_line, plans_of, waveform_of
 from service.tablet.rendering import page, units_of
@@ -97,9 +97,11 @@ def _valves_shown(parts: Parts, wish: Wish, due: Mapping[str, datetime]) -> dict
 
 
 @router.get("/ui/night")
-async def night_page(request: Request, parts: PartsOf, visitor: VisitorOf) -> Response:
-    """Show the coming night valve by valve, and the schedules."""
-    return page(request, "night.html", visitor, {"night": await night_of(parts)})
+async def night_page(
+    request: Request, parts: PartsOf, visitor: VisitorOf, wish: Annotated[NightWish, Query()]
+) -> Response:
+    """Show the last and the coming night valve by valve, and the schedules."""
+    return page(request, "night.html", visitor, {"night": await night_of(parts, wish), "wish": wish})
 
 
 @router.get("/ui/recordings")
@@ -172,7 +174,10 @@ async def valve_page(request: Request, tag: str, parts: PartsOf, visitor: Visito
         "trend_words": "Friction, spring rate, bench set and dead band over the tests; figures stand below.",
         "next_check": due.get(tag),
         "description": valve.identity.description,
-        "identity": [one for one in identity_facts(valve.identity) if one[0] != "Description"],
+        "identity": [
+            *(one for one in identity_facts(valve.identity) if one[0] != "Description"),
+            *class_facts(valve),
+        ],
         "travel_m": valve.nameplate.actuator.travel_m,
         "limits": valve.wiring.limits,
         "safe_words": safe_value_words(valve.wiring.safe_value_pa, system),
@@ -237,7 +242,9 @@ def _compared(parts: Parts, run: Run, past: ValvePast, system: UnitSystem, befor
         "chips": chips,
         "others": others,
         "repaired": repair_sentences(parts.store, run, valve),
-        "before_run": None if then is None else {"id": then.id, "words": words_of(then, "" if then.label else "test")},
+        "before_run": None
+        if then is None
+        else {"id": then.id, "words": words_of(then, parts.plant.zone, "" if then.label else "test")},
         "compared": rows,
     }
 
@@ -306,7 +313,7 @@ def _result(request: Request, parts: Parts, run: Run, past: ValvePast) -> dict[s
         "may_be_baseline": (health.get("acceptance") or {}).get("passed") is False
         and (past.baseline is None or past.baseline.id != run.id),
         "unacknowledged": run if needs_acknowledgement(run) else None,
-        "recording_facts": recording_facts(run, system),
+        "recording_facts": recording_facts(run, system, parts.plant.zone),
         "may_be_analysed": can_be_analysed(run),
         "figures": f"/ui/figures/tests/{run.id}",
         "figure_query": _query(past, run, system),

@@ -78,7 +78,7 @@ class ValveList:
         }
         words = wish.find.lower().split()
         self._found = (
-            [tag for tag in stands if all(word in _text(tag, valves[tag]) for word in words)] if words else [*stands]
+            [tag for tag in stands if all(word in found_by(tag, valves[tag]) for word in words)] if words else [*stands]
         )
         self._areas = sorted({valve.identity.area for valve in valves.values() if valve.identity.area is not None})
 
@@ -130,7 +130,7 @@ class ValveList:
         return [tag for tag in self._found if all(value(tag) in chosen for chosen, value in asked)]
 
 
-def _text(tag: str, valve: PlantValve) -> str:
+def found_by(tag: str, valve: PlantValve) -> str:
     """Return what a valve is found by; words are looked for in each part by itself."""
     one = valve.identity
     parts = (tag, one.description, one.area, one.service, one.serial_number)

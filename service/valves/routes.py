@@ -76,6 +76,7 @@ class ValveView(ValveSummary):
     serial_number: str | None
     nameplate: dict[str, Any]
     limits: dict[str, Any]
+    limits_class: str | None = Field(description="class that its acceptance limits come from, as plant.toml names it")
     safe_value_pa: float | str
     safe_position_m: float | None = Field(description="where the stem should stand then; null where none is declared")
     safe_position_tolerance_m: float | None
@@ -218,6 +219,7 @@ async def get_valve(tag: str, parts: PartsOf) -> Response:
         serial_number=valve.identity.serial_number,
         nameplate=asdict(valve.nameplate),
         limits=asdict(valve.wiring.limits),
+        limits_class=valve.limits_class or None,
         safe_value_pa=valve.wiring.safe_value_pa,
         safe_position_m=rest.position_m,
         safe_position_tolerance_m=None if rest.position_m is None else rest.tolerance_m,

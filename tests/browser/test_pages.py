@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -221,3 +222,18 @@ def test_every_instant_is_told_with_its_zone(service: Gateway) -> None:
     for page in ("/", f"/ui/valves/{TAG}", _address(service, "TEST")):
         text = service.client.get(page).text
         assert not re.findall(r"\d{4}-\d\d-\d\d \d\d:\d\d(?! [A-Z+-])", text), page
+
+
+def test_a_phone_gets_the_trend_below_each_other_and_figures_open_by_themselves(service: Gateway) -> None:
+    found = re.search(r'srcset="([^"]+trend\.svg[^"]+)"', service.client.get(f"/ui/valves/{TAG}").text)
+    assert found is not None
+    shapes = []
+    for address in (unescape(found[1]), unescape(found[1]).replace("&narrow=1", "")):
+        box = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', service.client.get(address).text)
+        assert box is not None
+        shapes.append(float(box[1]) / float(box[2]))
+    assert shapes[0] < 0.6
+    assert shapes[1] > 1.0
+    opened = re.findall(r'<a class="open" href="([^"]+)"', service.client.get(_address(service, "TEST")).text)
+    assert {re.sub(r".*/(\w+)\.svg.*", r"\1", one) for one in opened} >= {"time", "methods"}
+    assert all(service.client.get(unescape(one)).headers["content-type"].startswith("image/svg") for one in opened)

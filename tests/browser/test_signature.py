@@ -112,6 +112,18 @@ def test_a_narrow_screen_gets_its_own_figure_and_does_not_scroll_sideways(opened
     assert one.run("return document.documentElement.scrollWidth") <= PHONE[0]
 
 
+def test_tests_without_a_loop_are_not_offered(service: Gateway) -> None:
+    """A test of one way alone has figures, and no loop that could be laid over another one."""
+    run, drawn = store_test(service, 48.0, FRICTION_N), store_test(service, 48.5, FRICTION_N)
+    bare = store_test(service, 49.0, FRICTION_N)
+    assert bare.analysis is not None
+    bare.analysis["signature"]["curve"] = {"up": {"travel_m": [0.0]}, "down": None}
+    service.parts.store.runs.save(bare)
+    text = service.client.get(f"/ui/tests/{run.id}").text
+    assert f'<option value="{drawn.id}">' in text
+    assert bare.id not in text
+
+
 def test_a_test_of_another_valve_is_not_laid_over(service: Gateway) -> None:
     run = store_test(service, 47.0, FRICTION_N)
     unknown = "20200101T000000Z-00000000"

@@ -51,16 +51,22 @@ def test_every_step_is_found_with_its_size(noise_m: float) -> None:
 
 @pytest.mark.parametrize("name", ["vendor", "nominal", "graphite"])
 @pytest.mark.parametrize(("period_s", "noise_m"), [(0.001, 0.0), (0.001, 20.0e-6), (0.01, 20.0e-6), (0.05, 100.0e-6)])
-def test_t63_and_t86_are_those_of_the_exact_motion(name: str, period_s: float, noise_m: float) -> None:
+def test_t63_t86_and_t98_are_those_of_the_exact_motion(name: str, period_s: float, noise_m: float) -> None:
     test = step_test(name, period_s=period_s, noise_m=noise_m)
     fine = figures(step_test(name, period_s=1.0e-4))
     for one, true in zip(figures(test)["each"], fine["each"], strict=True):
         if not true["moved"] or abs(true["change_percent"]) < 2.0:
             continue
-        for key in ("t63", "t86"):
+        for key in ("t63", "t86", "t98"):
             error_s = one[f"{key}_std_error_s"]
+            if error_s is None:
+                left_m = 0.02 * abs(one["change_percent"]) / 100.0 * 0.1016
+                assert key == "t98"
+                assert left_m < 15.0 * noise_m, "2 % of such a step is noise, of no larger one"
+                continue
             assert abs(one[f"{key}_s"] - true[f"{key}_s"]) <= 3.0 * error_s + 1.0e-4, (key, one, true)
-            assert error_s < 1.2 * period_s + 0.03 * true[f"{key}_s"]
+            if key != "t98":  # its slope is small: noise tells in it
+                assert error_s < 1.2 * period_s + 0.03 * true[f"{key}_s"]
 
 
 def test_a_damped_stem_without_friction_answers_as_a_second_order_lag() -> None:
@@ -77,6 +83,47 @@ def test_a_damped_stem_without_friction_answers_as_a_second_order_lag() -> None:
     rise = 1.0 - (pole_s * np.exp(-grid_s / pole_s) - fast_s * np.exp(-grid_s / fast_s)) / (pole_s - fast_s)
     for key, share in (("t63_s", 0.632), ("t86_s", 0.865)):
         assert found["summary"][key] == pytest.approx(float(np.interp(share, rise, grid_s)), abs=2.0e-4)
+
+
+def strokes(hold_s: float, *, damping_s: float = 1.0, levels: tuple[float, ...] = (0.0, 1.0, 0.0)) -> dict[str, Any]:
+    """Return the summary of full strokes of a stem without friction whose slow pole is near ``damping_s``."""
+    base, plate = parameter_set("vendor").parameters, parameter_set("vendor").nameplate
+    truth = replace(
+        base,
+        viscous_friction_n_s_per_m=damping_s * base.spring_rate_n_per_m,
+        coulomb_friction_n=0.0,
+        static_friction_n=0.0,
+        preload_n=0.0,
+    )
+    wave = steps([82_737.0 * level for level in levels], hold_s)
+    time_s = np.arange(0.0, hold_s * len(levels), 0.01)
+    position_m = simulate_motion(truth, wave.time_s, 0.06452 * wave.pressure_pa, time_s).position_m
+    found = step_figures(Recording(time_s, position_m, pressure_pa=wave.at(time_s)), plate)
+    assert found is not None
+    return dict(found["summary"]["stroke_time_s"])
+
+
+def test_a_stroke_takes_until_two_percent_of_its_way_are_left() -> None:
+    found = strokes(15.0)
+    for way in ("opening", "closing"):
+        low_s, high_s = found[way]["ci95"]
+        assert low_s <= -math.log(0.02) <= high_s
+        assert high_s - low_s < 0.05
+    assert found["note"] == ""
+
+
+def test_a_stroke_that_did_not_end_or_was_too_short_has_no_time_and_says_why() -> None:
+    cut_off = strokes(2.5)
+    assert (cut_off["opening"], cut_off["note"].partition(";")[0]) == (
+        None,
+        "opening: the stem still moved when the step ended",
+    )
+    part = strokes(15.0, levels=(0.0, 0.79, 0.0))
+    assert (part["opening"], part["closing"]) == (None, None)
+    assert "no step moved the stem over 80 % of its rated travel" in part["note"]
+    one_way = strokes(15.0, levels=(0.0, 0.5, 1.0, 0.0))
+    assert one_way["opening"] is None
+    assert one_way["closing"]["value"] == pytest.approx(-math.log(0.02), abs=0.02)
 
 
 def test_an_underdamped_stem_overshoots_by_what_theory_says() -> None:

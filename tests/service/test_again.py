@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -26,6 +27,7 @@ from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.problem import assert_problem
 from tests.service.running_service import running_service
 from tests.service.stored_runs import stored
+from tests.service.test_report import name_plant
 from valve.errors import BusyError, RecordingError
 
 RUN = {"valve": "FV-101", "sequence": "triangle"}
@@ -102,6 +104,7 @@ async def test_an_analysis_that_ended_the_service_three_times_is_left_alone(plan
 
 
 async def test_a_test_whose_analysis_failed_is_analysed_again_on_request(plant_file: Path) -> None:
+    name_plant(plant_file, "Mill 2", "Asia/Kolkata")
     plant, rig, analyst = load_plant(plant_file), FakeRig(), Failing()
     async with running_service(plant, rig, analyst) as client:
         test = body_of(await client.post("/tests/run", json=RUN, headers=WAIT))
@@ -118,7 +121,8 @@ async def test_a_test_whose_analysis_failed_is_analysed_again_on_request(plant_f
         assert 'breakaway_tests{state="completed"} 1.0' in metrics
         assert 'breakaway_tests{state="failed"}' not in metrics or 'breakaway_tests{state="failed"} 0.0' in metrics
         assert body_of(await client.get("/valves/FV-101"))["last_result"]["id"] == test["id"]
-        assert "made again on" in (await client.get(f"/ui/tests/{test['id']}")).text
+        for address in (f"/ui/tests/{test['id']}", f"{test['href']}/report?format=html"):
+            assert re.search(r"made again on [\d-]+ [\d:]+ IST by breakaway", (await client.get(address)).text), address
         assert len(rig.orders) == 1
     (log,) = (plant.service.store / "audit").iterdir()
     (entry,) = [one for one in entries_of(log) if one.event == "analysis.repeated"]

@@ -49,6 +49,24 @@ def test_valves_of_a_table_come_behind_those_that_are_there(plant_file: Path, pl
     assert first.wiring.limits.pressure_pa == PRESSURE_PA
 
 
+def test_a_column_gives_each_valve_its_class_of_limits(plant_file: Path, plant_text: str) -> None:
+    plant_file.write_text(f"[classes.isolation]\nstroke_time_max_s = 20.0\n{plant_text}", encoding="utf-8")
+    table = write(plant_file.parent, HEADER.replace("serial_number", "Class") + ROWS.replace("00123", "isolation"))
+    answer = called("import-valves", table, "--config", str(plant_file), "--like", "FV-101")
+    assert (answer.returncode, answer.stderr) == (0, "")
+    plant = load_plant(plant_file)
+    assert [plant.valves[tag].health.stroke_time_max_s for tag in ("FV-201", "FV-202")] == [20.0, None]
+    unknown = import_valves(
+        f"{HEADER.replace('serial_number', 'class')}{ROWS.replace('00123', 'isolatoin')}".replace(
+            "FV-2", "FV-4"
+        ).encode(),
+        "valves.csv",
+        plant_file,
+        "FV-101",
+    )
+    assert any("column class" in one.key and "write isolation" in one.remedy for one in unknown.faults)
+
+
 def test_five_hundred_valves_are_imported_at_once(plant_file: Path) -> None:
     plc = '[[buses]]\nname = "plc-{0}"\nkind = "modbus_tcp"\nhost = "10.0.0.{0}"\nport = 502\n'
     text = plant_file.read_text(encoding="utf-8")

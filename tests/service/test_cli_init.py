@@ -46,11 +46,19 @@ def test_options_alone_write_a_file_that_passes_the_check(tmp_path: Path) -> Non
     assert 'travel = "4 in"' in path.read_text(encoding="utf-8")
 
 
+def test_a_class_of_limits_is_named_and_made(tmp_path: Path) -> None:
+    path = tmp_path / "plant.toml"
+    _, fault = asked(path, *options(), "--class", "isolation")
+    assert fault is None
+    assert "[classes.isolation]" in path.read_text(encoding="utf-8")
+    assert load_plant(path).valves["FV-301"].limits_class == "isolation"
+
+
 def test_questions_write_the_same_file_as_options(tmp_path: Path) -> None:
     by_options, by_questions = tmp_path / "a.toml", tmp_path / "b.toml"
     _, fault = asked(by_options, *options(description="Feed", bench_set="3 to 15 psi"))
     assert fault is None
-    lines = ["FV-301", "Feed", "", "", "", "10.0.0.5", "", "", "4 kg", "4 in", "100 in2", "", "3 to 15 psi"]
+    lines = ["FV-301", "Feed", "", "", "", "", "10.0.0.5", "", "", "4 kg", "4 in", "100 in2", "", "3 to 15 psi"]
     lines += ["4 to 20 mA", "3 to 15 psi", "3", "3 psi", "", ""]
     told, fault = asked(by_questions, answers="".join(f"{line}\n" for line in lines))
     assert fault is None, told

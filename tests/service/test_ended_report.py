@@ -17,12 +17,13 @@ from service.ending import ending_of
 from service.report.ended import EndedSource, ended_document
 from service.report.written import report_html, report_pdf
 from service.runs.run import Run, RunState, new_run_id
-from service.settings import Plant
+from service.settings import Plant, load_plant
 from service.shown_units import UnitSystem
-from tests.service.fake_rig import FakeRig
+from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.problem import assert_problem
 from tests.service.recordings import triangle_test
-from tests.service.test_report import words_of
+from tests.service.running_service import running_service
+from tests.service.test_report import clocks_of, name_plant, words_of
 from valve.recording_files import write_parquet
 
 STUCK_OPEN = stands_at(
@@ -164,6 +165,12 @@ def test_what_was_found_and_done_since_is_told() -> None:
     assert "Since then it was asked for again" in ending_of(acknowledged, later=later).stands
 
 
+def test_where_nobody_signs_in_no_name_is_made_up() -> None:
+    ending = ending_of(ended(RunState.STOPPED, error="stopped by local", requested_by="local"))
+    assert ending.why == "Stopped by hand."
+    assert ending.course.startswith("Asked for at ")
+
+
 def test_both_forms_tell_the_end_and_draw_what_was_recorded(tmp_path: Path) -> None:
     file = tmp_path / "it.parquet"
     write_parquet(triangle_test(0.02, noise_m=2.0e-6), file)
@@ -220,6 +227,32 @@ async def test_samples_that_a_full_disk_kept_in_the_journal_are_not_called_none(
     assert "becomes its recording at the next start" in said
     (plant.service.store / "journals" / f"{run['id']}.journal").unlink()
     assert "No sample was recorded." in (await client.get(f"/tests/{run['id']}/report?format=html")).text
+
+
+async def test_it_is_filed_by_its_identity_and_signed_and_tells_the_plants_time(plant_file: Path, rig: FakeRig) -> None:
+    name_plant(plant_file, "Mill 2", "Asia/Kolkata")
+    rig.break_at = 0.5
+    async with running_service(load_plant(plant_file), rig, FakeAnalyst()) as client:
+        run = (await client.post("/tests/run", json=RUN | {"permit": "W-17"}, headers={"Prefer": "wait=10"})).json()
+        assert (await client.patch(f"/tests/{run['id']}", json={"note": "supply was off"})).status_code == 200
+        html = (await client.get(f"/tests/{run['id']}/report?format=html")).text
+    head = dict(re.findall(r"<dt>([^<]*)</dt><dd>([^<]*)</dd>", html))
+    assert (head["Plant"], head["Tag"], head["Work order"]) == ("Mill 2", "FV-101", "W-17")
+    assert "Serial number" in head
+    assert "<span>Signature</span>" in html
+    assert "Note:</strong> supply was off" in html
+    assert clocks_of(html) == {"IST"}
+
+
+def test_the_pdf_of_a_bad_end_has_the_head_and_the_place_to_sign_on_its_first_page(tmp_path: Path) -> None:
+    if not shutil.which("pdftotext"):
+        pytest.skip("pdftotext is not installed")
+    file = tmp_path / "it.parquet"
+    write_parquet(triangle_test(0.02, noise_m=2.0e-6), file)
+    made = source(ended(), file=str(file), head=(("Plant", "Mill 2"), ("Serial number", "")), note="supply was off")
+    first = words_of(report_pdf(made), tmp_path).partition("page 1 of 2")[0]
+    for words in ("Plant Serial number Mill 2", "Note: supply was off", "Date Name Signature"):
+        assert words in first
 
 
 async def test_a_failed_test_has_a_page_and_a_report_and_a_waiting_one_has_none_yet(

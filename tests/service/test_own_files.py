@@ -7,6 +7,7 @@ import datetime
 import gzip
 import io
 import random
+import zipfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -70,6 +71,29 @@ def workbook(*rows: Sequence[object], sheets: int = 1) -> bytes:
 def numbers(*columns: Cells) -> list[list[object]]:
     return [[cell if isinstance(cell, str | datetime.datetime) else float(cell) for cell in row]
             for row in zip(*columns, strict=True)]  # fmt: skip
+
+
+def shown_in_percent() -> bytes:
+    """Return a workbook whose travel is a fraction that the sheet shows in percent."""
+    book = openpyxl.Workbook()
+    sheet = book.active
+    assert sheet is not None
+    sheet.append(["Time [s]", "Pressure [bar]", "Travel"])
+    for row in numbers(TIME_S, BAR, PERCENT / 100.0):
+        sheet.append(row)
+    for (cell,) in sheet.iter_rows(min_row=2, min_col=3, max_col=3):
+        cell.number_format = "0.00%"
+    sink = io.BytesIO()
+    book.save(sink)
+    return sink.getvalue()
+
+
+def zipped(*names: str, data: bytes = b"") -> bytes:
+    sink = io.BytesIO()
+    with zipfile.ZipFile(sink, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in names:
+            archive.writestr(zipfile.ZipInfo(name), data)
+    return sink.getvalue()
 
 
 def parquet() -> bytes:
@@ -154,6 +178,31 @@ GOOD: dict[str, bytes] = {
     "xlsx with dates": workbook(["Time", "Pressure [psi]", "Travel [%]"], *numbers(
         [NOON + datetime.timedelta(seconds=float(second)) for second in TIME_S], PSI, PERCENT)),
     "Parquet of others": parquet(),
+    "zip": zipped("export/test.csv", data=GERMAN.encode()),
+    "zip of a workbook beside what a desktop leaves": zipped(
+        "test.xlsx", "__MACOSX/._test.xlsx", data=workbook(["Time [s]", "Pressure [bar]", "Travel [%]"],
+                                                           *numbers(TIME_S, BAR, PERCENT))),
+    "xlsx that shows percent": shown_in_percent(),
+    "a percent sign in each cell": text("Time [s],Pressure [psi],Travel", TIME_S, PSI,
+                                        [f"{cell:.9g}%" for cell in PERCENT]).encode(),
+    "a percent sign in header and cells": text("Time [s],Pressure [psi],Travel [%]", TIME_S, PSI,
+                                               [f"{cell:.9g} %" for cell in PERCENT]).encode(),
+    "units in all cells": text("Time,Pressure,Travel", [f"{one:g} s" for one in TIME_S],
+                               [f"{cell:.9g} psi" for cell in PSI], [f"{cell:.9g} %" for cell in PERCENT]).encode(),
+    "stamps without marks": text("Timestamp,Pressure [psig],Travel [%]", clock("%Y%m%dT%H%M%S.%fZ", NOON), PSI,
+                                 PERCENT).encode(),
+    "a region behind the offset": text("Timestamp,Pressure [psig],Travel [%]",
+                                       [f"{one}[Europe/Berlin]" for one in ISO_STAMPS], PSI, PERCENT).encode(),
+    "a region alone": text("Timestamp,Pressure [psig],Travel [%]", clock("%Y-%m-%d %H:%M:%S.%f Europe/Berlin", NOON),
+                           PSI, PERCENT).encode(),
+    "minutes and seconds over the hour": text("Time,Pressure [bar],Lift [mm]", clock("%M:%S.%f", NOON), BAR,
+                                              1e3 * POSITION_M).encode(),
+    "the same time beside each channel": text("Time [s],Pressure [bar],Time [s],Lift [mm]", TIME_S, BAR, TIME_S,
+                                              1e3 * POSITION_M).encode(),
+    "lbf/in² and thousandths of an inch": text("Time [s],Pressure [lbf/in²],Travel [mil]", TIME_S, PSI,
+                                               1e3 * POSITION_M / METRE_PER_INCH).encode(),
+    "Torr": text("Time [s],Pressure [Torr],Travel [%]", TIME_S, PRESSURE_PA / 133.322368421, PERCENT).encode(),
+    "room that a logger kept": GERMAN.encode() + bytes(5000),
 }  # fmt: skip
 
 
@@ -180,11 +229,12 @@ def test_texts_of_historians_are_gaps_and_counted() -> None:
     position = [f"{cell:.9g}" for cell in POSITION_M]
     pressure[3] = pressure[4] = "Bad"
     pressure[9], position[4], position[30] = "I/O Timeout", "Intf Shut", "#N/A"
+    pressure[11], position[12] = "[-11059] No Good Data For Calculation", "<null>"
     for header in ("time_s,pressure_pa,position_m", "Time [s],Pressure [Pa],Position [m]"):
         reading = own_from_bytes(text(header, TIME_S, pressure, position).encode(), "a.csv", PLATE)
         assert reading.recording.pressure_pa is not None
-        assert np.flatnonzero(np.isnan(reading.recording.pressure_pa)).tolist() == [3, 4, 9]
-        assert np.flatnonzero(np.isnan(reading.recording.position_m)).tolist() == [4, 30]
+        assert np.flatnonzero(np.isnan(reading.recording.pressure_pa)).tolist() == [3, 4, 9, 11]
+        assert np.flatnonzero(np.isnan(reading.recording.position_m)).tolist() == [4, 12, 30]
         assert reading.understood is not None
         assert "gaps: 2 Bad, 1 I/O Timeout" in reading.understood.columns[1].how
 
@@ -325,6 +375,15 @@ POINTS = [f"{cell:.3f}" for cell in 1.0 + 8.0 * SHARE]
         (PSI_PERCENT.replace("2,", "2;x,", 1).replace("0.05,", "0.05,abc,").encode(), "4 cells and the header has 3"),
         (PSI_PERCENT.replace(",2.", ",abc2.", 1).encode(), r"column .*: 'abc2\.\d+' is not a number"),
         (b"\xd0\xcf\x11\xe0" + bytes(100), "old kind"),
+        (zipped("a.csv", "b/c.csv", data=GERMAN.encode()),
+         r"a zip of 2 files \('a.csv', 'b/c.csv'\): give one of them"),
+        (zipped("a.csv", data=GERMAN.encode())[:-40] + bytes(40), "cannot be read as an xlsx|zip"),
+        (text("Time,Pressure [bar],Hub [mm]", clock("%Y-%m-%d %H:%M:%S", NOON), BAR, 1e3 * POSITION_M).encode(),
+         "up to 20 rows share a stamp, it is too coarse for them: export it with fractions of a second"),
+        (text("Tag,Timestamp,Value", ["FV101.ZT", "FV101.PT"] * (ROWS // 2), ISO_STAMPS, PERCENT).encode(),
+         "one value a row, of the tag in column 'Tag': export it with a column for each tag"),
+        (text("Time [s],Pressure [bar],Travel [mm]", TIME_S, BAR, [f"{cell:.9g} %" for cell in PERCENT]).encode(),
+         r"column 'Travel \[mm\]': .*%' is not a number"),
         (bytes(range(256)) * 20, "it is no text"),
         (b"PK\x03\x04" + bytes(100), "cannot be read as an xlsx workbook"),
         (gzip.compress(GERMAN.encode(), mtime=0)[:60], "gz cannot be unpacked"),
@@ -358,7 +417,7 @@ def test_too_few_rows_for_an_analysis_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_packed_file_that_is_too_large_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("service.own_files.table._MOST_BYTES", 1000)
+    monkeypatch.setattr("service.own_files.content._MOST_BYTES", 1000)
     with pytest.raises(RecordingError, match="unpacked it has more than 1000 bytes"):
         own_from_bytes(gzip.compress(GERMAN.encode(), mtime=0), "a.csv", PLATE)
     with pytest.raises(RecordingError, match="unpacked it has more than 1000 bytes"):

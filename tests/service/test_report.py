@@ -44,9 +44,14 @@ def source(**others: Any) -> ReportSource:
     return ReportSource("FV-101", "test of today", analysis, facts, None, (), (permissive,), **others)
 
 
-def name_plant(file: Path, name: str) -> None:
-    text = file.read_text(encoding="utf-8").replace("[service]\n", f'[service]\nplant = "{name}"\n', 1)
+def name_plant(file: Path, name: str, zone: str) -> None:
+    named = f'[service]\nplant = "{name}"\nzone = "{zone}"\n'
+    text = file.read_text(encoding="utf-8").replace("[service]\n", named, 1)
     file.write_text(text, encoding="utf-8")
+
+
+def clocks_of(text: str) -> set[str]:
+    return set(re.findall(r"\d{4}-\d\d-\d\d \d\d:\d\d(?::\d\d)? ([A-Z]{2,5})\b", text))
 
 
 def words_of(pdf: bytes, folder: Path) -> str:
@@ -267,7 +272,7 @@ async def test_the_service_gives_pdf_or_html_as_it_is_asked(plant_file: Path) ->
             await super().analyze(*args, **others)
             return made_analysis()
 
-    name_plant(plant_file, "Mill 2")
+    name_plant(plant_file, "Mill 2", "Asia/Kolkata")
     async with running_service(load_plant(plant_file), FakeRig(), Found()) as client:
         order = {**RUN, "label": "as_left", "permit": "W-17"}
         run = (await client.post("/tests/run", json=order, headers={"Prefer": "wait=10"})).json()
@@ -285,8 +290,8 @@ async def test_the_service_gives_pdf_or_html_as_it_is_asked(plant_file: Path) ->
         assert (head["Plant"], head["Tag"], head["Work order"]) == ("Mill 2", "FV-101", "W-17")
         assert (pairs["Safe value"], pairs["Diaphragm area"]) == ("0 kPa", "645.2 cm²")
         assert pairs["A test may use"].startswith("0 kPa to 82.74 kPa, changes of ")
-        zone = datetime.now().astimezone().strftime("%Z")
-        assert re.search(rf"test of \d{{4}}-\d\d-\d\d \d\d:\d\d {re.escape(zone)}, triangle, as left", html.text)
+        assert re.search(r"test of \d{4}-\d\d-\d\d \d\d:\d\d IST, triangle, as left", html.text)
+        assert clocks_of(html.text) == {"IST"}, "the plant's clock, not this machine's"
         linked = re.search(r'href="(/tests/[^"]+)"', html.text)
         assert linked is not None
         assert (await client.get(linked.group(1).replace("&amp;", "&"))).content[:5] == b"%PDF-"
@@ -333,3 +338,22 @@ def test_the_report_of_a_healthy_valve_begins_with_that_no_fault_was_found_and_s
     summary = document_of(replace(source(), analysis=seen))["summary"]
     assert not summary["diagnosis"]
     assert small["action"] not in summary["actions"]
+
+
+def test_a_figure_has_the_digits_of_its_interval_wherever_it_stands() -> None:
+    analysis = made_analysis(ne107="N")
+    analysis["signature"] |= {"dead_band_percent": 1.794, "bench_set_pa": [10.0, 82_700.0]}
+    intervals = {
+        "dead_band_percent": {"ci95": [1.52, 2.07]},
+        "bench_set_pa": {"ci95": [[-12.0, 32.0], [82_680, 82_720]]},
+    }
+    for known, dead_band, closed_end in (
+        (intervals, "1.79 ± 0.28 %", "0.010 ± 0.022 kPa"),
+        ({}, "1.794 %", "0 kPa"),
+    ):
+        analysis["signature"]["intervals"] = known
+        document = document_of(replace(source(), analysis=analysis))
+        key = {row["name"]: row["value"] for row in document["summary"]["key_figures"]}
+        figures = {row["name"]: row["value"] for row in document["figures"]}
+        assert key["Dead band"] == figures["Dead band"] == dead_band
+        assert figures["Bench set, closed end"] == closed_end

@@ -379,6 +379,72 @@ def test_what_names_a_bus_or_a_group_that_is_wrong_is_not_wrong_itself(plant_fil
     assert second.startswith("plant.toml: groups[0].valves = []")
 
 
+CLASSES = """
+[classes.isolation]
+dead_band_percent = 12.0
+stroke_time_max = "20 s"
+[classes.control]
+dead_band_percent = 5.0
+"""
+
+
+def test_a_valves_own_limit_stands_above_its_class_and_the_class_above_the_default(
+    plant_file: Path, plant_text: str
+) -> None:
+    first, second = plant_text.rsplit('tag = "FV-102"', 1)
+    text = first.replace('tag = "FV-101"', 'tag = "FV-101"\nclass = "isolation"', 1)
+    plant_file.write_text(
+        f'{text}tag = "FV-102"\nclass = "isolation"{second}[valves.health]\nstroke_time_max_s = 3.0\n{CLASSES}',
+        encoding="utf-8",
+    )
+    plant = load_plant(plant_file)
+    of_class, mixed = plant.valves["FV-101"], plant.valves["FV-102"]
+    assert (of_class.limits_class, of_class.health.dead_band_percent, of_class.health.stroke_time_max_s) == (
+        "isolation",
+        12.0,
+        20.0,
+    )
+    assert (mixed.health.dead_band_percent, mixed.health.stroke_time_max_s) == (12.0, 3.0)
+    assert mixed.health.friction_share_percent == 15.0, "neither names it"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        (
+            'class = "isolation"',
+            'class = "isolatoin"',
+            ['valves[0].class = "isolatoin"', "isolation, control", "write isolation"],
+        ),
+        ('class = "isolation"', 'class = "steam"', ["choose one of them, or add [classes.steam]"]),
+        ('class = "isolation"', "class = 3", ["valves[0].class = 3", "put it in quotes"]),
+        (
+            "dead_band_percent = 5.0",
+            "dead_band_percent = 0.0",
+            ["classes.control", "dead_band_percent is 0", "above 0"],
+        ),
+        (
+            "dead_band_percent = 5.0",
+            "dead_bend_percent = 5.0",
+            ["classes.control.dead_bend_percent", "write dead_band_percent"],
+        ),
+        (CLASSES, "", ["the plant file has no classes", "add [classes.isolation]"]),
+        (CLASSES, "classes = 3\n", ["classes = 3"]),
+    ],
+)
+def test_a_class_that_is_wrong_is_refused_once_with_those_that_exist(
+    plant_file: Path, plant_text: str, old: str, new: str, expected: list[str]
+) -> None:
+    text = CLASSES + plant_text.replace('tag = "FV-101"', 'tag = "FV-101"\nclass = "isolation"', 1)
+    assert old in text
+    plant_file.write_text(text.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(ConfigurationError) as error:
+        load_plant(plant_file)
+    said = str(error.value)
+    assert all(words in said for words in ("plant.toml", *expected)), said
+    assert len(said.splitlines()) == 1 + ("classes = 3" in new), said
+
+
 @pytest.mark.parametrize("device_id", [0, 255])
 def test_the_device_at_a_network_address_itself_can_be_configured(
     plant_file: Path, plant_text: str, device_id: int

@@ -59,7 +59,7 @@ def test_a_valve_that_reaches_neither_end_is_not_normal_and_says_by_how_much() -
     assert "At 100 % signal the stem reaches 74 mm of 101.6 mm, 27.2 % of the travel from that end" in told
     assert "Dead band is 58.8 % of the signal, 30 % is allowed" in told
     assert "Friction is 1423 N, 26.7 % of the actuator's force, 15 % is allowed" in told
-    assert "accepts the test as the baseline" in told
+    assert "accept the test as the baseline on its page" in told
 
 
 def test_a_valve_that_does_what_is_asked_is_normal_and_may_be_the_baseline() -> None:
@@ -136,6 +136,40 @@ def test_each_limit_is_the_valves_own_and_two_are_off_until_they_are_set() -> No
         HealthLimits(seat_load_percent=0.0)
     with pytest.raises(ConfigurationError, match="dead_band_percent is 0"):
         HealthLimits(dead_band_percent=0.0)
+
+
+def stroked(opening_s: float | None, closing_s: float | None, note: str = "") -> dict[str, Any]:
+    found = analysis()
+    ways = {
+        way: None if value_s is None else {"value": value_s, "ci95": [value_s - 0.1, value_s + 0.1]}
+        for way, value_s in (("opening", opening_s), ("closing", closing_s))
+    }
+    found["signature"]["steps"] = {"summary": {"stroke_time_s": {**ways, "note": note}}}
+    return found
+
+
+@pytest.mark.parametrize(
+    ("found", "is_met", "state"),
+    [
+        (stroked(1.5, 1.95), True, "N"),
+        (stroked(1.5, 2.05), True, "N"),  # its interval reaches 1.95 s
+        (stroked(1.5, 2.2), False, "S"),
+        (stroked(None, 2.2, "opening: the stem still moved when the step ended"), False, "S"),
+        (stroked(None, 1.5, "opening: the stem still moved when the step ended"), None, "N"),
+        (stroked(None, None, "opening: no step; closing: no step"), None, "N"),
+        (analysis(), None, "N"),
+    ],
+)
+def test_the_slower_stroke_is_judged_where_a_limit_is_set_and_a_step_shows_it(
+    found: dict[str, Any], is_met: bool | None, state: str
+) -> None:
+    assert "stroke_time" not in [one.name for one in judged(found).checks], "nobody asked for it"
+    health = judged(found, replace(LIMITS, stroke_time_max_s=2.0))
+    assert (met(health, "stroke_time"), health.ne107) == (is_met, state)
+    told = reasons(health)
+    assert ("The closing stroke takes 2.2 s, 2 s is allowed" in told) == (is_met is False)
+    assert ("Stroke time was not assessed" in told) == (is_met is None)
+    assert ("run the sequence steps with levels_percent [0, 100, 0]" in told) == (is_met is None)
 
 
 @pytest.mark.parametrize("verdict", ["named", "likely", "ambiguous"])
