@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -52,7 +51,7 @@ class _Service:
         self.store.figures.set_baseline(run, "anna")
         older = {key: value for key, value in run.analysis.items() if key != "engine"}
         older |= {} if engine is None else {"engine": engine}
-        self.store.runs.save(replace(self.store.runs.get(run.id), analysis=older))
+        self.store.runs.change(run.id, {"analysis": older})
         self.analyst.asked.clear()
         return run
 
