@@ -120,7 +120,7 @@ def _slides(moved: list[StepAnswer], period_s: float) -> tuple[float, float, boo
     least_m = _LARGE * max(abs(one.change_m) for one in moved)
     late_s, pure_s, tails_s, shapes, swung = [], [], [], [], False
     for one in moved:
-        first, later = one.times
+        first, later = one.times[:2]
         if abs(one.change_m) < least_m or first is None or later is None:
             continue
         dead_s = 0.0 if one.dead_time is None else one.dead_time.value_s
