@@ -48,7 +48,9 @@ _LAG_ERROR_S: Final = 0.02  # an arrival is seen early or late by the band of th
 _LAG_SHARE: Final = 0.5
 _MOST_ALIKE: Final = 4.0
 _BEFORE_CORNER_S: Final = 0.03
-_RATE_S: Final = 0.05  # to either side, over which the force's rate is taken
+_RATE_S: Final = 0.05  # to either side, over which it is asked whether the force goes on
+_RATE_REACH_S: Final = 0.5  # the same for the rate of a force that bends
+_STRAIGHT: Final = 0.02  # of its range: a force that leaves its line by less is a ramp
 _WAITS: Final = 0.3  # of the rate of the rows that go on: less is a force that waits
 _FEWEST_OF_DRIVE: Final = 4
 _SEARCH: Final = {"maxiter": 30, "ftol": 1.0e-6}
@@ -189,34 +191,40 @@ def driven_blocks(reading: Reading, lag: Known) -> Blocks:
         way_m = abs(float(position_m[last] - position_m[first]))
         longest = max(_SHORTEST_S, float(time_s[last] - time_s[first]) * longest_m / max(way_m, longest_m))
         length = max(1, round(longest / period_s))
-        half = max(2, length // 2, round(0.5 * _SHORTEST_S / period_s))
+        rate_n_per_s = _rate(time_s[first : last + 1], force_n[first : last + 1])
         count = max(1, (last - first + 1) // length)
-        for rows in np.array_split(np.arange(first, last + 1), count):
-            middle = int(rows[rows.size // 2])
-            reach = slice(
-                max(first, middle - max(half, rows.size // 2)), min(last, middle + max(half, rows.size // 2)) + 1
+        columns += [
+            (
+                float(time_s[rows].mean()),
+                float(position_m[rows].mean()),
+                float(rate_n_per_s[rows - first].mean()),
+                float(force_n[rows].mean()),
+                float(direction),
+                float(rows.size),
+                float(time_s[rows[-1]] - time_s[rows[0]]) + period_s,
             )
-            spread_s = time_s[reach] - time_s[reach].mean()
-            square = float(spread_s @ spread_s)
-            if square <= 0.0:
-                continue
-            rate = float(spread_s @ force_n[reach]) / square
-            columns.append(
-                (
-                    float(time_s[rows].mean()),
-                    float(position_m[rows].mean()),
-                    rate,
-                    float(force_n[rows].mean()),
-                    float(direction),
-                    float(rows.size),
-                    float(time_s[rows[-1]] - time_s[rows[0]]) + period_s,
-                )
-            )
+            for rows in np.array_split(np.arange(first, last + 1), count)
+        ]
     if len(columns) > MOST_BLOCKS and not has_spring:
         # a drive may go to and fro many times, faster one way than the other: some blocks of every stroke
         columns = [columns[int(at)] for at in np.linspace(0.0, len(columns) - 1.0, MOST_BLOCKS)]
     table = np.array(columns).reshape(-1, 7).T
     return Blocks(*np.ascontiguousarray(table))
+
+
+def _rate(time_s: FloatArray, force_n: FloatArray) -> FloatArray:
+    """The rate of a force that goes on, N/s, at each of its rows: one rate where it is a ramp.
+
+    A late stem does not follow what an I/P hunts about its ramp. A rate that has the hunting would say that the stem
+    has no lag (regression dilution), and F_v v would count as F_c.
+    """
+    slope, at_zero = np.polyfit(time_s - time_s[0], force_n, 1)
+    off_n = force_n - at_zero - slope * (time_s - time_s[0])
+    if float(np.sqrt(np.mean(off_n**2))) < _STRAIGHT * float(np.ptp(force_n)):
+        return np.full(time_s.size, slope)
+    before = np.searchsorted(time_s, time_s - _RATE_REACH_S)
+    after = np.minimum(np.searchsorted(time_s, time_s + _RATE_REACH_S), time_s.size - 1)
+    return np.asarray((force_n[after] - force_n[before]) / (time_s[after] - time_s[before]))
 
 
 def _chosen(

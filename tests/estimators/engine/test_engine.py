@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from estimators.base import Estimate, Status
+from estimators.engine.balance import balance, driven_blocks, lag_after_corners
 from estimators.engine.engine import RoughFrictionEstimator
+from estimators.engine.reading import Reading, read
+from estimators.engine.rows import measured_rows
 from tests.rough_valves import RoughCase, case
 from valve.nameplate import Action, Actuator, Nameplate
 from valve.packing import drawn_roughness
@@ -50,6 +53,27 @@ def test_a_usual_valve_gets_its_friction_and_spring_rate(valve: str, sequence: s
         error, half_width = _off(estimate, made, symbol)
         assert half_width < most + 0.03
         assert abs(error) < min(2.0 * half_width, most)
+
+
+def test_at_one_speed_the_lag_of_a_heavily_damped_stem_is_not_taken_for_friction() -> None:
+    made = case("graphite", "triangle", "usual", 2.0e-2, seed=8)
+    reading = read(measured_rows(made.recording).recording, made.nameplate)
+    assert isinstance(reading, Reading)
+    lag = lag_after_corners(reading)
+    blocks = driven_blocks(reading, lag)
+
+    # the hunting of the I/P is 1.5 % of the ramp's rate: with it F_v v would be counted as F_c
+    rates = np.abs(blocks.rate_n_per_s)
+    assert np.std(rates) < 0.005 * np.mean(rates)
+    found = balance(
+        blocks, noise_m=reading.noise_m, travel_m=reading.travel_m, has_spring=True, force_noise_n=0.1, lag=lag
+    )
+    assert found is not None
+    assert found.known("F_v").std_error > 0.9 * lag.std_error, "one speed says nothing of the lag"
+    estimate = _estimated(made)
+    for symbol, most in (("F_c", 0.1), ("F_v", 0.15)):
+        error, half_width = _off(estimate, made, symbol)
+        assert abs(error) < 2.0 * half_width < 2.0 * most
 
 
 def test_the_mass_and_damping_of_a_usual_valve_are_known_from_several_rates() -> None:
