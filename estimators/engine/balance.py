@@ -14,6 +14,7 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import brentq, minimize
 from scipy.stats import t as student
@@ -32,7 +33,8 @@ from estimators.engine.roughness import (
     roughness_prior,
 )
 from estimators.engine.stops import ends_driven, last_row_before_stop
-from estimators.samples import FloatArray
+
+FloatArray = npt.NDArray[np.float64]
 
 MOST_BLOCKS: Final = 300
 _SHORTEST_S: Final = 0.02

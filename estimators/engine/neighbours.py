@@ -7,9 +7,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 
 from estimators.engine.sections import Section
-from estimators.samples import FloatArray
+
+FloatArray = npt.NDArray[np.float64]
 
 _MEETS_S: Final = 0.02  # a section ends where the next one begins
 _MARGIN: Final = 0.2  # of a rest: the rows at either end that its level is not made of
