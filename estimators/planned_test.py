@@ -10,9 +10,9 @@ import numpy as np
 
 from estimators.identifiability.bound import Knowledge, knowledge
 from estimators.identifiability.sensitivities import SENSITIVITY_SYMBOLS, position_sensitivities
-from estimators.motion.lagged_lines import lagged
 from estimators.samples import FloatArray
 from valve.errors import WaveformError
+from valve.lag import lagged
 from valve.motion import simulate_motion
 from valve.parameters import TravelStops, ValveParameters
 from valve.stem import StemState
@@ -22,7 +22,7 @@ from valve.waveform import Waveform
 LIMIT_VELOCITY_PRIOR: Final = 1.5
 _DELAY_STEP_S: Final = 1.0e-6
 _LAG_STEP: Final = 1.0e-4
-_LAG_TOLERANCE: Final = 1.0e-6  # of the force's span: what straight lines leave the lag's exponential by
+_LAG_TOLERANCE: Final = 1.0e-7  # of the force's span: what straight lines leave the lag's exponential by
 HALF_A_PERIOD: Final = 0.5  # as the channels of one exchange may be apart
 
 

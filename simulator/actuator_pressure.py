@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from simulator.loop import LoopState
-from simulator.transducer import Transducer, lagged, limited, value_at
+from simulator.transducer import CHORD_ERROR_PA, Transducer, limited, value_at
+from valve.lag import lagged
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -63,13 +64,13 @@ class ActuatorPressure:
         else:
             target_pa = np.full_like(target_pa, air.runaway_pa)
         after_s[-1] = duration_s
-        after_s, pressure_pa = lagged(after_s, target_pa, self._regulated_pa, self._transducer.lag_s)
+        after_s, pressure_pa = lagged(after_s, target_pa, self._regulated_pa, self._transducer.lag_s, CHORD_ERROR_PA)
         if air.stuck:
             pressure_pa = np.full(pressure_pa.shape, self.pressure_pa)
         self._regulated_pa = float(pressure_pa[-1])
         if not air.stuck and air.runaway_pa is None:
             after_s, pressure_pa = self._transducer.hunting.swung(after_s, pressure_pa, start_s)
-        gauge_s, gauge_pa = lagged(after_s, pressure_pa, self.gauge_pa, self._filter_s)
+        gauge_s, gauge_pa = lagged(after_s, pressure_pa, self.gauge_pa, self._filter_s, CHORD_ERROR_PA)
         self.pressure_pa, self.gauge_pa = float(pressure_pa[-1]), float(gauge_pa[-1])
         return PressureCourse(after_s, pressure_pa, gauge_s, gauge_pa)
 

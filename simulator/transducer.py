@@ -179,52 +179,6 @@ def limited(time_s: FloatArray, asked_pa: FloatArray, limit_pa: float) -> tuple[
     )
 
 
-def _line_response(
-    start_pa: float, duration_s: float, from_pa: float, to_pa: float, lag_s: float
-) -> tuple[FloatArray, FloatArray]:
-    """Times after the start and pressures of the lagged answer to one line, the start left out.
-
-    P(t) = u(t) - a T + (P_0 - u_0 + a T) exp(-t/T) for u(t) = u_0 + a t. A chord of length h leaves it by at most
-    h^2/8 max|P''|, so corners are even in exp(-t/2T): the closest at the start and wider as the exponential dies.
-    """
-    slope = (to_pa - from_pa) / duration_s
-    swing_pa = start_pa - from_pa + slope * lag_s
-    # Number of chords from t = 0 to the end: the integral of sqrt(|P''| / (8 error)) over t.
-    root = math.sqrt(abs(swing_pa) / (8.0 * CHORD_ERROR_PA))
-    end = math.exp(-duration_s / (2.0 * lag_s))
-    # sqrt(2): where chords are as long as T, |P''| at a chord's start is up to twice the mean that this counts with.
-    chords = max(1, math.ceil(math.sqrt(2.0) * 2.0 * root * (1.0 - end)))
-    share = np.linspace(1.0, max(end, math.exp(-18.0)), chords + 1)[1:]
-    after_s = -2.0 * lag_s * np.log(share)
-    if end < math.exp(-18.0):
-        after_s = np.append(after_s, duration_s)
-    after_s[-1] = duration_s
-    lagged_pa = from_pa + slope * (after_s - lag_s) + swing_pa * np.exp(-after_s / lag_s)
-    return after_s, lagged_pa
-
-
-def lagged(time_s: FloatArray, target_pa: FloatArray, start_pa: float, lag_s: float) -> tuple[FloatArray, FloatArray]:
-    """Corners of the first-order answer P' = (target - P)/lag_s that starts at ``start_pa`` at the first time.
-
-    Without a lag the target itself, its first pressure included.
-    """
-    if lag_s == 0.0:
-        return time_s, target_pa
-    times, pressures = [time_s[:1]], [np.array([start_pa])]
-    for i in range(time_s.size - 1):
-        duration_s = float(time_s[i + 1] - time_s[i])
-        if duration_s <= 0.0:
-            continue
-        after_s, lagged_pa = _line_response(
-            float(pressures[-1][-1]), duration_s, float(target_pa[i]), float(target_pa[i + 1]), lag_s
-        )
-        times.append(time_s[i] + after_s)
-        pressures.append(lagged_pa)
-    joined_s = np.concatenate(times)
-    joined_s[-1] = time_s[-1]
-    return joined_s, np.concatenate(pressures)
-
-
 def value_at(time_s: FloatArray, value: FloatArray, wanted_s: FloatArray) -> FloatArray:
     """Value of the lines through these corners at ``wanted_s``; after a step counts, the ends are held."""
     if time_s.size == 1:

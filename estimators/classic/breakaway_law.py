@@ -9,8 +9,9 @@ from typing import Final
 import numpy as np
 
 from estimators.classic.force_windows import Leaving, RoughMotion
-from estimators.classic.window_fit import Known, Lag, WindowFit, fit_windows
+from estimators.classic.window_fit import Lag, WindowFit, fit_windows
 from estimators.samples import FloatArray
+from estimators.scatter import Measured
 
 # Own choices, from rough valves (benchmark classic_rough).
 _HARDER: Final = 4.5  # standard deviations by which the first breakaway exceeds the others
@@ -32,21 +33,21 @@ class BreakawayLaw:
     ``count`` breakaways took part; ``first_harder`` is by what share the first one was, None where it was not.
     """
 
-    static: Known
+    static: Measured
     scatter_n: float | None
     count: int
     first_harder: float | None
 
-    def coulomb_of_jumps(self, ended: Known | None) -> Known:
+    def coulomb_of_jumps(self, ended: Measured | None) -> Measured:
         """F_c where a stem only jumps: a jump ends at F_c - e (F_s - F_c), with an overshoot e of 0 to 0.6."""
         if ended is None:
-            return Known(0.75 * self.static.value, 0.25 / math.sqrt(3.0) * self.static.value)
+            return Measured(0.75 * self.static.value, 0.25 / math.sqrt(3.0) * self.static.value)
         most = _OVERSHOOT / (1.0 + _OVERSHOOT) * max(0.0, self.static.value - ended.value)
-        return Known(ended.value + 0.5 * most, ended.error, ended.freedom).with_more(most / math.sqrt(12.0))
+        return Measured(ended.value + 0.5 * most, ended.std_error, ended.freedom).with_error(most / math.sqrt(12.0))
 
 
 def breakaway_law(
-    leaving: Leaving, *, spring: float, preload: Known, lag: Lag, period_s: float, local_share: float
+    leaving: Leaving, *, spring: float, preload: Measured, lag: Lag, period_s: float, local_share: float
 ) -> BreakawayLaw | None:
     """Return the law of these breakaways; None where there is none.
 
@@ -67,8 +68,8 @@ def breakaway_law(
     level_n = abs(float(np.median(held_n)))
     if count == 1:
         spread = _UNKNOWN_SCATTER * level_n
-        static = Known(float(held_n[0]), spread).with_more(float(rate[0]) * believed_s)
-        return BreakawayLaw(static.with_more(preload.error), None, 1, harder)
+        static = Measured(float(held_n[0]), spread).with_error(float(rate[0]) * believed_s)
+        return BreakawayLaw(static.with_error(preload.std_error), None, 1, harder)
     # what is open of the instants is a force by the rate: the sensors' lags are fitted beside a belief of them
     matrix = np.column_stack([np.ones(count), rate])
     spread = max(float(np.std(held_n, ddof=1)), 1.0e-6 * level_n)
@@ -84,10 +85,10 @@ def breakaway_law(
         seen = float(np.sum(weight * away**2) / np.sum(weight)) * count / (count - 1)
         opened = float(np.sum(weight * open_n**2) / np.sum(weight))
         spread = math.sqrt(max(seen - opened, (1.0e-6 * level_n) ** 2))
-    static = Known(value, math.sqrt(float(inverse[0, 0])), float(count - 1))
-    static = static.with_more(abs(float(np.mean(sense))) * preload.error)
-    static = static.with_more(_LEAST_ERROR * value)
-    static = static.with_more(local_share * value / math.sqrt(_places(place_m, sense)))
+    static = Measured(value, math.sqrt(float(inverse[0, 0])), float(count - 1))
+    static = static.with_error(abs(float(np.mean(sense))) * preload.std_error)
+    static = static.with_error(_LEAST_ERROR * value)
+    static = static.with_error(local_share * value / math.sqrt(_places(place_m, sense)))
     scatter = spread if spread > max(1.0e-4 * level_n, math.sqrt(opened / count)) else None
     return BreakawayLaw(static, scatter, count, harder)
 

@@ -10,7 +10,7 @@ and the last term is small: a window begins at rest or in steady motion. Local f
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -32,13 +32,8 @@ _SPEED_S: Final = 4.0e-3  # half a window of the speed
 _RATE_S: Final = 0.04  # half a window of the force's rate, doubled as long as noise asks for it
 _MOST_DOUBLED: Final = 3
 _STEADY_RATE: Final = 0.15  # of the usual rate: what windows may be off the line of their neighbours
-_LEAST_COAST_ROWS: Final = 8
-_LEAST_COAST: Final = 8.0  # noises of way
-_STILL_MOVES: Final = 0.2  # of the speed at the reversal
-_FEWEST_REST_ROWS: Final = 8  # that tell a noise
 SLIDE: Final = 0
 SLIP: Final = 1
-COAST: Final = 2
 _NEAR_A_STOP: Final = 6.0  # noises
 
 
@@ -48,7 +43,7 @@ class ForceWindows:
 
     ``force_n`` and ``position_m`` are means; ``sense`` is +-1, ``speed`` (x_2 - x_1) / T and ``rate``, N/s, that of the
     force, both in that sense. ``kind`` is SLIDE for steady motion, SLIP from a breakaway until the stem goes as its
-    ramp, COAST after the force turned back. ``age_s`` is the time since the motion began, of the middle, and
+    ramp. ``age_s`` is the time since the motion began, of the middle, and
     ``stroke`` numbers the strokes: motion in one direction between two reversals.
     """
 
@@ -105,7 +100,6 @@ class RoughMotion:
     swept_m: tuple[float, float]
     spring_n_per_m: float  # as it was taken for the ramp's speed; 0 without a spring
     directions: frozenset[int]
-    hidden_m: float  # what noise hides: a stem that stays within it may rest
 
 
 def rough_motion(
@@ -184,18 +178,6 @@ class _Builder:
         self.stopping: list[tuple[float, ...]] = []
         self.near = _NEAR_A_STOP * samples.position_noise_m + 1.0e-3 * (self.high_m - self.low_m)
         self.stops = stops
-        self.seen = replace(samples, position_noise_m=self._noise_at_rest_m())
-
-    def _noise_at_rest_m(self) -> float:
-        """All noise of the position, one standard deviation, m: colour and hum too, which differences do not show."""
-        spreads = []
-        for rest in self.segmentation.rests:
-            margin = (rest.last - rest.first) // 4
-            inner = self.samples.position_m[rest.first + margin : rest.last - margin // 2 + 1]
-            if inner.size >= _FEWEST_REST_ROWS:
-                spreads.append(float(np.std(inner)))
-        noise_m = self.samples.position_noise_m
-        return max(noise_m, min(float(np.median(spreads)), 3.0 * noise_m)) if spreads else noise_m
 
     def build(self) -> RoughMotion:
         stroke, before = -1, 0
@@ -226,7 +208,6 @@ class _Builder:
             (self.low_m, self.high_m),
             self.spring,
             frozenset(self.segmentation.directions),
-            self.segmentation.band_m,
         )
 
     def _add(self, move: Move, stroke: int, following: Move | None) -> None:
@@ -252,19 +233,6 @@ class _Builder:
         if settled >= turn and not goes_back and following is not None and following.direction == sense:
             self._add_stopping(move, stroke)
         self._slides(motion, settled, turn)
-        if goes_back:
-            self._coast(motion, turn, last)
-
-    def _coast(self, motion: _Motion, turn: int, last: int) -> None:
-        """The window after a reversal of the force, as long as the stem surely moves: at rest nothing shows F_c."""
-        sense = motion.sense
-        speed = sense * self.speed[turn : last + 1]
-        slow = np.flatnonzero(speed < _STILL_MOVES * speed[0])
-        end = turn + (int(slow[0]) - 1 if slow.size else speed.size - 1)
-        way_m = sense * float(self.samples.position_m[max(end, turn)] - self.samples.position_m[turn])
-        if end - turn >= _LEAST_COAST_ROWS and way_m > _LEAST_COAST * self.seen.position_noise_m:
-            at_s = float(self.samples.time_s[turn])
-            self._window(replace(motion, began_s=at_s), at_s, turn, end, COAST)
 
     def _settled(self, first: int, last: int, sense: int) -> int:
         """First row after a breakaway at which the stem goes as fast as its ramp asks for, or ``last``."""
@@ -348,7 +316,7 @@ class _Builder:
         margin = (rest.last - rest.first) // 4
         half_window = max(1, round(_SPEED_S / self.samples.period_s))
         return leave_of_rest(
-            self.seen,
+            self.samples,
             (rest.first + margin, rest.last),
             move.first,
             move.last,

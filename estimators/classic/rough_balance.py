@@ -10,9 +10,8 @@ import numpy as np
 
 from estimators.base import LARGEST_RELATIVE_HALF_WIDTH
 from estimators.classic.breakaway_law import BreakawayLaw, breakaway_law, late_s, law_of_jumps
-from estimators.classic.force_windows import COAST, SLIDE, SLIP, ForceWindows, RoughMotion, rough_motion
+from estimators.classic.force_windows import SLIDE, SLIP, ForceWindows, RoughMotion, rough_motion
 from estimators.classic.window_fit import (
-    Known,
     Lag,
     Scatter,
     Strokes,
@@ -24,6 +23,7 @@ from estimators.classic.window_fit import (
 from estimators.motion.channels import channels_apart_s
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import BoolArray, FloatArray, Samples
+from estimators.scatter import Measured
 from valve.nameplate import Action
 
 # Own choices, from rough valves (benchmark classic_rough).
@@ -37,15 +37,12 @@ _CAPTURE_S: Final = 2.0e-3  # a row; slower ones are polled
 _ROW_OPEN: Final = 0.3  # of a row: the standard deviation of an instant in it
 _WHITE: Final = 0.8
 _SATURATED: Final = 1.7  # over twice the lag: noise that hangs together stops to grow, a bend grows four times
-_OPEN_S: Final = 1.0e-3  # of the instant of a breakaway, beside what its row leaves open
 _SETTLED_AFTER: Final = 4.0  # times F_v / k
 _PLACES: Final = 25  # of the travel: as long as the roughness hangs together
-_MODEL_SHARE: Final = 0.06  # of F_v: windows that begin or end in a transient
-_HIDDEN: Final = 6.0  # of what noise hides: a halt between two jumps is not told apart before that
-_LEAST_ERROR: Final = 2.0e-4  # of the friction: what windows leave of transients
-_JUMP: Final = 0.2  # of the friction
-_FLOOR: Final = 1.0e-3  # of the friction: what inertia may do to a window
 _ROUNDS: Final = 3  # of the instruments, which need F_v / k
+_FIRST: Final = 0.1  # of what F_v may be at most, where its instruments begin
+_MODEL_SHARE: Final = 0.06  # of F_v: windows that begin or end in a transient
+_LEAST_ERROR: Final = 2.0e-4  # of the friction: what windows leave of transients
 _READ: Final = "rough"
 _SOLVED: Final = "rough balances"
 
@@ -57,11 +54,11 @@ class RoughBalance:
     ``viscous`` is None where nothing shows F_v; ``is_assumed`` says that F_c rests on what F_v or an overshoot may be.
     """
 
-    spring: Known
-    coulomb: Known
-    viscous: Known | None
-    preload: Known
-    friction: Known
+    spring: Measured
+    coulomb: Measured
+    viscous: Measured | None
+    preload: Measured
+    friction: Measured
     speed: float
     slowest: float  # of the ramps, m/s
     law: BreakawayLaw | None
@@ -162,9 +159,9 @@ def _solved_both_ways(motion: RecordedMotion) -> _BothWays:
     return _BothWays(slides.balance(jointly=True), slides.balance(jointly=False))
 
 
-def _agreeing(own: Known, other: Known) -> Known:
+def _agreeing(own: Measured, other: Measured) -> Measured:
     apart = abs(own.value - other.value)
-    return own if apart <= max(own.half_width, other.half_width) else own.with_more(apart)
+    return own if apart <= max(own.half_width, other.half_width) else own.with_error(apart)
 
 
 class _Slides:
@@ -209,23 +206,22 @@ class _Slides:
     def balance(self, *, jointly: bool) -> RoughBalance | None:
         """Return all but what the breakaways say of m."""
         steady, through = self._steady()
-        first = self._fit(steady, through, self.slide, self.by_time)
+        first = self._fit(steady, through, self.slide)
         if first is None:
             return None
         place = int(self.sprung)
-        roughness = float(np.sqrt(np.mean(first.residual_n[first.kept] ** 2)))
         fit, chosen, viscous = first, self.slide, None
         names = ["k"] * place + ["F_0", "A"] + (["steady"] if self.several else [])
         if self.sprung:
-            found = self._with_speed(first, steady, through, roughness, slides_only=self.several and not jointly)
+            found = self._with_speed(first, steady, through, slides_only=self.several and not jointly)
             if found is not None and (jointly or self.several):
                 fit, chosen = found
                 names = [*names, "F_v"]
             elif found is not None:
                 self.settled = self._settled(float(found[0].coefficients[-1]))
-                again = self._fit(steady, through, self.settled, self.by_time)
+                again = self._fit(steady, through, self.settled)
                 fit, chosen = (first, self.slide) if again is None else (again, self.settled)
-                viscous = self._by_settling(fit, steady, roughness)
+                viscous = self._by_settling(fit, steady, float(found[0].coefficients[-1]))
         steadily = self.slide[chosen] & fit.kept
         roughness = float(np.sqrt(np.mean(fit.residual_n[steadily] ** 2)))
         scatter = self._scatter(fit, chosen)
@@ -248,14 +244,13 @@ class _Slides:
             more = math.hypot(
                 self.spring * max(self.lag.error_s, _ROW_OPEN * self.samples.period_s),
                 _MODEL_SHARE * abs(viscous.value),
-                0.0 if self.several else self._hidden_viscous(viscous.value),
             )
-            viscous = viscous.with_more(more)
+            viscous = viscous.with_error(more)
             if not self.several:  # F_c is what F_v leaves of the friction
-                across = across.with_more(more * self.reference)
+                across = across.with_error(more * self.reference)
         coulomb, viscous, is_assumed = self._coulomb(across, friction, viscous, has_speed="F_v" in names)
-        coulomb = self._wandering(coulomb, fit, chosen).with_more(_LEAST_ERROR * friction.value)
-        spring = known["k"] if self.sprung else Known(0.0, 0.0)
+        coulomb = self._wandering(coulomb, fit, chosen).with_error(_LEAST_ERROR * friction.value)
+        spring = known["k"] if self.sprung else Measured(0.0, 0.0)
         law = breakaway_law(
             self.rough.leaving,
             spring=spring.value,
@@ -264,7 +259,6 @@ class _Slides:
             period_s=self.samples.period_s,
             local_share=roughness / max(coulomb.value, 1.0e-12 * abs(friction.value), 1.0e-300),
         )
-        coulomb = self._without_hidden_jumps(coulomb, viscous, law)
         return RoughBalance(
             spring=spring,
             coulomb=coulomb,
@@ -292,46 +286,32 @@ class _Slides:
             through = np.column_stack([self.force_n / self.spring, *columns])
         return steady, through
 
-    def _fit(self, matrix: FloatArray, through: FloatArray, chosen: BoolArray, weight: FloatArray) -> WindowFit | None:
-        return fit_windows(matrix[chosen], self.force_n[chosen], weight[chosen], through[chosen])
+    def _fit(self, matrix: FloatArray, through: FloatArray, chosen: BoolArray) -> WindowFit | None:
+        return fit_windows(matrix[chosen], self.force_n[chosen], self.by_time[chosen], through[chosen])
 
     def _with_speed(
-        self, first: WindowFit, steady: FloatArray, through: FloatArray, roughness: float, *, slides_only: bool
+        self, first: WindowFit, steady: FloatArray, through: FloatArray, *, slides_only: bool
     ) -> tuple[WindowFit, BoolArray] | None:
         """The fit with F_v free, by instruments: where friction is higher a stem is slower, so its speed is none."""
         windows = self.windows
         chosen = self.slide if slides_only else np.ones(windows.count, dtype=np.bool_)
         matrix = np.column_stack([steady, windows.sense * self.excess])
-        weight = self.by_time * self._weights(float(first.coefficients[int(self.sprung) + 1]), roughness)
-        viscous, found = self._first_viscous(first, steady), None
+        most, found = abs(float(first.coefficients[int(self.sprung) + 1])) / self.reference, None
+        viscous = _FIRST * most
         for _ in range(_ROUNDS):
             expected = self._expected_excess(viscous / self.spring)
-            fit = self._fit(matrix, np.column_stack([through, windows.sense * expected]), chosen, weight)
+            fit = self._fit(matrix, np.column_stack([through, windows.sense * expected]), chosen)
             if fit is None:
                 break
-            found = fit
-            most = float(fit.coefficients[int(self.sprung) + 1]) / self.reference
-            viscous = min(max(float(fit.coefficients[-1]), 0.01 * most), most)
+            found, viscous = fit, min(max(float(fit.coefficients[-1]), 0.01 * most), most)
         return None if found is None else (found, chosen)
-
-    def _first_viscous(self, first: WindowFit, steady: FloatArray) -> float:
-        """F_v of slips and coasts as far as steady motion leaves it, N s/m."""
-        windows = self.windows
-        other = ~self.slide
-        friction = abs(float(first.coefficients[int(self.sprung) + 1]))
-        most = friction / self.reference
-        left = (self.force_n - steady @ first.coefficients)[other] * windows.sense[other]
-        excess, length_s = self.excess[other], windows.length_s[other]
-        square = float(np.sum(length_s * excess**2))
-        value = float(np.sum(length_s * excess * left)) / square if square > 0.0 else 0.1 * most
-        return min(max(value, 0.01 * most), most)
 
     def _expected_excess(self, lag_s: float) -> FloatArray:
         """What the speed is expected to exceed the ramp's by, shape (n,): means of its kind, falling with age."""
         windows = self.windows
         shape = np.exp(-windows.age_s / max(lag_s, 1.0e-6))
         expected = np.zeros(windows.count)
-        for kind in (SLIDE, SLIP, COAST):
+        for kind in (SLIDE, SLIP):
             rows = windows.kind == kind
             if not rows.any():
                 continue
@@ -350,25 +330,23 @@ class _Slides:
         left = [int(np.count_nonzero(settled & (self.windows.sense == sense))) for sense in (1.0, -1.0)]
         return settled if min(left) >= _FEWEST_SLIDES else self.slide
 
-    def _by_settling(self, fit: WindowFit, steady: FloatArray, roughness: float) -> Known | None:
+    def _by_settling(self, fit: WindowFit, steady: FloatArray, viscous: float) -> Measured | None:
         """F_v by transients: their impulse beyond steady motion by their way beyond it (an integral balance).
 
         By slips and ends of ramps alone, or with the beginnings of slides too, whichever tells it better.
         """
-        found = [self._balanced(fit, steady, roughness, rows) for rows in (~self.slide, ~self.settled)]
-        return min((one for one in found if one is not None), key=lambda one: one.error, default=None)
+        found = [self._balanced(fit, steady, viscous, rows) for rows in (~self.slide, ~self.settled)]
+        return min((one for one in found if one is not None), key=lambda one: one.std_error, default=None)
 
-    def _balanced(self, fit: WindowFit, steady: FloatArray, roughness: float, other: BoolArray) -> Known | None:
+    def _balanced(self, fit: WindowFit, steady: FloatArray, viscous: float, other: BoolArray) -> Measured | None:
         windows = self.windows
         count = int(other.sum())
         if count < 2:
             return None
         left = ((self.force_n - steady @ fit.coefficients) * windows.sense)[other]
         excess = self.excess[other]
-        place = int(self.sprung) + 1
-        viscous = self._first_viscous(fit, steady)
         expected = self._expected_excess(viscous / self.spring)[other]
-        weight = (self.by_time * self._weights(float(fit.coefficients[place]), roughness))[other]
+        weight = self.by_time[other]
         moment = float(np.sum(weight * expected * excess))
         if moment <= 0.0:
             return None
@@ -379,62 +357,25 @@ class _Slides:
         if number < 2:
             return None
         error = math.sqrt(float(by_stroke @ by_stroke) * number / (number - 1)) / moment
-        influence = weight * expected / moment
-        late_n = self._late_n(float(fit.coefficients[place]))[other]
-        together = float(np.sum(influence * late_n * (windows.kind[other] == SLIP)))
-        local = roughness * self._over_places(influence, other)
-        return Known(value, error, float(number - 1)).with_more(math.hypot(local, together))
-
-    def _jump_n(self) -> float:
-        """How far slips go beyond their ramp, as a force, N; 0 for a stem that starts without a slip jump."""
-        windows, slip = self.windows, self.windows.kind == SLIP
-        beyond = ((windows.speed - self.ramp) * windows.length_s)[slip]
-        return self.spring * max(0.0, float(np.median(beyond))) if beyond.size else 0.0
-
-    def _hidden_viscous(self, seen: float) -> float:
-        """By how much F_v, N s/m, may exceed what is ``seen`` of it in transients whose beginning noise hides.
-
-        In a share u of its time constant F_v / k a stem with a slip jump J goes J u + v F_v u^2 / (2 k), which may be
-        as much as noise hides, h. What is seen is then F_v (1 - u): a quadratic equation, with one root below 1.
-        """
-        hidden_n, jump_n = self.rough.hidden_m * self.spring, self._jump_n()
-        if hidden_n <= 0.0:
-            return 0.0
-        seen_n = max(seen * self.reference, 1.0e-3 * hidden_n)
-        square, linear = 0.5 * seen_n - jump_n, jump_n + hidden_n
-        share = 2.0 * hidden_n / (linear + math.sqrt(linear**2 + 4.0 * square * hidden_n))
-        return seen_n / self.reference * share / max(1.0 - share, 1.0e-3)
+        roughness = float(np.sqrt(np.mean(fit.residual_n[fit.kept] ** 2)))
+        local = roughness * self._over_places(weight * expected / moment, other)
+        return Measured(value, error, float(number - 1)).with_error(local)
 
     def _with_places(self, scatter: Scatter, fit: WindowFit, chosen: BoolArray, roughness: float) -> Scatter:
         """The scatter with what F_v has of the places at which stems slip and turn: the same in every stroke."""
         kept = fit.kept
         normal = (fit.through[kept] * fit.weight[kept, None]).T @ fit.matrix[kept]
         influence = fit.weight * (fit.through @ np.linalg.pinv(normal)[-1]) * kept
-        late_n = self._late_n(float(fit.coefficients[int(self.sprung) + 1]))[chosen]
-        together = float(np.sum(influence * late_n * (self.windows.kind[chosen] == SLIP)))
         covariance = scatter.covariance.copy()
-        covariance[-1, -1] += (roughness * self._over_places(influence, chosen)) ** 2 + together**2
+        covariance[-1, -1] += (roughness * self._over_places(influence, chosen)) ** 2
         return Scatter(covariance, scatter.freedom)
 
     def _over_places(self, influence: FloatArray, chosen: BoolArray) -> float:
-        """Root of the sum of squares of influences (n,) added up place by place: kind, sense and part of the travel."""
+        """Root of the sum of squares of influences (n,) added up by part of the travel: it is as rough on every way."""
         windows, (low, high) = self.windows, self.rough.swept_m
         part = np.clip((windows.position_m[chosen] - low) / max(high - low, 1.0e-12) * _PLACES, 0, _PLACES - 1)
         place = part.astype(np.int64) + _PLACES * (windows.sense[chosen] > 0.0)
         return float(np.sqrt(np.sum(np.bincount(place, influence) ** 2)))
-
-    def _late_n(self, friction_n: float) -> FloatArray:
-        """What the instants of breakaway and stop, as far as they are open, do to the windows that they bound, N."""
-        open_s = _ROW_OPEN * self.samples.period_s + _OPEN_S
-        # a breakaway's force is about that much above the friction in motion
-        return np.where(self.windows.is_slide, 0.0, open_s / self.windows.length_s * _JUMP * abs(friction_n))
-
-    def _weights(self, friction_n: float, roughness: float) -> FloatArray:
-        """Inverse variances of the windows: roughness, and what the instant of a breakaway is open by."""
-        windows = self.windows
-        late_n = self._late_n(friction_n)
-        turned_n = self.lag.error_s * self.spring * np.where(windows.kind == COAST, self.ramp - self.reference, 0.0)
-        return np.asarray(1.0 / (roughness**2 + late_n**2 + turned_n**2 + (_FLOOR * friction_n) ** 2))
 
     def _scatter(self, fit: WindowFit, chosen: BoolArray) -> Scatter:
         """What the coefficients scatter by: between strokes, and, for k, between parts of the travel."""
@@ -448,40 +389,29 @@ class _Slides:
         )
 
     def _coulomb(
-        self, known: Known, friction: Known, viscous: Known | None, *, has_speed: bool
-    ) -> tuple[Known, Known | None, bool]:
+        self, known: Measured, friction: Measured, viscous: Measured | None, *, has_speed: bool
+    ) -> tuple[Measured, Measured | None, bool]:
         """F_c, F_v and whether F_c rests on what F_v may be at most."""
         if self.several:
             return known, viscous, False
         if not self.sprung:
             return friction, None, True  # at one speed: the friction at that speed
         most = friction.value / self.reference
-        if viscous is not None and viscous.error < most / math.sqrt(12.0) and 0.0 <= viscous.value <= most:
+        if viscous is not None and viscous.std_error < most / math.sqrt(12.0) and 0.0 <= viscous.value <= most:
             if not has_speed:
-                known = Known(friction.value - viscous.value * self.reference, friction.error, friction.freedom)
+                known = Measured(friction.value - viscous.value * self.reference, friction.std_error, friction.freedom)
                 known = replace(
-                    known.with_more(viscous.error * self.reference), freedom=min(friction.freedom, viscous.freedom)
+                    known.with_error(viscous.std_error * self.reference), freedom=min(friction.freedom, viscous.freedom)
                 )
         else:
             # F_v is not negative and leaves F_c above 0, and what is seen of it counts as far as it goes
-            believed = Known(0.5 * most, most / math.sqrt(12.0)) if viscous is None else _within(viscous, most)
+            believed = Measured(0.5 * most, most / math.sqrt(12.0)) if viscous is None else _within(viscous, most)
             viscous = believed
-            known = Known(friction.value - believed.value * self.reference, friction.error, friction.freedom)
-            known = known.with_more(believed.error * self.reference)
+            known = Measured(friction.value - believed.value * self.reference, friction.std_error, friction.freedom)
+            known = known.with_error(believed.std_error * self.reference)
         return known, viscous, False
 
-    def _without_hidden_jumps(self, coulomb: Known, viscous: Known | None, law: BreakawayLaw | None) -> Known:
-        """F_c of a stem whose jumps would hide in the noise: it seems to slide under the mean of F_s and F_c."""
-        if law is None or not self.sprung:
-            return coulomb
-        moving = coulomb.value + max(0.0, 0.0 if viscous is None else viscous.value) * self.slowest
-        jump_n = law.static.value - moving
-        if not 0.0 < 2.0 * jump_n < _HIDDEN * self.rough.hidden_m * self.spring:
-            return coulomb
-        lower = Known(coulomb.value - 0.5 * jump_n, coulomb.error, coulomb.freedom)
-        return lower.with_more(jump_n / math.sqrt(12.0))
-
-    def _wandering(self, coulomb: Known, fit: WindowFit, chosen: BoolArray) -> Known:
+    def _wandering(self, coulomb: Measured, fit: WindowFit, chosen: BoolArray) -> Measured:
         """F_c as the mean over the record of a friction that wanders, with what that leaves open."""
         windows = self.windows
         slide = self.slide[chosen] & fit.kept
@@ -508,22 +438,22 @@ class _Slides:
         more = wandering_mean(strokes, np.array(target))
         if more is None:
             return coulomb
-        moved = Known(coulomb.value + more.value, coulomb.error, coulomb.freedom)
+        moved = Measured(coulomb.value + more.value, coulomb.std_error, coulomb.freedom)
         if more.half_width <= coulomb.half_width:
             return moved
-        return Known(moved.value, more.error, more.freedom)
+        return Measured(moved.value, more.std_error, more.freedom)
 
 
-def _within(seen: Known, most: float) -> Known:
+def _within(seen: Measured, most: float) -> Measured:
     """A value between 0 and ``most``, all of it as likely, with what was seen of it."""
     grid = (np.arange(400) + 0.5) / 400 * most
-    error = max(seen.error, 1.0e-3 * most)
+    error = max(seen.std_error, 1.0e-3 * most)
     away = (grid - seen.value) / error
     away -= away[np.argmin(np.abs(away))]
     shares = np.exp(-0.5 * away**2)
     shares /= shares.sum()
     mean = float(shares @ grid)
-    return Known(mean, math.sqrt(float(shares @ (grid - mean) ** 2)))
+    return Measured(mean, math.sqrt(float(shares @ (grid - mean) ** 2)))
 
 
 def scatter_of(
@@ -609,11 +539,11 @@ def _by_jumps(motion: RecordedMotion, rough: RoughMotion) -> RoughBalance | None
     )
     unit, late_n = np.eye(fit.coefficients.size), np.abs(found.late_n(late_s(lag, motion.samples.period_s)))
     known = [
-        scatter.of(unit[place], float(value)).with_more(float(late_n[place]))
+        scatter.of(unit[place], float(value)).with_error(float(late_n[place]))
         for place, value in enumerate(fit.coefficients)
     ]
     place = int(sprung)
-    spring = known[0] if sprung else Known(0.0, 0.0)
+    spring = known[0] if sprung else Measured(0.0, 0.0)
     law = breakaway_law(
         rough.leaving,
         spring=spring.value,

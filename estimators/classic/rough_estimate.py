@@ -17,8 +17,8 @@ from estimators.classic.conclusion import conclude
 from estimators.classic.misfit import Fallback
 from estimators.classic.rough_balance import RoughBalance, rough_balance
 from estimators.classic.transients import Transients
-from estimators.classic.window_fit import Known
 from estimators.motion.recorded_motion import RecordedMotion
+from estimators.scatter import Measured
 from valve.nameplate import Action
 
 FRICTION: Final = ("k", "F_c", "F_s", "F_0")
@@ -39,8 +39,8 @@ def rough_estimate(method: str, motion: RecordedMotion, *, jointly: bool) -> Est
         outcomes.append(Outcome.NO_BREAKAWAY)
     if balance.is_assumed:
         outcomes.append(Outcome.OVERSHOOT_ASSUMED if balance.jumps_only else Outcome.ONE_SPEED)
-    used = balance.viscous or Known(0.0, 0.0)
-    transients = Transients(parameters["m"], parameters["F_v"], (used.value, used.error), None)
+    used = balance.viscous or Measured(0.0, 0.0)
+    transients = Transients(parameters["m"], parameters["F_v"], (used.value, used.std_error), None)
     mass_kg = motion.moving_mass_kg
     if mass_kg is None:
         critical = used.value**2 / (4.0 * balance.spring.value) if balance.spring.value > 0.0 else 0.0
@@ -99,14 +99,14 @@ def _parameters(balance: RoughBalance, motion: RecordedMotion) -> dict[str, Para
     }
 
 
-def _given(known: Known, *, note: str = "", scatter: float | None = None) -> ParameterEstimate:
+def _given(known: Measured, *, note: str = "", scatter: float | None = None) -> ParameterEstimate:
     """The value with its interval, however wide that is, unless it leaves the sign open."""
     half = known.half_width
     if not (math.isfinite(known.value) and math.isfinite(half)) or half > _OPEN * abs(known.value):
         share = f"+-{100.0 * half / abs(known.value):.0f} %" if known.value else f"+-{half:.3g}"
         return absent(f"the recording tells it to {share} only: repeat with a larger amplitude or more cycles")
     low, high = known.value - half, known.value + half
-    return ParameterEstimate(known.value, known.error, (low, high), True, note, scatter)
+    return ParameterEstimate(known.value, known.std_error, (low, high), True, note, scatter)
 
 
 def _between(coulomb: ParameterEstimate, balance: RoughBalance) -> ParameterEstimate:
@@ -118,9 +118,9 @@ def _between(coulomb: ParameterEstimate, balance: RoughBalance) -> ParameterEsti
     return replace(coulomb, ci95=(low, high))
 
 
-def _offset(known: Known) -> ParameterEstimate:
+def _offset(known: Measured) -> ParameterEstimate:
     half = known.half_width
-    return ParameterEstimate(known.value, known.error, (known.value - half, known.value + half))
+    return ParameterEstimate(known.value, known.std_error, (known.value - half, known.value + half))
 
 
 def _viscous(balance: RoughBalance) -> ParameterEstimate:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.special import stdtrit
 
 from estimators.samples import BoolArray, FloatArray, IntArray
+from estimators.scatter import Measured
 
 # Own choices, from rough valves (benchmark classic_rough).
 _TRIM: Final = 4.5  # of the residuals' robust standard deviation
@@ -21,37 +21,11 @@ _WANDER_SIZES: Final = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # of what a stroke 
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
-    """A value with its standard error and the degrees of freedom of that."""
-
-    value: float
-    error: float
-    freedom: float = math.inf
-
-    @property
-    def half_width(self) -> float:
-        """Half of the 95 % interval."""
-        return student_95(self.freedom) * self.error
-
-    def with_more(self, error: float) -> Known:
-        """Return the same with another, independent error that is known as such (Welch and Satterthwaite)."""
-        both = math.hypot(self.error, error)
-        if both <= 0.0 or self.error <= 0.0:
-            return Known(self.value, both)
-        return Known(self.value, both, self.freedom * (both / self.error) ** 4)
-
-
-@dataclass(frozen=True, slots=True)
 class Lag:
     """What the measured force is late by, s: the middle of what may be, and its standard error."""
 
     late_s: float
     error_s: float
-
-
-def student_95(freedom: float) -> float:
-    """Two-sided 95 % of Student's t with that many degrees of freedom."""
-    return 1.959964 if freedom > 1.0e6 else float(stdtrit(max(freedom, 1.0), 0.975))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,9 +94,9 @@ class Scatter:
     covariance: FloatArray
     freedom: float
 
-    def of(self, weights: FloatArray, value: float) -> Known:
+    def of(self, weights: FloatArray, value: float) -> Measured:
         """Return the combination of coefficients by these weights (p,), which has this value."""
-        return Known(value, math.sqrt(max(0.0, float(weights @ self.covariance @ weights))), self.freedom)
+        return Measured(value, math.sqrt(max(0.0, float(weights @ self.covariance @ weights))), self.freedom)
 
 
 def jackknife(fit: WindowFit, cluster: IntArray, stratum: IntArray) -> Scatter | None:
@@ -169,7 +143,7 @@ class Strokes:
     duration_s: float
 
 
-def wandering_mean(strokes: Strokes, target: FloatArray) -> Known | None:
+def wandering_mean(strokes: Strokes, target: FloatArray) -> Measured | None:
     """Return what a friction that wanders was beyond the fit, N: regressors ``target`` (q,), averaged over the record.
 
     Strokes scatter alone and wander together as an Ornstein-Uhlenbeck process of a size and a time that the restricted
@@ -209,4 +183,4 @@ def wandering_mean(strokes: Strokes, target: FloatArray) -> Known | None:
     shares = np.exp(fits - fits.max())
     shares /= shares.sum()
     mean = float(shares @ values)
-    return Known(mean, math.sqrt(float(shares @ (variances + (values - mean) ** 2))), float(count - width))
+    return Measured(mean, math.sqrt(float(shares @ (variances + (values - mean) ** 2))), float(count - width))

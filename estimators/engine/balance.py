@@ -14,7 +14,6 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import brentq, minimize
 from scipy.stats import t as student
@@ -33,8 +32,7 @@ from estimators.engine.roughness import (
     roughness_prior,
 )
 from estimators.engine.stops import ends_driven, last_row_before_stop
-
-FloatArray = npt.NDArray[np.float64]
+from estimators.samples import FloatArray
 
 MOST_BLOCKS: Final = 300
 _SHORTEST_S: Final = 0.02

@@ -12,15 +12,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import log_ndtr, ndtr
 
 from estimators.base import NORMAL_95
 from estimators.engine.balance import Balance
 from estimators.engine.breakaways import StaticFriction
 from estimators.engine.stepped import Held, Stepped
-
-FloatArray = npt.NDArray[np.float64]
+from estimators.samples import FloatArray
 
 _VALUES: Final = 801
 _USUAL_SCATTER, _SCATTER_SPREAD = 0.015, 1.5  # of F_s: the median of what packings have, and of its logarithm

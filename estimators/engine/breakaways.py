@@ -11,14 +11,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import t as student
 
 from estimators.engine.balance import Balance
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading
-
-FloatArray = npt.NDArray[np.float64]
+from estimators.samples import FloatArray
 
 LATENESS_S: Final = 0.008  # of the instants, all alike: the sensor's filter against the gauge's
 _HARD_FIRST: Final = 4.0  # scatters above the others: a first breakaway after hours, left out and said

@@ -16,15 +16,13 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from estimators.engine.dynamic import PathToFit
 from estimators.engine.force_path import GAUGE_LAG_S, Source, lagged, restarts_of
 from estimators.engine.laws import Law, LawParameter, Where
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading
-
-FloatArray = npt.NDArray[np.float64]
+from estimators.samples import BoolArray, FloatArray
 
 _LAG_S, _LAG_SPREAD = 0.1, 1.5  # of an I/P with its tubing and the actuator's volume: median, and of the logarithm
 _SHORTEST_S, _LONGEST_S = 1.0e-3, 10.0
@@ -53,7 +51,7 @@ class CommandPath(Law):
     time_s: FloatArray
     command_n: FloatArray
     nominal_n: FloatArray
-    restarts: npt.NDArray[np.bool_]
+    restarts: BoolArray
     parameters: tuple[LawParameter, ...]
     known: dict[tuple[float, float], FloatArray] = field(default_factory=dict)  # of the last values, for all sections
 
@@ -68,9 +66,7 @@ class CommandPath(Law):
         return np.asarray(np.interp(where.time_s, self.time_s, self.known[key]))
 
 
-def passed(
-    time_s: FloatArray, command_n: FloatArray, restarts: npt.NDArray[np.bool_], lag_s: float, dead_s: float
-) -> FloatArray:
+def passed(time_s: FloatArray, command_n: FloatArray, restarts: BoolArray, lag_s: float, dead_s: float) -> FloatArray:
     """Return the command behind a dead time and a lag, N, shape (n,)."""
     begins_s = time_s[np.maximum.accumulate(np.where(restarts, np.arange(time_s.size), 0))]
     late_n = np.interp(np.maximum(time_s - dead_s, begins_s), time_s, command_n)
@@ -87,7 +83,7 @@ class GaugedPath(Law):
 
     time_s: FloatArray
     command_n: FloatArray
-    restarts: npt.NDArray[np.bool_]
+    restarts: BoolArray
     lag_s: float
     dead_s: float
     parameters: tuple[LawParameter, ...]

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import t as student
 
 from estimators.base import NORMAL_95
@@ -30,8 +29,7 @@ from estimators.engine.reading import Reading
 from estimators.engine.roughness import RoughnessPrior
 from estimators.engine.sections import Sections, sections_of
 from estimators.engine.settings import USUAL, Settings
-
-FloatArray = npt.NDArray[np.float64]
+from estimators.samples import FloatArray
 
 QUANTITIES: Final = ("m", "k", "F_v", "F_c", "F_s", "DV", "F_0")
 _LOGARITHMS: Final = {"m": LN_M, "k": LN_K, "F_v": LN_V, "DV": LN_DV}

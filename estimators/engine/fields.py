@@ -7,12 +7,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from estimators.engine.roughness import ROUGH, Roughness, travel_correlation
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
+from estimators.samples import FloatArray, IntArray
 
 # Lines between knots h apart leave 0.25 (1.7 h / length)^1.5 of the friction's size: where that is far above the noise
 # it looks like other dynamics, and m and F_v come out wrong (make bench ARGS=rough_valves, with 3 knots everywhere).

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.optimize import minimize_scalar
 
@@ -17,8 +16,7 @@ from estimators.engine.hyperparameters import Equations, field_likelihood, refin
 from estimators.engine.model import Linearised, Model, Path, Unknowns
 from estimators.engine.parameters import FC, FS, GLOBALS, HIGH, LN_DV, LN_FILTER, LN_K, LN_M, LN_V, LONGEST, LOW
 from estimators.engine.roughness import RoughnessPrior
-
-FloatArray = npt.NDArray[np.float64]
+from estimators.samples import FloatArray
 
 HEATS: Final = (30.0, 5.0, 1.0)
 _STEPS: Final = (6, 6, 10)

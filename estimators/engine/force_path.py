@@ -15,19 +15,14 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 from scipy.optimize import minimize
 
 from estimators.engine.rows import runs_between_gaps
 from estimators.engine.segmentation import extremes, moving_mean
-from estimators.samples import channel_noise
+from estimators.samples import BoolArray, FloatArray, IntArray, channel_noise
 from valve.nameplate import Nameplate
 from valve.recording import Recording
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
-BoolArray = npt.NDArray[np.bool_]
 
 _MOST_LEFT: Final = 0.006  # of the force's range, rms: what a gauge's noise and a hunting I/P may leave beside lines
 _QUIET: Final = 0.2  # of the position's noise times the spring rate: so quiet a force needs no lines

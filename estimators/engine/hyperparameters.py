@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.optimize import minimize
 
@@ -26,8 +25,7 @@ from estimators.engine.roughness import (
     roughness_of,
     travel_correlation,
 )
-
-FloatArray = npt.NDArray[np.float64]
+from estimators.samples import FloatArray
 
 _LAWS: Final = 5  # logarithms of common, own, length, wander and its time
 _SEARCH: Final = {"maxiter": 12, "ftol": 1.0e-5}

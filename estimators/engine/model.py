@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from estimators.engine.fields import Fields
 from estimators.engine.laws import NO_LAWS, Laws, Travel, Where
@@ -23,9 +22,7 @@ from estimators.engine.noise import PositionNoise
 from estimators.engine.parameters import FC, FO, FS, GLOBALS, LEAD, LN_DV, LN_FILTER, LN_K, LN_M, LN_V, Prior
 from estimators.engine.sections import Section, Sections
 from estimators.engine.settings import USUAL, Settings
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
+from estimators.samples import FloatArray, IntArray
 
 _LOG_STEP: Final = 1.0e-4
 _TIME_STEP_S: Final = 1.0e-5

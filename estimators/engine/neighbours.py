@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from estimators.engine.sections import Section
-
-FloatArray = npt.NDArray[np.float64]
+from estimators.samples import FloatArray
 
 _MEETS_S: Final = 0.02  # a section ends where the next one begins
 _MARGIN: Final = 0.2  # of a rest: the rows at either end that its level is not made of

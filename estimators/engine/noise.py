@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from estimators.engine.segmentation import Rest
-
-FloatArray = npt.NDArray[np.float64]
+from estimators.samples import FloatArray
 
 _TIMES_S: Final = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2)
 _REACH_S: Final = 0.3

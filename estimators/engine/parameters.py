@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-FloatArray = npt.NDArray[np.float64]
+from estimators.samples import FloatArray
 
 # Places in the vector of parameters. LN_: the natural logarithm of the value in SI units.
 LN_M, LN_V, LN_K, LN_FILTER, FO, FC, FS, LN_DV, LEAD = range(9)

@@ -7,17 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from estimators.base import Outcome
 from estimators.engine.force_path import ForcePath, force_path
 from estimators.engine.rows import runs_between_gaps
 from estimators.engine.segmentation import Segmentation, segment
-from estimators.samples import Samples, prepare
+from estimators.samples import FloatArray, Samples, prepare
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
-
-FloatArray = npt.NDArray[np.float64]
 
 _LEAST_NOISE: Final = 1.0e-5  # of the position's range: what the model itself leaves
 _MOVED_SIGMAS: Final = 11.0  # chance makes a range of 9 of a stem at rest in 60,000 rows

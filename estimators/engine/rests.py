@@ -13,7 +13,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from scipy.stats import t as student
 
 from estimators.base import NORMAL_95
@@ -21,8 +20,6 @@ from estimators.engine.balance import Balance, Blocks, balance
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading
 from estimators.engine.stepped import Held, Stepped
-
-FloatArray = npt.NDArray[np.float64]
 
 _FEWEST_RESTS: Final = 5  # after slides, both directions among them
 _SWUNG_PERCENT: Final = 5.0  # of a slide: a stem that swung back rests anywhere between -F_c and F_c

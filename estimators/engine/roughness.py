@@ -13,10 +13,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-FloatArray = npt.NDArray[np.float64]
+from estimators.samples import FloatArray
 
 # How smooth friction is along the travel: exponential, Matern 3/2, and Gaussian correlation.
 EDGED: Final = 0

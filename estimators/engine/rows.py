@@ -9,14 +9,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from estimators.base import FEWEST_SAMPLES
+from estimators.samples import BoolArray, FloatArray, IntArray
 from valve.recording import Recording
-
-FloatArray = npt.NDArray[np.float64]
-BoolArray = npt.NDArray[np.bool_]
-IntArray = npt.NDArray[np.int64]
 
 _DROP_OUT_S: Final = 0.15  # at most
 _SLOWEST_S: Final = 0.04  # between rows: in slower ones a stem that turns looks like it

@@ -12,15 +12,12 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading
 from estimators.engine.segmentation import Move
 from estimators.engine.stops import ends_driven, last_row_before_stop
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
+from estimators.samples import FloatArray, IntArray
 
 _BEFORE_S: Final = 0.02  # before the instant of breakaway as it was seen
 _ALONE_S: Final = 0.015  # after an event, whose instant is not known better

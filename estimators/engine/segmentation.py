@@ -13,12 +13,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from estimators.compiled import kernel_of
-
-FloatArray = npt.NDArray[np.float64]
-IntArray = npt.NDArray[np.int64]
+from estimators.samples import FloatArray, IntArray
 
 # Own choices, tried on six valves from perfect to hard packing at 1 and 20 ms (tests/estimators/engine).
 _SMOOTHED_S: Final = 0.004  # rows are averaged over this before a band is laid around them

@@ -7,16 +7,14 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
 from estimators.engine.force_path import Source
 from estimators.engine.reading import Reading
 from estimators.engine.segmentation import extremes, moving_mean
+from estimators.samples import FloatArray
 from estimators.steps.answer import StepAnswer, answer_to
 from estimators.steps.inputs import InputStep, find_steps
 from valve.recording import Recording
-
-FloatArray = npt.NDArray[np.float64]
 
 _FEWEST: Final = 3  # steps of a stepped recording
 _MOSTLY: Final = 0.5  # of the way of the force goes by steps

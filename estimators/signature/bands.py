@@ -7,9 +7,9 @@ from typing import Final
 from estimators.base import Outcome, ParameterEstimate, absent
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.motion.static_friction import breakaway_forces
+from estimators.scatter import Measured, combined
 from estimators.signature.figures import Parts, figure, percent_figure
 from estimators.signature.reversals import dead_band, reversals, softness_n
-from estimators.signature.scatter import Measured, combined
 from estimators.signature.span import Span
 
 _NO_REVERSAL: Final = "no reversal of a moving stem was seen on a ramp: repeat with ramps up and down"

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 from estimators.base import absent
+from estimators.scatter import Measured
 from estimators.signature.figures import Bench, figure
-from estimators.signature.scatter import Measured
 from estimators.signature.span import Span
 from valve.nameplate import Nameplate
 

@@ -10,8 +10,8 @@ import numpy as np
 from scipy import stats
 
 from estimators.samples import FloatArray, Samples
+from estimators.scatter import Measured, combined, mean_of_cycles, noise_of_cells
 from estimators.signature.passes import Pass, PassesAtRate
-from estimators.signature.scatter import Measured, combined, mean_of_cycles, noise_of_cells
 
 # Own choices.
 _CENTRAL: Final = 0.8  # of the travel that both branches cover

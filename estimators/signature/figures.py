@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from estimators.base import LARGEST_RELATIVE_HALF_WIDTH, ParameterEstimate, absent
-from estimators.signature.scatter import Measured
+from estimators.scatter import Measured
 from estimators.signature.span import Span
 
 Parts = dict[str, ParameterEstimate]

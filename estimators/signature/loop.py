@@ -11,6 +11,7 @@ import numpy as np
 from estimators.base import ParameterEstimate, absent
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.motion.uniform_motion import UniformMotion
+from estimators.scatter import Measured
 from estimators.signature.bands import bands, dead_band_figure
 from estimators.signature.bench_set import NO_SPRING, bench_set
 from estimators.signature.branches import Branches, fit_branches
@@ -26,7 +27,6 @@ from estimators.signature.figures import (
     signature_of,
 )
 from estimators.signature.passes import StartLine, lies_off, passes_by_rate
-from estimators.signature.scatter import Measured
 from estimators.signature.span import span_of
 from valve.nameplate import Action, Nameplate
 

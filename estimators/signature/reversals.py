@@ -12,7 +12,7 @@ from estimators.motion.phases import Phases, Stretch
 from estimators.motion.rests import Breakaway
 from estimators.motion.static_friction import force_at
 from estimators.samples import FloatArray, Samples
-from estimators.signature.scatter import Measured
+from estimators.scatter import Measured
 from valve.parameters import TravelStops
 
 _LINE_ROWS: Final = 60  # own choice: rows on each side of a corner for the line through them

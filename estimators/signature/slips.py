@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from estimators.samples import FloatArray, IntArray, Samples
-from estimators.signature.scatter import Measured, combined
+from estimators.scatter import Measured, combined
 
 # Own choices.
 _JUMP_SIGMAS: Final = 9.0  # of the noise: what a step between two samples must exceed

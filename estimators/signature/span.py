@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from estimators.signature.scatter import Measured
+from estimators.scatter import Measured
 from valve.nameplate import Nameplate
 
 

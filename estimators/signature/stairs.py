@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from estimators.base import absent
+from estimators.scatter import combined
 from estimators.signature.bands import stiction
 from estimators.signature.bench_set import bench_set
 from estimators.signature.curve import slip_curve
 from estimators.signature.figures import Parts, Signature, figure, percent_figure, signature_of
-from estimators.signature.scatter import combined
 from estimators.signature.slips import SlipBranches
 from estimators.signature.span import span_of
 from valve.nameplate import Nameplate

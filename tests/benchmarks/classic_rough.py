@@ -9,9 +9,9 @@ from typing import Final
 
 import numpy as np
 from rich.table import Table
+from scipy.stats import t as student
 
 from estimators.base import Estimate, Status
-from estimators.classic.window_fit import student_95
 from estimators.registry import estimator
 from tests.benchmarks.parallel import each
 from tests.rough_valves import GRADES, SEQUENCES, VALVES, RoughCase, case
@@ -66,7 +66,7 @@ def _judged(one: RoughCase, estimate: Estimate, symbol: str) -> Judged:
     ratio = math.nan
     count = one.truth.breakaways_s.size
     if symbol == "F_s" and count > 1 and one.truth.static_spread_n > 0.0:
-        ratio = half / (student_95(count - 1.0) * one.truth.static_spread_n / math.sqrt(count))
+        ratio = half / (float(student.ppf(0.975, count - 1)) * one.truth.static_spread_n / math.sqrt(count))
     return Judged(estimate.method, symbol, is_ok, True, (middle - truth) / scale, half / scale, ratio)
 
 

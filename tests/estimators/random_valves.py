@@ -8,8 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from simulator.transducer import lagged, value_at
+from simulator.transducer import CHORD_ERROR_PA, value_at
 from valve.errors import MotionError
+from valve.lag import lagged
 from valve.motion import StemState, simulate_motion
 from valve.nameplate import Actuator, Nameplate, Signal
 from valve.parameters import TravelStops, ValveParameters
@@ -180,7 +181,7 @@ def _pressure(plant: _Plant, lag_s: float, dead_time_s: float) -> tuple[FloatArr
     if lag_s == 0.0 and dead_time_s == 0.0:
         return time_s, command_pa
     late_s = np.concatenate([[0.0], time_s[1:] + dead_time_s])
-    return lagged(late_s, command_pa, float(command_pa[0]), lag_s)
+    return lagged(late_s, command_pa, float(command_pa[0]), lag_s, CHORD_ERROR_PA)
 
 
 def _stops(plant: _Plant, rng: np.random.Generator) -> TravelStops:

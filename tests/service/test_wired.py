@@ -143,7 +143,16 @@ async def served(config: Path, *how: str) -> AsyncIterator[tuple[asyncio.subproc
         await process.wait()
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT, signal.SIGQUIT])
+@pytest.mark.parametrize(
+    "number",
+    [
+        signal.SIGTERM,
+        signal.SIGHUP,
+        # they take the same way in: `make long` has them
+        pytest.param(signal.SIGINT, marks=pytest.mark.long),
+        pytest.param(signal.SIGQUIT, marks=pytest.mark.long),
+    ],
+)
 async def test_a_signal_that_ends_the_service_stops_the_test_and_leaves_the_valve_safe(
     quick_path: Path, number: signal.Signals
 ) -> None:

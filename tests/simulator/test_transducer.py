@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from simulator.plant import SoftwareValve
-from simulator.transducer import CHORD_ERROR_PA, Transducer, lagged, limited, value_at
+from simulator.transducer import CHORD_ERROR_PA, Transducer, limited, value_at
 from tests.simulator.plants import valve
 from valve.errors import ParameterError
+from valve.lag import lagged
 
 
 def pressures(settings: Transducer, ask: list[tuple[float, float]], looks_s: list[float]) -> list[float]:
@@ -32,7 +33,7 @@ def test_a_step_is_followed_with_the_lags_exponential_however_often_somebody_loo
 
 def test_a_ramp_is_followed_with_the_lags_closed_form_between_the_corners_too() -> None:
     time_s, target_pa = np.array([0.0, 10.0, 20.0]), np.array([0.0, 8.0e4, 0.0])
-    corners_s, lagged_pa = lagged(time_s, target_pa, 0.0, 0.93)
+    corners_s, lagged_pa = lagged(time_s, target_pa, 0.0, 0.93, CHORD_ERROR_PA)
     wanted_s = np.linspace(0.0, 20.0, 200_001)
     rate, lag_s = 8.0e3, 0.93
     up = rate * (wanted_s - lag_s + lag_s * np.exp(-wanted_s / lag_s))
@@ -48,7 +49,7 @@ def test_a_ramp_is_followed_with_the_lags_closed_form_between_the_corners_too() 
 
 @pytest.mark.parametrize("duration_s", [0.001, 0.3, 5.0, 60.0, 4000.0])
 def test_the_chords_of_a_full_step_keep_their_error_at_any_length(duration_s: float) -> None:
-    corners_s, lagged_pa = lagged(np.array([0.0, duration_s]), np.full(2, 82737.0), 0.0, 0.5)
+    corners_s, lagged_pa = lagged(np.array([0.0, duration_s]), np.full(2, 82737.0), 0.0, 0.5, CHORD_ERROR_PA)
     wanted_s = np.concatenate([np.linspace(0.0, duration_s, 100_001), np.linspace(0.0, min(duration_s, 10.0), 100_001)])
     exact = 82737.0 * (1.0 - np.exp(-wanted_s / 0.5))
     assert np.abs(value_at(corners_s, lagged_pa, wanted_s) - exact).max() <= CHORD_ERROR_PA

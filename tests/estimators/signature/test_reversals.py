@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from estimators.classic.regression import RegressionEstimator
+from estimators.scatter import Measured
 from estimators.signature.bands import stiction
 from estimators.signature.measure import measure_signature
-from estimators.signature.scatter import Measured
 from estimators.signature.span import Span
 from tests.benchmarks.signature import truth
 from tests.estimators.recordings import VALVES, Recorded, recorded
