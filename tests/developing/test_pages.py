@@ -11,10 +11,14 @@ import pytest
 from pydantic import BaseModel
 from typer.main import get_command
 
-from drivers.addresses import GaugeAddress, RtuAddress, TcpAddress, TlsAddress
+from drivers.addresses import GaugeAddress, MotionLimits, RtuAddress, TcpAddress, TlsAddress
+from drivers.permissive_rules import PermissiveRules
 from service.cli import app
+from service.cli.simulated_instruments import HuntingSection, PackingSection, PositionSection, PressureSection
+from service.cli.simulated_plant import SimulationSection
 from service.health.limits import HealthLimits
 from service.settings import PlantSection, ServiceSection
+from service.settings_maps import CanarySection, MapSection, RegisterSection, WatchdogSection
 from service.settings_mqtt import MqttSection
 from service.settings_nightly import GatewaySection, GroupSection, RetentionSection, ScheduleSection
 from service.settings_valves import ValveSection
@@ -142,6 +146,10 @@ def _keys(section: Any) -> set[str]:
         *((one, "plant.md") for one in (PlantSection, ServiceSection, ValveSection, RetentionSection, ScheduleSection)),
         *((one, "plant.md") for one in (GatewaySection, GroupSection, MqttSection)),
         *((one, "plant.md") for one in (TcpAddress, TlsAddress, RtuAddress, GaugeAddress)),
+        *((one, "plant.md") for one in (MotionLimits, PermissiveRules)),
+        *((one, "plant.md") for one in (CanarySection, MapSection, RegisterSection, WatchdogSection)),
+        *((one, "plant.md") for one in (SimulationSection, PackingSection, PositionSection, PressureSection)),
+        (HuntingSection, "plant.md"),
         (HealthLimits, "health.md"),
     ],
 )
