@@ -311,7 +311,7 @@ def _tried(name: str, recording: Recording, estimates: Sequence[Estimate], namep
                 notes[estimate.method] = "the method does not give the parameters that a simulation needs"
                 continue
             if stand_ins:
-                notes[estimate.method] = "stand-ins took the place of " + ", ".join(stand_ins)
+                notes[estimate.method] = "values that this test does not confirm were used for " + ", ".join(stand_ins)
             simulated_m = simulate_recording(parameters, recording, nameplate).position_m
         except (MotionError, ParameterError, RecordingError) as error:
             notes[estimate.method] = str(error)

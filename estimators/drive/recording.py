@@ -45,7 +45,7 @@ _SPRING_SURE: Final = 4.0
 _SPRING_SHARE: Final = 0.3  # of the residual's mean square: a spring that takes as much belongs into the model
 _BEYOND_CHANCE: Final = 1.3  # between errors by 24 waves each, of noise: 14 % is each one's own error
 _NO_LIMIT_SPEED: Final = "what the stem does below DV is too short for the force to show it"
-_AT_PLACES: Final = "it stands in for friction that goes with the stem's place, which the diagnosis tells of"
+_AT_PLACES: Final = "friction that depends on the stem's position shows as this parameter: see the diagnosis"
 _NO_SPRING: Final = "taken as 0: the nameplate says that no spring opposes the stem"
 
 
