@@ -353,7 +353,9 @@ def test_a_stem_that_has_not_closed_is_seen_without_scrolling_and_a_page_that_is
     test_id = service.client.get("/tests").json()["tests"][0]["id"]
     browser.open(f"{service.url}/ui/tests/{test_id}")
     browser.until(lambda: browser.run(verdict) == "moving", "the motion is over and the stem is said to move")
-    browser.until(lambda: "moving to 0 mm (closed): it is looked at 8 s after" in browser.text("#stands"), "it says so")
+    browser.until(
+        lambda: "moving to 0 mm (closed): it is looked at 15 s after" in browser.text("#stands"), "it is said"
+    )
     browser.open(f"{service.url}/ui/valves/{TAG}")
     browser.until(lambda: "may still move" in browser.text("#condition"), "the valve's page says so too")
     assert not browser.driver.find_elements("id", "stop"), "its signal is safe: there is nothing to stop"
