@@ -56,6 +56,7 @@ _NOT_KNOWN: Final = (
     "press Stop on a page that was open already, or use the means at the valve itself"
 )
 WATCHING_NOTED_S: Final = 60.0  # a watcher's session is kept open this often
+WATCHER: Final = "keeps a watcher's session open"  # the task's name
 _LOG = structlog.get_logger(__name__)
 
 
@@ -128,7 +129,7 @@ async def _kept_open(access: Access, scope: Scope, principal: Principal | None) 
             except SQLAlchemyError as error:
                 _LOG.warning("session of a watcher not noted", reason=type(error).__name__)
 
-    keeping = asyncio.create_task(keep())
+    keeping = asyncio.create_task(keep(), name=WATCHER)
     try:
         yield
     finally:
