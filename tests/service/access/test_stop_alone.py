@@ -347,7 +347,7 @@ async def test_to_watch_a_test_keeps_the_session_open(quick_path: Path, monkeypa
         watchers = [task for task in asyncio.all_tasks() if task.get_name() == gate.WATCHER]
         if watchers:  # a busy machine hears late that nobody watches any more
             assert not (await asyncio.wait(watchers, timeout=30.0))[1]
-        await asyncio.sleep(0.1)
+        await asyncio.sleep(0.1)  # a look that it had begun in a thread ends
         with time_machine.travel(began + timedelta(minutes=44), tick=True):
             background = {"X-Background": "1"}
             assert (await served.client.get("/session", headers=background)).status_code == 200
