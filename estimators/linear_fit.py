@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.linalg.lapack import dpotri
 
 from estimators.linear_fit_kernel import block_scores, gram, residuals, squares
 from estimators.samples import BoolArray, FloatArray, IntArray
@@ -35,6 +36,15 @@ class LinearFit:
     def std_error(self) -> FloatArray:
         """Scatter and expected bias together, shape (p,)."""
         return np.asarray(np.sqrt(np.clip(np.diag(self.covariance), 0.0, None) + self.noise_bias**2))
+
+
+def inverse_of(lower: FloatArray) -> FloatArray:
+    """Return the inverse of L L', symmetric, from L as Cholesky's factorisation leaves it, shape (n, n).
+
+    What stands above the diagonal is not read.
+    """
+    half, _ = dpotri(lower, lower=1)
+    return np.asarray(np.tril(half) + np.tril(half, -1).T)
 
 
 def fit_linear(

@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor
 from scipy.optimize import minimize
 
 from discrepancy.rough.observations import Observations
@@ -22,6 +22,7 @@ from discrepancy.rough.setting import Setting
 from estimators.engine.breakaways import LATENESS_S
 from estimators.engine.parameters import Known
 from estimators.engine.roughness import ROUGH, field_covariance, roughness_of
+from estimators.linear_fit import inverse_of
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -230,7 +231,7 @@ def _solved(problem: Problem, columns: Columns, logarithms: FloatArray) -> tuple
     scatter = np.where(rows.is_slide, 0.0, scatter_n**2)
     whole = both * covariance.field + np.diag(rows.variance_n2 + own + scatter)
     factor = cho_factor(whole, lower=True, check_finite=False)
-    inverse = cho_solve(factor, np.eye(rows.count), check_finite=False)
+    inverse = inverse_of(factor[0])
     design = np.hstack([problem.design, columns.values])
     mean = np.concatenate([problem.prior_mean, columns.mean])
     information = np.concatenate([problem.prior_information, columns.spread**-2.0])

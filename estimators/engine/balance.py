@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor
 from scipy.optimize import brentq, minimize
 from scipy.stats import t as student
 
@@ -33,6 +33,7 @@ from estimators.engine.roughness import (
     roughness_prior,
 )
 from estimators.engine.stops import ends_driven, last_row_before_stop
+from estimators.linear_fit import inverse_of
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -275,7 +276,7 @@ def _fit(problem: _Problem, logarithms: FloatArray, smoothness: int) -> _Fit:
     covariance = field_covariance(blocks.travel_m, blocks.time_s, blocks.direction, roughness, smoothness)
     whole = covariance.field + np.diag(problem.variance + roughness.error_n**2)
     factor = cho_factor(whole, lower=True, check_finite=False)
-    inverse = cho_solve(factor, np.eye(blocks.count), check_finite=False)
+    inverse = inverse_of(factor[0])
     inverse_design = inverse @ design
     information = design.T @ inverse_design + np.diag(problem.prior_information)
     theta_covariance = np.linalg.inv(information)

@@ -69,6 +69,7 @@ class Dynamic:
     best: Found
     fits: int  # that are mixed
     residual_rms_m: float
+    creeping: dict[str, float]  # what a stem that creeps leaves open of k, F_c, F_s, F_0, F_v: standard errors
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -293,7 +294,12 @@ def mixed(reading: Reading, fits: list[Found], prior: RoughnessPrior, breakaways
             quantities[symbol] = Quantity(float(middle), float(error), (float(middle) - half, float(middle) + half))
     best = fits[0]
     return Dynamic(
-        quantities, best.model.scatter_n, best, len(fits), best.model.residual_rms(best.unknowns, best.paths)
+        quantities,
+        best.model.scatter_n,
+        best,
+        len(fits),
+        best.model.residual_rms(best.unknowns, best.paths),
+        _creeping(best) if best.model.settings.creeping else {},
     )
 
 
@@ -315,8 +321,8 @@ def _add_force_scale(found: Found, reading: Reading, variances: FloatArray) -> N
     variances[QUANTITIES.index("F_0")] += offset + gain * float(force_n.mean() - parameters[FO]) ** 2
 
 
-def _add_creeping(found: Found, variances: FloatArray) -> None:
-    """Widen all of a stem that is driven at hardly more than DV: it rests now and then, unseen.
+def _creeping(found: Found) -> dict[str, float]:
+    """What a stem leaves open that is driven at hardly more than DV, standard errors: it rests now and then, unseen.
 
     By the share (DV / speed)^2 of its motion, the friction seen is anything between F_c and F_s.
     """
@@ -327,12 +333,17 @@ def _add_creeping(found: Found, variances: FloatArray) -> None:
     share = float(times_s @ np.minimum(1.0, limit / np.maximum(speeds, 1.0e-12)) ** 2 / times_s.sum())
     error_n = _CREEPING * share * max(0.0, float(parameters[FS] - parameters[FC]))
     speed = float(times_s @ speeds / times_s.sum())
-    swept_n = math.exp(parameters[LN_K]) * max(float(np.ptp(one.path_m)) for one in sections)
-    for symbol in ("F_c", "F_s"):
-        variances[QUANTITIES.index(symbol)] += error_n**2
-    variances[QUANTITIES.index("F_0")] += (_SIDE * error_n) ** 2
-    variances[QUANTITIES.index("k")] += (_SIDE * error_n / swept_n) ** 2
-    variances[QUANTITIES.index("F_v")] += (error_n / (math.exp(parameters[LN_V]) * speed)) ** 2
+    swept_m = max(float(np.ptp(one.path_m)) for one in sections)
+    side_n = _SIDE * error_n
+    return {"F_c": error_n, "F_s": error_n, "F_0": side_n, "k": side_n / swept_m, "F_v": error_n / speed}
+
+
+def _add_creeping(found: Found, variances: FloatArray) -> None:
+    """Widen all of a stem that is driven at hardly more than DV."""
+    for symbol, error in _creeping(found).items():
+        at = _LOGARITHMS.get(symbol)
+        unit = 1.0 if at is None else math.exp(found.unknowns.parameters[at])
+        variances[QUANTITIES.index(symbol)] += (error / unit) ** 2
 
 
 def _add_slow_rows(found: Found, variances: FloatArray, reading: Reading) -> None:

@@ -115,7 +115,8 @@ def _disagree(found: Balance, whole: Dynamic) -> bool:
 def _quantities(found: Balance, static: StaticFriction | None, whole: Dynamic | None) -> dict[str, Quantity]:
     """What the motion gives, and of k, F_c and F_0 what the balance gives where it knows them far better.
 
-    Rows too slow for the motion after a breakaway leave F_v open there, and with it F_c.
+    Rows too slow for the motion after a breakaway leave F_v open there, and with it F_c. What a creeping stem leaves
+    open the balance knows no better.
     """
     quantities: dict[str, Quantity] = {} if whole is None else dict(whole.quantities)
     for symbol in ("k", "F_c", "F_0"):
@@ -124,7 +125,7 @@ def _quantities(found: Balance, static: StaticFriction | None, whole: Dynamic | 
         known = found.known(symbol)
         error = known.std_error if "k" in found.symbols else math.hypot(known.std_error, repeats_to_n(found))
         if whole is not None:
-            error *= _BESIDE_MOTION
+            error = math.hypot(_BESIDE_MOTION * error, whole.creeping.get(symbol, 0.0))
             if whole.quantities[symbol].std_error < _FAR_BETTER * error:
                 continue
         half = NORMAL_95 * error

@@ -17,6 +17,7 @@ from estimators.engine.hyperparameters import Equations, field_likelihood, refin
 from estimators.engine.model import Linearised, Model, Path, Unknowns
 from estimators.engine.parameters import FC, FS, GLOBALS, HIGH, LN_DV, LN_FILTER, LN_K, LN_M, LN_V, LONGEST, LOW
 from estimators.engine.roughness import RoughnessPrior
+from estimators.linear_fit import inverse_of
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -187,7 +188,7 @@ def concluded(model: Model, unknowns: Unknowns, paths: list[Path], squares: floa
         factor = cho_factor(scaled, lower=True, check_finite=False)
     except LinAlgError:
         return Found(unknowns, paths, model, np.full_like(normal, math.nan), math.inf, math.inf)
-    inverse = cho_solve(factor, np.eye(scale.size)) * np.outer(scale, scale)
+    inverse = inverse_of(factor[0]) * np.outer(scale, scale)
     log_determinant = 2.0 * float(np.log(np.diag(factor[0])).sum()) - 2.0 * float(np.log(scale).sum())
     surprise = squares + log_determinant - model.fields.log_determinant + one.log_variances
     surprise += 2.0 * unknowns.began_s.size * math.log(model.scatter_n)

@@ -26,6 +26,7 @@ from estimators.engine.roughness import (
     roughness_of,
     travel_correlation,
 )
+from estimators.linear_fit import inverse_of
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -72,6 +73,10 @@ class _Factor:
         """Return the solution for right sides in columns."""
         scale = self.scale if right.ndim == 1 else self.scale[:, None]
         return np.asarray(scale * cho_solve((self.lower, True), scale * right, check_finite=False))
+
+    def inverse(self) -> FloatArray:
+        """Return the matrix's inverse."""
+        return inverse_of(self.lower) * np.outer(self.scale, self.scale)
 
     @property
     def log_determinant(self) -> float:
@@ -215,7 +220,7 @@ def surprise(
     mean = factor.solve(likelihood.pull)
     value = 0.5 * (factor.log_determinant - one.log_determinant - float(likelihood.pull @ mean))
     # E[w w'], of which the slopes are made
-    second = factor.solve(np.eye(mean.size)) + np.outer(mean, mean)
+    second = factor.inverse() + np.outer(mean, mean)
     slopes = [*_travel_slopes(fields, rough, smoothness, second), *_wander_slopes(fields, rough, second)]
     return value, np.array(slopes)
 

@@ -10,7 +10,7 @@ import pytest
 from estimators.base import Outcome
 from estimators.classic.differences import backward_differences, noise_covariance, without_bias, without_bias_massless
 from estimators.classic.threshold_sweep import sweep_thresholds
-from estimators.linear_fit import fit_linear, fit_trimmed
+from estimators.linear_fit import fit_linear, fit_trimmed, inverse_of
 from estimators.motion.phases import find_phases
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from estimators.motion.windowed_slope import windowed_slope, windowed_slope_noise
@@ -190,3 +190,10 @@ def test_differences_stop_at_a_missing_row_and_at_a_missing_slot() -> None:
     assert np.flatnonzero(np.isnan(acceleration)).tolist() == [0, 1, 100, 101, 197, 198]
     steps = np.where(np.arange(samples.count) >= 100, 1.0, 0.0)
     assert windowed_slope(samples, steps, 5).max() == 0.0
+
+
+def test_the_inverse_from_cholesky_reads_nothing_above_the_diagonal() -> None:
+    columns = np.random.default_rng(4).standard_normal((60, 40))
+    matrix = columns.T @ columns
+    lower = np.linalg.cholesky(matrix) + np.triu(np.full((40, 40), np.nan), 1)
+    assert inverse_of(lower) == pytest.approx(np.linalg.inv(matrix), rel=1.0e-9)

@@ -55,6 +55,16 @@ def test_several_recordings_of_one_valve_give_one_estimate() -> None:
         assert abs(error) < min(2.0 * half_width, most)
 
 
+def test_a_stem_that_creeps_leaves_its_balance_no_surer_than_its_motion() -> None:
+    # the graphite valve is driven at hardly more than DV; the balance of forces alone put F_0 off by 5 of its errors
+    made = case("graphite", "triangle", "usual", 20.0e-3, seed=500)
+    estimate = _estimated(made)
+
+    for symbol in ("k", "F_c", "F_0"):
+        error, half_width = _off(estimate, made.truth.parameters.by_symbol(), symbol)
+        assert abs(error) < half_width < 0.1
+
+
 @pytest.mark.long
 def test_a_command_alone_tells_spring_and_friction_through_an_unknown_lag_and_dead_time() -> None:
     # without the lag in the model F_c would be 9 % too large: 500 N/s for a quarter of a second
