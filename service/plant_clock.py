@@ -19,6 +19,11 @@ def short_instant(at: datetime, zone: tzinfo | None) -> str:
     return f"{at.astimezone(zone):%Y-%m-%d %H:%M}"
 
 
+def zone_words(at: datetime, zone: tzinfo | None) -> str:
+    """Return what a zone is called, such as Europe/Berlin; without ``zone``, what this machine calls its own then."""
+    return f"{at.astimezone():%Z}" if zone is None else str(zone)
+
+
 def by_the_plants_clock(sentence: str, zone: tzinfo | None) -> str:
     """Return a sentence with the instants that it tells in UTC by the plant's clock: a row has one clock."""
 

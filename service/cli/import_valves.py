@@ -48,7 +48,8 @@ def import_valves(
     if before is None or (now.st_mtime_ns, now.st_size) != (before.st_mtime_ns, before.st_size):
         raise ConfigurationError(f"{config}: somebody else changed it just now: import again")
     _replace(config, found.text)
-    print(f"{config}: {valves} added. A service that runs takes them at its next start.")
+    them = "it" if len(found.tags) == 1 else "them"
+    print(f"{config}: {valves} added. Next: `breakaway reload`, so that a service that runs takes {them}.")
 
 
 def _replace(file: Path, text: str) -> None:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, tzinfo
 from typing import Any, Final
 
 import matplotlib.dates as mdates
 from matplotlib.axes import Axes
 
 from service.figures.canvas import BLUE, INK, RED, SOFT, Picture, settings, sheet, svg_text, tidy
+from service.plant_clock import zone_words
 from service.shown_units import UnitSystem, measured, shown_unit
 
 
@@ -39,43 +41,66 @@ class Trend:
 _COLUMNS: Final = 2
 _WIDE_IN: Final = 7.2
 _NARROW_IN: Final = 4.0  # of a phone: its text is read at 320 pixels
+_LETTERS_AN_INCH: Final = 15.0  # of the words below the panels
+_BARS: Final = "Bars: 95 % interval of each test, without what the figure differs by from test to test."
+_FRICTION: Final = "The bar of friction holds what friction varies by within its test."
 
 
-def trends_picture(trends: Sequence[Trend], system: UnitSystem, *, narrow: bool = False) -> Picture | None:
-    """Return the trends, two beside each other, or below each other if narrow; None where no test gave a figure."""
+def trends_picture(
+    trends: Sequence[Trend], system: UnitSystem, zone: tzinfo | None, *, narrow: bool = False
+) -> Picture | None:
+    """Return the trends by the clock of ``zone`` (None: this machine's), and below them what their bars hold.
+
+    Two beside each other, or below each other if narrow. None where no test gave a figure.
+    """
     shown = [trend for trend in trends if trend.points]
     if not shown:
         return None
     columns = 1 if narrow else min(_COLUMNS, len(shown))
     rows = -(-len(shown) // columns)
     with settings():
-        figure = sheet(_NARROW_IN if narrow else _WIDE_IN, 2.5 * rows)
+        width_in = _NARROW_IN if narrow else _WIDE_IN
+        below = textwrap.wrap(_below(shown, zone), int(_LETTERS_AN_INCH * width_in))
+        figure = sheet(width_in, 2.5 * rows + 0.16 * len(below))
         panels = figure.subplots(rows, columns, squeeze=False)
         for axes, trend in zip(panels.flat, shown, strict=False):
-            _draw(axes, trend, system)
+            _draw(axes, trend, system, zone)
         for axes in panels.flat[len(shown) :]:
             axes.set_visible(False)
-    said = "; ".join(_in_words(trend, system) for trend in shown)
-    return Picture(figure, "Trend of the valve over its tests", f"{said}.")
+        figure.supxlabel("\n".join(below), x=0.01, ha="left", fontsize=9, color=SOFT)
+    said = "; ".join(_in_words(trend, system, zone) for trend in shown)
+    return Picture(figure, "Trend of the valve over its tests", f"{said}. {_below(shown, zone)}")
 
 
-def trends_svg(trends: Sequence[Trend], system: UnitSystem, narrow: bool) -> str | None:
+def trends_svg(trends: Sequence[Trend], system: UnitSystem, zone: tzinfo | None, narrow: bool) -> str | None:
     """Return the trends as SVG text."""
-    picture = trends_picture(trends, system, narrow=narrow)
+    picture = trends_picture(trends, system, zone, narrow=narrow)
     return None if picture is None else svg_text(picture)
 
 
-def _in_words(trend: Trend, system: UnitSystem) -> str:
+def _below(trends: Sequence[Trend], zone: tzinfo | None) -> str:
+    """Say what the bars hold and whose clock the time is."""
+    has_bars = [trend.name for trend in trends if any(point.ci95 is not None for point in trend.points)]
+    bars = _BARS if has_bars else ""
+    friction = _FRICTION if any(name.startswith("friction") for name in has_bars) else ""
+    clock = f"Time: {zone_words(trends[0].points[-1].at, zone)}."
+    return " ".join(words for words in (bars, friction, clock) if words)
+
+
+def _in_words(trend: Trend, system: UnitSystem, zone: tzinfo | None) -> str:
     first, last = trend.points[0], trend.points[-1]
     now = f"{trend.meaning} is {measured(last.value, last.ci95, trend.unit, system)}"
     if len(trend.points) == 1:
         return now
-    return f"{now}, it was {measured(first.value, first.ci95, trend.unit, system)} on {first.at:%Y-%m-%d}"
+    return (
+        f"{now}, it was {measured(first.value, first.ci95, trend.unit, system)} on {first.at.astimezone(zone):%Y-%m-%d}"
+    )
 
 
-def _draw(axes: Axes, trend: Trend, system: UnitSystem) -> None:
+def _draw(axes: Axes, trend: Trend, system: UnitSystem, zone: tzinfo | None) -> None:
     unit = shown_unit(trend.unit, system)
-    times = [mdates.date2num(point.at) for point in trend.points]  # type: ignore[no-untyped-call]
+    by_the_clock = [point.at.astimezone(zone).replace(tzinfo=None) for point in trend.points]
+    times = [mdates.date2num(at) for at in by_the_clock]  # type: ignore[no-untyped-call]
     values = [unit.shown(point.value) for point in trend.points]
     axes.plot(times, values, "-", color=BLUE, linewidth=1.2, zorder=2)
     for time, value, point in zip(times, values, trend.points, strict=True):
@@ -92,7 +117,7 @@ def _draw(axes: Axes, trend: Trend, system: UnitSystem) -> None:
     tidy(axes)
     axes.set_title(f"{trend.meaning}, {unit.name}", fontsize=11, loc="left", color=INK)
     _scale(axes, values)
-    locator = mdates.AutoDateLocator(minticks=2, maxticks=4)  # type: ignore[no-untyped-call]
+    locator = mdates.AutoDateLocator(minticks=2, maxticks=6)  # type: ignore[no-untyped-call]
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(mdates.ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
     if len(times) == 1:

@@ -139,7 +139,7 @@ def _pictures(source: ReportSource) -> Iterator[tuple[str, Picture | Drawing | N
     latent = (analysis.get("discrepancy") or {}).get("latent_friction") or ()
     own = Layer(source.subject, analysis.get("signature") or {}, latent)
     yield "signature", signature_drawing([own, *source.behind], source.frame, system)
-    yield "trend", trends_picture(source.trends, system)
+    yield "trend", trends_picture(source.trends, system, source.zone)
     yield "methods", methods_picture(all_estimates(analysis), system)
     yield "friction", friction_picture(latent, system)
     yield "time", time_picture(pictures, system)

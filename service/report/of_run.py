@@ -66,6 +66,7 @@ def source_of(plant: Plant, store: Store, run: Run, system: UnitSystem) -> Repor
         "" if then is None else words_of(then, zone, "" if then.label else "test"),
         tuple(rows),
         run.note or "",
+        zone,
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import tzinfo
 from typing import Any
 
 from service.figures.signature import Frame, Layer
@@ -21,7 +22,7 @@ class ReportSource:
     nameplate and limits as names and values, ``sequence`` the one that the test played, None where unknown.
     ``stands`` is where the test left the valve, "" where no service tested it, ``alarm`` what is wrong with that.
     ``head`` is what identifies valve and work on the first page, ``before_after`` the test beside the one called
-    ``before``, ``note`` what somebody noted of it.
+    ``before``, ``note`` what somebody noted of it. ``zone`` is the plant's, None for this machine's own.
     """
 
     tag: str
@@ -43,3 +44,4 @@ class ReportSource:
     before: str = ""
     before_after: tuple[BeforeAfter, ...] = ()
     note: str = ""
+    zone: tzinfo | None = None

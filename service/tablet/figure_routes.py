@@ -147,14 +147,16 @@ async def figure_of_trend(
     """Draw the trends of a valve."""
     valve = parts.runs.valve(tag)
     past, system = await asyncio.to_thread(past_of, parts.store, tag, valve), units_of(request)
+    zone = parts.plant.zone
     key = (
         tag,
         system,
         narrow,
+        str(zone),
         None if past.latest is None else (past.latest.id, past.latest.finished_at),
         None if past.baseline is None else past.baseline.id,
     )
-    return _svg(await parts.drawer.svg(key, trends_svg, past.trends, system, narrow))
+    return _svg(await parts.drawer.svg(key, trends_svg, past.trends, system, zone, narrow))
 
 
 def _svg(text: str | None) -> Response:

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from http import HTTPStatus
 from typing import Annotated, Any, Final
 from urllib.parse import quote
+from zoneinfo import ZoneInfo
 
 from fastapi import APIRouter, Depends, Query, Request, Response
 from fastapi.responses import RedirectResponse
@@ -166,11 +167,12 @@ async def valve_page(request: Request, tag: str, parts: PartsOf, visitor: Visito
         "baseline_is_other": latest is not None and past.baseline is not None and past.baseline.id != latest.id,
         "signature_address": None
         if latest is None or not has_signature((latest.analysis or {}).get("signature"))
-        else f"/ui/figures/tests/{latest.id}/signature.svg?{_query(past, latest, system)}"
+        else f"/ui/figures/tests/{latest.id}/signature.svg?{_query(past, latest, system, parts.plant.zone)}"
         + ("" if past.baseline is None or past.baseline.id == latest.id else f"&with={past.baseline.id}"),
         "trend_address": None
         if latest is None
-        else f"/ui/figures/valves/{quote(tag)}/trend.svg?{_query(past, latest, system)}&to={latest.id}",
+        else f"/ui/figures/valves/{quote(tag)}/trend.svg?to={latest.id}&"
+        + _query(past, latest, system, parts.plant.zone),
         "trend_words": "Friction, spring rate, bench set and dead band over the tests; figures stand below.",
         "next_check": due.get(tag),
         "description": valve.identity.description,
@@ -273,11 +275,14 @@ def _standing(parts: Parts, latest: Run | None, tag: str) -> Mapping[str, Any]:
     return parts.staleness.oldest(tag, now).health(_health(latest), latest.created_at, now) or {}
 
 
-def _query(past: ValvePast, run: Run, system: UnitSystem) -> str:
+def _query(past: ValvePast, run: Run, system: UnitSystem, zone: ZoneInfo | None) -> str:
     """Return what else a picture of a test depends on, so that its address changes with it."""
     analysed = "" if run.finished_at is None else f"&of={run.finished_at:%Y%m%dT%H%M%S%f}"
     label = "" if run.label is None else f"&as={run.label.value}"
-    return f"units={system.value}{analysed}{label}" + ("" if past.baseline is None else f"&baseline={past.baseline.id}")
+    clock = "" if zone is None else f"&zone={quote(zone.key)}"
+    return f"units={system.value}{clock}{analysed}{label}" + (
+        "" if past.baseline is None else f"&baseline={past.baseline.id}"
+    )
 
 
 def _live(parts: Parts, run: Run, system: UnitSystem) -> dict[str, Any]:
@@ -316,7 +321,7 @@ def _result(request: Request, parts: Parts, run: Run, past: ValvePast) -> dict[s
         "recording_facts": recording_facts(run, system, parts.plant.zone),
         "may_be_analysed": can_be_analysed(run),
         "figures": f"/ui/figures/tests/{run.id}",
-        "figure_query": _query(past, run, system),
+        "figure_query": _query(past, run, system, parts.plant.zone),
     }
     if analysis is None:
         later = past.newest[0] if past.newest and past.newest[0].id != run.id else None

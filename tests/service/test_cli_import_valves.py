@@ -31,7 +31,7 @@ def test_valves_of_a_table_come_behind_those_that_are_there(plant_file: Path, pl
     table = write(plant_file.parent, HEADER + ROWS + ",,,,,,,,,\n")
     answer = called("import-valves", table, "--config", str(plant_file), "--like", "FV-101")
     assert (answer.returncode, answer.stderr) == (0, "")
-    assert "2 valves added" in answer.stdout
+    assert "2 valves added. Next: `breakaway reload`" in answer.stdout
     assert plant_file.read_text(encoding="utf-8").startswith(plant_text.rstrip())
     assert plant_file.stat().st_mode & 0o777 == 0o640
     assert called("check", "--config", str(plant_file)).returncode == 0

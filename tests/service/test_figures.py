@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+from datetime import UTC, datetime, timedelta
 from typing import Any
 from xml.etree import ElementTree
+from zoneinfo import ZoneInfo
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from service.figures.methods import methods_picture
 from service.figures.misfit import time_picture
 from service.figures.signature import NARROW, WIDE, Frame, Layer, friction_over_travel, signature_drawing
 from service.figures.trace import trace_picture
+from service.figures.trend import Trend, TrendPoint, trends_picture, trends_svg
 from service.shown_units import UnitSystem
 from valve.recording import Recording
 
@@ -208,3 +211,38 @@ def test_words_of_a_test_are_never_markup() -> None:
     assert drawing is not None
     assert "<script>" not in drawing.svg
     ElementTree.fromstring(drawing.svg)
+
+
+def _trends(ci95: tuple[float, float] | None = (590.0, 610.0)) -> list[Trend]:
+    at = datetime(2026, 10, 1, 22, 30, tzinfo=UTC)
+    points = tuple(TrendPoint(at + timedelta(days=days), 600.0, ci95) for days in range(3))
+    return [Trend(name, name, "N", points) for name in ("friction_mean_n", "spring_rate_n_per_m")]
+
+
+@pytest.mark.parametrize("narrow", [False, True])
+def test_a_trend_says_what_its_bars_hold(narrow: bool) -> None:
+    drawn = trends_svg(_trends(), UnitSystem.SI, UTC, narrow)
+    assert drawn is not None
+    words = " ".join(re.findall(r"<text[^>]*>([^<]*)</text>", drawn))
+    for said in (
+        "Bars: 95 % interval of each test, without what the figure differs by from test to test.",
+        "The bar of friction holds what friction varies by within its test.",
+        "Time: UTC.",
+    ):
+        assert said in words
+    bare = trends_svg(_trends(None), UnitSystem.SI, UTC, narrow)
+    assert bare is not None
+    assert "Bars" not in bare
+    spring = trends_picture(_trends()[1:], UnitSystem.SI, UTC)
+    assert spring is not None
+    assert "bar of friction" not in spring.description
+
+
+def test_a_trend_is_drawn_by_the_plants_clock() -> None:
+    for zone, day, hour in ((UTC, "2026-10-01", 22.5), (ZoneInfo("Asia/Kolkata"), "2026-10-02", 4.0)):
+        picture = trends_picture(_trends(), UnitSystem.SI, zone)
+        assert picture is not None
+        assert f"on {day};" in picture.description
+        assert f"Time: {zone}." in picture.description
+        first = np.asarray(picture.figure.axes[0].get_lines()[0].get_xdata(), dtype=np.float64)[0]
+        assert 24.0 * (first % 1.0) == pytest.approx(hour)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import AsyncIterator
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +80,24 @@ async def test_the_first_good_test_becomes_the_baseline_and_later_ones_are_held_
     assert "Friction, mean: 700 N is 200.0 ± 1.4 N" in listed["health"]["reasons"][0]
     trend = (await client.get("/valves/FV-101")).json()["trend"]
     assert [point["value"] for point in trend[0]["points"]] == [500.0, 700.0]
+
+
+async def test_the_trend_is_drawn_by_the_plants_clock_and_anew_when_the_zone_changes(
+    client: httpx.AsyncClient, plant: Plant
+) -> None:
+    await health(client)
+    newest, _ = await health(client)
+    text, addresses = plant.file.read_text(encoding="utf-8"), []
+    for zone in ("Asia/Kolkata", "America/Lima"):
+        plant.file.write_text(text.replace("[service]", f'[service]\nzone = "{zone}"', 1), encoding="utf-8")
+        assert (await client.post("/plant/reload")).status_code == 200
+        found = re.search(r'src="([^"]+/trend\.svg[^"]+)"', (await client.get("/ui/valves/FV-101")).text)
+        assert found is not None
+        addresses.append(unescape(found[1]))
+        for address in addresses:  # the service draws anew even for a page that still shows the old address
+            assert f"Time: {zone}." in (await client.get(address)).text
+        assert f"Time: {zone}." in (await client.get(f"/tests/{newest}/report?format=html")).text
+    assert addresses[0] != addresses[1]
 
 
 async def test_a_chosen_baseline_takes_the_place_of_the_old_one_and_is_audited(
