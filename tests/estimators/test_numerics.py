@@ -195,5 +195,5 @@ def test_differences_stop_at_a_missing_row_and_at_a_missing_slot() -> None:
 def test_the_inverse_from_cholesky_reads_nothing_above_the_diagonal() -> None:
     columns = np.random.default_rng(4).standard_normal((60, 40))
     matrix = columns.T @ columns
-    lower = np.linalg.cholesky(matrix) + np.triu(np.full((40, 40), np.nan), 1)
+    lower: FloatArray = np.linalg.cholesky(matrix).astype(np.float64) + np.triu(np.full((40, 40), np.nan), 1)
     assert inverse_of(lower) == pytest.approx(np.linalg.inv(matrix), rel=1.0e-9)
