@@ -16,8 +16,9 @@ import structlog
 from fastapi import APIRouter, Depends, Request
 from pydantic import BaseModel, Field
 
-from service.access.needs import Asks, ForbiddenError, needs
+from service.access.needs import Asks, needs
 from service.access.principal import Right
+from service.model.refusals import ForbiddenError
 from service.parts import Parts
 from service.problems import PROBLEMS
 from service.settings import Plant, PlantValve, faults_of

@@ -8,11 +8,11 @@ from typing import Any, Final
 
 from service.figures.trend import Trend, TrendPoint
 from service.health.changes import allowed
-from service.health.figures import FIGURE_KINDS, Figure
 from service.health.judge import facts_of
-from service.health.results import Baseline, PastTest
-from service.runs.acknowledgement import needs_acknowledgement
-from service.runs.run import Run
+from service.model.acknowledgement import needs_acknowledgement
+from service.model.health_figures import FIGURE_KINDS, Figure
+from service.model.past_test import Baseline, PastTest
+from service.model.run import Run
 from service.settings import PlantValve
 from service.store.figure_table import conditions_of
 from service.store.store import Store

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from service.runs.acknowledgement import is_moving, needs_acknowledgement, stem_astray
-from service.runs.run import Run, RunState
+from service.model.acknowledgement import is_moving, needs_acknowledgement, stem_astray
+from service.model.run import Run, RunState
 from service.shown_sentences import NO_FAULT
 
 
