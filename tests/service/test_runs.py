@@ -14,7 +14,7 @@ from service.bus import BusOwners
 from service.events import EventLog
 from service.model.run import RunState
 from service.model.sequences import SEQUENCES, build_waveform, choose_waveform, default_of
-from service.recordings.formats import CSV, PARQUET, acceptable
+from service.routes.recording_formats import CSV, PARQUET, acceptable
 from service.runs.gate import Gate
 from service.runs.life import Life
 from service.runs.live import LiveRun

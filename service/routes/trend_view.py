@@ -1,4 +1,4 @@
-"""Figures over tests as the REST interface and the pages show them."""
+"""Figures over tests as the REST interface shows them."""
 
 from __future__ import annotations
 
