@@ -21,12 +21,12 @@ from service.report.source import ReportSource
 from service.report.valve_facts import class_facts, frame_of, identity_facts, nameplate_facts, wiring_facts
 from service.runs.again import words_of_repetition
 from service.settings import Plant, PlantValve
+from service.shown.history import past_of
+from service.shown.overlays import before_of, layers_of, words_of
+from service.shown.words import STATES
 from service.shown_sentences import as_sentence, in_units
 from service.shown_units import UnitSystem
 from service.store.store import Store
-from service.tablet.history import past_of
-from service.tablet.overlays import before_of, layers_of, words_of
-from service.tablet.words import STATES
 from valve.errors import ValveError
 
 _IN_JOURNAL: Final = (

@@ -22,8 +22,8 @@ from service.parts import Parts, parts_of
 from service.recordings.place import recording_of
 from service.report.summary import key_figures
 from service.report.valve_facts import frame_of
-from service.tablet.history import past_of
-from service.tablet.overlays import before_of, layers_of, measured_signature
+from service.shown.history import past_of
+from service.shown.overlays import before_of, layers_of, measured_signature
 from service.tablet.rendering import page, units_of
 from service.tablet.routes import VisitorOf
 from valve.errors import NotFoundError

@@ -26,13 +26,9 @@ from service.report.of_run import repair_sentences
 from service.report.summary import key_figures
 from service.report.valve_facts import class_facts, identity_facts, safe_position_words, safe_value_words
 from service.runs.again import can_be_analysed
-from service.shown_units import UnitSystem, shown_unit
-from service.tablet.history import ValvePast, history_row, past_of
-from service.tablet.night import NightWish, due_checks, night_of
-from service.tablet.overlays import before_of, overlays_of, words_of
-from service.tablet.plans import AROUND_S, approved_plans, planned_line, plans_of, waveform_of
-from service.tablet.rendering import page, units_of
-from service.tablet.results import (
+from service.shown.history import ValvePast, history_row, past_of
+from service.shown.overlays import before_of, overlays_of, words_of
+from service.shown.results import (
     diagnosis_of,
     figure_rows,
     method_messages,
@@ -43,11 +39,15 @@ from service.tablet.results import (
     recording_facts,
     told_once,
 )
+from service.shown.words import NE107, STATES, alarm_condition, condition_of
+from service.shown_units import UnitSystem, shown_unit
+from service.tablet.night import NightWish, due_checks, night_of
+from service.tablet.plans import AROUND_S, approved_plans, planned_line, plans_of, waveform_of
+from service.tablet.rendering import page, units_of
 from service.tablet.since import since_yesterday
 from service.tablet.valve_list import ValveList, Wish
 from service.tablet.valve_rows import valve_rows, valve_stands
 from service.tablet.visitor import Visitor, sign_in_address, visitor_of
-from service.tablet.words import NE107, STATES, alarm_condition, condition_of
 from valve.errors import NotFoundError, ValveError
 
 router = APIRouter(include_in_schema=False)

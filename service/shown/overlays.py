@@ -13,8 +13,8 @@ from service.model.past_test import PastTest
 from service.model.run import Label, Run
 from service.nameplates import nameplate_from_mapping
 from service.plant_clock import short_instant
+from service.shown.history import ValvePast
 from service.store.store import Store
-from service.tablet.history import ValvePast
 from valve.errors import NotFoundError
 from valve.recording_files import read_recording
 

@@ -1,4 +1,4 @@
-"""A valve's past as the pages need it: the last tests, the baseline, and the trend of each figure with its limits."""
+"""A valve's past as pages and report need it: last tests, baseline, the trend of each figure with its limits."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from service.model.health_figures import FIGURE_KINDS, Figure
 from service.model.past_test import Baseline, PastTest
 from service.model.run import Run
 from service.settings import PlantValve
+from service.shown.words import STATES
 from service.store.figure_table import conditions_of
 from service.store.store import Store
-from service.tablet.words import STATES
 
 _TREND_TESTS: Final = 40
 _TRENDS: Final = ("friction_mean_n", "spring_rate_n_per_m", "bench_low_pa", "dead_band_percent")

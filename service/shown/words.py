@@ -1,4 +1,4 @@
-"""What the pages call things: states, NE 107, verdicts, figures and sequences in a technician's words."""
+"""What pages and reports call things: states, NE 107, verdicts, figures and sequences in a technician's words."""
 
 from __future__ import annotations
 
