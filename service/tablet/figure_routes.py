@@ -25,7 +25,7 @@ from service.report.valve_facts import frame_of
 from service.shown.history import past_of
 from service.shown.overlays import before_of, layers_of, measured_signature
 from service.tablet.rendering import page, units_of
-from service.tablet.routes import VisitorOf
+from service.tablet.visitor import VisitorOf
 from valve.errors import NotFoundError
 
 router = APIRouter(prefix="/ui/figures", include_in_schema=False)

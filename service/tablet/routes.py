@@ -10,7 +10,6 @@ from typing import Annotated, Any, Final
 from urllib.parse import quote
 
 from fastapi import APIRouter, Depends, Query, Request, Response
-from fastapi.responses import RedirectResponse
 
 from service.ending import ending_of
 from service.figures.methods import all_estimates, can_compare
@@ -47,32 +46,13 @@ from service.tablet.rendering import page, units_of
 from service.tablet.since import since_yesterday
 from service.tablet.valve_list import ValveList, Wish
 from service.tablet.valve_rows import valve_rows, valve_stands
-from service.tablet.visitor import Visitor, sign_in_address, visitor_of
+from service.tablet.visitor import Visitor, VisitorOf
 from valve.errors import NotFoundError, ValveError
 
 router = APIRouter(include_in_schema=False)
 PartsOf = Annotated[Parts, Depends(parts_of)]
 
 _HISTORY: Final = 20
-
-
-class SignInNeededError(Exception):
-    """Nobody is signed in: the page of signing in is shown instead."""
-
-
-async def _visitor(request: Request) -> Visitor:
-    visitor = visitor_of(request)
-    if visitor is None:
-        raise SignInNeededError
-    return visitor
-
-
-VisitorOf = Annotated[Visitor, Depends(_visitor)]
-
-
-async def to_sign_in(request: Request, _error: Exception) -> Response:
-    """Send whoever is not signed in to the page where they can."""
-    return RedirectResponse(sign_in_address(request), HTTPStatus.SEE_OTHER)
 
 
 @router.get("/")
