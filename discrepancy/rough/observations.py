@@ -23,6 +23,7 @@ BoolArray = npt.NDArray[np.bool_]
 
 _ENOUGH: Final = 0.3  # of the blocks
 _MOST_BREAKAWAYS: Final = 120
+_SHORTEST_REST_S: Final = 0.03  # after less, on a slope of the friction, a stem hardly rests: it creeps on in steps
 _FINE: Final = 0.008  # of the travel: a block of the slowest sweeps, a third of the length of what is rough
 _COARSE: Final = 0.02  # of the travel at least: a block of all others
 _FINE_BLOCKS: Final = 160
@@ -138,7 +139,8 @@ def observations(reading: Reading, lag: Known) -> Observations:
     rests_s = found.time_s - np.array(first_s)[at]
     arrived = {one.next_rest: one.direction for one in reading.segmentation.moves}
     before = np.array([arrived.get(one.rest, 0) for one in reading.segmentation.breakaways], dtype=np.float64)[at]
-    kept = np.unique(np.linspace(0, found.time_s.size - 1, min(found.time_s.size, _MOST_BREAKAWAYS)).astype(np.int64))
+    rested = np.flatnonzero(rests_s >= _SHORTEST_REST_S)
+    kept = rested[np.unique(np.linspace(0, rested.size - 1, min(rested.size, _MOST_BREAKAWAYS)).astype(np.int64))]
     noise_n2 = (spring * reading.noise_m) ** 2
     beside_n, beside_n2 = _beside(reading, time_s, duration_s)
     of_breakaways = np.full(kept.size, noise_n2 + reading.path.noise_n**2)

@@ -59,6 +59,13 @@ def test_a_tight_spot_is_named_with_its_place() -> None:
     assert "mm" in misfit["where"]
 
 
+def test_a_stem_that_creeps_through_a_tight_spot_in_steps_has_no_second_fault() -> None:
+    # rests of 10 ms on the slope of the spot are no breakaways: beside long ones breakaway seemed to grow with rest
+    spot = LocalFriction(800.0, 0.0606, 2.1e-3)
+    made = case("nominal", "triangle", "usual", seed=312, effects=[spot])
+    assert [one.cause for one in diagnose(made.recording, made.nameplate).causes] == ["local_friction"]
+
+
 def test_a_drift_is_named_and_predicts_another_recording_better_in_the_same_time() -> None:
     drift = FrictionDrift(-0.35 * _FRICTION_N, 25.0)
     held_out = case(_VALVE, HELD_OUT, "usual", seed=33, occasion=1, effects=[drift])
