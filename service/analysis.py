@@ -57,7 +57,7 @@ def analyze_recordings(
     The estimators and the diagnosis read several as one with gaps between them, of different sampling periods those
     alike; on the others the diagnosis is tried. ``held_out`` are named recordings that the estimates and the diagnosis
     are tried on; ``accepted`` is the extended model that was accepted for the valve, ``room`` what a further test of it
-    may use (``service.runs.sequences.Room``). ``progress`` is told the share done, 0 to 1, and what is going on;
+    may use (``service.model.sequences.Room``). ``progress`` is told the share done, 0 to 1, and what is going on;
     ``keep`` is given the object before it is diagnosed, for the case that this never ends.
     Raises RecordingError where there is no recording, or where they have different channels.
     """

@@ -9,8 +9,8 @@ from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
-from service.access.throttle import ThrottledError
 from service.analysis_pool import WORKER, AnalysisPool
+from service.model.refusals import ThrottledError
 from service.polling import Polling
 from service.priority import UPLOAD
 from valve.errors import InternalError

@@ -16,8 +16,6 @@ from pydantic import BaseModel
 from service.access.access import access_of
 from service.access.gate import Gate
 from service.access.needs import OPEN_TO_ALL, rights
-from service.access.routes import router as access_routes
-from service.access.routes import session_router as session_routes
 from service.access.stop_grants import stoppers_known
 from service.analysis_crew import AnalysisCrew
 from service.audit.log import AuditLog
@@ -26,12 +24,9 @@ from service.body_limits import BodyLimits
 from service.docs_page import docs_page
 from service.errors import install_error_handlers
 from service.head_requests import HeadRequests
-from service.health.routes import router as health_routes
 from service.health.staleness import Staleness
 from service.hosts import Hosts
 from service.meters import Meters
-from service.metrics import router as metrics_routes
-from service.models.routes import router as model_routes
 from service.mqtt.publisher import mqtt_of
 from service.openapi import openapi_of
 from service.parts import Parts
@@ -39,23 +34,28 @@ from service.polling import Polling
 from service.precedence import Precedence
 from service.read_turns import ReadTurns
 from service.recordings.conversion import Converter
-from service.recordings.routes import router as recording_routes
 from service.reload import Reloader
-from service.reload import router as reload_routes
-from service.report.routes import router as report_routes
+from service.routes.access import router as access_routes
+from service.routes.access import session_router as session_routes
+from service.routes.health import router as health_routes
+from service.routes.metrics import router as metrics_routes
+from service.routes.models import router as model_routes
+from service.routes.recordings import router as recording_routes
+from service.routes.reload import router as reload_routes
+from service.routes.report import router as report_routes
+from service.routes.runs import router as test_routes
+from service.routes.safety import router as safety_routes
+from service.routes.schedules import router as schedule_routes
+from service.routes.valves import router as valve_routes
 from service.runs.analyst import Analyst
 from service.runs.renewal import Renewal
 from service.runs.rig import Rig
-from service.runs.routes import router as test_routes
-from service.runs.safety_routes import router as safety_routes
 from service.runs.service import Runs
 from service.schedules.house import nights
 from service.schedules.nightly import Nightly
-from service.schedules.routes import router as schedule_routes
 from service.settings import Plant
 from service.store.store import Store, open_store
 from service.tablet.install import install_tablet
-from service.valves.routes import router as valve_routes
 from service.wired_rig import WiredRig
 
 VERSION: Final = version("breakaway")

@@ -12,11 +12,11 @@ from functools import partial
 from typing import Final
 
 from drivers.outcome import Ended
-from service.runs.acknowledgement import ENDED_KEY, alarm_words, ended_badly, needs_acknowledgement
-from service.runs.requester import LOCAL, person_of
-from service.runs.run import Run, RunState
+from service.model.acknowledgement import ENDED_KEY, alarm_words, ended_badly, needs_acknowledgement
+from service.model.requester import LOCAL, person_of
+from service.model.run import Run, RunState
+from service.model.stands_words import NOT_CONFIRMED, where_it_stands
 from service.shown_sentences import as_sentence
-from service.stands_words import NOT_CONFIRMED, where_it_stands
 
 _Clock = Callable[[datetime | None], str]
 _SENT_SAFE: Final = "; the valve was sent to its safe value"

@@ -14,8 +14,7 @@ from fastapi.responses import JSONResponse
 from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
 
-from service.access.needs import ForbiddenError, NotSignedInError
-from service.access.throttle import ThrottledError
+from service.model.refusals import ForbiddenError, NotSignedInError, ThrottledError
 from service.shown_sentences import in_units
 from service.shown_units import UnitSystem
 from service.spelling import known_keys, unknown_key

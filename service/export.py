@@ -14,8 +14,8 @@ from typing import Any, Final
 import numpy as np
 from scipy.io import savemat
 
-from service.runs.run import Run
-from service.stands_words import where_it_stands
+from service.model.run import Run
+from service.model.stands_words import where_it_stands
 from valve.errors import NotFoundError, RecordingError
 from valve.recording_files import file_sha256, read_recording, recording_columns, write_csv
 

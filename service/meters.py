@@ -10,9 +10,9 @@ from typing import Final
 from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest
 
 from drivers.outcome import SampleBlock
-from service.runs.acknowledgement import ENDED_KEY
+from service.model.acknowledgement import ENDED_KEY
+from service.model.run import Run, RunState
 from service.runs.again import REPEATED
-from service.runs.run import Run, RunState
 from service.settings import Plant
 
 _REMEMBERED: Final = 10_000  # tests that were counted already: each is stored several times

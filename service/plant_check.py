@@ -13,7 +13,7 @@ from drivers.inspection import Inspector, ReadOnlyTransport, ValveSeen
 from drivers.serial_gauge import SerialGauge
 from drivers.wiring import Bus
 from service.bus_lock import BusLocks
-from service.runs.sequences import build_waveform, default_of
+from service.model.sequences import build_waveform, default_of
 from service.settings import Plant, PlantValve
 from valve.errors import ValveError
 from valve.waveform import Waveform

@@ -9,17 +9,12 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Mapping
 from dataclasses import fields, replace
-from http import HTTPStatus
-from typing import Annotated, Final, TypeVar
+from typing import Final, TypeVar
 
 import structlog
-from fastapi import APIRouter, Depends, Request
 from pydantic import BaseModel, Field
 
-from service.access.needs import Asks, ForbiddenError, needs
-from service.access.principal import Right
 from service.parts import Parts
-from service.problems import PROBLEMS
 from service.settings import Plant, PlantValve, faults_of
 from valve.errors import RequestError, ValveError
 
@@ -27,8 +22,6 @@ _LOG = structlog.get_logger(__name__)
 _LOOK_S: Final = 0.1  # how often it is looked whether a test has ended whose valve was changed
 _LIVE: Final = ("zone",)  # of [service]
 _Value = TypeVar("_Value")
-
-router = APIRouter(prefix="/plant", tags=["plant"], responses=PROBLEMS)
 
 
 class Changed(BaseModel):
@@ -174,20 +167,3 @@ def _kept(plant: Plant, fresh: Plant) -> list[str]:
         kept.append("service: who may reach it (access, TLS, proxy, hosts)")
     kept += [name for name in ("mqtt", "gateways") if getattr(fresh, name) != getattr(plant, name)]
     return kept
-
-
-async def _reloader_of(request: Request) -> Reloader:
-    reloader = request.app.state.reloader
-    assert isinstance(reloader, Reloader)
-    return reloader
-
-
-@router.post("/reload", status_code=HTTPStatus.OK, dependencies=[needs(Right.CONFIGURE)])
-async def reload_plant(asks: Asks, reloader: Annotated[Reloader, Depends(_reloader_of)]) -> Reloaded:
-    """Read plant.toml again while the service serves; a valve under test keeps its configuration until its end.
-
-    A file with a fault is answered 422 with every fault, and changes nothing.
-    """
-    if asks.valves is not None:
-        raise ForbiddenError(f"the token of {asks.name} is for some valves: the plant file is about all of them")
-    return await reloader.reload(asks.name)

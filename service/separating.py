@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from discrepancy.rough.separating import Planned, SeparatingTest, Undecided, separating_test
-from service.runs.sequences import SEQUENCES, Room
+from service.model.sequences import SEQUENCES, Room
 from valve.errors import WaveformError
 from valve.recording import Recording
 

@@ -13,7 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.addresses import BusAddress, GaugeAddress, RtuAddress, TcpAddress, TlsAddress, ValveWiring
 from drivers.register_map import RegisterMap
-from service.health.limits import HealthLimits
+from service.model.health_limits import HealthLimits
+from service.model.schedule import Schedule
 from service.settings_access import AccessSection, AccessSettings, access_settings
 from service.settings_checks import check_schedules, check_wiring
 from service.settings_database import DatabaseAddress, database_address
@@ -24,7 +25,6 @@ from service.settings_mqtt import MqttSettings, mqtt_settings
 from service.settings_nightly import (
     Retention,
     RetentionSection,
-    Schedule,
     gateway_of_bus,
     gateways,
     groups_by_name,

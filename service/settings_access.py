@@ -11,7 +11,7 @@ from typing import Final, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.hosts import own_names
-from service.runs.sequences import SEQUENCES
+from service.model.sequences import SEQUENCES
 from service.secret_file import secret_fault
 from service.settings_errors import Findings
 

@@ -15,7 +15,7 @@ from drivers.waveform_check import check_waveform
 from drivers.wiring import Bus, Signal, Wired, wire
 from service.bus import make_bus
 from service.bus_lock import place_of
-from service.runs.sequences import build_waveform
+from service.model.sequences import build_waveform
 from service.settings_maps import without_wrong
 from service.settings_permissives import check_permissives
 from valve.errors import ConfigurationError, ValveError, WaveformError
@@ -25,8 +25,8 @@ from valve.nameplate import Signal as Transducer
 _LEAST_SEEN: Final = 0.05  # of the travel in a position's range, and the other way round; below it the unit is another
 
 if TYPE_CHECKING:
+    from service.model.schedule import Schedule
     from service.settings_errors import Findings, Key
-    from service.settings_nightly import Schedule
     from service.settings_valves import ValveParts
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any, Final
 
-from service.health.limits import HealthLimits
+from service.model.health_limits import HealthLimits
 from service.settings_errors import Findings, Key
 from service.spelling import nearest
 

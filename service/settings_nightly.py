@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Collection, Mapping, MutableMapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Annotated, Any, Final
 from zoneinfo import ZoneInfo
@@ -12,6 +12,7 @@ from zoneinfo import ZoneInfo
 from cronsim import CronSim, CronSimError
 from pydantic import BaseModel, ConfigDict, Field
 
+from service.model.schedule import Schedule
 from service.settings_errors import Findings
 
 GATEWAY_VARIABLE: Final = "BREAKAWAY_GATEWAY"
@@ -57,19 +58,6 @@ class RetentionSection(BaseModel):
     recordings_days: Annotated[int, Field(ge=1, le=36500)]
     keep_baselines: bool = True
     keep_last: Annotated[int, Field(ge=1, le=100000)] = 10
-
-
-@dataclass(frozen=True, slots=True)
-class Schedule:
-    """When which valves are checked: ``cron`` in ``zone``, each start at most ``window_s`` late."""
-
-    name: str
-    cron: str
-    zone: ZoneInfo
-    valves: tuple[str, ...]
-    sequence: str
-    window_s: float
-    overrides: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ import tomlkit
 
 from drivers.addresses import MotionLimits, Point, Sampling, WatchdogChoice
 from drivers.permissive_rules import PermissiveRules
-from service.health.limits import HealthLimits
+from service.model.health_limits import HealthLimits
 from service.settings import faults_of
 from service.settings_errors import Fault
 from service.settings_units import as_value, hints_of, in_si, own_names, types_in

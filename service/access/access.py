@@ -12,7 +12,6 @@ from typing import Any, Final, ParamSpec, TypeVar
 
 from sqlalchemy import Engine
 
-from service.access.needs import NotSignedInError
 from service.access.principal import Principal, Role
 from service.access.sessions import Session, Sessions, sha256
 from service.access.stop_grants import StopGrants
@@ -20,7 +19,8 @@ from service.access.throttle import Throttle
 from service.access.tokens import Token, Tokens
 from service.access.users import User, Users
 from service.audit.log import AuditLog
-from service.runs.requester import RequesterKind
+from service.model.refusals import NotSignedInError
+from service.model.requester import RequesterKind
 from service.settings_access import AccessSettings
 
 Parameters = ParamSpec("Parameters")

@@ -29,7 +29,7 @@ from service.access.access import Access
 from service.access.principal import LOCAL_PRINCIPAL, Principal
 from service.access.sessions import csrf_token, sha256
 from service.errors import NO_DATABASE, problem
-from service.runs.requester import RequesterKind
+from service.model.requester import RequesterKind
 from service.runs.service import Runs
 
 #: A page that asks again by itself sends this: it keeps no session open.

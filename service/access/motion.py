@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from service.access.needs import ForbiddenError, require_covers
+from service.access.needs import require_covers
 from service.access.principal import Principal, Right
-from service.runs.sequences import choose_waveform
+from service.model.refusals import ForbiddenError
+from service.model.sequences import choose_waveform
 from service.settings import Plant
 
 

@@ -11,15 +11,8 @@ from fastapi.dependencies.models import Dependant
 from fastapi.routing import APIRoute, iter_route_contexts
 
 from service.access.principal import RIGHTS, Principal, Right
-from valve.errors import InternalError, RequestError
-
-
-class NotSignedInError(RequestError):
-    """Nobody known asks: sign in, or send a token."""
-
-
-class ForbiddenError(RequestError):
-    """Whoever asks is known, and may not do this."""
+from service.model.refusals import ForbiddenError, NotSignedInError
+from valve.errors import InternalError
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-from service.runs.requester import Requester, RequesterKind
+from service.model.requester import Requester, RequesterKind
 
 
 class Right(StrEnum):

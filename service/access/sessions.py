@@ -14,7 +14,7 @@ from sqlalchemy import Engine, delete, insert, or_, select, update
 
 from service.access.principal import Principal, Role
 from service.access.users import User, now
-from service.runs.requester import RequesterKind
+from service.model.requester import RequesterKind
 from service.store.schema_access import SESSIONS, USERS
 
 IDLE: Final = timedelta(minutes=15)

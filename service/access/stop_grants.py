@@ -19,7 +19,7 @@ import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
 from service.access.principal import Principal, Right
-from service.runs.requester import RequesterKind
+from service.model.requester import RequesterKind
 
 _KEPT: Final = 10_000  # credentials; the longest unheard of goes first
 #: A page that was opened so shortly before its test began is one that watches it.

@@ -7,21 +7,13 @@ from collections import OrderedDict
 from collections.abc import Callable
 from typing import Final
 
-from valve.errors import RequestError
+from service.model.refusals import ThrottledError
 
 WINDOW_S: Final = 900.0
 MOST_BY_BOTH: Final = 5
 MOST_BY_NAME: Final = 50  # higher: a stranger elsewhere must not lock somebody out by trying their name
 MOST_BY_ADDRESS: Final = 30
 _KEPT: Final = 10_000
-
-
-class ThrottledError(RequestError):
-    """Too much was asked, or too many sign-ins failed: wait for ``retry_after_s``."""
-
-    def __init__(self, message: str, retry_after_s: float) -> None:
-        super().__init__(message)
-        self.retry_after_s = retry_after_s
 
 
 class Throttle:

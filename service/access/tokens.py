@@ -14,7 +14,7 @@ from sqlalchemy import Engine, Row, insert, select, update
 from service.access.principal import Principal, Role
 from service.access.sessions import sha256
 from service.access.users import checked_name, now
-from service.runs.requester import RequesterKind
+from service.model.requester import RequesterKind
 from service.store.schema_access import TOKENS
 from valve.errors import NotFoundError, RequestError
 

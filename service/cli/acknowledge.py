@@ -8,7 +8,7 @@ from urllib.parse import quote
 import typer
 
 from service.cli.client import asked, service_client
-from service.runs.run import RUN_ID
+from service.model.run import RUN_ID
 from valve.errors import RequestError
 
 

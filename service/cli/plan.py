@@ -62,8 +62,8 @@ def plan(  # noqa: PLR0917 - typer takes options by position
         raise RequestError("--override changes one sequence, and all are compared: name it by --sequence")
     overrides = read_overrides(override or ())
     from service.expected_valve import expected_valve
+    from service.model.sequences import SEQUENCES
     from service.planning import plan_document, plan_sequence
-    from service.runs.sequences import SEQUENCES
 
     names = list(SEQUENCES) if sequence == ALL else [sequence]
     if names[0] not in SEQUENCES:

@@ -20,8 +20,8 @@ from service.cli.client import asked, service_client
 from service.cli.overrides import read_overrides
 from service.cli.signals import ended_by_signals, signals_held_back
 from service.cli.standing import is_astray, looked_at, stands_of
-from service.runs.acknowledgement import NOT_THERE
-from service.runs.run import Label
+from service.model.acknowledgement import NOT_THERE
+from service.model.run import Label
 from service.shown_sentences import in_units
 from service.shown_units import UnitSystem
 from valve.errors import MeasurementError, WireError

@@ -10,8 +10,8 @@ import typer
 
 from service.cli.client import service_client
 from service.cli.standing import is_astray, is_moving, looked_at, stands_of
-from service.runs.acknowledgement import NOT_THERE
-from service.runs.run import RUN_ID
+from service.model.acknowledgement import NOT_THERE
+from service.model.run import RUN_ID
 from valve.errors import MeasurementError, RequestError, WireError
 
 _OVER: Final = ("completed", "stopped", "failed", "interrupted", "analyzing")

@@ -8,9 +8,10 @@ from typing import Any, Final
 
 from service.health.acceptance import checks_of, is_known, remark, unmet
 from service.health.changes import Change, changes_between
-from service.health.figures import Figures, figures_of, widened
 from service.health.forecast import forecasts, scatter_of, trends_of
-from service.health.results import Baseline, Case, Check, Finding, Health, Ne107
+from service.health.results import Case, Check, Finding, Health, Ne107
+from service.model.health_figures import Figures, figures_of, widened
+from service.model.past_test import Baseline
 
 _NOT_ASSESSED: Final = "not_assessed"
 _NO_BASELINE: Final = (
@@ -62,12 +63,6 @@ def assess(case: Case) -> Health:
     notes = (*_notes(case, findings, changes, checks, is_accepted=is_accepted), *remarks.values())
     found = (tuple(findings), tuple(changes), tuple(trends), case.baseline)
     return Health(*found, notes, checks, tuple(remarks), is_accepted=is_accepted)
-
-
-def is_good(analysis: Mapping[str, Any]) -> bool:
-    """Whether a result can be a baseline: it shows friction and spring, or at least one of them with its size."""
-    figures = figures_of(analysis)
-    return any(name in figures for name in ("friction_mean_n", "friction_coulomb_n", "spring_rate_n_per_m"))
 
 
 def _by_itself(case: Case, now: Figures, checks: tuple[Check, ...]) -> Iterator[Finding]:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from service.health.changes import Change, ValveFacts, changes_between
-from service.health.figures import FIGURE_KINDS
-from service.health.limits import HealthLimits
-from service.health.results import PastTest
+from service.model.health_figures import FIGURE_KINDS
+from service.model.health_limits import HealthLimits
+from service.model.past_test import PastTest
 from service.shown_units import UnitSystem, measured
 
 _TOLD_PERCENT: Final = 0.1  # below it a change is sure and matters to nobody: intervals are tighter than that

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from service.health.changes import Change, allowed
-from service.health.figures import FIGURE_KINDS, Figures
 from service.health.results import Case, Finding, Ne107, TrendFound
 from service.health.trend import robust_slope, scatter_between
+from service.model.health_figures import FIGURE_KINDS, Figures
 
 _DAY_S: Final = 86400.0
 

@@ -8,7 +8,7 @@ from typing import Any, Final
 from service.health.assess import assess
 from service.health.changes import ValveFacts
 from service.health.results import Case
-from service.runs.run import Run
+from service.model.run import Run
 from service.settings import PlantValve
 from service.store.figure_table import FigureTable, conditions_of
 

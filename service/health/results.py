@@ -9,9 +9,9 @@ from enum import StrEnum
 from typing import Any, Final
 
 from service.health.changes import Change, ValveFacts
-from service.health.figures import Figures
-from service.health.limits import HealthLimits
 from service.health.trend import Slope
+from service.model.health_limits import HealthLimits
+from service.model.past_test import Baseline, PastTest
 
 
 class Ne107(StrEnum):
@@ -25,29 +25,6 @@ class Ne107(StrEnum):
 
 
 _RANKS: Final = {state: rank for rank, state in enumerate(Ne107)}
-
-
-@dataclass(frozen=True, slots=True)
-class PastTest:
-    """An earlier test as its figures are kept; ``unmet`` names the acceptance checks that it did not meet."""
-
-    test_id: str
-    at: datetime
-    figures: Figures
-    causes: tuple[str, ...] = ()
-    verdict: str = ""
-    label: str | None = None
-    ne107: str | None = None
-    unmet: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Baseline:
-    """The test that later ones are held against, and who chose it; ``set_by`` is empty where nobody did."""
-
-    test: PastTest
-    set_by: str = ""
-    set_at: datetime | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from datetime import datetime, timedelta
 from typing import Any, Final
 
 from service.health.results import Ne107
-from service.schedules.calendar import nth_last_due
+from service.model.schedule import nth_last_due
 from service.settings import Plant
 
 _KEPT: Final = timedelta(minutes=1)  # how long an answer is taken as the present: limits are days

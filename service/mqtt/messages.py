@@ -8,9 +8,9 @@ from datetime import datetime
 from typing import Any, Final
 from urllib.parse import quote
 
-from service.runs.acknowledgement import stem_astray
-from service.runs.run import Run, RunState
-from service.stands_words import where_it_stands
+from service.model.acknowledgement import stem_astray
+from service.model.run import Run, RunState
+from service.model.stands_words import where_it_stands
 
 _ESTIMATE: Final = ("value", "unit", "ci95", "identifiable")
 _SIGNATURE: Final = (

@@ -18,8 +18,8 @@ import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
 from service.health.staleness import Staleness
+from service.model.run import Run
 from service.mqtt.messages import messages_of, topic_part
-from service.runs.run import Run
 from service.settings import Plant
 from service.settings_mqtt import MqttSettings
 from service.store.conditions import valve_standings

@@ -1,1 +1,1 @@
-"""Recordings over the REST interface: formats, and analysis of those that come from elsewhere."""
+"""Recordings as files: where each is, and other formats made of them."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from service.runs.run import Run
+from service.model.run import Run
 from service.settings import Plant
 from service.store.store import Store
 from valve.errors import ElsewhereError, NotFoundError

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from service.health.changes import Change, ValveFacts, changes_between
-from service.health.figures import FIGURE_KINDS, Figure, figures_of
-from service.health.limits import HealthLimits
+from service.model.health_figures import FIGURE_KINDS, Figure, figures_of
+from service.model.health_limits import HealthLimits
 from service.shown_units import UnitSystem, measured, quantity
 
 #: The acceptance check that each figure is judged by.

@@ -15,9 +15,7 @@ from service.figures.trend import trends_picture
 from service.next_step import most_telling, next_step
 from service.report.source import ReportSource
 from service.report.summary import summary_of
-from service.shown_sentences import all_in_units
-from service.shown_units import UnitSystem, measured, quantity
-from service.tablet.results import (
+from service.shown.results import (
     Cell,
     diagnosis_of,
     figure_rows,
@@ -27,7 +25,9 @@ from service.tablet.results import (
     parameter_rows,
     told_once,
 )
-from service.tablet.words import FIGURES
+from service.shown.words import FIGURES
+from service.shown_sentences import all_in_units
+from service.shown_units import UnitSystem, measured, quantity
 
 _NOT_GIVEN: Final = "not identifiable"
 _LEAST_JITTER_S: Final = 1.0e-6

@@ -8,10 +8,10 @@ from typing import Any, Final
 from service.next_step import next_step
 from service.plain_numbers import plus_minus
 from service.report.source import ReportSource
+from service.shown.results import diagnosis_of
+from service.shown.words import NE107
 from service.shown_sentences import NO_FAULT, as_sentence
 from service.shown_units import UnitSystem, measured, quantity
-from service.tablet.results import diagnosis_of
-from service.tablet.words import NE107
 
 _VERDICTS: Final = {
     "F": " has failed: go and look at it.",

@@ -10,8 +10,8 @@ from drivers.stands_at import RestRules
 from service.figures.signature import Frame
 from service.health.changes import allowed
 from service.health.judge import facts_of
-from service.health.limits import HealthLimits
-from service.health.results import PastTest
+from service.model.health_limits import HealthLimits
+from service.model.past_test import PastTest
 from service.settings import PlantValve
 from service.settings_valves import Identity
 from service.shown_units import UnitSystem, quantity

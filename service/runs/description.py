@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Final
 
-from service.runs.run import Label, Run
+from service.model.run import Label, Run
 
 #: Of the audit log.
 DESCRIBED: Final = "test.described"

@@ -19,16 +19,16 @@ from drivers.permissives import Permissive
 from drivers.stands_at import StandsAt
 from service.audit.log import AuditError, AuditLog
 from service.bus import BusOwners, Claim
-from service.runs.acknowledgement import ENDED_KEY
+from service.model.acknowledgement import ENDED_KEY
+from service.model.run import RunState
+from service.model.stands_words import NOT_CONFIRMED
 from service.runs.analyst import ANALYSIS_FAILED, Analyst, assessed
 from service.runs.kept_samples import KeptSamples
 from service.runs.live import MOTION_SHARE, LiveRun
 from service.runs.permission import Permission
 from service.runs.quality import recording_quality
 from service.runs.rig import Order, Rig, Watcher
-from service.runs.run import RunState
 from service.runs.stem_looks import Rest, StemLooks
-from service.stands_words import NOT_CONFIRMED
 from service.store.store import Store
 from valve.errors import InternalError, MeasurementError, ValveError
 

@@ -13,8 +13,8 @@ from typing import Any, Final
 from drivers.outcome import SampleBlock
 from drivers.stands_at import StandsAt
 from service.events import EventLog
-from service.runs.run import Run
-from service.stands_words import where_it_stands
+from service.model.run import Run
+from service.model.stands_words import where_it_stands
 from service.store.store import Store
 
 _LIVE_PERIOD_S: Final = 0.05  # 20 points a second are more than an eye follows

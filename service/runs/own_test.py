@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from service.runs.run import Run, RunState
+from service.model.run import Run, RunState
 from service.runs.service import Runs
 from valve.errors import RequestError
 

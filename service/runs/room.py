@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any, Final
 
 from drivers.addresses import MotionLimits
-from service.runs.sequences import room_of
+from service.model.sequences import room_of
 from valve.nameplate import Nameplate
 
 _RANGE: Final = ("low_pa", "high_pa")

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
-from service.runs.run import Run, RunState
-from service.runs.sequences import SEQUENCES
+from service.model.run import Run, RunState
+from service.model.sequences import SEQUENCES
 from service.store.store import Store
 from valve.errors import RequestError
 

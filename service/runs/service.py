@@ -17,8 +17,11 @@ import structlog
 from drivers.addresses import BusAddress
 from service.audit.log import AuditLog
 from service.events import Event
+from service.model.acknowledgement import acknowledged, ended_badly, is_moving
+from service.model.requester import LOCAL, Requester
+from service.model.run import Label, Run, RunState, checked_run_id, new_run_id
+from service.model.sequences import choose_waveform
 from service.recordings.place import recording_of
-from service.runs.acknowledgement import acknowledged, ended_badly, is_moving
 from service.runs.again import analyse_again, begun_again, can_be_analysed
 from service.runs.analyst import Analyst
 from service.runs.description import DESCRIBED, description_of
@@ -27,11 +30,8 @@ from service.runs.life import Life, OnSamples
 from service.runs.live import LiveRun, LiveRuns
 from service.runs.permission import Permission
 from service.runs.recovery import Recovery
-from service.runs.requester import LOCAL, Requester
 from service.runs.rig import Order, Rig
-from service.runs.run import Label, Run, RunState, checked_run_id, new_run_id
 from service.runs.separating import SEPARATING, check_name, separating_of
-from service.runs.sequences import choose_waveform
 from service.runs.stem_looks import StemLooks
 from service.runs.tasks import Tasks
 from service.settings import Plant, PlantValve

@@ -9,8 +9,8 @@ from datetime import datetime
 from sqlalchemy import Engine, select
 
 from drivers.stands_at import StemVerdict
-from service.runs.run import Label, RunState
-from service.schedules.check import CheckState
+from service.model.check import CheckState
+from service.model.run import Label, RunState
 from service.store.schema_health import FIGURES
 from service.store.schema_nightly import SCHEDULE_RUNS, VALVE_STATES
 from service.store.schema_tests import TESTS

@@ -10,10 +10,9 @@ from typing import Any
 
 from sqlalchemy import Connection, Engine, delete, insert, or_, select, update
 
-from service.health.assess import is_good
-from service.health.figures import FIGURE_KINDS, Figure, figures_of
-from service.health.results import Baseline, PastTest
-from service.runs.run import Label, Run
+from service.model.health_figures import FIGURE_KINDS, Figure, figures_of
+from service.model.past_test import Baseline, PastTest, is_good
+from service.model.run import Label, Run
 from service.store.schema_health import BASELINES, FIGURES
 from service.store.schema_nightly import VALVE_STATES
 from service.store.schema_tests import ANALYSES

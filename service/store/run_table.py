@@ -13,7 +13,7 @@ from sqlalchemy import ColumnElement, Connection, Engine, Select, Table, delete,
 from sqlalchemy.dialects import postgresql, sqlite
 
 from drivers.stands_at import StandsAt, StemVerdict
-from service.runs.run import Label, Run, RunState
+from service.model.run import Label, Run, RunState
 from service.store.figure_table import write_figures
 from service.store.schema_health import FIGURES
 from service.store.schema_nightly import VALVE_HEALTHS, VALVE_STATES

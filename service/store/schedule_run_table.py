@@ -10,7 +10,7 @@ from typing import Any
 from sqlalchemy import Engine, Row, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
-from service.schedules.check import Check, CheckState
+from service.model.check import Check, CheckState
 from service.store.schema_nightly import SCHEDULE_RUNS
 from valve.errors import NotFoundError
 

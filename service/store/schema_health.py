@@ -6,7 +6,7 @@ from typing import Final
 
 from sqlalchemy import JSON, Boolean, Column, Float, ForeignKey, Index, Integer, String, Table
 
-from service.health.figures import FIGURE_KINDS
+from service.model.health_figures import FIGURE_KINDS
 from service.store.schema_base import METADATA, UtcDateTime
 
 # A row a completed test. ``conditions`` names the motion: only tests of the same motion are compared.

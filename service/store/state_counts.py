@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 from sqlalchemy import Connection, Engine, func, select
 
-from service.runs.run import RunState
+from service.model.run import RunState
 from service.store.schema_tests import TESTS
 
 _UNFINISHED = tuple(state.value for state in RunState if not state.finished)

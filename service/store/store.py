@@ -16,7 +16,7 @@ from pathlib import Path
 
 from sqlalchemy import URL, Engine
 
-from service.runs.run import checked_run_id
+from service.model.run import checked_run_id
 from service.settings import ServiceSettings
 from service.store.database import open_database
 from service.store.figure_table import FigureTable

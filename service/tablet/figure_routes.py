@@ -17,15 +17,15 @@ from service.figures.misfit import coordinate_svg, time_svg
 from service.figures.signature import NARROW, WIDE, Frame, Layer, has_signature, signature_svg
 from service.figures.trace import trace_svg
 from service.figures.trend import trends_svg
+from service.model.run import Run, RunState
 from service.parts import Parts, parts_of
 from service.recordings.place import recording_of
 from service.report.summary import key_figures
 from service.report.valve_facts import frame_of
-from service.runs.run import Run, RunState
-from service.tablet.history import past_of
-from service.tablet.overlays import before_of, layers_of, measured_signature
+from service.shown.history import past_of
+from service.shown.overlays import before_of, layers_of, measured_signature
 from service.tablet.rendering import page, units_of
-from service.tablet.routes import VisitorOf
+from service.tablet.visitor import VisitorOf
 from valve.errors import NotFoundError
 
 router = APIRouter(prefix="/ui/figures", include_in_schema=False)

@@ -11,8 +11,9 @@ from starlette.types import Scope
 
 from service.tablet.figure_routes import router as figure_routes
 from service.tablet.rendering import STATIC
-from service.tablet.routes import SignInNeededError, router, to_sign_in
+from service.tablet.routes import router
 from service.tablet.script import NAME, script
+from service.tablet.visitor import SignInNeededError, to_sign_in
 
 _KEEP: Final = "public, max-age=31536000, immutable"  # an address carries the hash of what is behind it
 

@@ -12,15 +12,15 @@ from urllib.parse import urlencode
 
 from pydantic import BaseModel, Field
 
-from service.health.results import PastTest
+from service.model.check import CheckState
+from service.model.past_test import PastTest
+from service.model.schedule import next_occurrence
 from service.parts import Parts
-from service.schedules.calendar import next_occurrence
-from service.schedules.check import CheckState
 from service.schedules.nightly import wall_clock
 from service.schedules.views import NightEntry, night
-from service.tablet.history import diagnosis_words
+from service.shown.history import diagnosis_words
+from service.shown.words import BAD_END, NE107, NOT_ASSESSED, Condition
 from service.tablet.valve_list import Chip, found_by
-from service.tablet.words import BAD_END, NE107, NOT_ASSESSED, Condition
 
 _ROWS: Final = 50  # of each list on one page
 

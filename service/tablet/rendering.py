@@ -16,9 +16,9 @@ from fastapi import Request
 from fastapi.responses import HTMLResponse
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_context
 
+from service.model.requester import person_of
 from service.parts import Parts
 from service.plant_clock import by_the_plants_clock, instant_words
-from service.runs.requester import person_of
 from service.shown_sentences import as_sentence, in_units
 from service.shown_units import UnitSystem, measured, quantity, shown_unit
 from service.tablet.script import NAME, script

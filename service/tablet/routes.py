@@ -11,29 +11,24 @@ from urllib.parse import quote
 from zoneinfo import ZoneInfo
 
 from fastapi import APIRouter, Depends, Query, Request, Response
-from fastapi.responses import RedirectResponse
 
 from service.ending import ending_of
 from service.figures.methods import all_estimates, can_compare
 from service.figures.signature import has_signature
 from service.health.judge import facts_of
+from service.model.acknowledgement import alarm_words, needs_acknowledgement
+from service.model.run import Run
+from service.model.stands_words import where_it_stands
 from service.next_step import next_step
 from service.parts import Parts, parts_of
 from service.report.before_after import BeforeAfter, before_after
 from service.report.of_run import repair_sentences
 from service.report.summary import key_figures
 from service.report.valve_facts import class_facts, identity_facts, safe_position_words, safe_value_words
-from service.runs.acknowledgement import alarm_words, needs_acknowledgement
 from service.runs.again import can_be_analysed
-from service.runs.run import Run
-from service.shown_units import UnitSystem, shown_unit
-from service.stands_words import where_it_stands
-from service.tablet.history import ValvePast, history_row, past_of
-from service.tablet.night import NightWish, due_checks, night_of
-from service.tablet.overlays import before_of, overlays_of, words_of
-from service.tablet.plans import AROUND_S, approved_plans, planned_line, plans_of, waveform_of
-from service.tablet.rendering import page, units_of
-from service.tablet.results import (
+from service.shown.history import ValvePast, history_row, past_of
+from service.shown.overlays import before_of, overlays_of, words_of
+from service.shown.results import (
     diagnosis_of,
     figure_rows,
     method_messages,
@@ -44,36 +39,21 @@ from service.tablet.results import (
     recording_facts,
     told_once,
 )
+from service.shown.words import NE107, STATES, alarm_condition, condition_of
+from service.shown_units import UnitSystem, shown_unit
+from service.tablet.night import NightWish, due_checks, night_of
+from service.tablet.plans import AROUND_S, approved_plans, planned_line, plans_of, waveform_of
+from service.tablet.rendering import page, units_of
 from service.tablet.since import since_yesterday
 from service.tablet.valve_list import ValveList, Wish
 from service.tablet.valve_rows import valve_rows, valve_stands
-from service.tablet.visitor import Visitor, sign_in_address, visitor_of
-from service.tablet.words import NE107, STATES, alarm_condition, condition_of
+from service.tablet.visitor import Visitor, VisitorOf
 from valve.errors import NotFoundError, ValveError
 
 router = APIRouter(include_in_schema=False)
 PartsOf = Annotated[Parts, Depends(parts_of)]
 
 _HISTORY: Final = 20
-
-
-class SignInNeededError(Exception):
-    """Nobody is signed in: the page of signing in is shown instead."""
-
-
-async def _visitor(request: Request) -> Visitor:
-    visitor = visitor_of(request)
-    if visitor is None:
-        raise SignInNeededError
-    return visitor
-
-
-VisitorOf = Annotated[Visitor, Depends(_visitor)]
-
-
-async def to_sign_in(request: Request, _error: Exception) -> Response:
-    """Send whoever is not signed in to the page where they can."""
-    return RedirectResponse(sign_in_address(request), HTTPStatus.SEE_OTHER)
 
 
 @router.get("/")

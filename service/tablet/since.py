@@ -10,9 +10,9 @@ from typing import Final
 from zoneinfo import ZoneInfo
 
 from service.parts import Parts
+from service.shown.words import Condition, condition_of
 from service.store.conditions import not_carried_out
 from service.tablet.valve_rows import Stand
-from service.tablet.words import Condition, condition_of
 
 _NOON: Final = time(12)
 _NOTES: Final = 4  # of the first screen; the chips lead to all

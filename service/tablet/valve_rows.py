@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any, Final
 
+from service.model.run import Run
+from service.model.stands_words import NOT_CONFIRMED, where_it_stands
 from service.parts import Parts
-from service.runs.run import Run
-from service.stands_words import NOT_CONFIRMED, where_it_stands
+from service.shown.words import STATES, Condition, condition_of
 from service.store.conditions import ValveStanding, valve_standings
 from service.store.run_table import ValveHead
-from service.tablet.words import STATES, Condition, condition_of
 
 _ARROWS: Final = {"up": ("▲", "rising"), "down": ("▼", "falling"), "steady": ("▬", "steady"), "": ("", "")}
 

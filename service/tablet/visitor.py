@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from http import HTTPStatus
+from typing import Annotated
 from urllib.parse import quote
 
-from fastapi import Request
+from fastapi import Depends, Request
+from fastapi.responses import RedirectResponse, Response
 
 from service.access.principal import Principal, Right, Role
 
@@ -42,3 +45,22 @@ def visitor_of(request: Request) -> Visitor | None:
 def sign_in_address(request: Request) -> str:
     """Return the address of the sign-in page, which leads back here afterwards."""
     return f"/ui/sign-in?next={quote(request.url.path)}"
+
+
+class SignInNeededError(Exception):
+    """Nobody is signed in: the page of signing in is shown instead."""
+
+
+async def _visitor(request: Request) -> Visitor:
+    visitor = visitor_of(request)
+    if visitor is None:
+        raise SignInNeededError
+    return visitor
+
+
+VisitorOf = Annotated[Visitor, Depends(_visitor)]
+
+
+async def to_sign_in(request: Request, _error: Exception) -> Response:
+    """Send whoever is not signed in to the page where they can."""
+    return RedirectResponse(sign_in_address(request), HTTPStatus.SEE_OTHER)

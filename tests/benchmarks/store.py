@@ -20,7 +20,7 @@ from rich.table import Table
 from sqlalchemy import JSON, Connection, Engine, bindparam, text
 
 from service.app import create_app
-from service.health.figures import FIGURE_KINDS
+from service.model.health_figures import FIGURE_KINDS
 from service.server import settle_memory
 from service.settings import Plant, load_plant
 from service.store.database import open_database

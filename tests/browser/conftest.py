@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from service.runs.run import Run, RunState, new_run_id
+from service.model.run import Run, RunState, new_run_id
 from tests.browser.analyses import FRICTION_N, made_analysis
 from tests.browser.gateway import Gateway, gateway
 from tests.browser.tablets import Tablet, tablet

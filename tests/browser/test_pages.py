@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 
-from service.runs.run import RunState
+from service.model.run import RunState
 from service.tablet import script
 from tests.browser.conftest import store_test
 from tests.browser.gateway import Gateway

@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 from service.ending import ending_of
+from service.model.run import RunState
 from service.report.ended import EndedSource
 from service.report.source import ReportSource
 from service.report.written import report_html
-from service.runs.run import RunState
 from tests.browser.analyses import FRICTION_N, made_analysis
 from tests.browser.conftest import store_test
 from tests.browser.gateway import Gateway

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from service.runs.run import Run
+from service.model.run import Run
 from tests.browser.analyses import FRICTION_N, made_analysis
 from tests.browser.conftest import store_test
 from tests.browser.gateway import Gateway, MadeAnalyst

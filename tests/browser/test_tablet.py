@@ -11,7 +11,7 @@ import pytest
 from sqlalchemy import update
 
 from service.access.principal import Role
-from service.runs.run import RunState
+from service.model.run import RunState
 from service.store.schema_access import SESSIONS
 from tests.browser.analyses import ACTION, MISSING
 from tests.browser.conftest import store_test

@@ -13,9 +13,9 @@ from sqlalchemy import event
 
 from service.health.earlier import EarlierResults
 from service.health.staleness import Staleness
+from service.model.check import Check, CheckState
+from service.model.run import Run, RunState, new_run_id
 from service.parts import Parts
-from service.runs.run import Run, RunState, new_run_id
-from service.schedules.check import Check, CheckState
 from service.settings import load_plant
 from service.settings_valves import Identity
 from service.store.store import Store

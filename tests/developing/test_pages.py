@@ -16,7 +16,7 @@ from drivers.permissive_rules import PermissiveRules
 from service.cli import app
 from service.cli.simulated_instruments import HuntingSection, PackingSection, PositionSection, PressureSection
 from service.cli.simulated_plant import SimulationSection
-from service.health.limits import HealthLimits
+from service.model.health_limits import HealthLimits
 from service.settings import PlantSection, ServiceSection
 from service.settings_maps import CanarySection, MapSection, RegisterSection, WatchdogSection
 from service.settings_mqtt import MqttSection

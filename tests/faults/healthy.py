@@ -19,7 +19,7 @@ from drivers.outcome import Sample
 from drivers.permissive_rules import PermissiveRules
 from drivers.permissive_watch import PermissiveWatch
 from drivers.transport import Transport
-from service.runs.sequences import build_waveform
+from service.model.sequences import build_waveform
 from simulator.plant import SoftwareValve
 from simulator.sensor import Sensor
 from simulator.simulated_valve import SimulatedValve

@@ -26,7 +26,7 @@ from service.app import create_app
 from service.audit.log import AuditLog
 from service.cli.accounts import accounts
 from service.cli.signals import ENDING_SIGNALS
-from service.runs.run import Run
+from service.model.run import Run
 from service.runs.service import Runs
 from service.settings import load_plant
 from service.store.store import open_store

@@ -9,8 +9,8 @@ from contextlib import asynccontextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
+from service.model.check import Check
 from service.runs.service import Runs
-from service.schedules.check import Check
 from service.schedules.nightly import Nightly
 from service.settings import Plant, load_plant
 from service.store.store import Store

@@ -17,8 +17,8 @@ import pytest
 from service.access.principal import Role
 from service.audit.verify import entries_of
 from service.cli.accounts import accounts
+from service.model.run import Run, RunState
 from service.runs.again import BEGUN_KEY, can_be_analysed
-from service.runs.run import Run, RunState
 from service.runs.service import Runs
 from service.settings import Plant, load_plant
 from service.store.store import Store

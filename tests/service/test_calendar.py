@@ -5,8 +5,7 @@ from zoneinfo import ZoneInfo
 
 import pytest
 
-from service.schedules.calendar import next_occurrence, occurrences_between
-from service.settings_nightly import Schedule
+from service.model.schedule import Schedule, next_occurrence, occurrences_between
 
 
 def _schedule(cron: str, zone: str = "Europe/Berlin") -> Schedule:

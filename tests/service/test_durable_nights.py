@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import Engine, create_engine
 
-from service.schedules.check import Check, CheckState
+from service.model.check import Check, CheckState
 from service.store.run_table import RunTable
 from service.store.schedule_run_table import ScheduleRunTable
 from tests.service.databases import postgresql_database

@@ -14,9 +14,9 @@ import pytest
 
 from drivers.stands_at import RestRules, StemVerdict, stands_at
 from service.ending import ending_of
+from service.model.run import Run, RunState, new_run_id
 from service.report.ended import EndedSource, ended_document
 from service.report.written import report_html, report_pdf
-from service.runs.run import Run, RunState, new_run_id
 from service.settings import Plant, load_plant
 from service.shown_units import UnitSystem
 from tests.service.fake_rig import FakeAnalyst, FakeRig

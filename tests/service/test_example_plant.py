@@ -6,7 +6,7 @@ from pathlib import Path
 
 from drivers.maps import REGISTER_MAPS
 from service.cli.simulated_plant import plant_from_settings
-from service.runs.sequences import SEQUENCES
+from service.model.sequences import SEQUENCES
 from service.settings import load_plant
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "plant.toml"

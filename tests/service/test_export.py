@@ -12,7 +12,7 @@ from sqlalchemy import select
 from typer.testing import CliRunner
 
 from service.cli import app
-from service.runs.run import Label, Run, RunState, new_run_id
+from service.model.run import Label, Run, RunState, new_run_id
 from service.settings import load_plant
 from service.settings_nightly import Retention
 from service.store.retention import remove_old_recordings

@@ -14,7 +14,7 @@ import httpx
 import pytest
 
 from service.access.principal import Role
-from service.runs.run import Label, Run, RunState, new_run_id
+from service.model.run import Label, Run, RunState, new_run_id
 from service.settings import Plant, PlantValve, load_plant
 from service.settings_database import DatabaseAddress
 from service.settings_valves import Identity

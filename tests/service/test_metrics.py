@@ -8,7 +8,7 @@ import httpx
 from prometheus_client.parser import text_string_to_metric_families
 
 from service.access.principal import Role
-from service.runs.run import Run, RunState, new_run_id
+from service.model.run import Run, RunState, new_run_id
 from service.settings import load_plant
 from service.store.store import open_store
 from tests.service.access.signed_in import body_of, signed_in

@@ -7,8 +7,8 @@ from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from service.runs.run import Run, RunState, new_run_id
-from service.schedules.check import Check, CheckState
+from service.model.check import Check, CheckState
+from service.model.run import Run, RunState, new_run_id
 from service.settings import Plant, load_plant
 from service.store.store import Store
 from tests.browser.analyses import made_analysis

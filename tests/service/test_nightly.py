@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from service.runs.run import Run, RunState, new_run_id
-from service.schedules.check import Check, CheckState
+from service.model.check import Check, CheckState
+from service.model.run import Run, RunState, new_run_id
 from service.store.store import Store
 from tests.service.fake_rig import FakeRig
 from tests.service.nights import NIGHTLY, Clock, night, night_plant, until

@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from service.metrics import PrecedenceCollector
 from service.polling import Polling
 from service.precedence import BESIDE, LOOP, Precedence
+from service.routes.metrics import PrecedenceCollector
 
 PROJECT = Path(__file__).resolve().parents[2]
 

@@ -17,7 +17,7 @@ from service.cli import main
 from service.figures.signature import Frame
 from service.figures.trend import Trend, TrendPoint
 from service.health.changes import ValveFacts
-from service.health.limits import HealthLimits
+from service.model.health_limits import HealthLimits
 from service.report.before_after import before_after
 from service.report.document import document_of
 from service.report.source import ReportSource

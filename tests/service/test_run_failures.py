@@ -14,10 +14,10 @@ import pytest
 
 from drivers.outcome import Ended, PlayOutcome, SampleBlock
 from service.ending import ending_of
+from service.model.run import Run, RunState
 from service.runs.live import MOTION_SHARE
 from service.runs.recovery import keep_journals_of_ended_runs, mark_interrupted
 from service.runs.rig import Order, Watcher
-from service.runs.run import Run, RunState
 from service.runs.service import Runs
 from service.settings import Plant
 from service.store.journal import JournalWriter

@@ -11,7 +11,7 @@ import pytest
 from drivers.addresses import MotionLimits, RtuAddress, Sampling, WatchdogChoice
 from drivers.permissive_rules import PermissiveRules
 from service.cli.simulated_plant import simulation_faults
-from service.health.limits import HealthLimits
+from service.model.health_limits import HealthLimits
 from service.nameplates import nameplate_from_toml
 from service.settings import faults_of, load_plant
 from service.settings_errors import Findings

@@ -12,7 +12,7 @@ from alembic.migration import MigrationContext
 from sqlalchemy import text
 
 from drivers.outcome import SampleBlock
-from service.runs.run import Run, RunState, checked_run_id, new_run_id
+from service.model.run import Run, RunState, checked_run_id, new_run_id
 from service.store.database import open_database
 from service.store.journal import JournalWriter, read_journal, recording_from_journal
 from service.store.schema import TABLES, WHOLE

@@ -8,10 +8,11 @@ from sqlalchemy import Engine, select
 
 from service.access.principal import RIGHTS, Principal, Right, Role
 from service.access.sessions import Sessions
-from service.access.throttle import MOST_BY_ADDRESS, MOST_BY_BOTH, WINDOW_S, Throttle, ThrottledError
+from service.access.throttle import MOST_BY_ADDRESS, MOST_BY_BOTH, WINDOW_S, Throttle
 from service.access.tokens import Tokens
 from service.access.users import Users
-from service.runs.requester import Requester, RequesterKind
+from service.model.refusals import ThrottledError
+from service.model.requester import Requester, RequesterKind
 from service.store.database import open_database
 from service.store.schema_access import SESSIONS, TOKENS, USERS
 from tests.service.access.conftest import Clock

@@ -25,8 +25,8 @@ from service.access.stop_grants import JUST_BEFORE_S, StopGrants
 from service.app import create_app
 from service.audit.verify import Verdict, entries_of, verify
 from service.cli.accounts import accounts
+from service.model.requester import RequesterKind
 from service.parts import Parts
-from service.runs.requester import RequesterKind
 from service.settings import load_plant
 from simulator.assembly import SimulatedPlant
 from simulator.record import Event, Happening

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from service.health.changes import ValveFacts
-from service.health.limits import HealthLimits
+from service.model.health_limits import HealthLimits
 
 FACTS = ValveFacts(rated_travel_m=0.1016, span_pa=82737.0, available_pa=82737.0)
 LIMITS = HealthLimits()

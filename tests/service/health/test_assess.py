@@ -9,9 +9,10 @@ import pytest
 
 from service.health.acceptance import checks_of
 from service.health.assess import assess
-from service.health.figures import figures_of
-from service.health.limits import HealthLimits
-from service.health.results import Baseline, Case, Health, PastTest
+from service.health.results import Case, Health
+from service.model.health_figures import figures_of
+from service.model.health_limits import HealthLimits
+from service.model.past_test import Baseline, PastTest
 from tests.service.health.analyses import FACTS, LIMITS, analysis, named
 from valve.errors import ConfigurationError
 

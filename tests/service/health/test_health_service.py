@@ -11,7 +11,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.health.limits import HealthLimits
+from service.model.health_limits import HealthLimits
 from service.settings import Plant, load_plant
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.health.analyses import SPOT, analysis, named

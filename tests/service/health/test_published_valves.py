@@ -12,10 +12,11 @@ from drivers.addresses import MotionLimits
 from service.analysis import analyze_recordings
 from service.health.assess import assess
 from service.health.changes import ValveFacts
-from service.health.figures import figures_of
-from service.health.limits import HealthLimits
-from service.health.results import Baseline, Case, Health, PastTest
-from service.runs.sequences import build_waveform
+from service.health.results import Case, Health
+from service.model.health_figures import figures_of
+from service.model.health_limits import HealthLimits
+from service.model.past_test import Baseline, PastTest
+from service.model.sequences import build_waveform
 from valve.motion import simulate_waveform
 from valve.parameter_sets import PARAMETER_SETS
 from valve.recording import Acquisition, Provenance, Recording

@@ -17,7 +17,7 @@ import aiomqtt
 import pytest
 from structlog.testing import capture_logs
 
-from service.runs.run import Run, RunState
+from service.model.run import Run, RunState
 from service.settings import load_plant
 from service.settings_mqtt import MqttSettings
 from service.store.store import open_store

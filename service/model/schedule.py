@@ -1,4 +1,4 @@
-"""When a schedule is due: cron on the plant's own clock, daylight saving included.
+"""A schedule and when it is due: cron on the plant's own clock, daylight saving included.
 
 A time that the spring's change leaves out is due at the first minute after it; one that the autumn's change brings
 twice is one occurrence, at its first coming. So an occurrence is named by the plant's clock, not by the instant.
@@ -6,13 +6,26 @@ twice is one occurrence, at its first coming. So an occurrence is named by the p
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from typing import Any
+from zoneinfo import ZoneInfo
 
 from cronsim import CronSim
 
-from service.settings_nightly import Schedule
+
+@dataclass(frozen=True, slots=True)
+class Schedule:
+    """When which valves are checked: ``cron`` in ``zone``, each start at most ``window_s`` late."""
+
+    name: str
+    cron: str
+    zone: ZoneInfo
+    valves: tuple[str, ...]
+    sequence: str
+    window_s: float
+    overrides: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

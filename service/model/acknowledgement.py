@@ -9,8 +9,8 @@ from typing import Final
 from drivers.outcome import Ended
 from drivers.permissives import Permissive
 from drivers.stands_at import StemVerdict
-from service.runs.run import Run, RunState
-from service.stands_words import NOT_CONFIRMED, where_it_stands
+from service.model.run import Run, RunState
+from service.model.stands_words import NOT_CONFIRMED, where_it_stands
 
 ENDED_KEY: Final = "ended"  # of a run's quality: how the motion itself ended
 #: What a stem that is not at its declared safe position is called; the sentence follows.

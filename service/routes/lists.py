@@ -14,7 +14,7 @@ from fastapi.dependencies.models import Dependant
 from fastapi.exceptions import RequestValidationError
 from pydantic import AfterValidator
 
-from service.recordings.formats import CSV, qualities
+from service.routes.recording_formats import CSV, qualities
 from service.settings import Plant
 from service.spelling import nearest
 

@@ -9,12 +9,12 @@ from datetime import datetime, tzinfo
 from typing import Any
 
 from service.figures.signature import MOST_LAYERS, Layer, has_signature
-from service.health.results import PastTest
+from service.model.past_test import PastTest
+from service.model.run import Label, Run
 from service.nameplates import nameplate_from_mapping
 from service.plant_clock import short_instant
-from service.runs.run import Label, Run
+from service.shown.history import ValvePast
 from service.store.store import Store
-from service.tablet.history import ValvePast
 from valve.errors import NotFoundError
 from valve.recording_files import read_recording
 

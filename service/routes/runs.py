@@ -15,10 +15,15 @@ from service.access.motion import require_may_run
 from service.access.needs import Asks, needs, require_covers
 from service.access.principal import Right
 from service.events import Event
-from service.health.figures import MAIN_FIGURES, Figure
-from service.health.results import Ne107, PastTest
-from service.json_body import JsonRoute
-from service.lists import (
+from service.health.results import Ne107
+from service.model.health_figures import MAIN_FIGURES, Figure
+from service.model.past_test import PastTest
+from service.model.run import Label, Run, RunState, file_words
+from service.parts import Parts, parts_of
+from service.problems import PROBLEMS
+from service.recordings.place import recording_of
+from service.routes.json_body import JsonRoute
+from service.routes.lists import (
     KNOWN_KEYS,
     OR_CSV,
     Areas,
@@ -31,12 +36,8 @@ from service.lists import (
     tags_of_areas,
     wants_csv,
 )
-from service.parts import Parts, parts_of
-from service.problems import PROBLEMS
-from service.recordings.formats import CSV, PARQUET, acceptable
-from service.recordings.place import recording_of
-from service.runs.run import Label, Run, RunState, file_words
-from service.runs.views import ReadIn, RunDescription, RunPage, RunRequest, RunView, summary, view
+from service.routes.recording_formats import CSV, PARQUET, acceptable
+from service.routes.run_views import ReadIn, RunDescription, RunPage, RunRequest, RunView, summary, view
 from service.shown_units import UnitSystem
 from service.store.run_table import RunFilter
 

@@ -1,4 +1,4 @@
-"""A finished test as its page tells it: the methods beside each other, what is missing and why, the diagnosis."""
+"""A finished test as page and report tell it: the methods beside each other, what is missing and why, the diagnosis."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any
 
 from service.figures.methods import METHOD_WORDS, all_estimates
 from service.health.acceptance import remarked
+from service.model.requester import person_of
+from service.model.run import Run
+from service.model.stands_words import where_it_stands
 from service.plain_numbers import scatter_words
 from service.runs.again import words_of_repetition
-from service.runs.requester import person_of
-from service.runs.run import Run
+from service.shown.words import FIGURES, VERDICTS
 from service.shown_sentences import NO_FAULT, in_units
 from service.shown_units import UnitSystem
-from service.stands_words import where_it_stands
-from service.tablet.words import FIGURES, VERDICTS
 from valve.carried_digits import carried_places
 from valve.parameters import PARAMETER_SYMBOLS
 

@@ -6,8 +6,8 @@ from textwrap import shorten
 from typing import Final
 
 from drivers.stands_at import StandsAt, StemVerdict
-from service.runs.requester import person_of
-from service.runs.run import Run
+from service.model.requester import person_of
+from service.model.run import Run
 from service.shown_sentences import as_sentence
 
 NOT_CONFIRMED: Final = "SAFE STATE NOT CONFIRMED: go and look at the valve"

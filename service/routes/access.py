@@ -12,16 +12,17 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from service.access.access import Access
 from service.access.gate import cookie_name, session_secret
-from service.access.needs import OPEN_TO_ALL, Asks, ForbiddenError, needs
+from service.access.needs import OPEN_TO_ALL, Asks, needs
 from service.access.passwords import LONGEST as LONGEST_PASSWORD
 from service.access.principal import RIGHTS, Principal, Right, Role
 from service.access.tokens import Token
 from service.access.users import User
-from service.json_body import JsonRoute
-from service.lists import KNOWN_KEYS
+from service.model.refusals import ForbiddenError
+from service.model.requester import RequesterKind
 from service.parts import parts_of
 from service.problems import PROBLEMS
-from service.runs.requester import RequesterKind
+from service.routes.json_body import JsonRoute
+from service.routes.lists import KNOWN_KEYS
 from valve.errors import NotFoundError
 
 session_router = APIRouter(prefix="/session", tags=["access"], responses=PROBLEMS, route_class=JsonRoute)

@@ -1,4 +1,4 @@
-"""A valve's past as the pages need it: the last tests, the baseline, and the trend of each figure with its limits."""
+"""A valve's past as pages and report need it: last tests, baseline, the trend of each figure with its limits."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import Any, Final
 
 from service.figures.trend import Trend, TrendPoint
 from service.health.changes import allowed
-from service.health.figures import FIGURE_KINDS, Figure
 from service.health.judge import facts_of
-from service.health.results import Baseline, PastTest
-from service.runs.acknowledgement import needs_acknowledgement
-from service.runs.run import Run
+from service.model.acknowledgement import needs_acknowledgement
+from service.model.health_figures import FIGURE_KINDS, Figure
+from service.model.past_test import Baseline, PastTest
+from service.model.run import Run
 from service.settings import PlantValve
+from service.shown.words import STATES
 from service.store.figure_table import conditions_of
 from service.store.store import Store
-from service.tablet.words import STATES
 
 _TREND_TESTS: Final = 40
 _TRENDS: Final = ("friction_mean_n", "spring_rate_n_per_m", "bench_low_pa", "dead_band_percent")

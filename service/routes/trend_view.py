@@ -1,4 +1,4 @@
-"""Figures over tests as the REST interface and the pages show them."""
+"""Figures over tests as the REST interface shows them."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from datetime import datetime
 
 from pydantic import BaseModel, Field
 
-from service.health.figures import FIGURE_KINDS
-from service.health.results import PastTest
+from service.model.health_figures import FIGURE_KINDS
+from service.model.past_test import PastTest
 
 
 class TrendPointView(BaseModel):

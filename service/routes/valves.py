@@ -15,10 +15,15 @@ from pydantic import BaseModel, Field
 
 from service.access.needs import needs
 from service.access.principal import Right
-from service.health.figures import MAIN_FIGURES
-from service.health.results import Ne107, PastTest
-from service.health.trend_view import TrendView, trends_of_tests
-from service.lists import (
+from service.health.results import Ne107
+from service.model.acknowledgement import alarm_of
+from service.model.health_figures import MAIN_FIGURES
+from service.model.past_test import PastTest
+from service.model.run import Label, Run, RunState
+from service.model.sequences import SEQUENCES, default_of
+from service.parts import Parts, parts_of
+from service.problems import PROBLEMS
+from service.routes.lists import (
     KNOWN_KEYS,
     OR_CSV,
     Areas,
@@ -31,12 +36,8 @@ from service.lists import (
     tags_of_areas,
     wants_csv,
 )
-from service.parts import Parts, parts_of
-from service.problems import PROBLEMS
-from service.runs.acknowledgement import alarm_of
-from service.runs.run import Label, Run, RunState
-from service.runs.sequences import SEQUENCES, default_of
-from service.runs.views import RunSummary, RunView, summary, view
+from service.routes.run_views import RunSummary, RunView, summary, view
+from service.routes.trend_view import TrendView, trends_of_tests
 from service.store.conditions import ValveStanding, last_labelled, valve_standings
 from service.store.run_table import ValveHead
 from service.store.store import Store

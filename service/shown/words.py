@@ -1,12 +1,12 @@
-"""What the pages call things: states, NE 107, verdicts, figures and sequences in a technician's words."""
+"""What pages and reports call things: states, NE 107, verdicts, figures and sequences in a technician's words."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Final
 
-from service.runs.acknowledgement import is_moving, needs_acknowledgement, stem_astray
-from service.runs.run import Run, RunState
+from service.model.acknowledgement import is_moving, needs_acknowledgement, stem_astray
+from service.model.run import Run, RunState
 from service.shown_sentences import NO_FAULT
 
 

@@ -1,1 +1,0 @@
-"""Valves over the REST interface."""
