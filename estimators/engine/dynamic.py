@@ -48,6 +48,9 @@ _ROW_INSTANT: Final = 0.2
 _ROW_LAG: Final = 0.05
 _SLOW_ROWS: Final = 2.0  # of the quick time m / F_v
 _SIDE: Final = 0.5  # of that: by how much it differs from one side to the other, and from end to end
+# Of a rough valve: errors of fresh cases over their standard errors, root mean square. The model knows the shape of the
+# friction's variation, of the gauge's and of the filter's lag less well than its likelihood says.
+_DOUBT_OF: Final = {"m": 1.5, "F_v": 1.3, "k": 1.2, "F_0": 1.2}
 _CREEPING: Final = 0.25  # of F_s - F_c: what friction while the stem creeps below DV, in part at rest, is uncertain by
 
 
@@ -259,6 +262,9 @@ def _of_fit(one: Found, reading: Reading, prior: RoughnessPrior, breakaways: int
         if wider is not None:
             means, variances = means + wider[0], wider[1]
     variances = max(1.0, one.chi) ** 2 * variances
+    if fields.count and settings.doubted:
+        for symbol, share in _DOUBT_OF.items():
+            variances[QUANTITIES.index(symbol)] *= share**2
     # the scatter is estimated from as many breakaways: Student's t instead of the normal distribution
     student_share = float(student.ppf(0.975, max(1, breakaways - 1))) / NORMAL_95
     variances[QUANTITIES.index("F_s")] += one.model.scatter_n**2 / max(1, breakaways) * (student_share**2 - 1.0)

@@ -51,6 +51,8 @@ _SMOOTHED_S: Final = 0.05
 _TURNED: Final = 0.1  # of the force's range
 _HIDDEN_BANDS: Final = 1.5
 _SLOW_ROWS_S: Final = 0.05  # no slip shows in slower ones
+_SEEN: Final = 0.03  # of F_c
+_UNRESOLVED_S: Final = 0.004  # the times of a stem and of a sensor's filter: slower rows do not show them
 _FAR: Final = 3.5  # standard errors
 _NEAR_SHARE: Final = 0.05  # of the balance's value: so near the motion was understood
 _FAR_BETTER: Final = 2.0  # times as wide as the balance's: then the motion does not have what the balance has
@@ -112,21 +114,29 @@ def _disagree(found: Balance, whole: Dynamic) -> bool:
     return False
 
 
-def _quantities(found: Balance, static: StaticFriction | None, whole: Dynamic | None) -> dict[str, Quantity]:
+def _quantities(
+    found: Balance, static: StaticFriction | None, whole: Dynamic | None, period_s: float
+) -> dict[str, Quantity]:
     """What the motion gives, and of k, F_c and F_0 what the balance gives where it knows them far better.
 
     Rows too slow for the motion after a breakaway leave F_v open there, and with it F_c. What a creeping stem leaves
-    open the balance knows no better.
+    open the balance knows no better. Of k and F_0 slow rows say in motion what their instants are off by: the balance
+    leaves out what has not settled.
     """
     quantities: dict[str, Quantity] = {} if whole is None else dict(whole.quantities)
+    coulomb = found.known("F_c")
+    # at several speeds the balance sees by itself what creeping does
+    is_seen = coulomb.std_error < _SEEN * coulomb.value
+    creeping = {} if whole is None or is_seen else whole.creeping
     for symbol in ("k", "F_c", "F_0"):
         if symbol not in found.symbols:
             continue
         known = found.known(symbol)
         error = known.std_error if "k" in found.symbols else math.hypot(known.std_error, repeats_to_n(found))
         if whole is not None:
-            error = math.hypot(_BESIDE_MOTION * error, whole.creeping.get(symbol, 0.0))
-            if whole.quantities[symbol].std_error < _FAR_BETTER * error:
+            error = math.hypot(_BESIDE_MOTION * error, creeping.get(symbol, 0.0))
+            is_slow = period_s > _UNRESOLVED_S and symbol != "F_c"
+            if whole.quantities[symbol].std_error < _FAR_BETTER * error and not is_slow:
                 continue
         half = NORMAL_95 * error
         quantities[symbol] = Quantity(known.value, error, (known.value - half, known.value + half))
@@ -194,7 +204,7 @@ def _turned_back(reading: Reading) -> bool:
 
 def _concluded(basis: Basis, whole: Dynamic | None, said: str) -> Estimate:
     reading, found, static = basis.reading, basis.found, basis.static
-    quantities = _widened(_quantities(found, static, whole), basis.unsure_n)
+    quantities = _widened(_quantities(found, static, whole, reading.samples.period_s), basis.unsure_n)
     friction_n = max((quantities[symbol].value for symbol in ("F_s", "F_c") if symbol in quantities), default=0.0)
     parameters = {
         symbol: _parameter(quantity, friction_n if symbol == "F_0" else 0.0) for symbol, quantity in quantities.items()

@@ -79,7 +79,7 @@ def test_friction_that_scatters_is_known_to_what_a_few_rests_leave(valve: str, g
 def test_a_lag_of_the_pressure_shows_static_friction_where_it_was_measured(alone: bool) -> None:
     test = step_test("nominal", "ideal", lag_s=0.3, alone=alone)
     estimate = estimated(test)
-    require_within(estimate, test, "k", 1.0e-3)
+    require_within(estimate, test, "k", 1.5e-3)
     require_within(estimate, test, "F_c", 0.15 if alone else 0.01)
     require_within(estimate, test, "F_s", 0.1 if alone else 0.01)
 
