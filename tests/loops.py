@@ -103,3 +103,22 @@ def loop(
         provenance=Provenance(Acquisition.SIMULATED, settings.tag, "loop", requested_period_s=period_s),
     )
     return Loop(recording, settings.nameplate, ended[-1].truth)
+
+
+def reported_by_exception(made: Loop, *, position: float = 1.0e-3, pressure: float = 2.0e-3) -> Recording:
+    """Return the rows that a historian keeps: those that differ from the last one kept by these shares of the spans.
+
+    Every ten minutes one is kept in any case.
+    """
+    recording, signal = made.recording, made.nameplate.signal
+    assert recording.pressure_pa is not None
+    assert signal is not None
+    position_m = position * made.nameplate.actuator.travel_m
+    pressure_pa = pressure * (signal.range_pa[1] - signal.range_pa[0])
+    kept = np.zeros(recording.samples, bool)
+    rows = zip(recording.time_s.tolist(), recording.position_m.tolist(), recording.pressure_pa.tolist(), strict=True)
+    last = (-math.inf, math.inf, math.inf)
+    for number, (at_s, at_m, at_pa) in enumerate(rows):
+        if at_s - last[0] >= 600.0 or abs(at_m - last[1]) > position_m or abs(at_pa - last[2]) > pressure_pa:
+            kept[number], last = True, (at_s, at_m, at_pa)
+    return recording.rows(kept)

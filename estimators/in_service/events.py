@@ -15,15 +15,16 @@ from typing import Final
 import numpy as np
 
 from estimators.in_service.moves import IntArray, Moves, driven_by
-from estimators.in_service.rows import Rows
+from estimators.in_service.rows import BoolArray, Rows
 from valve.recording import FloatArray
 
 _SETTLED_S: Final = 0.3  # after a breakaway: slips of heavy valves and filters of sensors are over
+_FEWEST_SLIDING: Final = 3  # rows of a slide
+_SLIDE_BANDS: Final = 1.5  # way of a slide from its first third to its last
+_LARGEST_STEP: Final = 0.5  # of the way of a slide, from row to row: more is a slip
+_LIKE_SPRING: Final = 0.4  # of what the spring takes on the way
 _PIECE_BANDS: Final = 10.0  # of a slide: longer ones are cut, friction differs along the travel
 _MOST_AVERAGED_S: Final = 0.06  # on either side of an instant: a gauge's noise is averaged where rows are fast
-
-
-BoolArray = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
 
 
 class Kind(IntEnum):
@@ -69,9 +70,10 @@ class Observations:
         )
 
 
-def observations_of(rows: Rows, moves: Moves) -> Observations:
-    """Return what the moves say, in order of time for each kind."""
-    parts = [_breakaways(rows, moves), _stops(rows, moves), _slides(rows, moves)]
+def observations_of(rows: Rows, moves: Moves, spring: float | None = None) -> Observations:
+    """Return what the moves say; ``spring``, signal by position, tells a slide from a slip where it is known."""
+    slides = _slides(rows, moves, spring)
+    parts = [_breakaways(rows, moves), _stops(rows, moves, slides[6]), slides]
     return Observations(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
@@ -93,9 +95,9 @@ def _is_slip(rows: Rows, moves: Moves) -> BoolArray:
     return np.asarray((moves.reached - moves.left <= 2) | (took_s <= _SETTLED_S))
 
 
-def _stops(rows: Rows, moves: Moves) -> Columns:
+def _stops(rows: Rows, moves: Moves, slid: IntArray) -> Columns:
     """Force where a slip ends: between the last row under way and the first at the new level."""
-    slips = np.flatnonzero(_is_slip(rows, moves))
+    slips = np.setdiff1d(np.arange(moves.count), slid)
     at = moves.reached[slips] - 1
     signal, half = _between(rows, at, moves.ended[slips])
     kind = np.full(at.size, Kind.MOTION, np.int64)
@@ -103,23 +105,46 @@ def _stops(rows: Rows, moves: Moves) -> Columns:
     return rows.time_s[moves.reached[slips]], moves.to_level[slips], signal, half, moves.ended[slips], kind, slips, none
 
 
-def _slides(rows: Rows, moves: Moves) -> Columns:
+def _slides(rows: Rows, moves: Moves, spring: float | None) -> Columns:
     """Means over stretches in which the stem slid on, after what follows a breakaway is over."""
     found: list[tuple[float, float, float, float, int, int]] = []
     for number in np.flatnonzero((moves.began == moves.ended) & ~_is_slip(rows, moves)):
         left, reached, sign = int(moves.left[number]), int(moves.reached[number]), int(moves.began[number])
         first = max(left + 2, int(np.searchsorted(rows.time_s, rows.time_s[left] + _SETTLED_S)))
-        if first >= reached:
+        if reached - first < _FEWEST_SLIDING:
             continue
         pieces = math.ceil(abs(rows.position[reached - 1] - rows.position[first]) / (_PIECE_BANDS * moves.band))
-        for part in np.array_split(np.arange(first, reached), max(1, min(pieces, reached - first))):
-            means = [float(channel[part].mean()) for channel in (rows.time_s, rows.position, rows.signal)]
-            found.append((means[0], means[1], means[2], 0.0, sign, int(number)))
+        for part in np.array_split(
+            np.arange(first, reached), max(1, min(pieces, (reached - first) // _FEWEST_SLIDING))
+        ):
+            if _is_slide(rows, part, sign, moves.band, spring):
+                means = [float(channel[part].mean()) for channel in (rows.time_s, rows.position, rows.signal)]
+                found.append((means[0], means[1], means[2], 0.0, sign, int(number)))
     columns = np.array(found, np.float64).reshape(-1, 6).T
     kind = np.full(columns.shape[1], Kind.MOTION, np.int64)
     none = np.full(columns.shape[1], np.nan)
     sign_of, number_of = columns[4].astype(np.int64), columns[5].astype(np.int64)
     return columns[0], columns[1], columns[2], columns[3], sign_of, kind, number_of, none
+
+
+def _is_slide(rows: Rows, part: IntArray, sign: int, band: float, spring: float | None) -> bool:
+    """Whether the stem slid in these rows, driven by the signal, and neither rested, slipped nor coasted.
+
+    A sliding stem goes as far as the signal's change moves its spring.
+    """
+    third = max(1, part.size // 3)
+    first, last = part[:third], part[-third:]
+    went = sign * float(rows.position[last].mean() - rows.position[first].mean())
+    if went < _SLIDE_BANDS * band:
+        return False
+    steps = sign * np.diff(rows.position[part])
+    if float(steps.max()) > _LARGEST_STEP * float(np.ptp(rows.position[part])) + band:
+        return False
+    if spring is None:
+        return True
+    driven = sign * float(rows.signal[last].mean() - rows.signal[first].mean())
+    noise = 3.0 * rows.signal_noise * math.sqrt(2.0 / third)
+    return abs(driven - spring * went) <= _LIKE_SPRING * spring * went + noise
 
 
 def _between(rows: Rows, at: IntArray, sign: IntArray) -> tuple[FloatArray, FloatArray]:

@@ -10,6 +10,8 @@ import numpy as np
 from valve.errors import RecordingError
 from valve.recording import FloatArray
 
+BoolArray = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
+
 _FEWEST: Final = 60  # rows: a minute of 1 Hz
 _UNEVEN: Final = 1.8  # 90 % of the rows come within so many times the 10 % quantile of the periods, or are uneven
 _EVEN_GAP: Final = 5.0  # median periods: a longer pause is a gap
@@ -53,10 +55,8 @@ def rows_of(
     ``travel`` is the valve's, in the position's unit, None where it is not known.
     Raises RecordingError for too few rows, a clock that jumps, a position outside the travel and a unit that changes.
     """
-    present = np.isfinite(position)
-    time_s, position, signal = time_s[present], position[present], signal[present]
-    signal = _reported(time_s, signal)
-    both = np.isfinite(signal)
+    signal = _reported(time_s, signal, np.isfinite(position))
+    both = np.isfinite(position) & np.isfinite(signal)
     time_s, position, signal = time_s[both], position[both], signal[both]
     if time_s.size < _FEWEST:
         raise RecordingError(
@@ -83,16 +83,16 @@ def rows_of(
         period_s,
         is_even,
         _noise(position),
-        _noise(signal),
+        _noise(signal) if is_even else _reported_step(signal) / 2.0,
         float(periods_s[~is_gap].sum()),
         int(is_gap.sum()),
     )
 
 
-def _reported(time_s: FloatArray, signal: FloatArray) -> FloatArray:
+def _reported(time_s: FloatArray, signal: FloatArray, wanted: BoolArray) -> FloatArray:
     """Signal at the position's rows; where the channels were reported each by itself, on the line between reports."""
     known = np.isfinite(signal)
-    if known.sum() < 2 or np.mean(~known) <= _SPARSE:
+    if known.sum() < 2 or not wanted.any() or np.mean(~known[wanted]) <= _SPARSE:
         return signal
     reports_s = time_s[known]
     after = np.clip(np.searchsorted(reports_s, time_s), 1, reports_s.size - 1)
@@ -100,6 +100,13 @@ def _reported(time_s: FloatArray, signal: FloatArray) -> FloatArray:
     near = apart_s <= max(_LEAST_UNEVEN_GAP_S, _UNEVEN_GAP * float(np.quantile(np.diff(reports_s), 0.9)))
     inside = (time_s >= reports_s[0]) & (time_s <= reports_s[-1])
     return np.where(near & inside, np.interp(time_s, reports_s, signal[known]), np.nan)
+
+
+def _reported_step(values: FloatArray) -> float:
+    """By how much a channel changes at least before it is reported: the lower tenth of its changes."""
+    changes = np.abs(np.diff(values))
+    changes = changes[changes > 0.0]
+    return float(np.quantile(changes, 0.1)) if changes.size else 0.0
 
 
 def _noise(values: FloatArray) -> float:

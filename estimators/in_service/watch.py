@@ -23,7 +23,7 @@ from valve.recording import FloatArray, Recording
 _SPRING_TOLERANCE: Final = 0.1  # of a nameplate's spring rate, one standard deviation: bench sets are set by hand
 _COMMAND_TOLERANCE: Final = 0.2  # the same of "a full signal is a full travel", where no nameplate says more
 _SPRING_KNOWN: Final = 0.15  # standard error by value: an interval of 30 %
-_SIGNAL_SHARE: Final = 0.4  # of the signal's rapid swing: the part of it that is air moves a stem, a gauge's does not
+_SIGNAL_SHARE: Final = 0.5  # of the signal's rapid swing: the part of it that is air moves a stem, a gauge's does not
 _FOLLOWED: Final = (
     "The stem followed its signal all the time, {:.2g} s later: its noise cannot be told from its motion, and travel "
     "and cycles count all of it."
@@ -249,7 +249,7 @@ def _settled(
     if first is None or not spring > 0.0:
         return first, moves, seen
     joined = without_false_rests(moves, rows, spring)
-    seen = observations_of(rows, joined)
+    seen = observations_of(rows, joined, spring)
     driven = (seen.kind == Kind.MOTION) | (seen.driven >= DRIVEN_BANDS * spring * joined.band)
     return balanced(seen.chosen(driven), travel=length, swept=_swept(joined), spring=prior), joined, seen.chosen(driven)
 
