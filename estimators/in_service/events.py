@@ -19,6 +19,7 @@ from estimators.in_service.rows import BoolArray, Rows
 from valve.recording import FloatArray
 
 _SETTLED_S: Final = 0.3  # after a breakaway: slips of heavy valves and filters of sensors are over
+_ENOUGH: Final = 8  # stops, or slides, in each direction: then they need no help of the other kind
 _FEWEST_SLIDING: Final = 3  # rows of a slide
 _SLIDE_BANDS: Final = 1.5  # way of a slide from its first third to its last
 _LARGEST_STEP: Final = 0.5  # of the way of a slide, from row to row: more is a slip
@@ -40,6 +41,7 @@ class Observations:
 
     ``sign``: direction of the motion. ``half_width``: rows leave the signal at the instant open by as much.
     ``move``: number of the move. ``driven``: by how much the signal changed in the rest before, at a breakaway.
+    ``slid``: the mean of a slide.
     """
 
     time_s: FloatArray
@@ -50,6 +52,7 @@ class Observations:
     kind: IntArray
     move: IntArray
     driven: FloatArray
+    slid: BoolArray
 
     @property
     def count(self) -> int:
@@ -67,6 +70,7 @@ class Observations:
             self.kind[keep],
             self.move[keep],
             self.driven[keep],
+            self.slid[keep],
         )
 
 
@@ -74,7 +78,23 @@ def observations_of(rows: Rows, moves: Moves, spring: float | None = None) -> Ob
     """Return what the moves say; ``spring``, signal by position, tells a slide from a slip where it is known."""
     slides = _slides(rows, moves, spring)
     parts = [_breakaways(rows, moves), _stops(rows, moves, slides[6]), slides]
-    return Observations(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    slid = np.arange(sum(part[0].size for part in parts)) >= parts[0][0].size + parts[1][0].size
+    time_s, position, signal, half_width = (np.concatenate([part[at] for part in parts]) for at in range(4))
+    sign, kind, move = (np.concatenate([part[at] for part in parts]) for at in (4, 5, 6))
+    driven = np.concatenate([part[7] for part in parts])
+    return Observations(time_s, position, signal, half_width, sign, kind, move, driven, slid)
+
+
+def of_one_motion(seen: Observations) -> Observations:
+    """Return the observations with stops alone, or slides alone, where there are more of them and enough.
+
+    A slide has its speed's viscous friction on top, and a creeping stem's stops come early: mixed they disagree.
+    """
+    motion = seen.kind == Kind.MOTION
+    stops, slides = motion & ~seen.slid, motion & seen.slid
+    more, fewer = (stops, slides) if stops.sum() >= slides.sum() else (slides, stops)
+    enough = all((more & (seen.sign == sign)).sum() >= _ENOUGH for sign in (1, -1))
+    return seen.chosen(~fewer) if enough else seen
 
 
 Columns = tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray, IntArray, IntArray, FloatArray]

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimators.in_service.balance import DOWN, MOTION, SPRING, UP, Balance, balanced
 from estimators.in_service.bands import bands_of
-from estimators.in_service.events import Kind, Observations, observations_of
+from estimators.in_service.events import Kind, Observations, observations_of, of_one_motion
 from estimators.in_service.figure import COMMON_SHARE, LEAST_REPEATS, Figure, estimated, not_known
 from estimators.in_service.lag import lag_of
 from estimators.in_service.moves import DRIVEN_BANDS, Moves, moves_of, no_moves, without_false_rests
@@ -251,7 +251,8 @@ def _settled(
     joined = without_false_rests(moves, rows, spring)
     seen = observations_of(rows, joined, spring)
     driven = (seen.kind == Kind.MOTION) | (seen.driven >= DRIVEN_BANDS * spring * joined.band)
-    return balanced(seen.chosen(driven), travel=length, swept=_swept(joined), spring=prior), joined, seen.chosen(driven)
+    seen = seen.chosen(driven)
+    return balanced(of_one_motion(seen), travel=length, swept=_swept(joined), spring=prior), joined, seen
 
 
 def _frictions(found: Balance | None, rows: Rows, seen: Observations, unit: str) -> dict[str, Figure]:

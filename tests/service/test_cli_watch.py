@@ -144,3 +144,15 @@ def test_what_cannot_be_done_is_one_sentence_and_a_code(run: Run, arguments: lis
     assert outcome.returncode == code
     assert words in " ".join(outcome.stderr.split())
     assert "Traceback" not in outcome.stderr
+
+
+def test_the_example_says_what_the_documentation_shows() -> None:
+    root = Path(__file__).parents[2]
+    outcome = called(
+        "watch", "examples/in-service.csv", "--nameplate", "examples/recordings/valve.toml", folder=root, columns=100
+    )
+    assert outcome.returncode == 0, outcome.stderr
+    shown = (root / "docs" / "watching.md").read_text(encoding="utf-8").split("```")[3]
+    said = " ".join(outcome.stdout.split())
+    for line in shown.strip().splitlines():
+        assert " ".join(line.split()) in said, line
