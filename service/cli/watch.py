@@ -14,7 +14,7 @@ from service.cli.analysis_summary import print_understood
 from service.cli.output import STANDARD_OUTPUT, require_writable, write_json
 
 if TYPE_CHECKING:
-    from estimators.in_service.watch import Watched
+    from estimators.in_service.result import Watched
     from service.own_files.understood import Reading
 
 
@@ -108,7 +108,7 @@ def _print(console: Console, found: Watched) -> None:
 
 
 def _document(found: Watched, reading: Reading) -> dict[str, Any]:
-    from estimators.in_service.watch import to_json
+    from estimators.in_service.result import to_json
 
     document = to_json(found)
     if reading.understood is not None:

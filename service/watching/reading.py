@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from estimators.in_service.watch import Scale
+from estimators.in_service.result import Scale
 from service.own_files.reader import read_own
 from service.own_files.understood import Reading
 from valve.errors import RecordingError

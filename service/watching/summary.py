@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from estimators.in_service.figure import Figure
-from estimators.in_service.watch import Input, Watched
+from estimators.in_service.result import Input, Watched
 from service.plain_numbers import plus_minus
 from service.shown_units import UnitSystem, measured, shown_unit
 

@@ -15,7 +15,8 @@ from typing import Final
 import numpy as np
 from rich.table import Table
 
-from estimators.in_service.watch import Scale, watched
+from estimators.in_service.result import Scale
+from estimators.in_service.watch import watched
 from tests.benchmarks.parallel import each
 from tests.loops import Loop, loop, reported_by_exception
 from valve.errors import MeasurementError

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.in_service.watch import Input, Scale, Watched, to_json, watched
+from estimators.in_service.result import Input, Scale, Watched, to_json
+from estimators.in_service.watch import watched
 from tests.estimators.in_service.records import (
     AREA_M2,
     BREAKAWAY_PA,

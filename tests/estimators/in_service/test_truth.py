@@ -8,7 +8,8 @@ from itertools import pairwise
 import pytest
 
 from estimators.in_service.figure import Figure
-from estimators.in_service.watch import Scale, Watched, watched
+from estimators.in_service.result import Scale, Watched
+from estimators.in_service.watch import watched
 from tests.estimators.in_service.records import (
     AREA_M2,
     BREAKAWAY_PA,
