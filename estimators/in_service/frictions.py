@@ -15,6 +15,7 @@ from valve.nameplate import Nameplate
 from valve.recording import FloatArray
 
 _SPRING_KNOWN: Final = 0.15  # standard error by value: an interval of 30 %
+_REPORTED_SHARE: Final = 1.0  # of half a reported change: all reports are late in the same sense
 _SIGNAL_SHARE: Final = 0.5  # of the signal's rapid swing: the part of it that is air moves a stem, a gauge's does not
 PERCENTS: Final = {
     "friction_percent": "friction_signal",
@@ -34,7 +35,8 @@ def frictions(found: Balance | None, rows: Rows, seen: Observations, unit: str) 
         return {f"{name}_signal": not_known(unit, few) for name in names}
     spring = abs(float(found.values[SPRING]))
     open_rows = COMMON_SHARE * float(np.mean(seen.half_width))
-    common = np.hypot(np.hypot(spring * rows.noise, _SIGNAL_SHARE * rows.signal_noise), open_rows)
+    share = _SIGNAL_SHARE if rows.is_even else _REPORTED_SHARE
+    common = np.hypot(np.hypot(spring * rows.noise, share * rows.signal_noise), open_rows)
     away = {sign: int(((seen.kind == Kind.BREAKAWAY) & (seen.sign == sign)).sum()) for sign in (1, -1)}
     asked = {
         "friction": (_weights({MOTION: 1.0}), min(ways.values()), ways[1] + ways[-1]),
@@ -58,9 +60,16 @@ def frictions(found: Balance | None, rows: Rows, seen: Observations, unit: str) 
             found.freedom,
             count=count,
             scatter=scatter,
-            too_wide=f"{count} moves leave it open by more than 30 %: more or wider moves, or the bench set",
+            too_wide=_too_wide(count, error, float(common)),
         )
     return figures
+
+
+def _too_wide(count: int, error: float, common: float) -> str:
+    """Why a friction is known to worse than 30 %, by the larger of its two errors."""
+    if common > error:
+        return "it is no larger than what the noise or the steps of position and signal hide: finer or faster rows"
+    return f"{count} moves leave it open by more than 30 %: more or wider moves, or the bench set"
 
 
 def _weights(by_column: dict[int, float]) -> FloatArray:
