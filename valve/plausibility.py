@@ -30,6 +30,7 @@ _MOST_KINDS: Final = 3  # different numbers: a measured value in another unit ha
 _SLOWEST_PERIOD_S: Final = 5.0  # beyond it no motion of a stem is seen, only where it has been
 _SLOW_PERIOD_S: Final = 0.5  # milliseconds of 1 kHz or less, and longer than any test that is sampled so slowly:
 _LONGEST_SLOW_S: Final = 4.0 * 3600.0
+_LONGEST_SERVICE_S: Final = 62.0 * 86400.0  # two months of a historian
 _SHORTEST_PERIOD_S: Final = 2.0e-6  # no instrument of a valve samples at 500 kHz
 
 _LENGTHS: Final = (
@@ -54,8 +55,11 @@ def require_channels_in_place(
         )
 
 
-def require_plausible_time(time_s: FloatArray, source: str) -> None:
-    """Raise RecordingError where the time cannot be in seconds, or is too slow to show any motion."""
+def require_plausible_time(time_s: FloatArray, source: str, *, in_service: bool = False) -> None:
+    """Raise RecordingError where the time cannot be in seconds, or is too slow to show any motion.
+
+    ``in_service``: rows of a historian, which come slowly and where something changed only, over many days.
+    """
     if time_s.size < 2:
         return
     period_s, duration_s = float(np.median(np.diff(time_s))), float(time_s[-1] - time_s[0])
@@ -65,6 +69,13 @@ def require_plausible_time(time_s: FloatArray, source: str) -> None:
         )
     if period_s < _SLOW_PERIOD_S or (period_s < _SLOWEST_PERIOD_S and duration_s <= _LONGEST_SLOW_S):
         return
+    if in_service:
+        if duration_s <= _LONGEST_SERVICE_S:
+            return
+        raise RecordingError(
+            f"{source}: the rows are {period_s:.3g} s apart in time_s and span {duration_s / 86400.0:.3g} days, the "
+            f"most is {_LONGEST_SERVICE_S / 86400.0:g}: if it is in milliseconds, write it in seconds, or cut the file"
+        )
     slow = (
         f"record faster, at {_SLOW_PERIOD_S:g} s or less"
         if period_s >= _SLOWEST_PERIOD_S

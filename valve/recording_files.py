@@ -51,8 +51,12 @@ def recording_from_bytes(
     *,
     says_parquet: bool = False,
     most_rows: int | None = None,
+    in_service: bool = False,
 ) -> Recording:
-    """Recording of a file's content; ``source`` names it in messages. Raises RecordingError as ``read_recording``."""
+    """Recording of a file's content; ``source`` names it in messages.
+
+    ``in_service``: rows of a historian may be slow and span days. Raises RecordingError as ``read_recording``.
+    """
     provenance = Provenance()
     most_rows = _MOST_ROWS if most_rows is None else most_rows
     if data.startswith(_PARQUET_MAGIC):
@@ -61,7 +65,7 @@ def recording_from_bytes(
         raise RecordingError(f"{source}: it does not start as a Parquet file does: give it the suffix of what it is")
     else:
         columns = recording_csv.read_columns(data, source, most_rows=most_rows)
-    return recording_from_columns(columns, provenance, source, nameplate)
+    return recording_from_columns(columns, provenance, source, nameplate, in_service=in_service)
 
 
 def write_csv(recording: Recording, path: Path | str) -> None:
@@ -138,7 +142,12 @@ def _write_durably(data: bytes, path: Path) -> None:
 
 
 def recording_from_columns(
-    columns: dict[str, FloatArray], provenance: Provenance, source: str, nameplate: Nameplate | None
+    columns: dict[str, FloatArray],
+    provenance: Provenance,
+    source: str,
+    nameplate: Nameplate | None,
+    *,
+    in_service: bool = False,
 ) -> Recording:
     """Recording of columns by the contract's names, each requirement checked with the file's name in the message.
 
@@ -153,7 +162,7 @@ def recording_from_columns(
         if np.isnan(column).all() and name in ("position_m", "force_n", "pressure_pa"):
             raise RecordingError(f"{source}: column {name} holds no value, {_remedy(name)}")
     if nameplate is not None:
-        _require_plausible(columns, nameplate, source)
+        _require_plausible(columns, nameplate, source, in_service=in_service)
     for name in ("position_m", "pressure_pa", "command_pa", "force_n"):
         if name in columns:
             require_no_stand_ins(name, columns[name], source)
@@ -201,9 +210,9 @@ def _require_rising_time(time_s: FloatArray, source: str) -> None:
         )
 
 
-def _require_plausible(columns: dict[str, FloatArray], nameplate: Nameplate, source: str) -> None:
+def _require_plausible(columns: dict[str, FloatArray], nameplate: Nameplate, source: str, *, in_service: bool) -> None:
     position = columns["position_m"]
-    require_plausible_time(columns["time_s"], source)
+    require_plausible_time(columns["time_s"], source, in_service=in_service)
     if "pressure_pa" in columns:
         require_channels_in_place(position, columns["pressure_pa"], nameplate, source)
     require_plausible_position(position, nameplate, source)

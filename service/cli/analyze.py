@@ -76,7 +76,7 @@ def analyze(
     screen = Console(stderr=True)
     with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as progress:
         task = progress.add_task("reading", total=1.0)
-        plate = _nameplate(nameplate, config, valve)
+        plate = chosen_nameplate(nameplate, config, valve)
         own, tried = _read(recordings, held_out or [], plate, ",".join(mapping or []))
         for one in (*own, *(reading for _, reading in tried)):
             if one.understood is not None:
@@ -91,7 +91,8 @@ def analyze(
         write_report(report_file, recordings, plate, (nameplate or config or Path()).name, analysis)
 
 
-def _nameplate(file: Path | None, config: Path | None, tag: str | None) -> Nameplate:
+def chosen_nameplate(file: Path | None, config: Path | None, tag: str | None) -> Nameplate:
+    """Return the nameplate of a file, or of a valve of a plant file. Raises RequestError."""
     # heavy imports stand here: --help and wrong usage do without
     if file is not None:
         from service.nameplates import read_nameplate

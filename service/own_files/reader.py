@@ -67,17 +67,24 @@ def read_own(
     mapping: Mapping[str, str] | None = None,
     *,
     most_rows: int | None = None,
+    in_service: bool = False,
 ) -> Reading:
     """Return the recording of a file, whatever its form, in SI units, and what was understood.
 
     A file as the contract has it (``valve.recording_files``) is read as it stands. In any other the table, its
     columns and their units are found; ``mapping`` says what the headers leave open, by the contract's names. With
-    ``most_rows`` a file that has more is refused before it is unpacked.
+    ``most_rows`` a file that has more is refused before it is unpacked. ``in_service``: a historian's slow rows pass.
     Raises RecordingError with file, row, column, value and remedy where the file cannot be right, and with the
     mapping to give where a column fits two readings.
     """
     reading = own_from_bytes(
-        file_content(Path(path)), str(path), nameplate, mapping, suffix=Path(path).suffix, most_rows=most_rows
+        file_content(Path(path)),
+        str(path),
+        nameplate,
+        mapping,
+        suffix=Path(path).suffix,
+        most_rows=most_rows,
+        in_service=in_service,
     )
     if reading.recording.samples < LEAST_ROWS:
         raise RecordingError(
@@ -95,6 +102,7 @@ def own_from_bytes(
     *,
     suffix: str = "",
     most_rows: int | None = None,
+    in_service: bool = False,
 ) -> Reading:
     """Return the recording of a file's content; ``source`` names it in messages. Raises as ``read_own``."""
     strict: RecordingError | None = None
@@ -102,7 +110,9 @@ def own_from_bytes(
         try:
             says_parquet = suffix in (".parquet", ".pq")
             return Reading(
-                recording_from_bytes(data, source, nameplate, says_parquet=says_parquet, most_rows=most_rows)
+                recording_from_bytes(
+                    data, source, nameplate, says_parquet=says_parquet, most_rows=most_rows, in_service=in_service
+                )
             )
         except RecordingError as error:
             strict = error
@@ -114,7 +124,7 @@ def own_from_bytes(
     if table is None or table.rows == 0:
         raise strict or RecordingError(f"{source}: there is no table of numbers below a header line: give one")
     try:
-        return _read(table, nameplate, mapping or {})
+        return _read(table, nameplate, mapping or {}, in_service=in_service)
     except RecordingError as error:
         # of a file that means to be as the contract has it, that reader's words
         if strict is not None and set(table.headers) <= set(COLUMNS) and SECOND_TABLE not in str(error):
@@ -122,7 +132,7 @@ def own_from_bytes(
         raise
 
 
-def _read(table: Table, nameplate: Nameplate, mapping: Mapping[str, str]) -> Reading:
+def _read(table: Table, nameplate: Nameplate, mapping: Mapping[str, str], *, in_service: bool) -> Reading:
     choices, dates = _chosen(table, nameplate, mapping)
     comma = _decimal_comma(table, choices)
     columns: dict[str, FloatArray] = {}
@@ -168,7 +178,7 @@ def _read(table: Table, nameplate: Nameplate, mapping: Mapping[str, str]) -> Rea
         tuple(header for at, header in enumerate(table.headers) if at not in used and header),
         tuple(remarks),
     )
-    recording = recording_from_columns(columns, provenance, table.source, nameplate)
+    recording = recording_from_columns(columns, provenance, table.source, nameplate, in_service=in_service)
     return Reading(recording, understood)
 
 

@@ -1,0 +1,92 @@
+"""Dead band, stick band and slip jump of a valve in service, from each rest by itself: no spring is needed for these.
+
+A stem that came to rest going one way stands at signal = k x + F_0 + s F, and leaves that place at k x + F_0 + s' F_s:
+the difference is F_s + F where it turned (stick band), and F_s - F where it went on (slip jump).
+Choudhury, Thornhill & Shah (2005).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimators.in_service.events import Kind, Observations
+from estimators.in_service.figure import Figure, mean_of_repeats
+from estimators.in_service.moves import DRIVEN_BANDS, Moves
+from estimators.in_service.rows import Rows
+from valve.recording import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Bands:
+    """Figures in the signal's unit; ``slip`` in the position's."""
+
+    dead_band: Figure
+    stick_band: Figure
+    slip_jump: Figure
+    slip: Figure
+
+
+def bands_of(
+    rows: Rows, moves: Moves, seen: Observations, *, spring: float | None, signal_unit: str, position_unit: str
+) -> Bands:
+    """Return the bands; ``spring`` (signal by position) leaves out rests in which the stem may have crept."""
+    left, stopped = _by_move(seen, moves.count, Kind.BREAKAWAY), _by_move(seen, moves.count, Kind.MOTION)
+    driven = np.full(moves.count, np.nan)
+    driven[seen.move[seen.kind == Kind.BREAKAWAY]] = seen.driven[seen.kind == Kind.BREAKAWAY]
+    real = driven[1:] >= (0.0 if spring is None else DRIVEN_BANDS * spring * moves.band)
+    same_rest = (moves.rest_first[1:] <= moves.reached[:-1] + 1) & (
+        rows.run[moves.reached[:-1]] == rows.run[moves.left[1:]]
+    )
+    both = real & same_rest & np.isfinite(left[0][1:]) & np.isfinite(stopped[0][:-1])
+    change = moves.began[1:] * (left[0][1:] - stopped[0][:-1])
+    half = left[1][1:] + stopped[1][:-1]
+    turned = both & (moves.began[1:] != moves.ended[:-1])
+    went_on = both & (moves.began[1:] == moves.ended[:-1])
+    dead = np.array(
+        [abs(left[0][number + 1] - _turn(rows, moves, number)) for number in np.flatnonzero(turned).tolist()]
+    )
+    few = "{} of these were seen, 4 are needed: a longer record"
+    turns, ons = int(turned.sum()), int(went_on.sum())
+    wide = "the moves differ too much among each other: a longer record, or faster rows"
+    jumps = np.abs(moves.to_level - moves.from_level)
+    slipped = np.isfinite(stopped[0]) & (moves.began == moves.ended) & (moves.reached - moves.left <= _slip_rows(rows))
+    return Bands(
+        mean_of_repeats(dead, half[turned], signal_unit, "reversals: " + few.format(turns), wide),
+        mean_of_repeats(change[turned], half[turned], signal_unit, "reversals: " + few.format(turns), wide),
+        mean_of_repeats(
+            change[went_on],
+            half[went_on],
+            signal_unit,
+            "breakaways in the direction of the last motion: " + few.format(ons),
+            wide,
+        ),
+        mean_of_repeats(
+            jumps[slipped],
+            np.full(int(slipped.sum()), rows.noise),
+            position_unit,
+            "slips within one row: " + few.format(int(slipped.sum())),
+            wide,
+        ),
+    )
+
+
+def _slip_rows(rows: Rows) -> int:
+    return max(2, round(0.3 / rows.period_s))
+
+
+def _by_move(seen: Observations, count: int, kind: Kind) -> tuple[FloatArray, FloatArray]:
+    """Signal and half width of each move's last observation of this kind, NaN without one, each of shape (count,)."""
+    own = seen.kind == kind
+    signal, half = np.full(count, np.nan), np.full(count, np.nan)
+    signal[seen.move[own]], half[seen.move[own]] = seen.signal[own], seen.half_width[own]
+    return signal, half
+
+
+def _turn(rows: Rows, moves: Moves, number: int) -> float:
+    """Where the signal turned in the rest after a move; rows of fast records are averaged over a fifth of a second."""
+    part = rows.signal[moves.reached[number] : moves.left[number + 1] + 1]
+    width = max(1, min(part.size, round(0.2 / rows.period_s)))
+    smooth = np.convolve(part, np.full(width, 1.0 / width), mode="valid")
+    return float(smooth.max() if moves.ended[number] > 0 else smooth.min())

@@ -1,0 +1,180 @@
+"""A valve in service: friction, breakaway, bands, spring, lag and travel from what its loop made it do."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from estimators.in_service.bands import bands_of
+from estimators.in_service.events import Kind, Observations, observations_of
+from estimators.in_service.figure import Figure, not_known
+from estimators.in_service.fit import settled, spring_prior
+from estimators.in_service.frictions import PERCENTS, forces, frictions, percents_of_span, spring_rate
+from estimators.in_service.lag import lag_of
+from estimators.in_service.moves import Moves, moves_of, no_moves
+from estimators.in_service.result import COUNTED_FROM_M, Input, Scale, Watched
+from estimators.in_service.rows import Rows, resolution, rows_of
+from estimators.in_service.travel import travel_of
+from valve.errors import MeasurementError
+from valve.nameplate import Action, Nameplate
+from valve.recording import FloatArray, Recording
+
+_FOLLOWED: Final = (
+    "The stem followed its signal all the time, {:.2g} s later: its noise cannot be told from its motion, and travel "
+    "and cycles count all of it."
+)
+
+
+def watched(recording: Recording, nameplate: Nameplate | None, scale: Scale, *, subject: str) -> Watched:
+    """Return what normal operation says of a valve.
+
+    Without a nameplate the figures that need its area or travel are not known and say so. Raises RecordingError where
+    the rows cannot be right (``rows_of``), and MeasurementError where the stem never moved beyond its noise.
+    """
+    kind, signal, unit = _signal(recording, scale)
+    travel = scale.travel_m if not scale.is_share else COUNTED_FROM_M
+    rows = rows_of(recording.time_s, recording.position_m, signal, travel=travel, subject=subject)
+    moves = moves_of(rows)
+    if moves.count < 2:
+        return _restless(recording, rows, kind, scale, _never_moved(rows, moves, scale, subject))
+    seen = observations_of(rows, moves)
+    is_reversed = _falls_with_signal(seen)
+    if is_reversed:
+        rows = replace(rows, signal=-rows.signal)
+        seen = replace(seen, signal=-seen.signal)
+    length = travel if travel is not None else float(np.ptp(rows.position))
+    prior = spring_prior(kind, nameplate, scale, unit)
+    found, moves, seen = settled(rows, moves, seen, length, prior)
+    position_unit = "%" if scale.is_share else "m"
+    spring = None if found is None else found.spring if found.spring > 0.0 else None
+    bands = bands_of(rows, moves, seen, spring=spring, signal_unit=unit, position_unit=position_unit)
+    figures = frictions(found, rows, seen, unit)
+    figures |= {
+        "dead_band": bands.dead_band,
+        "stick_band": bands.stick_band,
+        "slip_jump": bands.slip_jump,
+        "slip": bands.slip.times(100.0, "%") if scale.is_share else bands.slip,
+    }
+    figures |= forces(figures, unit, scale)
+    figures |= percents_of_span(figures, kind, nameplate, unit)
+    figures["spring_rate"] = spring_rate(found, unit, scale)
+    figures["lag"] = _lag(recording)
+    figures["stem_lag"] = not_known("s", "a stem that rests has none: see the dead band")
+    return Watched(
+        rows=rows.time_s.size,
+        duration_s=float(np.ptp(rows.time_s)),
+        covered_s=rows.covered_s,
+        period_s=rows.period_s,
+        is_even=rows.is_even,
+        gaps=rows.gaps,
+        driven_by=kind,
+        position_unit=position_unit,
+        position_noise=rows.noise * (100.0 if scale.is_share else 1.0),
+        is_reversed=is_reversed,
+        moves=moves.count,
+        breakaways=int((seen.kind == Kind.BREAKAWAY).sum()),
+        figures=figures,
+        travel=travel_of(rows, moves, travel),
+        notes=tuple(_notes(kind, nameplate, rows, is_reversed)),
+    )
+
+
+def _restless(recording: Recording, rows: Rows, kind: Input, scale: Scale, never_moved: str) -> Watched:
+    """What can be said of a stem that follows its signal and never rests; raises MeasurementError where it does not."""
+    travel = scale.travel_m if not scale.is_share else COUNTED_FROM_M
+    follows = [lag_of(rows.time_s, sign * rows.signal, rows.position, names=("signal", "stem")) for sign in (1.0, -1.0)]
+    stem_lag = follows[0] if follows[0].value is not None else follows[1]
+    if stem_lag.value is None:
+        raise MeasurementError(never_moved)
+    quiet = resolution(rows.position) / np.sqrt(12.0)
+    rows = replace(rows, noise=float(quiet))
+    nothing = no_moves(2.0 * resolution(rows.position))
+    why = (
+        f"the stem never came to rest for two rows of {rows.period_s:.2g} s: faster rows, or an hour in which the loop "
+        "is quieter"
+    )
+    names = {
+        **dict.fromkeys(("friction", "breakaway", "breakaway_up", "breakaway_down"), "N"),
+        **dict.fromkeys(("friction_signal", "breakaway_signal", "dead_band", "stick_band", "slip_jump"), "Pa"),
+        **dict.fromkeys(PERCENTS, "percent"),
+        "slip": "m",
+        "spring_rate": "N/m",
+    }
+    figures = {name: not_known(unit, why) for name, unit in names.items()}
+    figures |= {"lag": _lag(recording), "stem_lag": stem_lag}
+    way = travel_of(rows, nothing, travel)
+    return Watched(
+        rows=rows.time_s.size,
+        duration_s=float(np.ptp(rows.time_s)),
+        covered_s=rows.covered_s,
+        period_s=rows.period_s,
+        is_even=rows.is_even,
+        gaps=rows.gaps,
+        driven_by=kind,
+        position_unit="%" if scale.is_share else "m",
+        position_noise=rows.noise * (100.0 if scale.is_share else 1.0),
+        is_reversed=follows[0].value is None,
+        moves=way.moves,
+        breakaways=0,
+        figures=figures,
+        travel=way,
+        notes=(_FOLLOWED.format(stem_lag.value),),
+    )
+
+
+def _signal(recording: Recording, scale: Scale) -> tuple[Input, FloatArray, str]:
+    """Channel that drives the stem: the force, else the pressure, else the command, with its unit."""
+    if recording.force_n is not None:
+        return Input.FORCE, recording.force_n, "N"
+    if recording.pressure_pa is not None:
+        return Input.PRESSURE, recording.pressure_pa, "Pa"
+    assert recording.command_pa is not None, "a recording has a command, a pressure or a force"
+    if scale.command_percent_pa is not None:
+        return Input.COMMAND, recording.command_pa / scale.command_percent_pa, "%"
+    return Input.COMMAND, recording.command_pa, "Pa"
+
+
+def _never_moved(rows: Rows, moves: Moves, scale: Scale, subject: str) -> str:
+    factor, unit = (100.0, "%") if scale.is_share else (1.0e3, "mm")
+    swings = float(np.ptp(rows.signal))
+    return (
+        f"{subject}: the stem made {moves.count} moves beyond {factor * moves.band:.2g} {unit}, five times its noise, "
+        f"in {rows.covered_s / 3600.0:.3g} h while the signal went over {swings:.3g}; 2 are needed: record for longer, "
+        "or while the set point changes"
+    )
+
+
+def _falls_with_signal(seen: Observations) -> bool:
+    """Whether the position falls where the signal rises: moves up happen at lower signals, and places follow it."""
+    signal = seen.signal - seen.signal.mean()
+    spread = float(np.std(signal)) * seen.count
+    if spread == 0.0:
+        return False
+    place = seen.position - seen.position.mean()
+    by_place = float(signal @ place) / (spread * max(float(np.std(place)), 1.0e-300))
+    by_direction = float(signal @ (seen.sign - seen.sign.mean())) / (spread * max(float(np.std(seen.sign)), 1.0e-300))
+    return by_place + by_direction < 0.0
+
+
+def _lag(recording: Recording) -> Figure:
+    if recording.pressure_pa is None or recording.command_pa is None:
+        return not_known("s", "needs both the command and the pressure")
+    return lag_of(recording.time_s, recording.command_pa, recording.pressure_pa, names=("command", "pressure"))
+
+
+def _notes(kind: Input, nameplate: Nameplate | None, rows: Rows, is_reversed: bool) -> list[str]:
+    notes = []
+    if kind is Input.COMMAND:
+        notes.append(
+            "There is a command and no pressure: the lag of I/P, positioner and air is in friction and bands. "
+            "Take them for upper bounds."
+        )
+    if is_reversed:
+        notes.append("The position falls where the signal rises: up means towards larger positions.")
+    if not rows.is_even:
+        notes.append("The rows are uneven, as a historian reports changes: forces are known to the steps between rows.")
+    if nameplate is not None and nameplate.actuator.action is Action.SPRING and nameplate.actuator.bench_set_pa is None:
+        notes.append("The nameplate has no bench set: the spring comes from the moves alone.")
+    return notes

@@ -1,0 +1,55 @@
+"""Reads a record of normal operation, with or without a nameplate, and says which units that leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+from estimators.in_service.result import Scale
+from service.own_files.reader import read_own
+from service.own_files.understood import Reading
+from valve.errors import RecordingError
+from valve.nameplate import Actuator, Nameplate, Signal
+
+_STAND_IN: Final = Nameplate("the valve", Actuator(travel_m=1.0))  # percent of it are hundredths of a metre
+_PERCENT_PA: Final = 1.0e3  # a command in percent or mA becomes so many Pa each, and back
+_STAND_IN_SIGNAL: Final = Signal((4.0, 20.0), (0.0, 100.0 * _PERCENT_PA))
+_NEEDS_SIGNAL: Final = "has no [signal]"
+
+
+def read_in_service(path: Path, nameplate: Nameplate | None, mapping: Mapping[str, str]) -> tuple[Reading, Scale]:
+    """Return the recording of a file and its scale.
+
+    Without a nameplate, or with one that lacks ``[signal]``, percent stay percent. Raises RecordingError as
+    ``read_own``.
+    """
+    plate = nameplate or _STAND_IN
+    percent_pa: float | None = None
+    try:
+        reading = read_own(path, plate, mapping, in_service=True)
+    except RecordingError as error:
+        if plate.signal is not None or _NEEDS_SIGNAL not in str(error):
+            raise
+        reading = read_own(path, replace(plate, signal=_STAND_IN_SIGNAL), mapping, in_service=True)
+        percent_pa = _PERCENT_PA
+        reading = _said(reading, {"command_pa": "percent of the signal", "command_ma": "percent of 4 to 20 mA"})
+    if nameplate is not None:
+        actuator = nameplate.actuator
+        return reading, Scale(actuator.travel_m, actuator.diaphragm_area_m2, command_percent_pa=percent_pa)
+    reading = _said(reading, {"position_m": "percent, the travel is not known"})
+    columns = () if reading.understood is None else reading.understood.columns
+    is_share = any(one.column == "position_m" and one.unit == "%" for one in columns)
+    return reading, Scale(is_share=is_share, command_percent_pa=percent_pa)
+
+
+def _said(reading: Reading, words: Mapping[str, str]) -> Reading:
+    """Return what was understood in other words for these columns, where the stand-in's would mislead."""
+    if reading.understood is None:
+        return reading
+    columns = tuple(
+        replace(one, how=words[one.column]) if one.column in words and one.unit in ("%", "mA") else one
+        for one in reading.understood.columns
+    )
+    return replace(reading, understood=replace(reading.understood, columns=columns))
