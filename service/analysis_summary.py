@@ -7,8 +7,8 @@ from typing import Any, Final
 
 from service.health.acceptance import remarked
 from service.next_step import next_step
-from service.plain_numbers import as_read, half_width, plus_minus, scatter_words
-from service.shown_sentences import NO_FAULT, as_sentence
+from service.words.plain_numbers import as_read, half_width, plus_minus, scatter_words
+from service.words.sentences import NO_FAULT, as_sentence
 
 _NOT_KNOWN: Final = "not known from this recording"
 _METHODS: Final = ("maximum_likelihood", "regression", "garcia")  # whose value is shown, the first that is ok

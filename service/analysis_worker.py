@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from service.analysis import analyze_recordings
-from service.nameplates import nameplate_from_mapping
+from service.config.nameplates import nameplate_from_mapping
 from service.own_files.understood import Reading, with_understood
 from service.priority import end_with_parent
 from service.warm_up import warm_up

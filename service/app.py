@@ -21,6 +21,7 @@ from service.analysis_crew import AnalysisCrew
 from service.audit.log import AuditLog
 from service.audit.service_life import note_end, note_start
 from service.body_limits import BodyLimits
+from service.config.settings import Plant
 from service.docs_page import docs_page
 from service.errors import install_error_handlers
 from service.head_requests import HeadRequests
@@ -53,7 +54,6 @@ from service.runs.rig import Rig
 from service.runs.service import Runs
 from service.schedules.house import nights
 from service.schedules.nightly import Nightly
-from service.settings import Plant
 from service.store.store import Store, open_store
 from service.tablet.install import install_tablet
 from service.wired_rig import WiredRig

@@ -38,7 +38,7 @@ from sqlalchemy import Connection, insert, select
 from sqlalchemy.exc import SQLAlchemyError
 
 from service.audit.log import SUFFIX, AuditLog
-from service.settings import Plant
+from service.config.settings import Plant
 from service.store.database import connected, newest_revision, open_database
 from service.store.schema import TABLES
 from service.synced import sync_folder

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import structlog
 
-from service.secret_file import secret_fault
+from service.config.secret_file import secret_fault
 from valve.errors import ConfigurationError
 
 _LOG = structlog.get_logger(__name__)

@@ -16,7 +16,7 @@ from service.model.acknowledgement import ENDED_KEY, alarm_words, ended_badly, n
 from service.model.requester import LOCAL, person_of
 from service.model.run import Run, RunState
 from service.model.stands_words import NOT_CONFIRMED, where_it_stands
-from service.shown_sentences import as_sentence
+from service.words.sentences import as_sentence
 
 _Clock = Callable[[datetime | None], str]
 _SENT_SAFE: Final = "; the valve was sent to its safe value"

@@ -15,9 +15,9 @@ from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
 
 from service.model.refusals import ForbiddenError, NotSignedInError, ThrottledError
-from service.shown_sentences import in_units
-from service.shown_units import UnitSystem
-from service.spelling import known_keys, unknown_key
+from service.words.sentences import in_units
+from service.words.spelling import known_keys, unknown_key
+from service.words.units import UnitSystem
 from valve.errors import (
     BusyError,
     ConfigurationError,

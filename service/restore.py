@@ -13,10 +13,10 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from service.audit.log import AuditLog
 from service.backup import DATABASE, Manifest, copy_rows, unpack, verified
+from service.config.settings import Plant
 from service.model.run import RunState
 from service.runs.again import is_to_be_taken_up
 from service.runs.recovery import mark_interrupted
-from service.settings import Plant
 from service.store.database import open_database, refuse_newer
 from service.store.gateway_lock import GatewayLock
 from service.store.lock import StoreLock

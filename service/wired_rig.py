@@ -23,10 +23,10 @@ from drivers.sequence import play_sequence
 from drivers.stands_at import StandsAt
 from drivers.waveform_check import check_waveform
 from drivers.wiring import Bus
-from service.bus import make_bus
+from service.buses.bus import make_bus
+from service.config.settings import PlantValve
 from service.polling import Polling
 from service.runs.rig import Order, Watcher
-from service.settings import PlantValve
 from valve.errors import BusyError, EquipmentError
 from valve.recording import Provenance
 from valve.waveform import Waveform

@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from service.analysis_summary import summary_lines, verdict_lines
-from service.plain_numbers import as_read
+from service.words.plain_numbers import as_read
 
 
 def print_summary(console: Console, analysis: Mapping[str, Any]) -> None:

@@ -94,10 +94,10 @@ def analyze(
 def _nameplate(file: Path | None, config: Path | None, tag: str | None) -> Nameplate:
     # heavy imports stand here: --help and wrong usage do without
     if file is not None:
-        from service.nameplates import read_nameplate
+        from service.config.nameplates import read_nameplate
 
         return read_nameplate(file)
-    from service.settings import load_plant
+    from service.config.settings import load_plant
 
     assert config is not None
     assert tag is not None

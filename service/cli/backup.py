@@ -17,7 +17,7 @@ def backup(
     """Write database, recordings, journals and audit log into one archive; the service may run meanwhile."""
     from service.backup import make_backup
     from service.cli.accounts import caller
-    from service.settings import load_plant
+    from service.config.settings import load_plant
     from valve.errors import RecordingError
 
     made = make_backup(load_plant(config), file, software=f"breakaway {version('breakaway')}", who=caller())

@@ -18,8 +18,8 @@ def restore(
 ) -> None:
     """Make an empty store of a backup, while no service runs on it. Everything is checked before it is written."""
     from service.cli.accounts import caller
+    from service.config.settings import load_plant
     from service.restore import restore_backup
-    from service.settings import load_plant
 
     plant = load_plant(config)
     made = restore_backup(plant, file, who=caller(), files_only=files_only)

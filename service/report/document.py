@@ -26,8 +26,8 @@ from service.shown.results import (
     told_once,
 )
 from service.shown.words import FIGURES
-from service.shown_sentences import all_in_units
-from service.shown_units import UnitSystem, measured, quantity
+from service.words.sentences import all_in_units
+from service.words.units import UnitSystem, measured, quantity
 
 _NOT_GIVEN: Final = "not identifiable"
 _LEAST_JITTER_S: Final = 1.0e-6

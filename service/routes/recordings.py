@@ -19,7 +19,7 @@ from starlette.exceptions import HTTPException
 from service.access.needs import needs
 from service.access.principal import Right
 from service.analysis_summary import summary_of
-from service.nameplates import nameplate_from_mapping, nameplate_from_toml
+from service.config.nameplates import nameplate_from_mapping, nameplate_from_toml
 from service.own_files.mapping import parse_mapping
 from service.parts import Parts, parts_of
 from service.problems import PROBLEMS

@@ -19,8 +19,8 @@ from service.report.of_run import ended_source_of, source_of
 from service.report.source import ReportSource
 from service.report.written import report_html, report_pdf
 from service.routes.recording_formats import qualities
-from service.shown_units import UnitSystem
 from service.tablet.rendering import units_of
+from service.words.units import UnitSystem
 from valve.errors import NotFoundError
 
 router = APIRouter(prefix="/tests", tags=["tests"], responses=PROBLEMS)

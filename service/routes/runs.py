@@ -38,8 +38,8 @@ from service.routes.lists import (
 )
 from service.routes.recording_formats import CSV, PARQUET, acceptable
 from service.routes.run_views import ReadIn, RunDescription, RunPage, RunRequest, RunView, summary, view
-from service.shown_units import UnitSystem
 from service.store.run_table import RunFilter
+from service.words.units import UnitSystem
 
 router = APIRouter(prefix="/tests", tags=["tests"], responses=PROBLEMS, route_class=JsonRoute)
 PartsOf = Annotated[Parts, Depends(parts_of)]

@@ -16,6 +16,7 @@ import structlog
 
 from drivers.addresses import BusAddress
 from service.audit.log import AuditLog
+from service.config.settings import Plant, PlantValve
 from service.events import Event
 from service.model.acknowledgement import acknowledged, ended_badly, is_moving
 from service.model.requester import LOCAL, Requester
@@ -34,7 +35,6 @@ from service.runs.rig import Order, Rig
 from service.runs.separating import SEPARATING, check_name, separating_of
 from service.runs.stem_looks import StemLooks
 from service.runs.tasks import Tasks
-from service.settings import Plant, PlantValve
 from service.store.run_table import RunFilter
 from service.store.store import Store
 from valve.errors import BusyError, ElsewhereError, InternalError, NotFoundError, RequestError

@@ -8,10 +8,10 @@ from contextlib import asynccontextmanager
 from datetime import timedelta
 from typing import TYPE_CHECKING, Final
 
+from service.config.settings import Plant
 from service.runs.service import Runs
 from service.schedules.housekeeping import Housekeeping
 from service.schedules.nightly import Nightly, wall_clock
-from service.settings import Plant
 from service.store.retention import remove_old_recordings
 from service.store.store import Store
 

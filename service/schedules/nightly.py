@@ -18,12 +18,12 @@ from typing import Any, Final, Protocol
 
 import structlog
 
+from service.config.settings import Plant
 from service.model.check import Check, CheckState
 from service.model.requester import Requester, RequesterKind
 from service.model.run import Run, RunState
 from service.model.schedule import Occurrence, Schedule, next_occurrence, occurrences_between
 from service.runs.service import Runs
-from service.settings import Plant
 from service.store.store import Store
 from valve.errors import BusyError, NotFoundError, PermissiveError, ValveError
 

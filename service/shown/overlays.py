@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from datetime import datetime, tzinfo
 from typing import Any
 
+from service.config.nameplates import nameplate_from_mapping
 from service.figures.signature import MOST_LAYERS, Layer, has_signature
 from service.model.past_test import PastTest
 from service.model.run import Label, Run
-from service.nameplates import nameplate_from_mapping
-from service.plant_clock import short_instant
 from service.shown.history import ValvePast
 from service.store.store import Store
+from service.words.plant_clock import short_instant
 from valve.errors import NotFoundError
 from valve.recording_files import read_recording
 

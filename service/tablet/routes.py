@@ -40,7 +40,6 @@ from service.shown.results import (
     told_once,
 )
 from service.shown.words import NE107, STATES, alarm_condition, condition_of
-from service.shown_units import UnitSystem, shown_unit
 from service.tablet.night import NightWish, due_checks, night_of
 from service.tablet.plans import AROUND_S, approved_plans, planned_line, plans_of, waveform_of
 from service.tablet.rendering import page, units_of
@@ -48,6 +47,7 @@ from service.tablet.since import since_yesterday
 from service.tablet.valve_list import ValveList, Wish
 from service.tablet.valve_rows import valve_rows, valve_stands
 from service.tablet.visitor import Visitor, VisitorOf
+from service.words.units import UnitSystem, shown_unit
 from valve.errors import NotFoundError, ValveError
 
 router = APIRouter(include_in_schema=False)

@@ -23,11 +23,11 @@ from service.access.principal import Role
 from service.audit.verify import Verdict, entries_of, verify
 from service.backup import MANIFEST, make_backup, verified
 from service.cli.accounts import accounts
+from service.config.database import DatabaseAddress
+from service.config.settings import Plant, load_plant
 from service.model.run import Run, RunState, new_run_id
 from service.restore import restore_backup
 from service.routes.recording_formats import PARQUET
-from service.settings import Plant, load_plant
-from service.settings_database import DatabaseAddress
 from service.store.database import _config, _engine
 from service.store.store import Store, open_store
 from tests.service.access.signed_in import PASSWORD, body_of

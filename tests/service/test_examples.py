@@ -8,7 +8,7 @@ import pytest
 
 from service.analysis import analyze_recordings
 from service.analysis_summary import verdict_lines
-from service.nameplates import read_nameplate
+from service.config.nameplates import read_nameplate
 from service.own_files.reader import read_own
 
 ROOT = Path(__file__).parents[2]

@@ -14,8 +14,8 @@ import pytest
 from service import openapi as openapi_module
 from service import server
 from service.app import create_app
+from service.config.settings import Plant
 from service.first_use import use_once
-from service.settings import Plant
 from service.tablet import rendering
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 

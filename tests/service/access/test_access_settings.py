@@ -13,7 +13,7 @@ import httpx
 import pytest
 
 from service.certificates import Certificates, context_of
-from service.settings import load_plant
+from service.config.settings import load_plant
 from tests.service.conftest import PLANT
 from valve.errors import ConfigurationError
 

@@ -13,16 +13,14 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.addresses import BusAddress, GaugeAddress, RtuAddress, TcpAddress, TlsAddress, ValveWiring
 from drivers.register_map import RegisterMap
-from service.model.health_limits import HealthLimits
-from service.model.schedule import Schedule
-from service.settings_access import AccessSection, AccessSettings, access_settings
-from service.settings_checks import check_schedules, check_wiring
-from service.settings_database import DatabaseAddress, database_address
-from service.settings_errors import Fault, Findings, read_toml
-from service.settings_health import health_limits
-from service.settings_maps import own_maps, without_wrong
-from service.settings_mqtt import MqttSettings, mqtt_settings
-from service.settings_nightly import (
+from service.config.access import AccessSection, AccessSettings, access_settings
+from service.config.checks import check_schedules, check_wiring
+from service.config.database import DatabaseAddress, database_address
+from service.config.errors import Fault, Findings, read_toml
+from service.config.health import health_limits
+from service.config.maps import own_maps, without_wrong
+from service.config.mqtt import MqttSettings, mqtt_settings
+from service.config.nightly import (
     Retention,
     RetentionSection,
     gateway_of_bus,
@@ -32,7 +30,9 @@ from service.settings_nightly import (
     schedules,
     zone_named,
 )
-from service.settings_valves import Identity, ValveParts, valve_parts
+from service.config.valves import Identity, ValveParts, valve_parts
+from service.model.health_limits import HealthLimits
+from service.model.schedule import Schedule
 from valve.errors import ConfigurationError
 from valve.nameplate import Nameplate
 

@@ -12,9 +12,9 @@ from drivers.addresses import BusAddress, GaugeAddress
 from drivers.inspection import Inspector, ReadOnlyTransport, ValveSeen
 from drivers.serial_gauge import SerialGauge
 from drivers.wiring import Bus
-from service.bus_lock import BusLocks
+from service.buses.bus_lock import BusLocks
+from service.config.settings import Plant, PlantValve
 from service.model.sequences import build_waveform, default_of
-from service.settings import Plant, PlantValve
 from valve.errors import ValveError
 from valve.waveform import Waveform
 

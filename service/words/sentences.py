@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Final
 
-from service.plain_numbers import as_read, plus_minus
-from service.shown_units import UnitSystem, shown_unit
+from service.words.plain_numbers import as_read, plus_minus
+from service.words.units import UnitSystem, shown_unit
 
 #: How a verdict without a fault is said; what follows it says how friction varies.
 NO_FAULT: Final = "No fault found."

@@ -11,12 +11,12 @@ from pydantic_core import PydanticCustomError
 from drivers.addresses import MotionLimits
 from drivers.permissive_rules import PermissiveRules
 from drivers.stands_at import RestRules
-from service.settings_errors import SAFE_VALUE
+from service.config.errors import SAFE_VALUE
 from valve.errors import ConfigurationError
 from valve.nameplate import Nameplate
 
 if TYPE_CHECKING:
-    from service.settings_errors import Findings, Key
+    from service.config.errors import Findings, Key
 
 _TOLERANCE: Final = 0.02  # of the travel: own choice, above a sensor's drift and below a valve that passes
 _WIDEST: Final = 0.25  # of the travel: wider would call a valve closed that stands open

@@ -11,8 +11,8 @@ from typing import Annotated, Any, Final
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.secret_file import read_secret, secret_fault
-from service.settings_errors import Findings
+from service.config.errors import Findings
+from service.config.secret_file import read_secret, secret_fault
 
 _PLAIN_PORT: Final = 1883  # both as registered with IANA
 _TLS_PORT: Final = 8883

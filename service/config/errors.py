@@ -12,8 +12,8 @@ from typing import Any, Final, Generic, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
-from service.settings_units import Written, in_own_words, in_si, own_names
-from service.spelling import known_keys, nearest
+from service.config.units import Written, in_own_words, in_si, own_names
+from service.words.spelling import known_keys, nearest
 from valve.errors import ConfigurationError, ValveError
 
 Key = tuple[str | int, ...]

@@ -15,7 +15,7 @@ from drivers.map_faults import map_faults
 from drivers.maps import REGISTER_MAPS
 from drivers.register_map import Canary, RegisterMap
 from drivers.registers import Kind, Register, Table, WordOrder
-from service.settings_errors import Findings, Key
+from service.config.errors import Findings, Key
 from valve.errors import ConfigurationError
 from valve.units import SI_FACTORS
 

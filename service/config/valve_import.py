@@ -22,12 +22,12 @@ import tomlkit
 
 from drivers.addresses import MotionLimits, Point, Sampling, WatchdogChoice
 from drivers.permissive_rules import PermissiveRules
+from service.config.errors import Fault
+from service.config.settings import faults_of
+from service.config.units import as_value, hints_of, in_si, own_names, types_in
+from service.config.valves import Identity, ValveSection
 from service.model.health_limits import HealthLimits
-from service.settings import faults_of
-from service.settings_errors import Fault
-from service.settings_units import as_value, hints_of, in_si, own_names, types_in
-from service.settings_valves import Identity, ValveSection
-from service.spelling import nearest
+from service.words.spelling import nearest
 from valve.errors import ConfigurationError
 from valve.nameplate import Actuator, Signal
 

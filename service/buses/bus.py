@@ -12,7 +12,7 @@ from drivers.addresses import BusAddress, GaugeAddress
 from drivers.serial_gauge import SerialGauge
 from drivers.transport import Transport
 from drivers.wiring import Bus
-from service.bus_lock import BusLocks
+from service.buses.bus_lock import BusLocks
 from valve.errors import BusyError
 
 #: How long nightly checks leave a bus to somebody whom one of them kept waiting: time to press the button again.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
 
-from service.plain_numbers import plus_minus
+from service.words.plain_numbers import plus_minus
 from valve.units import METRE_PER_INCH, PASCAL_PER_BAR, PASCAL_PER_PSI
 
 _NEWTON_PER_POUND_FORCE: Final = 4.4482216152605  # NIST SP 811, table B.8, as the next

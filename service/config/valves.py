@@ -14,11 +14,11 @@ from drivers.addresses import Mode, MotionLimits, Point, Sampling, ValveWiring, 
 from drivers.permissive_rules import PermissiveRules
 from drivers.register_map import RegisterMap
 from drivers.stands_at import RestRules
-from service.nameplates import nameplate_from_mapping
-from service.settings_errors import TEXT, Findings, Key
-from service.settings_maps import without_wrong
-from service.settings_permissives import stem_rules_of
-from service.settings_safe_value import SafeValue, rest_rules
+from service.config.errors import TEXT, Findings, Key
+from service.config.maps import without_wrong
+from service.config.nameplates import nameplate_from_mapping
+from service.config.permissives import stem_rules_of
+from service.config.safe_value import SafeValue, rest_rules
 from valve.errors import ConfigurationError, ValveError
 from valve.nameplate import Actuator, Nameplate, Signal
 

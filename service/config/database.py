@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Final
 from sqlalchemy import URL, make_url
 from sqlalchemy.exc import ArgumentError
 
-from service.secret_file import read_secret
+from service.config.secret_file import read_secret
 
 if TYPE_CHECKING:
-    from service.settings_errors import Findings
+    from service.config.errors import Findings
 
 PASSWORD_VARIABLE: Final = "BREAKAWAY_DATABASE_PASSWORD"
 DRIVER: Final = "postgresql+psycopg"

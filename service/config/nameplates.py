@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from service.settings_units import in_own_words, in_si
+from service.config.units import in_own_words, in_si
 from valve.errors import ConfigurationError, ParameterError, refuse
 from valve.nameplate import Nameplate
 

@@ -10,10 +10,10 @@ from typing import Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from service.config.errors import Findings
+from service.config.secret_file import secret_fault
 from service.hosts import own_names
 from service.model.sequences import SEQUENCES
-from service.secret_file import secret_fault
-from service.settings_errors import Findings
 
 _HOST: Final = re.compile(r"(?:\*\.)?[A-Za-z0-9](?:[A-Za-z0-9._-]*[A-Za-z0-9])?|\[[0-9A-Fa-f:.]+\]")
 

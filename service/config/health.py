@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any, Final
 
+from service.config.errors import Findings, Key
 from service.model.health_limits import HealthLimits
-from service.settings_errors import Findings, Key
-from service.spelling import nearest
+from service.words.spelling import nearest
 
 _NAMES: Final = frozenset(one.name for one in fields(HealthLimits))
 

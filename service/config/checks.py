@@ -13,11 +13,11 @@ from drivers.register_map import RegisterMap
 from drivers.representable import misfits, waveform_misfit
 from drivers.waveform_check import check_waveform
 from drivers.wiring import Bus, Signal, Wired, wire
-from service.bus import make_bus
-from service.bus_lock import place_of
+from service.buses.bus import make_bus
+from service.buses.bus_lock import place_of
+from service.config.maps import without_wrong
+from service.config.permissives import check_permissives
 from service.model.sequences import build_waveform
-from service.settings_maps import without_wrong
-from service.settings_permissives import check_permissives
 from valve.errors import ConfigurationError, ValveError, WaveformError
 from valve.nameplate import Nameplate
 from valve.nameplate import Signal as Transducer
@@ -25,9 +25,9 @@ from valve.nameplate import Signal as Transducer
 _LEAST_SEEN: Final = 0.05  # of the travel in a position's range, and the other way round; below it the unit is another
 
 if TYPE_CHECKING:
+    from service.config.errors import Findings, Key
+    from service.config.valves import ValveParts
     from service.model.schedule import Schedule
-    from service.settings_errors import Findings, Key
-    from service.settings_valves import ValveParts
 
 
 def check_wiring(

@@ -12,8 +12,8 @@ from zoneinfo import ZoneInfo
 from cronsim import CronSim, CronSimError
 from pydantic import BaseModel, ConfigDict, Field
 
+from service.config.errors import Findings
 from service.model.schedule import Schedule
-from service.settings_errors import Findings
 
 GATEWAY_VARIABLE: Final = "BREAKAWAY_GATEWAY"
 STRICT: Final = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)

@@ -14,7 +14,7 @@ from valve.errors import ConfigurationError
 from valve.nameplate import Nameplate
 
 if TYPE_CHECKING:
-    from service.settings_errors import Findings, Key
+    from service.config.errors import Findings, Key
 
 _BEYOND_TRAVEL: Final = 0.1  # of the travel: transmitters are set up with some room at both ends
 _STILL: Final = 0.01  # of the travel; a position sensor's noise is a tenth of that or less
