@@ -25,8 +25,8 @@ from drivers.waveform_check import check_waveform
 from drivers.wiring import Bus
 from service.buses.bus import make_bus
 from service.config.settings import PlantValve
-from service.polling import Polling
 from service.runs.rig import Order, Watcher
+from service.workers.polling import Polling
 from valve.errors import BusyError, EquipmentError
 from valve.recording import Provenance
 from valve.waveform import Waveform

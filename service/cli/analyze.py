@@ -124,7 +124,7 @@ def _analysis(
 ) -> dict[str, Any]:
     progress.update(task, description="loading the estimators")
 
-    from service.analysis import analyze_recordings
+    from service.analysis.analysis import analyze_recordings
     from service.own_files.understood import with_understood
 
     def tell(share: float, phase: str) -> None:

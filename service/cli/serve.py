@@ -15,8 +15,8 @@ def serve(
     from service.config.settings import load_plant
 
     plant = load_plant(config)
-    from service.logs import log_as_json
-    from service.server import serve_plant
+    from service.server.logs import log_as_json
+    from service.server.server import serve_plant
 
     log_as_json()
     serve_plant(plant)

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from service.config.errors import Findings
 from service.config.secret_file import secret_fault
-from service.hosts import own_names
+from service.http.hosts import own_names
 from service.model.sequences import SEQUENCES
 
 _HOST: Final = re.compile(r"(?:\*\.)?[A-Za-z0-9](?:[A-Za-z0-9._-]*[A-Za-z0-9])?|\[[0-9A-Fa-f:.]+\]")

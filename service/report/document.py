@@ -12,9 +12,9 @@ from service.figures.methods import all_estimates, methods_picture
 from service.figures.misfit import coordinate_picture, time_picture
 from service.figures.signature import Drawing, Layer, signature_drawing
 from service.figures.trend import trends_picture
-from service.next_step import most_telling, next_step
 from service.report.source import ReportSource
 from service.report.summary import summary_of
+from service.shown.next_step import most_telling, next_step
 from service.shown.results import (
     Cell,
     diagnosis_of,

@@ -7,7 +7,6 @@ from datetime import tzinfo
 from typing import Any, Final
 
 from service.config.settings import Plant, PlantValve
-from service.ending import ending_of
 from service.health.comparison import compare
 from service.health.judge import facts_of
 from service.model.acknowledgement import alarm_words
@@ -20,6 +19,7 @@ from service.report.ended import EndedSource
 from service.report.source import ReportSource
 from service.report.valve_facts import class_facts, frame_of, identity_facts, nameplate_facts, wiring_facts
 from service.runs.again import words_of_repetition
+from service.shown.ending import ending_of
 from service.shown.history import past_of
 from service.shown.overlays import before_of, layers_of, words_of
 from service.shown.words import STATES

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from service.next_step import next_step
 from service.report.source import ReportSource
+from service.shown.next_step import next_step
 from service.shown.results import diagnosis_of
 from service.shown.words import NE107
 from service.words.plain_numbers import plus_minus

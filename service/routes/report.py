@@ -11,9 +11,9 @@ from starlette.exceptions import HTTPException
 
 from service.access.needs import needs
 from service.access.principal import Right
+from service.http.problems import PROBLEMS
 from service.model.run import Run
 from service.parts import Parts, parts_of
-from service.problems import PROBLEMS
 from service.report.ended import EndedSource
 from service.report.of_run import ended_source_of, source_of
 from service.report.source import ReportSource

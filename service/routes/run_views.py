@@ -10,7 +10,7 @@ from fastapi import Header
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from drivers.stands_at import StandsAt, StemVerdict
-from service.errors import UNITS_HEADER
+from service.http.errors import UNITS_HEADER
 from service.model.acknowledgement import needs_acknowledgement
 from service.model.run import Label, Run, RunState
 from service.model.stands_words import stands_sentence

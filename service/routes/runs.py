@@ -16,11 +16,11 @@ from service.access.needs import Asks, needs, require_covers
 from service.access.principal import Right
 from service.events import Event
 from service.health.results import Ne107
+from service.http.problems import PROBLEMS
 from service.model.health_figures import MAIN_FIGURES, Figure
 from service.model.past_test import PastTest
 from service.model.run import Label, Run, RunState, file_words
 from service.parts import Parts, parts_of
-from service.problems import PROBLEMS
 from service.recordings.place import recording_of
 from service.routes.json_body import JsonRoute
 from service.routes.lists import (

@@ -9,8 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from service.access.needs import Asks, needs, require_covers
 from service.access.principal import Right
+from service.http.problems import PROBLEMS
 from service.parts import Parts, parts_of
-from service.problems import PROBLEMS
 from service.routes.json_body import JsonRoute
 from service.routes.run_views import Permit, RunView, view
 from service.words.sentences import all_in_units

@@ -12,7 +12,7 @@ from fastapi import FastAPI
 
 from service.app import create_app
 from service.config.settings import Plant
-from service.http_protocol import BoundedHttp
+from service.http.http_protocol import BoundedHttp
 from service.runs.analyst import Analyst
 from service.runs.rig import Rig
 

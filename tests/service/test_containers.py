@@ -15,7 +15,7 @@ from drivers.addresses import TcpAddress
 from service.config.database import PASSWORD_VARIABLE
 from service.config.nightly import GATEWAY_VARIABLE
 from service.config.settings import Plant, load_plant
-from service.precedence import LOOP
+from service.workers.precedence import LOOP
 from valve.parameter_sets import PARAMETER_SETS
 
 PROJECT = Path(__file__).resolve().parents[2]

@@ -10,7 +10,7 @@ import httpx
 import pytest
 
 from service.config.settings import load_plant
-from service.http_protocol import LONGEST_HEAD_BYTES, MOST_CONNECTIONS, BoundedHttp, most_connections
+from service.http.http_protocol import LONGEST_HEAD_BYTES, MOST_CONNECTIONS, BoundedHttp, most_connections
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.running_service import running_service
 

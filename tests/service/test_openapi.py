@@ -14,7 +14,7 @@ from pydantic import TypeAdapter
 
 from service.app import create_app
 from service.config.settings import Plant
-from service.openapi import EXAMPLES, GROUPS, SAMPLES_KEY
+from service.routes.openapi import EXAMPLES, GROUPS, SAMPLES_KEY
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 
 

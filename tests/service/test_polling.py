@@ -13,9 +13,9 @@ import pytest
 from drivers.addresses import Mode
 from service import wired_rig
 from service.config.settings import Plant
-from service.polling import Polling
 from service.runs.rig import Order, Watcher
 from service.wired_rig import WiredRig
+from service.workers.polling import Polling
 from valve.errors import WireError
 from valve.waveform import triangle
 

@@ -19,16 +19,16 @@ from fastapi import FastAPI
 
 from service.app import create_app
 from service.audit.log import AuditLog
-from service.certificates import Certificates
 from service.config.settings import Plant, ServiceSettings
-from service.first_use import use_once
-from service.http_protocol import BoundedHttp, provide_files
+from service.http.http_protocol import BoundedHttp, provide_files
 from service.parts import Parts
-from service.polling import Polling
-from service.precedence import Precedence
 from service.reload import Reloader
+from service.server.certificates import Certificates
+from service.server.first_use import use_once
+from service.server.systemd import ServiceManager
 from service.store.store import open_store
-from service.systemd import ServiceManager
+from service.workers.polling import Polling
+from service.workers.precedence import Precedence
 from valve.errors import ConfigurationError
 
 _LOG = structlog.get_logger(__name__)

@@ -9,10 +9,10 @@ from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
-from service.analysis_pool import WORKER, AnalysisPool
 from service.model.refusals import ThrottledError
-from service.polling import Polling
-from service.priority import UPLOAD
+from service.workers.analysis_pool import WORKER, AnalysisPool
+from service.workers.polling import Polling
+from service.workers.priority import UPLOAD
 from valve.errors import InternalError
 from valve.nameplate import Nameplate
 

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from estimators.samples import FloatArray, position_noise, resolution
-from service.data_faults.fault import BoolArray, DataFault, off_line, runs
+from service.analysis.data_faults.fault import BoolArray, DataFault, off_line, runs
 from valve.recording import Recording
 
 # Own choices; tests/service/test_odd_samples.py has what must not be taken for one.

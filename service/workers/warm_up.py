@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from service.analysis import analyze_recordings
+from service.analysis.analysis import analyze_recordings
 from valve.motion import simulate_waveform
 from valve.parameter_sets import PARAMETER_SETS
 from valve.recording import Acquisition, Provenance, Recording

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from estimators.samples import FloatArray, position_noise
-from service.data_faults.fault import SHOWN, DataFault, runs
+from service.analysis.data_faults.fault import SHOWN, DataFault, runs
 from valve.recording import CHANNELS, Recording
 
 _MEASURED: Final = ("position_m", "pressure_pa", "force_n")

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
-from service.openapi import RIGHT_KEY, SAMPLES_KEY
+from service.routes.openapi import RIGHT_KEY, SAMPLES_KEY
 
 _STYLE: Final = """\
 body { font-family: system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; line-height: 1.5;

@@ -14,17 +14,17 @@ from estimators.registry import estimate_all
 from estimators.samples import position_noise
 from estimators.signature.measure import measure_signature
 from estimators.steps.response import step_figures
-from service.change_note import change_note
-from service.data_faults.fault import DataFault
-from service.data_faults.found import without_data_faults
-from service.data_faults.held_values import widened
-from service.data_faults.vacuum import without_preload, without_preload_cause
-from service.diagnosis import NOT_YET, assess, not_assessed
-from service.driven_force import with_driven_forces
-from service.like_periods import of_like_periods, periods_note
-from service.scale_note import scale_note
-from service.tone_note import tone_note
-from service.zero_note import zero_doubt
+from service.analysis.change_note import change_note
+from service.analysis.data_faults.fault import DataFault
+from service.analysis.data_faults.found import without_data_faults
+from service.analysis.data_faults.held_values import widened
+from service.analysis.data_faults.vacuum import without_preload, without_preload_cause
+from service.analysis.diagnosis import NOT_YET, assess, not_assessed
+from service.analysis.driven_force import with_driven_forces
+from service.analysis.like_periods import of_like_periods, periods_note
+from service.analysis.scale_note import scale_note
+from service.analysis.tone_note import tone_note
+from service.analysis.zero_note import zero_doubt
 from valve.errors import MotionError, ParameterError, RecordingError
 from valve.motion import simulate_recording
 from valve.nameplate import Nameplate

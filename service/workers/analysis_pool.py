@@ -16,15 +16,15 @@ from typing import Any, Final
 
 import structlog
 
-from service.allowance import Allowance
-from service.priority import ANALYSIS
+from service.workers.allowance import Allowance
+from service.workers.priority import ANALYSIS
 from valve import errors
 from valve.errors import InternalError, ValveError
 from valve.nameplate import Nameplate
 
 Progress = Callable[[float, str], None]
 
-WORKER: Final = (sys.executable, "-m", "service.analysis_worker")
+WORKER: Final = (sys.executable, "-m", "service.workers.analysis_worker")
 _LOG = structlog.get_logger(__name__)
 _START_LIMIT_S: Final = 300.0  # compiling everything once on a slow machine
 _END_LIMIT_S: Final = 2.0
@@ -50,7 +50,7 @@ class AnalysisPool:
     than ``time_limit_s`` fails its job with InternalError and is replaced at the next one. Where that happens after
     the estimates, or the diagnosis takes longer than ``diagnosis_limit_s``, the answer is the estimates alone. Both
     count the worker's processor time.
-    ``command`` starts a process that speaks as ``service.analysis_worker`` does, ``niceness`` below the service;
+    ``command`` starts a process that speaks as ``analysis_worker`` does, ``niceness`` below the service;
     ``most_rows`` and ``most_memory_bytes`` bound what the recordings of a job may take in all.
     """
 

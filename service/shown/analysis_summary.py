@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 from service.health.acceptance import remarked
-from service.next_step import next_step
+from service.shown.next_step import next_step
 from service.words.plain_numbers import as_read, half_width, plus_minus, scatter_words
 from service.words.sentences import NO_FAULT, as_sentence
 

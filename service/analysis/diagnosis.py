@@ -15,8 +15,8 @@ from discrepancy.rough.result import RoughDiagnosis
 from discrepancy.rough.saved_model import SavedModel
 from discrepancy.rough.separating import SeparatingTest
 from estimators.base import Estimate
-from service.friction_scatter import latent_friction
-from service.separating import NOTHING_SEPARATES, find_separating_test, room_of_recordings
+from service.analysis.friction_scatter import latent_friction
+from service.analysis.separating import NOTHING_SEPARATES, find_separating_test, room_of_recordings
 from valve.errors import RequestError
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording

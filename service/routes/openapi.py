@@ -13,7 +13,7 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
 from service.access.principal import Right
-from service.problems import Problem
+from service.http.problems import Problem
 
 RIGHT_KEY: Final = "x-breakaway-right"
 #: Where documents have commands to copy: several readers of OpenAPI show it.

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from estimators.samples import FloatArray, resolution
-from service.data_faults.fault import SHOWN, DataFault
+from service.analysis.data_faults.fault import SHOWN, DataFault
 from valve.nameplate import Nameplate
 from valve.recording import Recording
 

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from service.precedence import Precedence
+from service.workers.precedence import Precedence
 
 
 class Polling:

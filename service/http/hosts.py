@@ -16,7 +16,7 @@ from starlette.datastructures import Headers
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.errors import problem
+from service.http.errors import problem
 
 LOOPBACK_NAMES: Final = ("localhost", "127.0.0.1", "[::1]")
 _LET_IN: Final = "breakaway.host"

@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from service.data_faults.fault import DataFault
+from service.analysis.data_faults.fault import DataFault
 from service.own_files.understood import ATMOSPHERE_PA, FROM_VACUUM
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording

@@ -11,7 +11,7 @@ from typing import Final
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.errors import problem
+from service.http.errors import problem
 
 KIB: Final = 1024
 UPLOAD_PATH: Final = "/recordings/analyze"

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from estimators.samples import FloatArray, resolution
-from service.data_faults.fault import DataFault, off_line
+from service.analysis.data_faults.fault import DataFault, off_line
 from valve.recording import INTERVAL_CHANNELS, Acquisition, Recording
 
 _FAR: Final = 1.0e5  # s: below it float64 keeps a nanosecond's tenth, and any recording may begin there

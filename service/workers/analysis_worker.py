@@ -20,11 +20,11 @@ import sys
 from pathlib import Path
 from typing import Any, TextIO
 
-from service.analysis import analyze_recordings
+from service.analysis.analysis import analyze_recordings
 from service.config.nameplates import nameplate_from_mapping
 from service.own_files.understood import Reading, with_understood
-from service.priority import end_with_parent
-from service.warm_up import warm_up
+from service.workers.priority import end_with_parent
+from service.workers.warm_up import warm_up
 from valve.errors import RecordingError, ValveError
 from valve.nameplate import Nameplate
 from valve.recording_files import read_recording
