@@ -49,11 +49,11 @@ from service.runs.analyst import Analyst
 from service.runs.renewal import Renewal
 from service.runs.rig import Rig
 from service.runs.service import Runs
+from service.runs.wired_rig import WiredRig
 from service.schedules.house import nights
 from service.schedules.nightly import Nightly
 from service.store.store import Store, open_store
 from service.tablet.install import install_tablet
-from service.wired_rig import WiredRig
 from service.workers.analysis_crew import AnalysisCrew
 from service.workers.polling import Polling
 from service.workers.precedence import Precedence

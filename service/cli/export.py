@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from service.export import ExportFormat
+from service.recordings.export import ExportFormat
 from valve.errors import NotFoundError, RecordingError, RequestError, ValveError
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def export(  # noqa: PLR0917 - typer takes options by position
     if tests and (valve is not None or since is not None):
         raise RequestError("export takes ids of tests, or --valve and --since: not both")
     from service.config.settings import load_plant
-    from service.export import export_test
+    from service.recordings.export import export_test
 
     plant = load_plant(config)
     failed: list[str] = []

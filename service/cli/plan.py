@@ -61,9 +61,9 @@ def plan(  # noqa: PLR0917 - typer takes options by position
     if override and sequence == ALL:
         raise RequestError("--override changes one sequence, and all are compared: name it by --sequence")
     overrides = read_overrides(override or ())
-    from service.expected_valve import expected_valve
     from service.model.sequences import SEQUENCES
-    from service.planning import plan_document, plan_sequence
+    from service.planning.expected_valve import expected_valve
+    from service.planning.planning import plan_document, plan_sequence
 
     names = list(SEQUENCES) if sequence == ALL else [sequence]
     if names[0] not in SEQUENCES:

@@ -14,7 +14,6 @@ from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 from service.access.motion import require_may_run
 from service.access.needs import Asks, needs, require_covers
 from service.access.principal import Right
-from service.events import Event
 from service.health.results import Ne107
 from service.http.problems import PROBLEMS
 from service.model.health_figures import MAIN_FIGURES, Figure
@@ -38,6 +37,7 @@ from service.routes.lists import (
 )
 from service.routes.recording_formats import CSV, PARQUET, acceptable
 from service.routes.run_views import ReadIn, RunDescription, RunPage, RunRequest, RunView, summary, view
+from service.runs.events import Event
 from service.store.run_table import RunFilter
 from service.words.units import UnitSystem
 

@@ -17,7 +17,6 @@ import structlog
 from drivers.addresses import BusAddress
 from service.audit.log import AuditLog
 from service.config.settings import Plant, PlantValve
-from service.events import Event
 from service.model.acknowledgement import acknowledged, ended_badly, is_moving
 from service.model.requester import LOCAL, Requester
 from service.model.run import Label, Run, RunState, checked_run_id, new_run_id
@@ -26,6 +25,7 @@ from service.recordings.place import recording_of
 from service.runs.again import analyse_again, begun_again, can_be_analysed
 from service.runs.analyst import Analyst
 from service.runs.description import DESCRIBED, description_of
+from service.runs.events import Event
 from service.runs.gate import Gate
 from service.runs.life import Life, OnSamples
 from service.runs.live import LiveRun, LiveRuns

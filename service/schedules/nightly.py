@@ -1,8 +1,8 @@
 """The night: at its time each schedule's checks are queued, each waits for its turn on its bus, and is written down.
 
-The rows of ``schedule_runs`` say what is to be done and what was; the queue (``service.jobs``) carries them. Nothing
-that was begun is resumed after a crash: it is written down as interrupted, and its valve was sent to safe by the
-recovery of its test. What was still queued goes on while its window lasts.
+The rows of ``schedule_runs`` say what is to be done and what was; the queue (``jobs``) carries them. Nothing that was
+begun is resumed after a crash: it is written down as interrupted, and its valve was sent to safe by the recovery of its
+test. What was still queued goes on while its window lasts.
 """
 
 from __future__ import annotations

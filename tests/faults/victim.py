@@ -29,8 +29,8 @@ from service.cli.signals import ENDING_SIGNALS
 from service.config.settings import load_plant
 from service.model.run import Run
 from service.runs.service import Runs
+from service.runs.wired_rig import WiredRig
 from service.store.store import open_store
-from service.wired_rig import WiredRig
 from tests.service.running_service import running_application
 from valve.errors import ValveError
 

@@ -12,10 +12,10 @@ import pytest
 from drivers.addresses import MotionLimits
 from service.buses.bus import BusOwners
 from service.config.settings import load_plant
-from service.events import EventLog
 from service.model.run import RunState
 from service.model.sequences import SEQUENCES, build_waveform, choose_waveform, default_of
 from service.routes.recording_formats import CSV, PARQUET, acceptable
+from service.runs.events import EventLog
 from service.runs.gate import Gate
 from service.runs.life import Life
 from service.runs.live import LiveRun

@@ -12,7 +12,7 @@ from sqlalchemy import Connection, Table, delete, func, select, text
 from sqlalchemy.exc import SQLAlchemyError
 
 from service.audit.log import AuditLog
-from service.backup import DATABASE, Manifest, copy_rows, unpack, verified
+from service.backup.backup import DATABASE, Manifest, copy_rows, unpack, verified
 from service.config.settings import Plant
 from service.model.run import RunState
 from service.runs.again import is_to_be_taken_up
@@ -24,7 +24,7 @@ from service.store.schema import TABLES
 from service.store.schema_access import SESSIONS
 from service.store.schema_tests import TESTS
 from service.store.store import Store
-from service.synced import sync_folder
+from service.store.synced import sync_folder
 from valve.errors import ConfigurationError, RequestError
 
 _STAGING: Final = ".restore"

@@ -15,8 +15,8 @@ from estimators.motion.channels import ONE_INSTANT
 from estimators.planned_scatter import packing_half_widths
 from estimators.planned_test import HALF_A_PERIOD, PlannedTest, planned_knowledge
 from service.config.settings import PlantValve
-from service.expected_valve import ExpectedValve
 from service.model.sequences import build_waveform, default_of
+from service.planning.expected_valve import ExpectedValve
 from valve.errors import InternalError, WaveformError
 from valve.nameplate import Nameplate
 from valve.parameters import PARAMETER_SYMBOLS, TravelStops, ValveParameters

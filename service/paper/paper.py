@@ -13,8 +13,8 @@ from rich.text import Text
 from estimators.base import Estimate, Form
 from estimators.classic.garcia import GarciaEstimator
 from estimators.classic.regression import RegressionEstimator
-from service.paper_figures import Validation, draw_figures, paper_sweep
-from service.paper_tables import PaperRow, PaperTable, rendered, rendered_validation
+from service.paper.figures import Validation, draw_figures, paper_sweep
+from service.paper.tables import PaperRow, PaperTable, rendered, rendered_validation
 from valve.motion import simulate_waveform
 from valve.nameplate import Nameplate
 from valve.parameter_sets import parameter_set

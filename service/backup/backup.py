@@ -41,7 +41,7 @@ from service.audit.log import SUFFIX, AuditLog
 from service.config.settings import Plant
 from service.store.database import connected, newest_revision, open_database
 from service.store.schema import TABLES
-from service.synced import sync_folder
+from service.store.synced import sync_folder
 from valve.errors import ConfigurationError, NotFoundError, RequestError
 
 SCHEMA: Final = "breakaway/backup/1"
