@@ -28,7 +28,7 @@ COPY --from=build /opt/breakaway /opt/breakaway
 USER breakaway
 WORKDIR /var/lib/breakaway
 # compiled once here; on another kind of processor it is compiled again at the first start
-RUN python -c "from service.warm_up import warm_up; warm_up()"
+RUN python -c "from service.workers.warm_up import warm_up; warm_up()"
 EXPOSE 8321
 HEALTHCHECK --interval=10s --timeout=5s --start-period=60s --retries=3 \
     CMD ["python", "-c", "import urllib.request; urllib.request.urlopen('http://127.0.0.1:8321/healthz', timeout=3)"]

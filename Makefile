@@ -34,7 +34,7 @@ check: $(VENV)/.dev  ## style, types and import contracts
 	$(BIN)/lint-imports --no-cache
 
 kernels: $(VENV)/.runtime
-	@$(BIN)/python -c "from service.warm_up import warm_up; warm_up()"
+	@$(BIN)/python -c "from service.workers.warm_up import warm_up; warm_up()"
 
 collected: kernels
 	@$(BIN)/pytest --collect-only -qq >/dev/null

@@ -14,14 +14,14 @@ from typing import Any, Final
 
 import numpy as np
 
-from service.analysis import analyze_recordings
-from service.analysis_summary import verdict_lines
+from service.analysis.analysis import analyze_recordings
+from service.config.nameplates import read_nameplate
 from service.figures.canvas import svg_text
 from service.figures.friction import friction_picture
 from service.figures.misfit import coordinate_picture
-from service.nameplates import read_nameplate
 from service.own_files.reader import read_own
-from service.shown_units import UnitSystem
+from service.shown.analysis_summary import verdict_lines
+from service.words.units import UnitSystem
 from tests.rough_valves import VALVES, case
 from valve.effects.base import Effect
 from valve.effects.local_friction import LocalFriction

@@ -17,29 +17,27 @@ from service.access.access import access_of
 from service.access.gate import Gate
 from service.access.needs import OPEN_TO_ALL, rights
 from service.access.stop_grants import stoppers_known
-from service.analysis_crew import AnalysisCrew
 from service.audit.log import AuditLog
 from service.audit.service_life import note_end, note_start
-from service.body_limits import BodyLimits
-from service.docs_page import docs_page
-from service.errors import install_error_handlers
-from service.head_requests import HeadRequests
+from service.config.settings import Plant
 from service.health.staleness import Staleness
-from service.hosts import Hosts
+from service.http.body_limits import BodyLimits
+from service.http.errors import install_error_handlers
+from service.http.head_requests import HeadRequests
+from service.http.hosts import Hosts
+from service.http.read_turns import ReadTurns
 from service.meters import Meters
 from service.mqtt.publisher import mqtt_of
-from service.openapi import openapi_of
 from service.parts import Parts
-from service.polling import Polling
-from service.precedence import Precedence
-from service.read_turns import ReadTurns
 from service.recordings.conversion import Converter
 from service.reload import Reloader
 from service.routes.access import router as access_routes
 from service.routes.access import session_router as session_routes
+from service.routes.docs_page import docs_page
 from service.routes.health import router as health_routes
 from service.routes.metrics import router as metrics_routes
 from service.routes.models import router as model_routes
+from service.routes.openapi import openapi_of
 from service.routes.recordings import router as recording_routes
 from service.routes.reload import router as reload_routes
 from service.routes.report import router as report_routes
@@ -51,12 +49,14 @@ from service.runs.analyst import Analyst
 from service.runs.renewal import Renewal
 from service.runs.rig import Rig
 from service.runs.service import Runs
+from service.runs.wired_rig import WiredRig
 from service.schedules.house import nights
 from service.schedules.nightly import Nightly
-from service.settings import Plant
 from service.store.store import Store, open_store
 from service.tablet.install import install_tablet
-from service.wired_rig import WiredRig
+from service.workers.analysis_crew import AnalysisCrew
+from service.workers.polling import Polling
+from service.workers.precedence import Precedence
 
 VERSION: Final = version("breakaway")
 _DESCRIPTION: Final = """\

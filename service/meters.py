@@ -10,10 +10,10 @@ from typing import Final
 from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest
 
 from drivers.outcome import SampleBlock
+from service.config.settings import Plant
 from service.model.acknowledgement import ENDED_KEY
 from service.model.run import Run, RunState
 from service.runs.again import REPEATED
-from service.settings import Plant
 
 _REMEMBERED: Final = 10_000  # tests that were counted already: each is stored several times
 _JITTER_S: Final = (1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 2e-2, 5e-2, 0.1)

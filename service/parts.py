@@ -8,6 +8,7 @@ from fastapi import Request
 
 from service.access.access import Access
 from service.audit.log import AuditLog
+from service.config.settings import Plant
 from service.figures.drawer import Drawer
 from service.health.earlier import EarlierResults
 from service.health.staleness import Staleness
@@ -16,7 +17,6 @@ from service.recordings.conversion import Converter
 from service.runs.analyst import Analyst
 from service.runs.service import Runs
 from service.schedules.nightly import Nightly
-from service.settings import Plant
 from service.store.store import Store
 
 

@@ -14,8 +14,8 @@ from typing import Final, TypeVar
 import structlog
 from pydantic import BaseModel, Field
 
+from service.config.settings import Plant, PlantValve, faults_of
 from service.parts import Parts
-from service.settings import Plant, PlantValve, faults_of
 from valve.errors import RequestError, ValveError
 
 _LOG = structlog.get_logger(__name__)

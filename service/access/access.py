@@ -19,9 +19,9 @@ from service.access.throttle import Throttle
 from service.access.tokens import Token, Tokens
 from service.access.users import User, Users
 from service.audit.log import AuditLog
+from service.config.access import AccessSettings
 from service.model.refusals import NotSignedInError
 from service.model.requester import RequesterKind
-from service.settings_access import AccessSettings
 
 Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")

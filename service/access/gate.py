@@ -28,7 +28,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from service.access.access import Access
 from service.access.principal import LOCAL_PRINCIPAL, Principal
 from service.access.sessions import csrf_token, sha256
-from service.errors import NO_DATABASE, problem
+from service.http.errors import NO_DATABASE, problem
 from service.model.requester import RequesterKind
 from service.runs.service import Runs
 

@@ -7,9 +7,9 @@ from typing import Any
 
 from service.access.needs import require_covers
 from service.access.principal import Principal, Right
+from service.config.settings import Plant
 from service.model.refusals import ForbiddenError
 from service.model.sequences import choose_waveform
-from service.settings import Plant
 
 
 def require_may_run(

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from service.audit.entries import Entry, chain_start, read_entry
-from service.synced import sync_folder
+from service.store.synced import sync_folder
 from valve.errors import InternalError
 
 TORN: Final = "audit.torn"

@@ -7,7 +7,7 @@ import hashlib
 import structlog
 
 from service.audit.log import AuditError, AuditLog
-from service.settings import Plant
+from service.config.settings import Plant
 
 _LOG = structlog.get_logger(__name__)
 

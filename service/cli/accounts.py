@@ -16,7 +16,7 @@ import typer
 
 from service.access.access import Access, access_of
 from service.audit.log import AuditLog
-from service.settings import Plant, load_plant
+from service.config.settings import Plant, load_plant
 from service.store.database import open_database
 from valve.errors import ConfigurationError, RequestError
 

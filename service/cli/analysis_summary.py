@@ -9,8 +9,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from service.analysis_summary import summary_lines, verdict_lines
-from service.plain_numbers import as_read
+from service.shown.analysis_summary import summary_lines, verdict_lines
+from service.words.plain_numbers import as_read
 
 
 def print_summary(console: Console, analysis: Mapping[str, Any]) -> None:

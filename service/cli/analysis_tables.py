@@ -11,9 +11,9 @@ from rich.text import Text
 
 from service.cli.diagnosis_tables import print_diagnosis
 from service.cli.signature_tables import print_signature
-from service.next_step import next_step
-from service.plain_numbers import as_read, plus_minus, scatter_words, with_span
+from service.shown.next_step import next_step
 from service.shown.words import NE107
+from service.words.plain_numbers import as_read, plus_minus, scatter_words, with_span
 from valve.parameters import PARAMETER_SYMBOLS
 
 _NOT_GIVEN: Final = "not identifiable"

@@ -95,10 +95,10 @@ def chosen_nameplate(file: Path | None, config: Path | None, tag: str | None) ->
     """Return the nameplate of a file, or of a valve of a plant file. Raises RequestError."""
     # heavy imports stand here: --help and wrong usage do without
     if file is not None:
-        from service.nameplates import read_nameplate
+        from service.config.nameplates import read_nameplate
 
         return read_nameplate(file)
-    from service.settings import load_plant
+    from service.config.settings import load_plant
 
     assert config is not None
     assert tag is not None
@@ -125,7 +125,7 @@ def _analysis(
 ) -> dict[str, Any]:
     progress.update(task, description="loading the estimators")
 
-    from service.analysis import analyze_recordings
+    from service.analysis.analysis import analyze_recordings
     from service.own_files.understood import with_understood
 
     def tell(share: float, phase: str) -> None:

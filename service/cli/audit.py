@@ -34,7 +34,7 @@ def _files(folder: Path | None, config: Path | None) -> list[Path]:
         raise RequestError("name either FOLDER or --config FILE, so that it is known which log is meant")
     if folder is not None:
         return files_of(folder)
-    from service.settings import load_plant
+    from service.config.settings import load_plant
 
     assert config is not None
     return files_of(load_plant(config).service.store / "audit")

@@ -15,9 +15,9 @@ def backup(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The archive, a new file.", show_default=False)],
 ) -> None:
     """Write database, recordings, journals and audit log into one archive; the service may run meanwhile."""
-    from service.backup import make_backup
+    from service.backup.backup import make_backup
     from service.cli.accounts import caller
-    from service.settings import load_plant
+    from service.config.settings import load_plant
     from valve.errors import RecordingError
 
     made = make_backup(load_plant(config), file, software=f"breakaway {version('breakaway')}", who=caller())

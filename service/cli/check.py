@@ -13,9 +13,9 @@ from valve.errors import ConfigurationError, EquipmentError
 
 if TYPE_CHECKING:
     from drivers.inspection import ValveSeen
-    from service.plant_check import CheckedValve
-    from service.settings import Plant
-    from service.settings_errors import Fault
+    from service.config.errors import Fault
+    from service.config.plant_check import CheckedValve
+    from service.config.settings import Plant
 
 
 def check(
@@ -26,7 +26,7 @@ def check(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of lines.")] = False,
 ) -> None:
     """Say all faults of a plant file at once; nothing is started. Exit code 0 where there is none, 1 otherwise."""
-    from service.settings import faults_of
+    from service.config.settings import faults_of
 
     plant, faults = faults_of(config)
     if any(fault.key for fault in faults) or plant is not None:  # it is TOML
@@ -66,7 +66,7 @@ def check(
 
 def _simulation_faults(config: Path) -> tuple[Fault, ...]:
     """Return what is wrong with what ``breakaway simulate`` reads; its modules are loaded where there is any."""
-    from service.settings_errors import read_toml
+    from service.config.errors import read_toml
 
     valves = read_toml(config).get("valves")
     if not isinstance(valves, list) or not any(isinstance(one, dict) and "simulation" in one for one in valves):
@@ -83,7 +83,7 @@ def _counted(plant: Plant) -> str:
 
 
 async def _looked(plant: Plant, *, silent: bool) -> list[CheckedValve]:
-    from service.plant_check import look_at_plant
+    from service.config.plant_check import look_at_plant
 
     checked = []
     async for valve in look_at_plant(plant):

@@ -14,7 +14,7 @@ from rich.text import Text
 
 from service.cli.demo_plant import DemoValve
 from service.cli.diagnosis_tables import diagnosis_lines
-from service.plain_numbers import as_read, half_width, scatter_words
+from service.words.plain_numbers import as_read, half_width, scatter_words
 from valve.parameters import PARAMETER_SYMBOLS
 
 _METHODS: Final = {

@@ -8,8 +8,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from service.plain_numbers import as_read, with_span
-from service.shown_sentences import NO_FAULT
+from service.words.plain_numbers import as_read, with_span
+from service.words.sentences import NO_FAULT
 
 _NO_GAIN: Final = 0.005  # of the misfit without the cause
 _VERDICTS: Final = {

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from service.export import ExportFormat
+from service.recordings.export import ExportFormat
 from valve.errors import NotFoundError, RecordingError, RequestError, ValveError
 
 if TYPE_CHECKING:
-    from service.settings import Plant
+    from service.config.settings import Plant
     from service.store.run_table import RunTable
 
 
@@ -39,8 +39,8 @@ def export(  # noqa: PLR0917 - typer takes options by position
         raise RequestError("export needs tests: give their ids, --valve TAG or --since DATE")
     if tests and (valve is not None or since is not None):
         raise RequestError("export takes ids of tests, or --valve and --since: not both")
-    from service.export import export_test
-    from service.settings import load_plant
+    from service.config.settings import load_plant
+    from service.recordings.export import export_test
 
     plant = load_plant(config)
     failed: list[str] = []

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from service.settings_errors import Findings, Key
-from service.spelling import nearest
+from service.config.errors import Findings, Key
+from service.words.spelling import nearest
 from valve.effects import EFFECTS, Effect, ValveScale, effect_from_values
 from valve.errors import ParameterError, ValveError
 from valve.extended_valve import ExtendedValve

@@ -28,7 +28,7 @@ def import_valves(
 
     A column is called like its key in plant.toml (docs/plant.md): tag, travel, safe_value, limits.pressure and so on.
     """
-    from service.valve_import import import_valves as imported
+    from service.config.valve_import import import_valves as imported
 
     try:
         data = table.read_bytes()

@@ -12,8 +12,8 @@ import typer
 from drivers.addresses import MotionLimits
 from drivers.capabilities import Role
 from drivers.maps import REGISTER_MAPS
-from service.settings_units import as_value, in_si
-from service.settings_valves import ValveSection
+from service.config.units import as_value, in_si
+from service.config.valves import ValveSection
 from valve.errors import ConfigurationError
 from valve.nameplate import Actuator
 
@@ -192,7 +192,7 @@ def init(
 
     A file that is there is never changed. More valves: `breakaway import-valves`, or docs/plant.md.
     """
-    from service.settings import faults_of
+    from service.config.settings import faults_of
 
     given = {
         name: value.strip()

@@ -21,7 +21,7 @@ def paper(
     require_writable(json_file)
     console = Console(stderr=json_file == STANDARD_OUTPUT)
     with Console(stderr=True).status("Computing the paper's tables and figures"):
-        from service.paper import reproduce_paper  # heavy: --help and wrong usage do without
+        from service.paper.paper import reproduce_paper  # heavy: --help and wrong usage do without
 
         reproduction = reproduce_paper(out)
     reproduction.render(console)

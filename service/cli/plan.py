@@ -16,7 +16,7 @@ from service.cli.overrides import read_overrides
 from valve.errors import NotFoundError, RequestError
 
 if TYPE_CHECKING:
-    from service.settings import Plant
+    from service.config.settings import Plant
 
 ALL: Final = "all"
 _TIMEOUT_S: Final = 3.0  # a plan does without the service
@@ -53,7 +53,7 @@ def plan(  # noqa: PLR0917 - typer takes options by position
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of tables.")] = False,
 ) -> None:
     """Say how well each sequence would tell a valve's parameters, how long it takes and how fast it moves."""
-    from service.settings import load_plant
+    from service.config.settings import load_plant
 
     plant = load_plant(config)
     if tag not in plant.valves:
@@ -61,9 +61,9 @@ def plan(  # noqa: PLR0917 - typer takes options by position
     if override and sequence == ALL:
         raise RequestError("--override changes one sequence, and all are compared: name it by --sequence")
     overrides = read_overrides(override or ())
-    from service.expected_valve import expected_valve
     from service.model.sequences import SEQUENCES
-    from service.planning import plan_document, plan_sequence
+    from service.planning.expected_valve import expected_valve
+    from service.planning.planning import plan_document, plan_sequence
 
     names = list(SEQUENCES) if sequence == ALL else [sequence]
     if names[0] not in SEQUENCES:

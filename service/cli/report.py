@@ -35,7 +35,7 @@ def write_report(
     from service.report.source import ReportSource
     from service.report.valve_facts import nameplate_facts
     from service.report.written import report_html, report_pdf
-    from service.shown_units import UnitSystem
+    from service.words.units import UnitSystem
     from valve.recording_files import file_sha256
 
     facts = [(f"Recording {path.name}, SHA-256", file_sha256(path)) for path in recordings]

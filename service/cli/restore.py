@@ -17,9 +17,9 @@ def restore(
     ] = False,
 ) -> None:
     """Make an empty store of a backup, while no service runs on it. Everything is checked before it is written."""
+    from service.backup.restore import restore_backup
     from service.cli.accounts import caller
-    from service.restore import restore_backup
-    from service.settings import load_plant
+    from service.config.settings import load_plant
 
     plant = load_plant(config)
     made = restore_backup(plant, file, who=caller(), files_only=files_only)

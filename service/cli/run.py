@@ -22,8 +22,8 @@ from service.cli.signals import ended_by_signals, signals_held_back
 from service.cli.standing import is_astray, looked_at, stands_of
 from service.model.acknowledgement import NOT_THERE
 from service.model.run import Label
-from service.shown_sentences import in_units
-from service.shown_units import UnitSystem
+from service.words.sentences import in_units
+from service.words.units import UnitSystem
 from valve.errors import MeasurementError, WireError
 
 _RECONNECTIONS: Final = 5

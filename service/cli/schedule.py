@@ -15,8 +15,8 @@ import typer
 from valve.errors import RequestError, WireError
 
 if TYPE_CHECKING:
+    from service.config.settings import Plant
     from service.schedules.plan import PlannedCheck
-    from service.settings import Plant
 
 
 class Action(StrEnum):
@@ -49,8 +49,8 @@ def schedule(  # noqa: PLR0917 - typer takes options by position
         return
     if config is None:
         raise RequestError("schedule show needs the plant file: give --config plant.toml")
+    from service.config.settings import load_plant
     from service.schedules.plan import plan_night
-    from service.settings import load_plant
 
     plant = load_plant(config)
     if name is not None and name not in {one.name for one in plant.schedules}:

@@ -12,11 +12,11 @@ def serve(
     config: Annotated[Path, typer.Option("--config", metavar="FILE", help="The plant file.", show_default=False)],
 ) -> None:
     """Serve the plant of the file until a signal or a closed terminal ends it; running tests are made safe."""
-    from service.settings import load_plant
+    from service.config.settings import load_plant
 
     plant = load_plant(config)
-    from service.logs import log_as_json
-    from service.server import serve_plant
+    from service.server.logs import log_as_json
+    from service.server.server import serve_plant
 
     log_as_json()
     serve_plant(plant)

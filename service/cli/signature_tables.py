@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from service.plain_numbers import half_width, plus_minus
+from service.words.plain_numbers import half_width, plus_minus
 
 _MOST_STEPS: Final = 20  # rows of the table of steps
 _LARGE_SHARE: Final = 0.25  # of the largest change: the steps that the summary times too

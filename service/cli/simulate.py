@@ -43,7 +43,7 @@ def simulate(
 
     from drivers.addresses import Mode
     from service.cli.simulated_plant import ServerCertificate, plant_from_settings
-    from service.settings import load_plant
+    from service.config.settings import load_plant
 
     if (tls_certificate is None) != (tls_key is None):
         raise ConfigurationError("--tls-certificate and --tls-key belong together, give both")

@@ -28,8 +28,8 @@ from service.cli.simulated_instruments import (
     position_from,
     pressure_from,
 )
-from service.settings import Plant, PlantValve
-from service.settings_errors import Fault, Findings, Key, read_toml
+from service.config.errors import Fault, Findings, Key, read_toml
+from service.config.settings import Plant, PlantValve
 from simulator.assembly import SimulatedChannel, SimulatedPlant, SimulatedUnit, warm_up_for
 from simulator.clock import RunningClock
 from simulator.gauge import GaugeListener

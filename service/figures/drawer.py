@@ -14,7 +14,7 @@ from concurrent.futures.process import BrokenProcessPool
 from importlib import import_module
 from typing import Any, Final, ParamSpec
 
-from service.priority import stand_back
+from service.workers.priority import stand_back
 
 Parameters = ParamSpec("Parameters")
 

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from service.figures.canvas import BLUE, INK, RED, SOFT, Picture, settings, sheet, svg_text, tidy
-from service.shown_units import UnitSystem, shown_unit
+from service.words.units import UnitSystem, shown_unit
 
 _STYLE: Final = {"opening": ("-", BLUE), "closing": ("--", RED)}
 

@@ -8,7 +8,7 @@ from typing import Any, Final
 from matplotlib.axes import Axes
 
 from service.figures.canvas import BLUE, INK, RED, SOFT, Picture, settings, sheet, svg_text, tidy
-from service.shown_units import UnitSystem, measured
+from service.words.units import UnitSystem, measured
 from valve.parameters import PARAMETER_SYMBOLS
 
 #: What people call the methods, in the order of the analysis object.

@@ -14,8 +14,8 @@ from typing import Any, Final
 import numpy as np
 
 from service.figures.canvas import BLUE, GRID, INK, RED, SOFT
-from service.plain_numbers import plus_minus
-from service.shown_units import UnitSystem, measured, quantity, shown_unit
+from service.words.plain_numbers import plus_minus
+from service.words.units import UnitSystem, measured, quantity, shown_unit
 from valve.recording import FloatArray
 
 WIDE: Final = 760

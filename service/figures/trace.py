@@ -7,7 +7,7 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 
 from service.figures.canvas import BLUE, INK, SOFT, Picture, settings, sheet, svg_text, tidy
-from service.shown_units import UnitSystem, quantity, shown_unit
+from service.words.units import UnitSystem, quantity, shown_unit
 from valve.recording import Recording
 from valve.recording_files import read_recording
 

@@ -12,8 +12,8 @@ import matplotlib.dates as mdates
 from matplotlib.axes import Axes
 
 from service.figures.canvas import BLUE, INK, RED, SOFT, Picture, settings, sheet, svg_text, tidy
-from service.plant_clock import zone_words
-from service.shown_units import UnitSystem, measured, shown_unit
+from service.words.plant_clock import zone_words
+from service.words.units import UnitSystem, measured, shown_unit
 
 
 @dataclass(frozen=True, slots=True)

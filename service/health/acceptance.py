@@ -8,7 +8,7 @@ from typing import Any, Final
 from service.health.results import Case, Check, Finding, Ne107
 from service.model.health_figures import Figure, Figures
 from service.model.health_limits import HealthLimits
-from service.shown_units import UnitSystem, measured
+from service.words.units import UnitSystem, measured
 
 _AT_END: Final = 2.0  # own choice, percent of the span: the signal counts as at its end
 _WHOLE: Final = 100.0

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from service.model.health_figures import FIGURE_KINDS, Figure, Figures
 from service.model.health_limits import HealthLimits
-from service.shown_units import UnitSystem, measured, quantity
+from service.words.units import UnitSystem, measured, quantity
 
 _WITHOUT_INTERVAL: Final = 2.0  # times the limit: what may be off by an unknown amount must change more to count
 

@@ -9,7 +9,7 @@ from service.health.changes import Change, ValveFacts, changes_between
 from service.model.health_figures import FIGURE_KINDS
 from service.model.health_limits import HealthLimits
 from service.model.past_test import PastTest
-from service.shown_units import UnitSystem, measured
+from service.words.units import UnitSystem, measured
 
 _TOLD_PERCENT: Final = 0.1  # below it a change is sure and matters to nobody: intervals are tighter than that
 

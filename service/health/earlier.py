@@ -8,8 +8,8 @@ from datetime import datetime
 
 from sqlalchemy import Engine
 
+from service.config.settings import Plant, PlantValve
 from service.health.staleness import Staleness
-from service.settings import Plant, PlantValve
 from service.store.conditions import results_before
 
 

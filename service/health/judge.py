@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
+from service.config.settings import PlantValve
 from service.health.assess import assess
 from service.health.changes import ValveFacts
 from service.health.results import Case
 from service.model.run import Run
-from service.settings import PlantValve
 from service.store.figure_table import FigureTable, conditions_of
 
 _HISTORY: Final = 60  # tests that a trend is drawn of: two months of nights

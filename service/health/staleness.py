@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from typing import Any, Final
 
+from service.config.settings import Plant
 from service.health.results import Ne107
 from service.model.schedule import nth_last_due
-from service.settings import Plant
 
 _KEPT: Final = timedelta(minutes=1)  # how long an answer is taken as the present: limits are days
 _DAY_S: Final = 86400.0

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Final
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.addresses import MotionLimits
-from service.spelling import fault_of
+from service.words.spelling import fault_of
 from valve.diagnostic_waveform import diagnostic, one_after_the_other, small_loops
 from valve.errors import RequestError, WaveformError
 from valve.nameplate import Nameplate

@@ -8,7 +8,7 @@ from typing import Final
 from drivers.stands_at import StandsAt, StemVerdict
 from service.model.requester import person_of
 from service.model.run import Run
-from service.shown_sentences import as_sentence
+from service.words.sentences import as_sentence
 
 NOT_CONFIRMED: Final = "SAFE STATE NOT CONFIRMED: go and look at the valve"
 #: Of the travel from either end: a stem that should be there is closed, or open.

@@ -17,11 +17,11 @@ import aiomqtt
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
+from service.config.mqtt import MqttSettings
+from service.config.settings import Plant
 from service.health.staleness import Staleness
 from service.model.run import Run
 from service.mqtt.messages import messages_of, topic_part
-from service.settings import Plant
-from service.settings_mqtt import MqttSettings
 from service.store.conditions import valve_standings
 from service.store.store import Store
 from valve.errors import ConfigurationError

@@ -7,7 +7,7 @@ import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from service.priority import stand_back
+from service.workers.priority import stand_back
 
 
 def _csv(path: Path) -> bytes:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from service.config.settings import Plant
 from service.model.run import Run
-from service.settings import Plant
 from service.store.store import Store
 from valve.errors import ElsewhereError, NotFoundError
 

@@ -13,7 +13,7 @@ from typing import Any, Final
 from service.health.changes import Change, ValveFacts, changes_between
 from service.model.health_figures import FIGURE_KINDS, Figure, figures_of
 from service.model.health_limits import HealthLimits
-from service.shown_units import UnitSystem, measured, quantity
+from service.words.units import UnitSystem, measured, quantity
 
 #: The acceptance check that each figure is judged by.
 _CHECK_OF: Final = {

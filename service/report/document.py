@@ -12,9 +12,9 @@ from service.figures.methods import all_estimates, methods_picture
 from service.figures.misfit import coordinate_picture, time_picture
 from service.figures.signature import Drawing, Layer, signature_drawing
 from service.figures.trend import trends_picture
-from service.next_step import most_telling, next_step
 from service.report.source import ReportSource
 from service.report.summary import summary_of
+from service.shown.next_step import most_telling, next_step
 from service.shown.results import (
     Cell,
     diagnosis_of,
@@ -26,8 +26,8 @@ from service.shown.results import (
     told_once,
 )
 from service.shown.words import FIGURES
-from service.shown_sentences import all_in_units
-from service.shown_units import UnitSystem, measured, quantity
+from service.words.sentences import all_in_units
+from service.words.units import UnitSystem, measured, quantity
 
 _NOT_GIVEN: Final = "not identifiable"
 _LEAST_JITTER_S: Final = 1.0e-6

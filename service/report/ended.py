@@ -6,12 +6,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from service.ending import Ending
 from service.figures.canvas import svg_text
 from service.figures.trace import trace_picture
 from service.report.document import jitter_words, permissive_row
-from service.shown_sentences import all_in_units
-from service.shown_units import UnitSystem
+from service.shown.ending import Ending
+from service.words.sentences import all_in_units
+from service.words.units import UnitSystem
 from valve.errors import RecordingError
 from valve.recording_files import read_recording
 

@@ -6,27 +6,27 @@ from collections.abc import Iterator, Mapping
 from datetime import tzinfo
 from typing import Any, Final
 
-from service.ending import ending_of
+from service.config.settings import Plant, PlantValve
 from service.health.comparison import compare
 from service.health.judge import facts_of
 from service.model.acknowledgement import alarm_words
 from service.model.requester import person_of
 from service.model.run import Label, Run
 from service.model.stands_words import where_it_stands
-from service.plant_clock import instant_words
 from service.recordings.place import recording_of
 from service.report.before_after import BeforeAfter, before_after
 from service.report.ended import EndedSource
 from service.report.source import ReportSource
 from service.report.valve_facts import class_facts, frame_of, identity_facts, nameplate_facts, wiring_facts
 from service.runs.again import words_of_repetition
-from service.settings import Plant, PlantValve
+from service.shown.ending import ending_of
 from service.shown.history import past_of
 from service.shown.overlays import before_of, layers_of, words_of
 from service.shown.words import STATES
-from service.shown_sentences import as_sentence, in_units
-from service.shown_units import UnitSystem
 from service.store.store import Store
+from service.words.plant_clock import instant_words
+from service.words.sentences import as_sentence, in_units
+from service.words.units import UnitSystem
 from valve.errors import ValveError
 
 _IN_JOURNAL: Final = (

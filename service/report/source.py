@@ -10,7 +10,7 @@ from typing import Any
 from service.figures.signature import Frame, Layer
 from service.figures.trend import Trend
 from service.report.before_after import BeforeAfter
-from service.shown_units import UnitSystem
+from service.words.units import UnitSystem
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from service.next_step import next_step
-from service.plain_numbers import plus_minus
 from service.report.source import ReportSource
+from service.shown.next_step import next_step
 from service.shown.results import diagnosis_of
 from service.shown.words import NE107
-from service.shown_sentences import NO_FAULT, as_sentence
-from service.shown_units import UnitSystem, measured, quantity
+from service.words.plain_numbers import plus_minus
+from service.words.sentences import NO_FAULT, as_sentence
+from service.words.units import UnitSystem, measured, quantity
 
 _VERDICTS: Final = {
     "F": " has failed: go and look at it.",

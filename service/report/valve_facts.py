@@ -7,14 +7,14 @@ from typing import Final
 
 from drivers.addresses import MotionLimits, ValveWiring
 from drivers.stands_at import RestRules
+from service.config.settings import PlantValve
+from service.config.valves import Identity
 from service.figures.signature import Frame
 from service.health.changes import allowed
 from service.health.judge import facts_of
 from service.model.health_limits import HealthLimits
 from service.model.past_test import PastTest
-from service.settings import PlantValve
-from service.settings_valves import Identity
-from service.shown_units import UnitSystem, quantity
+from service.words.units import UnitSystem, quantity
 from valve.nameplate import Action, Nameplate
 
 _ACTIONS: Final = {Action.SPRING: "spring-opposed", Action.DOUBLE: "double-acting, no spring"}

@@ -17,10 +17,10 @@ from service.access.passwords import LONGEST as LONGEST_PASSWORD
 from service.access.principal import RIGHTS, Principal, Right, Role
 from service.access.tokens import Token
 from service.access.users import User
+from service.http.problems import PROBLEMS
 from service.model.refusals import ForbiddenError
 from service.model.requester import RequesterKind
 from service.parts import parts_of
-from service.problems import PROBLEMS
 from service.routes.json_body import JsonRoute
 from service.routes.lists import KNOWN_KEYS
 from valve.errors import NotFoundError

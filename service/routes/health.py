@@ -13,11 +13,11 @@ from service.access.needs import Asks, needs, require_covers
 from service.access.principal import Right
 from service.health.comparison import compare
 from service.health.judge import facts_of
+from service.http.problems import PROBLEMS
 from service.model.health_figures import FIGURE_KINDS
 from service.model.past_test import Baseline, PastTest
 from service.model.run import Label, file_words
 from service.parts import Parts, parts_of
-from service.problems import PROBLEMS
 from service.routes.json_body import JsonRoute
 from service.routes.lists import KNOWN_KEYS, OR_CSV, Form, csv_answer, dated, wants_csv
 from service.routes.trend_view import TrendView, trends_of_tests

@@ -14,9 +14,9 @@ from fastapi.dependencies.models import Dependant
 from fastapi.exceptions import RequestValidationError
 from pydantic import AfterValidator
 
+from service.config.settings import Plant
 from service.routes.recording_formats import CSV, qualities
-from service.settings import Plant
-from service.spelling import nearest
+from service.words.spelling import nearest
 
 _JSON: Final = "application/json"
 #: For ``responses`` of a route: what its OpenAPI entry says beside JSON.

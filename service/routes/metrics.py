@@ -15,13 +15,13 @@ from prometheus_client.registry import Collector
 
 from service.access.needs import needs
 from service.access.principal import Right
+from service.http.problems import PROBLEMS
 from service.model.health_figures import MAIN_FIGURES
 from service.model.run import RunState
 from service.mqtt.metrics import BrokerCollector
 from service.parts import Parts, parts_of
-from service.precedence import Precedence
-from service.problems import PROBLEMS
 from service.store.conditions import valve_standings
+from service.workers.precedence import Precedence
 
 router = APIRouter(tags=["service"], responses=PROBLEMS)
 _NE107: Final = ("N", "C", "S", "M", "F")

@@ -12,8 +12,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from service.access.needs import Asks, needs, require_covers
 from service.access.principal import Right
+from service.http.problems import PROBLEMS
 from service.parts import Parts, parts_of
-from service.problems import PROBLEMS
 from service.routes.json_body import JsonRoute
 from service.runs.own_test import completed_test_of
 from service.store.model_table import AcceptedModel

@@ -18,11 +18,11 @@ from starlette.exceptions import HTTPException
 
 from service.access.needs import needs
 from service.access.principal import Right
-from service.analysis_summary import summary_of
-from service.nameplates import nameplate_from_mapping, nameplate_from_toml
+from service.config.nameplates import nameplate_from_mapping, nameplate_from_toml
+from service.http.problems import PROBLEMS
 from service.own_files.mapping import parse_mapping
 from service.parts import Parts, parts_of
-from service.problems import PROBLEMS
+from service.shown.analysis_summary import summary_of
 from valve.errors import RecordingError, RequestError
 from valve.nameplate import Nameplate
 

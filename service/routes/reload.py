@@ -9,8 +9,8 @@ from fastapi import APIRouter, Depends, Request
 
 from service.access.needs import Asks, needs
 from service.access.principal import Right
+from service.http.problems import PROBLEMS
 from service.model.refusals import ForbiddenError
-from service.problems import PROBLEMS
 from service.reload import Reloaded, Reloader
 
 router = APIRouter(prefix="/plant", tags=["plant"], responses=PROBLEMS)

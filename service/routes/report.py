@@ -11,16 +11,16 @@ from starlette.exceptions import HTTPException
 
 from service.access.needs import needs
 from service.access.principal import Right
+from service.http.problems import PROBLEMS
 from service.model.run import Run
 from service.parts import Parts, parts_of
-from service.problems import PROBLEMS
 from service.report.ended import EndedSource
 from service.report.of_run import ended_source_of, source_of
 from service.report.source import ReportSource
 from service.report.written import report_html, report_pdf
 from service.routes.recording_formats import qualities
-from service.shown_units import UnitSystem
 from service.tablet.rendering import units_of
+from service.words.units import UnitSystem
 from valve.errors import NotFoundError
 
 router = APIRouter(prefix="/tests", tags=["tests"], responses=PROBLEMS)

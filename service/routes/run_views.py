@@ -10,12 +10,12 @@ from fastapi import Header
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from drivers.stands_at import StandsAt, StemVerdict
-from service.errors import UNITS_HEADER
+from service.http.errors import UNITS_HEADER
 from service.model.acknowledgement import needs_acknowledgement
 from service.model.run import Label, Run, RunState
 from service.model.stands_words import stands_sentence
-from service.shown_sentences import in_units
-from service.shown_units import UnitSystem
+from service.words.sentences import in_units
+from service.words.units import UnitSystem
 
 #: What the pages of the tablet say that they are read in; SI where nobody says it.
 ReadIn = Annotated[str | None, Header(alias=UNITS_HEADER, include_in_schema=False, max_length=16)]

@@ -14,13 +14,12 @@ from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
 from service.access.motion import require_may_run
 from service.access.needs import Asks, needs, require_covers
 from service.access.principal import Right
-from service.events import Event
 from service.health.results import Ne107
+from service.http.problems import PROBLEMS
 from service.model.health_figures import MAIN_FIGURES, Figure
 from service.model.past_test import PastTest
 from service.model.run import Label, Run, RunState, file_words
 from service.parts import Parts, parts_of
-from service.problems import PROBLEMS
 from service.recordings.place import recording_of
 from service.routes.json_body import JsonRoute
 from service.routes.lists import (
@@ -38,8 +37,9 @@ from service.routes.lists import (
 )
 from service.routes.recording_formats import CSV, PARQUET, acceptable
 from service.routes.run_views import ReadIn, RunDescription, RunPage, RunRequest, RunView, summary, view
-from service.shown_units import UnitSystem
+from service.runs.events import Event
 from service.store.run_table import RunFilter
+from service.words.units import UnitSystem
 
 router = APIRouter(prefix="/tests", tags=["tests"], responses=PROBLEMS, route_class=JsonRoute)
 PartsOf = Annotated[Parts, Depends(parts_of)]

@@ -9,12 +9,12 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from service.access.needs import Asks, needs, require_covers
 from service.access.principal import Right
+from service.http.problems import PROBLEMS
 from service.parts import Parts, parts_of
-from service.problems import PROBLEMS
 from service.routes.json_body import JsonRoute
 from service.routes.run_views import Permit, RunView, view
-from service.shown_sentences import all_in_units
-from service.shown_units import UnitSystem
+from service.words.sentences import all_in_units
+from service.words.units import UnitSystem
 
 router = APIRouter(responses=PROBLEMS, route_class=JsonRoute)
 PartsOf = Annotated[Parts, Depends(parts_of)]

@@ -11,8 +11,8 @@ from fastapi import APIRouter, Depends, Request
 
 from service.access.needs import Asks, needs
 from service.access.principal import Right
+from service.http.problems import PROBLEMS
 from service.parts import Parts, parts_of
-from service.problems import PROBLEMS
 from service.routes.lists import KNOWN_KEYS, OR_CSV, Form, csv_answer, dated, wants_csv
 from service.schedules.nightly import wall_clock
 from service.schedules.views import LastRun, NightEntry, ScheduleList, last_run, night, schedule_view

@@ -16,13 +16,13 @@ from pydantic import BaseModel, Field
 from service.access.needs import needs
 from service.access.principal import Right
 from service.health.results import Ne107
+from service.http.problems import PROBLEMS
 from service.model.acknowledgement import alarm_of
 from service.model.health_figures import MAIN_FIGURES
 from service.model.past_test import PastTest
 from service.model.run import Label, Run, RunState
 from service.model.sequences import SEQUENCES, default_of
 from service.parts import Parts, parts_of
-from service.problems import PROBLEMS
 from service.routes.lists import (
     KNOWN_KEYS,
     OR_CSV,

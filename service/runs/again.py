@@ -14,15 +14,15 @@ from typing import Any, Final
 import structlog
 
 from drivers.outcome import Ended
+from service.config.settings import PlantValve
 from service.model.acknowledgement import ENDED_KEY
 from service.model.requester import person_of
 from service.model.run import Run, RunState
-from service.plant_clock import instant_words
 from service.runs.analyst import ANALYSIS_FAILED, Analyst, assessed
 from service.runs.live import MOTION_SHARE, LiveRun
 from service.runs.separating import played_by
-from service.settings import PlantValve
 from service.store.store import Store
+from service.words.plant_clock import instant_words
 from valve.errors import ValveError
 
 #: Key of an analysis that was made again: when, by which software and for whom.

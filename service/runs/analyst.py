@@ -7,11 +7,11 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Protocol
 
+from service.config.settings import PlantValve
 from service.health.judge import health_of
 from service.model.run import Run
 from service.runs.room import room_to_json
 from service.runs.separating import TOGETHER
-from service.settings import PlantValve
 from service.store.store import Store
 from valve.nameplate import Nameplate
 

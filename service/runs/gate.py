@@ -11,13 +11,13 @@ from datetime import UTC, datetime
 import structlog
 
 from drivers.permissives import require_met
-from service.bus import BusOwners, Claim
-from service.bus_lock import BusLocks
+from service.buses.bus import BusOwners, Claim
+from service.buses.bus_lock import BusLocks
+from service.config.settings import Plant, PlantValve
 from service.model.acknowledgement import last_end
 from service.model.run import Run
 from service.runs.permission import Permission, free_disk
 from service.runs.rig import Rig
-from service.settings import Plant, PlantValve
 from service.store.store import Store
 from valve.errors import BusyError, PermissiveError, RequestError
 

@@ -18,7 +18,7 @@ from drivers.outcome import Ended, PlayOutcome, SampleBlock
 from drivers.permissives import Permissive
 from drivers.stands_at import StandsAt
 from service.audit.log import AuditError, AuditLog
-from service.bus import BusOwners, Claim
+from service.buses.bus import BusOwners, Claim
 from service.model.acknowledgement import ENDED_KEY
 from service.model.run import RunState
 from service.model.stands_words import NOT_CONFIRMED

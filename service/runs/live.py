@@ -12,9 +12,9 @@ from typing import Any, Final
 
 from drivers.outcome import SampleBlock
 from drivers.stands_at import StandsAt
-from service.events import EventLog
 from service.model.run import Run
 from service.model.stands_words import where_it_stands
+from service.runs.events import EventLog
 from service.store.store import Store
 
 _LIVE_PERIOD_S: Final = 0.05  # 20 points a second are more than an eye follows

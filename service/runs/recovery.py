@@ -19,6 +19,7 @@ import structlog
 from drivers.recovery import Recovered
 from drivers.stands_at import unseen
 from service.audit.log import AuditLog
+from service.config.settings import Plant
 from service.model.run import Run, RunState, checked_run_id
 from service.model.stands_words import NOT_CONFIRMED
 from service.runs.again import is_to_be_taken_up
@@ -26,7 +27,6 @@ from service.runs.gate import Gate
 from service.runs.rig import Rig
 from service.runs.stem_looks import Rest, StemLooks
 from service.runs.tasks import Tasks
-from service.settings import Plant
 from service.store.journal import read_header, read_journal, recording_from_journal, was_commanded
 from service.store.store import Store
 from valve.errors import InternalError, RecordingError, ValveError

@@ -13,11 +13,11 @@ from typing import Final
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
+from service.config.settings import Plant
 from service.model.requester import Requester, RequesterKind
 from service.runs.again import can_be_analysed
 from service.runs.analyst import ENGINE
 from service.runs.service import Runs
-from service.settings import Plant
 from service.store.store import Store
 from valve.errors import ValveError
 

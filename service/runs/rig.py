@@ -11,7 +11,7 @@ from drivers.outcome import PlayOutcome, SafeOutcome, SampleBlock
 from drivers.permissives import Permissive
 from drivers.recovery import Recovered
 from drivers.stands_at import StandsAt
-from service.settings import PlantValve
+from service.config.settings import PlantValve
 from valve.waveform import Waveform
 
 

@@ -16,7 +16,7 @@ import structlog
 
 from drivers.addresses import BusAddress
 from service.audit.log import AuditLog
-from service.events import Event
+from service.config.settings import Plant, PlantValve
 from service.model.acknowledgement import acknowledged, ended_badly, is_moving
 from service.model.requester import LOCAL, Requester
 from service.model.run import Label, Run, RunState, checked_run_id, new_run_id
@@ -25,6 +25,7 @@ from service.recordings.place import recording_of
 from service.runs.again import analyse_again, begun_again, can_be_analysed
 from service.runs.analyst import Analyst
 from service.runs.description import DESCRIBED, description_of
+from service.runs.events import Event
 from service.runs.gate import Gate
 from service.runs.life import Life, OnSamples
 from service.runs.live import LiveRun, LiveRuns
@@ -34,7 +35,6 @@ from service.runs.rig import Order, Rig
 from service.runs.separating import SEPARATING, check_name, separating_of
 from service.runs.stem_looks import StemLooks
 from service.runs.tasks import Tasks
-from service.settings import Plant, PlantValve
 from service.store.run_table import RunFilter
 from service.store.store import Store
 from valve.errors import BusyError, ElsewhereError, InternalError, NotFoundError, RequestError

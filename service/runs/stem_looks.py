@@ -13,14 +13,14 @@ import structlog
 
 from drivers.stands_at import StandsAt, stands_at
 from service.audit.log import AuditLog
-from service.bus import Claim
+from service.buses.bus import Claim
+from service.config.settings import PlantValve
 from service.model.run import Run
 from service.model.stands_words import stands_sentence
 from service.runs.gate import Gate
 from service.runs.live import LiveRun
 from service.runs.rig import Rig
 from service.runs.tasks import Tasks
-from service.settings import PlantValve
 from service.store.store import Store
 from valve.errors import BusyError, InternalError, NotFoundError
 

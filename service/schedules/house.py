@@ -8,15 +8,15 @@ from contextlib import asynccontextmanager
 from datetime import timedelta
 from typing import TYPE_CHECKING, Final
 
+from service.config.settings import Plant
 from service.runs.service import Runs
 from service.schedules.housekeeping import Housekeeping
 from service.schedules.nightly import Nightly, wall_clock
-from service.settings import Plant
 from service.store.retention import remove_old_recordings
 from service.store.store import Store
 
 if TYPE_CHECKING:
-    from service.jobs import JobQueue
+    from service.schedules.jobs import JobQueue
 
 _REMEMBERED: Final = timedelta(days=7)  # jobs that ended: their checks stay in the store for ever
 
@@ -51,7 +51,7 @@ async def nights(nightly: Nightly, plant: Plant, store: Store, runs: Runs) -> As
 def _queue(plant: Plant, store: Store, nightly: Nightly) -> JobQueue | None:
     if not plant.schedules:
         return None
-    from service.jobs import JobQueue  # noqa: PLC0415  - half a second that a plant without schedules does not wait
+    from service.schedules.jobs import JobQueue  # noqa: PLC0415  - half a second that a plant without schedules does not wait
 
     database = plant.service.database
     url = None if database is None else database.with_password()

@@ -1,8 +1,8 @@
 """The night: at its time each schedule's checks are queued, each waits for its turn on its bus, and is written down.
 
-The rows of ``schedule_runs`` say what is to be done and what was; the queue (``service.jobs``) carries them. Nothing
-that was begun is resumed after a crash: it is written down as interrupted, and its valve was sent to safe by the
-recovery of its test. What was still queued goes on while its window lasts.
+The rows of ``schedule_runs`` say what is to be done and what was; the queue (``jobs``) carries them. Nothing that was
+begun is resumed after a crash: it is written down as interrupted, and its valve was sent to safe by the recovery of its
+test. What was still queued goes on while its window lasts.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from typing import Any, Final, Protocol
 
 import structlog
 
+from service.config.settings import Plant
 from service.model.check import Check, CheckState
 from service.model.requester import Requester, RequesterKind
 from service.model.run import Run, RunState
 from service.model.schedule import Occurrence, Schedule, next_occurrence, occurrences_between
 from service.runs.service import Runs
-from service.settings import Plant
 from service.store.store import Store
 from valve.errors import BusyError, NotFoundError, PermissiveError, ValveError
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Final
 
+from service.config.settings import Plant
 from service.model.schedule import occurrences_between
 from service.model.sequences import build_waveform
-from service.settings import Plant
 
 # Beside the waveform itself: reading the permissives, ramps to its start and to safe, upload of a capture. Own choice,
 # twice what the simulated valves need.

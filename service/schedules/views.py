@@ -7,10 +7,10 @@ from typing import Any, Final
 
 from pydantic import BaseModel, Field
 
+from service.config.settings import Plant
 from service.model.check import Check, CheckState
 from service.model.schedule import Schedule, next_occurrence
 from service.schedules.plan import PlannedCheck, plan_night
-from service.settings import Plant
 from service.store.schedule_run_table import ScheduleRunTable
 
 # The night that a person means: what was due since yesterday noon or so, and what is due until tomorrow.

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
+from service.config.settings import PlantValve
 from service.figures.trend import Trend, TrendPoint
 from service.health.changes import allowed
 from service.health.judge import facts_of
@@ -13,7 +14,6 @@ from service.model.acknowledgement import needs_acknowledgement
 from service.model.health_figures import FIGURE_KINDS, Figure
 from service.model.past_test import Baseline, PastTest
 from service.model.run import Run
-from service.settings import PlantValve
 from service.shown.words import STATES
 from service.store.figure_table import conditions_of
 from service.store.store import Store

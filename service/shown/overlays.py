@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from datetime import datetime, tzinfo
 from typing import Any
 
+from service.config.nameplates import nameplate_from_mapping
 from service.figures.signature import MOST_LAYERS, Layer, has_signature
 from service.model.past_test import PastTest
 from service.model.run import Label, Run
-from service.nameplates import nameplate_from_mapping
-from service.plant_clock import short_instant
 from service.shown.history import ValvePast
 from service.store.store import Store
+from service.words.plant_clock import short_instant
 from valve.errors import NotFoundError
 from valve.recording_files import read_recording
 
@@ -101,9 +101,9 @@ def measured_signature(file: str, nameplate: str) -> str:
     ``nameplate`` is JSON. Estimates and the diagnosis follow. Raises what reading a recording raises.
     """
     # The process that serves pages needs none of these.
-    from service.analysis import signature  # noqa: PLC0415
-    from service.data_faults.found import without_data_faults  # noqa: PLC0415
-    from service.driven_force import with_driven_forces  # noqa: PLC0415
+    from service.analysis.analysis import signature  # noqa: PLC0415
+    from service.analysis.data_faults.found import without_data_faults  # noqa: PLC0415
+    from service.analysis.driven_force import with_driven_forces  # noqa: PLC0415
 
     plate = nameplate_from_mapping(json.loads(nameplate), "nameplate")
     (recording,), _ = without_data_faults([read_recording(file, plate)], plate)

@@ -12,11 +12,11 @@ from service.health.acceptance import remarked
 from service.model.requester import person_of
 from service.model.run import Run
 from service.model.stands_words import where_it_stands
-from service.plain_numbers import scatter_words
 from service.runs.again import words_of_repetition
 from service.shown.words import FIGURES, VERDICTS
-from service.shown_sentences import NO_FAULT, in_units
-from service.shown_units import UnitSystem
+from service.words.plain_numbers import scatter_words
+from service.words.sentences import NO_FAULT, in_units
+from service.words.units import UnitSystem
 from valve.carried_digits import carried_places
 from valve.parameters import PARAMETER_SYMBOLS
 

@@ -7,7 +7,7 @@ from typing import Final
 
 from service.model.acknowledgement import is_moving, needs_acknowledgement, stem_astray
 from service.model.run import Run, RunState
-from service.shown_sentences import NO_FAULT
+from service.words.sentences import NO_FAULT
 
 
 @dataclass(frozen=True, slots=True)

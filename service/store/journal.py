@@ -32,7 +32,7 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.outcome import SampleBlock
-from service.synced import sync_folder
+from service.store.synced import sync_folder
 from valve.errors import RecordingError
 from valve.recording import Acquisition, Provenance, Recording
 

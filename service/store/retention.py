@@ -8,8 +8,8 @@ from typing import Any, Final
 import structlog
 from sqlalchemy import func, insert, select, update
 
+from service.config.nightly import Retention
 from service.model.acknowledgement import ended_badly
-from service.settings_nightly import Retention
 from service.store.schema_health import BASELINES
 from service.store.schema_nightly import REMOVED_RECORDINGS
 from service.store.schema_tests import TESTS

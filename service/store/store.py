@@ -16,8 +16,8 @@ from pathlib import Path
 
 from sqlalchemy import URL, Engine
 
+from service.config.settings import ServiceSettings
 from service.model.run import checked_run_id
-from service.settings import ServiceSettings
 from service.store.database import open_database
 from service.store.figure_table import FigureTable
 from service.store.gateway_lock import GatewayLock

@@ -18,11 +18,11 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_context
 
 from service.model.requester import person_of
 from service.parts import Parts
-from service.plant_clock import by_the_plants_clock, instant_words
-from service.shown_sentences import as_sentence, in_units
-from service.shown_units import UnitSystem, measured, quantity, shown_unit
 from service.tablet.script import NAME, script
 from service.tablet.visitor import Visitor
+from service.words.plant_clock import by_the_plants_clock, instant_words
+from service.words.sentences import as_sentence, in_units
+from service.words.units import UnitSystem, measured, quantity, shown_unit
 
 _HERE: Final = Path(__file__).parent
 STATIC: Final = _HERE / "static"

@@ -12,21 +12,21 @@ from zoneinfo import ZoneInfo
 
 from fastapi import APIRouter, Depends, Query, Request, Response
 
-from service.ending import ending_of
 from service.figures.methods import all_estimates, can_compare
 from service.figures.signature import has_signature
 from service.health.judge import facts_of
 from service.model.acknowledgement import alarm_words, needs_acknowledgement
 from service.model.run import Run
 from service.model.stands_words import where_it_stands
-from service.next_step import next_step
 from service.parts import Parts, parts_of
 from service.report.before_after import BeforeAfter, before_after
 from service.report.of_run import repair_sentences
 from service.report.summary import key_figures
 from service.report.valve_facts import class_facts, identity_facts, safe_position_words, safe_value_words
 from service.runs.again import can_be_analysed
+from service.shown.ending import ending_of
 from service.shown.history import ValvePast, history_row, past_of
+from service.shown.next_step import next_step
 from service.shown.overlays import before_of, overlays_of, words_of
 from service.shown.results import (
     diagnosis_of,
@@ -40,7 +40,6 @@ from service.shown.results import (
     told_once,
 )
 from service.shown.words import NE107, STATES, alarm_condition, condition_of
-from service.shown_units import UnitSystem, shown_unit
 from service.tablet.night import NightWish, due_checks, night_of
 from service.tablet.plans import AROUND_S, approved_plans, planned_line, plans_of, waveform_of
 from service.tablet.rendering import page, units_of
@@ -48,6 +47,7 @@ from service.tablet.since import since_yesterday
 from service.tablet.valve_list import ValveList, Wish
 from service.tablet.valve_rows import valve_rows, valve_stands
 from service.tablet.visitor import Visitor, VisitorOf
+from service.words.units import UnitSystem, shown_unit
 from valve.errors import NotFoundError, ValveError
 
 router = APIRouter(include_in_schema=False)

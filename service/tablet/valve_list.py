@@ -11,7 +11,7 @@ from urllib.parse import urlencode
 
 from pydantic import BaseModel, Field
 
-from service.settings import PlantValve
+from service.config.settings import PlantValve
 from service.tablet.since import Change
 from service.tablet.valve_rows import Stand
 

@@ -10,8 +10,8 @@ from discrepancy.rough.diagnose import diagnose
 from discrepancy.rough.result import RoughDiagnosis
 from discrepancy.rough.separating import ENOUGH, expected_nats
 from estimators.engine.engine import RoughFrictionEstimator
+from service.analysis.separating import find_separating_test, planned, room_of_recordings
 from service.model.sequences import Room
-from service.separating import find_separating_test, planned, room_of_recordings
 from tests.rough_valves import RoughCase, case
 from valve.effects import Effect, effect_from_values
 

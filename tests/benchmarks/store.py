@@ -20,9 +20,9 @@ from rich.table import Table
 from sqlalchemy import JSON, Connection, Engine, bindparam, text
 
 from service.app import create_app
+from service.config.settings import Plant, load_plant
 from service.model.health_figures import FIGURE_KINDS
-from service.server import settle_memory
-from service.settings import Plant, load_plant
+from service.server.server import settle_memory
 from service.store.database import open_database
 from service.store.schema_health import FIGURES
 from service.store.schema_tests import TESTS

@@ -9,8 +9,8 @@ from functools import cache
 from typing import Any, Final
 
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
-from service.analysis import joined
-from service.diagnosis import assess
+from service.analysis.analysis import joined
+from service.analysis.diagnosis import assess
 from tests.blind.cases import HELD_OUT, BlindCase
 from tests.blind.strengths import Expected
 from tests.estimators.recordings import recorded

@@ -16,8 +16,8 @@ import uvicorn
 from fastapi import FastAPI
 
 from service.app import create_app
+from service.config.settings import load_plant
 from service.parts import Parts
-from service.settings import load_plant
 from simulator.assembly import SimulatedPlant
 from tests.browser.analyses import made_analysis
 from tests.service.wired_plant import asked_pa, wired_plant

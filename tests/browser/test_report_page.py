@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from service.ending import ending_of
 from service.model.run import RunState
 from service.report.ended import EndedSource
 from service.report.source import ReportSource
 from service.report.written import report_html
+from service.shown.ending import ending_of
 from tests.browser.analyses import FRICTION_N, made_analysis
 from tests.browser.conftest import store_test
 from tests.browser.gateway import Gateway

@@ -11,13 +11,13 @@ from zoneinfo import ZoneInfo
 import pytest
 from sqlalchemy import event
 
+from service.config.settings import load_plant
+from service.config.valves import Identity
 from service.health.earlier import EarlierResults
 from service.health.staleness import Staleness
 from service.model.check import Check, CheckState
 from service.model.run import Run, RunState, new_run_id
 from service.parts import Parts
-from service.settings import load_plant
-from service.settings_valves import Identity
 from service.store.store import Store
 from service.tablet.since import Change, Since, since_yesterday, yesterday_noon
 from service.tablet.valve_list import ValveList, Wish

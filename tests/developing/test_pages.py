@@ -16,12 +16,12 @@ from drivers.permissive_rules import PermissiveRules
 from service.cli import app
 from service.cli.simulated_instruments import HuntingSection, PackingSection, PositionSection, PressureSection
 from service.cli.simulated_plant import SimulationSection
+from service.config.maps import CanarySection, MapSection, RegisterSection, WatchdogSection
+from service.config.mqtt import MqttSection
+from service.config.nightly import GatewaySection, GroupSection, RetentionSection, ScheduleSection
+from service.config.settings import PlantSection, ServiceSection
+from service.config.valves import ValveSection
 from service.model.health_limits import HealthLimits
-from service.settings import PlantSection, ServiceSection
-from service.settings_maps import CanarySection, MapSection, RegisterSection, WatchdogSection
-from service.settings_mqtt import MqttSection
-from service.settings_nightly import GatewaySection, GroupSection, RetentionSection, ScheduleSection
-from service.settings_valves import ValveSection
 from tests.benchmarks.__main__ import BENCHMARKS, COUNTED
 from tests.service.access.signed_in import signed_in
 

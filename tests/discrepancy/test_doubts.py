@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from discrepancy.doubts import doubt
-from service.diagnosis import assess
+from service.analysis.diagnosis import assess
 from tests.service.recordings import NOMINAL, at_rest, recorded, triangle_test
 from valve.recording import Recording
 from valve.waveform import Waveform

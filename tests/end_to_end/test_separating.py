@@ -8,7 +8,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.settings import load_plant
+from service.config.settings import load_plant
 from tests.service.problem import assert_problem
 from tests.service.running_service import running_service
 from tests.service.wired_plant import TAG, wired_plant

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from service.settings import load_plant
+from service.config.settings import load_plant
 from tests.faults.healthy import Healthy, of_set, with_friction
 from tests.service.fake_rig import FakeAnalyst
 from tests.service.running_service import running_service

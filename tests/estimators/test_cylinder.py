@@ -12,7 +12,7 @@ from estimators.classic.regression import RegressionEstimator
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.signature.measure import measure_signature
 from estimators.steps.response import step_figures
-from service.nameplates import read_nameplate
+from service.config.nameplates import read_nameplate
 from valve.recording_files import read_recording
 
 DATA = Path(__file__).parents[1] / "data" / "cylinder"

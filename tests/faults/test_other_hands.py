@@ -20,7 +20,7 @@ from drivers.permissive_rules import Contact, PermissiveRules
 from drivers.sequence import play_sequence
 from drivers.transport import Transport
 from service.audit.log import AuditError, AuditLog
-from service.settings import load_plant
+from service.config.settings import load_plant
 from simulator.record import Happening
 from tests.drivers.bench import LIMITS, SAFE_PA, WIRING, Bench, until
 from tests.drivers.reference_device import ReferenceDevice

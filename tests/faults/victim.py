@@ -26,11 +26,11 @@ from service.app import create_app
 from service.audit.log import AuditLog
 from service.cli.accounts import accounts
 from service.cli.signals import ENDING_SIGNALS
+from service.config.settings import load_plant
 from service.model.run import Run
 from service.runs.service import Runs
-from service.settings import load_plant
+from service.runs.wired_rig import WiredRig
 from service.store.store import open_store
-from service.wired_rig import WiredRig
 from tests.service.running_service import running_application
 from valve.errors import ValveError
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.settings import Plant, load_plant
+from service.config.settings import Plant, load_plant
 from tests.plants import bus_text, service_text, valve_text
 from tests.service.databases import postgresql_database
 from tests.service.fake_rig import FakeAnalyst, FakeRig

@@ -15,9 +15,9 @@ from drivers.outcome import Ended, PlayOutcome, SafeOutcome, SampleBlock
 from drivers.permissives import Permissive
 from drivers.recovery import Recovered
 from drivers.stands_at import StandsAt, stands_at
+from service.config.settings import PlantValve
 from service.own_files.reader import own_from_bytes
 from service.runs.rig import Order, Watcher
-from service.settings import PlantValve
 from valve.errors import DeviceError, WaveformError
 from valve.nameplate import Nameplate
 from valve.recording import Recording

@@ -7,9 +7,9 @@ import signal
 import sys
 from pathlib import Path
 
+from service.config.settings import load_plant
 from service.schedules.house import nights
 from service.schedules.nightly import Nightly
-from service.settings import load_plant
 from service.store.store import open_store
 from tests.service.fake_rig import FakeRig
 from tests.service.stored_runs import runs_of

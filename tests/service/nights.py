@@ -9,10 +9,10 @@ from contextlib import asynccontextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
+from service.config.settings import Plant, load_plant
 from service.model.check import Check
 from service.runs.service import Runs
 from service.schedules.nightly import Nightly
-from service.settings import Plant, load_plant
 from service.store.store import Store
 from tests.plants import bus_text, service_text, valve_text
 from tests.service.fake_rig import FakeRig

@@ -15,8 +15,8 @@ from typing import Any
 
 import uvloop
 
-from service.polling import Polling
-from service.precedence import Precedence
+from service.workers.polling import Polling
+from service.workers.precedence import Precedence
 
 _OF_A_CHILD = "import os; print(os.sched_getscheduler(0))"
 

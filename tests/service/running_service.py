@@ -11,10 +11,10 @@ import uvicorn
 from fastapi import FastAPI
 
 from service.app import create_app
-from service.http_protocol import BoundedHttp
+from service.config.settings import Plant
+from service.http.http_protocol import BoundedHttp
 from service.runs.analyst import Analyst
 from service.runs.rig import Rig
-from service.settings import Plant
 
 
 @asynccontextmanager

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from drivers.outcome import SampleBlock
+from service.config.settings import Plant
 from service.model.run import Run, RunState, new_run_id
 from service.runs.service import Runs
-from service.settings import Plant
 from service.store.store import Store
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 

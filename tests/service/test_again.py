@@ -17,10 +17,10 @@ import pytest
 from service.access.principal import Role
 from service.audit.verify import entries_of
 from service.cli.accounts import accounts
+from service.config.settings import Plant, load_plant
 from service.model.run import Run, RunState
 from service.runs.again import BEGUN_KEY, can_be_analysed
 from service.runs.service import Runs
-from service.settings import Plant, load_plant
 from service.store.store import Store
 from tests.service.access.signed_in import body_of, signed_in
 from tests.service.fake_rig import FakeAnalyst, FakeRig

@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from service.allowance import Allowance, processor_time_s
+from service.workers.allowance import Allowance, processor_time_s
 
 
 def test_waiting_uses_none_of_it() -> None:
@@ -29,16 +29,16 @@ def test_work_uses_it_up() -> None:
 def test_a_process_that_sleeps_for_ever_has_taken_too_long_in_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     own = Allowance(os.getpid(), 1.0)
     now_s = time.monotonic()
-    monkeypatch.setattr("service.allowance.time.monotonic", lambda: now_s + 60.0)
+    monkeypatch.setattr("service.workers.allowance.time.monotonic", lambda: now_s + 60.0)
     assert own.left_s() <= 0.0
 
 
 def test_the_clock_counts_where_the_system_does_not_tell(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("service.allowance.processor_time_s", lambda _pid: None)
+    monkeypatch.setattr("service.workers.allowance.processor_time_s", lambda _pid: None)
     own = Allowance(os.getpid(), 1.0)
     now_s = time.monotonic()
     assert own.left_s() > 0.0
-    monkeypatch.setattr("service.allowance.time.monotonic", lambda: now_s + 1.1)
+    monkeypatch.setattr("service.workers.allowance.time.monotonic", lambda: now_s + 1.1)
     assert own.left_s() <= 0.0
 
 

@@ -13,9 +13,9 @@ from discrepancy.rough.result import Finding, RoughDiagnosis, Verdict
 from discrepancy.rough.separating import SeparatingTest
 from estimators.base import Outcome, failed
 from estimators.registry import ESTIMATORS
-from service.analysis import analyze_recordings, joined, recording_summary
-from service.analysis_pool import AnalysisPool
-from service.diagnosis import assess, not_assessed
+from service.analysis.analysis import analyze_recordings, joined, recording_summary
+from service.analysis.diagnosis import assess, not_assessed
+from service.workers.analysis_pool import AnalysisPool
 from tests.discrepancy.hidden import hidden
 from tests.service.recordings import NOMINAL, at_rest, recorded, sine_test, triangle_test, with_gaps
 from valve.effects import effect_from_values
@@ -134,7 +134,7 @@ def test_a_fault_of_the_diagnosis_leaves_the_estimates(monkeypatch: pytest.Monke
     def broken(*_arguments: Any, **_named: Any) -> None:
         raise ZeroDivisionError("a fault")
 
-    monkeypatch.setattr("service.diagnosis.diagnose", broken)
+    monkeypatch.setattr("service.analysis.diagnosis.diagnose", broken)
     monkeypatch.delitem(ESTIMATORS, "maximum_likelihood")
     analysis = analyze_recordings([triangle_test(0.002, noise_m=5.0e-6)], PLATE)
     assert values(analysis, "regression")["k"] is not None
@@ -150,8 +150,8 @@ def test_a_scattering_valve_is_told_the_test_that_separates_its_causes(
     undecided: Any = object()
     found = RoughDiagnosis(Verdict.AMBIGUOUS, "", (cause,), ("friction_drift",), undecided=undecided)
     separating = None if sequence is None else SeparatingTest(sequence, {}, 60.0, ("one", "another"), 34.0)
-    monkeypatch.setattr("service.diagnosis.diagnose", lambda *_, **__: found)
-    monkeypatch.setattr("service.diagnosis.find_separating_test", lambda *_: separating)
+    monkeypatch.setattr("service.analysis.diagnosis.diagnose", lambda *_, **__: found)
+    monkeypatch.setattr("service.analysis.diagnosis.find_separating_test", lambda *_: separating)
     told = assess([triangle_test(0.002)], PLATE, [failed("maximum_likelihood", Outcome.NOT_EXPLAINED)])
     assert told["verdict"] == "ambiguous"
     assert told["separating_test"] == (None if separating is None else separating.to_json())
@@ -165,7 +165,7 @@ def test_several_recordings_are_diagnosed_side_by_side(monkeypatch: pytest.Monke
         asked.append(len(recordings))
         return not_assessed("of this test")
 
-    monkeypatch.setattr("service.analysis.assess", assess)
+    monkeypatch.setattr("service.analysis.analysis.assess", assess)
     analyze_recordings([at_rest(), at_rest()], PLATE)
     assert asked == [2]
 
@@ -225,7 +225,7 @@ def test_the_signature_is_measured_with_intervals(noisy: dict[str, Any]) -> None
 
 
 def test_a_sine_shows_no_branches_and_takes_the_figures_from_the_parameters(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("service.analysis.assess", lambda *_, **__: not_assessed("of this test"))
+    monkeypatch.setattr("service.analysis.analysis.assess", lambda *_, **__: not_assessed("of this test"))
     analysis = analyze_recordings([sine_test(0.005)], PLATE)
     figures = analysis["signature"]
     known = [one for one in analysis["estimates"] if one["parameters"]["k"]["value"] is not None]

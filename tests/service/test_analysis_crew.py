@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from service.analysis_crew import MOST_UPLOADED_ROWS, MOST_UPLOADS, AnalysisCrew
 from service.model.refusals import ThrottledError
-from service.polling import Polling
+from service.workers.analysis_crew import MOST_UPLOADED_ROWS, MOST_UPLOADS, AnalysisCrew
+from service.workers.polling import Polling
 from tests.service.test_analysis_pool import PLATE, WORKER, alive, until
 from valve.errors import InternalError
 

@@ -14,8 +14,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from service.allowance import processor_time_s
-from service.analysis_pool import AnalysisPool
+from service.workers.allowance import processor_time_s
+from service.workers.analysis_pool import AnalysisPool
 from tests.service.recordings import triangle_test
 from valve.errors import InternalError, RecordingError
 from valve.nameplate import Actuator, Nameplate
@@ -182,7 +182,7 @@ OWNER = """
 import asyncio
 import sys
 from pathlib import Path
-from service.analysis_pool import AnalysisPool
+from service.workers.analysis_pool import AnalysisPool
 from tests.service.test_analysis_pool import PLATE
 async def main():
     async with AnalysisPool() as pool:

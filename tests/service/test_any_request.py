@@ -16,7 +16,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from service.settings import load_plant
+from service.config.settings import load_plant
 from tests.service.conftest import PLANT
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.running_service import running_service

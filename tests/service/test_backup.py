@@ -21,13 +21,13 @@ from sqlalchemy import make_url, text
 
 from service.access.principal import Role
 from service.audit.verify import Verdict, entries_of, verify
-from service.backup import MANIFEST, make_backup, verified
+from service.backup.backup import MANIFEST, make_backup, verified
+from service.backup.restore import restore_backup
 from service.cli.accounts import accounts
+from service.config.database import DatabaseAddress
+from service.config.settings import Plant, load_plant
 from service.model.run import Run, RunState, new_run_id
-from service.restore import restore_backup
 from service.routes.recording_formats import PARQUET
-from service.settings import Plant, load_plant
-from service.settings_database import DatabaseAddress
 from service.store.database import _config, _engine
 from service.store.store import Store, open_store
 from tests.service.access.signed_in import PASSWORD, body_of
@@ -197,7 +197,7 @@ def test_a_service_cannot_start_while_its_store_is_restored(
         with pytest.raises(BusyError):
             open_store(second.service)
 
-    monkeypatch.setattr("service.restore._settle", started)
+    monkeypatch.setattr("service.backup.restore._settle", started)
     restore_backup(second, file, who="test")
 
 
@@ -278,7 +278,7 @@ def test_what_is_broken_off_leaves_an_empty_store(
         raise OSError(28, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr("service.restore._settle", full)
+        patch.setattr("service.backup.restore._settle", full)
         with pytest.raises(RequestError, match="No space left"):
             restore_backup(second, file, who="test")
     assert [path.name for path in second.service.store.iterdir()] == ["lock"]

@@ -12,7 +12,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.settings import load_plant
+from service.config.settings import load_plant
 from simulator.assembly import SimulatedPlant
 from tests.service.command_line import called
 from tests.service.fake_rig import FakeAnalyst

@@ -6,8 +6,8 @@ from collections.abc import AsyncIterator
 import httpx
 from fastapi import FastAPI, Request
 
-from service.body_limits import UPLOAD_PATH, BodyLimit, BodyLimits
-from service.errors import install_error_handlers
+from service.http.body_limits import UPLOAD_PATH, BodyLimit, BodyLimits
+from service.http.errors import install_error_handlers
 
 
 def _app() -> FastAPI:

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-import service.analysis
-from service.analysis import analyze_recordings
-from service.change_note import change_note
+import service.analysis.analysis
+from service.analysis.analysis import analyze_recordings
+from service.analysis.change_note import change_note
 from tests.service.recordings import NOMINAL, recorded, triangle_test
 from valve.motion import StemState, simulate_motion
 from valve.nameplate import Action
@@ -139,8 +139,8 @@ def test_the_note_stands_where_something_stays_unexplained(
     monkeypatch: pytest.MonkeyPatch, verdict: str, is_told: bool
 ) -> None:
     found: dict[str, Any] = {"verdict": verdict, "message": "", "causes": []}
-    monkeypatch.setattr(service.analysis, "assess", lambda *_args, **_options: found)
-    monkeypatch.setattr(service.analysis, "estimate_all", lambda *_args: [])
+    monkeypatch.setattr(service.analysis.analysis, "assess", lambda *_args, **_options: found)
+    monkeypatch.setattr(service.analysis.analysis, "estimate_all", lambda *_args: [])
     notes = analyze_recordings([loaded(lambda time_s: np.where(time_s > CHANGED_S, 250.0, 0.0))], NOMINAL.nameplate)[
         "notes"
     ]

@@ -15,7 +15,7 @@ import pytest
 
 from drivers.permissives import Permissive
 from service.cli import COMMANDS
-from service.settings import PlantValve, load_plant
+from service.config.settings import PlantValve, load_plant
 from tests.service.command_line import called
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.running_service import running_service

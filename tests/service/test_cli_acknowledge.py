@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from service.settings import load_plant
+from service.config.settings import load_plant
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.running_service import running_service
 

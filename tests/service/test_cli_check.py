@@ -14,8 +14,8 @@ from drivers.addresses import TcpAddress
 from drivers.inspection import ReadOnlyTransport
 from drivers.maps import register_map
 from drivers.maps.reference import WatchdogState
-from service.bus_lock import BusLocks
-from service.settings import load_plant
+from service.buses.bus_lock import BusLocks
+from service.config.settings import load_plant
 from simulator.faults import Fault as PlantFault
 from simulator.faults import FaultKind
 from tests.drivers.reference_device import SPAN_PA, ReferenceDevice

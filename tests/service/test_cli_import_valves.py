@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from service.settings import load_plant
-from service.valve_import import import_valves
+from service.config.settings import load_plant
+from service.config.valve_import import import_valves
 from tests.plants import PRESSURE_PA
 from tests.service.command_line import called
 from valve.errors import ConfigurationError

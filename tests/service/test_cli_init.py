@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from service.cli import app
-from service.settings import load_plant
+from service.config.settings import load_plant
 from tests.service.command_line import called
 from valve.errors import ConfigurationError
 

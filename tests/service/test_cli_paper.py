@@ -27,9 +27,9 @@ def asked(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[Path]:
     def _say(console: Console) -> None:
         console.print("Table 2")
 
-    module = ModuleType("service.paper")
+    module = ModuleType("service.paper.paper")
     module.reproduce_paper = reproduce_paper  # type: ignore[attr-defined]  # a stand-in
-    monkeypatch.setitem(sys.modules, "service.paper", module)
+    monkeypatch.setitem(sys.modules, "service.paper.paper", module)
     monkeypatch.chdir(tmp_path)
     return folders
 

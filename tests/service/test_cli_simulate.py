@@ -17,7 +17,7 @@ import pytest
 from service.cli.simulate import _serve, simulate
 from service.cli.simulated_plant import plant_from_settings
 from service.cli.truths import told_truth, truth_line
-from service.settings import load_plant
+from service.config.settings import load_plant
 from simulator.gauge import Gauge
 from simulator.plant import SoftwareValve
 from simulator.samples import EndedRecord

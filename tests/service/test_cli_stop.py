@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from drivers.outcome import PlayOutcome
+from service.config.settings import load_plant
 from service.runs.life import UPLOADING
 from service.runs.rig import Order, Watcher
-from service.settings import load_plant
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.running_service import running_service
 

@@ -5,7 +5,7 @@ import secrets
 import psycopg
 import pytest
 
-from service.settings_database import DatabaseAddress
+from service.config.database import DatabaseAddress
 from service.store.database import open_database
 from tests.service.databases import SERVER, why_no_server
 

@@ -11,7 +11,7 @@ from fastapi.dependencies.models import Dependant
 from fastapi.routing import APIRoute, iter_route_contexts
 
 from service.app import create_app
-from service.settings import load_plant
+from service.config.settings import load_plant
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 
 

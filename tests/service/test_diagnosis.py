@@ -10,8 +10,8 @@ import pytest
 
 from estimators.base import Estimate
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
+from service.analysis.diagnosis import assess
 from service.cli.diagnosis_tables import diagnosis_lines
-from service.diagnosis import assess
 from simulator.recorded import recorded
 from tests.rough_valves import RoughCase, case
 from valve.effects import effect_from_values

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from service.analysis import analyze_recordings
-from service.driven_force import NOTE
+from service.analysis.analysis import analyze_recordings
+from service.analysis.driven_force import NOTE
 from tests.discrepancy.test_force_diagnosis import drive
 from valve.nameplate import Action, Actuator, Nameplate
 from valve.recording import Recording

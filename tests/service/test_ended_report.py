@@ -13,12 +13,12 @@ import httpx
 import pytest
 
 from drivers.stands_at import RestRules, StemVerdict, stands_at
-from service.ending import ending_of
+from service.config.settings import Plant, load_plant
 from service.model.run import Run, RunState, new_run_id
 from service.report.ended import EndedSource, ended_document
 from service.report.written import report_html, report_pdf
-from service.settings import Plant, load_plant
-from service.shown_units import UnitSystem
+from service.shown.ending import ending_of
+from service.words.units import UnitSystem
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.problem import assert_problem
 from tests.service.recordings import triangle_test

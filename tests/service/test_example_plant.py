@@ -6,8 +6,8 @@ from pathlib import Path
 
 from drivers.maps import REGISTER_MAPS
 from service.cli.simulated_plant import plant_from_settings
+from service.config.settings import load_plant
 from service.model.sequences import SEQUENCES
-from service.settings import load_plant
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "plant.toml"
 DOCUMENT = EXAMPLE.parents[1] / "docs" / "plant.md"

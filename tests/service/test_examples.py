@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from service.analysis import analyze_recordings
-from service.analysis_summary import verdict_lines
-from service.nameplates import read_nameplate
+from service.analysis.analysis import analyze_recordings
+from service.config.nameplates import read_nameplate
 from service.own_files.reader import read_own
+from service.shown.analysis_summary import verdict_lines
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "examples" / "recordings"

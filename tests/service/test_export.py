@@ -12,9 +12,9 @@ from sqlalchemy import select
 from typer.testing import CliRunner
 
 from service.cli import app
+from service.config.nightly import Retention
+from service.config.settings import load_plant
 from service.model.run import Label, Run, RunState, new_run_id
-from service.settings import load_plant
-from service.settings_nightly import Retention
 from service.store.retention import remove_old_recordings
 from service.store.schema_nightly import REMOVED_RECORDINGS
 from service.store.store import Store

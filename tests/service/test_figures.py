@@ -17,7 +17,7 @@ from service.figures.misfit import time_picture
 from service.figures.signature import NARROW, WIDE, Frame, Layer, friction_over_travel, signature_drawing
 from service.figures.trace import trace_picture
 from service.figures.trend import Trend, TrendPoint, trends_picture, trends_svg
-from service.shown_units import UnitSystem
+from service.words.units import UnitSystem
 from valve.recording import Recording
 
 

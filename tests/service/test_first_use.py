@@ -11,11 +11,11 @@ import httpx
 import jinja2
 import pytest
 
-from service import openapi as openapi_module
-from service import server
 from service.app import create_app
-from service.first_use import use_once
-from service.settings import Plant
+from service.config.settings import Plant
+from service.routes import openapi as openapi_module
+from service.server import server
+from service.server.first_use import use_once
 from service.tablet import rendering
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 
@@ -45,7 +45,7 @@ async def test_pages_and_document_are_made_before_the_first_request(
 _LIVE_VIEW = """
 import sys
 from fastapi import FastAPI
-from service.first_use import use_once
+from service.server.first_use import use_once
 before = "anyio._backends._asyncio" in sys.modules
 use_once(FastAPI())
 print(before, "anyio._backends._asyncio" in sys.modules)

@@ -9,7 +9,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.settings import Plant, load_plant
+from service.config.settings import Plant, load_plant
 from tests.service.fake_rig import FakeRig
 from tests.service.problem import assert_problem
 

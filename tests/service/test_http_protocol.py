@@ -9,8 +9,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.http_protocol import LONGEST_HEAD_BYTES, MOST_CONNECTIONS, BoundedHttp, most_connections
-from service.settings import load_plant
+from service.config.settings import load_plant
+from service.http.http_protocol import LONGEST_HEAD_BYTES, MOST_CONNECTIONS, BoundedHttp, most_connections
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.running_service import running_service
 

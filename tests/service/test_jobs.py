@@ -5,7 +5,7 @@ from pathlib import Path
 
 from sqlalchemy import make_url
 
-from service.jobs import JobQueue
+from service.schedules.jobs import JobQueue
 
 DEADLINE_S = 30.0
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from service.analysis import analyze_recordings
-from service.like_periods import of_like_periods, periods_note
+from service.analysis.analysis import analyze_recordings
+from service.analysis.like_periods import of_like_periods, periods_note
 from tests.service.recordings import NOMINAL, triangle_test
 
 

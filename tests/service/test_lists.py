@@ -14,10 +14,10 @@ import httpx
 import pytest
 
 from service.access.principal import Role
+from service.config.database import DatabaseAddress
+from service.config.settings import Plant, PlantValve, load_plant
+from service.config.valves import Identity
 from service.model.run import Label, Run, RunState, new_run_id
-from service.settings import Plant, PlantValve, load_plant
-from service.settings_database import DatabaseAddress
-from service.settings_valves import Identity
 from service.store.store import open_store
 from tests.plants import valve_text
 from tests.service.access.signed_in import body_of, signed_in

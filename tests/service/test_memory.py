@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from service.polling import Polling
-from service.server import settle_memory, tidy_at_rest
+from service.server.server import settle_memory, tidy_at_rest
+from service.workers.polling import Polling
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ import httpx
 from prometheus_client.parser import text_string_to_metric_families
 
 from service.access.principal import Role
+from service.config.settings import load_plant
 from service.model.run import Run, RunState, new_run_id
-from service.settings import load_plant
 from service.store.store import open_store
 from tests.service.access.signed_in import body_of, signed_in
 from tests.service.fake_rig import FakeAnalyst, FakeRig

@@ -7,7 +7,7 @@ from typing import Any
 
 import httpx
 
-from service.settings import Plant
+from service.config.settings import Plant
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.problem import assert_problem
 

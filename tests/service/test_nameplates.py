@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from service.nameplates import nameplate_from_mapping, nameplate_from_toml, read_nameplate
+from service.config.nameplates import nameplate_from_mapping, nameplate_from_toml, read_nameplate
 from valve.errors import ConfigurationError
 from valve.nameplate import Action, Actuator, Nameplate, Signal
 

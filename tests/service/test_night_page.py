@@ -7,9 +7,9 @@ from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+from service.config.settings import Plant, load_plant
 from service.model.check import Check, CheckState
 from service.model.run import Run, RunState, new_run_id
-from service.settings import Plant, load_plant
 from service.store.store import Store
 from tests.browser.analyses import made_analysis
 from tests.plants import bus_text, service_text, valve_text

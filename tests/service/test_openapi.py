@@ -13,8 +13,8 @@ from fastapi.routing import APIRoute, iter_route_contexts
 from pydantic import TypeAdapter
 
 from service.app import create_app
-from service.openapi import EXAMPLES, GROUPS, SAMPLES_KEY
-from service.settings import Plant
+from service.config.settings import Plant
+from service.routes.openapi import EXAMPLES, GROUPS, SAMPLES_KEY
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from service.paper import PRINTED, PaperReproduction, reproduce_paper
+from service.paper.paper import PRINTED, PaperReproduction, reproduce_paper
 from valve.parameter_sets import parameter_set
 
 

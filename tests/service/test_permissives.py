@@ -20,11 +20,11 @@ from structlog.testing import capture_logs
 from drivers.addresses import BusAddress
 from drivers.outcome import PlayOutcome
 from drivers.permissives import Permissive
-from service import bus_lock
-from service.bus_lock import FOLDER_VARIABLE, BusLocks
+from service.buses import bus_lock
+from service.buses.bus_lock import FOLDER_VARIABLE, BusLocks
+from service.config.settings import load_plant
 from service.runs import permission
 from service.runs.rig import Order, Watcher
-from service.settings import load_plant
 from simulator.faults import Fault, FaultKind
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.running_service import running_service

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from service.cli.analysis_tables import scatters
-from service.plain_numbers import scatter_words, with_span
+from service.words.plain_numbers import scatter_words, with_span
 
 
 @pytest.mark.parametrize(

@@ -14,9 +14,9 @@ from typer.testing import CliRunner, Result
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.planned_scatter import PackingScatter, packing_half_widths
 from service.cli import app
-from service.expected_valve import expected_valve, measures_pressure
-from service.planning import plan_document, plan_sequence
-from service.settings import PlantValve, load_plant
+from service.config.settings import PlantValve, load_plant
+from service.planning.expected_valve import expected_valve, measures_pressure
+from service.planning.planning import plan_document, plan_sequence
 from tests.rough_valves import case
 from valve.errors import RequestError
 from valve.parameter_sets import parameter_set

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.settings import load_plant
+from service.config.settings import load_plant
 from tests.service.fake_rig import FakeAnalyst
 from tests.service.running_service import running_service
 from tests.service.wired_plant import TAG, wired_plant

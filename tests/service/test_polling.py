@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 
 from drivers.addresses import Mode
-from service import wired_rig
-from service.polling import Polling
+from service.config.settings import Plant
+from service.runs import wired_rig
 from service.runs.rig import Order, Watcher
-from service.settings import Plant
-from service.wired_rig import WiredRig
+from service.runs.wired_rig import WiredRig
+from service.workers.polling import Polling
 from valve.errors import WireError
 from valve.waveform import triangle
 

@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from service.polling import Polling
-from service.precedence import BESIDE, LOOP, Precedence
 from service.routes.metrics import PrecedenceCollector
+from service.workers.polling import Polling
+from service.workers.precedence import BESIDE, LOOP, Precedence
 
 PROJECT = Path(__file__).resolve().parents[2]
 

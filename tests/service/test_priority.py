@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from service.figures.drawer import Drawer
-from service.priority import ANALYSIS, AWAITED
 from service.recordings.conversion import Converter
+from service.workers.priority import ANALYSIS, AWAITED
 from valve.errors import RecordingError
 
 

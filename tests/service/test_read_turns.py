@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from starlette.types import Message, Receive, Scope, Send
 
-from service import read_turns
 from service.access.principal import Role
-from service.read_turns import AT_ONCE, ReadTurns
+from service.http import read_turns
+from service.http.read_turns import AT_ONCE, ReadTurns
 from service.store.run_table import RunTable
 from tests.service.access.signed_in import signed_in
 

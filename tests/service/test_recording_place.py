@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from service.config.settings import Plant, load_plant
 from service.model.run import Run, RunState, new_run_id
 from service.routes.recording_formats import CSV, PARQUET
-from service.settings import Plant, load_plant
 from service.store.store import Store, open_store
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.nights import plant_text

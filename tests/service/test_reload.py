@@ -18,7 +18,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.settings import load_plant
+from service.config.settings import load_plant
 from service.store.store import Store
 from tests.plants import bus_text, service_text, valve_text
 from tests.service.fake_rig import FakeAnalyst, FakeRig

@@ -10,11 +10,11 @@ import pytest
 
 from service.audit.log import AuditLog
 from service.audit.verify import entries_of
+from service.config.settings import Plant
 from service.model.run import Run, RunState
 from service.runs.analyst import ENGINE
 from service.runs.renewal import RENEWAL, Renewal
 from service.runs.service import Runs
-from service.settings import Plant
 from service.store.schema_health import FIGURES
 from service.store.store import Store
 from tests.service.fake_rig import FakeAnalyst, FakeRig

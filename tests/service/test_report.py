@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from service.cli import main
+from service.config.settings import load_plant
 from service.figures.signature import Frame
 from service.figures.trend import Trend, TrendPoint
 from service.health.changes import ValveFacts
@@ -23,8 +24,7 @@ from service.report.document import document_of
 from service.report.source import ReportSource
 from service.report.valve_facts import nameplate_facts
 from service.report.written import report_html, report_pdf
-from service.settings import load_plant
-from service.shown_units import UnitSystem
+from service.words.units import UnitSystem
 from tests.browser.analyses import ACTION, FRICTION_N, MISSING, made_analysis
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.problem import assert_problem

@@ -12,7 +12,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.settings import Plant
+from service.config.settings import Plant
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.problem import assert_problem
 from tests.service.running_service import running_service

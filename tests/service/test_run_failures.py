@@ -13,13 +13,13 @@ from typing import Any
 import pytest
 
 from drivers.outcome import Ended, PlayOutcome, SampleBlock
-from service.ending import ending_of
+from service.config.settings import Plant
 from service.model.run import Run, RunState
 from service.runs.live import MOTION_SHARE
 from service.runs.recovery import keep_journals_of_ended_runs, mark_interrupted
 from service.runs.rig import Order, Watcher
 from service.runs.service import Runs
-from service.settings import Plant
+from service.shown.ending import ending_of
 from service.store.journal import JournalWriter
 from service.store.run_table import RunTable
 from service.store.store import Store

@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 
 from drivers.addresses import MotionLimits
-from service.bus import BusOwners
-from service.events import EventLog
+from service.buses.bus import BusOwners
+from service.config.settings import load_plant
 from service.model.run import RunState
 from service.model.sequences import SEQUENCES, build_waveform, choose_waveform, default_of
 from service.routes.recording_formats import CSV, PARQUET, acceptable
+from service.runs.events import EventLog
 from service.runs.gate import Gate
 from service.runs.life import Life
 from service.runs.live import LiveRun
 from service.runs.rig import Order
 from service.runs.stem_looks import StemLooks
 from service.runs.tasks import Tasks
-from service.settings import load_plant
 from service.store.store import Store
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.stored_runs import runs_of, stored

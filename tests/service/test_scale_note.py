@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from service.analysis import analyze_recordings
-from service.scale_note import scale_note
+from service.analysis.analysis import analyze_recordings
+from service.analysis.scale_note import scale_note
 from tests.discrepancy.hidden import Hidden, hidden
 from valve.nameplate import Nameplate
 from valve.recording import Recording

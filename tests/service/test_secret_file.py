@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from service.secret_file import read_secret
-from service.settings_mqtt import MqttSettings
+from service.config.mqtt import MqttSettings
+from service.config.secret_file import read_secret
 from valve.errors import ConfigurationError
 
 

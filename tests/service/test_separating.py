@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from service.analysis.separating import find_separating_test, planned, room_of_recordings
 from service.model.sequences import Room
-from service.separating import find_separating_test, planned, room_of_recordings
 from tests.service.recordings import triangle_test
 from valve.recording import Recording
 

@@ -10,7 +10,7 @@ SERVED = """
 import asyncio, contextlib, signal
 import uvicorn
 from fastapi import FastAPI
-from service.server import _Server
+from service.server.server import _Server
 
 for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
     signal.signal(number, signal.SIG_DFL)  # whoever started this may ignore them

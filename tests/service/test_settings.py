@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from drivers.addresses import GaugeAddress, RtuAddress, TcpAddress
-from service.settings import load_plant
+from service.config.settings import load_plant
 from valve.errors import ConfigurationError
 
 

@@ -11,13 +11,13 @@ import pytest
 from drivers.addresses import MotionLimits, RtuAddress, Sampling, WatchdogChoice
 from drivers.permissive_rules import PermissiveRules
 from service.cli.simulated_plant import simulation_faults
+from service.config.errors import Findings
+from service.config.nameplates import nameplate_from_toml
+from service.config.nightly import RetentionSection
+from service.config.settings import faults_of, load_plant
+from service.config.units import in_si, own_names
+from service.config.valves import ValveParts, valve_parts
 from service.model.health_limits import HealthLimits
-from service.nameplates import nameplate_from_toml
-from service.settings import faults_of, load_plant
-from service.settings_errors import Findings
-from service.settings_nightly import RetentionSection
-from service.settings_units import in_si, own_names
-from service.settings_valves import ValveParts, valve_parts
 from valve.errors import ConfigurationError
 from valve.nameplate import Action, Actuator, Signal
 from valve.units import PASCAL_PER_PSI

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from service.shown_sentences import all_in_units, in_units
-from service.shown_units import UnitSystem
+from service.words.sentences import all_in_units, in_units
+from service.words.units import UnitSystem
 
 STUCK = "{} and the stem did not break away from {}, a healthy one moves within {}"
 

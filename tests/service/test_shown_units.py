@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from service.shown_units import UnitSystem, measured, quantity
+from service.words.units import UnitSystem, measured, quantity
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from rich.console import Console
 from estimators.signature.measure import measure_signature
 from estimators.steps.response import step_figures
 from service.cli.signature_tables import print_signature
-from service.plain_numbers import plus_minus
+from service.words.plain_numbers import plus_minus
 from tests.service.recordings import NOMINAL, at_rest, recorded, triangle_test
 from valve.recording import Recording
 from valve.waveform import steps

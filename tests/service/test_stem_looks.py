@@ -12,15 +12,15 @@ import httpx
 import pytest
 
 from drivers.stands_at import RestRules, StandsAt, StemVerdict, stands_at
-from service.bus import BusOwners
+from service.buses.bus import BusOwners
+from service.config.settings import load_plant
 from service.model.requester import LOCAL
 from service.model.run import RunState
 from service.model.stands_words import stands_sentence
 from service.mqtt.messages import state_message
-from service.settings import load_plant
-from service.shown_sentences import in_units
-from service.shown_units import UnitSystem
 from service.store.store import Store
+from service.words.sentences import in_units
+from service.words.units import UnitSystem
 from simulator.faults import Fault, FaultKind
 from tests.plants import bus_text, service_text, valve_text
 from tests.service.conftest import PLANT

@@ -9,9 +9,9 @@ import pytest
 from alembic import command
 from sqlalchemy import bindparam, event, insert, make_url, text, update
 
+from service.config.database import PASSWORD_VARIABLE, DatabaseAddress
 from service.model.check import Check, CheckState
 from service.model.run import Label, Run, RunState, new_run_id
-from service.settings_database import PASSWORD_VARIABLE, DatabaseAddress
 from service.store.database import _config, _engine, open_database
 from service.store.figure_table import FigureTable
 from service.store.run_table import NOT_LOADED, RunFilter, RunTable, _row

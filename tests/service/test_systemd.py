@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 import structlog
 
-from service.precedence import LOOP
-from service.systemd import ServiceManager
+from service.server.systemd import ServiceManager
+from service.workers.precedence import LOOP
 from tests.service.conftest import PLANT
 
 UNIT = Path(__file__).resolve().parents[2] / "deploy" / "breakaway.service"

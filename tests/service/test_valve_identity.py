@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from service.settings import faults_of, load_plant
-from service.settings_valves import Identity
+from service.config.settings import faults_of, load_plant
+from service.config.valves import Identity
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.running_service import running_service
 

@@ -22,7 +22,7 @@ import httpx
 import pytest
 
 from service.cli.signals import ENDING_SIGNALS
-from service.settings import load_plant
+from service.config.settings import load_plant
 from simulator.record import Happening
 from tests.service.fake_rig import FakeAnalyst
 from tests.service.running_service import running_service

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-import service.analysis
-from service.analysis import analyze_recordings
-from service.zero_note import zero_doubt
+import service.analysis.analysis
+from service.analysis.analysis import analyze_recordings
+from service.analysis.zero_note import zero_doubt
 from tests.discrepancy.hidden import AREA_M2, FULL_PA
 from valve.nameplate import Actuator, Nameplate, Signal
 from valve.recording import Recording
@@ -64,9 +64,9 @@ def test_a_recording_from_vacuum_is_not_assessed_and_a_named_cause_keeps_its_nam
         "signature": {},
         "recording_summary": of_vacuum["recording"],
     }.items():
-        monkeypatch.setattr(service.analysis, name, lambda *_args, value=value: value)
+        monkeypatch.setattr(service.analysis.analysis, name, lambda *_args, value=value: value)
     monkeypatch.setattr(
-        service.analysis, "assess", lambda *_args, **_kwargs: {"verdict": verdict, "message": "", "causes": []}
+        service.analysis.analysis, "assess", lambda *_args, **_kwargs: {"verdict": verdict, "message": "", "causes": []}
     )
     row = np.arange(10.0)
     recording = Recording(row, row, pressure_pa=row)

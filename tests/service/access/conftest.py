@@ -8,7 +8,7 @@ import httpx
 import pytest
 from sqlalchemy import Engine
 
-from service.settings import load_plant
+from service.config.settings import load_plant
 from service.store.database import open_database
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.running_service import running_service

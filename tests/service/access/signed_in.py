@@ -14,7 +14,7 @@ import httpx
 from service.access.principal import Role
 from service.access.tokens import TOKEN_ROLES
 from service.cli.accounts import accounts
-from service.settings import load_plant
+from service.config.settings import load_plant
 from tests.service.conftest import PLANT
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.running_service import running_service

@@ -12,8 +12,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.certificates import Certificates, context_of
-from service.settings import load_plant
+from service.config.settings import load_plant
+from service.server.certificates import Certificates, context_of
 from tests.service.conftest import PLANT
 from valve.errors import ConfigurationError
 

@@ -15,7 +15,7 @@ from service.access.principal import Role
 from service.app import create_app
 from service.audit.verify import Verdict, entries_of, verify
 from service.cli.accounts import accounts
-from service.settings import load_plant
+from service.config.settings import load_plant
 from tests.service.access.signed_in import PASSWORD, Served, body_of, signed_in
 from tests.service.conftest import PLANT
 from tests.service.fake_rig import FakeAnalyst, FakeRig

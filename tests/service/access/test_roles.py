@@ -10,7 +10,7 @@ from fastapi import FastAPI
 
 from service.access.needs import needs, rights
 from service.access.principal import RIGHTS, Right, Role
-from service.openapi import RIGHT_KEY
+from service.routes.openapi import RIGHT_KEY
 from tests.service.access.signed_in import signed_in
 from valve.errors import InternalError
 

@@ -25,9 +25,9 @@ from service.access.stop_grants import JUST_BEFORE_S, StopGrants
 from service.app import create_app
 from service.audit.verify import Verdict, entries_of, verify
 from service.cli.accounts import accounts
+from service.config.settings import load_plant
 from service.model.requester import RequesterKind
 from service.parts import Parts
-from service.settings import load_plant
 from simulator.assembly import SimulatedPlant
 from simulator.record import Event, Happening
 from tests.service.access.signed_in import PASSWORD, body_of, signed_in

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from service.analysis import analyze_recordings
-from service.data_faults.fault import DataFault
-from service.data_faults.found import without_data_faults
-from service.nameplates import read_nameplate
+from service.analysis.analysis import analyze_recordings
+from service.analysis.data_faults.fault import DataFault
+from service.analysis.data_faults.found import without_data_faults
+from service.config.nameplates import read_nameplate
 from tests.service.data_faults.recorded import PLATE, logged
 from valve.nameplate import Nameplate
 from valve.parameter_sets import PARAMETER_SETS

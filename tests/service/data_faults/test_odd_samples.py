@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from service.analysis import analyze_recordings
-from service.data_faults.fault import DataFault
-from service.data_faults.odd_samples import without_odd_samples_of
+from service.analysis.analysis import analyze_recordings
+from service.analysis.data_faults.fault import DataFault
+from service.analysis.data_faults.odd_samples import without_odd_samples_of
 from tests.service.recordings import NOMINAL, recorded, sine_test, triangle_test
 from valve.parameter_sets import PARAMETER_SETS
 from valve.recording import FloatArray, Recording

@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from service.analysis_summary import verdict_lines
 from service.health.assess import assess
 from service.health.results import Case, Health
 from service.model.health_figures import figures_of
 from service.model.health_limits import HealthLimits
 from service.model.past_test import Baseline, PastTest
+from service.shown.analysis_summary import verdict_lines
 from tests.service.health.analyses import FACTS, LIMITS, SPOT, analysis
 from valve.errors import ConfigurationError
 

@@ -11,8 +11,8 @@ from typing import Any
 import httpx
 import pytest
 
+from service.config.settings import Plant, load_plant
 from service.model.health_limits import HealthLimits
-from service.settings import Plant, load_plant
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.health.analyses import SPOT, analysis, named
 from tests.service.problem import assert_problem

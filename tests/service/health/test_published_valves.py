@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from drivers.addresses import MotionLimits
-from service.analysis import analyze_recordings
+from service.analysis.analysis import analyze_recordings
 from service.health.assess import assess
 from service.health.changes import ValveFacts
 from service.health.results import Case, Health

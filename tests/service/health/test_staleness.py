@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from service.config.settings import Plant, load_plant
 from service.health.staleness import Oldest, Staleness
-from service.settings import Plant, load_plant
 from tests.service.nights import NIGHTLY, night_plant, plant_text
 
 # The schedule is due at 02:30 in Berlin (00:30 UTC in summer, 01:30 in winter), its window is an hour.

@@ -17,9 +17,9 @@ import aiomqtt
 import pytest
 from structlog.testing import capture_logs
 
+from service.config.mqtt import MqttSettings
+from service.config.settings import load_plant
 from service.model.run import Run, RunState
-from service.settings import load_plant
-from service.settings_mqtt import MqttSettings
 from service.store.store import open_store
 from tests.service.conftest import PLANT
 from tests.service.fake_rig import FakeAnalyst, FakeRig

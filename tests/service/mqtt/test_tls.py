@@ -15,7 +15,7 @@ import httpx
 import pytest
 from structlog.testing import capture_logs
 
-from service.settings import load_plant
+from service.config.settings import load_plant
 from tests.service.conftest import PLANT
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.mqtt.broker import authority, broker, certificate, why_no_broker

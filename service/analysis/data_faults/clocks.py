@@ -1,0 +1,271 @@
+"""Faults of the clock: an origin far away, stamps that jitter beside even samples, a pressure on a clock of its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC, datetime
+from typing import Any, Final
+
+import numpy as np
+
+from estimators.samples import FloatArray, resolution
+from service.analysis.data_faults.fault import DataFault, off_line
+from valve.recording import INTERVAL_CHANNELS, Acquisition, Recording
+
+_FAR: Final = 1.0e5  # s: below it float64 keeps a nanosecond's tenth, and any recording may begin there
+_UNIX_S: Final = (0.5e9, 4.0e9)  # the years 1985 to 2096
+# Own choices; tests/service/data_faults/test_clocks.py has what must not be taken for one.
+_LEAST_JITTER: Final = 0.005  # of the period, rms
+_MOST_JITTER: Final = 0.5  # of the period, for nine of ten: more, and nobody knows which sample is which
+_LATEST: Final = 5.0  # periods
+_KNOWN: Final = 0.1  # the share of the stamps' jitter that a channel shows is known to this
+_NO_SHARE: Final = 0.3
+_RAMP: Final = 0.3  # of a slope: so alike it is before and after a row
+_TELLING_ROWS: Final = 150.0
+_OF_DIGIT: Final = 0.1  # of the resolution: so far the jitter moves a sample, rms
+_SMOOTHED: Final = 8  # rows to each side, for the slope of a channel
+_LEAST_TURNS: Final = 5
+_MOST_APART_S: Final = 1.0
+_SPREADS: Final = 3.0  # so many times the scatter of the turns do the clocks come apart
+_POINTS: Final = 240  # that a corner is found among
+_ERRORS: Final = 6.0
+_LEAST_DRIFT_S: Final = 0.02
+_ENOUGH_ROWS: Final = 20_000  # to find the reversals among
+_TURN_OF_SPAN: Final = 0.15  # a reversal of the pressure goes so far to both sides
+
+
+def from_first_row(recording: Recording, place: str) -> tuple[Recording, list[DataFault]]:
+    """Return the recording with its time counted from the first row, and where the origin was, if it was far away.
+
+    Far from zero float64 rounds a time to 0.2 microseconds (1.8e9 s); what is left is rounded to what that holds.
+    """
+    origin_s = float(recording.time_s[0])
+    if origin_s == 0.0:
+        return recording, []
+    far = max(abs(origin_s), abs(float(recording.time_s[-1]))) > _FAR
+    # the last decimal that the file can have meant
+    decimals = int(np.floor(-np.log10(2.0 * np.spacing(abs(origin_s))))) if far else None
+
+    def counted(times_s: FloatArray | None) -> FloatArray | None:
+        if times_s is None:
+            return None
+        since_s = times_s - origin_s
+        return since_s if decimals is None else np.round(since_s, decimals)
+
+    time_s = counted(recording.time_s)
+    assert time_s is not None
+    if (np.diff(time_s) <= 0.0).any():
+        time_s = recording.time_s - origin_s
+    moved: dict[str, Any] = {name: counted(getattr(recording, name)) for name in INTERVAL_CHANNELS}
+    put_right = replace(recording, time_s=time_s, **moved)
+    if not far:
+        return put_right, []
+    when = ""
+    if _UNIX_S[0] < origin_s < _UNIX_S[1]:
+        when = f", which is {datetime.fromtimestamp(origin_s, UTC):%Y-%m-%d %H:%M:%S} UTC as unix time"
+    sentence = f"The time{place} begins at {origin_s:.10g} s{when}: it is counted from the first row here."
+    return put_right, [DataFault("time_s", "far_origin", 0, sentence, {"origin_s": (origin_s, "s")})]
+
+
+def with_even_stamps(recording: Recording, place: str) -> tuple[Recording, list[DataFault]]:
+    """Return the recording at even times where its samples were taken evenly and only their stamps jitter.
+
+    A file says nothing of its stamps. On a ramp a sample that was taken late lies off the line of its neighbours by
+    the slope times the delay, one that was only stamped late lies on it: the channels tell which it was.
+    """
+    if recording.provenance.acquisition is not Acquisition.FILE or recording.samples < 200:
+        return recording, []
+    if recording.sent_s is not None or recording.received_s is not None:
+        return recording, []
+    even_s = _even(recording.time_s)
+    if even_s is None:
+        return recording, []
+    off_s = recording.time_s - even_s
+    jitter_s, period_s = float(np.std(off_s)), float(np.median(np.diff(even_s)))
+    if jitter_s < _LEAST_JITTER * period_s:
+        return recording, []
+    believed = [
+        found
+        for name in ("pressure_pa", "force_n", "position_m")
+        if (channel := getattr(recording, name)) is not None
+        and (found := _share_of_stamps(even_s, off_s, channel)) is not None
+    ]
+    # the channel that tells most; any that needs the stamps speaks for them
+    if not believed or any(share > 0.5 for share, error in believed if error < _KNOWN):
+        return recording, []
+    share, error = min(believed, key=lambda one: one[1])
+    if error > _KNOWN or share > _NO_SHARE:
+        return recording, []
+    sentence = (
+        f"The stamps{place} jitter by {1.0e3 * jitter_s:.3g} ms rms beside samples that were taken evenly, every "
+        f"{1.0e3 * period_s:.4g} ms, as those of a busy PC do: the even times are used."
+    )
+    fault = DataFault("time_s", "stamp_jitter", 0, sentence, {"jitter_s": (jitter_s, "s"), "period_s": (period_s, "s")})
+    return replace(recording, time_s=even_s), [fault]
+
+
+def _even(time_s: FloatArray) -> FloatArray | None:
+    """Return the even times of a row's number that lie nearest to the stamps; None where rows are not to be counted."""
+    periods_s = np.diff(time_s)
+    every = np.arange(time_s.size, dtype=np.float64)
+    missing = np.concatenate([[0.0], np.cumsum(np.maximum(1.0, np.rint(periods_s / np.median(periods_s))))])
+    for slots in (every, missing):
+        slope, offset = np.polyfit(slots, time_s, 1)
+        even_s = np.asarray(slope * slots + offset)
+        off_s = np.abs(time_s - even_s)
+        if float(np.percentile(off_s, 90.0)) < _MOST_JITTER * slope and float(off_s.max()) < _LATEST * slope:
+            return even_s
+    return None
+
+
+def _share_of_stamps(even_s: FloatArray, off_s: FloatArray, channel: FloatArray) -> tuple[float, float] | None:
+    """Return how much of the stamps' jitter shows in a channel, with its error: 1 where samples came when they say.
+
+    On a ramp of slope s a sample that was taken late by e lies s e above its place at the even time.
+    """
+    reach = _SMOOTHED
+    before = (channel[reach:-reach] - channel[: -2 * reach]) / (even_s[reach:-reach] - even_s[: -2 * reach])
+    after = (channel[2 * reach :] - channel[reach:-reach]) / (even_s[2 * reach :] - even_s[reach:-reach])
+    slope = 0.5 * (before + after)
+    ramp = np.abs(after - before) <= _RAMP * np.abs(slope)  # and no step or corner, whose slope is no sample's own
+    inner = slice(reach - 1, 1 - reach)
+    expected = slope * off_line(even_s, off_s)[inner]
+    seen = off_line(even_s, channel)[inner]
+    known = np.isfinite(expected) & np.isfinite(seen) & ramp
+    expected, seen = expected[known], seen[known]
+    if expected.size < 100:
+        return None
+    # corners and slips have bends of their own
+    plain = np.abs(seen) <= np.percentile(np.abs(seen), 90.0)
+    expected, seen = expected[plain], seen[plain]
+    weight = float(expected @ expected)
+    # a few rows tell nothing
+    if weight**2 < _TELLING_ROWS * float(np.sum(expected**4)):
+        return None
+    # a step of the converter hides what is smaller than it
+    if weight <= expected.size * (_OF_DIGIT * resolution(channel[np.isfinite(channel)])) ** 2:
+        return None
+    share = float(expected @ seen) / weight
+    left = seen - share * expected
+    return share, float(np.sqrt(np.sum(left**2) / left.size / weight))
+
+
+def on_one_clock(recording: Recording, place: str) -> tuple[Recording, list[DataFault]]:
+    """Return the recording with its pressure on the position's clock where the two clocks drift apart.
+
+    Where the pressure turns, a moving stem stops, within milliseconds and with any friction. Both instants, each from
+    lines on its two sides, come further and further apart where the clocks run at different speeds.
+    """
+    pressure_pa = recording.pressure_pa
+    if pressure_pa is None or recording.samples < 500:
+        return recording, []
+    turns = _turns(pressure_pa)
+    at_s, apart_s, upper = [], [], []
+    for first, turn, last in turns:
+        found = _apart_s(recording, first, turn, last)
+        if found is not None and abs(found) < _MOST_APART_S:
+            at_s.append(float(recording.time_s[turn]))
+            apart_s.append(found)
+            upper.append(float(pressure_pa[turn] > pressure_pa[first]))
+    if len(at_s) < _LEAST_TURNS:
+        return recording, []
+    when_s, late_s = np.array(at_s), np.array(apart_s)
+    # above and below a stem may stop at another delay: at a stop, or as friction differs
+    matrix = np.column_stack([when_s - when_s.mean(), np.ones_like(when_s), np.array(upper) - np.mean(upper)])
+    solution, *_ = np.linalg.lstsq(matrix, late_s, rcond=None)
+    rate, offset_s = float(solution[0]), float(solution[1] - solution[0] * when_s.mean())
+    left_s = late_s - matrix @ solution
+    spread_s = max(float(np.sqrt(np.sum(left_s**2) / (when_s.size - 3))), 1.0e-9)
+    error = spread_s / float(np.sqrt(np.sum((when_s - when_s.mean()) ** 2)))
+    drift_s = abs(rate) * float(when_s[-1] - when_s[0])
+    enough_s = max(_LEAST_DRIFT_S, recording.sample_period_s, _SPREADS * spread_s)
+    if abs(rate) < _ERRORS * error or drift_s < enough_s:
+        return recording, []
+    shifted_s = recording.time_s + rate * recording.time_s + offset_s
+    known = np.isfinite(pressure_pa)
+    moved_pa = np.interp(recording.time_s, shifted_s[known], pressure_pa[known], left=np.nan, right=np.nan)
+    moved_pa[~known] = np.nan
+    fast = "fast" if rate < 0.0 else "slow"
+    sentence = (
+        f"The pressure{place} is on a clock of its own, which runs {abs(rate) * 1.0e3:.3g} ms a second {fast} beside "
+        f"the position's: where the pressure turns, the stem stops {1.0e3 * late_s[0]:.3g} ms later at the begin and "
+        f"{1.0e3 * late_s[-1]:.3g} ms later at the end. It was set onto the position's clock; friction is known the "
+        "worse for it. Record both channels by one device."
+    )
+    fault = DataFault(
+        "pressure_pa", "own_clock", 0, sentence, {"rate": (float(rate), "s/s"), "drift_s": (drift_s, "s")}
+    )
+    return replace(recording, pressure_pa=moved_pa), [fault]
+
+
+def _turns(channel: FloatArray) -> list[tuple[int, int, int]]:
+    """Return the rows of each large reversal, with those of the reversals before and after it."""
+    rows = np.flatnonzero(np.isfinite(channel))
+    rows = rows[:: 1 + rows.size // _ENOUGH_ROWS]
+    own = channel[rows]
+    low, high = np.percentile(own, (1.0, 99.0))
+    least = _TURN_OF_SPAN * float(high - low)
+    if least <= 0.0:
+        return []
+    found = [0]
+    way = highest = lowest = 0
+    for row in range(own.size):
+        if way >= 0 and own[row] > own[highest]:
+            highest = row
+        if way <= 0 and own[row] < own[lowest]:
+            lowest = row
+        if way >= 0 and own[highest] - own[row] > least:
+            found.append(highest)
+            way, lowest = -1, row
+        elif way <= 0 and own[row] - own[lowest] > least:
+            found.append(lowest)
+            way, highest = 1, row
+    ends = [*dict.fromkeys(found), own.size - 1]
+    inner = range(1, len(ends) - 1)
+    return [(int(rows[ends[at - 1]]), int(rows[ends[at]]), int(rows[ends[at + 1]])) for at in inner]
+
+
+def _apart_s(recording: Recording, first: int, turn: int, last: int) -> float | None:
+    """Return by how much later than the pressure turns the stem stops, s; None where it was not on its way."""
+    assert recording.pressure_pa is not None
+    time_s, pressure_pa, position_m = recording.time_s, recording.pressure_pa, recording.position_m
+    reach = max(8, min(turn - first, last - turn) // 3)
+    rows = slice(max(0, turn - reach), min(time_s.size, turn + reach + 1))
+    at_s = time_s[rows] - time_s[turn]
+    corner_s = _corner_s(at_s, pressure_pa[rows], flat_after=False)
+    stop_s = _corner_s(at_s, position_m[rows], flat_after=True)
+    return None if corner_s is None or stop_s is None else stop_s - corner_s
+
+
+def _corner_s(at_s: FloatArray, values: FloatArray, *, flat_after: bool) -> float | None:
+    """Return when two lines meet that fit the values on both sides, s from the middle; None where none do."""
+    known = np.isfinite(values)
+    at_s, values = at_s[known], values[known]
+    if at_s.size < 12:
+        return None
+    together = at_s.size // _POINTS
+    if together > 1:
+        kept = together * (at_s.size // together)
+        at_s, values = (one[:kept].reshape(-1, together).mean(axis=1) for one in (at_s, values))
+    reach_s = float(min(-at_s[0], at_s[-1]))
+    best: tuple[float, float] | None = None
+    total = float(np.sum((values - values.mean()) ** 2))
+    for corner_s in np.linspace(-0.6 * reach_s, 0.6 * reach_s, 81):
+        best = min(filter(None, (best, _hinge(at_s, values, float(corner_s), flat_after=flat_after))))
+    assert best is not None
+    step_s = 1.2 * reach_s / 80.0
+    for corner_s in best[1] + step_s * np.linspace(-1.0, 1.0, 41):
+        best = min(best, _hinge(at_s, values, float(corner_s), flat_after=flat_after))
+    if best[0] > 0.05 * total or abs(best[1]) > 0.55 * reach_s:
+        return None
+    return best[1]
+
+
+def _hinge(at_s: FloatArray, values: FloatArray, corner_s: float, *, flat_after: bool) -> tuple[float, float]:
+    """Return the squared misfit of two lines that meet at ``corner_s``, the second one level, and the corner."""
+    columns = [np.ones_like(at_s), np.minimum(at_s - corner_s, 0.0)]
+    if not flat_after:
+        columns.append(np.maximum(at_s - corner_s, 0.0))
+    matrix = np.column_stack(columns)
+    solution, *_ = np.linalg.lstsq(matrix, values, rcond=None)
+    return float(np.sum((values - matrix @ solution) ** 2)), corner_s

@@ -1,0 +1,1 @@
+"""The store as one file, and a store of such a file."""

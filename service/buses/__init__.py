@@ -1,0 +1,1 @@
+"""One owner a bus, in this process and between processes."""

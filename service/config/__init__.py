@@ -1,0 +1,1 @@
+"""plant.toml: read, checked fault by fault, and what fills it."""

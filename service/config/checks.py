@@ -1,0 +1,299 @@
+"""What only the whole plant shows: names that point somewhere, and limits that fit together."""
+
+from __future__ import annotations
+
+import ipaddress
+from collections.abc import Collection, Mapping, Sequence
+from typing import TYPE_CHECKING, Final
+
+from drivers.addresses import BusAddress, GaugeAddress, MotionLimits, Point, RtuAddress, ValveWiring
+from drivers.capabilities import Role
+from drivers.maps import register_map
+from drivers.register_map import RegisterMap
+from drivers.representable import misfits, waveform_misfit
+from drivers.waveform_check import check_waveform
+from drivers.wiring import Bus, Signal, Wired, wire
+from service.buses.bus import make_bus
+from service.buses.bus_lock import place_of
+from service.config.maps import without_wrong
+from service.config.permissives import check_permissives
+from service.model.sequences import build_waveform
+from valve.errors import ConfigurationError, ValveError, WaveformError
+from valve.nameplate import Nameplate
+from valve.nameplate import Signal as Transducer
+
+_LEAST_SEEN: Final = 0.05  # of the travel in a position's range, and the other way round; below it the unit is another
+
+if TYPE_CHECKING:
+    from service.config.errors import Findings, Key
+    from service.config.valves import ValveParts
+    from service.model.schedule import Schedule
+
+
+def check_wiring(
+    findings: Findings,
+    buses: Mapping[int, BusAddress | None],
+    valves: Sequence[ValveParts],
+    gateways: Mapping[str, str],
+) -> dict[str, Wired]:
+    """Note every contradiction between the parts of a plant, and every value that a device cannot hold.
+
+    ``gateways`` has every bus by its name, also one that is wrong. Returns the valves that could be wired, by tag.
+    """
+    by_name: dict[str, BusAddress] = {}
+    unopened: dict[str, Bus] = {}
+    for index, address in buses.items():
+        if address is None:
+            continue
+        if address.name in by_name:
+            findings.add(("buses", index, "name"), address.name, "another bus has this name", "rename one")
+        by_name[address.name] = address
+        try:
+            unopened[address.name] = make_bus(address)
+        except ConfigurationError as error:
+            findings.add_error(("buses", index), error)
+    _check_places(findings, buses, gateways)
+    tags: set[str] = set()
+    commanded: dict[tuple[object, ...], str] = {}
+    wired: dict[str, Wired] = {}
+    for valve in valves:
+        if valve.tag in tags and valve.tag:
+            findings.add((*valve.key, "tag"), valve.tag, "another valve has this tag", "rename one")
+        tags.add(valve.tag)
+        before = len(findings)
+        _check_points(findings, valve, by_name, gateways, commanded)
+        is_placed = len(findings) == before
+        if valve.limits is not None and valve.signal is not None:
+            _check_limits(findings, (*valve.key, "limits", "pressure_pa"), valve.limits, valve.signal)
+        if valve.permissives is not None and "command" in valve.points:
+            check_permissives(
+                findings, valve.key, valve.points["command"], valve.permissives, without_wrong(valve.maps)
+            )
+        wiring = valve.wiring
+        if wiring is None or not is_placed or not _buses_of(wiring) <= unopened.keys():
+            continue  # what is left is for the drivers to find
+        try:
+            wired[valve.tag] = wire(wiring, unopened)
+        except ConfigurationError as error:
+            findings.add_error(valve.key, error)
+            continue
+        for misfit in misfits(wiring, wired[valve.tag]):
+            findings.add((*valve.key, *misfit.key), misfit.value, misfit.reason, misfit.remedy)
+        if valve.nameplate is not None:
+            _check_travel(findings, (*valve.key, "position", "quantity"), valve.nameplate, wired[valve.tag])
+    return wired
+
+
+def _check_travel(findings: Findings, key: Key, nameplate: Nameplate, wired: Wired) -> None:
+    """Refuse a position whose range is in another unit than the travel, which no limit of the position would notice."""
+    if not isinstance(wired.position, Signal):
+        return
+    span, travel_m = wired.position.register.span, nameplate.actuator.travel_m
+    seen_m = min(span.greatest, travel_m) - max(span.least, 0.0)
+    if span.step == 0.0 and wired.position.register.raw_range is None:
+        return  # a float in m: it has no range
+    if seen_m < _LEAST_SEEN * travel_m or span.greatest - span.least > travel_m / _LEAST_SEEN:
+        findings.add(
+            key,
+            [span.least, span.greatest],
+            f"it is the range of {wired.position.register.name} in m, and the travel is {travel_m:g} m",
+            "write quantity in m",
+        )
+
+
+def _buses_of(wiring: ValveWiring) -> set[str]:
+    points = (wiring.command, wiring.position, wiring.pressure, *wiring.permissives.points)
+    return {point.bus for point in points if point is not None}
+
+
+def _check_points(
+    findings: Findings,
+    valve: ValveParts,
+    buses: Mapping[str, BusAddress],
+    gateways: Mapping[str, str],
+    commanded: dict[tuple[object, ...], str],
+) -> None:
+    """Judge where a valve's signals and contacts stand; ``commanded`` are the words that other valves command."""
+    for role, point in valve.points.items():
+        _check_point(findings, (*valve.key, role), role, point, buses=buses, declared=gateways, maps=valve.maps)
+    rules = valve.permissives
+    if rules is not None:
+        for role, place in (("manual", rules.manual), ("interlock", rules.interlock), ("supply", rules.supply)):
+            if place is not None:
+                point = (
+                    place if isinstance(place, Point) else Point(place.bus, place.device_id, place.map, place.register)
+                )
+                key = (*valve.key, "permissives", role)
+                _check_point(findings, key, role, point, buses=buses, declared=gateways, maps=valve.maps)
+    command = valve.points.get("command")
+    if command is None:
+        return
+    _check_gateways(findings, (*valve.key, "command", "bus"), valve, gateways)
+    for other in sorted(
+        {commanded.setdefault(word, valve.tag) for word in _commanded_words(command, valve.maps)} - {valve.tag}
+    ):
+        findings.add(
+            (*valve.key, "command"),
+            f"{command.bus}, device_id {command.device_id}",
+            f"{valve.tag} would move {other}, which is commanded by the same register",
+            "correct one: its bus, device_id or register",
+        )
+
+
+def _check_places(findings: Findings, buses: Mapping[int, BusAddress | None], gateways: Mapping[str, str]) -> None:
+    """Refuse two names for one line: each would be driven as if it were alone.
+
+    A serial port and the loopback interface are each gateway's own.
+    """
+    places: dict[tuple[str, str], str] = {}
+    for index, address in buses.items():
+        if address is None:
+            continue
+        place = place_of(address)
+        if isinstance(address, (RtuAddress, GaugeAddress)):
+            key, local = "serial_port", True
+        else:
+            key, local = "port", _is_loopback(place.rpartition(":")[0])
+        other = places.setdefault((gateways.get(address.name, "") if local else "", place), address.name)
+        if other != address.name:
+            findings.add(("buses", index, key), place, f"bus {other} is there too", f"use {other} for both")
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
+
+
+def _check_gateways(findings: Findings, key: Key, valve: ValveParts, gateways: Mapping[str, str]) -> None:
+    """Refuse a valve whose test would need buses of two gateways."""
+    contacts = () if valve.permissives is None else valve.permissives.points
+    buses = {point.bus for point in (*valve.points.values(), *contacts)}
+    needed = sorted({gateways[bus] for bus in buses if bus in gateways})
+    if len(needed) > 1:
+        findings.add(
+            key,
+            valve.tag,
+            f"its buses belong to gateways {' and '.join(needed)}",
+            "wire all that its test needs to one gateway",
+        )
+
+
+def check_schedules(
+    findings: Findings,
+    schedules: Mapping[int, Schedule],
+    valves: Mapping[str, ValveParts],
+    wired: Mapping[str, Wired],
+    approved: Collection[str] | None,
+) -> None:
+    """Note every schedule that is not approved, and every valve that cannot or must not follow what one asks of it."""
+    for index, schedule in schedules.items():
+        key = ("schedules", index, "sequence")
+        if approved is not None and schedule.sequence not in approved:
+            findings.add(
+                key,
+                schedule.sequence,
+                f"service.approved_sequences has {', '.join(sorted(approved))} alone",
+                "choose one of them, or approve it",
+            )
+        for tag in schedule.valves:
+            valve = valves.get(tag)
+            if valve is None:
+                continue  # told with the schedule
+            if valve.permissives is not None and valve.permissives.permit:
+                findings.add(
+                    ("schedules", index, "valves"),
+                    tag,
+                    "its tests need a work permit, and a schedule names none: every check would be skipped",
+                    "take the valve out of the schedule and its groups, or its permissives.permit away",
+                )
+            reason, is_of_all = _cannot_follow(schedule, valve, wired.get(tag))
+            if reason:
+                remedy = "choose another sequence or overrides"
+                findings.add(key, schedule.sequence, reason, remedy if is_of_all else f"{remedy} for this valve")
+            if is_of_all:
+                break
+
+
+def _cannot_follow(schedule: Schedule, valve: ValveParts, wired: Wired | None) -> tuple[str, bool]:
+    """Return why a valve cannot follow a schedule, "" where it can, and whether that holds for every valve."""
+    nameplate, limits = valve.nameplate, valve.limits
+    if nameplate is None or limits is None:
+        return "", False
+    try:
+        waveform = build_waveform(schedule.sequence, schedule.overrides, nameplate, limits)
+        check_waveform(valve.tag, waveform, limits)
+    except ValveError as error:
+        text = str(error)
+        is_of_all = not isinstance(error, WaveformError)
+        return (text if is_of_all or text.startswith(valve.tag) else f"{valve.tag}: {text}"), is_of_all
+    misfit = "" if wired is None or valve.wiring is None else waveform_misfit(valve.wiring, wired, waveform)
+    return (f"{valve.tag}: {misfit}" if misfit else ""), False
+
+
+def _commanded_words(command: Point, maps: Mapping[str, RegisterMap | None]) -> list[tuple[object, ...]]:
+    """Every word that commanding this point writes; none where the point is wrong in itself, which is told anyway."""
+    try:
+        device = register_map(command.map or "", without_wrong(maps))
+        name = command.register or device.roles.get(Role.COMMAND)
+        register = None if name is None else device.register(name)
+    except ConfigurationError:
+        return []
+    if register is None:
+        return []
+    words = range(register.address, register.address + register.words)
+    return [(command.bus, command.device_id, register.table, word) for word in words]
+
+
+def _check_point(
+    findings: Findings,
+    key: Key,
+    role: str,
+    point: Point,
+    *,
+    buses: Mapping[str, BusAddress],
+    declared: Collection[str],
+    maps: Mapping[str, RegisterMap | None],
+) -> None:
+    address = buses.get(point.bus)
+    if address is None and point.bus not in declared:
+        findings.add((*key, "bus"), point.bus, "no bus has this name", f"choose one of {', '.join(declared)}")
+    elif isinstance(address, GaugeAddress):
+        if role != "position":
+            findings.add((*key, "bus"), point.bus, f"a gauge measures positions, not the {role}", "name a Modbus bus")
+        elif point.map is not None:
+            findings.add((*key, "map"), point.map, f"bus {point.bus} is a gauge, it has no registers", "remove it")
+    elif address is not None and point.device_id is None:
+        findings.add(
+            (*key, "map"), None, f"bus {point.bus} is Modbus, its device has registers", "name device_id and map"
+        )
+    elif address is not None and point.device_id is not None:
+        fault = address.device_id_fault(point.device_id)
+        if fault:
+            findings.add_error((*key, "device_id"), ConfigurationError(f"bus {point.bus}: {fault}"))
+    if point.map is None or maps.get(point.map, ...) is None:
+        return  # a gauge, or a map that is wrong in itself, which is told there
+    try:
+        chosen = register_map(point.map, without_wrong(maps))
+    except ConfigurationError as error:
+        findings.add_error((*key, "map"), error)
+        return
+    for name in (point.register, point.readback_register):
+        if name is not None:
+            try:
+                chosen.register(name)
+            except ConfigurationError as error:
+                findings.add_error((*key, "map"), error)
+
+
+def _check_limits(findings: Findings, key: Key, limits: MotionLimits, signal: Transducer) -> None:
+    (low_pa, high_pa), (signal_low_pa, signal_high_pa) = limits.pressure_pa, signal.range_pa
+    slack_pa = 1.0e-9 * (signal_high_pa - signal_low_pa)
+    if low_pa < signal_low_pa - slack_pa or high_pa > signal_high_pa + slack_pa:
+        findings.add(
+            key,
+            list(limits.pressure_pa),
+            f"the I/P gives {signal_low_pa:g} to {signal_high_pa:g} Pa",
+            "stay inside signal.range_pa",
+        )

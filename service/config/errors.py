@@ -1,0 +1,210 @@
+"""What is wrong with a configuration file: every fault by file, key, value, reason and remedy."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Generic, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic_core import ErrorDetails
+
+from service.config.units import Written, in_own_words, in_si, own_names
+from service.words.spelling import known_keys, nearest
+from valve.errors import ConfigurationError, ValveError
+
+Key = tuple[str | int, ...]
+Model = TypeVar("Model", bound=BaseModel)
+Part = TypeVar("Part")
+
+# pydantic's names of faults
+SAFE_VALUE: Final = "safe_value"
+TEXT: Final = "text"
+
+_REMEDIES: Final = {
+    "float_type": "give a number without quotes and unit",
+    "int_type": "give a whole number without quotes and unit",
+    "finite_number": "give a finite number",
+    "bool_type": "give true or false",
+    "string_type": "put it in quotes",
+    "tuple_type": "give a list such as [low, high]",
+    "string_too_short": "say something or remove it",
+    "string_too_long": "shorten it",
+    TEXT: "write it in one line of printable characters",
+    SAFE_VALUE: 'give Pa, or "entry"',
+}
+
+
+class _One(BaseModel, Generic[Part]):
+    """Carries one stdlib dataclass through pydantic, as strictly as the models."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
+    part: Part
+
+
+def read_toml(path: Path, text: str | None = None) -> dict[str, Any]:
+    """Return the content of a TOML file, or of the ``text`` that it would have.
+
+    Raises ConfigurationError where it cannot be read or is no TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8") if text is None else text)
+    except OSError as error:
+        raise ConfigurationError(f"{path}: it cannot be read ({error.strerror}): give an existing file") from error
+    except UnicodeDecodeError as error:
+        raise ConfigurationError(f"{path.name}: byte {error.start} is no UTF-8: save the file as UTF-8") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigurationError(f"{path.name}: it is no valid TOML: {error}: correct it there") from error
+
+
+def _written(key: Key) -> str:
+    text = ""
+    for part in key:
+        text += f"[{part}]" if isinstance(part, int) else f".{part}"
+    return text.lstrip(".") or "the file"
+
+
+def _spelling(word: str, known: list[str], with_unit: Collection[str]) -> str:
+    close = nearest(word, [*known, *with_unit])
+    return f"write {close}" if close else f"remove it; known here are {', '.join(known)}"
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One thing that is wrong with a file; ``remedy`` is "" where the reason says what to do."""
+
+    file: str
+    key: str
+    value: str | None
+    reason: str
+    remedy: str = ""
+
+    def __str__(self) -> str:
+        """Return it as one line."""
+        place = self.key if self.value is None else f"{self.key} = {self.value}"
+        return ": ".join(part for part in (self.file, place, self.reason, self.remedy) if part)
+
+    def to_json(self) -> dict[str, str | None]:
+        """Return it as the command line shows it to machines."""
+        return {
+            "file": self.file,
+            "key": self.key,
+            "value": self.value,
+            "reason": self.reason,
+            "remedy": self.remedy,
+            "message": str(self),
+        }
+
+
+class Findings:
+    """Faults of one file, gathered so that all can be mended at once; each names key and value as they stand there."""
+
+    def __init__(self, file: str) -> None:
+        self._file = file
+        self._faults: dict[Fault, None] = {}  # each once, in order
+        self._written: dict[Key, Written] = {}  # by their SI keys, what stands in the file with a unit
+        self._left_open: set[Key] = set()  # SI keys that are missing because what was given for them is refused
+
+    def __len__(self) -> int:
+        return len(self._faults)
+
+    @property
+    def faults(self) -> tuple[Fault, ...]:
+        """Everything that was found."""
+        return tuple(self._faults)
+
+    def add(self, key: Key, value: object, reason: str, remedy: str) -> None:
+        """Note one fault."""
+        reason, remedy = self._in_own_words(key, reason), self._in_own_words(key, remedy)
+        own = self._written.get(key)
+        value = value if own is None else own.value
+        self._faults[Fault(self._file, _written(self._own_key(key)), _shown(value), reason, remedy)] = None
+
+    def add_error(self, key: Key, error: ValveError) -> None:
+        """Note faults that a dataclass found in itself, one a line; each names value, limit and remedy already."""
+        for line in str(error).splitlines():
+            self._faults[Fault(self._file, _written(self._own_key(key)), None, self._in_own_words(key, line))] = None
+
+    def error(self) -> ConfigurationError:
+        """Return all faults as one error, one line each."""
+        return ConfigurationError("\n".join(str(fault) for fault in self._faults))
+
+    def si_table(
+        self, kind: Any, raw: Mapping[str, Any], key: Key, ends: Mapping[str, str] | None = None
+    ) -> dict[str, Any]:
+        """Return a table with its values in the units of its SI keys; what has no fitting unit is noted and left out.
+
+        ``model`` and ``part`` do it by themselves; it is for who reads the table before they check it. ``ends`` are
+        those of keys without one: {"quantity": "_pa"}.
+        """
+        table = in_si(kind, raw, ends or {})
+        self._written |= {(*key, *path): one for path, one in table.written.items()}
+        for one in table.faults:
+            place = (*key, *one.path)
+            self._left_open |= {(*place[:-1], name) for name in one.si_names}
+            self.add(place, one.value, one.reason, one.remedy)
+        return table.values
+
+    def model(self, kind: type[Model], raw: dict[str, Any], key: Key) -> Model | None:
+        """Return ``raw`` as a pydantic model, or None with its faults noted."""
+        before = len(self)
+        values = self.si_table(kind, raw, key)
+        model = self._validated(kind, values, key, kind)
+        return model if len(self) == before else None
+
+    def part(
+        self, kind: type[Part], raw: dict[str, Any], key: Key, ends: Mapping[str, str] | None = None
+    ) -> Part | None:
+        """Return ``raw`` as a stdlib dataclass, or None with its faults noted; ``ends`` as in ``si_table``."""
+        before = len(self)
+        values = self.si_table(kind, raw, key, ends)
+        carrier = self._validated(_One[kind], {"part": values}, key, kind)  # type: ignore[valid-type]  # a runtime type
+        return carrier.part if carrier is not None and len(self) == before else None
+
+    def _validated(self, model: type[Model], raw: dict[str, Any], key: Key, kind: Any) -> Model | None:
+        try:
+            # By way of JSON: there strict means exactly TOML's types, lists for tuples and strings for choices.
+            return model.model_validate_json(json.dumps(raw, default=str))
+        except ValidationError as error:
+            for one in error.errors(include_url=False):
+                self._note(key, one, kind)
+        except ValveError as error:
+            self.add_error(key, error)
+        return None
+
+    def _note(self, outer: Key, one: ErrorDetails, kind: Any) -> None:
+        key = (*outer, *(part for part in one["loc"] if part != "part"))
+        if one["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+            with_unit = own_names(kind) if isinstance(one["input"], str | list) else ()
+            self.add(key, one["input"], "this key is unknown", _spelling(str(key[-1]), known_keys(kind), with_unit))
+        elif one["type"] in ("missing", "missing_argument"):
+            if key not in self._left_open:
+                self._faults[Fault(self._file, _written(key), None, "it is missing", "add it")] = None
+        else:
+            reason = one["msg"][0].lower() + one["msg"][1:]
+            remedy = _REMEDIES.get(one["type"], "correct it")
+            own = next((own for own, names in own_names(kind).items() if key[-1] in names), None)
+            if isinstance(one["input"], str) and own is not None and not in_si(kind, {own: one["input"]}).faults:
+                remedy += f", or write {own} = {_shown(one['input'])}"
+            self.add(key, one["input"], reason, remedy)
+
+    def _own_key(self, key: Key) -> Key:
+        """Return a key as it stands in the file."""
+        own = list(key)
+        for end in range(1, len(key) + 1):
+            if key[:end] in self._written:
+                own[end - 1] = self._written[key[:end]].name
+        return tuple(own)
+
+    def _in_own_words(self, key: Key, text: str) -> str:
+        """Return a message with the names that stand in the file, by those of the same table or valve."""
+        near = [(path[2:], one) for path, one in self._written.items() if path[:2] == key[:2] and len(path) > 2]
+        return in_own_words(text, ((tuple(map(str, path)), one) for path, one in near)) if near else text
+
+
+def _shown(value: object) -> str:
+    text = json.dumps(value, default=str)
+    return text if len(text) <= 80 else f"{text[:77]}..."

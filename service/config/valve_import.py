@@ -1,0 +1,324 @@
+"""Valves of a CSV file as ``[[valves]]`` of a plant file: a row a valve, a column a key, every fault by row and column.
+
+A column is called like its key in plant.toml with its table, ``actuator.travel``; the table may be left out. A value is
+written as there, with a unit in the cell or in the header, ``travel (in)``; a range is ``3 to 15 psi``. What the cells
+hold is judged with the whole plant file and by nothing else, so an import accepts what ``breakaway check`` accepts.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import tomlkit
+
+from drivers.addresses import MotionLimits, Point, Sampling, WatchdogChoice
+from drivers.permissive_rules import PermissiveRules
+from service.config.errors import Fault
+from service.config.settings import faults_of
+from service.config.units import as_value, hints_of, in_si, own_names, types_in
+from service.config.valves import Identity, ValveSection
+from service.model.health_limits import HealthLimits
+from service.words.spelling import nearest
+from valve.errors import ConfigurationError
+from valve.nameplate import Actuator, Signal
+
+# The order counts: a column without its table is the first that has such a key.
+_TABLES: Final[dict[str, Any]] = {
+    "": ValveSection,
+    "actuator": Actuator,
+    "signal": Signal,
+    "limits": MotionLimits,
+    "command": Point,
+    "acquisition": Sampling,
+    "watchdog": WatchdogChoice,
+    "permissives": PermissiveRules,
+    "health": HealthLimits,
+    "position": Point,
+    "pressure": Point,
+}
+_NEVER_ALIKE: Final = (
+    "tag",
+    "safe_value_pa",
+    "safe_position_m",
+    "safe_position_tolerance_m",
+    *(one.name for one in fields(Identity)),
+)
+_CONTACTS: Final = ("manual", "interlock", "supply")  # of permissives: places of their own, which no column names
+_MOST_BYTES: Final = 2**24
+_HEADER: Final = re.compile(r"(.*?)\s*(?:\(([^()]*)\)|\[([^\[\]]*)\])?")
+_YES_NO: Final = {"true": True, "yes": True, "false": False, "no": False}
+_KEY: Final = re.compile(r"valves\[(\d+)\](?:\.(.*))?")
+
+
+class _Key(NamedTuple):
+    """A key of a valve: its table, "" for the valve's own, and its name there."""
+
+    table: str
+    name: str
+
+    def __str__(self) -> str:
+        return f"{self.table}.{self.name}" if self.table else self.name
+
+
+@dataclass(frozen=True, slots=True)
+class _Column:
+    """A column: its header, the key that it gives, and the unit that the header names, "" without."""
+
+    header: str
+    key: _Key
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """A valve's row, counted as a spreadsheet does, and the cells that say something, by their columns."""
+
+    number: int
+    cells: Mapping[_Column, str]
+
+
+@dataclass(frozen=True, slots=True)
+class ImportedValves:
+    """The plant file's text with the new valves, and their tags; or what is wrong, and then the text is of no use."""
+
+    text: str
+    tags: tuple[str, ...]
+    faults: tuple[Fault, ...]
+
+
+def import_valves(data: bytes, source: str, plant_file: Path, like: str | None = None) -> ImportedValves:
+    """Return a plant file with the valves of a CSV file behind its own; nothing is written.
+
+    What a row does not say is as in the valve ``like``, but never the tag, the safe value, what people know it by, or
+    where it is read and driven.
+    Raises ConfigurationError where one of the two cannot be read at all, or has no such valve.
+    """
+    try:
+        text = plant_file.read_bytes().decode("utf-8")
+        plant = tomllib.loads(text)
+    except OSError as error:
+        raise ConfigurationError(
+            f"{plant_file}: it cannot be read ({error.strerror}): write one by `breakaway init` first"
+        ) from None
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ConfigurationError(f"{plant_file}: it is no valid TOML: {error}: correct it there") from None
+    present = plant.get("valves")
+    present = present if isinstance(present, list) else []
+    columns, rows, faults = _read(data, source)
+    if faults:
+        return ImportedValves(text, (), tuple(faults))
+    valves = [_valve(row, _base(present, like, plant_file.name)) for row in rows]
+    added = tomlkit.dumps({"valves": valves})
+    whole = f"{text.rstrip()}\n\n{added}".lstrip()
+    _, found = faults_of(plant_file, whole)
+    told = _by_cells(found, source, columns, rows, len(present))
+    return ImportedValves(whole, tuple(str(valve.get("tag", "")) for valve in valves), tuple(told))
+
+
+def _read(data: bytes, source: str) -> tuple[list[_Column], list[_Row], list[Fault]]:
+    """Return columns and rows of a CSV file, with what is wrong with its shape."""
+    if len(data) > _MOST_BYTES:
+        raise ConfigurationError(f"{source}: it has {len(data)} bytes, at most {_MOST_BYTES} are read: cut it in parts")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = data.decode("cp1252", errors="replace")  # what a spreadsheet on Windows calls CSV
+    first = text.partition("\n")[0]
+    separator = max(",;\t", key=first.count)
+    try:
+        lines = list(csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True))
+    except csv.Error as error:
+        raise ConfigurationError(f"{source}: it is no CSV ({error}): save it as CSV, UTF-8") from None
+    faults: list[Fault] = []
+    columns = list(_columns(lines[0] if lines else [], source, faults))
+    if not faults and "tag" not in [str(column.key) for column in columns if column is not None]:
+        faults.append(
+            Fault(source, "row 1", None, "no column is called tag", "begin with a line that names the columns")
+        )
+    rows = []
+    for number, line in enumerate(lines[1:], start=2):
+        cells = {column: cell.strip() for column, cell in zip(columns, line, strict=False) if column is not None}
+        cells = {column: cell for column, cell in cells.items() if cell}
+        if separator != ",":
+            cells = {column: _decimal_point(column, cell) for column, cell in cells.items()}
+        for place, cell in enumerate(line[len(columns) :], start=len(columns) + 1):
+            if cell.strip():
+                reason = f"the first row names {len(columns)} columns"
+                remedy = "name this one, or put a cell with a separator in it in quotes"
+                faults.append(Fault(source, f"row {number}, column {place}", json.dumps(cell), reason, remedy))
+        if cells:
+            rows.append(_Row(number, cells))
+    if not faults and not rows:
+        faults.append(Fault(source, "row 2", None, "no valve follows the names of the columns", "give a row a valve"))
+    return [column for column in columns if column is not None], rows, faults
+
+
+def _columns(headers: Sequence[str], source: str, faults: list[Fault]) -> Iterator[_Column | None]:
+    """Yield what each column gives, None for one that is empty or wrong, which is noted."""
+    known, seen = _known_keys(), dict[_Key, str]()
+    for place, header in enumerate(headers, start=1):
+        found = _HEADER.fullmatch(header.strip())
+        name = re.sub(r"\s+", "_", found[1].strip().casefold()) if found is not None else ""
+        key = known.get(name)
+        if not header.strip():
+            yield None
+        elif found is None or key is None:
+            close = nearest(name, known)
+            remedy = f"call it {close}" if close else "call it like a key of [[valves]] in docs/plant.md, or remove it"
+            faults.append(Fault(source, f"row 1, column {place}", json.dumps(header), "no key has this name", remedy))
+            yield None
+        elif key in seen:
+            reason = f"column {seen[key]} gives {key} already"
+            faults.append(Fault(source, f"row 1, column {place}", json.dumps(header), reason, "remove one"))
+            yield None
+        else:
+            seen[key] = header.strip()
+            yield _Column(header.strip(), key, found[2] or found[3] or "")
+
+
+@lru_cache(maxsize=1)
+def _known_keys() -> dict[str, _Key]:
+    """Return every key that a column can give, by the names that it may have there."""
+    keys = [
+        _Key(table, name)
+        for table, kind in _TABLES.items()
+        for name in (*hints_of(kind), *own_names(kind))
+        if not _is_table(kind, name)
+    ]
+    short: dict[str, _Key] = {}
+    for key in keys:
+        short.setdefault(key.name, key)
+    return short | {str(key): key for key in keys}
+
+
+def _is_table(kind: Any, name: str) -> bool:
+    hint = hints_of(kind).get(name)
+    return hint is not None and any(hints_of(one) or str(one).startswith("dict") for one in types_in(hint))
+
+
+def _types(key: _Key) -> list[Any]:
+    """Return what a key may be: of a name without a unit, what its SI keys may be."""
+    kind = _TABLES[key.table]
+    names = own_names(kind).get(key.name, (key.name,))
+    return [one for name in names for one in types_in(hints_of(kind)[name])]
+
+
+def _is_number(key: _Key) -> bool:
+    return any(one in (int, float) for one in _types(key))
+
+
+def _decimal_point(column: _Column, cell: str) -> str:
+    """Return a cell of a file whose separator leaves the comma to the numbers."""
+    return re.sub(r"(?<=\d),(?=\d)", ".", cell) if _is_number(column.key) else cell
+
+
+def _value(column: _Column, cell: str) -> Any:
+    """Return a cell as plant.toml would have it; what cannot be is left as a text, which the check then refuses."""
+    types = _types(column.key)
+    if bool in types:
+        return _YES_NO.get(cell.casefold(), cell)
+    if not _is_number(column.key):
+        return cell
+    return as_value(cell, column.unit)
+
+
+def _base(valves: Sequence[Any], like: str | None, file: str) -> dict[str, Any]:
+    """Return what a row leaves open: the valve ``like`` in SI keys, without what is each valve's own.
+
+    No place is taken over at which another valve is read or driven: its device_id, and the bus of a gauge.
+    """
+    if like is None:
+        return {}
+    found = next((one for one in valves if isinstance(one, dict) and one.get("tag") == like), None)
+    if found is None:
+        raise ConfigurationError(f"{file}: no valve has the tag {like}: give --like one that is there")
+    base = in_si(ValveSection, found).values
+    for name, value in found.items():
+        if name in _TABLES and isinstance(value, dict):
+            base[name] = in_si(_TABLES[name], value).values
+    contacts = [name for name in _CONTACTS if name in (base.get("permissives") or ())]
+    if contacts:
+        raise ConfigurationError(
+            f"{file}: {like} has permissives.{contacts[0]}, which shows that valve alone: give --like one without it"
+        )
+    for point in (base[name] for name in ("command", "position", "pressure") if isinstance(base.get(name), dict)):
+        point.pop("device_id" if "map" in point else "bus", None)
+    return {name: value for name, value in base.items() if name not in _NEVER_ALIKE}
+
+
+def _valve(row: _Row, base: dict[str, Any]) -> dict[str, Any]:
+    """Return a row as a table of the plant file; ``base`` is changed."""
+    own: dict[str, Any] = {}
+    for column, cell in row.cells.items():
+        kind, key, value = _TABLES[column.key.table], column.key, _value(column, cell)
+        table = base.setdefault(key.table, {}) if key.table else base
+        for name in in_si(kind, {key.name: value}).values:
+            table.pop(name, None)  # what the valve alike has in SI
+        table.pop(key.name, None)
+        (table if key.table else own)[key.name] = value
+    plain = {name: value for name, value in base.items() if not isinstance(value, dict)}
+    return {**own, **plain, **{name: value for name, value in base.items() if isinstance(value, dict)}}
+
+
+def _by_cells(
+    found: Sequence[Fault], source: str, columns: Sequence[_Column], rows: Sequence[_Row], first: int
+) -> list[Fault]:
+    """Return faults of a plant file by row and column of the CSV file that its last valves are from."""
+    by_key = {str(column.key): column for column in columns}
+    for column in columns:  # what is missing is told by the SI key
+        for name in own_names(_TABLES[column.key.table]).get(column.key.name, ()):
+            by_key.setdefault(str(_Key(column.key.table, name)), column)
+    told: dict[Fault, list[int]] = {}
+    for fault in found:
+        place = _KEY.fullmatch(fault.key)
+        row = None if place is None or int(place[1]) < first else rows[int(place[1]) - first]
+        if place is None or row is None:
+            told.setdefault(fault, [])
+            continue
+        path = re.sub(r"\[\d+\]", "", place[2] or "")
+        # a table that judges itself names its key in the reason
+        named = re.match(r"[a-z]+\.\w+", fault.reason)
+        given = by_key.get(path) or (None if named is None else by_key.get(named[0]))
+        if given is None:
+            told.setdefault(replace(fault, file=source, key=path or "the valve"), []).append(row.number)
+        else:
+            cell = row.cells.get(given)
+            shown = None if cell is None else json.dumps(cell, ensure_ascii=False)
+            key = f"row {row.number}, column {given.header}"
+            told.setdefault(replace(fault, file=source, key=key, value=shown), [])
+    placed = [_as_cell(replace(fault, key=_in_rows(fault.key, rows_of, len(rows)))) for fault, rows_of in told.items()]
+    return sorted(placed, key=_row_of)
+
+
+def _as_cell(fault: Fault) -> Fault:
+    """Return a fault whose remedy is for a cell, which needs no quotes and no brackets."""
+    remedy = re.sub(r', in quotes: "(.*?)"', r": \1", fault.remedy).replace(
+        "give a list such as [low, high]", "give both ends such as 3 to 15 psi"
+    )
+    return replace(fault, remedy=remedy)
+
+
+def _row_of(fault: Fault) -> int:
+    found = re.match(r"rows? (\d+)", fault.key)
+    return 0 if found is None else int(found[1])
+
+
+def _in_rows(key: str, numbers: Sequence[int], rows: int) -> str:
+    """Return where something is that has no column: the row, or all of them."""
+    if not numbers:
+        return key
+    if len(numbers) == rows > 1:
+        return f"all {rows} rows, {key}"
+    return f"row{'s' if len(numbers) > 1 else ''} {', '.join(map(str, numbers))}, {key}"
+
+
+__all__ = ["ImportedValves", "import_valves"]

@@ -1,0 +1,167 @@
+"""Every error as a problem document (RFC 9457): one table from the tree of errors to a status."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from http import HTTPStatus
+from typing import Any, Final
+
+import structlog
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from sqlalchemy.exc import OperationalError
+from starlette.exceptions import HTTPException
+
+from service.model.refusals import ForbiddenError, NotSignedInError, ThrottledError
+from service.words.sentences import in_units
+from service.words.spelling import known_keys, unknown_key
+from service.words.units import UnitSystem
+from valve.errors import (
+    BusyError,
+    ConfigurationError,
+    DeviceError,
+    ElsewhereError,
+    EquipmentError,
+    InternalError,
+    MeasurementError,
+    NotFoundError,
+    PermissiveError,
+    RequestError,
+    ValveError,
+)
+
+#: The pages of the tablet say by it what they are read in; ``detail`` stays SI, ``shown`` says the same in these units.
+UNITS_HEADER: Final = "Breakaway-Units"
+PROBLEM_TYPE: Final = "application/problem+json"
+NO_DATABASE: Final = (
+    "the database does not answer: a test that runs goes on and can be stopped; the service's log says more"
+)
+_BODY_KEY_DEPTH: Final = 2  # ("body", key): a key of the body itself, whose model the route knows
+_LOG = structlog.get_logger(__name__)
+
+# The nearest ancestor that stands here counts.
+STATUS: Final[dict[type[ValveError], HTTPStatus]] = {
+    RequestError: HTTPStatus.UNPROCESSABLE_ENTITY,
+    NotSignedInError: HTTPStatus.UNAUTHORIZED,
+    ForbiddenError: HTTPStatus.FORBIDDEN,
+    ThrottledError: HTTPStatus.TOO_MANY_REQUESTS,
+    NotFoundError: HTTPStatus.NOT_FOUND,
+    BusyError: HTTPStatus.CONFLICT,
+    ElsewhereError: HTTPStatus.MISDIRECTED_REQUEST,
+    PermissiveError: HTTPStatus.LOCKED,
+    ConfigurationError: HTTPStatus.UNPROCESSABLE_ENTITY,
+    EquipmentError: HTTPStatus.BAD_GATEWAY,
+    DeviceError: HTTPStatus.BAD_GATEWAY,
+    MeasurementError: HTTPStatus.UNPROCESSABLE_ENTITY,
+    InternalError: HTTPStatus.INTERNAL_SERVER_ERROR,
+}
+
+
+def status_of(error: ValveError) -> HTTPStatus:
+    """Return the status of an error."""
+    for kind in type(error).__mro__:
+        if kind in STATUS:
+            return STATUS[kind]
+    return HTTPStatus.INTERNAL_SERVER_ERROR
+
+
+class ProblemResponse(JSONResponse):
+    """An ``application/problem+json`` answer."""
+
+    media_type = PROBLEM_TYPE
+
+
+def problem(
+    status: int,
+    detail: str,
+    *,
+    instance: str,
+    kind: str = "about:blank",
+    headers: Mapping[str, str] | None = None,
+    **more: Any,
+) -> ProblemResponse:
+    """Return a problem document; ``kind`` names the branch of the tree of errors where there is one."""
+    body = {"type": kind, "title": HTTPStatus(status).phrase, "status": status, "detail": detail, "instance": instance}
+    return ProblemResponse({**body, **more}, status_code=status, headers=dict(headers or {}))
+
+
+def _printable(text: str) -> str:
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
+def _valve_error(request: Request, error: Exception) -> ProblemResponse:
+    if not isinstance(error, ValveError):
+        raise error
+    status = status_of(error)
+    if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
+        _LOG.error("request failed", path=request.url.path, error=str(error))
+    kind = f"urn:breakaway:error:{type(error).__name__}"
+    more: dict[str, Any] = {"gateway": error.gateway, "url": error.url} if isinstance(error, ElsewhereError) else {}
+    headers = {"WWW-Authenticate": "Bearer"} if status is HTTPStatus.UNAUTHORIZED else {}
+    if isinstance(error, ThrottledError):
+        headers["Retry-After"] = str(math.ceil(error.retry_after_s))
+    detail = _printable(str(error))
+    wanted = request.headers.get(UNITS_HEADER)
+    if wanted is not None:
+        more["shown"] = in_units(detail, UnitSystem.of(wanted))
+    return problem(status, detail, instance=request.url.path, kind=kind, headers=headers, **more)
+
+
+def _http_error(request: Request, error: Exception) -> ProblemResponse:
+    if not isinstance(error, HTTPException):
+        raise error
+    detail = str(error.detail)
+    if error.status_code == HTTPStatus.NOT_FOUND and detail == HTTPStatus.NOT_FOUND.phrase:
+        detail = f"{_printable(request.url.path)} is no route of this service: /docs lists all"
+    if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
+        detail = f"{request.method} is not possible on {_printable(request.url.path)}: /docs lists what is"
+    headers = dict(error.headers or {})
+    if "GET" in headers.get("Allow", "").split(", "):
+        headers["Allow"] += ", HEAD"
+    return problem(error.status_code, detail, instance=request.url.path, headers=headers)
+
+
+def _invalid_request(request: Request, error: Exception) -> ProblemResponse:
+    if not isinstance(error, RequestValidationError):
+        raise error
+    # What was sent is not repeated: it may be huge, not a number, or no valid text.
+    errors = [
+        {"where": _printable(".".join(str(part) for part in one["loc"])), "reason": _printable(_reason(request, one))}
+        for one in error.errors()[:20]
+    ]
+    detail = "; ".join(f"{one['where']}: {one['reason']}" for one in errors)
+    return problem(
+        HTTPStatus.UNPROCESSABLE_ENTITY, f"{detail}: correct the request", instance=request.url.path, errors=errors
+    )
+
+
+def _reason(request: Request, one: Mapping[str, Any]) -> str:
+    """Return what is wrong with one value; of an unknown key of the body also which key was meant."""
+    if one["type"] != "extra_forbidden" or len(one["loc"]) != _BODY_KEY_DEPTH:
+        return str(one["msg"])
+    field = getattr(request.scope.get("route"), "body_field", None)
+    known = [] if field is None else known_keys(field.field_info.annotation)
+    return unknown_key(str(one["loc"][-1]), known)
+
+
+def _no_database(request: Request, error: Exception) -> ProblemResponse:
+    reason = " ".join(str(getattr(error, "orig", None) or error).split())
+    _LOG.error("the database does not answer", path=request.url.path, reason=reason[:300])
+    return problem(HTTPStatus.SERVICE_UNAVAILABLE, NO_DATABASE, instance=request.url.path)
+
+
+def _unexpected(request: Request, error: Exception) -> ProblemResponse:
+    _LOG.error("request failed unexpectedly", path=request.url.path, exc_info=error)
+    detail = "a fault of the service: its log says more; please report it"
+    return problem(HTTPStatus.INTERNAL_SERVER_ERROR, detail, instance=request.url.path)
+
+
+def install_error_handlers(app: FastAPI) -> None:
+    """Make every error of ``app`` a problem document."""
+    app.add_exception_handler(ValveError, _valve_error)
+    app.add_exception_handler(HTTPException, _http_error)
+    app.add_exception_handler(RequestValidationError, _invalid_request)
+    app.add_exception_handler(OperationalError, _no_database)
+    app.add_exception_handler(Exception, _unexpected)

@@ -1,0 +1,1 @@
+"""What a test would tell of a valve, before it is run."""

@@ -1,0 +1,1 @@
+"""Words, numbers, units and instants as people read them. Below everything else."""

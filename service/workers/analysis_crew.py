@@ -1,0 +1,157 @@
+"""Several analysis workers, so that tests which end together are not analysed one after the other."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+from typing import Any, Final
+
+from service.model.refusals import ThrottledError
+from service.workers.analysis_pool import WORKER, AnalysisPool
+from service.workers.polling import Polling
+from service.workers.priority import UPLOAD
+from valve.errors import InternalError
+from valve.nameplate import Nameplate
+
+_MOST_WORKERS: Final = 4  # each holds about 300 MB
+MOST_UPLOADS: Final = 8  # at once, those that wait included
+MOST_UPLOADED_ROWS: Final = 2_000_000  # of all files of one upload: half an hour of 1 kHz
+_MOST_UPLOAD_MEMORY_BYTES: Final = 4_000_000_000
+WARM_AFTER_S: Final = 15.0  # a job that comes earlier starts its worker itself
+_UPLOAD_AGAIN_S: Final = 60.0  # an analysis takes about 20 s of a core
+
+
+class AnalysisCrew:
+    """As many workers as there are cores, at most four; they start one after the other, a while after the crew.
+
+    First of all a service that has just started reads where its valves stand. What a worker loads, while valves move,
+    makes their samples late, and the others find compiled what the first one compiled. They run at a lower priority
+    than the service, so a core that polls is not held up by them. While a valve is polled no job begins that would
+    leave it less than a core of its own, where there are two; one always may.
+
+    Uploads have a worker of their own, of the lowest priority, and begin one at a time, when no test waits for its
+    analysis and a core is free.
+    """
+
+    def __init__(
+        self,
+        workers: int | None = None,
+        *,
+        command: Sequence[str] = WORKER,
+        polling: Polling | None = None,
+        cores: int | None = None,
+        warm_after_s: float = WARM_AFTER_S,
+    ) -> None:
+        self._warm_after_s = warm_after_s
+        self._cores = cores or os.cpu_count() or 1
+        count = workers if workers is not None else min(self._cores, _MOST_WORKERS)
+        self._members = [AnalysisPool(command=command) for _ in range(count)]
+        self._jobs = [0] * count
+        self._tests_waiting = 0
+        self._uploads = AnalysisPool(
+            command=command, niceness=UPLOAD, most_rows=MOST_UPLOADED_ROWS, most_memory_bytes=_MOST_UPLOAD_MEMORY_BYTES
+        )
+        self._upload_turn = asyncio.Lock()
+        self._uploads_asked = 0
+        self._polling = polling or Polling()
+        self._closed = False
+        self._warming: asyncio.Task[None] | None = None
+
+    @property
+    def worker_pids(self) -> list[int | None]:
+        """Process id of each worker, None where it has not started yet."""
+        return [member.worker_pid for member in self._members]
+
+    def start(self) -> None:
+        """Let the workers start and warm up, one after the other, while the caller goes on."""
+        self._warming = asyncio.create_task(self._warm())
+
+    async def _warm(self) -> None:
+        await asyncio.sleep(self._warm_after_s)
+        for member in self._members:
+            # The event loop waits until a new process has its program, which on a busy machine takes a while.
+            while self._polling.goes_on and not self._closed:
+                await self._polling.change()
+            with suppress(InternalError):  # the log has its last words; a job starts it anew and says why it cannot
+                await member.warm()
+
+    async def analyze(
+        self,
+        recording_path: Path | str,
+        nameplate: Nameplate,
+        progress: Callable[[float, str], None] | None = None,
+        *,
+        together: Sequence[Path | str] = (),
+        held_out: Sequence[tuple[str, Path | str]] = (),
+        accepted: Mapping[str, Any] | None = None,
+        room: Mapping[str, float] | None = None,
+        upload: bool = False,
+        mapping: Mapping[str, str] | None = None,
+    ) -> dict[str, Any]:
+        """Return the analysis object, made by the first worker that is free; else as ``AnalysisPool.analyze``.
+
+        An ``upload`` waits behind real tests. Raises ThrottledError where too many uploads wait already.
+        """
+        async with self._upload_place() if upload else self._free_member() as member:
+            return await member.analyze(
+                recording_path,
+                nameplate,
+                progress,
+                together=together,
+                held_out=held_out,
+                accepted=accepted,
+                room=room,
+                mapping=mapping,
+            )
+
+    @asynccontextmanager
+    async def _free_member(self) -> AsyncIterator[AnalysisPool]:
+        """Wait for a worker, and for a core that no valve needs; one that was closed is free and refuses its job."""
+        self._tests_waiting += 1
+        try:
+            while sum(self._jobs) >= self._places and not self._closed:
+                await self._polling.change()
+        finally:
+            self._tests_waiting -= 1
+        chosen = min(range(len(self._members)), key=self._jobs.__getitem__)
+        self._jobs[chosen] += 1
+        try:
+            yield self._members[chosen]
+        finally:
+            self._jobs[chosen] -= 1
+            self._polling.tell()
+
+    @asynccontextmanager
+    async def _upload_place(self) -> AsyncIterator[AnalysisPool]:
+        if self._uploads_asked >= MOST_UPLOADS:
+            raise ThrottledError(
+                f"{self._uploads_asked} uploads wait for their analysis, the most is {MOST_UPLOADS}: try again later, "
+                "or use breakaway analyze on a machine of your own",
+                _UPLOAD_AGAIN_S,
+            )
+        self._uploads_asked += 1
+        try:
+            async with self._upload_turn:
+                while (self._tests_waiting or sum(self._jobs) >= self._places) and not self._closed:
+                    await self._polling.change()
+                yield self._uploads
+        finally:
+            self._uploads_asked -= 1
+
+    @property
+    def _places(self) -> int:
+        """How many jobs may be under way now."""
+        count = len(self._members)
+        return min(count, max(1, self._cores - 1)) if self._polling.goes_on else count
+
+    async def close(self) -> None:
+        """End every worker, also in the middle of a job."""
+        self._closed = True
+        self._polling.tell()
+        if self._warming is not None:
+            self._warming.cancel()
+            await asyncio.gather(self._warming, return_exceptions=True)
+        await asyncio.gather(*(member.close() for member in (*self._members, self._uploads)))
