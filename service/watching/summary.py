@@ -6,8 +6,8 @@ from typing import Final
 
 from estimators.in_service.figure import Figure
 from estimators.in_service.result import Input, Watched
-from service.plain_numbers import plus_minus
-from service.shown_units import UnitSystem, measured, shown_unit
+from service.words.plain_numbers import plus_minus
+from service.words.units import UnitSystem, measured, shown_unit
 
 _NAMES: Final = {
     "friction": "Friction in motion",
