@@ -167,7 +167,7 @@ def _draw_ahead(
     axes.plot([last, at], [level, limit], ":", color=BLUE, linewidth=1.6, zorder=2)
     if earliest is not None:
         beyond = last + 10.0 * (end - last) if latest is None else latest
-        axes.fill([last, earliest, beyond], [level, limit, limit], color=BLUE, alpha=0.15, linewidth=0.0, zorder=1)
+        axes.fill([last, earliest, beyond], [level, limit, limit], color=BLUE, alpha=0.25, linewidth=0.0, zorder=1)
     pad = 0.04 * (end - times[0])
     axes.set_xlim(times[0] - pad, min(end, max(at, end if latest is None else latest)) + pad)
     low, high = axes.get_ylim()

@@ -8,7 +8,7 @@ from typing import Final
 
 from service.health.changes import Change, allowed
 from service.health.results import Case, Finding, Ne107, TrendFound
-from service.health.trend import Crossing, scatter_between, slope_of
+from service.health.trend import scatter_between, slope_of
 from service.model.health_figures import FIGURE_KINDS, Figures
 
 _DAY_S: Final = 86400.0
@@ -65,11 +65,5 @@ def forecasts(case: Case, trends: Sequence[TrendFound], changes: Sequence[Change
             yield Finding(
                 Ne107.MAINTENANCE,
                 f"{words[0].upper()}{words[1:]} runs to its limit: by the trend of {one.slope.tests} tests it gets "
-                f"there about {one.crossing.at:%Y-%m-%d}{_interval_words(one.crossing)}.",
+                f"there about {one.crossing.at:%Y-%m-%d}.",
             )
-
-
-def _interval_words(crossing: Crossing) -> str:
-    if crossing.earliest is None or crossing.latest is None:
-        return ""
-    return f" ({crossing.earliest:%Y-%m-%d} to {crossing.latest:%Y-%m-%d})"

@@ -152,7 +152,7 @@ def test_the_result_has_the_night_with_its_interval_from_half_of_the_limit_on() 
     assert (at - NOW).days == pytest.approx(125.0 / 1.6 - 59.0, abs=4.0)
     assert trend["level"] == pytest.approx(594.4, abs=6.0)
     sentence = next(one.sentence for one in health.findings if "runs to its limit" in one.sentence)
-    assert f"about {at:%Y-%m-%d} ({earliest:%Y-%m-%d} to {latest:%Y-%m-%d})" in sentence
+    assert f"by the trend of 60 tests it gets there about {at:%Y-%m-%d}." in sentence
     early = friction(judged(worn[:30]))
     assert early["per_day"] > 1.0
     assert [early[f"reaches_limit_{end}"] for end in ("at", "earliest", "latest")] == [None] * 3
