@@ -42,8 +42,8 @@ class Forecast:
         return f"in about {count} {unit}{'' if count == 1 else 's'}"
 
     def span(self, now: datetime, zone: tzinfo | None) -> str:
-        """Return the interval by the plant's clock, such as ``12 December to 8 January 2027``; "" without one."""
-        if self.earliest is None:
+        """Return the interval by the plant's clock, such as ``12 December to 8 January 2027``; "" without, or past."""
+        if self.earliest is None or (self.latest is not None and self.latest < now):
             return ""
         first = _day(max(self.earliest, now), now, zone, is_round=self._is_round)
         if self.latest is None:

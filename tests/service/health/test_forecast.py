@@ -182,6 +182,7 @@ def forecast(days: float, earliest: float | None, latest: float | None, name: st
         ),
         (forecast(200, 90, None), "in about 7 months, not before February 2027", "2027-06 (not before 2027-02)"),
         (forecast(200, None, None), "in about 7 months", "2027-06"),  # of an earlier version
+        (forecast(-9, -12, -6), "now", "2026-11-12 (2026-11-09 to 2026-11-15)"),
         (forecast(-2, -9, 6), "now, 21 November to 27 November", "2026-11-19 (2026-11-12 to 2026-11-27)"),
     ],
 )
