@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime, tzinfo
 from typing import Any, Final
@@ -27,8 +27,25 @@ class TrendPoint:
 
 
 @dataclass(frozen=True, slots=True)
+class Ahead:
+    """How a figure runs on from its last test: the line's level there, SI, and when it meets which limit.
+
+    The ends of the 95 % interval are None where they are not within five years.
+    """
+
+    level: float
+    limit: float
+    at: datetime
+    earliest: datetime | None
+    latest: datetime | None
+
+
+@dataclass(frozen=True, slots=True)
 class Trend:
-    """One figure over the tests of a valve, oldest first; ``limits`` are where it is judged abnormal."""
+    """One figure over the tests of a valve, oldest first; ``limits`` are where it is judged abnormal.
+
+    ``ahead`` is the forecast by its last test.
+    """
 
     name: str
     meaning: str
@@ -36,6 +53,7 @@ class Trend:
     points: tuple[TrendPoint, ...]
     baseline: float | None = None
     limits: tuple[float | None, float | None] = (None, None)
+    ahead: Ahead | None = None
 
 
 _COLUMNS: Final = 2
@@ -43,6 +61,8 @@ _WIDE_IN: Final = 7.2
 _NARROW_IN: Final = 4.0  # of a phone: its text is read at 320 pixels
 _LETTERS_AN_INCH: Final = 15.0  # of the words below the panels
 _BARS: Final = "Bars: 95 % interval of each test, without what the figure differs by from test to test."
+_AHEAD: Final = "Dotted: the trend on to its limit, with the 95 % interval of when it is met."
+_FARTHEST: Final = 2.0  # times what the tests span: a forecast that is further would leave them no room
 _FRICTION: Final = "The bar of friction holds what friction varies by within its test."
 
 
@@ -83,8 +103,15 @@ def _below(trends: Sequence[Trend], zone: tzinfo | None) -> str:
     has_bars = [trend.name for trend in trends if any(point.ci95 is not None for point in trend.points)]
     bars = _BARS if has_bars else ""
     friction = _FRICTION if any(name.startswith("friction") for name in has_bars) else ""
+    ahead = _AHEAD if any(_shown_ahead(trend) is not None for trend in trends) else ""
     clock = f"Time: {zone_words(trends[0].points[-1].at, zone)}."
-    return " ".join(words for words in (bars, friction, clock) if words)
+    return " ".join(words for words in (bars, friction, ahead, clock) if words)
+
+
+def _shown_ahead(trend: Trend) -> Ahead | None:
+    """Return the forecast where the picture has room for it."""
+    first, last, ahead = trend.points[0].at, trend.points[-1].at, trend.ahead
+    return None if ahead is None or ahead.at - last > _FARTHEST * (last - first) else ahead
 
 
 def _in_words(trend: Trend, system: UnitSystem, zone: tzinfo | None) -> str:
@@ -99,8 +126,7 @@ def _in_words(trend: Trend, system: UnitSystem, zone: tzinfo | None) -> str:
 
 def _draw(axes: Axes, trend: Trend, system: UnitSystem, zone: tzinfo | None) -> None:
     unit = shown_unit(trend.unit, system)
-    by_the_clock = [point.at.astimezone(zone).replace(tzinfo=None) for point in trend.points]
-    times = [mdates.date2num(at) for at in by_the_clock]  # type: ignore[no-untyped-call]
+    times = [_clock(point.at, zone) for point in trend.points]
     values = [unit.shown(point.value) for point in trend.points]
     axes.plot(times, values, "-", color=BLUE, linewidth=1.2, zorder=2)
     for time, value, point in zip(times, values, trend.points, strict=True):
@@ -120,8 +146,37 @@ def _draw(axes: Axes, trend: Trend, system: UnitSystem, zone: tzinfo | None) -> 
     locator = mdates.AutoDateLocator(minticks=2, maxticks=6)  # type: ignore[no-untyped-call]
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(mdates.ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
+    ahead = _shown_ahead(trend)
+    if ahead is not None:
+        _draw_ahead(axes, times, ahead, unit.shown, zone)
     if len(times) == 1:
         axes.set_xlim(times[0] - 1.0, times[0] + 1.0)
+
+
+def _draw_ahead(
+    axes: Axes, times: Sequence[float], ahead: Ahead, shown: Callable[[float], float], zone: tzinfo | None
+) -> None:
+    """Draw the line on to its limit, and the interval of when it is met as a wedge; the wedge may be cut off."""
+    last = times[-1]
+    at, earliest, latest = (
+        None if one is None else _clock(one, zone) for one in (ahead.at, ahead.earliest, ahead.latest)
+    )
+    assert at is not None
+    end = max(at, last + 0.5 * (last - times[0]))
+    level, limit = shown(ahead.level), shown(ahead.limit)
+    axes.plot([last, at], [level, limit], ":", color=BLUE, linewidth=1.6, zorder=2)
+    if earliest is not None:
+        beyond = last + 10.0 * (end - last) if latest is None else latest
+        axes.fill([last, earliest, beyond], [level, limit, limit], color=BLUE, alpha=0.25, linewidth=0.0, zorder=1)
+    pad = 0.04 * (end - times[0])
+    axes.set_xlim(times[0] - pad, min(end, max(at, end if latest is None else latest)) + pad)
+    low, high = axes.get_ylim()
+    axes.set_ylim(min(low, limit - 0.02 * abs(limit)), max(high, limit + 0.02 * abs(limit)))
+
+
+def _clock(at: datetime, zone: tzinfo | None) -> float:
+    """Return an instant by the plant's clock as the axis counts it."""
+    return float(mdates.date2num(at.astimezone(zone).replace(tzinfo=None)))  # type: ignore[no-untyped-call]
 
 
 _LABEL: Final[dict[str, Any]] = {

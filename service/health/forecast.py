@@ -8,10 +8,16 @@ from typing import Final
 
 from service.health.changes import Change, allowed
 from service.health.results import Case, Finding, Ne107, TrendFound
-from service.health.trend import robust_slope, scatter_between
+from service.health.trend import scatter_between, slope_of
 from service.model.health_figures import FIGURE_KINDS, Figures
 
 _DAY_S: Final = 86400.0
+#: Shares of the allowed change that a line has used before a night is told, and before it is a reason for M: a wander
+#: looks like a trend for some nights, and does not get there (`make bench ARGS=trends`).
+TOLD: Final = 0.5
+BEYOND: Final = 0.7
+#: Times ``forecast_days`` that the interval may reach for M.
+LATEST: Final = 3.0
 
 
 def trends_of(case: Case, was: Figures | None, now: Figures) -> list[TrendFound]:
@@ -29,32 +35,35 @@ def scatter_of(case: Case, now: Figures) -> dict[str, float]:
 def _trend(case: Case, held: Figures, now: Figures, name: str) -> TrendFound | None:
     past = [(one.at, one.figures[name].value) for one in case.history if name in one.figures]
     times = [at for at, _ in past] + [case.at]
-    slope = robust_slope(times, [value for _, value in past] + [now[name].value])
+    slope = slope_of(times, [value for _, value in past] + [now[name].value])
     if slope is None:
         return None
     was = held.get(name)
-    limit_at = None
-    if was is not None:
-        up, down = allowed(name, was, case.limits, case.valve)
-        room = up if slope.per_day > 0.0 else down
-        days = (case.at - times[0]).total_seconds() / _DAY_S
-        # a friction that wanders shows a slope for some nights, no further than two tests may differ
-        reach = math.hypot(was.half_width or 0.0, now[name].half_width or 0.0)
-        if room is not None and abs(slope.per_day) * days > reach:
-            limit_at = slope.reaches(was.value + (room if slope.per_day > 0.0 else -room))
-    return TrendFound(name, slope, len(times), limit_at)
+    room = None if was is None else allowed(name, was, case.limits, case.valve)[0 if slope.per_day > 0.0 else 1]
+    if was is None or not room:
+        return TrendFound(name, slope, None)
+    room = math.copysign(room, slope.per_day)
+    used = (slope.last - was.value) / room
+    # what moved no further than two tests may differ may be a wander
+    reach = math.hypot(was.half_width or 0.0, now[name].half_width or 0.0)
+    is_far = used >= TOLD and abs(slope.last - was.value) > reach
+    return TrendFound(name, slope, slope.reaches(was.value + room) if is_far else None, used)
 
 
 def forecasts(case: Case, trends: Sequence[TrendFound], changes: Sequence[Change]) -> Iterator[Finding]:
-    """Yield a finding for each figure that its trend brings to its limit within ``forecast_days``."""
+    """Yield a finding for each figure that its trend brings to its limit within ``forecast_days``.
+
+    Its line must have used ``BEYOND`` of what is allowed, and its interval end within ``LATEST`` times those days.
+    """
     beyond = {one.name for one in changes if not one.kept}
     for one in trends:
-        if one.limit_at is None or one.name in beyond:
+        if one.crossing is None or one.name in beyond or one.share_used < BEYOND or one.crossing.latest is None:
             continue
-        if (one.limit_at - case.at).total_seconds() <= case.limits.forecast_days * _DAY_S:
+        days, latest_days = ((at - case.at).total_seconds() / _DAY_S for at in (one.crossing.at, one.crossing.latest))
+        if days <= case.limits.forecast_days and latest_days <= LATEST * case.limits.forecast_days:
             words = FIGURE_KINDS[one.name].words
             yield Finding(
                 Ne107.MAINTENANCE,
-                f"{words[0].upper()}{words[1:]} runs to its limit: by the trend of {one.tests} tests it gets there "
-                f"about {one.limit_at:%Y-%m-%d}.",
+                f"{words[0].upper()}{words[1:]} runs to its limit: by the trend of {one.slope.tests} tests it gets "
+                f"there about {one.crossing.at:%Y-%m-%d}.",
             )

@@ -9,7 +9,7 @@ from enum import StrEnum
 from typing import Any, Final
 
 from service.health.changes import Change, ValveFacts
-from service.health.trend import Slope
+from service.health.trend import Crossing, Slope
 from service.model.health_limits import HealthLimits
 from service.model.past_test import Baseline, PastTest
 
@@ -72,21 +72,30 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class TrendFound:
-    """A figure's slope, and when it meets the limit."""
+    """A figure's slope, when it meets the limit, and the share of the allowed change that its line has used."""
 
     name: str
     slope: Slope
-    tests: int
-    limit_at: datetime | None
+    crossing: Crossing | None
+    share_used: float = 0.0
+
+    @property
+    def limit_at(self) -> datetime | None:
+        """When the line meets the limit."""
+        return None if self.crossing is None else self.crossing.at
 
     def to_json(self) -> dict[str, Any]:
         """Return the entry of ``health.trends``."""
+        met = self.crossing
         return {
             "name": self.name,
             "per_day": self.slope.per_day,
             "ci95": list(self.slope.ci95),
-            "tests": self.tests,
-            "reaches_limit_at": None if self.limit_at is None else self.limit_at.isoformat(),
+            "tests": self.slope.tests,
+            "level": self.slope.last,
+            "reaches_limit_at": None if met is None else met.at.isoformat(),
+            "reaches_limit_earliest": None if met is None or met.earliest is None else met.earliest.isoformat(),
+            "reaches_limit_latest": None if met is None or met.latest is None else met.latest.isoformat(),
         }
 
 

@@ -1,4 +1,4 @@
-"""A figure's trend over the tests of a valve: a slope that a few odd tests do not turn, and when a limit is met."""
+"""A figure's trend over the tests of a valve: a line through figures that wander, and when it meets a limit."""
 
 from __future__ import annotations
 
@@ -6,40 +6,94 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
+from scipy.special import stdtrit
 
-LEAST_TESTS: Final = 6  # below that the interval by ranks has no end
+from valve.stem import FloatArray
+
+LEAST_TESTS: Final = 6  # below that the interval of a slope says little
+MOST_TESTS: Final = 60  # fewer miss slow wear, more see a wear that quickens too late: `make bench ARGS=trends`
 LEAST_DAYS: Final = 3.0
-_NORMAL_95: Final = 1.959964
 _MOST_DAYS: Final = 3650.0
+_MOST_DAYS_OF_INTERVAL: Final = 1826.0
 _DAY_S: Final = 86400.0
 _FARTHEST: Final = 3  # tests apart: friction wanders over some nights, a change that stays is in six of these pairs
 _LEAST_TO_SCATTER: Final = 8  # so that those six are less than half of the pairs
 _OF_MEDIAN: Final = 1.4826  # standard deviation over median size, of a normal distribution
+_ODD: Final = 4.0  # standard deviations from the line: what is further counts as if it were there
+_EXACT: Final = 1.0e-9  # of the figure: nothing is measured better
+# Days over which a wander is forgotten (0: at once), and the share of its variance that is new in each test.
+_WANDERS: Final = ((0.0, 1.0), (2.0, 0.1), (2.0, 0.5), (5.0, 0.1), (5.0, 0.5), (15.0, 0.1), (15.0, 0.5))
+
+
+@dataclass(frozen=True, slots=True)
+class Crossing:
+    """When a line meets a level, with its 95 % interval; None: not within five years."""
+
+    at: datetime
+    earliest: datetime | None
+    latest: datetime | None
 
 
 @dataclass(frozen=True, slots=True)
 class Slope:
-    """Change a day with its 95 % interval, and the level that the line has at its last test."""
+    """Change a day with its 95 % interval, and the level that the line has at its last test.
+
+    ``covariance`` is that of level and change a day: both variances with that of both between them, each times the
+    square of the quantile that 95 % need.
+    """
 
     per_day: float
     ci95: tuple[float, float]
     last: float
     last_at: datetime
+    tests: int
+    covariance: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def is_sure(self) -> bool:
         """Whether the interval leaves zero out."""
         return not self.ci95[0] <= 0.0 <= self.ci95[1]
 
-    def reaches(self, level: float) -> datetime | None:
-        """Return when the line meets a level; None where it does not run there within ten years."""
-        if not self.is_sure or self.per_day == 0.0:
+    def reaches(self, level: float) -> Crossing | None:
+        """Return when the line meets a level, at its last test if it is beyond; None if not within ten years.
+
+        The interval has the instants at which the level is in the 95 % band of the line (Fieller 1954).
+        """
+        if not self.is_sure:
             return None
-        days = (level - self.last) / self.per_day
-        return self.last_at + timedelta(days=days) if 0.0 <= days <= _MOST_DAYS else None
+        way = level - self.last
+        days = max(way / self.per_day, 0.0)
+        if days > _MOST_DAYS:
+            return None
+        of_level, of_both, of_slope = self.covariance
+        # (way - b h)^2 = v_a + 2 h v_ab + h^2 v_b: one root for each border of the band, as the slope is sure
+        square = self.per_day**2 - of_slope
+        middle = (way * self.per_day + of_both) / square
+        half = math.sqrt(max(middle**2 - (way**2 - of_level) / square, 0.0))
+        return Crossing(self._after(days), self._within(middle - half), self._within(middle + half))
+
+    def _within(self, days: float) -> datetime | None:
+        return self._after(max(days, 0.0)) if days <= _MOST_DAYS_OF_INTERVAL else None
+
+    def _after(self, days: float) -> datetime:
+        return self.last_at + timedelta(days=days)
+
+
+@dataclass(frozen=True, slots=True)
+class Lines:
+    """Lines through several figures at the same tests, shape (n_figures,): level now, change a day, their covariance.
+
+    ``quantile`` times a standard deviation is half of a 95 % interval.
+    """
+
+    level: FloatArray
+    per_day: FloatArray
+    covariance: tuple[FloatArray, FloatArray, FloatArray]
+    quantile: float
 
 
 def scatter_between(values: Sequence[float]) -> float:
@@ -55,25 +109,81 @@ def scatter_between(values: Sequence[float]) -> float:
     return _OF_MEDIAN * float(np.median(np.concatenate(apart))) / math.sqrt(2.0)
 
 
-def robust_slope(times: Sequence[datetime], values: Sequence[float]) -> Slope | None:
-    """Return the median of the slopes of all pairs, with the interval by ranks; None for too few tests or days.
+def slope_of(times: Sequence[datetime], values: Sequence[float]) -> Slope | None:
+    """Return the line through the newest tests, times ascending; None for too few tests or days."""
+    if len(times) != len(values) or len(values) < LEAST_TESTS:
+        return None
+    newest = times[-MOST_TESTS:]
+    days = np.array([(at - newest[-1]).total_seconds() for at in newest]) / _DAY_S
+    if float(np.ptp(days)) < LEAST_DAYS:
+        return None
+    found = lines_through(days, np.asarray(values[-MOST_TESTS:], dtype=np.float64)[:, None])
+    of_level, of_both, of_slope = (found.quantile**2 * float(one[0]) for one in found.covariance)
+    per_day, half = float(found.per_day[0]), math.sqrt(of_slope)
+    covariance = (of_level, of_both, of_slope)
+    return Slope(per_day, (per_day - half, per_day + half), float(found.level[0]), newest[-1], len(newest), covariance)
 
-    Theil (1950), Sen (1968): the interval's ends are the pairs' slopes of rank (N ± z sqrt(n (n-1) (2n+5) / 18)) / 2
-    of N. Up to 29 % of the tests may be odd ones.
+
+def lines_through(days: FloatArray, values: FloatArray) -> Lines:
+    """Return the lines through figures that wander from test to test.
+
+    ``days`` are those of the tests, shape (n,), ``values`` the figures, shape (n, n_figures). A figure is a line, what
+    is new in each test, and a wander that is forgotten exponentially. Nobody knows over how many days: the lines by
+    generalised least squares are averaged over ``_WANDERS`` by their restricted likelihood (Harville 1977). Tests
+    far from the line by Theil (1950) and Sen (1968) are drawn nearer first.
     """
-    count = len(values)
-    if count < LEAST_TESTS or len(times) != count:
-        return None
-    days = np.array([(at - times[-1]).total_seconds() for at in times]) / _DAY_S
-    if float(days.max() - days.min()) < LEAST_DAYS:
-        return None
-    level = np.asarray(values, dtype=np.float64)
-    first, second = np.triu_indices(count, 1)
+    near = _without_odd(days, values)
+    least = np.square(_EXACT * np.max(np.abs(values), axis=0))
+    count = days.size
+    likelihoods, lines, covariances = [], [], []
+    for whitening, base, inverse, log_size in _laws(tuple(days.tolist())):
+        white = whitening @ near
+        explained = base.T @ white
+        rest = np.maximum(np.sum(np.square(white), axis=0) - np.sum(np.square(explained), axis=0), least)
+        likelihoods.append(-log_size - 0.5 * (count - 2) * np.log(np.maximum(rest, np.finfo(float).tiny)))
+        lines.append(inverse @ explained)
+        covariances.append((inverse @ inverse.T)[:, :, None] * (rest / (count - 2)))
+    weights = np.exp(np.array(likelihoods) - np.max(likelihoods, axis=0))
+    weights /= np.sum(weights, axis=0)
+    line = np.einsum("mf,mcf->cf", weights, np.array(lines))
+    apart = np.array(lines) - line
+    spread = np.array(covariances) + apart[:, :, None] * apart[:, None, :]
+    whole = np.einsum("mf,mcdf->cdf", weights, spread)
+    covariance = (whole[0, 0], whole[0, 1], whole[1, 1])
+    return Lines(line[0], line[1], covariance, float(stdtrit(count - 2, 0.975)))
+
+
+@lru_cache(maxsize=8)  # the figures of one result are of the same tests, but for a few
+def _laws(days: tuple[float, ...]) -> list[tuple[FloatArray, FloatArray, FloatArray, float]]:
+    """Return for each law of wander what whitens tests of these days, and the line's QR factors.
+
+    That is: inverse Cholesky factor of the correlation, Q, inverse of R, and the logarithm of what scales the
+    restricted likelihood.
+    """
+    at = np.array(days)
+    line = np.column_stack((np.ones(at.size), at))
+    apart = np.abs(at[:, None] - at)
+    laws = []
+    for forgotten_days, share in _WANDERS:
+        correlation = share * np.eye(at.size)
+        if forgotten_days > 0.0:
+            correlation += (1.0 - share) * np.exp(-apart / forgotten_days)
+        factor = np.linalg.cholesky(correlation)
+        whitening = np.linalg.inv(factor)
+        base, upper = np.linalg.qr(whitening @ line)
+        log_size = float(np.sum(np.log(np.diag(factor))) + np.sum(np.log(np.abs(np.diag(upper)))))
+        laws.append((whitening, base, np.linalg.inv(upper), log_size))
+    return laws
+
+
+def _without_odd(days: FloatArray, values: FloatArray) -> FloatArray:
+    """Return the values with those far from the robust line at ``_ODD`` standard deviations from it."""
+    first, second = np.triu_indices(days.size, 1)
     apart = days[second] - days[first]
-    slopes = np.sort(((level[second] - level[first])[apart != 0.0]) / apart[apart != 0.0])
-    reach = _NORMAL_95 * math.sqrt(count * (count - 1) * (2 * count + 5) / 18.0)
-    low = max(round((slopes.size - reach) / 2.0) - 1, 0)
-    high = min(round((slopes.size + reach) / 2.0), slopes.size - 1)
-    middle = float(np.median(slopes))
-    last = float(np.median(level - middle * days))
-    return Slope(middle, (float(slopes[low]), float(slopes[high])), last, times[-1])
+    pairs = apart > 0.0
+    slopes = np.median((values[second] - values[first])[pairs] / apart[pairs, None], axis=0)
+    rest = values - slopes * days[:, None]
+    middle = np.median(rest, axis=0)
+    rest -= middle
+    most = _ODD * _OF_MEDIAN * np.median(np.abs(rest), axis=0)
+    return np.asarray(middle + slopes * days[:, None] + np.clip(rest, -most, most), dtype=np.float64)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from datetime import tzinfo
 from typing import Any, Final
 
 from service.report.source import ReportSource
+from service.shown.forecast import all_forecasts
 from service.shown.next_step import next_step
 from service.shown.results import diagnosis_of
 from service.shown.words import NE107
@@ -38,7 +40,7 @@ def summary_of(source: ReportSource) -> dict[str, Any]:
         "reasons": [as_sentence(reason) for reason in health.get("reasons") or ()],
         "diagnosis": _diagnosis(source.analysis, health.get("reasons") or (), state),
         "actions": _actions(source),
-        "key_figures": key_figures(source.analysis, source.system),
+        "key_figures": key_figures(source.analysis, source.system, source.zone),
     }
 
 
@@ -71,8 +73,11 @@ def _actions(source: ReportSource) -> list[str]:
     return [action for action in dict.fromkeys(actions) if action]
 
 
-def key_figures(analysis: Mapping[str, Any], system: UnitSystem) -> list[dict[str, str]]:
-    """Return what a crew wants first, as texts: friction, how it stands against the baseline, its trend, dead band."""
+def key_figures(analysis: Mapping[str, Any], system: UnitSystem, zone: tzinfo | None = None) -> list[dict[str, str]]:
+    """Return what a crew wants first, as texts: friction, how it stands against the baseline, its trend, dead band.
+
+    Dates are by the clock of ``zone``, None for this machine's.
+    """
     signature = analysis.get("signature") or {}
     rows = []
     friction = _friction(analysis)
@@ -82,7 +87,7 @@ def key_figures(analysis: Mapping[str, Any], system: UnitSystem) -> list[dict[st
             {"name": "Friction", "value": measured(value, ci95, "N", system), "beside": _of_span(analysis, value)}
         )
     rows += [{"name": "Friction against the baseline", "value": text, "beside": ""} for text in _against(analysis)]
-    rows += [{"name": "Trend of friction", "value": text, "beside": ""} for text in _trend(analysis, system)]
+    rows += [{"name": "Trend of friction", "value": text, "beside": ""} for text in _trend(analysis, system, zone)]
     dead_band = (signature.get("intervals") or {}).get("dead_band_percent") or {}
     if signature.get("dead_band_percent") is not None:
         rows.append(
@@ -126,7 +131,7 @@ def _against(analysis: Mapping[str, Any]) -> list[str]:
     return []
 
 
-def _trend(analysis: Mapping[str, Any], system: UnitSystem) -> list[str]:
+def _trend(analysis: Mapping[str, Any], system: UnitSystem, zone: tzinfo | None) -> list[str]:
     for trend in (analysis.get("health") or {}).get("trends") or ():
         if trend["name"] in _FRICTION:
             low, high = trend["ci95"]
@@ -134,6 +139,6 @@ def _trend(analysis: Mapping[str, Any], system: UnitSystem) -> list[str]:
                 return [f"steady over {trend['tests']} tests"]
             moved = quantity(abs(trend["per_day"]) * _MONTH_DAYS, "N", system, 2)
             way = "rising" if trend["per_day"] > 0.0 else "falling"
-            at = trend["reaches_limit_at"]
-            return [f"{way} by {moved} a month" + ("" if at is None else f", at its limit about {at[:10]}")]
+            met = [one.dates(zone) for one in all_forecasts(analysis["health"]) if one.name == trend["name"]]
+            return [", at its limit ".join([f"{way} by {moved} a month", *met])]
     return []

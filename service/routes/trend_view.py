@@ -4,11 +4,37 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import datetime
+from typing import Any, Final
 
 from pydantic import BaseModel, Field
 
 from service.model.health_figures import FIGURE_KINDS
 from service.model.past_test import PastTest
+
+_INSTANT: Final = {"type": ["string", "null"], "format": "date-time"}
+#: What ``health.trends`` has, for the OpenAPI document: results of earlier versions may lack what was added later.
+HEALTH_SCHEMA: Final[dict[str, Any]] = {
+    "properties": {
+        "trends": {
+            "description": "figures with a trend over the tests since the baseline, SI",
+            "items": {
+                "properties": {
+                    "name": {"type": "string"},
+                    "per_day": {"type": "number", "description": "change a day of the line through the tests"},
+                    "ci95": {"type": "array", "items": {"type": "number"}, "description": "of per_day"},
+                    "tests": {"type": "integer", "description": "tests that the line goes through"},
+                    "level": {"type": "number", "description": "of the line at this test"},
+                    "reaches_limit_at": _INSTANT
+                    | {"description": "when the line meets the limit; null: it is not known, or not within ten years"},
+                    "reaches_limit_earliest": _INSTANT
+                    | {"description": "begin of its 95 % interval; null: not known, or not within five years"},
+                    "reaches_limit_latest": _INSTANT
+                    | {"description": "end of its 95 % interval; null: not known, or not within five years"},
+                }
+            },
+        }
+    }
+}
 
 
 class TrendPointView(BaseModel):

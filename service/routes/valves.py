@@ -37,7 +37,7 @@ from service.routes.lists import (
     wants_csv,
 )
 from service.routes.run_views import RunSummary, RunView, summary, view
-from service.routes.trend_view import TrendView, trends_of_tests
+from service.routes.trend_view import HEALTH_SCHEMA, TrendView, trends_of_tests
 from service.store.conditions import ValveStanding, last_labelled, valve_standings
 from service.store.run_table import ValveHead
 from service.store.store import Store
@@ -65,7 +65,9 @@ class ValveSummary(BaseModel):
     busy_with: str | None = Field(description="id of the test that uses the valve now")
     last_test: RunSummary | None
     alarms: list[str] = Field(description="what stands until somebody acknowledges it, in words")
-    health: dict[str, Any] | None = Field(description="NAMUR NE 107 state of the last completed test, with reasons")
+    health: dict[str, Any] | None = Field(
+        description="NAMUR NE 107 state of the last completed test, with reasons", json_schema_extra=HEALTH_SCHEMA
+    )
 
 
 class ValveView(ValveSummary):

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from service.config.settings import PlantValve
-from service.figures.trend import Trend, TrendPoint
+from service.figures.trend import Ahead, Trend, TrendPoint
 from service.health.changes import allowed
 from service.health.judge import facts_of
 from service.model.acknowledgement import needs_acknowledgement
 from service.model.health_figures import FIGURE_KINDS, Figure
 from service.model.past_test import Baseline, PastTest
 from service.model.run import Run
+from service.shown.forecast import all_forecasts
 from service.shown.words import STATES
 from service.store.figure_table import conditions_of
 from service.store.store import Store
@@ -26,7 +27,8 @@ _TRENDS: Final = ("friction_mean_n", "spring_rate_n_per_m", "bench_low_pa", "dea
 class ValvePast:
     """What is known of a valve's tests, newest first; ``baseline`` is the test that later ones are held against.
 
-    ``figures`` are those of each test; ``same_motion`` those of tests with the motion of the newest completed one.
+    ``figures`` are those of each test; ``same_motion`` those of tests with the motion of ``judged``, the test that is
+    looked at, or else the newest completed one.
     """
 
     newest: tuple[Run, ...]
@@ -36,6 +38,7 @@ class ValvePast:
     same_motion: tuple[PastTest, ...]
     held_against: Baseline | None
     valve: PlantValve | None
+    judged: Run | None = None
 
     @property
     def trends(self) -> tuple[Trend, ...]:
@@ -46,7 +49,26 @@ class ValvePast:
         kind = FIGURE_KINDS[name]
         was = None if self.held_against is None else self.held_against.test.figures.get(name)
         base = None if was is None else was.value
-        return Trend(name, kind.words, kind.unit, tuple(self._points(name)), base, self._limits(name, was))
+        limits, points = self._limits(name, was), tuple(self._points(name))
+        return Trend(name, kind.words, kind.unit, points, base, limits, self._ahead(name, limits))
+
+    def _ahead(self, name: str, limits: tuple[float | None, float | None]) -> Ahead | None:
+        """Return how a figure runs on by the newest test of the motion, unless its baseline is another one now."""
+        run, held = self.judged, self.held_against
+        health = None if run is None or run.analysis is None else run.analysis.get("health")
+        if run is None or health is None or held is None or not self.same_motion:
+            return None
+        is_newest = self.same_motion[0].test_id == run.id
+        if not is_newest or (health.get("baseline") or {}).get("test") != held.test.test_id:
+            return None
+        trend = next((one for one in health.get("trends") or () if one["name"] == name), None)
+        forecast = next((one for one in all_forecasts(health) if one.name == name), None)
+        if trend is None or forecast is None or trend.get("level") is None:
+            return None
+        limit = limits[1] if trend["per_day"] > 0.0 else limits[0]
+        if limit is None:
+            return None
+        return Ahead(float(trend["level"]), limit, forecast.at, forecast.earliest, forecast.latest)
 
     def _limits(self, name: str, was: Figure | None) -> tuple[float | None, float | None]:
         if was is None or self.valve is None:
@@ -82,6 +104,7 @@ def past_of(store: Store, tag: str, valve: PlantValve | None, run: Run | None = 
         same,
         held,
         valve,
+        of_motion,
     )
 
 

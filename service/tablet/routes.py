@@ -25,6 +25,7 @@ from service.report.summary import key_figures
 from service.report.valve_facts import class_facts, identity_facts, safe_position_words, safe_value_words
 from service.runs.again import can_be_analysed
 from service.shown.ending import ending_of
+from service.shown.forecast import forecasts_of
 from service.shown.history import ValvePast, history_row, past_of
 from service.shown.next_step import next_step
 from service.shown.overlays import before_of, overlays_of, words_of
@@ -129,7 +130,7 @@ async def valve_page(request: Request, tag: str, parts: PartsOf, visitor: Visito
         valve = parts.runs.valve(tag)
     except NotFoundError as error:
         return _missing(request, visitor, error)
-    system, due = units_of(request), due_checks(parts)
+    system, due, now = units_of(request), due_checks(parts), datetime.now(UTC)
     past = await asyncio.to_thread(past_of, parts.store, tag, valve)
     last = parts.runs.as_it_stands(past.newest[0]) if past.newest else None
     latest, figures = past.latest, {test.test_id: test for test in past.figures}
@@ -154,6 +155,7 @@ async def valve_page(request: Request, tag: str, parts: PartsOf, visitor: Visito
         else f"/ui/figures/valves/{quote(tag)}/trend.svg?to={latest.id}&"
         + _query(past, latest, system, parts.plant.zone),
         "trend_words": "Friction, spring rate, bench set and dead band over the tests; figures stand below.",
+        "forecasts": [one.sentence(now, parts.plant.zone) for one in forecasts_of(health, now)],
         "next_check": due.get(tag),
         "description": valve.identity.description,
         "identity": [
@@ -324,7 +326,7 @@ def _result(request: Request, parts: Parts, run: Run, past: ValvePast) -> dict[s
         and bool((analysis.get("discrepancy") or {}).get("extended_model")),
         "has_signature": has_signature(analysis.get("signature")),
         "reasons": reasons_beside(health.get("reasons") or (), diagnosis),
-        "key_figures": key_figures(analysis, system),
+        "key_figures": key_figures(analysis, system, parts.plant.zone),
         "figure_rows": shown_rows,
         "figures_missing": figures_missing,
         "parameter_rows": parameter_rows(analysis),

@@ -10,6 +10,7 @@ from typing import Any, Final
 from service.model.run import Run
 from service.model.stands_words import NOT_CONFIRMED, where_it_stands
 from service.parts import Parts
+from service.shown.forecast import forecasts_of
 from service.shown.words import STATES, Condition, condition_of
 from service.store.conditions import ValveStanding, valve_standings
 from service.store.run_table import ValveHead
@@ -32,6 +33,7 @@ class ValveRow:
     friction_n: float | None
     arrow: str
     trend: str
+    forecast: str
     next_check: datetime | None
 
 
@@ -106,6 +108,7 @@ def _row(parts: Parts, tag: str, head: ValveHead | None, due: datetime | None) -
         None if friction is None else friction.get("now"),
         arrow,
         trend,
+        _forecast(health, now),
         due,
     )
 
@@ -117,6 +120,14 @@ def _reason(condition: Condition, last: Run | None, health: Mapping[str, Any]) -
     if condition.code in ("F", "S", "C", "M") and condition.code == health.get("ne107"):  # under test is C, too
         return str(next(iter(health.get("reasons") or ()), ""))
     return ""
+
+
+def _forecast(health: Mapping[str, Any], now: datetime) -> str:
+    """Return which limit is met next, in a few words; empty where none is within a year."""
+    soonest = next(iter(forecasts_of(health, now)), None)
+    if soonest is None:
+        return ""
+    return f"{soonest.limit_words} {soonest.soon(now)}"
 
 
 def _friction_change(health: Mapping[str, Any]) -> Mapping[str, Any] | None:

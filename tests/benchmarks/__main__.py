@@ -39,6 +39,7 @@ from tests.benchmarks import (
     stop_latency,
     stop_service,
     store,
+    trends,
 )
 
 BENCHMARKS: Final[dict[str, Callable[[], Table | list[Table]]]] = {
@@ -70,6 +71,7 @@ COUNTED: Final[dict[str, Callable[[int | None], Table | list[Table]]]] = {
     "stop": stop_latency.run,
     "stop_service": stop_service.run,
     "store": store.run,
+    "trends": trends.run,
 }
 
 

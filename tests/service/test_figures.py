@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from typing import Any
 from xml.etree import ElementTree
@@ -16,7 +17,7 @@ from service.figures.methods import methods_picture
 from service.figures.misfit import time_picture
 from service.figures.signature import NARROW, WIDE, Frame, Layer, friction_over_travel, signature_drawing
 from service.figures.trace import trace_picture
-from service.figures.trend import Trend, TrendPoint, trends_picture, trends_svg
+from service.figures.trend import Ahead, Trend, TrendPoint, trends_picture, trends_svg
 from service.words.units import UnitSystem
 from valve.recording import Recording
 
@@ -236,6 +237,32 @@ def test_a_trend_says_what_its_bars_hold(narrow: bool) -> None:
     spring = trends_picture(_trends()[1:], UnitSystem.SI, UTC)
     assert spring is not None
     assert "bar of friction" not in spring.description
+
+
+def test_a_forecast_is_drawn_on_to_its_limit_where_it_is_near() -> None:
+    last = datetime(2026, 10, 3, 22, 30, tzinfo=UTC)
+
+    def drawn(days: float, latest_days: float | None) -> tuple[list[float], list[Any], str]:
+        latest = None if latest_days is None else last + timedelta(days=latest_days)
+        ahead = Ahead(605.0, 650.0, last + timedelta(days=days), last + timedelta(days=0.5 * days), latest)
+        picture = trends_picture([replace(_trends()[0], limits=(None, 650.0), ahead=ahead)], UnitSystem.SI, UTC)
+        assert picture is not None
+        axes = picture.figure.axes[0]
+        dotted = [line for line in axes.get_lines() if line.get_linestyle() == ":"]
+        ends = [float(one) for line in dotted for one in np.asarray(line.get_ydata(), dtype=np.float64)]
+        assert axes.get_ylim()[1] >= 650.0
+        right = float(axes.get_xlim()[1]) - float(np.asarray(axes.get_lines()[0].get_xdata(), dtype=np.float64)[-1])
+        assert right >= (days if dotted else 0.0)
+        return ends, list(axes.patches), picture.description
+
+    for latest_days in (6.0, 60.0, None):
+        ends, wedge, words = drawn(3.0, latest_days)
+        assert ends == [605.0, 650.0]
+        assert len(wedge) == 1
+        assert "Dotted: the trend on to its limit" in words
+    ends, wedge, words = drawn(5.0, 6.0)  # the tests span two days
+    assert (ends, wedge) == ([], [])
+    assert "Dotted" not in words
 
 
 def test_a_trend_is_drawn_by_the_plants_clock() -> None:
