@@ -99,6 +99,11 @@ def _solved(normal: FloatArray, right: FloatArray, damping: float) -> FloatArray
     return np.asarray(scale * cho_solve(factor, scale * right, check_finite=False))
 
 
+def _is_finite(normal: FloatArray, right: FloatArray) -> bool:
+    """Whether these are numbers: the slopes of a motion that runs away are none, which no factorisation refuses."""
+    return bool(np.isfinite(normal).all() and np.isfinite(right).all())
+
+
 def _within(
     normal: FloatArray, right: FloatArray, damping: float, box: tuple[FloatArray, FloatArray]
 ) -> FloatArray | None:
@@ -160,6 +165,8 @@ def descend(
     squares = model.squares(unknowns, paths)
     for _ in range(steps):
         normal, right = _prior_terms(model, unknowns, model.linearised(unknowns, paths))
+        if not _is_finite(normal, right):
+            break
         gained, box = 0.0, _box(unknowns, model)
         while damping < _MOST_DAMPING:
             step = _within(normal, right, damping, box)
@@ -180,14 +187,17 @@ def descend(
 def concluded(model: Model, unknowns: Unknowns, paths: list[Path], squares: float) -> Found:
     """Return the fit with its covariance and marginal likelihood; an infinite surprise where nothing determines it."""
     one = model.linearised(unknowns, paths)
-    normal, _ = _prior_terms(model, unknowns, one)
+    normal, right = _prior_terms(model, unknowns, one)
+    nowhere = Found(unknowns, paths, model, np.full_like(normal, math.nan), math.inf, math.inf)
+    if not _is_finite(normal, right):
+        return nowhere
     scale = 1.0 / np.sqrt(np.diag(normal))
     scaled = normal * np.outer(scale, scale)
     scaled[np.diag_indices_from(scaled)] += 1.0e-12
     try:
         factor = cho_factor(scaled, lower=True, check_finite=False)
     except LinAlgError:
-        return Found(unknowns, paths, model, np.full_like(normal, math.nan), math.inf, math.inf)
+        return nowhere
     inverse = inverse_of(factor[0]) * np.outer(scale, scale)
     log_determinant = 2.0 * float(np.log(np.diag(factor[0])).sum()) - 2.0 * float(np.log(scale).sum())
     surprise = squares + log_determinant - model.fields.log_determinant + one.log_variances
@@ -254,6 +264,8 @@ def _scatter(model: Model, unknowns: Unknowns, paths: list[Path]) -> float:
     usual_n = math.log(max(_USUAL_SCATTER * static, 1.0e-9))
     loose = model.heated(model.heat, _LOOSE * max(static, 1.0e-9))
     normal, right = _prior_terms(loose, unknowns, loose.linearised(unknowns, paths))
+    if not _is_finite(normal, right):
+        return model.scatter_n
     slopes = model.breakaway_slopes(unknowns, paths)
     # F_s is known by the breakaways alone: what is left is free of their mean
     contrasts = np.linalg.svd(np.ones((1, slopes.shape[0])))[2][1:]

@@ -59,7 +59,7 @@ class _Factor:
     def of(cls, matrix: FloatArray) -> _Factor | None:
         """Return it, None where the matrix is not positive definite as far as numbers go."""
         diagonal = np.diag(matrix)
-        if not np.all(diagonal > 0.0):
+        if not (np.all(diagonal > 0.0) and np.isfinite(matrix).all()):
             return None
         scale = 1.0 / np.sqrt(diagonal)
         scaled = matrix * np.outer(scale, scale)

@@ -11,7 +11,7 @@ import pytest
 
 from estimators.base import Outcome
 from estimators.engine.fields import no_fields
-from estimators.engine.fit import descend
+from estimators.engine.fit import concluded, descend
 from estimators.engine.laws import Law, LawParameter, Laws, Travel, Where
 from estimators.engine.model import Model, Unknowns
 from estimators.engine.noise import PositionNoise
@@ -108,3 +108,15 @@ def test_a_fit_finds_how_much_the_spring_hardens() -> None:
     for heat in (30.0, 3.0, 1.0):
         unknowns, *_ = descend(model.heated(heat, 1.0), unknowns, model.measured_paths(), 8)
     assert unknowns.laws[0] == pytest.approx(true, rel=0.02)
+
+
+def test_a_motion_whose_slopes_are_no_numbers_ends_the_descent_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    model, unknowns = _reading(None)
+    paths = model.followed_paths(unknowns, model.measured_paths())
+    good = model.linearised(unknowns, paths)
+    normal = good.normal.copy()
+    normal[0, 0] = np.inf
+    monkeypatch.setattr(Model, "linearised", lambda *_: replace(good, normal=normal))
+    ended, same, squares = descend(model, unknowns, paths, 3)
+    assert ended is unknowns
+    assert concluded(model, ended, same, squares).surprise == np.inf
