@@ -53,6 +53,7 @@ _HIDDEN_BANDS: Final = 1.5
 _SLOW_ROWS_S: Final = 0.05  # no slip shows in slower ones
 _SEEN: Final = 0.03  # of F_c
 _UNRESOLVED_S: Final = 0.004  # the times of a stem and of a sensor's filter: slower rows do not show them
+_NO_MASS_S: Final = 0.01  # rows so slow show friction that varies as a mass
 _FAR: Final = 3.5  # standard errors
 _NEAR_SHARE: Final = 0.05  # of the balance's value: so near the motion was understood
 _FAR_BETTER: Final = 2.0  # times as wide as the balance's: then the motion does not have what the balance has
@@ -227,6 +228,8 @@ def _concluded(basis: Basis, whole: Dynamic | None, said: str) -> Estimate:
     if reading.samples.period_s > _SLOW_ROWS_S and whole is not None:
         for symbol in ("m", "DV"):
             parameters[symbol] = absent(str(Outcome.TRANSIENTS_NOT_RESOLVED))
+    if reading.samples.period_s > _NO_MASS_S and whole is not None and whole.best.model.fields.count:
+        parameters["m"] = absent(str(Outcome.TRANSIENTS_NOT_RESOLVED))
     if "F_s" not in parameters:
         parameters["F_s"] = absent("fewer than two breakaways from rest were seen")
     hidden = _hidden_jumps(reading, quantities)
