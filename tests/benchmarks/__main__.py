@@ -38,6 +38,7 @@ from tests.benchmarks import (
     stop_latency,
     stop_service,
     store,
+    until,
 )
 
 BENCHMARKS: Final[dict[str, Callable[[], Table | list[Table]]]] = {
@@ -68,6 +69,7 @@ COUNTED: Final[dict[str, Callable[[int | None], Table | list[Table]]]] = {
     "stop": stop_latency.run,
     "stop_service": stop_service.run,
     "store": store.run,
+    "until": until.run,
 }
 
 
