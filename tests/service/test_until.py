@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,18 +13,25 @@ import httpx
 import numpy as np
 import pytest
 
-from drivers.outcome import SampleBlock
+from drivers.outcome import PlayOutcome, SampleBlock
 from service.model.run import Run, RunState, new_run_id
 from service.model.until import early_words, is_met, pairs_of, read_until
+from service.report.of_run import _facts
+from service.routes.run_views import view
 from service.runs.estimate_worker import EstimateWorker
 from service.runs.live import LiveRun
 from service.runs.live_estimates import LiveEstimates
 from service.runs.out_of_family import OutOfFamily
+from service.runs.rig import Order, Watcher
 from service.runs.so_far import estimate_so_far, turns_s
-from service.settings import load_plant
+from service.settings import Plant, load_plant
+from service.shown_units import UnitSystem
 from service.store.journal import JournalWriter
+from service.store.store import Store, open_store
 from tests.rough_valves import RoughCase, case
+from tests.service.fake_rig import FakeRig
 from tests.service.running_service import running_service
+from tests.service.stored_runs import runs_of
 from tests.service.wired_plant import SAFE_PA, TAG, asked_pa, wired_plant
 from valve.errors import InternalError, RequestError
 from valve.nameplate import Actuator, Nameplate
@@ -98,6 +105,47 @@ async def test_a_key_that_was_used_with_another_until_is_refused(client: httpx.A
     other = await client.post("/tests/run", json={**wanted, "until": {"F_s": "6 %"}}, headers=headers)
     assert other.status_code == 422
     assert "another until" in other.json()["detail"]
+
+
+class EarlyRig(FakeRig):
+    """Ends a test after its first ramp up, as one that knew enough."""
+
+    async def play(self, order: Order, watcher: Watcher, stop: asyncio.Event) -> PlayOutcome:
+        assert order.enough is None  # nobody estimates here
+        return replace(await super().play(order, watcher, stop), ended_early_s=4.0)
+
+
+@pytest.fixture
+def store(plant: Plant) -> Iterator[Store]:
+    opened = open_store(plant.service)
+    yield opened
+    opened.close()
+
+
+async def test_the_time_saved_is_kept_less_what_the_way_back_took_longer(plant: Plant, store: Store) -> None:
+    runs, until = runs_of(plant, store, EarlyRig()), {"F_s": "5%", "F_c": "2.50 %"}
+    span = {"low_pa": 10_000.0, "high_pa": 40_000.0}
+    overrides = {"period_s": 8.0, "cycles": 3, **span}
+    started = await runs.start("FV-102", "triangle", overrides, until=until)
+    await runs.wait(started.id, 30.0)
+    await runs.settled()
+    rate = plant.valves["FV-102"].wiring.limits.pressure_rate_pa_per_s
+    kept = store.runs.get(started.id)
+    assert kept.state is RunState.COMPLETED
+    assert kept.until == {"F_s": "5 %", "F_c": "2.5 %"}
+    assert kept.ended_early == {"until": kept.until, "saved_s": round(20.0 - 30_000.0 / rate, 1)}
+    shown = view(kept)
+    assert shown.ended_early is not None
+    assert shown.ended_early.saved_s < 20.0
+    assert shown.until == kept.until
+    (said,) = [words for name, words in dict(_facts(kept, None, UnitSystem.SI, None)).items() if name == "Until"]
+    assert "ended early, as it knew F_s to 5 % and F_c to 2.5 %" in said
+    again = await runs.analyze(kept.id)
+    await runs.settled()
+    assert store.runs.get(again.id).ended_early == kept.ended_early
+    plain = await runs.start("FV-102", "triangle", overrides)
+    await runs.settled()
+    assert (store.runs.get(plain.id).until, store.runs.get(plain.id).ended_early) == (None, None)
 
 
 def test_the_command_line_says_what_is_asked_as_a_request_does() -> None:

@@ -11,7 +11,7 @@ function showEstimate(data) {
     let words = `${name}: not known yet`;
     if (newest) {
       const [low, high] = newest.ci95.map((end) => digits(end / unit.in_si)), percent = 50 * (newest.ci95[1] - newest.ci95[0]) / Math.abs(newest.value);
-      words = `${name}: ${digits(newest.value / unit.in_si)} ${unit.name} (${low} to ${high}), \u00b1${percent.toPrecision(2)} %`;
+      words = `${name}: ${digits(newest.value / unit.in_si)} ${unit.name} (${low} to ${high}), \u00b1${percent.toPrecision(2)}\u00a0%`;
     }
     said.push(words);
     figure.append(element("figcaption", words), strip(soFar.map((one) => one.parameters[symbol]).filter(Boolean).slice(-STRIP_ROWS), words));
