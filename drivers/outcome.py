@@ -87,6 +87,8 @@ class PlayOutcome:
     ``safe_confirmed`` is True only where the safe value was read back from the device, otherwise ``why_unsafe`` says
     why not; ``writes`` counts the write requests that were sent; ``commanded`` is False only where nothing was sent
     that can move the valve. ``stands`` is where the last sample showed the valve, as its stem may move on.
+    ``ended_early_s`` is how long the waveform was played, s, where the test completed before its end because enough is
+    known; None otherwise.
     """
 
     recording: Recording | None
@@ -98,3 +100,4 @@ class PlayOutcome:
     commanded: bool = True
     stands: StandsAt | None = None
     why_unsafe: str = ""
+    ended_early_s: float | None = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 import time
 from collections.abc import Callable
@@ -18,17 +19,24 @@ _GLANCE_PERIOD_S: Final = 0.1  # how often the output is looked at just before i
 
 
 class PolledPlay:
-    """Plays one waveform on a valve by commands and keeps what was seen; ``on_share`` hears what share is done."""
+    """Plays one waveform on a valve by commands and keeps what was seen; ``on_share`` hears what share is done.
+
+    Once ``enough`` is set no further slot is commanded: the motion goes on as at the waveform's end.
+    """
 
     def __init__(
         self,
         course: Course,
         on_samples: Callable[[SampleBlock], None],
         on_share: Callable[[float], None],
+        enough: asyncio.Event | None = None,
     ) -> None:
         self._course = course
         self._on_samples = on_samples
         self._on_share = on_share
+        self._enough = enough
+        #: How long the waveform was played, s, where it was ended before its end because enough is known.
+        self.ended_early_s: float | None = None
         self._rows: PolledRows | None = None
         self._slot = 0
 
@@ -54,6 +62,11 @@ class PolledPlay:
         told_s = glanced_s = start_s
         begun_s, took_s, quickest_s = -math.inf, 0.0, 0.5 * period_s
         while self._slot < self._course.samples:
+            if self._enough is not None and self._enough.is_set():
+                mover.require_leave()  # whoever stops it at the same moment, or a lost permissive, comes first
+                self.ended_early_s = time.monotonic() - start_s
+                self._tell(rows)
+                return
             due_s = start_s + self._slot * period_s
             if due_s - glanced_s >= _GLANCE_PERIOD_S and 2.0 * took_s < period_s:
                 # Just before its slot, in time that nobody needs: the samples keep their grid.

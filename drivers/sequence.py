@@ -59,6 +59,7 @@ async def play_sequence(
     on_intent: OnIntent | None = None,
     permit: str | None = None,
     on_permissives: OnPermissives = lambda _: None,
+    enough: asyncio.Event | None = None,
 ) -> PlayOutcome:
     """Play ``waveform`` on a valve and record it.
 
@@ -71,10 +72,17 @@ async def play_sequence(
     move on every end is an outcome: the valve is sent to its safe value, this is read back, and nothing but the
     release is written afterwards; where it is not confirmed the watchdog stays armed. A cancelled caller gets the
     same, then the cancellation.
+    ``enough``, for polled tests, ends the waveform once it is set; the test completes by the ramp that follows each
+    waveform. A stop at the same moment wins.
     """
     check_waveform(device.tag, waveform, limits)
     buffer = None
     if Mode(mode) is Mode.CAPTURED:
+        if enough is not None:
+            raise ConfigurationError(
+                f"{device.tag}: a captured test is played by the device to its end: to end it once enough is known, "
+                "say acquisition.mode = polled"
+            )
         if device.buffer is None:
             raise ConfigurationError(
                 f"{device.tag}: map {device.unit.map.name} cannot capture: say acquisition.mode = polled"
@@ -91,6 +99,7 @@ async def play_sequence(
         on_progress=on_progress,
         limits=limits,
         permitted=device.wiring.permissives.permit and bool(permit),
+        enough=enough,
     )
     on_progress(0.0, "checking")
     identity = await device.identify()
@@ -184,6 +193,7 @@ class _Play:
         on_progress: OnProgress,
         limits: MotionLimits,
         permitted: bool,
+        enough: asyncio.Event | None,
     ) -> None:
         self.course = course = Course(waveform, period_s)
         self._device = device
@@ -198,7 +208,7 @@ class _Play:
         self._captured: CapturedPlay | None = None
         if buffer is not None:
             self._captured = CapturedPlay(buffer, course, on_samples, self._tell)
-        self._polled = PolledPlay(course, on_samples, self._tell)
+        self._polled = PolledPlay(course, on_samples, self._tell, enough)
         self._notes: list[str] = []
         self._stop, self._wake = stop, wake
         self._watch = PermissiveWatch(device, permitted=permitted, within_s=window_s(period_s), on_lost=wake.set)
@@ -255,7 +265,16 @@ class _Play:
         self._on_progress(1.0, "ended")
         stands = seen_last(device, confirmed=confirmed)
         return PlayOutcome(
-            recording, ended, confirmed, error, tuple(self._notes), device.writes, device.commanded, stands, safe.reason
+            recording,
+            ended,
+            confirmed,
+            error,
+            tuple(self._notes),
+            device.writes,
+            device.commanded,
+            stands,
+            safe.reason,
+            self._polled.ended_early_s if ended is Ended.COMPLETED else None,
         )
 
     async def _told_without_effect(self, error: ValveError | None) -> ValveError | None:

@@ -46,6 +46,7 @@ from service.routes.safety import router as safety_routes
 from service.routes.schedules import router as schedule_routes
 from service.routes.valves import router as valve_routes
 from service.runs.analyst import Analyst
+from service.runs.estimate_worker import EstimateWorker
 from service.runs.renewal import Renewal
 from service.runs.rig import Rig
 from service.runs.service import Runs
@@ -104,14 +105,25 @@ def create_app(
         chosen_rig = rig or WiredRig(plant.buses, software, polling)
         meters = Meters(plant)
         opened.runs.listen(meters.note)
-        runs = Runs(plant, opened, chosen_rig, chosen, software=software, audit=audit, on_samples=meters.note_samples)
+        so_far = EstimateWorker() if analyst is None else None
+        runs = Runs(
+            plant,
+            opened,
+            chosen_rig,
+            chosen,
+            software=software,
+            audit=audit,
+            on_samples=meters.note_samples,
+            estimator=so_far,
+        )
         access = access_of(opened.engine, plant.service.access, audit)
         nightly = Nightly(plant, opened, runs)
         stale = Staleness(plant)
         app.state.parts = Parts(plant, opened, runs, chosen, converter, VERSION, access, audit, nightly, stale, meters)
         try:
             await asyncio.to_thread(note_start, audit, plant, software)
-            if pool is not None:
+            if pool is not None and so_far is not None:
+                await so_far.start()  # a second of a core, before anything moves
                 pool.start()
             await runs.recover()
             app.state.reloader = Reloader(app.state.parts)
@@ -136,7 +148,8 @@ def create_app(
             access.close()
             await asyncio.to_thread(note_end, audit)
             await app.state.parts.drawer.close()
-            if pool is not None:
+            if pool is not None and so_far is not None:
+                await so_far.close()
                 await pool.close()
             opened.close()
 

@@ -22,6 +22,7 @@ from service.cli.signals import ended_by_signals, signals_held_back
 from service.cli.standing import is_astray, looked_at, stands_of
 from service.model.acknowledgement import NOT_THERE
 from service.model.run import Label
+from service.model.until import early_words, pairs_of
 from service.words.sentences import in_units
 from service.words.units import UnitSystem
 from valve.errors import MeasurementError, WireError
@@ -48,6 +49,10 @@ def run(
     permit: Annotated[
         str | None, typer.Option(metavar="NUMBER", help="The work permit, where the valve demands one.")
     ] = None,
+    until: Annotated[
+        list[str] | None,
+        typer.Option(metavar="SYMBOL=PERCENT", help="End once this is known: F_s=5%, F_c=2%, k=1%. Repeat it."),
+    ] = None,
     url: Annotated[
         str, typer.Option(metavar="URL", envvar="BREAKAWAY_URL", help="Address of the service.")
     ] = "http://127.0.0.1:8321",
@@ -56,7 +61,7 @@ def run(
     ] = False,
 ) -> None:
     """Run one test of one valve and print the methods' estimates and the diagnosis. Ctrl-C stops the test."""
-    wanted = {"valve": tag, "sequence": sequence, "label": label, "permit": permit}
+    wanted = {"valve": tag, "sequence": sequence, "label": label, "permit": permit, "until": pairs_of(until or ())}
     overrides = read_overrides(override or ())
     with service_client(url) as client, ended_by_signals():
         location = ""
@@ -130,4 +135,6 @@ def _reason(test: dict[str, Any]) -> str:
 
 def _print_test(console: Console, test: dict[str, Any]) -> None:
     console.print(Text(f"{test['valve']}: {test['sequence']}, test {test['id']}. {stands_of(test)}"))
+    if early := early_words(test.get("until"), test.get("ended_early")):
+        console.print(Text(early))
     print_analysis(console, test["analysis"], test["sequence"])

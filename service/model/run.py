@@ -11,6 +11,7 @@ from enum import StrEnum
 from typing import Any, Final
 
 from drivers.stands_at import StandsAt
+from service.model.until import ENDED_EARLY_KEY
 from valve.errors import NotFoundError
 
 RUN_ID: Final = re.compile(r"[0-9]{8}T[0-9]{6}Z-[0-9a-f]{8}")
@@ -50,6 +51,7 @@ class Run:
     ``commanded`` is whether anything was sent that can move the valve; None while that is open, or was never kept.
     ``note`` and ``work_order`` are what people said of it, ``described_by`` at ``described_at``, its label included.
     ``stands`` is where it was seen to stand after its motion; None while it moves, and where nobody looked.
+    ``until`` is what the test was to know to end early, in percent by symbol; it is stored with ``quality``.
     """
 
     id: str
@@ -85,6 +87,12 @@ class Run:
     work_order: str | None = None
     described_at: datetime | None = None
     described_by: str | None = None
+    until: Mapping[str, str] | None = None
+
+    @property
+    def ended_early(self) -> Mapping[str, Any] | None:
+        """What the test knew when it ended before its sequence did, and the time that saved, s; None otherwise."""
+        return (self.quality or {}).get(ENDED_EARLY_KEY)
 
     @property
     def file_stem(self) -> str:

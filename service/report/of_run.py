@@ -11,8 +11,9 @@ from service.health.comparison import compare
 from service.health.judge import facts_of
 from service.model.acknowledgement import alarm_words
 from service.model.requester import person_of
-from service.model.run import Label, Run
+from service.model.run import Label, Run, RunState
 from service.model.stands_words import where_it_stands
+from service.model.until import early_words
 from service.recordings.place import recording_of
 from service.report.before_after import BeforeAfter, before_after
 from service.report.ended import EndedSource
@@ -139,6 +140,7 @@ def _facts(run: Run, baseline: str | None, system: UnitSystem, zone: tzinfo | No
         ("Schedule", run.schedule),
         ("Began, ended", ", ".join(instant_words(at, zone) for at in (run.started_at, run.motion_ended_at))),
         ("Motion", run.sequence + "".join(f", {key} {value}" for key, value in sorted(run.overrides.items()))),
+        ("Until", early_words(run.until, run.ended_early) if run.state is RunState.COMPLETED else None),
         ("After the motion", in_units(where_it_stands(run), system) or None),
         ("Notes of the driver", "; ".join(str(note) for note in quality.get("notes") or ()) or None),
         ("Recording, SHA-256", run.recording_sha256),

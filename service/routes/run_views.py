@@ -38,6 +38,13 @@ class RunRequest(BaseModel):
         default=None, description="what the test stands for beside a repair: as_found or as_left"
     )
     permit: Permit | None = None
+    until: dict[str, JsonValue] | None = Field(
+        default=None,
+        max_length=8,
+        examples=[{"F_s": "5 %", "F_c": "2 %"}],
+        description="end the sequence, with its usual ramp, at the first turning point at which half of each 95 % "
+        "interval is within this share of its value, after at least 4 breakaways; F_s, F_c, k; polled tests alone",
+    )
 
 
 class RunDescription(BaseModel):
@@ -58,6 +65,13 @@ class RecordingLink(BaseModel):
 
     href: str
     sha256: str
+
+
+class EndedEarly(BaseModel):
+    """A test that ended as soon as it knew what was asked."""
+
+    until: dict[str, str]
+    saved_s: float = Field(description="of the sequence, less what the way back took longer")
 
 
 class StandsView(BaseModel):
@@ -117,6 +131,8 @@ class RunView(RunSummary):
     """One test with all that is known of it."""
 
     run_number: int
+    until: dict[str, str] | None = Field(description="what the test was to know to end before its sequence does")
+    ended_early: EndedEarly | None = Field(description="null where the sequence was played to its end")
     permissives: dict[str, Any] | None = Field(description="what had to hold before the motion, as it was read then")
     needs_acknowledgement: bool = Field(description="whether it bars the next test of the valve until acknowledged")
     acknowledged_at: datetime | None
@@ -165,6 +181,8 @@ def view(run: Run, system: UnitSystem = UnitSystem.SI) -> RunView:
     return RunView(
         **_shared(run, system),
         run_number=run.number,
+        until=run.until,  # type: ignore[arg-type]  # a read-only mapping is copied
+        ended_early=run.ended_early,  # type: ignore[arg-type]
         permissives=run.permissives,  # type: ignore[arg-type]  # a read-only mapping is copied
         needs_acknowledgement=needs_acknowledgement(run),
         acknowledged_at=run.acknowledged_at,

@@ -86,6 +86,7 @@ async def run_test(
         requester=asks.requester,
         label=wanted.label,
         permit=wanted.permit,
+        until=wanted.until,
     )
     headers = {"Location": f"/tests/{run.id}"}
     status = HTTPStatus.ACCEPTED
@@ -186,7 +187,12 @@ async def analyze_test(test_id: str, parts: PartsOf, asks: Asks, response: Respo
 async def watch_test(
     test_id: str, parts: PartsOf, last_event_id: Annotated[str | None, Header(max_length=40)] = None
 ) -> StreamingResponse:
-    """Stream what happens as server-sent events (state, progress, samples, end); it ends when the test ends."""
+    """Stream what happens as server-sent events (state, progress, samples, estimate, notice, end), until the test ends.
+
+    `estimate`: k, F_c, F_s and F_0 by the rows so far, each with `value` and `ci95`, or null; of polled tests, at each
+    turning point and at least every 5 s. `notice`: a `sentence` and its `kind`: `breakaway` (a force twice the last
+    breakaway's) or `enough` (the test ends early).
+    """
     after = int(last_event_id) if last_event_id is not None and last_event_id.isdecimal() else 0
     events = await parts.runs.follow(test_id, after)
     return StreamingResponse(

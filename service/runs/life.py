@@ -22,9 +22,11 @@ from service.buses.bus import BusOwners, Claim
 from service.model.acknowledgement import ENDED_KEY
 from service.model.run import RunState
 from service.model.stands_words import NOT_CONFIRMED
+from service.model.until import ENDED_EARLY_KEY, UNTIL_KEY
 from service.runs.analyst import ANALYSIS_FAILED, Analyst, assessed
 from service.runs.kept_samples import KeptSamples
 from service.runs.live import MOTION_SHARE, LiveRun
+from service.runs.live_estimates import LiveEstimates
 from service.runs.permission import Permission
 from service.runs.quality import recording_quality
 from service.runs.rig import Order, Rig, Watcher
@@ -36,6 +38,7 @@ _LOG = structlog.get_logger(__name__)
 _OF_SERVICE: Final = ("disk", "last_test")
 # The phase in which a device's own samples are fetched: only then, and only where the valve was read back at safe.
 UPLOADING: Final = "uploading"
+RETURNING: Final = "returning"  # the sequence is over, and the valve on its way to its safe value
 _NOTHING_MOVED: Final = " (nothing was moved)"
 AT_SAFE: Final = "at its safe value"  # it was read back; the recording is still to be made
 ENDED: Final = "ended"  # however it did: no sign of how much was done
@@ -59,7 +62,9 @@ class Life:
         audit: AuditLog | None = None,
         together: Sequence[str] = (),
         on_samples: OnSamples = lambda *_: None,
+        estimates: LiveEstimates | None = None,
     ) -> None:
+        self._estimates = estimates
         self._looks = looks
         self._at_rest_s: float | None = None  # when the valve was brought to its safe value (monotonic)
         self._is_given_back = False
@@ -93,6 +98,8 @@ class Life:
         finally:
             if self._kept is not None:
                 self._kept.close()
+            if self._estimates is not None:
+                self._estimates.end()
             self._live.at_rest.set()
             self._live.motion_ended.set()
             self._give_back()
@@ -240,7 +247,7 @@ class Life:
             changes["quality"] = await asyncio.to_thread(recording_quality, outcome.recording, outcome.notes)
         else:
             changes["quality"] = {"samples": 0, "notes": list(outcome.notes)}
-        changes["quality"] |= {ENDED_KEY: outcome.ended.value, "writes": outcome.writes}
+        changes["quality"] |= {ENDED_KEY: outcome.ended.value, "writes": outcome.writes, **self._early(outcome)}
         unwritten = await self._end_in_audit(outcome)
         stopped = self._live.stop_reason if outcome.ended is Ended.STOPPED else ""
         faults = [text for text in (self._disk_error, unwritten, str(outcome.error or ""), stopped) if text]
@@ -259,6 +266,24 @@ class Life:
                 await asyncio.to_thread(self._store.journal_path(self._live.run.id).unlink, missing_ok=True)
             except OSError as error:  # the next start removes it
                 _LOG.warning("journal not removed", test=self._live.run.id, error=str(error))
+
+    def _early(self, outcome: PlayOutcome) -> dict[str, Any]:
+        """Return what the test was to know, and the time, s, that was saved where it knew that before its end.
+
+        The way back to the safe value from where it ended may be longer than from the sequence's end.
+        """
+        until, early_s = self._live.run.until, outcome.ended_early_s
+        if until is None:
+            return {}
+        kept: dict[str, Any] = {UNTIL_KEY: dict(until)}
+        if early_s is not None:
+            waveform, limits = self._order.waveform, self._order.valve.wiring.limits
+            safe_pa = self._rest(True).safe_pa or 0.0
+            back_pa, usual_pa = (abs(float(waveform.at(at_s)) - safe_pa) for at_s in (early_s, waveform.duration_s))
+            longer_s = (back_pa - usual_pa) / limits.pressure_rate_pa_per_s
+            saved_s = max(0.0, waveform.duration_s - early_s - longer_s)
+            kept[ENDED_EARLY_KEY] = {"until": dict(until), "saved_s": round(saved_s, 1)}
+        return kept
 
     async def _analyze(self, analyst: Analyst) -> None:
         run = self._live.run
@@ -330,9 +355,10 @@ class Life:
     async def _end_in_audit(self, outcome: PlayOutcome) -> str:
         """Write how the motion ended; return why that could not be written."""
         details = {"ended": outcome.ended.value, "safe_confirmed": outcome.safe_confirmed, "writes": outcome.writes}
+        early = {} if outcome.ended_early_s is None else {"ended_early_s": round(outcome.ended_early_s, 3)}
         reason = {} if outcome.error is None else {"error": str(outcome.error)}
         try:
-            await self._in_audit("motion.ended", {**details, **reason})
+            await self._in_audit("motion.ended", {**details, **early, **reason})
         except AuditError as error:
             return f"the end of the motion is not in the audit log: {error}"
         return ""
@@ -348,9 +374,13 @@ class Life:
     def _on_written(self, block: SampleBlock) -> None:
         if not self._disk_error:
             self._live.samples(block)
+            if self._estimates is not None:
+                self._estimates.samples(block)
             self._on_kept(self._live.run.valve, block)
 
     def _on_progress(self, share: float, phase: str) -> None:
+        if phase in (RETURNING, AT_SAFE, ENDED) and self._estimates is not None:
+            self._estimates.end()
         if phase in (AT_SAFE, UPLOADING) and not self._live.at_rest.is_set():
             self._tell_rest(confirmed=True)
         if phase == UPLOADING:

@@ -19,7 +19,8 @@ from valve.waveform import Waveform
 class Order:
     """One motion that is asked for: which valve, which waveform, and the number that fences it.
 
-    ``permit`` is the work permit that the request named, where the valve demands one.
+    ``permit`` is the work permit that the request named, where the valve demands one. ``enough`` is set where the
+    test need not be played to its end.
     """
 
     valve: PlantValve
@@ -27,6 +28,7 @@ class Order:
     sequence: str
     run_number: int
     permit: str | None = None
+    enough: asyncio.Event | None = None
 
 
 @dataclass(frozen=True, slots=True)

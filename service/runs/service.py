@@ -14,13 +14,14 @@ from weakref import WeakValueDictionary
 
 import structlog
 
-from drivers.addresses import BusAddress
+from drivers.addresses import BusAddress, Mode
 from service.audit.log import AuditLog
 from service.config.settings import Plant, PlantValve
 from service.model.acknowledgement import acknowledged, ended_badly, is_moving
 from service.model.requester import LOCAL, Requester
 from service.model.run import Label, Run, RunState, checked_run_id, new_run_id
 from service.model.sequences import choose_waveform
+from service.model.until import as_asked, read_until
 from service.recordings.place import recording_of
 from service.runs.again import analyse_again, begun_again, can_be_analysed
 from service.runs.analyst import Analyst
@@ -29,6 +30,7 @@ from service.runs.events import Event
 from service.runs.gate import Gate
 from service.runs.life import Life, OnSamples
 from service.runs.live import LiveRun, LiveRuns
+from service.runs.live_estimates import Estimator, LiveEstimates
 from service.runs.permission import Permission
 from service.runs.recovery import Recovery
 from service.runs.rig import Order, Rig
@@ -38,12 +40,31 @@ from service.runs.tasks import Tasks
 from service.store.run_table import RunFilter
 from service.store.store import Store
 from valve.errors import BusyError, ElsewhereError, InternalError, NotFoundError, RequestError
+from valve.waveform import Waveform
 
 _LOG = structlog.get_logger(__name__)
 _SOON_S: Final = 1.0  # whoever asks so shortly before a stem is looked at waits for that
 _LOOK_S: Final = 0.01
 _END_TOLD_S: Final = 1.0  # a stop that is carried out is answered so much later at most
 _STORE_AGAIN_S: Final = 2.0  # a look at the disk costs nothing, and somebody may be freeing it
+
+
+def _until_of(valve: PlantValve, sequence: str | None, until: Mapping[str, Any] | None) -> Mapping[str, str] | None:
+    """Return what a test is to know to end early. Raises RequestError where it cannot end so."""
+    tag = valve.nameplate.tag
+    wish = read_until(tag, until)
+    if wish is None:
+        return None
+    if sequence == SEPARATING:
+        raise RequestError(
+            f"{tag}: sequence {SEPARATING} takes no until, as causes are separated by all of it: drop it"
+        )
+    if valve.wiring.acquisition.mode is not Mode.POLLED:
+        raise RequestError(
+            f"{tag}: until needs a polled test, acquisition.mode is {valve.wiring.acquisition.mode.value} and its "
+            "device plays to the end: say acquisition.mode = polled in plant.toml, or drop until"
+        )
+    return as_asked(wish)
 
 
 class Runs:
@@ -59,8 +80,10 @@ class Runs:
         software: str,
         audit: AuditLog | None = None,
         on_samples: OnSamples = lambda *_: None,
+        estimator: Estimator | None = None,
     ) -> None:
         self._on_samples = on_samples
+        self._estimator = estimator
         self._plant = plant
         self._store = store
         self._rig = rig
@@ -109,18 +132,21 @@ class Runs:
         schedule: str | None = None,
         label: Label | None = None,
         permit: str | None = None,
+        until: Mapping[str, Any] | None = None,
     ) -> Run:
         """Start a test; its intent is on disk when this returns. A known key returns the run that it asked for first.
 
         Without a sequence the usual one is run, or the one that the valve's limits allow; ``separating`` is what the
         last completed test asks for, and is analysed together with it. ``schedule`` names the one
-        that asks, ``permit`` the work permit where the valve demands one.
+        that asks, ``permit`` the work permit where the valve demands one. ``until`` is how well figures are to be
+        known for the test to end before its sequence does (``service.model.until``).
 
         Raises NotFoundError, ElsewhereError, BusyError, PermissiveError, WaveformError and RequestError; then nothing
         was stored and nothing moves.
         """
         valve = self.valve(tag)
         self._check_gateway(tag)
+        wish = _until_of(valve, sequence, until)
         together: tuple[str, ...] = ()
         if sequence is not None:
             check_name(sequence)
@@ -131,9 +157,9 @@ class Runs:
             known = await self._asked_before(asked, permit)
             if known is not None:
                 return known
-            wish = await asyncio.to_thread(separating_of, self._store, tag)
-            choice = choose_waveform(wish.sequence, wish.overrides, valve.nameplate, valve.wiring.limits)
-            together = wish.tests
+            told = await asyncio.to_thread(separating_of, self._store, tag)
+            choice = choose_waveform(told.sequence, told.overrides, valve.nameplate, valve.wiring.limits)
+            together = told.tests
         else:
             choice = choose_waveform(sequence, overrides, valve.nameplate, valve.wiring.limits)
         self._rig.check(valve, choice.waveform)
@@ -148,6 +174,7 @@ class Runs:
             schedule=schedule,
             gateway=self._plant.service.gateway,
             label=label,
+            until=wish,
         )
         await self._looked_at(tag)
         async with self._gate.turn(valve):
@@ -157,8 +184,10 @@ class Runs:
             if self._closing:
                 raise BusyError(f"{tag}: the service is shutting down: repeat the request when it is back")
             stored, claim = await self._gate.admit(wanted, valve, permit)
-            live = self._live.begin(stored)
-            order = Order(valve, choice.waveform, choice.name, stored.number, permit)
+            live = self._live.begin(replace(stored, until=wish))
+            estimates = self._estimates(live, valve, choice.waveform)
+            enough = estimates.enough if estimates is not None and wish is not None else None
+            order = Order(valve, choice.waveform, choice.name, stored.number, permit, enough)
             life = Life(
                 live,
                 order,
@@ -169,11 +198,25 @@ class Runs:
                 audit=self._audit,
                 together=together,
                 on_samples=self._on_samples,
+                estimates=estimates,
             )
             self._carrying[stored.id] = self._tasks.spawn(self._carry_out(life, live))
         because = {"because": choice.reason} if choice.reason else {}
         _LOG.info("test accepted", test=stored.id, valve=tag, sequence=choice.name, run_number=stored.number, **because)
         return live.run
+
+    def _estimates(self, live: LiveRun, valve: PlantValve, waveform: Waveform) -> LiveEstimates | None:
+        """Return what estimates a test while it runs; None where nobody can, and where its device plays by itself."""
+        if self._estimator is None or valve.wiring.acquisition.mode is not Mode.POLLED:
+            return None
+        return LiveEstimates(
+            live,
+            waveform,
+            nameplate=valve.nameplate,
+            journal=self._store.journal_path(live.run.id),
+            estimator=self._estimator,
+            spawn=self._tasks.spawn,
+        )
 
     async def _carry_out(self, life: Life, live: LiveRun) -> None:
         """Let a test run to its end; an end that the store could not take is stored as soon as it can be.
@@ -276,7 +319,16 @@ class Runs:
 
     async def _asked_before(self, wanted: Run, permit: str | None) -> Run | None:
         known = await self._gate.known(wanted, permit)
-        return None if known is None else await self.get(known.id)
+        if known is None:
+            return None
+        run = await self.get(known.id)
+        is_kept = run.quality is not None or not run.state.finished  # of a test that was cut off it is not
+        if is_kept and run.until != wanted.until:
+            raise RequestError(
+                f"Idempotency-Key {wanted.idempotency_key!r} was used with another until (test {known.id}): "
+                "choose a new key for a new test"
+            )
+        return run
 
     async def get(self, run_id: str) -> Run:
         """Return a run as it stands now. Raises NotFoundError."""

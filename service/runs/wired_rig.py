@@ -106,6 +106,7 @@ class WiredRig:
                         on_intent=watcher.on_intent,
                         permit=order.permit,
                         on_permissives=watcher.on_permissives,
+                        enough=order.enough,
                     )
             finally:
                 if device.commanded:

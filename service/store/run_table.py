@@ -14,6 +14,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 
 from drivers.stands_at import StandsAt, StemVerdict
 from service.model.run import Label, Run, RunState
+from service.model.until import UNTIL_KEY
 from service.store.figure_table import write_figures
 from service.store.schema_health import FIGURES
 from service.store.schema_nightly import VALVE_HEALTHS, VALVE_STATES
@@ -117,6 +118,7 @@ def _as_run(values: dict[str, Any]) -> Run:
     values["state"] = RunState(values["state"])
     values["label"] = None if values["label"] is None else Label(values["label"])
     values["stands"] = None if values["stands"] is None else StandsAt.from_json(values["stands"])
+    values["until"] = (values["quality"] or {}).get(UNTIL_KEY)
     return Run(**values)
 
 

@@ -12,12 +12,14 @@ from zoneinfo import ZoneInfo
 
 from fastapi import APIRouter, Depends, Query, Request, Response
 
+from drivers.addresses import Mode
 from service.figures.methods import all_estimates, can_compare
 from service.figures.signature import has_signature
 from service.health.judge import facts_of
 from service.model.acknowledgement import alarm_words, needs_acknowledgement
-from service.model.run import Run
+from service.model.run import Run, RunState
 from service.model.stands_words import where_it_stands
+from service.model.until import early_words
 from service.parts import Parts, parts_of
 from service.report.before_after import BeforeAfter, before_after
 from service.report.of_run import repair_sentences
@@ -55,6 +57,8 @@ router = APIRouter(include_in_schema=False)
 PartsOf = Annotated[Parts, Depends(parts_of)]
 
 _HISTORY: Final = 20
+_SOON: Final = "The first estimate comes at the first turning point."
+_NO_ESTIMATES: Final = "The device samples by itself: the estimates come when its samples are fetched."
 
 
 @router.get("/")
@@ -271,11 +275,16 @@ def _live(parts: Parts, run: Run, system: UnitSystem) -> dict[str, Any]:
     """Return what the live trace needs besides the events: its scales, and the pressure as it is planned."""
     units = {
         name: {"name": unit.name, "in_si": unit.in_si}
-        for name, unit in (("length", shown_unit("m", system)), ("pressure", shown_unit("Pa", system)))
+        for name, unit in (
+            ("length", shown_unit("m", system)),
+            ("pressure", shown_unit("Pa", system)),
+            ("force", shown_unit("N", system)),
+        )
     }
     valve = parts.plant.valves.get(run.valve)
     if valve is None:
-        return {"units": units, "plan": None, "travel_m": 0.1, "pressure_pa": [0.0, 1.0e5], "duration_s": 60.0}
+        scales = {"plan": None, "travel_m": 0.1, "pressure_pa": [0.0, 1.0e5], "duration_s": 60.0}
+        return {"units": units, "estimates": _NO_ESTIMATES, **scales}
     try:
         waveform = waveform_of(valve, run, parts.store)
         plan, duration_s = planned_line(waveform), waveform.duration_s
@@ -283,6 +292,7 @@ def _live(parts: Parts, run: Run, system: UnitSystem) -> dict[str, Any]:
         plan, duration_s = None, valve.wiring.limits.longest_test_s
     return {
         "units": units,
+        "estimates": _SOON if valve.wiring.acquisition.mode is Mode.POLLED else _NO_ESTIMATES,
         "plan": plan,
         "duration_s": duration_s,
         "travel_m": valve.nameplate.actuator.travel_m,
@@ -295,6 +305,7 @@ def _result(request: Request, parts: Parts, run: Run, past: ValvePast) -> dict[s
     baseline = None if past.baseline is None or past.baseline.id == run.id else past.baseline.analysis
     shown: dict[str, Any] = {
         "analysis": analysis,
+        "ended_early": early_words(run.until, run.ended_early) if run.state is RunState.COMPLETED else "",
         "ne107": alarm_condition(run) or NE107.get(health.get("ne107") or ""),
         "reasons": health.get("reasons") or (),
         "may_be_baseline": (health.get("acceptance") or {}).get("passed") is False

@@ -16,6 +16,7 @@ PARTS: Final = (
     "permissives",
     "start",
     "stop",
+    "estimates",
     "live",
     "signature",
     "recordings",

@@ -40,6 +40,7 @@ from tests.benchmarks import (
     stop_service,
     store,
     trends,
+    until,
 )
 
 BENCHMARKS: Final[dict[str, Callable[[], Table | list[Table]]]] = {
@@ -72,6 +73,7 @@ COUNTED: Final[dict[str, Callable[[int | None], Table | list[Table]]]] = {
     "stop_service": stop_service.run,
     "store": store.run,
     "trends": trends.run,
+    "until": until.run,
 }
 
 

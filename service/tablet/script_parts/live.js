@@ -106,6 +106,8 @@ if ($("live")) {
       data.time_s.forEach((time, place) => points.push([time, data.position_m[place], data.pressure_pa[place], data.command_pa[place]]));
       isDirty = isNew = true;
     },
+    estimate: showEstimate,
+    notice: showNotice,
     progress(data) {
       done = data.progress;
       isNew = true;

@@ -1,0 +1,96 @@
+"""``until``: how well a test must know its figures to end before its sequence does, and whether it knows them so."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any, Final
+
+from valve.errors import RequestError
+
+#: Of a run's quality: what was asked for, in percent by symbol, and how much time that saved.
+UNTIL_KEY: Final = "until"
+ENDED_EARLY_KEY: Final = "ended_early"
+#: What a test can be ended by: figures that are never 0, so that a share of them means something.
+SYMBOLS: Final = ("F_s", "F_c", "k")
+#: Own choice: with fewer an interval says little, whatever its width.
+FEWEST_BREAKAWAYS: Final = 4
+_LOW_PERCENT: Final = 0.5
+_HIGH_PERCENT: Final = 50.0
+_PERCENT: Final = re.compile(r"\s*(\d{1,6}(?:\.\d{1,6})?)\s*%\s*")
+_REMEDY: Final = 'write it as {"F_s": "5 %", "F_c": "2 %"}'
+
+
+def read_until(tag: str, asked: Mapping[str, Any] | None) -> dict[str, float] | None:
+    """Return what is asked for, in percent by symbol; None where nothing is.
+
+    Raises RequestError for an unknown symbol, for what is no percentage, and for one below 0.5 % or above 50 %.
+    """
+    if asked is None:
+        return None
+    if not asked:
+        raise RequestError(f"{tag}: until is empty, it needs at least 1 of {', '.join(SYMBOLS)}: {_REMEDY}")
+    return {symbol: _percent(tag, symbol, value) for symbol, value in asked.items()}
+
+
+def _percent(tag: str, symbol: str, value: Any) -> float:
+    if symbol not in SYMBOLS:
+        raise RequestError(f"{tag}: until.{symbol[:32]} is unknown: choose one of {', '.join(SYMBOLS)}")
+    found = _PERCENT.fullmatch(value) if isinstance(value, str) else None
+    if found is None:
+        raise RequestError(f"{tag}: until.{symbol} is {str(value)[:32]!r}, it must be a percentage: {_REMEDY}")
+    percent = float(found.group(1))
+    if not _LOW_PERCENT <= percent <= _HIGH_PERCENT:
+        limit = f"at least {_LOW_PERCENT:g} %" if percent < _LOW_PERCENT else f"at most {_HIGH_PERCENT:g} %"
+        raise RequestError(f"{tag}: until.{symbol} is {percent:g} %, it must be {limit}: {_REMEDY}")
+    return percent
+
+
+def pairs_of(texts: Iterable[str]) -> dict[str, str] | None:
+    """Return SYMBOL=PERCENT texts of a command line as the field of a request; None where there is none.
+
+    Raises RequestError for a text of another form.
+    """
+    found: dict[str, str] = {}
+    for text in texts:
+        symbol, separator, percent = text.partition("=")
+        if not separator:
+            raise RequestError(f"--until {text!r}: write it as SYMBOL=PERCENT: F_s=5%")
+        found[symbol.strip()] = percent.strip()
+    return found or None
+
+
+def half_width_percent(entry: Mapping[str, Any] | None) -> float:
+    """Half of the 95 % interval in percent of the value; infinite where there is none."""
+    if entry is None or not entry.get("value") or entry.get("ci95") is None:
+        return math.inf
+    low, high = entry["ci95"]
+    return float(50.0 * (high - low) / abs(entry["value"]))
+
+
+def as_asked(until: Mapping[str, float]) -> dict[str, str]:
+    """Return what is asked for as a request says it."""
+    return {symbol: f"{percent:g} %" for symbol, percent in until.items()}
+
+
+def is_met(until: Mapping[str, float], estimate: Mapping[str, Any]) -> bool:
+    """Whether an estimate so far knows all that was asked for: from at least 4 breakaways, and by no assumption."""
+    if estimate["status"] != "ok" or estimate["breakaways"] < FEWEST_BREAKAWAYS:
+        return False
+    return all(half_width_percent(estimate["parameters"].get(symbol)) <= most for symbol, most in until.items())
+
+
+def early_words(until: Mapping[str, str] | None, ended_early: Mapping[str, Any] | None) -> str:
+    """Return how a test ended that was to end once it knew enough, as a sentence; "" of any other test."""
+    if until is None:
+        return ""
+    asked = " and ".join(f"{symbol} to {percent}" for symbol, percent in until.items())
+    if ended_early is None:
+        return f"The test was to end once it knew {asked}: it did not, and played its whole sequence."
+    return f"The test ended early, as it knew {asked}: {ended_early['saved_s']:.0f} s were saved."
+
+
+def until_words(until: Mapping[str, float]) -> str:
+    """Return what was asked for in words: ``F_s to 5 % and F_c to 2 %``."""
+    return " and ".join(f"{symbol} to {percent:g} %" for symbol, percent in until.items())

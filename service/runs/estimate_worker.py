@@ -1,0 +1,91 @@
+"""The process that estimates what running tests show so far, and its owner.
+
+A job is ``{"journal": "...", "nameplate": {...}}``, its answer ``{"so_far": {...} | null}``; otherwise as
+``service.workers.analysis_worker``. It is a process of its own, as an analysis takes 20 s of its worker and an
+estimate 0.1 s.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final, TextIO
+
+from service.config.nameplates import nameplate_from_mapping
+from service.runs.so_far import estimate_so_far
+from service.store.journal import recording_from_journal
+from service.workers.analysis_pool import AnalysisPool
+from service.workers.priority import end_with_parent
+from valve.errors import ValveError
+from valve.motion import simulate_waveform
+from valve.nameplate import Nameplate
+from valve.parameter_sets import PARAMETER_SETS
+from valve.recording import Recording
+from valve.waveform import triangle
+
+WORKER: Final = (sys.executable, "-m", "service.runs.estimate_worker")
+_LIMIT_S: Final = 20.0  # of processor time; most take 0.1 s, and the first of a kind is compiled
+
+
+class EstimateWorker(AnalysisPool):
+    """One worker process for the estimates of all tests that run; started anew where it ended."""
+
+    def __init__(self, *, command: Sequence[str] = WORKER, limit_s: float = _LIMIT_S) -> None:
+        super().__init__(time_limit_s=limit_s, command=command)
+
+    async def estimate(self, journal: Path, nameplate: Nameplate) -> dict[str, Any] | None:
+        """Return what the journal of a running test shows so far; None where it holds too little.
+
+        Raises InternalError where the worker crashed or took too long.
+        """
+        async with self._turn:
+            answer = await self._attempt({"journal": str(journal), "nameplate": asdict(nameplate)}, None)
+        found = answer["so_far"]
+        return None if found is None else dict(found)
+
+
+def main() -> None:
+    """Work until standard input closes."""
+    end_with_parent()
+    with os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8") as answers:
+        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a library prints is no answer
+        _warm_up()
+        with contextlib.suppress(BrokenPipeError):  # the owner may be gone: then there is nobody left to tell
+            _answer(answers, {"ready": True})
+            for line in sys.stdin:
+                _answer(answers, {"so_far": _so_far(json.loads(line))})
+
+
+def _so_far(job: dict[str, Any]) -> dict[str, Any] | None:
+    try:
+        recording = recording_from_journal(Path(job["journal"]))
+        if recording is None:
+            return None
+        return estimate_so_far(recording, nameplate_from_mapping(job["nameplate"], "nameplate"))
+    except (OSError, ValveError):  # the test has ended and its journal is gone, or it shows nothing yet
+        return None
+
+
+def _warm_up() -> None:
+    """Estimate a short simulated test, so that what is compiled at first use is there."""
+    valve = PARAMETER_SETS["nominal"]
+    area_m2 = valve.nameplate.actuator.diaphragm_area_m2
+    assert area_m2 is not None
+    waveform = triangle(4.0, 2, 0.0, 82737.0)
+    motion = simulate_waveform(valve.parameters, waveform, area_m2, 0.02)
+    recording = Recording(motion.time_s, motion.position_m, pressure_pa=waveform.at(motion.time_s))
+    estimate_so_far(recording, valve.nameplate)
+
+
+def _answer(answers: TextIO, message: dict[str, Any]) -> None:
+    answers.write(json.dumps(message, allow_nan=False) + "\n")
+    answers.flush()
+
+
+if __name__ == "__main__":
+    main()
