@@ -13,6 +13,7 @@ from fastapi import FastAPI
 from fastapi.responses import HTMLResponse
 from pydantic import BaseModel
 
+from drivers.addresses import Mode
 from service.access.access import access_of
 from service.access.gate import Gate
 from service.access.needs import OPEN_TO_ALL, rights
@@ -123,7 +124,8 @@ def create_app(
         try:
             await asyncio.to_thread(note_start, audit, plant, software)
             if pool is not None and so_far is not None:
-                await so_far.start()  # a second of a core, before anything moves
+                if any(valve.wiring.acquisition.mode is Mode.POLLED for valve in plant.valves.values()):
+                    await so_far.start()  # a second of a core, before anything moves
                 pool.start()
             await runs.recover()
             app.state.reloader = Reloader(app.state.parts)
