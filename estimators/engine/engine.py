@@ -47,6 +47,7 @@ _COMMANDED: Final = (
 _HIDDEN: Final = "the I/P's lag hides it where friction varies: measure the pressure at the actuator"
 _SLOW_STEPS: Final = "the pressure's own lag after each step hides it where friction varies: repeat with several ramps"
 _ONE_SPEED: Final = "it takes a drive that is accelerated, and several speeds"
+_CREEPING: Final = "the stem was driven at hardly more than its limit velocity: repeat with faster ramps"
 _SMOOTHED_S: Final = 0.05
 _TURNED: Final = 0.1  # of the force's range
 _HIDDEN_BANDS: Final = 1.5
@@ -54,6 +55,7 @@ _SLOW_ROWS_S: Final = 0.05  # no slip shows in slower ones
 _SEEN: Final = 0.03  # of F_c
 _UNRESOLVED_S: Final = 0.004  # the times of a stem and of a sensor's filter: slower rows do not show them
 _NO_MASS_S: Final = 0.01  # rows so slow show friction that varies as a mass
+_CREEPS: Final = 0.01  # of F_c, that creeping leaves open
 _FAR: Final = 3.5  # standard errors
 _NEAR_SHARE: Final = 0.05  # of the balance's value: so near the motion was understood
 _FAR_BETTER: Final = 2.0  # times as wide as the balance's: then the motion does not have what the balance has
@@ -230,6 +232,8 @@ def _concluded(basis: Basis, whole: Dynamic | None, said: str) -> Estimate:
             parameters[symbol] = absent(str(Outcome.TRANSIENTS_NOT_RESOLVED))
     if reading.samples.period_s > _NO_MASS_S and whole is not None and whole.best.model.fields.count:
         parameters["m"] = absent(str(Outcome.TRANSIENTS_NOT_RESOLVED))
+    if whole is not None and whole.creeping.get("F_c", 0.0) > _CREEPS * found.known("F_c").value:
+        parameters["m"] = absent(_CREEPING)
     if "F_s" not in parameters:
         parameters["F_s"] = absent("fewer than two breakaways from rest were seen")
     hidden = _hidden_jumps(reading, quantities)
