@@ -252,6 +252,12 @@ class ValveWiring:
     def __post_init__(self) -> None:
         refuse(ConfigurationError, [safe_value_fault(self.tag, self.safe_value_pa, self.limits)])
 
+    @property
+    def buses(self) -> frozenset[str]:
+        """Names of the buses that a test of this valve needs."""
+        points = (self.command, self.position, self.pressure, *self.permissives.points)
+        return frozenset(point.bus for point in points if point is not None)
+
 
 def safe_value_fault(tag: str, safe_value_pa: float | Literal["entry"], limits: MotionLimits) -> str:
     """Return why a safe value does not fit the limits; "" where it does."""

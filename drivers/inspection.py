@@ -14,7 +14,8 @@ from drivers.course import Course
 from drivers.crc import words_crc16
 from drivers.device import ValveDevice
 from drivers.identity import require_identity
-from drivers.permissives import Permissive, read_permissives
+from drivers.permissive import Permissive
+from drivers.permissives import read_permissives
 from drivers.registers import Block
 from drivers.serial_gauge import SerialGauge
 from drivers.transport import Transport

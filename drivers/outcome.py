@@ -81,6 +81,17 @@ class SafeOutcome:
 
 
 @dataclass(frozen=True, slots=True)
+class Recovered:
+    """How a valve was found, or left: ``safe`` says whether its device shows the safe value, and if not why not.
+
+    ``sent`` is whether a command for it was written.
+    """
+
+    safe: SafeOutcome
+    sent: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class PlayOutcome:
     """What is left of a test: the recording (None where no sample was taken) and the state of the valve.
 

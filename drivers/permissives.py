@@ -8,14 +8,15 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 from drivers.capabilities import Role
 from drivers.device import ValveDevice
 from drivers.outcome import Sample
-from valve.errors import ConfigurationError, DeviceError, EquipmentError, PermissiveError
+from drivers.permissive import Permissive, require_met
+from valve.errors import ConfigurationError, DeviceError, EquipmentError
 
 #: What to do where a device cannot be read at all.
 UNREACHABLE: Final = "look at the device and its wire"
@@ -23,22 +24,6 @@ _LOOKS: Final = 4  # a sample may be lost and the stem must still be seen at res
 _LOOK_PERIOD_S: Final = 0.05
 _STILL_M: Final = 1.0e-3  # where the plant file and the nameplate say nothing
 FRESH_S: Final = 0.5  # that permissives may be old at the first write, or one round of reading them
-
-
-@dataclass(frozen=True, slots=True)
-class Permissive:
-    """One condition. ``met`` is None where the plant has no way to show it and does not ask for it."""
-
-    name: str
-    met: bool | None
-    value: str
-    limit: str
-    remedy: str = ""
-
-    def to_json(self) -> dict[str, bool | str | None]:
-        """Return it as the interface shows it."""
-        remedy = self.remedy if self.met is False else ""
-        return {"name": self.name, "met": self.met, "value": self.value, "limit": self.limit, "remedy": remedy}
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,19 +53,6 @@ class Readiness:
     def is_fresh(self) -> bool:
         """Whether a first write may follow them now."""
         return time.monotonic() <= self.fresh_until_s
-
-
-def require_met(tag: str, permissives: Iterable[Permissive]) -> None:
-    """Raise PermissiveError that names every missing one with its remedy."""
-    missing = missing_words(permissives)
-    if missing:
-        raise PermissiveError(f"{tag}: nothing was moved: {missing}")
-
-
-def missing_words(permissives: Iterable[Permissive]) -> str:
-    """Return every missing one with its value, its limit and its remedy; "" where none is missing."""
-    missing = [one for one in permissives if one.met is False]
-    return "; ".join(f"{one.name}: {one.value}, {one.limit} is needed: {one.remedy}" for one in missing)
 
 
 async def read_permissives(device: ValveDevice, permit: str | None = None, *, owner: int = 0) -> Readiness:

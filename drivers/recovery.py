@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 from drivers.device import ValveDevice
-from drivers.outcome import SafeOutcome
-from drivers.permissives import judge_entry, missing_words, read_permissives
+from drivers.outcome import Recovered, SafeOutcome
+from drivers.permissive import missing_words
+from drivers.permissives import judge_entry, read_permissives
 from valve.errors import EquipmentError
 
 _STEADY_S: Final = 0.5  # a waveform that a device plays by itself may pass its safe value
@@ -19,17 +20,6 @@ _NOT_SENT: Final = {
     None: "its journal is damaged, or of an earlier version, and does not show whether the test commanded the valve: "
     "look at the valve, and bring it to its safe value by hand where it is not there",
 }
-
-
-@dataclass(frozen=True, slots=True)
-class Recovered:
-    """How a valve was found, or left: ``safe`` says whether its device shows the safe value, and if not why not.
-
-    ``sent`` is whether a command for it was written.
-    """
-
-    safe: SafeOutcome
-    sent: bool = False
 
 
 async def recover_valve(device: ValveDevice, run_number: int, *, commanded: bool | None) -> Recovered:

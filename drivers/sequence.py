@@ -19,8 +19,9 @@ from drivers.device import ValveDevice
 from drivers.faults import StandstillError
 from drivers.mover import Mover, OldPermissivesError, StopAskedError
 from drivers.outcome import Ended, PlayOutcome, SafeOutcome, Sample, SampleBlock
+from drivers.permissive import Permissive
 from drivers.permissive_watch import PermissiveWatch
-from drivers.permissives import FRESH_S, Permissive, Readiness, judge_entry
+from drivers.permissives import FRESH_S, Readiness, judge_entry
 from drivers.polled_play import PolledPlay
 from drivers.recent import window_s
 from drivers.rest_look import seen_last

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final, TypeVar
 
-from drivers.addresses import MotionLimits, ValveWiring
+from drivers.addresses import BusAddress, GaugeAddress, MotionLimits, ValveWiring
 from drivers.capabilities import Role
 from drivers.maps import register_map
 from drivers.permissive_rules import Contact, PermissiveRules
@@ -21,6 +21,11 @@ Bus = Transport | SerialGauge
 _Found = TypeVar("_Found")
 
 _TOLERANCE_SHARE: Final = 1.0e-3  # of the pressure limits' span: an output card's own resolution
+
+
+def make_bus(address: BusAddress) -> Bus:
+    """Return the bus at an address; nothing is opened. Raises ConfigurationError where the address is wrong."""
+    return SerialGauge(address) if isinstance(address, GaugeAddress) else Transport(address)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,11 +14,12 @@ from fastapi.responses import HTMLResponse
 from pydantic import BaseModel
 
 from drivers.addresses import Mode
+from drivers.motion.audit_log import AuditLog
+from drivers.motion.orders import MotionLink
 from service.access.access import access_of
 from service.access.gate import Gate
 from service.access.needs import OPEN_TO_ALL, rights
 from service.access.stop_grants import stoppers_known
-from service.audit.log import AuditLog
 from service.audit.service_life import note_end, note_start
 from service.config.settings import Plant
 from service.health.staleness import Staleness
@@ -49,16 +50,13 @@ from service.routes.valves import router as valve_routes
 from service.runs.analyst import Analyst
 from service.runs.estimate_worker import EstimateWorker
 from service.runs.renewal import Renewal
-from service.runs.rig import Rig
 from service.runs.service import Runs
-from service.runs.wired_rig import WiredRig
 from service.schedules.house import nights
 from service.schedules.nightly import Nightly
 from service.store.store import Store, open_store
 from service.tablet.install import install_tablet
 from service.workers.analysis_crew import AnalysisCrew
 from service.workers.polling import Polling
-from service.workers.precedence import Precedence
 
 VERSION: Final = version("breakaway")
 _DESCRIPTION: Final = """\
@@ -77,16 +75,9 @@ class Health(BaseModel):
 
 
 def create_app(
-    plant: Plant,
-    *,
-    store: Store | None = None,
-    rig: Rig | None = None,
-    analyst: Analyst | None = None,
-    precedence: Precedence | None = None,
+    plant: Plant, motion: MotionLink, *, store: Store | None = None, analyst: Analyst | None = None
 ) -> FastAPI:
-    """Return the service of a plant; ``rig`` and ``analyst`` stand in for the wires and the analysis in tests.
-
-    ``precedence`` is what the event loop's thread takes while a valve is polled.
+    """Return the service of a plant whose valves ``motion`` moves; ``analyst`` stands in for the analysis in tests.
 
     The application owns ``store`` and closes it. Without one it opens the plant's own when it starts: BusyError
     where another process has it.
@@ -97,30 +88,32 @@ def create_app(
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         opened = store if store is not None else await asyncio.to_thread(open_store, plant.service)
-        polling = app.state.polling = Polling(precedence)
+        polling = app.state.polling = Polling()
         pool = AnalysisCrew(polling=polling) if analyst is None else None
         converter = Converter()
         chosen = pool if pool is not None else analyst
         assert chosen is not None
         audit = await asyncio.to_thread(AuditLog, opened.folder / "audit", plant.service.gateway or "gateway")
-        chosen_rig = rig or WiredRig(plant.buses, software, polling)
         meters = Meters(plant)
         opened.runs.listen(meters.note)
         so_far = EstimateWorker() if analyst is None else None
         runs = Runs(
             plant,
             opened,
-            chosen_rig,
+            motion,
             chosen,
             software=software,
             audit=audit,
             on_samples=meters.note_samples,
             estimator=so_far,
+            polling=polling,
         )
         access = access_of(opened.engine, plant.service.access, audit)
         nightly = Nightly(plant, opened, runs)
         stale = Staleness(plant)
-        app.state.parts = Parts(plant, opened, runs, chosen, converter, VERSION, access, audit, nightly, stale, meters)
+        app.state.parts = Parts(
+            plant, opened, runs, chosen, converter, VERSION, access, audit, nightly, stale, meters, motion
+        )
         try:
             await asyncio.to_thread(note_start, audit, plant, software)
             if pool is not None and so_far is not None:
@@ -142,10 +135,9 @@ def create_app(
                     await renewal.close()
         finally:
             await runs.shut_down()
+            await motion.close()
             if isinstance(getattr(app.state, "reloader", None), Reloader):
                 await app.state.reloader.close()
-            if precedence is not None:
-                precedence.close()
             await converter.close()
             access.close()
             await asyncio.to_thread(note_end, audit)

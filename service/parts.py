@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 
 from fastapi import Request
 
+from drivers.motion.audit_log import AuditLog
+from drivers.motion.orders import MotionLink
 from service.access.access import Access
-from service.audit.log import AuditLog
 from service.config.settings import Plant
 from service.figures.drawer import Drawer
 from service.health.earlier import EarlierResults
@@ -35,6 +36,7 @@ class Parts:
     nightly: Nightly
     staleness: Staleness
     meters: Meters
+    motion: MotionLink
     drawer: Drawer = field(default_factory=Drawer)
     earlier: EarlierResults = field(default_factory=EarlierResults)
 

@@ -14,6 +14,7 @@ from typing import Final, TypeVar
 import structlog
 from pydantic import BaseModel, Field
 
+from drivers.motion.orders import MotionLostError
 from service.config.settings import Plant, PlantValve, faults_of
 from service.parts import Parts
 from valve.errors import RequestError, ValveError
@@ -68,6 +69,7 @@ class Reloader:
             told = self._told(fresh)
             await asyncio.to_thread(parts.audit.append, "plant.reloaded", who=who, details=told.model_dump())
             told.waiting = self._take_over(fresh)
+            await self._tell_motion()
         _LOG.info("plant file taken over", **told.model_dump())
         return told
 
@@ -107,7 +109,15 @@ class Reloader:
             for tag in [tag for tag in self._waiting if self._parts.runs.user_of(tag) is None]:
                 self._parts.plant.set_valve(tag, self._waiting.pop(tag))
                 self._tell()
+                await self._tell_motion()
                 _LOG.info("valve has its new configuration", valve=tag)
+
+    async def _tell_motion(self) -> None:
+        """Have the motion process read the file, too, but for the valves that wait; one that starts later reads it."""
+        try:
+            await self._parts.motion.reload(self._waiting)
+        except MotionLostError as error:
+            _LOG.warning("motion process has not read the plant file", reason=str(error))
 
     def _tell(self) -> None:
         """Have those read the plant anew who made something of it."""

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from service.buses.bus_lock import FOLDER_VARIABLE
+from drivers.motion.bus_lock import FOLDER_VARIABLE
 from tests.scheduling import WaitingBeside
 
 _locks = tempfile.TemporaryDirectory(prefix="breakaway-locks-")  # removed as the process ends

@@ -12,13 +12,13 @@ from typing import Any, Final, ParamSpec, TypeVar
 
 from sqlalchemy import Engine
 
+from drivers.motion.audit_log import AuditLog
 from service.access.principal import Principal, Role
 from service.access.sessions import Session, Sessions, sha256
 from service.access.stop_grants import StopGrants
 from service.access.throttle import Throttle
 from service.access.tokens import Token, Tokens
 from service.access.users import User, Users
-from service.audit.log import AuditLog
 from service.config.access import AccessSettings
 from service.model.refusals import NotSignedInError
 from service.model.requester import RequesterKind

@@ -6,7 +6,7 @@ import hashlib
 
 import structlog
 
-from service.audit.log import AuditError, AuditLog
+from drivers.motion.audit_log import AuditError, AuditLog
 from service.config.settings import Plant
 
 _LOG = structlog.get_logger(__name__)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from service.audit.entries import Entry, chain_start, read_entry
-from service.audit.log import SUFFIX
+from drivers.motion.audit_entries import Entry, chain_start, read_entry
+from drivers.motion.audit_log import SUFFIX
 from valve.errors import NotFoundError
 
 

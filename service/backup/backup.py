@@ -37,11 +37,11 @@ from alembic.runtime.migration import MigrationContext
 from sqlalchemy import Connection, insert, select
 from sqlalchemy.exc import SQLAlchemyError
 
-from service.audit.log import SUFFIX, AuditLog
+from drivers.motion.audit_log import SUFFIX, AuditLog
+from drivers.motion.synced import sync_folder
 from service.config.settings import Plant
 from service.store.database import connected, newest_revision, open_database
 from service.store.schema import TABLES
-from service.store.synced import sync_folder
 from valve.errors import ConfigurationError, NotFoundError, RequestError
 
 SCHEMA: Final = "breakaway/backup/1"

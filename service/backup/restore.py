@@ -11,7 +11,8 @@ from typing import Any, Final
 from sqlalchemy import Connection, Table, delete, func, select, text
 from sqlalchemy.exc import SQLAlchemyError
 
-from service.audit.log import AuditLog
+from drivers.motion.audit_log import AuditLog
+from drivers.motion.synced import sync_folder
 from service.backup.backup import DATABASE, Manifest, copy_rows, unpack, verified
 from service.config.settings import Plant
 from service.model.run import RunState
@@ -24,7 +25,6 @@ from service.store.schema import TABLES
 from service.store.schema_access import SESSIONS
 from service.store.schema_tests import TESTS
 from service.store.store import Store
-from service.store.synced import sync_folder
 from valve.errors import ConfigurationError, RequestError
 
 _STAGING: Final = ".restore"

@@ -20,6 +20,7 @@ COMMANDS: Final = {
     "init": "A plant file from questions, or from options alone.",
     "import-valves": "Valves of a CSV file into a plant file, all of them or none.",
     "check": "All faults of a plant file at once; with --live every device is read, none is written to.",
+    "motion": "The process that moves the valves of a plant file; the service asks it.",
     "serve": "The service of the plant that a plant file describes.",
     "reload": "A running service reads its plant file again.",
     "simulate": "The valves of a plant file as Modbus slaves.",

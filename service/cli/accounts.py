@@ -14,8 +14,8 @@ from typing import Annotated, Final
 
 import typer
 
+from drivers.motion.audit_log import AuditLog
 from service.access.access import Access, access_of
-from service.audit.log import AuditLog
 from service.config.settings import Plant, load_plant
 from service.store.database import open_database
 from valve.errors import ConfigurationError, RequestError

@@ -10,7 +10,7 @@ from typing import Annotated, Final
 
 import typer
 
-from service.audit.entries import canonical
+from drivers.motion.audit_entries import canonical
 from service.audit.verify import Verdict, entries_of, files_of, verify
 from service.cli.command import Command, CommandGroup
 from valve.errors import ConfigurationError, RequestError

@@ -20,7 +20,7 @@ from service.cli.signals import ENDING_SIGNALS
 from valve.errors import InternalError
 
 _START_TIMEOUT_S: Final = 180.0  # a first start compiles the kernels: 6 s on an idle machine, more on a busy one
-_END_S: Final = 15.0  # the service brings its valves to their safe values first
+_END_S: Final = 15.0  # valves are brought to their safe values first
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,10 +46,10 @@ class DemoProcess:
 
 @contextlib.contextmanager
 def demo_processes(config: Path) -> Iterator[list[DemoProcess]]:
-    """Run the simulated plant and the service of a plant file; at the end both are gone, with what they started."""
+    """Run a simulated plant, what moves its valves, and the service; at the end nothing of them is left."""
     running: list[DemoProcess] = []
     try:
-        for name in ("simulate", "serve"):
+        for name in ("simulate", "motion", "serve"):
             log = config.parent / f"{name}.log"
             command = [sys.executable, "-m", "service.cli", name, "--config", str(config)]
             with log.open("wb") as output:
@@ -67,7 +67,7 @@ async def wait_until_ready(base_url: str, processes: Sequence[DemoProcess], list
     Raises InternalError where one of them has ended, or they are not ready in time.
     """
     deadline = time.monotonic() + _START_TIMEOUT_S
-    simulated, _ = processes
+    simulated = processes[0]
     async with httpx.AsyncClient(base_url=base_url, timeout=10.0) as client:
         while time.monotonic() < deadline:
             for one in processes:
@@ -86,7 +86,7 @@ def _end(processes: list[subprocess.Popen[bytes]]) -> None:
     """Ask for the end, wait for it and at last enforce it; no further signal cuts this short."""
     former = {number: signal.signal(number, signal.SIG_IGN) for number in ENDING_SIGNALS}
     try:
-        for process in processes:  # the service first: its valves need the plant
+        for process in processes:  # the plant last: its valves are brought to their safe values
             process.terminate()
             with contextlib.suppress(subprocess.TimeoutExpired):
                 process.wait(_END_S)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+from pathlib import Path
 from typing import Annotated, Any, Final
 from urllib.parse import quote
 
@@ -12,6 +14,7 @@ from service.cli.client import service_client
 from service.cli.standing import is_astray, is_moving, looked_at, stands_of
 from service.model.acknowledgement import NOT_THERE
 from service.model.run import RUN_ID
+from service.model.stands_words import NOT_CONFIRMED
 from valve.errors import MeasurementError, RequestError, WireError
 
 _OVER: Final = ("completed", "stopped", "failed", "interrupted", "analyzing")
@@ -23,11 +26,23 @@ def stop(
     url: Annotated[
         str, typer.Option(metavar="URL", envvar="BREAKAWAY_URL", help="Address of the service.")
     ] = "http://127.0.0.1:8321",
+    config: Annotated[
+        Path | None,
+        typer.Option(
+            "--config",
+            metavar="FILE",
+            help="The plant file, on the gateway itself: its motion process stops the valve, also without the service.",
+            show_default=False,
+        ),
+    ] = None,
 ) -> None:
     """Stop a test; exit code 0 only where its safe value was read back, and the stem is not known to be elsewhere.
 
     Where the stem still moves it is waited for, as long as plant.toml says.
     """
+    if config is not None:
+        _stop_here(what, config)
+        return
     folder = "tests" if RUN_ID.fullmatch(what) else "valves"
     try:
         with service_client(url) as client:
@@ -35,8 +50,8 @@ def stop(
         test: dict[str, Any] = answer.json()
     except httpx.HTTPError as error:
         raise WireError(
-            f"{url}: no answer ({error}): name the service by --url; a valve whose service is gone goes to its safe "
-            "value by the watchdog of its device"
+            f"{url}: no answer ({error}): name the service by --url, or on the gateway itself the plant file by "
+            "--config: its motion process stops a valve without the service"
         ) from None
     except ValueError:
         raise WireError(f"{url}: its answer is no JSON: is it breakaway?") from None
@@ -63,3 +78,17 @@ def stop(
         print(f"{test['valve']}: {stands_of(test)}")
     if is_astray(test):
         raise MeasurementError(f"{test['valve']}: {NOT_THERE}")
+
+
+def _stop_here(what: str, config: Path) -> None:
+    """Stop a valve by the motion process of this machine."""
+    from drivers.motion.client import stopped_here
+    from service.config.settings import load_plant
+
+    ends = asyncio.run(stopped_here(load_plant(config).service.motion_socket, what, "stopped on the gateway"))
+    if not ends:
+        raise RequestError(f"{what}: no test moves it: there is nothing to stop")
+    for order, end in ends:
+        if not end.outcome.safe_confirmed:
+            raise MeasurementError(f"{order.tag}: {NOT_CONFIRMED}: {end.outcome.why_unsafe or 'look at the valve'}")
+        print(f"{order.tag}: test {order.run_id} is stopped, its safe value was read back; look at its stem")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import socket
 import ssl
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +13,15 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from service.config.errors import Findings
 from service.config.secret_file import secret_fault
-from service.http.hosts import own_names
 from service.model.sequences import SEQUENCES
 
 _HOST: Final = re.compile(r"(?:\*\.)?[A-Za-z0-9](?:[A-Za-z0-9._-]*[A-Za-z0-9])?|\[[0-9A-Fa-f:.]+\]")
+
+
+def own_names() -> tuple[str, ...]:
+    """Return the names of this machine, as it calls itself."""
+    name = socket.gethostname().lower()
+    return (name,) if "." in name else (name, f"{name}.local")
 
 
 class AccessSection(BaseModel):

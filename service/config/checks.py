@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Final
 from drivers.addresses import BusAddress, GaugeAddress, MotionLimits, Point, RtuAddress, ValveWiring
 from drivers.capabilities import Role
 from drivers.maps import register_map
+from drivers.motion.bus_lock import place_of
 from drivers.register_map import RegisterMap
 from drivers.representable import misfits, waveform_misfit
 from drivers.waveform_check import check_waveform
-from drivers.wiring import Bus, Signal, Wired, wire
-from service.buses.bus import make_bus
-from service.buses.bus_lock import place_of
+from drivers.wiring import Bus, Signal, Wired, make_bus, wire
 from service.config.maps import without_wrong
 from service.config.permissives import check_permissives
 from service.model.sequences import build_waveform

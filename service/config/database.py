@@ -8,12 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from sqlalchemy import URL, make_url
-from sqlalchemy.exc import ArgumentError
-
 from service.config.secret_file import read_secret
 
 if TYPE_CHECKING:
+    from sqlalchemy import URL
+
     from service.config.errors import Findings
 
 PASSWORD_VARIABLE: Final = "BREAKAWAY_DATABASE_PASSWORD"
@@ -33,6 +32,8 @@ class DatabaseAddress:
 
         Raises ConfigurationError where the file cannot be read or others may read it; no message holds the password.
         """
+        from sqlalchemy import make_url
+
         url = make_url(self.url)
         if "client_encoding" not in url.query:  # a server whose own is SQL_ASCII would answer in bytes
             url = url.update_query_dict({"client_encoding": "utf8"})
@@ -55,6 +56,9 @@ def database_address(
                 ("service", "database_password_file"), password_file, "there is no service.database", "remove it"
             )
         return None
+    from sqlalchemy import make_url
+    from sqlalchemy.exc import ArgumentError
+
     try:
         parsed = make_url(url)
     except (ArgumentError, ValueError):

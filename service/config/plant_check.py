@@ -10,9 +10,9 @@ from typing import Any, Final
 
 from drivers.addresses import BusAddress, GaugeAddress
 from drivers.inspection import Inspector, ReadOnlyTransport, ValveSeen
+from drivers.motion.bus_lock import BusLocks
 from drivers.serial_gauge import SerialGauge
 from drivers.wiring import Bus
-from service.buses.bus_lock import BusLocks
 from service.config.settings import Plant, PlantValve
 from service.model.sequences import build_waveform, default_of
 from valve.errors import ValveError

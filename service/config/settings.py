@@ -12,6 +12,7 @@ from zoneinfo import ZoneInfo
 from pydantic import BaseModel, ConfigDict, Field
 
 from drivers.addresses import BusAddress, GaugeAddress, RtuAddress, TcpAddress, TlsAddress, ValveWiring
+from drivers.motion.local_socket import NAME
 from drivers.register_map import RegisterMap
 from service.config.access import AccessSection, AccessSettings, access_settings
 from service.config.checks import check_schedules, check_wiring
@@ -94,6 +95,11 @@ class ServiceSettings:
     zone: ZoneInfo | None = None
     plant: str = ""
 
+    @property
+    def motion_socket(self) -> Path:
+        """Where the process that moves valves answers, on this machine alone."""
+        return self.store / NAME
+
 
 @dataclass(frozen=True, slots=True)
 class PlantValve:
@@ -111,8 +117,7 @@ class PlantValve:
     @property
     def buses(self) -> frozenset[str]:
         """Names of the buses that a test of this valve needs."""
-        points = (self.wiring.command, self.wiring.position, self.wiring.pressure, *self.wiring.permissives.points)
-        return frozenset(point.bus for point in points if point is not None)
+        return self.wiring.buses
 
 
 @dataclass(slots=True)

@@ -14,6 +14,7 @@ from fastapi.responses import JSONResponse
 from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
 
+from drivers.motion.orders import MotionLostError
 from service.model.refusals import ForbiddenError, NotSignedInError, ThrottledError
 from service.words.sentences import in_units
 from service.words.spelling import known_keys, unknown_key
@@ -55,6 +56,7 @@ STATUS: Final[dict[type[ValveError], HTTPStatus]] = {
     EquipmentError: HTTPStatus.BAD_GATEWAY,
     DeviceError: HTTPStatus.BAD_GATEWAY,
     MeasurementError: HTTPStatus.UNPROCESSABLE_ENTITY,
+    MotionLostError: HTTPStatus.SERVICE_UNAVAILABLE,
     InternalError: HTTPStatus.INTERNAL_SERVER_ERROR,
 }
 

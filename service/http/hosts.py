@@ -7,7 +7,6 @@ connection arrived is always ours.
 
 from __future__ import annotations
 
-import socket
 from collections.abc import Sequence
 from http import HTTPStatus
 from typing import Final
@@ -24,12 +23,6 @@ _REFUSED: Final = (
     "this service does not answer to the name in Host, or it is none: use one that service.allowed_hosts names, "
     "or add it there"
 )
-
-
-def own_names() -> tuple[str, ...]:
-    """Return the names of this machine, as it calls itself."""
-    name = socket.gethostname().lower()
-    return (name,) if "." in name else (name, f"{name}.local")
 
 
 class Hosts:

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from typing import Final
 
 from drivers.outcome import Ended
-from drivers.permissives import Permissive
+from drivers.permissive import Permissive
 from drivers.stands_at import StemVerdict
 from service.model.run import Run, RunState
 from service.model.stands_words import NOT_CONFIRMED, where_it_stands

@@ -21,7 +21,6 @@ from service.model.run import RunState
 from service.mqtt.metrics import BrokerCollector
 from service.parts import Parts, parts_of
 from service.store.conditions import valve_standings
-from service.workers.precedence import Precedence
 
 router = APIRouter(tags=["service"], responses=PROBLEMS)
 _NE107: Final = ("N", "C", "S", "M", "F")
@@ -125,15 +124,15 @@ class PlantCollector(Collector):
 class PrecedenceCollector(Collector):
     """Whether the thread that polls comes before other work."""
 
-    def __init__(self, precedence: Precedence) -> None:
-        self._precedence = precedence
+    def __init__(self, allowed: bool) -> None:
+        self._allowed = allowed
 
     def collect(self) -> Iterator[Metric]:
         """Yield the one family."""
         yield GaugeMetricFamily(
             "breakaway_polling_precedence",
             "1 where the system allows the thread that polls real-time precedence",
-            float(self._precedence.allowed),
+            float(self._allowed),
         )
 
 
@@ -148,8 +147,8 @@ async def metrics(request: Request, parts: Annotated[Parts, Depends(parts_of)]) 
     registry = CollectorRegistry(auto_describe=False)
     registry.register(PROCESS_COLLECTOR)
     registry.register(PlantCollector(parts))
-    if request.app.state.polling.precedence is not None:
-        registry.register(PrecedenceCollector(request.app.state.polling.precedence))
+    if parts.motion.precedence is not None:
+        registry.register(PrecedenceCollector(parts.motion.precedence))
     if request.app.state.mqtt is not None:
         registry.register(BrokerCollector(request.app.state.mqtt))
     counted = await asyncio.to_thread(generate_latest, registry)

@@ -16,9 +16,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final, TextIO
 
+from drivers.motion.journal import recording_from_journal
 from service.config.nameplates import nameplate_from_mapping
 from service.runs.so_far import estimate_so_far
-from service.store.journal import recording_from_journal
 from service.workers.analysis_pool import AnalysisPool
 from service.workers.priority import end_with_parent
 from valve.errors import ValveError

@@ -10,14 +10,13 @@ from datetime import UTC, datetime
 
 import structlog
 
-from drivers.permissives import require_met
-from service.buses.bus import BusOwners, Claim
-from service.buses.bus_lock import BusLocks
+from drivers.motion.orders import MotionLink, MotionLostError
+from drivers.permissive import require_met
 from service.config.settings import Plant, PlantValve
 from service.model.acknowledgement import last_end
 from service.model.run import Run
+from service.runs.bus_owners import BusOwners, Claim
 from service.runs.permission import Permission, free_disk
-from service.runs.rig import Rig
 from service.store.store import Store
 from valve.errors import BusyError, PermissiveError, RequestError
 
@@ -39,11 +38,10 @@ def _refusals_logged(wanted: Run) -> Iterator[None]:
 class Gate:
     """Lets tests in, one a bus. ``owners`` says who uses which valve. All methods belong to the event loop."""
 
-    def __init__(self, plant: Plant, store: Store, rig: Rig) -> None:
+    def __init__(self, plant: Plant, store: Store, motion: MotionLink) -> None:
         self._store = store
-        self._rig = rig
-        self._locks = BusLocks(plant.buses)
-        self.owners = BusOwners(locks=self._locks)
+        self._motion = motion
+        self.owners = BusOwners(locks=motion)
         self._bus_turns = {name: asyncio.Lock() for name in plant.buses}
         self._permissions: dict[str, Permission] = {}  # as they were read last, by tag
         self._storing = asyncio.Lock()
@@ -110,6 +108,8 @@ class Gate:
                     claim = self.owners.claim(run.id, run.valve, valve.buses)
                     try:
                         await self.owners.lock(claim)
+                    except MotionLostError:  # it is kept in this process, and asked for again by whoever uses it
+                        return claim
                     except BaseException:
                         self.owners.release(claim)
                         raise
@@ -128,13 +128,13 @@ class Gate:
             if in_use:
                 return self._permissions.get(tag), in_use
             try:
-                async with self._locks.hold(valve.buses):
+                async with self._motion.hold(valve.buses):
                     return await self._read_permission(valve, permit), ""
             except BusyError as error:
                 return self._permissions.get(tag), str(error)
 
     async def _read_permission(self, valve: PlantValve, permit: str | None) -> Permission:
-        found = await self._rig.permissives(valve, permit)
+        found = await self._motion.permissives(valve.nameplate.tag, permit)
         last = await asyncio.to_thread(self._store.runs.newest, 1, valve=valve.nameplate.tag)
         disk = await asyncio.to_thread(free_disk, self._store.folder)
         permission = Permission((*found, disk, last_end(last[0] if last else None)), datetime.now(UTC), permit)

@@ -3,36 +3,35 @@
 from __future__ import annotations
 
 import asyncio
-import math
 import time
-from collections.abc import Callable, Coroutine, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from datetime import UTC, datetime
-from functools import partial
 from typing import Any, Final
 
 import structlog
 from sqlalchemy.exc import OperationalError
 
+from drivers.addresses import Mode
+from drivers.motion.orders import Armed, Heard, MotionEnd, MotionLink, MotionLostError, Order
 from drivers.outcome import Ended, PlayOutcome, SampleBlock
-from drivers.permissives import Permissive
 from drivers.stands_at import StandsAt
-from service.audit.log import AuditError, AuditLog
-from service.buses.bus import BusOwners, Claim
+from service.config.settings import PlantValve
 from service.model.acknowledgement import ENDED_KEY
 from service.model.run import RunState
 from service.model.stands_words import NOT_CONFIRMED
 from service.model.until import ENDED_EARLY_KEY, UNTIL_KEY
 from service.runs.analyst import ANALYSIS_FAILED, Analyst, assessed
-from service.runs.kept_samples import KeptSamples
+from service.runs.bus_owners import BusOwners, Claim
 from service.runs.live import MOTION_SHARE, LiveRun
 from service.runs.live_estimates import LiveEstimates
 from service.runs.permission import Permission
 from service.runs.quality import recording_quality
-from service.runs.rig import Order, Rig, Watcher
 from service.runs.stem_looks import Rest, StemLooks
 from service.store.store import Store
-from valve.errors import InternalError, MeasurementError, ValveError
+from service.workers.polling import Polling
+from valve.errors import InternalError, ValveError
 
 _LOG = structlog.get_logger(__name__)
 _OF_SERVICE: Final = ("disk", "last_test")
@@ -53,13 +52,13 @@ class Life:
     def __init__(
         self,
         live: LiveRun,
+        valve: PlantValve,
         order: Order,
         claim: Claim,
+        *,
         store: Store,
         owners: BusOwners,
-        *,
         looks: StemLooks,
-        audit: AuditLog | None = None,
         together: Sequence[str] = (),
         on_samples: OnSamples = lambda *_: None,
         estimates: LiveEstimates | None = None,
@@ -71,38 +70,51 @@ class Life:
         self._on_kept = on_samples
         self._together = tuple(together)
         self._live = live
+        self._valve = valve
         self._order = order
         self._claim = claim
         self._store = store
         self._owners = owners
-        self._kept: KeptSamples | None = None
-        self._playing: asyncio.Future[PlayOutcome] | None = None
-        self._disk_error = ""
+        self._playing: asyncio.Future[MotionEnd] | None = None
+        self._permissives: dict[str, Any] | None = None  # as they held when the motion was about to begin
+        self._storing_permissives: asyncio.Task[None] | None = None
         #: False where the end stands in memory alone, as the store could not be written.
         self.is_end_stored = True
+        #: Whether the program that moves valves ended, or this one while that goes on: the end is open, nothing stored.
+        self.is_lost = False
+        self.is_left = False
         self._entry_pa: float | None = None
+        self._faults: tuple[str, ...] = ()
         self._commanded = False  # whether anything was sent that can move the valve
-        self._audit = audit
-        self._permissives: tuple[Permissive, ...] = ()
 
-    async def run(self, rig: Rig, analyst: Analyst) -> None:
-        """Move, record, analyse; every way it can end is stored in the run.
+    async def run(self, motion: MotionLink, analyst: Analyst, *, polling: Polling, rejoined: bool = False) -> None:
+        """Move, record, analyse; every way it can end is stored in the run. ``rejoined`` where it moves already.
 
-        A cancellation ends the motion, and its outcome and recording are stored all the same before it goes on.
+        A cancellation ends the motion, and its outcome and recording are stored all the same before it goes on; it
+        leaves a motion that outlives this process alone.
         """
         try:
-            if await self._to_its_end(self._moved(rig)):
+            is_polled = self._valve.wiring.acquisition.mode is Mode.POLLED
+            moved = self._moved(motion, polling.motion() if is_polled else nullcontext(), rejoined=rejoined)
+            if await self._to_its_end(moved, outlived=motion.outlives_us):
                 await self._analyze(analyst)
         except Exception as error:  # noqa: BLE001  - here a test's failure is stored
-            await self._failed(rig, error)
+            await self._failed(error)
         finally:
-            if self._kept is not None:
-                self._kept.close()
             if self._estimates is not None:
                 self._estimates.end()
-            self._live.at_rest.set()
-            self._live.motion_ended.set()
-            self._give_back()
+            if not (self.is_lost or self.is_left):
+                self._forget(motion)
+                self._live.at_rest.set()
+                self._live.motion_ended.set()
+                self._give_back()
+
+    def _forget(self, motion: MotionLink) -> None:
+        if self.is_end_stored:
+            try:
+                motion.forget(self._live.run.id)
+            except MotionLostError as error:  # the next start finds it once more
+                _LOG.warning("end of a motion not removed", test=self._live.run.id, error=str(error))
 
     def _give_back(self) -> None:
         """Give the valve back: at once where nothing was commanded, else as soon as its stem was looked at."""
@@ -118,39 +130,45 @@ class Life:
         """Return the valve as the motion leaves it; ``confirmed``: whether its safe value was read back."""
         if self._at_rest_s is None:
             self._at_rest_s = time.monotonic()
-        safe = self._order.valve.wiring.safe_value_pa
+        safe = self._valve.wiring.safe_value_pa
         safe_pa = self._entry_pa if isinstance(safe, str) else safe
-        return Rest(
-            self._live.run, self._order.valve, self._claim, self._at_rest_s, safe_pa, bool(confirmed), self._live
-        )
+        return Rest(self._live.run, self._valve, self._claim, self._at_rest_s, safe_pa, bool(confirmed), self._live)
 
-    async def _to_its_end(self, motion: Coroutine[Any, Any, bool]) -> bool:
+    async def _to_its_end(self, moved: Coroutine[Any, Any, bool], *, outlived: bool) -> bool:
         """Wait for a motion and what is stored of it; a cancellation is handed to the motion, then to the caller."""
-        task, cancelled = asyncio.ensure_future(motion), False
+        task, cancelled = asyncio.ensure_future(moved), False
         while not task.done():
             try:
                 await asyncio.shield(task)
             except asyncio.CancelledError:
                 cancelled = True
-                self._live.request_stop("stopped: the service ended")
+                if not outlived:
+                    self._live.request_stop("stopped: the service ended")
                 if self._playing is not None:
                     self._playing.cancel()
         if cancelled:
             raise asyncio.CancelledError
         return task.result()
 
-    async def _moved(self, rig: Rig) -> bool:
+    async def _moved(self, motion: MotionLink, polled: AbstractContextManager[None], *, rejoined: bool) -> bool:
         try:
-            return await self._move(rig)
+            with polled:
+                return await self._move(motion, rejoined=rejoined)
+        except MotionLostError as error:
+            _LOG.error("motion lost", test=self._live.run.id, valve=self._live.run.valve, error=str(error))
+            self.is_lost = True
         except Exception as error:  # noqa: BLE001  - here a test's failure is stored
-            await self._failed(rig, error)
+            await self._failed(error)
         except asyncio.CancelledError:
-            await self._rescue(rig, "the test was cancelled as the service ended")
+            if motion.outlives_us:
+                self.is_left = True
+            else:
+                await self._close("the test was cancelled as the service ended")
         return False
 
-    async def _failed(self, rig: Rig, error: Exception) -> None:
+    async def _failed(self, error: Exception) -> None:
         _LOG.error("test failed unexpectedly", test=self._live.run.id, valve=self._live.run.valve, exc_info=error)
-        await self._rescue(rig, "; ".join(text for text in (self._disk_error, _reason(error)) if text))
+        await self._close("; ".join((*self._faults, _reason(error))))
 
     def _tell_rest(self, *, confirmed: bool, stands: StandsAt | None = None) -> None:
         """Let whoever stopped the test hear that its valve was brought to rest, whatever the store does now."""
@@ -159,13 +177,11 @@ class Life:
             self._live.show_stands(stands or self._rest(confirmed).moving())
         self._live.at_rest.set()
 
-    async def _rescue(self, rig: Rig, reason: str) -> None:
-        """Store an end that was not foreseen; a valve that was commanded is sent to safe first, no other one is."""
+    async def _close(self, reason: str) -> None:
+        """Store an end that was not foreseen."""
         safe = self._live.run.safe_confirmed
         if self._commanded and safe is None:
-            found = await rig.go_safe(self._order.valve, self._order.run_number, self._entry_pa)
-            safe = found.confirmed
-            reason += f"; {found.reason}" if found.reason else ""
+            safe = False
         if not self._commanded:
             reason += _NOTHING_MOVED
         reasons = [NOT_CONFIRMED, reason] if safe is False else [reason]
@@ -192,37 +208,48 @@ class Life:
         await self._change(**{"state": state, "error": error, "finished_at": datetime.now(UTC), **changes})
         _LOG.info("test ended", test=self._live.run.id, valve=self._live.run.valve, state=state.value, error=error)
 
-    async def _move(self, rig: Rig) -> bool:
+    async def _move(self, motion: MotionLink, *, rejoined: bool) -> bool:
         """Drive the valve and store what was recorded; True where there is something to analyse."""
         live = self._live
-        if not live.stop.is_set():
-            await self._change(state=RunState.RUNNING, started_at=datetime.now(UTC))
-        if live.stop.is_set():
-            await self._end(RunState.STOPPED, live.stop_reason, commanded=False)
-            return False
-        watcher = Watcher(
-            self._on_ready,
-            self._on_samples,
-            self._on_progress,
-            self._on_permissives,
-            self._on_intent,
-            self._on_commanded,
-        )
+        if not rejoined:
+            if not live.stop.is_set():
+                await self._change(state=RunState.RUNNING, started_at=datetime.now(UTC))
+            if live.stop.is_set():
+                await self._end(RunState.STOPPED, live.stop_reason, commanded=False)
+                return False
+        heard = Heard(self._on_armed, self._on_samples, self._on_progress, self._on_commanded)
+        order = replace(self._order, started_at=(live.run.started_at or live.run.created_at).isoformat())
+        telling = [asyncio.create_task(self._tell_stop(motion))]
+        if order.may_end_early and self._estimates is not None:
+            telling.append(asyncio.create_task(self._tell_enough(motion, self._estimates)))
         try:
-            self._playing = asyncio.ensure_future(rig.play(self._order, watcher, live.stop))
-            outcome = await self._playing
+            going = motion.rejoin(live.run.id, heard) if rejoined else motion.play(order, heard)
+            self._playing = asyncio.ensure_future(going)
+            end = await self._playing
+        except MotionLostError:
+            raise
         except ValveError as error:
-            if self._commanded:
-                raise  # to the rescue: the valve may stand anywhere
             await self._end(RunState.FAILED, f"{error}{_NOTHING_MOVED}", commanded=False)
             return False
-        self._note(outcome)
-        if self._kept is not None:
-            await self._kept.drained()
-        await self._store_outcome(outcome)
+        finally:
+            for task in telling:
+                task.cancel()
+        self._entry_pa, self._faults = end.entry_pa, end.faults
+        self._note(end.outcome)
+        await self._permissives_stored()
+        await self._store_end(end)
+        self._forget(motion)
         live.motion_ended.set()
         self._give_back()
         return live.run.state is RunState.ANALYZING
+
+    async def _tell_stop(self, motion: MotionLink) -> None:
+        await self._live.stop.wait()
+        motion.stop(self._live.run.id, self._live.stop_reason)
+
+    async def _tell_enough(self, motion: MotionLink, estimates: LiveEstimates) -> None:
+        await estimates.enough.wait()
+        motion.end_early(self._live.run.id)
 
     def _note(self, outcome: PlayOutcome) -> None:
         """Keep in memory how a motion left its valve, before anything is stored: it is not sent to safe once more."""
@@ -236,9 +263,12 @@ class Life:
         elif outcome.notes:
             _LOG.warning("motion ended with notes", test=run.id, valve=run.valve, notes=list(outcome.notes))
 
-    async def _store_outcome(self, outcome: PlayOutcome) -> None:
+    async def _store_end(self, end: MotionEnd) -> None:
+        outcome = end.outcome
         changes: dict[str, Any] = {"motion_ended_at": datetime.now(UTC), "safe_confirmed": outcome.safe_confirmed}
         changes["commanded"] = self._commanded
+        if self._permissives is not None:
+            changes["permissives"] = self._permissives
         if self._commanded:
             changes["stands"] = outcome.stands or self._rest(outcome.safe_confirmed).moving()
         if outcome.recording is not None:
@@ -248,20 +278,17 @@ class Life:
         else:
             changes["quality"] = {"samples": 0, "notes": list(outcome.notes)}
         changes["quality"] |= {ENDED_KEY: outcome.ended.value, "writes": outcome.writes, **self._early(outcome)}
-        unwritten = await self._end_in_audit(outcome)
-        stopped = self._live.stop_reason if outcome.ended is Ended.STOPPED else ""
-        faults = [text for text in (self._disk_error, unwritten, str(outcome.error or ""), stopped) if text]
+        faults = [text for text in (*end.faults, str(outcome.error or ""), end.stopped) if text]
         if not outcome.safe_confirmed:
             faults = [NOT_CONFIRMED, *faults, *([outcome.why_unsafe] if outcome.why_unsafe else [])]
         if outcome.ended is Ended.COMPLETED and not faults and outcome.recording is not None:
             await self._change(state=RunState.ANALYZING, progress=MOTION_SHARE, **changes)
-        elif outcome.ended is Ended.STOPPED and not (self._disk_error or unwritten):
+        elif outcome.ended is Ended.STOPPED and not end.faults:
             await self._end(RunState.STOPPED, "; ".join(faults), **changes)
         else:
             await self._end(RunState.FAILED, "; ".join(faults) or "no sample was taken", **changes)
-        if outcome.recording is not None and self._kept is not None:
+        if outcome.recording is not None:
             # Not before the end is stored: until then the journal alone shows that the valve was commanded.
-            self._kept.close()
             try:
                 await asyncio.to_thread(self._store.journal_path(self._live.run.id).unlink, missing_ok=True)
             except OSError as error:  # the next start removes it
@@ -277,7 +304,7 @@ class Life:
             return {}
         kept: dict[str, Any] = {UNTIL_KEY: dict(until)}
         if early_s is not None:
-            waveform, limits = self._order.waveform, self._order.valve.wiring.limits
+            waveform, limits = self._order.waveform, self._valve.wiring.limits
             safe_pa = self._rest(True).safe_pa or 0.0
             back_pa, usual_pa = (abs(float(waveform.at(at_s)) - safe_pa) for at_s in (early_s, waveform.duration_s))
             longer_s = (back_pa - usual_pa) / limits.pressure_rate_pa_per_s
@@ -292,7 +319,7 @@ class Life:
             analysis = await assessed(
                 analyst,
                 run,
-                self._order.valve,
+                self._valve,
                 self._order.sequence,
                 self._store,
                 together=self._together,
@@ -303,80 +330,31 @@ class Life:
         else:
             await self._end(RunState.COMPLETED, analysis=analysis, progress=1.0)
 
-    async def _on_ready(self, entry_pa: float, device: str) -> None:
+    # ---- what is heard of the motion
+
+    def _on_armed(self, armed: Armed) -> None:
+        self._entry_pa = armed.entry_pa
         run = self._live.run
-        self._entry_pa = entry_pa if math.isfinite(entry_pa) else None
-        header = {
-            "test": run.id,
-            "valve": run.valve,
-            "sequence": run.sequence,
-            "run_number": run.number,
-            "started_at": (run.started_at or run.created_at).isoformat(),
-            "software": run.software,
-            "device": device,
-            "entry_pa": self._entry_pa,
-        }
-        self._kept = KeptSamples(self._store.journal_path(run.id), self._on_written, self._abort_for_disk)
-        try:
-            await self._kept.begin(header)
-        except OSError as error:
-            raise self._without_journal(error) from error
-        shown = Permission(self._permissives, datetime.now(UTC), self._order.permit).to_json()
-        details = {"sequence": run.sequence, "run_number": run.number, "device": device, "permissives": shown}
-        await self._in_audit("motion.armed", {**details, "entry_pa": self._entry_pa, "permit": self._order.permit})
+        shown = Permission(armed.permissives, datetime.now(UTC), self._order.permit).to_json()
         of_service = [one for one in (run.permissives or {}).get("permissives", []) if one["name"] in _OF_SERVICE]
         shown["permissives"] += of_service  # disk and last end were read a moment ago; a device cannot know them
-        await self._change(permissives=shown)
+        self._permissives = shown
+        self._storing_permissives = asyncio.create_task(self._change(permissives=shown))
 
-    async def _on_intent(self) -> None:
-        """Write that the valve may move from now on; it is on disk when this returns."""
-        assert self._kept is not None  # on_ready came before
-        try:
-            await self._kept.note_commanded()
-        except OSError as error:
-            raise self._without_journal(error) from error
-
-    def _without_journal(self, error: OSError) -> MeasurementError:
-        return MeasurementError(
-            f"{self._live.run.valve}: the journal cannot be written ({error}), nothing moves without it: "
-            "free some disk space"
-        )
+    async def _permissives_stored(self) -> None:
+        if self._storing_permissives is not None:
+            await asyncio.wait({self._storing_permissives})
+            if self._storing_permissives.exception() is not None:  # they are stored with the end
+                _LOG.warning("permissives not stored yet", test=self._live.run.id)
 
     def _on_commanded(self) -> None:
         self._commanded = True
 
-    async def _in_audit(self, event: str, details: Mapping[str, Any]) -> None:
-        """Write an event of this motion; it is on disk when this returns. Raises AuditError: then nothing may move."""
-        run = self._live.run
-        if self._audit is not None:
-            append = partial(self._audit.append, event, valve=run.valve, test=run.id, details=details)
-            await asyncio.to_thread(append, who=run.requested_by or "local")
-
-    async def _end_in_audit(self, outcome: PlayOutcome) -> str:
-        """Write how the motion ended; return why that could not be written."""
-        details = {"ended": outcome.ended.value, "safe_confirmed": outcome.safe_confirmed, "writes": outcome.writes}
-        early = {} if outcome.ended_early_s is None else {"ended_early_s": round(outcome.ended_early_s, 3)}
-        reason = {} if outcome.error is None else {"error": str(outcome.error)}
-        try:
-            await self._in_audit("motion.ended", {**details, **early, **reason})
-        except AuditError as error:
-            return f"the end of the motion is not in the audit log: {error}"
-        return ""
-
-    def _on_permissives(self, permissives: tuple[Permissive, ...]) -> None:
-        self._permissives = permissives
-
     def _on_samples(self, block: SampleBlock) -> None:
-        # Nobody sees a sample that a crash could undo: first to the journal, then to the watchers.
-        if self._kept is not None and not self._disk_error:
-            self._kept.add(block)
-
-    def _on_written(self, block: SampleBlock) -> None:
-        if not self._disk_error:
-            self._live.samples(block)
-            if self._estimates is not None:
-                self._estimates.samples(block)
-            self._on_kept(self._live.run.valve, block)
+        self._live.samples(block)
+        if self._estimates is not None:
+            self._estimates.samples(block)
+        self._on_kept(self._live.run.valve, block)
 
     def _on_progress(self, share: float, phase: str) -> None:
         if phase in (RETURNING, AT_SAFE, ENDED) and self._estimates is not None:
@@ -391,12 +369,6 @@ class Life:
 
     def _on_analysis(self, share: float, phase: str) -> None:
         self._live.progress(MOTION_SHARE + (1.0 - MOTION_SHARE) * share, phase)
-
-    def _abort_for_disk(self, error: OSError) -> None:
-        if not self._disk_error:
-            _LOG.error("samples not written", test=self._live.run.id, valve=self._live.run.valve, error=str(error))
-        self._disk_error = f"samples can no longer be written ({error.strerror or error}): the test was stopped"
-        self._live.request_stop("")
 
 
 def _reason(error: Exception) -> str:

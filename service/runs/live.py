@@ -111,6 +111,10 @@ class LiveRuns:
         """Return a run; None where it is of another process or long over."""
         return self._runs.get(run_id)
 
+    def forget(self, run_id: str) -> None:
+        """Let a run be read from the store from now on."""
+        self._runs.pop(run_id, None)
+
     def begin(self, run: Run) -> LiveRun:
         """Return a stored run as a live one; the oldest that ended are forgotten."""
         live = LiveRun(run)

@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Final
 
-from drivers.permissives import Permissive
+from drivers.permissive import Permissive
 
 #: A test's journal and recording take 40 MB at most (300 s at 1 kHz), its analysis a few more.
 LEAST_FREE_BYTES: Final = 200_000_000

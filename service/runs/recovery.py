@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -16,18 +16,18 @@ from typing import Any, Final
 
 import structlog
 
-from drivers.recovery import Recovered
+from drivers.motion.audit_log import AuditLog
+from drivers.motion.journal import read_header, read_journal, recording_from_journal, was_commanded
+from drivers.motion.orders import MotionLink, MotionLostError
+from drivers.outcome import Recovered, SafeOutcome
 from drivers.stands_at import unseen
-from service.audit.log import AuditLog
 from service.config.settings import Plant
 from service.model.run import Run, RunState, checked_run_id
 from service.model.stands_words import NOT_CONFIRMED
 from service.runs.again import is_to_be_taken_up
 from service.runs.gate import Gate
-from service.runs.rig import Rig
 from service.runs.stem_looks import Rest, StemLooks
 from service.runs.tasks import Tasks
-from service.store.journal import read_header, read_journal, recording_from_journal, was_commanded
 from service.store.store import Store
 from valve.errors import InternalError, RecordingError, ValveError
 
@@ -65,7 +65,8 @@ def shown_commanded(store: Store, run: Run) -> bool | None:
 def mark_interrupted(store: Store, run: Run) -> Run:
     """Turn an unfinished run of a dead process into an interrupted one; its journal becomes its recording. Blocks."""
     changes: dict[str, Any] = {"state": RunState.INTERRUPTED, "finished_at": datetime.now(UTC)}
-    reason = "the service ended while this test was under way"
+    who = "service" if run.state is RunState.ANALYZING else "motion process"
+    reason = f"the {who} ended while this test was under way"
     if run.state is RunState.ANALYZING:
         reason += "; the recording is complete: analyse it again"
     kept = False
@@ -131,7 +132,7 @@ class Recovery:
         self,
         plant: Plant,
         store: Store,
-        rig: Rig,
+        motion: MotionLink,
         gate: Gate,
         tasks: Tasks,
         *,
@@ -141,39 +142,50 @@ class Recovery:
         self._looks = looks
         self._plant = plant
         self._store = store
-        self._rig = rig
+        self._motion = motion
         self._gate = gate
         self._tasks = tasks
         self._audit = audit
 
-    async def begin(self) -> list[Run]:
+    async def begin(self, alive: Collection[str] = ()) -> list[Run]:
         """Look at the valves that a dead process left, each in a task of its own, and mark its tests.
 
         The valves come first: neither a long journal nor a full disk holds them up. Returns the tests that lack nothing
-        but their analysis; these are left as they are.
+        but their analysis; these are left as they are. The motions of tests that are ``alive`` go on.
         """
         gateway = self._plant.service.gateway
-        left = await asyncio.to_thread(self._store.runs.in_states, _UNFINISHED, gateway=gateway)
+        unfinished = await asyncio.to_thread(self._store.runs.in_states, _UNFINISHED, gateway=gateway)
+        left = [run for run in unfinished if run.id not in alive]
         whole = [run for run in left if run.valve in self._plant.valves and is_to_be_taken_up(run, self._store)]
         unfinished = [run for run in left if run not in whole]
+        recovered = await self._interrupt(unfinished)
+        await asyncio.to_thread(keep_journals_of_ended_runs, self._store)
+        for run in await asyncio.to_thread(self._store.runs.with_moving_stems, gateway):
+            if run.id not in recovered and run.id not in alive:
+                await self._look_again(run)
+        return whole
+
+    async def interrupt(self, run: Run) -> Run:
+        """Do the same with one test whose motion was lost while this process lived; return it as it was marked."""
+        await self._interrupt([run])
+        return await asyncio.to_thread(self._store.runs.get, run.id)
+
+    async def _interrupt(self, runs: Sequence[Run]) -> Collection[str]:
+        """Mark unfinished tests as interrupted, and have their valves looked at; return the tests of those valves."""
         recovered: dict[str, asyncio.Task[_Recovered]] = {}
-        for run in unfinished:
+        for run in runs:
             if run.valve in self._plant.valves and _may_stand_elsewhere(run):
                 commanded = await asyncio.to_thread(shown_commanded, self._store, run)
                 entry_pa = await asyncio.to_thread(_entry_pressure_pa, self._store, run)
                 recovered[run.id] = self._tasks.spawn(self._recover(run, commanded, entry_pa))
-        marked = [await asyncio.to_thread(mark_interrupted, self._store, run) for run in unfinished]
-        await asyncio.to_thread(keep_journals_of_ended_runs, self._store)
+        marked = [await asyncio.to_thread(mark_interrupted, self._store, run) for run in runs]
         for run in marked:
             if run.id in recovered:
                 self._tasks.spawn(self._note(run.id, recovered[run.id]))
             elif _may_stand_elsewhere(run) and run.commanded is not False:
                 error = f"{run.error}; {NOT_CONFIRMED}: plant.toml no longer names it"
                 await asyncio.to_thread(self._store.runs.save, replace(run, error=error, safe_confirmed=False))
-        for run in await asyncio.to_thread(self._store.runs.with_moving_stems, gateway):
-            if run.id not in recovered:
-                await self._look_again(run)
-        return whole
+        return recovered.keys()
 
     async def _recover(self, run: Run, commanded: bool | None, entry_pa: float | None) -> _Recovered:
         valve = self._plant.valves[run.valve]
@@ -181,7 +193,7 @@ class Recovery:
         try:
             details = {"run_number": run.number, "entry_pa": entry_pa, "commanded": commanded}
             await self._note_in_audit("motion.recovery", run, details)
-            found = await self._rig.recover(valve, run.number, entry_pa, commanded=commanded)
+            found = await self._found(run, commanded, entry_pa)
         except BaseException:
             self._gate.owners.release(claim)
             raise
@@ -191,6 +203,13 @@ class Recovery:
         waited_s = 0.0 if found.safe.confirmed else _since_s(run.created_at)
         confirmed = None if commanded is False else found.safe.confirmed
         return _Recovered(found, Rest(run, valve, claim, time.monotonic() - waited_s, safe_pa, confirmed))
+
+    async def _found(self, run: Run, commanded: bool | None, entry_pa: float | None) -> Recovered:
+        """Have the valve looked at; a motion process that does not come back leaves it to the device's watchdog."""
+        try:
+            return await self._motion.recover(run.valve, run.number, entry_pa, commanded=commanded)
+        except MotionLostError as error:
+            return Recovered(SafeOutcome(False, reason=str(error)))
 
     async def _note(self, run_id: str, recovering: asyncio.Task[_Recovered]) -> None:
         """Store what became of a valve, and look at its stem."""

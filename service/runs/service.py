@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Collection, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
@@ -15,7 +15,9 @@ from weakref import WeakValueDictionary
 import structlog
 
 from drivers.addresses import BusAddress, Mode
-from service.audit.log import AuditLog
+from drivers.motion.audit_log import AuditLog
+from drivers.motion.orders import MotionLink, MotionLostError, Order
+from drivers.waveform_check import check_waveform
 from service.config.settings import Plant, PlantValve
 from service.model.acknowledgement import acknowledged, ended_badly, is_moving
 from service.model.requester import LOCAL, Requester
@@ -33,12 +35,12 @@ from service.runs.live import LiveRun, LiveRuns
 from service.runs.live_estimates import Estimator, LiveEstimates
 from service.runs.permission import Permission
 from service.runs.recovery import Recovery
-from service.runs.rig import Order, Rig
 from service.runs.separating import SEPARATING, check_name, separating_of
 from service.runs.stem_looks import StemLooks
 from service.runs.tasks import Tasks
 from service.store.run_table import RunFilter
 from service.store.store import Store
+from service.workers.polling import Polling
 from valve.errors import BusyError, ElsewhereError, InternalError, NotFoundError, RequestError
 from valve.waveform import Waveform
 
@@ -46,6 +48,7 @@ _LOG = structlog.get_logger(__name__)
 _SOON_S: Final = 1.0  # whoever asks so shortly before a stem is looked at waits for that
 _LOOK_S: Final = 0.01
 _END_TOLD_S: Final = 1.0  # a stop that is carried out is answered so much later at most
+_MOTION_STARTS_S: Final = 15.0
 _STORE_AGAIN_S: Final = 2.0  # a look at the disk costs nothing, and somebody may be freeing it
 
 
@@ -74,26 +77,29 @@ class Runs:
         self,
         plant: Plant,
         store: Store,
-        rig: Rig,
+        motion: MotionLink,
         analyst: Analyst,
         *,
         software: str,
         audit: AuditLog | None = None,
         on_samples: OnSamples = lambda *_: None,
         estimator: Estimator | None = None,
+        polling: Polling | None = None,
     ) -> None:
+        self._polling = polling or Polling()
         self._on_samples = on_samples
         self._estimator = estimator
         self._plant = plant
         self._store = store
-        self._rig = rig
+        self._motion = motion
         self._analyst = analyst
         self._software = software
         self._audit = audit
-        self._gate = Gate(plant, store, rig)
+        self._gate = Gate(plant, store, motion)
         self._live = LiveRuns()
         self._tasks = Tasks()
-        self._looks = StemLooks(store, rig, self._gate, self._tasks, audit)
+        self._looks = StemLooks(store, motion, self._gate, self._tasks, audit)
+        self._recovery = Recovery(plant, store, motion, self._gate, self._tasks, looks=self._looks, audit=audit)
         self._closing = False
         self._carrying: WeakValueDictionary[str, asyncio.Task[None]] = WeakValueDictionary()  # by the run's id
         self._analysing = asyncio.Lock()
@@ -162,7 +168,7 @@ class Runs:
             together = told.tests
         else:
             choice = choose_waveform(sequence, overrides, valve.nameplate, valve.wiring.limits)
-        self._rig.check(valve, choice.waveform)
+        check_waveform(tag, choice.waveform, valve.wiring.limits)
         wanted = Run(
             id=new_run_id(),
             valve=tag,
@@ -186,16 +192,25 @@ class Runs:
             stored, claim = await self._gate.admit(wanted, valve, permit)
             live = self._live.begin(replace(stored, until=wish))
             estimates = self._estimates(live, valve, choice.waveform)
-            enough = estimates.enough if estimates is not None and wish is not None else None
-            order = Order(valve, choice.waveform, choice.name, stored.number, permit, enough)
+            order = Order(
+                stored.id,
+                tag,
+                choice.waveform,
+                choice.name,
+                stored.number,
+                permit,
+                requester.name,
+                software=self._software,
+                may_end_early=estimates is not None and wish is not None,
+            )
             life = Life(
                 live,
+                valve,
                 order,
                 claim,
-                self._store,
-                self._gate.owners,
+                store=self._store,
+                owners=self._gate.owners,
                 looks=self._looks,
-                audit=self._audit,
                 together=together,
                 on_samples=self._on_samples,
                 estimates=estimates,
@@ -218,12 +233,14 @@ class Runs:
             spawn=self._tasks.spawn,
         )
 
-    async def _carry_out(self, life: Life, live: LiveRun) -> None:
+    async def _carry_out(self, life: Life, live: LiveRun, *, rejoined: bool = False) -> None:
         """Let a test run to its end; an end that the store could not take is stored as soon as it can be.
 
         Until then the next start would know nothing of a bad end, and the disk alone would bar it.
         """
-        await life.run(self._rig, self._analyst)
+        await life.run(self._motion, self._analyst, polling=self._polling, rejoined=rejoined)
+        if life.is_lost:
+            await self._interrupt(live)
         while not life.is_end_stored and not self._closing:
             await asyncio.sleep(_STORE_AGAIN_S)
             try:
@@ -233,6 +250,14 @@ class Runs:
             else:
                 life.is_end_stored = True
                 _LOG.warning("end of test stored late", test=live.run.id)
+
+    async def _interrupt(self, live: LiveRun) -> None:
+        """Mark a test whose motion was lost, have its valve looked at as soon as that can be, and tell the watchers."""
+        run = await asyncio.to_thread(self._store.runs.get, live.run.id)
+        live.run = await self._recovery.interrupt(run)
+        live.announce()
+        live.motion_ended.set()
+        self._live.forget(live.run.id)  # what is found out of its valve goes into the store
 
     async def permission(self, tag: str, permit: str | None = None) -> tuple[Permission | None, str]:
         """Return what must hold before this valve may move, read fresh without moving it, and why it is not fresh.
@@ -418,12 +443,50 @@ class Runs:
 
         Analyses that it left unfinished are made again: they move nothing.
         """
-        recovery = Recovery(
-            self._plant, self._store, self._rig, self._gate, self._tasks, looks=self._looks, audit=self._audit
-        )
-        for run in await recovery.begin():
+        for run in await self._recovery.begin(await self._rejoin()):
             _LOG.warning("analysis taken up", test=run.id, valve=run.valve)
             await self._begin_analysis(run, self.valve(run.valve), by="service")
+
+    async def _rejoin(self) -> Collection[str]:
+        """Go on with the tests whose motion outlived the process that asked for it; return them."""
+        gateway, unfinished = self._plant.service.gateway, (RunState.QUEUED, RunState.RUNNING)
+        runs = await asyncio.to_thread(self._store.runs.in_states, unfinished, gateway=gateway)
+        try:
+            await self._motion.connect(_MOTION_STARTS_S if runs else 0.0)  # it may be starting as we are
+            left = {one.order.run_id: one.order for one in await self._motion.left()}
+        except (MotionLostError, BusyError) as error:
+            _LOG.error("no motion process", reason=str(error))
+            return ()
+        alive = {run.id: run for run in runs if run.id in left and run.valve in self._plant.valves}
+        for run_id, order in left.items():
+            run = alive.get(run_id)
+            if run is not None:
+                await self._go_on(run, order)
+            else:
+                self._motion.stop(run_id, "plant.toml no longer names this valve")
+                self._motion.forget(run_id)
+        return alive.keys()
+
+    async def _go_on(self, run: Run, order: Order) -> None:
+        valve = self.valve(run.valve)
+        claim = await self._gate.claim_when_free(run, valve)
+        live = self._live.begin(run)
+        together: tuple[str, ...] = ()
+        if run.sequence == SEPARATING:
+            together = (await asyncio.to_thread(separating_of, self._store, run.valve)).tests
+        life = Life(
+            live,
+            valve,
+            order,
+            claim,
+            store=self._store,
+            owners=self._gate.owners,
+            looks=self._looks,
+            together=together,
+            on_samples=self._on_samples,
+        )
+        _LOG.warning("test rejoined", test=run.id, valve=run.valve)
+        self._carrying[run.id] = self._tasks.spawn(self._carry_out(life, live, rejoined=True))
 
     async def analyze(self, run_id: str, requester: Requester = LOCAL) -> Run:
         """Analyse the recording of a test anew, with what is known now; returns when that has begun.
@@ -465,12 +528,17 @@ class Runs:
         await self._tasks.settled()
 
     def begin_shutdown(self) -> None:
-        """Accept no further test and stop those that run; analyses are left to the next start."""
+        """Accept no further test and stop those that run.
+
+        Analyses, and motions that outlive this process, are left to the next start.
+        """
         self._closing = True
         self._looks.close()
         for live in self._live:
-            live.request_stop("stopped: the service was shut down")
-            if live.run.state is RunState.ANALYZING and live.run.id in self._carrying:
+            goes_on = self._motion.outlives_us and not live.motion_ended.is_set()
+            if not goes_on:
+                live.request_stop("stopped: the service was shut down")
+            if (goes_on or live.run.state is RunState.ANALYZING) and live.run.id in self._carrying:
                 self._carrying[live.run.id].cancel()
                 live.events.close()  # who watches sees the end at the next start
 

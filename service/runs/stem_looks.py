@@ -11,15 +11,15 @@ from typing import Final
 
 import structlog
 
+from drivers.motion.audit_log import AuditLog
+from drivers.motion.orders import MotionLink
 from drivers.stands_at import StandsAt, stands_at
-from service.audit.log import AuditLog
-from service.buses.bus import Claim
 from service.config.settings import PlantValve
 from service.model.run import Run
 from service.model.stands_words import stands_sentence
+from service.runs.bus_owners import Claim
 from service.runs.gate import Gate
 from service.runs.live import LiveRun
-from service.runs.rig import Rig
 from service.runs.tasks import Tasks
 from service.store.store import Store
 from valve.errors import BusyError, InternalError, NotFoundError
@@ -68,9 +68,11 @@ class Rest:
 class StemLooks:
     """Looks at stems, each in a task of its own. All methods belong to the event loop."""
 
-    def __init__(self, store: Store, rig: Rig, gate: Gate, tasks: Tasks, audit: AuditLog | None = None) -> None:
+    def __init__(
+        self, store: Store, motion: MotionLink, gate: Gate, tasks: Tasks, audit: AuditLog | None = None
+    ) -> None:
         self._store = store
-        self._rig = rig
+        self._motion = motion
         self._gate = gate
         self._tasks = tasks
         self._audit = audit
@@ -107,7 +109,9 @@ class StemLooks:
     async def _seen(self, rest: Rest) -> StandsAt:
         after_s = rest.after_s
         try:
-            return await self._rig.stands(rest.valve, safe_pa=rest.safe_pa, confirmed=rest.confirmed, after_s=after_s)
+            return await self._motion.stands(
+                rest.run.valve, safe_pa=rest.safe_pa, confirmed=rest.confirmed, after_s=after_s
+            )
         except Exception as error:  # noqa: BLE001  - whatever it is, the result must say that nobody saw the stem
             _LOG.error("stem not looked at", test=rest.run.id, valve=rest.run.valve, exc_info=error)
             why = f"{type(error).__name__}: {error}: report it"

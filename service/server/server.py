@@ -7,7 +7,6 @@ import contextlib
 import gc
 import signal
 import socket
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from types import FrameType
@@ -17,24 +16,20 @@ import structlog
 import uvicorn
 from fastapi import FastAPI
 
+from drivers.motion.audit_log import AuditLog
+from drivers.motion.client import MotionClient
+from drivers.motion.service_manager import ServiceManager
 from service.app import create_app
-from service.audit.log import AuditLog
 from service.config.settings import Plant, ServiceSettings
 from service.http.http_protocol import BoundedHttp, provide_files
 from service.parts import Parts
 from service.reload import Reloader
 from service.server.certificates import Certificates
 from service.server.first_use import use_once
-from service.server.systemd import ServiceManager
 from service.store.store import open_store
-from service.workers.polling import Polling
-from service.workers.precedence import Precedence
 from valve.errors import ConfigurationError
 
 _LOG = structlog.get_logger(__name__)
-# Threads ask the store; by default (5 ms) each may keep the polling waiting for so long before it hands on.
-_THREAD_TURN_S: Final = 0.5e-3
-_SELDOM: Final = 100  # rounds of the middle generation before a full one; 10 by default
 # A closed terminal, and Ctrl-\, too: each would end the process at once, and leave a valve where it stands.
 _ENDING_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 _END_S: Final = 30  # for requests that wait for the end of a test, which is being stopped
@@ -69,7 +64,6 @@ class _Server(uvicorn.Server):
             self._manager.say("READY=1")
             self._beside = [
                 asyncio.create_task(self._manager.keep_alive()),
-                asyncio.create_task(tidy_at_rest(self._application.state.polling)),
             ]
             if self._certificates is not None:
                 self._beside.append(asyncio.create_task(self._certificates.keep_fresh()))
@@ -121,22 +115,10 @@ class _Server(uvicorn.Server):
 def settle_memory() -> None:
     """Take what stays for ever out of the garbage collector's rounds.
 
-    With 5,000 valves a full round took 0.1 s in which neither a request was answered nor a sample read
-    (benchmark ``store``). What comes later is gone through ten times more seldom than by default: each full round
-    took 33 ms while sixteen valves were polled (benchmark ``load``), and ``tidy_at_rest`` makes most of them.
+    With 5,000 valves a full round took 0.1 s in which no request was answered (benchmark ``store``).
     """
     gc.collect()
     gc.freeze()
-    young, middle, _ = gc.get_threshold()
-    gc.set_threshold(young, middle, _SELDOM)
-
-
-async def tidy_at_rest(polling: Polling) -> None:
-    """Make the full rounds of the garbage collector whenever the last polled valve has come to rest."""
-    while True:
-        await polling.change()
-        if not polling.goes_on:
-            gc.collect()
 
 
 def _listen(settings: ServiceSettings) -> socket.socket:
@@ -156,15 +138,13 @@ def _listen(settings: ServiceSettings) -> socket.socket:
 
 def serve_plant(plant: Plant) -> None:
     """Serve until a signal ends it. Raises BusyError where another service has the store, ConfigurationError."""
-    sys.setswitchinterval(_THREAD_TURN_S)
     BoundedHttp.most_connections = provide_files()
     with _listen(plant.service) as listener:
         store = open_store(plant.service)
         AuditLog(store.folder / "audit", plant.service.gateway or "gateway")  # one that is broken is said here
-        precedence = Precedence()
-        app = create_app(plant, store=store, precedence=precedence)
+        motion = MotionClient(plant.service.motion_socket, store.folder / "journals")
+        app = create_app(plant, motion, store=store)
         use_once(app)
-        precedence.try_once()
         access = plant.service.access
         if not access.sign_in and not access.loopback:
             _LOG.warning("no sign-in: whoever reaches this address may move valves", bind=plant.service.bind)

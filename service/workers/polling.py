@@ -6,17 +6,11 @@ import asyncio
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from service.workers.precedence import Precedence
-
 
 class Polling:
-    """Counts the motions that are sampled from here. All methods belong to the event loop.
+    """Counts the motions that are sampled by requests. All methods belong to the event loop."""
 
-    While there are any this process has ``precedence``, where one is given.
-    """
-
-    def __init__(self, precedence: Precedence | None = None) -> None:
-        self.precedence = precedence
+    def __init__(self) -> None:
         self._motions = 0
         self._changed = asyncio.Event()
 
@@ -29,15 +23,11 @@ class Polling:
     def motion(self) -> Iterator[None]:
         """Count a motion while the context lasts."""
         self._motions += 1
-        if self.precedence is not None:
-            self.precedence.begin()
         try:
             yield
         finally:
             self._motions -= 1
             if not self._motions:
-                if self.precedence is not None:
-                    self.precedence.end()
                 self.tell()
 
     def tell(self) -> None:

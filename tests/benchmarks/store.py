@@ -19,7 +19,6 @@ import numpy as np
 from rich.table import Table
 from sqlalchemy import JSON, Connection, Engine, bindparam, text
 
-from service.app import create_app
 from service.config.settings import Plant, load_plant
 from service.model.health_figures import FIGURE_KINDS
 from service.server.server import settle_memory
@@ -30,6 +29,7 @@ from service.store.store import open_store
 from tests.plants import bus_text, service_text, valve_text
 from tests.service.databases import postgresql_database, why_no_server
 from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.service.in_process import app_of
 
 VALVES: Final = 5000
 NIGHTS: Final = 365
@@ -204,7 +204,7 @@ def _lists(tags: list[str], tests: list[str], seed: int) -> dict[str, Callable[[
 
 async def _latencies(plant: Plant, requests: int, seed: int) -> dict[str, Took]:
     """Time each request, one after the other, through the application without a socket."""
-    app = create_app(plant, store=open_store(plant.service), rig=FakeRig(), analyst=FakeAnalyst())
+    app = app_of(plant, store=open_store(plant.service), rig=FakeRig(), analyst=FakeAnalyst())
     found: dict[str, Took] = {}
     async with app.router.lifespan_context(app):
         settle_memory()

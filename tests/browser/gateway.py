@@ -15,11 +15,11 @@ import httpx
 import uvicorn
 from fastapi import FastAPI
 
-from service.app import create_app
 from service.config.settings import load_plant
 from service.parts import Parts
 from simulator.assembly import SimulatedPlant
 from tests.browser.analyses import made_analysis
+from tests.service.in_process import app_of
 from tests.service.wired_plant import asked_pa, wired_plant
 
 Value = TypeVar("Value")
@@ -114,7 +114,7 @@ async def _serve(folder: Path, edited: Callable[[str], str], started: Future[Gat
     try:
         async with wired_plant(folder, period_s=0.02) as (path, plant):
             path.write_text(edited(path.read_text(encoding="utf-8")), encoding="utf-8")
-            app = create_app(load_plant(path), analyst=MadeAnalyst())
+            app = app_of(load_plant(path), analyst=MadeAnalyst())
             config = uvicorn.Config(app, host="127.0.0.1", port=0, log_config=None, lifespan="on", ws="none")
             server = uvicorn.Server(config)
             serving = asyncio.create_task(server.serve())

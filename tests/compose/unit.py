@@ -23,7 +23,7 @@ from typing import Any, Final
 
 import httpx
 
-from service.workers.precedence import LOOP
+from drivers.motion.precedence import LOOP
 
 Say = Callable[[str], None]
 Require = Callable[[bool, str], None]

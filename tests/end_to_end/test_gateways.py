@@ -106,7 +106,8 @@ def test_two_gateways_test_their_own_valves_and_see_all_results(tmp_path: Path) 
         plants = {name: _plant(tmp_path, name, ports, database) for name in ("g1", "g2")}
         running = [stack.enter_context(_process(tmp_path, "simulate", plants["g1"]))]
         services = {name: stack.enter_context(_process(tmp_path, "serve", path)) for name, path in plants.items()}
-        running += services.values()
+        motions = {name: stack.enter_context(_process(tmp_path, "motion", path)) for name, path in plants.items()}
+        running += [*services.values(), *motions.values()]
         one, two = (
             stack.enter_context(httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=120.0)) for port in ports[:2]
         )
@@ -123,15 +124,16 @@ def test_two_gateways_test_their_own_valves_and_see_all_results(tmp_path: Path) 
         tests = {tag: check["test_id"] for tag, check in _last_night(one).items()}
         _until(lambda: _asked(one, tests["FV-1"])["progress"] > 0.05, running, tmp_path)  # it was commanded
         assert _state(two, tests["FV-1"]) == "running"
-        services["g1"].send_signal(signal.SIGKILL)  # in the middle of the motion
-        services["g1"].wait(120.0)
-        running.remove(services["g1"])
+        for process in (services["g1"], motions["g1"]):  # in the middle of the motion
+            process.send_signal(signal.SIGKILL)
+            process.wait(120.0)
+            running.remove(process)
         moved = _until(lambda: (t := _asked(two, tests["FV-2"]))["motion_ended_at"] and t, running, tmp_path)
         assert moved["safe_confirmed"] is True
         assert _last_night(two)["FV-1"]["state"] == "running"  # nobody else speaks for g1
         assert two.get(f"/tests/{tests['FV-2']}/recording").is_success
 
-        running.append(stack.enter_context(_process(tmp_path, "serve", plants["g1"])))
+        running += [stack.enter_context(_process(tmp_path, name, plants["g1"])) for name in ("motion", "serve")]
         night = _until(lambda: (c := _last_night(one))["FV-1"]["state"] != "running" and c, running, tmp_path)
         assert night["FV-1"]["state"] == "interrupted"
         safe = _until(lambda: (t := _asked(one, tests["FV-1"]))["safe_confirmed"] is not None and t, running, tmp_path)

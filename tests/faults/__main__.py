@@ -21,7 +21,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Final
 
-from service.buses.bus_lock import FOLDER_VARIABLE
+from drivers.motion.bus_lock import FOLDER_VARIABLE
 from tests.faults.bench import Case, run_case, struck
 from tests.faults.cases import FAULTS, every_case, possible, some_cases
 from tests.faults.judge import Verdict

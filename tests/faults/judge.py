@@ -13,8 +13,8 @@ from typing import Any, Final
 import numpy as np
 
 from drivers.maps.reference import FULL_SCALE, MISSING_SAMPLE, WINDOW_ADDRESS, WINDOW_SAMPLES, WINDOW_WORDS
+from drivers.motion.journal import read_journal
 from drivers.stands_at import StemVerdict
-from service.store.journal import read_journal
 from simulator.record import Happening
 from tests.faults.station import POSITION, PRESSURE, SAFE_M, SAFE_PA, TOLERANCE_M, Station
 from tests.faults.surroundings import ENDING, HEEDED_S, LAST_PAGE_S, STOPPED_S, TOLD_S

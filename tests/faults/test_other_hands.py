@@ -15,11 +15,11 @@ import pytest
 from drivers.addresses import TcpAddress
 from drivers.device import connect_valve
 from drivers.maps.reference import MAP, Claim
+from drivers.motion.audit_log import AuditError, AuditLog
 from drivers.outcome import Ended, PlayOutcome
 from drivers.permissive_rules import Contact, PermissiveRules
 from drivers.sequence import play_sequence
 from drivers.transport import Transport
-from service.audit.log import AuditError, AuditLog
 from service.config.settings import load_plant
 from simulator.record import Happening
 from tests.drivers.bench import LIMITS, SAFE_PA, WIRING, Bench, until

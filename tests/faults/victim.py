@@ -19,18 +19,17 @@ import structlog
 import time_machine
 
 from drivers import polled_play
+from drivers.motion.audit_log import AuditLog
 from drivers.rows import PolledRows
 from drivers.stands_at import StemVerdict
 from service.access.principal import Role
-from service.app import create_app
-from service.audit.log import AuditLog
 from service.cli.accounts import accounts
 from service.cli.signals import ENDING_SIGNALS
 from service.config.settings import load_plant
 from service.model.run import Run
 from service.runs.service import Runs
-from service.runs.wired_rig import WiredRig
 from service.store.store import open_store
+from tests.service.in_process import app_of, motion_on
 from tests.service.running_service import running_application
 from valve.errors import ValveError
 
@@ -80,7 +79,7 @@ def _runs(plant_file: Path) -> Runs:
     plant = load_plant(plant_file)
     store = open_store(plant.service)
     audit = AuditLog(store.folder / "audit")
-    return Runs(plant, store, WiredRig(plant.buses, "fault bench"), _NoAnalyst(), software="fault bench", audit=audit)
+    return Runs(plant, store, motion_on(plant, audit=audit), _NoAnalyst(), software="fault bench", audit=audit)
 
 
 def _seen(run: Run) -> dict[str, Any]:
@@ -110,7 +109,7 @@ async def _run_watched_test(plant_file: Path, told_file: Path, order: Mapping[st
     with accounts(plant_file) as (access, _):
         access.add_user(_PERSON, Role.ENGINEER, _PASSWORD, by="fault bench")
     _tell_the_start(told)
-    app = create_app(load_plant(plant_file), analyst=_NoAnalyst())
+    app = app_of(load_plant(plant_file), analyst=_NoAnalyst())
     async with running_application(app) as client:
         me = (await client.post("/session", json={"name": _PERSON, "password": _PASSWORD})).json()
         headers = {"X-CSRF-Token": me["csrf_token"]}

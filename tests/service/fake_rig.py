@@ -11,18 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from drivers.outcome import Ended, PlayOutcome, SafeOutcome, SampleBlock
-from drivers.permissives import Permissive
-from drivers.recovery import Recovered
+from drivers.addresses import ValveWiring
+from drivers.motion.orders import Order
+from drivers.motion.rig import Watcher
+from drivers.outcome import Ended, PlayOutcome, Recovered, SafeOutcome, SampleBlock
+from drivers.permissive import Permissive
 from drivers.stands_at import StandsAt, stands_at
-from service.config.settings import PlantValve
 from service.own_files.reader import own_from_bytes
-from service.runs.rig import Order, Watcher
-from valve.errors import DeviceError, WaveformError
+from valve.errors import DeviceError
 from valve.nameplate import Nameplate
 from valve.recording import Recording
 from valve.recording_files import file_content, read_recording
-from valve.waveform import Waveform
 
 
 class FakeRig:
@@ -31,6 +30,7 @@ class FakeRig:
     def __init__(self, duration_s: float = 0.05) -> None:
         self.duration_s = duration_s
         self.orders: list[Order] = []
+        self.wirings: list[ValveWiring] = []
         self.safe_calls: list[tuple[str, int, float | None]] = []
         self.safe_confirmed = True
         self.refusal: Exception | None = None
@@ -44,16 +44,20 @@ class FakeRig:
         self.looks: list[tuple[str, float]] = []
         self.shown: tuple[Permissive, ...] = (Permissive("loop_in_manual", True, "in manual", "the loop in manual"),)
 
-    def check(self, valve: PlantValve, waveform: Waveform) -> None:
-        if waveform.fastest_rate_pa_per_s > valve.wiring.limits.pressure_rate_pa_per_s:
-            raise WaveformError(f"{valve.nameplate.tag}: too steep: make it slower")
-
-    async def permissives(self, _valve: PlantValve, permit: str | None) -> tuple[Permissive, ...]:
+    async def permissives(self, _wiring: ValveWiring, permit: str | None) -> tuple[Permissive, ...]:
         self.permits.append(permit)
         return self.shown
 
-    async def play(self, order: Order, watcher: Watcher, stop: asyncio.Event) -> PlayOutcome:
+    async def play(
+        self,
+        wiring: ValveWiring,
+        order: Order,
+        watcher: Watcher,
+        stop: asyncio.Event,
+        _enough: asyncio.Event | None = None,
+    ) -> PlayOutcome:
         self.orders.append(order)
+        self.wirings.append(wiring)
         if self.refusal is not None:
             raise self.refusal
         watcher.on_permissives(self.shown)
@@ -83,22 +87,22 @@ class FakeRig:
         ended = Ended.STOPPED if stop.is_set() else Ended.COMPLETED
         return PlayOutcome(recording, ended, self.safe_confirmed, notes=("no wire",))
 
-    async def go_safe(self, valve: PlantValve, run_number: int, entry_pa: float | None) -> SafeOutcome:
-        self.safe_calls.append((valve.nameplate.tag, run_number, entry_pa))
+    async def go_safe(self, wiring: ValveWiring, run_number: int, entry_pa: float | None) -> SafeOutcome:
+        self.safe_calls.append((wiring.tag, run_number, entry_pa))
         return SafeOutcome(self.safe_confirmed, reason="" if self.safe_confirmed else "the device shows 7 Pa")
 
     async def recover(
-        self, valve: PlantValve, run_number: int, entry_pa: float | None, *, commanded: bool | None
+        self, wiring: ValveWiring, run_number: int, entry_pa: float | None, *, commanded: bool | None
     ) -> Recovered:
-        self.recoveries.append((valve.nameplate.tag, run_number, entry_pa, commanded))
+        self.recoveries.append((wiring.tag, run_number, entry_pa, commanded))
         return replace(self.recovered, sent=self.recovered.sent and commanded is True)
 
     async def stands(
-        self, valve: PlantValve, *, safe_pa: float | None, confirmed: bool | None, after_s: float
+        self, wiring: ValveWiring, *, safe_pa: float | None, confirmed: bool | None, after_s: float
     ) -> StandsAt:
-        self.looks.append((valve.nameplate.tag, after_s))
+        self.looks.append((wiring.tag, after_s))
         return stands_at(
-            valve.wiring.rest,
+            wiring.rest,
             after_s=after_s,
             safe_pa=safe_pa,
             confirmed=confirmed,

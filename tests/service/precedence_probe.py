@@ -15,8 +15,7 @@ from typing import Any
 
 import uvloop
 
-from service.workers.polling import Polling
-from service.workers.precedence import Precedence
+from drivers.motion.precedence import Precedence
 
 _OF_A_CHILD = "import os; print(os.sched_getscheduler(0))"
 
@@ -31,12 +30,12 @@ async def _until(true: Callable[[], bool], within_s: float = 5.0) -> None:
         await asyncio.sleep(0.01)
 
 
-async def _motion(polling: Polling) -> dict[str, Any]:
+async def _motion(precedence: Precedence) -> dict[str, Any]:
     """Policies of the loop, of two other threads, and of a child, in a motion and after it."""
     ended = threading.Event()
     threads = [threading.Thread(target=ended.wait) for _ in range(2)]
     threads[0].start()
-    with polling.motion():
+    with precedence.motion():
         loop = _policy()
         threads[1].start()
         await _until(lambda: _policy(threads[1].native_id or 0)[0] == os.SCHED_RR)
@@ -50,9 +49,9 @@ async def _motion(polling: Polling) -> dict[str, Any]:
     return {"loop": loop, "others": others, "child": int(child), "at_once": at_once, "after": after}
 
 
-async def _spin(polling: Polling) -> dict[str, Any]:
+async def _spin(precedence: Precedence) -> dict[str, Any]:
     """How long a loop that never waits keeps its precedence, s, and whether it is there again once it turns."""
-    with polling.motion():
+    with precedence.motion():
         began_s = time.monotonic()
         while _policy()[0] == os.SCHED_RR and time.monotonic() - began_s < 8.0:
             pass
@@ -60,15 +59,14 @@ async def _spin(polling: Polling) -> dict[str, Any]:
         await _until(lambda: _policy()[0] == os.SCHED_RR)
         await asyncio.sleep(0.0)
         again = _policy()[0] == os.SCHED_RR
-    assert polling.precedence is not None
-    polling.precedence.close()  # as the service does at its end
+    precedence.close()  # as the service does at its end
     return {"lasted_s": lasted_s, "again": again, "closed": _policy()[0] == os.SCHED_OTHER}
 
 
-async def _refused(polling: Polling) -> dict[str, Any]:
+async def _refused(precedence: Precedence) -> dict[str, Any]:
     """Policy in a motion where the system refuses: root loses the capability, too."""
-    with polling.motion():
-        return {"loop": _policy(), "allowed": polling.precedence is not None and polling.precedence.allowed}
+    with precedence.motion():
+        return {"loop": _policy(), "allowed": precedence.allowed}
 
 
 def main(what: str) -> None:
@@ -79,7 +77,7 @@ def main(what: str) -> None:
     precedence = Precedence()
     precedence.try_once()
     seen = {"motion": _motion, "spin": _spin, "refused-now": _refused}[what]
-    print(json.dumps({"allowed": precedence.allowed, **uvloop.run(seen(Polling(precedence)))}))
+    print(json.dumps({"allowed": precedence.allowed, **uvloop.run(seen(precedence))}))
 
 
 if __name__ == "__main__":

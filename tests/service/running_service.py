@@ -10,17 +10,17 @@ import httpx
 import uvicorn
 from fastapi import FastAPI
 
-from service.app import create_app
+from drivers.motion.rig import Rig
 from service.config.settings import Plant
 from service.http.http_protocol import BoundedHttp
 from service.runs.analyst import Analyst
-from service.runs.rig import Rig
+from tests.service.in_process import app_of
 
 
 @asynccontextmanager
 async def running_service(plant: Plant, rig: Rig | None, analyst: Analyst | None) -> AsyncIterator[httpx.AsyncClient]:
     """Serve a plant on a free port and hand out a client of it."""
-    async with running_application(create_app(plant, rig=rig, analyst=analyst)) as client:
+    async with running_application(app_of(plant, rig=rig, analyst=analyst)) as client:
         yield client
 
 

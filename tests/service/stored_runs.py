@@ -10,10 +10,11 @@ from service.model.run import Run, RunState, new_run_id
 from service.runs.service import Runs
 from service.store.store import Store
 from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.service.in_process import motion_on
 
 
 def runs_of(plant: Plant, store: Store, rig: FakeRig) -> Runs:
-    return Runs(plant, store, rig, FakeAnalyst(), software="breakaway 0")
+    return Runs(plant, store, motion_on(plant, rig, folder=store.folder), FakeAnalyst(), software="breakaway 0")
 
 
 def stored(state: RunState) -> Run:

@@ -24,6 +24,7 @@ from service.runs.service import Runs
 from service.store.store import Store
 from tests.service.access.signed_in import body_of, signed_in
 from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.service.in_process import motion_on
 from tests.service.problem import assert_problem
 from tests.service.running_service import running_service
 from tests.service.stored_runs import stored
@@ -93,7 +94,7 @@ async def test_an_analysis_that_ended_the_service_three_times_is_left_alone(plan
         if there:
             store.recording_path(run.id).touch()
         runs.append(run)
-    service = Runs(plant, store, FakeRig(), Failing(), software="breakaway 0")
+    service = Runs(plant, store, motion_on(plant, FakeRig(), folder=store.folder), Failing(), software="breakaway 0")
     await service.recover()
     await service.settled()
     states = [store.runs.get(run.id).state for run in runs]
@@ -221,7 +222,7 @@ async def test_a_separating_test_is_analysed_again_with_the_tests_that_it_separa
 
 async def test_two_who_ask_at_once_begin_one_analysis(plant: Plant, store: Store) -> None:
     analyst = FakeAnalyst()
-    runs = Runs(plant, store, FakeRig(), analyst, software="breakaway 0")
+    runs = Runs(plant, store, motion_on(plant, FakeRig(), folder=store.folder), analyst, software="breakaway 0")
     run = await runs.wait((await runs.start("FV-101", "triangle", {})).id, 20.0)
     analyst.let_go.clear()
     answers = await asyncio.gather(*(runs.analyze(run.id) for _ in range(5)), return_exceptions=True)
@@ -235,7 +236,7 @@ async def test_two_who_ask_at_once_begin_one_analysis(plant: Plant, store: Store
 async def test_an_ending_service_lets_those_go_who_watch_an_analysis(plant: Plant, store: Store) -> None:
     analyst = FakeAnalyst()
     analyst.let_go.clear()
-    runs = Runs(plant, store, FakeRig(), analyst, software="breakaway 0")
+    runs = Runs(plant, store, motion_on(plant, FakeRig(), folder=store.folder), analyst, software="breakaway 0")
     run = await runs.start("FV-101", "triangle", {})
     stream = await runs.follow(run.id, 0)
     seen: list[str] = []

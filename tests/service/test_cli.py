@@ -13,9 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from drivers.permissives import Permissive
+from drivers.addresses import ValveWiring
+from drivers.permissive import Permissive
 from service.cli import COMMANDS
-from service.config.settings import PlantValve, load_plant
+from service.config.settings import load_plant
 from tests.service.command_line import called
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.running_service import running_service
@@ -180,10 +181,10 @@ class SlowToAnswer(FakeRig):
         super().__init__(30.0)
         self.asked, self.answer = asyncio.Event(), asyncio.Event()
 
-    async def permissives(self, valve: PlantValve, permit: str | None) -> tuple[Permissive, ...]:
+    async def permissives(self, wiring: ValveWiring, permit: str | None) -> tuple[Permissive, ...]:
         self.asked.set()
         await self.answer.wait()
-        return await super().permissives(valve, permit)
+        return await super().permissives(wiring, permit)
 
 
 async def test_ctrl_c_before_the_answer_stops_the_test_that_the_answer_names(plant_file: Path) -> None:

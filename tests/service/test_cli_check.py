@@ -14,7 +14,7 @@ from drivers.addresses import TcpAddress
 from drivers.inspection import ReadOnlyTransport
 from drivers.maps import register_map
 from drivers.maps.reference import WatchdogState
-from service.buses.bus_lock import BusLocks
+from drivers.motion.bus_lock import BusLocks
 from service.config.settings import load_plant
 from simulator.faults import Fault as PlantFault
 from simulator.faults import FaultKind

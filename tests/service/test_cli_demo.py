@@ -62,7 +62,7 @@ def demonstration(folder: Path) -> Iterator[subprocess.Popen[str]]:
 
 def test_a_signal_ends_the_demonstration_and_all_that_it_started(quick_path: Path) -> None:
     with demonstration(quick_path) as process:
-        assert set(processes_in(quick_path)) == {"simulate", "serve"}
+        assert set(processes_in(quick_path)) == {"simulate", "motion", "serve"}
         process.send_signal(signal.SIGHUP)  # becomes Ctrl-C, as SIGTERM does: test_cli.py sends a command each of them
         _, said = process.communicate(timeout=LIMIT_S)
         assert process.returncode == 1
@@ -71,7 +71,9 @@ def test_a_signal_ends_the_demonstration_and_all_that_it_started(quick_path: Pat
         assert list(quick_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("name", ["simulate", pytest.param("serve", marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "name", ["motion", *(pytest.param(name, marks=pytest.mark.long) for name in ("simulate", "serve"))]
+)
 def test_a_process_that_dies_ends_the_demonstration_in_a_sentence(quick_path: Path, name: str) -> None:
     with demonstration(quick_path) as process:
         os.kill(processes_in(quick_path)[name], signal.SIGKILL)

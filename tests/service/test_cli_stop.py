@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from drivers.outcome import PlayOutcome
 from service.config.settings import load_plant
 from service.runs.life import UPLOADING
-from service.runs.rig import Order, Watcher
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.running_service import running_service
 
@@ -53,9 +53,9 @@ class Uploading(FakeRig):
         super().__init__(60.0)
         self.fetched = asyncio.Event()
 
-    async def play(self, order: Order, watcher: Watcher, stop: asyncio.Event) -> PlayOutcome:
-        outcome = await super().play(order, watcher, stop)
-        watcher.on_progress(1.0, UPLOADING)
+    async def play(self, *said: Any) -> PlayOutcome:
+        outcome = await super().play(*said)
+        said[2].on_progress(1.0, UPLOADING)
         await self.fetched.wait()
         return outcome
 

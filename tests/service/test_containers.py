@@ -12,10 +12,10 @@ import yaml
 from sqlalchemy import make_url
 
 from drivers.addresses import TcpAddress
+from drivers.motion.precedence import LOOP
 from service.config.database import PASSWORD_VARIABLE
 from service.config.nightly import GATEWAY_VARIABLE
 from service.config.settings import Plant, load_plant
-from service.workers.precedence import LOOP
 from valve.parameter_sets import PARAMETER_SETS
 
 PROJECT = Path(__file__).resolve().parents[2]

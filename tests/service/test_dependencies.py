@@ -10,9 +10,9 @@ from typing import Any
 from fastapi.dependencies.models import Dependant
 from fastapi.routing import APIRoute, iter_route_contexts
 
-from service.app import create_app
 from service.config.settings import load_plant
 from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.service.in_process import app_of
 
 
 def _called(dependant: Dependant) -> Iterator[Any]:
@@ -22,7 +22,7 @@ def _called(dependant: Dependant) -> Iterator[Any]:
 
 
 def test_nothing_that_comes_before_a_route_needs_a_thread(plant_file: Path) -> None:
-    app = create_app(load_plant(plant_file), rig=FakeRig(), analyst=FakeAnalyst())
+    app = app_of(load_plant(plant_file), rig=FakeRig(), analyst=FakeAnalyst())
     called = {
         call
         for route in iter_route_contexts(app.routes)

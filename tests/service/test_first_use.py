@@ -11,13 +11,13 @@ import httpx
 import jinja2
 import pytest
 
-from service.app import create_app
 from service.config.settings import Plant
 from service.routes import openapi as openapi_module
 from service.server import server
 from service.server.first_use import use_once
 from service.tablet import rendering
 from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.service.in_process import app_of
 
 
 def _too_late(*_: Any, **__: Any) -> None:
@@ -27,7 +27,7 @@ def _too_late(*_: Any, **__: Any) -> None:
 async def test_pages_and_document_are_made_before_the_first_request(
     plant: Plant, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    app = create_app(plant, rig=FakeRig(), analyst=FakeAnalyst())
+    app = app_of(plant, rig=FakeRig(), analyst=FakeAnalyst())
     rendering._environment.cache_clear()
     await asyncio.to_thread(use_once, app)
     monkeypatch.setattr(jinja2.Environment, "compile", _too_late)

@@ -31,7 +31,7 @@ async def test_at_its_time_every_valve_is_checked_one_at_a_time_on_a_bus_and_bus
         clock.now = DUE + timedelta(seconds=20)
         nightly.look_now()
         await until(store, lambda _: len(rig.orders) == 2)
-        assert {order.valve.nameplate.tag for order in rig.orders} == {"A1", "B1"}
+        assert {order.tag for order in rig.orders} == {"A1", "B1"}
         rig.duration_s = 0.3
         checks = await until(store, _all_ended)
         assert [check.state for check in checks] == [CheckState.COMPLETED] * 3
@@ -187,7 +187,7 @@ async def test_what_a_dead_process_had_begun_is_interrupted_and_what_waited_goes
     assert checks["A1"].state is CheckState.INTERRUPTED
     assert checks["A1"].test_id == dead.id
     assert rig.recoveries == [("A1", dead.number, None, False)], "it has no journal: nothing was commanded"
-    assert sorted(order.valve.nameplate.tag for order in rig.orders) == ["A2", "B1"]
+    assert sorted(order.tag for order in rig.orders) == ["A2", "B1"]
     store.close()
 
 

@@ -12,15 +12,15 @@ from fastapi import FastAPI
 from fastapi.routing import APIRoute, iter_route_contexts
 from pydantic import TypeAdapter
 
-from service.app import create_app
 from service.config.settings import Plant
 from service.routes.openapi import EXAMPLES, GROUPS, SAMPLES_KEY
 from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.service.in_process import app_of
 
 
 @pytest.fixture
 def app(plant: Plant) -> FastAPI:
-    return create_app(plant, rig=FakeRig(), analyst=FakeAnalyst())
+    return app_of(plant, rig=FakeRig(), analyst=FakeAnalyst())
 
 
 def test_every_route_has_one_group_a_sentence_and_an_example(app: FastAPI) -> None:

@@ -12,19 +12,19 @@ import time
 from collections.abc import Iterator, Mapping
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
 from structlog.testing import capture_logs
 
 from drivers.addresses import BusAddress
+from drivers.motion import bus_lock
+from drivers.motion.bus_lock import FOLDER_VARIABLE, BusLocks
 from drivers.outcome import PlayOutcome
-from drivers.permissives import Permissive
-from service.buses import bus_lock
-from service.buses.bus_lock import FOLDER_VARIABLE, BusLocks
+from drivers.permissive import Permissive
 from service.config.settings import load_plant
 from service.runs import permission
-from service.runs.rig import Order, Watcher
 from simulator.faults import Fault, FaultKind
 from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.running_service import running_service
@@ -127,8 +127,8 @@ async def test_a_disk_with_no_room_permits_no_test(plant_file: Path, monkeypatch
 class _BadEnd(FakeRig):
     """Moves, and ends as a rule demands; whether the valve is safe then is ``safe_confirmed``."""
 
-    async def play(self, order: Order, watcher: Watcher, stop: asyncio.Event) -> PlayOutcome:
-        outcome = await super().play(order, watcher, stop)
+    async def play(self, *said: Any) -> PlayOutcome:
+        outcome = await super().play(*said)
         error = DeviceError("FV-101: the stem is stuck: look at it")
         return PlayOutcome(outcome.recording, type(outcome.ended)("failed"), self.safe_confirmed, error)
 

@@ -11,9 +11,8 @@ from typing import Any
 
 import pytest
 
+from drivers.motion.precedence import BESIDE, LOOP, Precedence
 from service.routes.metrics import PrecedenceCollector
-from service.workers.polling import Polling
-from service.workers.precedence import BESIDE, LOOP, Precedence
 
 PROJECT = Path(__file__).resolve().parents[2]
 
@@ -75,7 +74,7 @@ def test_motions_that_overlap_have_it_until_the_last_one_ends() -> None:
         def end(self) -> None:
             told.append("end")
 
-    polling = Polling(Told())
+    polling = Told()
     with polling.motion():
         with polling.motion():
             pass
@@ -85,12 +84,7 @@ def test_motions_that_overlap_have_it_until_the_last_one_ends() -> None:
 
 @pytest.mark.parametrize("allowed", [True, False])
 def test_metrics_tell_whether_the_system_allows_it(allowed: bool) -> None:
-    class Known(Precedence):
-        @property
-        def allowed(self) -> bool:
-            return allowed
-
-    (family,) = PrecedenceCollector(Known()).collect()
+    (family,) = PrecedenceCollector(allowed).collect()
     assert [(sample.name, sample.value) for sample in family.samples] == [
         ("breakaway_polling_precedence", float(allowed))
     ]

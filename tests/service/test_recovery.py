@@ -12,14 +12,13 @@ from typing import Any
 
 import pytest
 
-from drivers.outcome import SafeOutcome
-from drivers.recovery import Recovered
+from drivers.motion.journal import JournalWriter
+from drivers.outcome import Recovered, SafeOutcome
 from drivers.stands_at import StemVerdict
 from service.config.settings import Plant, load_plant
 from service.model.acknowledgement import alarm_of, last_end
 from service.model.run import Run, RunState
 from service.runs.recovery import mark_interrupted
-from service.store.journal import JournalWriter
 from service.store.store import Store
 from simulator.faults import Fault, FaultKind
 from simulator.record import Happening

@@ -94,7 +94,7 @@ async def test_a_valve_under_test_keeps_its_configuration_until_its_test_ends(qu
             while "A1" in (tags := await one.tags()):
                 assert tags == ["A1", "A2", "A3"]
                 await asyncio.sleep(0.05)
-        assert one.rig.orders[0].valve.nameplate.tag == "A1"
+        assert one.rig.orders[0].tag == "A1"
         assert (await one.client.get("/")).status_code == 200
 
 
@@ -114,7 +114,7 @@ async def test_a_changed_valve_under_test_is_its_new_self_at_its_next_test(quick
             while await rate() != 11111.0:
                 assert (await one.client.get(f"/tests/{run['id']}")).status_code == 200
                 await asyncio.sleep(0.05)
-        assert one.rig.orders[0].valve.wiring.limits.pressure_rate_pa_per_s == 30000.0
+        assert one.rig.wirings[0].limits.pressure_rate_pa_per_s == 30000.0
 
 
 async def test_a_faulty_file_changes_nothing_and_every_fault_is_told(quick_path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from service.audit.log import AuditLog
+from drivers.motion.audit_log import AuditLog
 from service.audit.verify import entries_of
 from service.config.settings import Plant
 from service.model.run import Run, RunState
@@ -18,6 +18,7 @@ from service.runs.service import Runs
 from service.store.schema_health import FIGURES
 from service.store.store import Store
 from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.service.in_process import motion_on
 from valve.errors import RecordingError
 
 
@@ -41,7 +42,14 @@ class _Service:
     def __init__(self, plant: Plant) -> None:
         self.plant, self.store, self.rig, self.analyst = plant, Store(plant.service.store), FakeRig(), _Counting()
         self.audit = AuditLog(self.store.folder / "audit", "gateway")
-        self.runs = Runs(plant, self.store, self.rig, self.analyst, software="breakaway 0", audit=self.audit)
+        self.runs = Runs(
+            plant,
+            self.store,
+            motion_on(plant, self.rig, self.audit, folder=self.store.folder),
+            self.analyst,
+            software="breakaway 0",
+            audit=self.audit,
+        )
         self.renewal = Renewal(plant, self.store, self.runs, first_s=0.0, rest_s=0.01)
 
     async def tested(self, *, engine: int | None = None) -> Run:

@@ -12,18 +12,20 @@ from typing import Any
 
 import pytest
 
+from drivers.motion.journal import JournalWriter
+from drivers.motion.orders import Order
+from drivers.motion.rig import Watcher
 from drivers.outcome import Ended, PlayOutcome, SampleBlock
 from service.config.settings import Plant
 from service.model.run import Run, RunState
 from service.runs.live import MOTION_SHARE
 from service.runs.recovery import keep_journals_of_ended_runs, mark_interrupted
-from service.runs.rig import Order, Watcher
 from service.runs.service import Runs
 from service.shown.ending import ending_of
-from service.store.journal import JournalWriter
 from service.store.run_table import RunTable
 from service.store.store import Store
 from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.service.in_process import motion_on
 from tests.service.stored_runs import runs_of, stored
 from valve.errors import DeviceError, PermissiveError, RequestError
 
@@ -261,8 +263,8 @@ async def test_an_outcome_that_comes_in_spite_of_a_cancellation_is_stored_with_i
     rig, letting_go = FakeRig(), asyncio.Event()
     played = rig.play
 
-    async def play(order: Order, watcher: Watcher, stop: asyncio.Event) -> PlayOutcome:
-        outcome = await played(order, watcher, stop)
+    async def play(*said: Any) -> PlayOutcome:
+        outcome = await played(*said)
         letting_go.set()
         try:
             await asyncio.sleep(60.0)
@@ -316,7 +318,14 @@ async def test_a_disk_that_is_busy_holds_up_neither_the_valve_nor_the_event_loop
         shown.append(((shown[-1][0] if shown else 0) + block.time_s.size, lines - 2))
 
     rig = FakeRig(1.5)
-    runs = Runs(plant, store, rig, FakeAnalyst(), software="breakaway 0", on_samples=on_samples)
+    runs = Runs(
+        plant,
+        store,
+        motion_on(plant, rig, folder=store.folder),
+        FakeAnalyst(),
+        software="breakaway 0",
+        on_samples=on_samples,
+    )
     run = await runs.start("FV-101", "triangle", {})
     longest_s, last_s = 0.0, time.monotonic()
     while not (await runs.wait(run.id, 0.0)).state.finished:
@@ -334,7 +343,7 @@ async def test_a_disk_that_takes_no_sample_for_seconds_ends_the_test(
     plant: Plant, store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     free = threading.Event()
-    monkeypatch.setattr("service.runs.kept_samples._LONGEST_S", 0.3)
+    monkeypatch.setattr("drivers.motion.kept_samples._LONGEST_S", 0.3)
     monkeypatch.setattr(JournalWriter, "append", lambda *_: free.wait(60.0))
     rig = FakeRig(20.0)
     runs = runs_of(plant, store, rig)

@@ -10,20 +10,22 @@ import numpy as np
 import pytest
 
 from drivers.addresses import MotionLimits
-from service.buses.bus import BusOwners
+from drivers.motion.orders import Order
 from service.config.settings import load_plant
 from service.model.run import RunState
 from service.model.sequences import SEQUENCES, build_waveform, choose_waveform, default_of
 from service.routes.recording_formats import CSV, PARQUET, acceptable
+from service.runs.bus_owners import BusOwners
 from service.runs.events import EventLog
 from service.runs.gate import Gate
 from service.runs.life import Life
 from service.runs.live import LiveRun
-from service.runs.rig import Order
 from service.runs.stem_looks import StemLooks
 from service.runs.tasks import Tasks
 from service.store.store import Store
+from service.workers.polling import Polling
 from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.service.in_process import motion_on
 from tests.service.stored_runs import runs_of, stored
 from valve.errors import BusyError, NotFoundError, RequestError, WaveformError
 from valve.nameplate import Actuator, Nameplate, Signal
@@ -231,9 +233,9 @@ async def test_the_intent_is_on_disk_before_the_rig_is_asked(plant_file: Path) -
     seen: list[RunState] = []
 
     class Looking(FakeRig):
-        async def play(self, order: Order, watcher: Any, stop: asyncio.Event) -> Any:
+        async def play(self, *said: Any) -> Any:
             seen.append(store.runs.newest(1)[0].state)
-            return await super().play(order, watcher, stop)
+            return await super().play(*said)
 
     runs = runs_of(plant, store, Looking())
     run = await runs.start("FV-101", "triangle", {})
@@ -253,12 +255,14 @@ async def test_a_test_that_is_stopped_before_it_moves_never_moves(plant_file: Pa
     live = LiveRun(store.runs.insert(stored(RunState.QUEUED)))
     live.request_stop("stopped on request")
     rig, valve = FakeRig(), plant.valves["FV-101"]
-    gate = Gate(plant, store, rig)
-    owners, looks = gate.owners, StemLooks(store, rig, gate, Tasks())
+    motion = motion_on(plant, rig, folder=store.folder)
+    gate = Gate(plant, store, motion)
+    owners, looks = gate.owners, StemLooks(store, motion, gate, Tasks())
     waveform = build_waveform("triangle", {}, valve.nameplate, valve.wiring.limits)
-    order = Order(valve, waveform, "triangle", live.run.number)
+    order = Order(live.run.id, "FV-101", waveform, "triangle", live.run.number)
     claim = owners.claim(live.run.id, "FV-101", valve.buses)
-    await Life(live, order, claim, store, owners, looks=looks).run(rig, FakeAnalyst())
+    life = Life(live, valve, order, claim, store=store, owners=owners, looks=looks)
+    await life.run(motion, FakeAnalyst(), polling=Polling())
     assert live.run.state is RunState.STOPPED
     assert rig.orders == []
     assert owners.holder("FV-101") is None

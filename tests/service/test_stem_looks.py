@@ -12,12 +12,12 @@ import httpx
 import pytest
 
 from drivers.stands_at import RestRules, StandsAt, StemVerdict, stands_at
-from service.buses.bus import BusOwners
 from service.config.settings import load_plant
 from service.model.requester import LOCAL
 from service.model.run import RunState
 from service.model.stands_words import stands_sentence
 from service.mqtt.messages import state_message
+from service.runs.bus_owners import BusOwners
 from service.store.store import Store
 from service.words.sentences import in_units
 from service.words.units import UnitSystem

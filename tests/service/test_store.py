@@ -11,10 +11,10 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from sqlalchemy import text
 
+from drivers.motion.journal import JournalWriter, read_journal, recording_from_journal
 from drivers.outcome import SampleBlock
 from service.model.run import Run, RunState, checked_run_id, new_run_id
 from service.store.database import open_database
-from service.store.journal import JournalWriter, read_journal, recording_from_journal
 from service.store.schema import TABLES, WHOLE
 from service.store.store import Store
 from valve.errors import BusyError, ConfigurationError, NotFoundError

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 import structlog
 
-from service.server.systemd import ServiceManager
-from service.workers.precedence import LOOP
+from drivers.motion.precedence import LOOP
+from drivers.motion.service_manager import ServiceManager
 from tests.service.conftest import PLANT
 
 UNIT = Path(__file__).resolve().parents[2] / "deploy" / "breakaway.service"

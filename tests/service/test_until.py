@@ -13,6 +13,7 @@ import httpx
 import numpy as np
 import pytest
 
+from drivers.motion.journal import JournalWriter
 from drivers.outcome import PlayOutcome, SampleBlock
 from service.config.settings import Plant, load_plant
 from service.model.run import Run, RunState, new_run_id
@@ -23,9 +24,7 @@ from service.runs.estimate_worker import EstimateWorker
 from service.runs.live import LiveRun
 from service.runs.live_estimates import LiveEstimates
 from service.runs.out_of_family import OutOfFamily
-from service.runs.rig import Order, Watcher
 from service.runs.so_far import estimate_so_far, turns_s
-from service.store.journal import JournalWriter
 from service.store.store import Store, open_store
 from service.words.units import UnitSystem
 from tests.rough_valves import RoughCase, case
@@ -110,9 +109,9 @@ async def test_a_key_that_was_used_with_another_until_is_refused(client: httpx.A
 class EarlyRig(FakeRig):
     """Ends a test after its first ramp up, as one that knew enough."""
 
-    async def play(self, order: Order, watcher: Watcher, stop: asyncio.Event) -> PlayOutcome:
-        assert order.enough is None  # nobody estimates here
-        return replace(await super().play(order, watcher, stop), ended_early_s=4.0)
+    async def play(self, *said: Any) -> PlayOutcome:
+        assert said[-1] is None  # nobody estimates here
+        return replace(await super().play(*said), ended_early_s=4.0)
 
 
 @pytest.fixture

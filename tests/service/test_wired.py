@@ -5,26 +5,21 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import fcntl
-import json
 import os
 import pty
-import re
 import signal
 import sys
 import termios
-import time
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Any
 
-import httpx
+import numpy as np
 import pytest
 
-from service.cli.signals import ENDING_SIGNALS
 from service.config.settings import load_plant
+from simulator.assembly import SimulatedPlant
 from simulator.record import Happening
 from tests.service.fake_rig import FakeAnalyst
+from tests.service.processes import Condition, hear_all_signals, moving, serving, until
 from tests.service.running_service import running_service
 from tests.service.wired_plant import SAFE_PA, TAG, asked_pa, wired_plant
 from tests.stopwatch import Stopwatch
@@ -33,14 +28,8 @@ from valve.recording_files import read_recording
 
 SMALL = {"low_pa": 30_000.0, "high_pa": 40_000.0}
 SHORT = {"valve": TAG, "overrides": {"cycles": 1, "period_s": 1.0, **SMALL}}
+SOME_SECONDS = {"valve": TAG, "overrides": {"cycles": 3, "period_s": 4.0, **SMALL}}
 LONG = {"valve": TAG, "overrides": {"cycles": 10, "period_s": 20.0, **SMALL}}
-
-
-async def until(condition: Any, within_s: float, what: str) -> None:
-    deadline_s = time.monotonic() + within_s
-    while not await condition():
-        assert time.monotonic() < deadline_s, f"{what} did not happen within {within_s} s"
-        await asyncio.sleep(0.02)
 
 
 async def test_a_polled_test_runs_end_to_end(quick_path: Path) -> None:
@@ -97,50 +86,20 @@ async def test_a_device_that_is_not_there_permits_no_test_and_frees_the_bus(quic
         assert (await client.get("/tests")).json()["tests"] == []
 
 
-def _hear_all_signals() -> None:
-    """Let a process hear what whoever started the tests ignores: under nohup, or behind an ampersand."""
-    for number in ENDING_SIGNALS:
-        signal.signal(number, signal.SIG_DFL)
-
-
 def _at_the_terminal() -> None:
-    _hear_all_signals()
+    hear_all_signals()
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
 
-@asynccontextmanager
-async def served(config: Path, *how: str) -> AsyncIterator[tuple[asyncio.subprocess.Process, httpx.AsyncClient]]:
-    """Run ``breakaway serve`` as a process, or ``how`` Python does that, and hand out a client of it."""
-    log = config.with_suffix(".log")
-    with log.open("ab") as errors:
-        start = log.stat().st_size
-        process = await asyncio.create_subprocess_exec(
-            *(sys.executable, *(how or ("-m", "service.cli", "serve", "--config", str(config)))),
-            stderr=errors,
-            preexec_fn=_hear_all_signals,
-        )
-    try:
+def _moves(plant: SimulatedPlant) -> Condition:
+    async def moving_now() -> bool:
+        return asked_pa(plant) > 29_000.0
 
-        async def listening() -> bool:
-            assert process.returncode is None, log.read_text()
-            return "listening" in log.read_text()[start:]
+    return moving_now
 
-        await until(listening, 180.0, "the start of the service")
-        url = re.findall(r"http://127\.0\.0\.1:\d+", log.read_text()[start:])[-1]
-        async with httpx.AsyncClient(base_url=url, timeout=30.0) as client:
 
-            async def healthy() -> bool:
-                try:
-                    return (await client.get("/healthz")).is_success
-                except httpx.TransportError:
-                    return False
-
-            await until(healthy, 120.0, "the first answer")
-            yield process, client
-    finally:
-        if process.returncode is None:
-            process.kill()
-        await process.wait()
+def _no_watchdog_acted(plant: SimulatedPlant) -> bool:
+    return not [event for event in plant.records[TAG].events if event.happening is Happening.WATCHDOG_TRIPPED]
 
 
 @pytest.mark.parametrize(
@@ -153,28 +112,109 @@ async def served(config: Path, *how: str) -> AsyncIterator[tuple[asyncio.subproc
         pytest.param(signal.SIGQUIT, marks=pytest.mark.long),
     ],
 )
-async def test_a_signal_that_ends_the_service_stops_the_test_and_leaves_the_valve_safe(
+async def test_a_signal_that_ends_the_motion_process_stops_the_test_and_leaves_the_valve_safe(
     quick_path: Path, number: signal.Signals
 ) -> None:
-    async with wired_plant(quick_path) as (path, plant), served(path) as (process, client):
+    async with wired_plant(quick_path) as (path, plant), moving(path) as motion, serving(path) as (_, client):
         location = (await client.post("/tests/run", json=LONG)).headers["location"]
-
-        async def moving() -> bool:
-            return asked_pa(plant) > 29_000.0
-
-        await until(moving, 60.0, "the motion")
+        await until(_moves(plant), 60.0, "the motion")
         watching = asyncio.create_task(client.get(f"{location}/events"))
         await asyncio.sleep(0.1)
-        process.send_signal(number)
-        code = await asyncio.wait_for(process.wait(), 20.0)
+        motion.send_signal(number)
+        code = await asyncio.wait_for(motion.wait(), 20.0)
         events = (await watching).text
-        assert code == 0, path.with_suffix(".log").read_text()
+        assert code == 0, path.with_name("plant.motion.log").read_text()
         assert '"state": "stopped"' in events
+        assert "the motion process was shut down" in (await client.get(location)).json()["error"]
         assert asked_pa(plant) == pytest.approx(SAFE_PA, abs=10.0)
-        tripped = [event for event in plant.records[TAG].events if event.happening is Happening.WATCHDOG_TRIPPED]
-        assert tripped == []
-        lines = [line for line in path.with_suffix(".log").read_text().splitlines() if line.startswith("{")]
-        assert {"listening", "test accepted", "test ended", "ended"} <= {json.loads(line)["event"] for line in lines}
+        assert _no_watchdog_acted(plant)
+        refused = await client.post("/tests/run", json=SHORT)
+        assert refused.status_code == 503
+        assert "breakaway motion" in refused.json()["detail"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+async def test_a_test_outlives_the_service_and_completes_when_that_is_back(
+    quick_path: Path, number: signal.Signals
+) -> None:
+    async with wired_plant(quick_path) as (path, plant), moving(path):
+        async with serving(path) as (process, client):
+            location = (await client.post("/tests/run", json=SOME_SECONDS)).headers["location"]
+            await until(_moves(plant), 60.0, "the motion")
+            process.send_signal(number)
+            await process.wait()
+        assert asked_pa(plant) > 29_000.0
+        async with serving(path) as (_, client):
+
+            async def completed() -> bool:
+                return (await client.get(location)).json()["state"] not in {"running", "analyzing"}
+
+            await until(completed, 120.0, "the end of the test")
+            body = (await client.get(location)).json()
+            assert (body["state"], body["safe_confirmed"]) == ("completed", True), body["error"]
+        recording = read_recording(quick_path / "plant-data" / "recordings" / f"{body['id']}.parquet")
+        assert recording.duration_s == pytest.approx(12.0, abs=0.2)
+        assert np.diff(recording.time_s).max() < 0.5, "it was sampled while no service lived"
+        assert asked_pa(plant) == pytest.approx(SAFE_PA, abs=10.0)
+        assert _no_watchdog_acted(plant)
+        assert list((quick_path / "plant-data" / "journals").iterdir()) == []
+
+
+async def test_a_motion_process_that_is_killed_leaves_the_valve_to_its_watchdog_and_the_test_interrupted(
+    quick_path: Path,
+) -> None:
+    async with (
+        wired_plant(quick_path, watchdog_s=2.0) as (path, plant),
+        moving(path) as motion,
+        serving(path) as (_, client),
+    ):
+        location = (await client.post("/tests/run", json=LONG)).headers["location"]
+        await until(_moves(plant), 60.0, "the motion")
+        motion.kill()
+        await motion.wait()
+
+        async def interrupted() -> bool:
+            return bool((await client.get(location)).json()["state"] == "interrupted")
+
+        await until(interrupted, 30.0, "the end of the test")
+        async with moving(path):
+
+            async def safe() -> bool:
+                return (await client.get(location)).json()["safe_confirmed"] is True
+
+            await until(safe, 90.0, "the confirmation of the safe value")
+            body = (await client.get(location)).json()
+            assert "the motion process ended" in body["error"]
+            assert asked_pa(plant) == pytest.approx(SAFE_PA, abs=10.0)
+            assert len((await client.get(body["recording"]["href"])).text.splitlines()) > 2
+            refused = await client.post("/tests/run", json=SHORT)
+            assert refused.status_code == 423
+            assert "acknowledge first" in refused.json()["detail"]
+
+
+async def test_the_motion_process_alone_stops_a_valve(quick_path: Path) -> None:
+    async with wired_plant(quick_path) as (path, plant), moving(path), serving(path) as (service, client):
+        location = (await client.post("/tests/run", json=LONG)).headers["location"]
+        await until(_moves(plant), 60.0, "the motion")
+        service.send_signal(signal.SIGSTOP)  # it hangs
+        try:
+            stopping = await asyncio.create_subprocess_exec(
+                *(sys.executable, "-m", "service.cli", "stop", TAG, "--config", str(path)), stdout=-1
+            )
+            said, _ = await asyncio.wait_for(stopping.communicate(), 60.0)
+            assert (stopping.returncode, TAG in said.decode()) == (0, True)
+
+            async def safe() -> bool:
+                return asked_pa(plant) == pytest.approx(SAFE_PA, abs=10.0)
+
+            await until(safe, 5.0, "the safe value")
+        finally:
+            service.send_signal(signal.SIGCONT)
+
+        async def stopped() -> bool:
+            return bool((await client.get(location)).json()["state"] == "stopped")
+
+        await until(stopped, 30.0, "the end of the test")
 
 
 async def test_a_terminal_that_is_closed_leaves_the_valve_safe(quick_path: Path) -> None:
@@ -182,7 +222,7 @@ async def test_a_terminal_that_is_closed_leaves_the_valve_safe(quick_path: Path)
     async with wired_plant(quick_path) as (path, plant):
         master, slave = pty.openpty()
         process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "service.cli", "serve", "--config", str(path)),
+            *(sys.executable, "-m", "service.cli", "motion", "--config", str(path)),
             stdin=slave,
             stdout=slave,
             stderr=slave,
@@ -197,45 +237,39 @@ async def test_a_terminal_that_is_closed_leaves_the_valve_safe(quick_path: Path)
             nonlocal said
             with contextlib.suppress(BlockingIOError):
                 said += os.read(master, 65536)
-            return b'"event": "listening"' in said
-
-        async def moving() -> bool:
-            await listening()  # somebody reads what the terminal shows
-            return asked_pa(plant) > 29_000.0
+            return b"motion process listening" in said
 
         try:
-            await until(listening, 180.0, "the start of the service")
-            (url,) = re.findall(rb"http://127\.0\.0\.1:\d+", said)
-            async with httpx.AsyncClient(base_url=url.decode(), timeout=30.0) as client:
+            await until(listening, 180.0, "the start of the motion process")
+            async with serving(path) as (_, client):
                 (await client.post("/tests/run", json=LONG)).raise_for_status()
-            await until(moving, 60.0, "the motion")
-            os.close(master)
-            await asyncio.wait_for(process.wait(), 20.0)
+                await until(_moves(plant), 60.0, "the motion")
+                os.close(master)
+                await asyncio.wait_for(process.wait(), 20.0)
         finally:
             if process.returncode is None:
                 process.kill()
                 await process.wait()
         assert process.returncode in (0, 120)  # 120: the interpreter could not flush its last words
         assert asked_pa(plant) == pytest.approx(SAFE_PA, abs=10.0)
-        record = plant.records[TAG]
-        assert not [event for event in record.events if event.happening is Happening.WATCHDOG_TRIPPED]
+        assert _no_watchdog_acted(plant)
 
 
-async def test_what_whoever_started_the_service_had_ignored_stays_ignored(quick_path: Path) -> None:
+async def test_what_whoever_started_the_motion_process_had_ignored_stays_ignored(quick_path: Path) -> None:
     async with wired_plant(quick_path) as (path, _):
         ignoring = "import signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN); "
-        run = "from service.cli import main; sys.argv[1:] = ['serve', '--config', sys.argv[1]]; main()"
-        async with served(path, "-c", ignoring + run, str(path)) as (process, client):
-            process.send_signal(signal.SIGHUP)  # as nohup wants it
+        run = "from service.cli import main; sys.argv[1:] = ['motion', '--config', sys.argv[1]]; main()"
+        async with moving(path, "-c", ignoring + run, str(path)) as motion:
+            motion.send_signal(signal.SIGHUP)  # as nohup wants it
             await asyncio.sleep(0.5)
-            assert (await client.get("/healthz")).is_success
+            assert motion.returncode is None
 
 
-async def test_after_kill_9_the_test_is_interrupted_its_samples_are_kept_and_the_valve_is_safe(
+async def test_after_kill_9_of_both_the_test_is_interrupted_its_samples_are_kept_and_the_valve_is_safe(
     quick_path: Path,
 ) -> None:
     async with wired_plant(quick_path, watchdog_s=20.0) as (path, plant):
-        async with served(path) as (process, client):
+        async with moving(path) as motion, serving(path) as (process, client):
             location = (await client.post("/tests/run", json=LONG)).headers["location"]
             journals = quick_path / "plant-data" / "journals"
 
@@ -243,10 +277,11 @@ async def test_after_kill_9_the_test_is_interrupted_its_samples_are_kept_and_the
                 return sum(entry.stat().st_size for entry in journals.iterdir()) > 5_000
 
             await until(recorded, 60.0, "a journal with samples")
-            process.kill()
-            await process.wait()
+            for one in (process, motion):
+                one.kill()
+                await one.wait()
         assert asked_pa(plant) > 29_000.0
-        async with served(path) as (_, client):
+        async with moving(path), serving(path) as (_, client):
 
             async def safe() -> bool:
                 return (await client.get(location)).json()["safe_confirmed"] is True
@@ -267,7 +302,7 @@ async def test_after_kill_9_the_test_is_interrupted_its_samples_are_kept_and_the
 
 
 async def test_a_second_service_on_the_store_is_refused_in_one_sentence(quick_path: Path) -> None:
-    async with wired_plant(quick_path) as (path, _), served(path):
+    async with wired_plant(quick_path) as (path, _), serving(path):
         second = await asyncio.create_subprocess_exec(
             sys.executable,
             "-m",

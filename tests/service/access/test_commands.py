@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from service.audit.log import AuditLog
+from drivers.motion.audit_log import AuditLog
 from service.cli import main
 from service.cli.client import own_token, service_client
 from valve.errors import ConfigurationError, RequestError

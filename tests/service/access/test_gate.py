@@ -12,13 +12,13 @@ import pytest
 import time_machine
 
 from service.access.principal import Role
-from service.app import create_app
 from service.audit.verify import Verdict, entries_of, verify
 from service.cli.accounts import accounts
 from service.config.settings import load_plant
 from tests.service.access.signed_in import PASSWORD, Served, body_of, signed_in
 from tests.service.conftest import PLANT
 from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.service.in_process import app_of
 from tests.service.problem import assert_problem
 from tests.service.running_service import running_application, running_service
 
@@ -223,7 +223,7 @@ async def test_a_page_whose_name_was_pointed_here_moves_nothing_on_a_trusted_net
 async def test_by_default_it_answers_to_its_address_and_the_machines_own_name(quick_path: Path) -> None:
     config = quick_path / "plant.toml"
     config.write_text(PLANT.replace('bind = "127.0.0.1"', 'bind = "127.0.0.2"'), encoding="utf-8")
-    app = create_app(load_plant(config), rig=FakeRig(), analyst=FakeAnalyst())
+    app = app_of(load_plant(config), rig=FakeRig(), analyst=FakeAnalyst())
     async with running_application(app, bind="127.0.0.2") as client:
         assert client.base_url.host == "127.0.0.2"
         assert (await client.get("/healthz")).status_code == 200

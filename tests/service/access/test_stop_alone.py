@@ -22,7 +22,6 @@ from fastapi import FastAPI
 from service.access import gate
 from service.access.principal import Principal, Role
 from service.access.stop_grants import JUST_BEFORE_S, StopGrants
-from service.app import create_app
 from service.audit.verify import Verdict, entries_of, verify
 from service.cli.accounts import accounts
 from service.config.settings import load_plant
@@ -33,6 +32,7 @@ from simulator.record import Event, Happening
 from tests.service.access.signed_in import PASSWORD, body_of, signed_in
 from tests.service.databases import postgresql_database
 from tests.service.fake_rig import FakeAnalyst
+from tests.service.in_process import app_of
 from tests.service.problem import assert_problem
 from tests.service.running_service import running_application
 from tests.service.wired_plant import SAFE_PA, TAG, asked_pa, wired_plant
@@ -160,7 +160,7 @@ async def moving(folder: Path, database: str = "") -> AsyncIterator[Moving]:
         text = config.read_text(encoding="utf-8").replace("port = 0\n", f'port = 0\naccess = "sign-in"\n{more}', 1)
         config.write_text(text, encoding="utf-8")
         secret = await asyncio.to_thread(_make_accounts, config)
-        app = create_app(load_plant(config), analyst=FakeAnalyst())
+        app = app_of(load_plant(config), analyst=FakeAnalyst())
         async with running_application(app) as client:
             me = body_of(await client.post("/session", json={"name": "anna", "password": PASSWORD}))
             headers = {"X-CSRF-Token": me["csrf_token"]}

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from service.audit.entries import canonical
-from service.audit.log import TORN, AuditError, AuditLog
+from drivers.motion.audit_entries import canonical
+from drivers.motion.audit_log import TORN, AuditError, AuditLog
 from service.audit.verify import Verdict, entries_of, verify
 
 

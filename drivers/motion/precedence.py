@@ -17,6 +17,7 @@ import resource
 import signal
 import sys
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from types import FrameType
 from typing import Final
@@ -44,6 +45,19 @@ class Precedence:
         self._spun = False
         self._renewing: asyncio.Task[None] | None = None
         self._ending: asyncio.TimerHandle | None = None
+        self._motions = 0
+
+    @contextlib.contextmanager
+    def motion(self) -> Iterator[None]:
+        """Have it while a motion that is polled goes on, and while others do that overlap with it."""
+        self._motions += 1
+        self.begin()
+        try:
+            yield
+        finally:
+            self._motions -= 1
+            if not self._motions:
+                self.end()
 
     @property
     def allowed(self) -> bool:

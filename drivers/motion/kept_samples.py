@@ -9,8 +9,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Final
 
+from drivers.motion.journal import JournalWriter
 from drivers.outcome import SampleBlock
-from service.store.journal import JournalWriter
 
 _SYNC_PERIOD_S: Final = 1.0
 _LONGEST_S: Final = 5.0  # that samples may wait for the disk; then it counts as broken

@@ -5,31 +5,27 @@ from __future__ import annotations
 import asyncio
 import math
 import time
-from collections.abc import AsyncIterator, Mapping, Set
-from contextlib import AsyncExitStack, asynccontextmanager, nullcontext, suppress
-from dataclasses import replace
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Set
+from contextlib import AbstractContextManager, AsyncExitStack, asynccontextmanager, nullcontext, suppress
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import Final
+from typing import Final, Protocol
 
 import structlog
 
-from drivers.addresses import BusAddress, Mode
+from drivers.addresses import BusAddress, Mode, ValveWiring
 from drivers.device import ValveDevice, connect_valve
-from drivers.outcome import PlayOutcome, SafeOutcome
-from drivers.permissives import UNREACHABLE, Permissive, read_permissives
-from drivers.recovery import Recovered, recover_valve
+from drivers.motion.orders import Order
+from drivers.outcome import PlayOutcome, Recovered, SafeOutcome, SampleBlock
+from drivers.permissive import Permissive
+from drivers.permissives import UNREACHABLE, read_permissives
+from drivers.recovery import recover_valve
 from drivers.rest_look import look_at_rest
 from drivers.sequence import play_sequence
 from drivers.stands_at import StandsAt
-from drivers.waveform_check import check_waveform
-from drivers.wiring import Bus
-from service.buses.bus import make_bus
-from service.config.settings import PlantValve
-from service.runs.rig import Order, Watcher
-from service.workers.polling import Polling
+from drivers.wiring import Bus, make_bus
 from valve.errors import BusyError, EquipmentError
 from valve.recording import Provenance
-from valve.waveform import Waveform
 
 _LOG = structlog.get_logger(__name__)
 _SAFE_ATTEMPTS: Final = 5  # of reaching the device, a second apart: it may be starting up as we are
@@ -37,21 +33,71 @@ _SAFE_PAUSE_S: Final = 1.0
 _AFTER_WATCHDOG_S: Final = 2.0  # a device that makes its valve safe by itself has done it and shows it by then
 
 
+@dataclass(frozen=True, slots=True)
+class Watcher:
+    """Who a rig tells what happens. ``on_ready`` is awaited after the device is identified and before anything moves.
+
+    It gets what the device commanded at entry (Pa) and what the device says it is; ``on_permissives`` was told before
+    what must hold, each met or not. ``on_intent`` is awaited before the first write that can move the valve, and is on
+    disk when it returns. ``on_commanded`` is called, however the motion ends, where such a write went out.
+    """
+
+    on_ready: Callable[[float, str], Awaitable[None]]
+    on_samples: Callable[[SampleBlock], None]
+    on_progress: Callable[[float, str], None]
+    on_permissives: Callable[[tuple[Permissive, ...]], None] = lambda _: None
+    on_intent: Callable[[], Awaitable[None]] | None = None
+    on_commanded: Callable[[], None] = lambda: None
+
+
+class Rig(Protocol):
+    """Drives valves over their wires. The caller sees to it that a bus has one user."""
+
+    async def permissives(self, wiring: ValveWiring, permit: str | None) -> tuple[Permissive, ...]:
+        """Read fresh what must hold before this valve may move; nothing is moved."""
+
+    async def play(
+        self, wiring: ValveWiring, order: Order, watcher: Watcher, stop: asyncio.Event, enough: asyncio.Event | None
+    ) -> PlayOutcome:
+        """Play a waveform; however it ends, the valve is sent to its safe value."""
+
+    async def go_safe(self, wiring: ValveWiring, run_number: int, entry_pa: float | None) -> SafeOutcome:
+        """Send a valve that was left alone to its safe value; return what it reached and why not. Raises nothing."""
+
+    async def recover(
+        self, wiring: ValveWiring, run_number: int, entry_pa: float | None, *, commanded: bool | None
+    ) -> Recovered:
+        """Look at a valve that a dead process left, and send it to safe where that is due and allowed now.
+
+        Raises nothing. ``entry_pa`` is what its device commanded before the test, ``commanded`` whether the test
+        commanded it; None where that is not known.
+        """
+
+    async def stands(
+        self, wiring: ValveWiring, *, safe_pa: float | None, confirmed: bool | None, after_s: float
+    ) -> StandsAt:
+        """Read where a valve stands ``after_s`` seconds after its motion; nothing is written, never raises for a wire.
+
+        ``safe_pa`` is its safe value, ``confirmed`` whether that was read back after the motion.
+        """
+
+
 class WiredRig:
     """Drives the valves of a plant over its buses. The caller sees to it that a bus has one user."""
 
-    def __init__(self, addresses: Mapping[str, BusAddress], software: str, polling: Polling | None = None) -> None:
+    def __init__(
+        self,
+        addresses: Mapping[str, BusAddress],
+        software: str,
+        polled: Callable[[], AbstractContextManager[None]] = nullcontext,
+    ) -> None:
         self._addresses = addresses
         self._software = software
-        self._polling = polling or Polling()
-
-    def check(self, valve: PlantValve, waveform: Waveform) -> None:
-        """Refuse what this valve must not do. Raises WaveformError."""
-        check_waveform(valve.nameplate.tag, waveform, valve.wiring.limits)
+        self._polled = polled
 
     @asynccontextmanager
     async def _connected(
-        self, valve: PlantValve, opened: Set[str] | None = None, *, where_possible: bool = False
+        self, wiring: ValveWiring, opened: Set[str] | None = None, *, where_possible: bool = False
     ) -> AsyncIterator[ValveDevice]:
         """Yield the valve on its buses; ``opened`` are those that are needed, by default all.
 
@@ -59,32 +105,39 @@ class WiredRig:
         """
         async with AsyncExitStack() as stack:
             buses: dict[str, Bus] = {}
-            for name in sorted(valve.buses):
+            for name in sorted(wiring.buses):
                 buses[name] = make_bus(self._addresses[name])
                 stack.push_async_callback(buses[name].close)
                 if opened is None or name in opened:
                     with suppress(EquipmentError) if where_possible else nullcontext():
                         await buses[name].open()
-            yield connect_valve(valve.wiring, buses)
+            yield connect_valve(wiring, buses)
 
-    async def permissives(self, valve: PlantValve, permit: str | None) -> tuple[Permissive, ...]:
+    async def permissives(self, wiring: ValveWiring, permit: str | None) -> tuple[Permissive, ...]:
         """Read fresh what must hold before this valve may move; nothing is written."""
         try:
-            async with self._connected(valve) as device:
+            async with self._connected(wiring) as device:
                 return (await read_permissives(device, permit)).permissives
         except EquipmentError as error:
             return (Permissive("device", False, str(error), "a device that answers", UNREACHABLE),)
 
-    async def play(self, order: Order, watcher: Watcher, stop: asyncio.Event) -> PlayOutcome:
+    async def play(
+        self,
+        wiring: ValveWiring,
+        order: Order,
+        watcher: Watcher,
+        stop: asyncio.Event,
+        enough: asyncio.Event | None = None,
+    ) -> PlayOutcome:
         """Play a waveform; however it ends, the valve is sent to its safe value.
 
         What it raises says nothing of whether the valve moved: ``watcher.on_commanded`` does.
         """
-        sampling = order.valve.wiring.acquisition
-        polled = self._polling.motion() if sampling.mode is Mode.POLLED else nullcontext()
-        async with self._connected(order.valve) as device:
+        sampling = wiring.acquisition
+        polled = self._polled() if sampling.mode is Mode.POLLED else nullcontext()
+        async with self._connected(wiring) as device:
             provenance = Provenance(
-                tag=order.valve.nameplate.tag,
+                tag=wiring.tag,
                 sequence=order.sequence,
                 started_at=datetime.now(UTC).isoformat(),
                 software=self._software,
@@ -100,43 +153,43 @@ class WiredRig:
                         stop=stop,
                         on_samples=watcher.on_samples,
                         on_progress=watcher.on_progress,
-                        limits=order.valve.wiring.limits,
+                        limits=wiring.limits,
                         provenance=provenance,
                         on_ready=watcher.on_ready,
                         on_intent=watcher.on_intent,
                         permit=order.permit,
                         on_permissives=watcher.on_permissives,
-                        enough=order.enough,
+                        enough=enough,
                     )
             finally:
                 if device.commanded:
                     watcher.on_commanded()
 
     async def stands(
-        self, valve: PlantValve, *, safe_pa: float | None, confirmed: bool | None, after_s: float
+        self, wiring: ValveWiring, *, safe_pa: float | None, confirmed: bool | None, after_s: float
     ) -> StandsAt:
         """Read where a valve stands ``after_s`` seconds after its motion; nothing is written.
 
         A bus that cannot be opened hides nothing of the others.
         """
-        points = (valve.wiring.command, valve.wiring.position)
+        points = (wiring.command, wiring.position)
         needed = {point.bus for point in points if point is not None}
-        async with self._connected(valve, needed, where_possible=True) as device:
+        async with self._connected(wiring, needed, where_possible=True) as device:
             device.safe_value_pa = math.nan if safe_pa is None else safe_pa
             return await look_at_rest(device, confirmed=confirmed, after_s=after_s)
 
     async def recover(
-        self, valve: PlantValve, run_number: int, entry_pa: float | None, *, commanded: bool | None
+        self, wiring: ValveWiring, run_number: int, entry_pa: float | None, *, commanded: bool | None
     ) -> Recovered:
         """Look at a valve that a dead process left, and send it to safe where that is due and allowed now.
 
         It is asked again for some seconds: its device may be starting up as we are, and its watchdog may be about to
         make it safe. Raises nothing.
         """
-        tag, timeout_s = valve.nameplate.tag, valve.wiring.watchdog.timeout_s or 0.0
+        tag, timeout_s = wiring.tag, wiring.watchdog.timeout_s or 0.0
         until_s = time.monotonic() + max(_SAFE_ATTEMPTS * _SAFE_PAUSE_S, timeout_s + _AFTER_WATCHDOG_S)
         while True:
-            found = await self._recovered_once(valve, run_number, entry_pa, commanded)
+            found = await self._recovered_once(wiring, run_number, entry_pa, commanded)
             is_seen = math.isfinite(found.safe.output_pa)
             if found.safe.confirmed or found.sent or (is_seen and commanded is False) or time.monotonic() > until_s:
                 return found
@@ -144,32 +197,32 @@ class WiredRig:
             await asyncio.sleep(_SAFE_PAUSE_S)
 
     async def _recovered_once(
-        self, valve: PlantValve, run_number: int, entry_pa: float | None, commanded: bool | None
+        self, wiring: ValveWiring, run_number: int, entry_pa: float | None, commanded: bool | None
     ) -> Recovered:
-        safe = valve.wiring.safe_value_pa
+        safe = wiring.safe_value_pa
         safe_pa = entry_pa if isinstance(safe, str) else safe
         if commanded and (safe_pa is None or not math.isfinite(safe_pa)):
             return Recovered(SafeOutcome(False, reason="its safe value is the one at entry, which was not kept"))
         try:
-            async with self._connected(valve, where_possible=True) as device:
+            async with self._connected(wiring, where_possible=True) as device:
                 device.safe_value_pa = math.nan if safe_pa is None else safe_pa
                 return await recover_valve(device, run_number, commanded=commanded)
         except (EquipmentError, BusyError) as error:
             return Recovered(SafeOutcome(False, reason=str(error)))
         except Exception as error:  # noqa: BLE001  - whoever recovers a valve must hear how it stands
-            _LOG.error("valve not recovered", valve=valve.nameplate.tag, exc_info=error)
+            _LOG.error("valve not recovered", valve=wiring.tag, exc_info=error)
             return Recovered(SafeOutcome(False, reason=f"{type(error).__name__}: {error}: report it"))
 
-    async def go_safe(self, valve: PlantValve, run_number: int, entry_pa: float | None) -> SafeOutcome:
+    async def go_safe(self, wiring: ValveWiring, run_number: int, entry_pa: float | None) -> SafeOutcome:
         """Send a valve that was left alone to its safe value; return what it reached and why not. Raises nothing."""
-        tag, found = valve.nameplate.tag, SafeOutcome(False)
-        if valve.wiring.safe_value_pa == "entry":
+        tag, found = wiring.tag, SafeOutcome(False)
+        if wiring.safe_value_pa == "entry":
             if entry_pa is None or not math.isfinite(entry_pa):
                 return _logged(tag, SafeOutcome(False, reason="its safe value is the one at entry, which was not kept"))
-            valve = replace(valve, wiring=replace(valve.wiring, safe_value_pa=entry_pa))
+            wiring = replace(wiring, safe_value_pa=entry_pa)
         for attempt in range(1, _SAFE_ATTEMPTS + 1):
             try:
-                return _logged(tag, await self._safe_once(valve, run_number))
+                return _logged(tag, await self._safe_once(wiring, run_number))
             except (EquipmentError, BusyError) as error:
                 _LOG.warning("valve not reached", valve=tag, attempt=attempt, error=str(error))
                 found = SafeOutcome(False, reason=str(error))
@@ -179,9 +232,9 @@ class WiredRig:
                 return SafeOutcome(False, reason=f"{type(error).__name__}: {error}")
         return _logged(tag, found)
 
-    async def _safe_once(self, valve: PlantValve, run_number: int) -> SafeOutcome:
+    async def _safe_once(self, wiring: ValveWiring, run_number: int) -> SafeOutcome:
         # Its other devices are not asked: they may be dead, and the output is safe without them.
-        async with self._connected(valve, opened={valve.wiring.command.bus}) as device:
+        async with self._connected(wiring, opened={wiring.command.bus}) as device:
             await device.identify_commanded()
             await device.take_ownership(run_number)
             found = await device.go_safe()

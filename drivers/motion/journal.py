@@ -31,8 +31,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from drivers.motion.synced import sync_folder
 from drivers.outcome import SampleBlock
-from service.store.synced import sync_folder
 from valve.errors import RecordingError
 from valve.recording import Acquisition, Provenance, Recording
 

@@ -18,8 +18,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
-from service.audit.entries import Entry, chain_start, read_entry
-from service.store.synced import sync_folder
+from drivers.motion.audit_entries import Entry, chain_start, read_entry
+from drivers.motion.synced import sync_folder
 from valve.errors import InternalError
 
 TORN: Final = "audit.torn"

@@ -8,20 +8,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Final
 
-from drivers.addresses import BusAddress, GaugeAddress
-from drivers.serial_gauge import SerialGauge
-from drivers.transport import Transport
-from drivers.wiring import Bus
-from service.buses.bus_lock import BusLocks
+from drivers.motion.orders import Locks
 from valve.errors import BusyError
 
 #: How long nightly checks leave a bus to somebody whom one of them kept waiting: time to press the button again.
 COURTESY_S: Final = 60.0
-
-
-def make_bus(address: BusAddress) -> Bus:
-    """Return the bus at an address; nothing is opened. Raises ConfigurationError where the address is wrong."""
-    return SerialGauge(address) if isinstance(address, GaugeAddress) else Transport(address)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +38,7 @@ class BusOwners:
     People go first: who was refused because a scheduled test used a bus finds it free afterwards, for a minute.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic, locks: BusLocks | None = None) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic, locks: Locks | None = None) -> None:
         self._clock = clock
         self._locks = locks
         self._claims: dict[str, Claim] = {}

@@ -1,0 +1,284 @@
+"""The way from the service to the program that moves valves: its local socket."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import itertools
+import json
+import time
+from collections.abc import AsyncIterator, Callable, Iterable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import structlog
+
+from drivers.motion.local_socket import connected
+from drivers.motion.orders import Armed, Heard, Left, MotionEnd, MotionLostError, Order
+from drivers.motion.spool import Spool, end_of_json
+from drivers.motion.wire_format import PROTOCOL, error_of, line_of, of_json, to_json
+from drivers.outcome import Recovered, SafeOutcome, SampleBlock
+from drivers.permissive import Permissive
+from drivers.stands_at import StandsAt
+
+_AGAIN_S: Final = 0.2
+_PATIENCE_S: Final = 2.0  # for a motion process that is just being started again
+_RECOVERY_S: Final = 60.0  # a valve that was left alone is worth more waiting
+_LOG = structlog.get_logger(__name__)
+
+
+class MotionClient:
+    """One connection, opened when it is needed and again where it broke; ends of motions come by ``folder``."""
+
+    outlives_us = True
+
+    def __init__(self, socket: Path, folder: Path) -> None:
+        self._socket = socket
+        self._spool = Spool(folder)
+        self._line: _Line | None = None
+        self._opening = asyncio.Lock()
+        self._numbers = itertools.count(1)
+        self._closed = False
+        #: Whether the system allows the motion process real-time precedence; None where that was never heard.
+        self.precedence: bool | None = None
+
+    async def close(self) -> None:
+        """End the connection; motions go on."""
+        self._closed = True
+        if self._line is not None:
+            await self._line.close()
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether there is a connection."""
+        return self._line is not None and self._line.is_open
+
+    async def connect(self, within_s: float = _PATIENCE_S) -> None:
+        """Connect. Raises MotionLostError where nobody answers in time, BusyError where another service is there."""
+        await self._connected(within_s)
+
+    async def _connected(self, within_s: float) -> _Line:
+        until_s = time.monotonic() + within_s
+        async with self._opening:
+            while self._line is None or not self._line.is_open:
+                if self._closed:
+                    raise MotionLostError("the service is ending")
+                try:
+                    self._line = await self._opened()
+                except (OSError, MotionLostError) as error:
+                    if time.monotonic() > until_s:
+                        why = error.strerror if isinstance(error, OSError) else str(error)
+                        raise MotionLostError(
+                            f"the motion process does not answer at {self._socket} ({why}): start it "
+                            "(breakaway motion --config plant.toml); until then no valve can be moved"
+                        ) from error
+                    await asyncio.sleep(_AGAIN_S)
+            return self._line
+
+    async def _opened(self) -> _Line:
+        line = _Line(*await connected(self._socket))
+        try:
+            said = await line.ask(next(self._numbers), "own", protocol=PROTOCOL)
+        except BaseException:
+            await line.close()
+            raise
+        self.precedence = said["precedence"]
+        _LOG.info("motion process connected", software=said["software"])
+        return line
+
+    async def _ask(self, name: str, *, within_s: float = _PATIENCE_S, **said: Any) -> Any:
+        line = await self._connected(within_s)
+        return await line.ask(next(self._numbers), name, **said)
+
+    def _say(self, name: str, **said: Any) -> None:
+        if self._line is not None and self._line.is_open:
+            self._line.send({"say": name, **said})
+
+    # ---- buses
+
+    async def take_aside(self, buses: Iterable[str]) -> None:
+        """Take all of them or none; what is held stays so. Raises BusyError where another process has one."""
+        await self._ask("take", buses=sorted(buses))
+
+    def give_back(self, buses: Iterable[str]) -> None:
+        """Give them back, but for those that a motion uses."""
+        self._say("give_back", buses=sorted(buses))
+
+    @asynccontextmanager
+    async def hold(self, buses: Iterable[str]) -> AsyncIterator[None]:
+        """Hold them for the length of the block. Raises BusyError."""
+        number = next(self._numbers)
+        await self._ask("hold", buses=sorted(buses), number=number)
+        try:
+            yield
+        finally:
+            self._say("release", number=number)
+
+    # ---- looks, which write nothing
+
+    async def permissives(self, tag: str, permit: str | None) -> tuple[Permissive, ...]:
+        """Read fresh what must hold before a valve may move; nothing is written."""
+        said = await self._ask("permissives", tag=tag, permit=permit)
+        return tuple(of_json(Permissive, one) for one in said)
+
+    async def stands(self, tag: str, *, safe_pa: float | None, confirmed: bool | None, after_s: float) -> StandsAt:
+        """Read where a valve stands ``after_s`` seconds after its motion; nothing is written."""
+        return of_json(
+            StandsAt, await self._ask("stands", tag=tag, safe_pa=safe_pa, confirmed=confirmed, after_s=after_s)
+        )
+
+    # ---- motion
+
+    async def play(self, order: Order, heard: Heard) -> MotionEnd:
+        """Play a waveform; it goes on where the caller is cancelled. Raises ValveError only where nothing moved."""
+        return await self._followed(order.run_id, heard, "play", order=to_json(order))
+
+    async def rejoin(self, run_id: str, heard: Heard) -> MotionEnd:
+        """Hear the rest of a motion that somebody else asked for, or its end. Raises NotFoundError, as ``play``."""
+        return await self._followed(run_id, heard, "rejoin", run_id=run_id)
+
+    async def _followed(self, test: str, heard: Heard, name: str, **said: Any) -> MotionEnd:
+        line = await self._connected(_PATIENCE_S)
+        line.heard[test] = heard
+        try:
+            end = await line.ask(next(self._numbers), name, **said)
+        finally:
+            line.heard.pop(test, None)
+        recording = None
+        if end["recording"] is not None:
+            try:
+                recording = await asyncio.to_thread(self._spool.recording, test, end)
+            except (OSError, ValueError) as error:  # the journal has what was sampled
+                end["faults"].append(f"the recording could not be fetched from the motion process ({error})")
+        return end_of_json(end, recording)
+
+    def stop(self, run_id: str, reason: str) -> None:
+        """Send a valve to its safe value at once; nothing happens where its motion has ended."""
+        self._say("stop", run_id=run_id, reason=reason)
+
+    def end_early(self, run_id: str) -> None:
+        """Let a motion that may end early end as its waveform would."""
+        self._say("end_early", run_id=run_id)
+
+    async def left(self) -> tuple[Left, ...]:
+        """Return the motions that go on, and those whose end was not fetched."""
+        return tuple(Left(of_json(Order, one["order"]), one["ended"]) for one in await self._ask("left"))
+
+    def forget(self, run_id: str) -> None:
+        """Remove what was kept of a motion's end: whoever asked for it has stored it."""
+        self._say("forget", run_id=run_id)
+
+    async def recover(self, tag: str, run_number: int, entry_pa: float | None, *, commanded: bool | None) -> Recovered:
+        """Look at a valve that a dead process left, and send it to safe where that is due and allowed now."""
+        about = {"tag": tag, "run_number": run_number, "entry_pa": entry_pa, "commanded": commanded}
+        said = await self._ask("recover", within_s=_RECOVERY_S, **about)
+        return Recovered(of_json(SafeOutcome, said["safe"]), said["sent"])
+
+    async def reload(self, kept: Iterable[str]) -> None:
+        """Read the plant file anew for all valves but the ``kept``. Raises ConfigurationError."""
+        await self._ask("reload", kept=sorted(kept))
+
+
+async def stopped_here(socket: Path, what: str, reason: str) -> tuple[tuple[Order, MotionEnd], ...]:
+    """Stop the motions of a valve, or of a test, without the service; return how they ended, without recordings.
+
+    Raises MotionLostError where the motion process does not answer.
+    """
+    try:
+        line = _Line(*await connected(socket))
+    except OSError as error:
+        raise MotionLostError(
+            f"the motion process does not answer at {socket} ({error.strerror}): is it here?"
+        ) from error
+    try:
+        left = (await line.ask(1, "state"))["left"]
+        going = [of_json(Order, one["order"]) for one in left if not one["ended"]]
+        ends = []
+        for number, order in enumerate((one for one in going if what in (one.tag, one.run_id)), 2):
+            said = await line.ask(number, "stop_and_wait", run_id=order.run_id, reason=reason)
+            ends.append((order, end_of_json(said, None)))
+        return tuple(ends)
+    finally:
+        await line.close()
+
+
+class _Line:
+    """One connection that stands, and who waits for what on it."""
+
+    def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        self._reader = reader
+        self._writer = writer
+        self._waiting: dict[int, asyncio.Future[Any]] = {}
+        self.heard: dict[str, Heard] = {}
+        self._listening = asyncio.create_task(self._listen())
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it stands."""
+        return not self._listening.done()
+
+    async def close(self) -> None:
+        """End it."""
+        self._writer.close()
+        self._listening.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await self._listening
+
+    def send(self, message: dict[str, Any]) -> None:
+        """Say something."""
+        self._writer.write(line_of(message))
+
+    async def ask(self, number: int, name: str, **said: Any) -> Any:
+        """Return the answer to a question. Raises what it was answered with, MotionLostError where the line broke."""
+        if not self.is_open:
+            raise MotionLostError(_BROKE)
+        answered: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
+        self._waiting[number] = answered
+        self.send({"id": number, "ask": name, **said})
+        try:
+            return await answered
+        finally:
+            self._waiting.pop(number, None)
+
+    async def _listen(self) -> None:
+        try:
+            async for text in self._reader:
+                self._take(json.loads(text))
+        except (OSError, ValueError) as error:
+            _LOG.warning("connection to the motion process broke", reason=str(error))
+        finally:
+            self._writer.close()
+            for waiting in self._waiting.values():
+                if not waiting.done():
+                    waiting.set_exception(MotionLostError(_BROKE))
+
+    def _take(self, said: dict[str, Any]) -> None:
+        if "run" in said:
+            heard = self.heard.get(said["run"])
+            if heard is not None:
+                _EVENTS[said["event"]](heard, said["value"])
+            return
+        waiting = self._waiting.get(said["id"])
+        if waiting is None or waiting.done():
+            return
+        if "error" in said:
+            waiting.set_exception(error_of(said))
+        else:
+            waiting.set_result(said["answer"])
+
+
+_BROKE: Final = "the motion process ended, or its connection broke: until it is back the device's watchdog alone acts"
+
+
+def _armed(heard: Heard, value: dict[str, Any]) -> None:
+    permissives = tuple(of_json(Permissive, one) for one in value["permissives"])
+    heard.on_armed(Armed(value["entry_pa"], value["device"], permissives))
+
+
+_EVENTS: Final[dict[str, Callable[[Heard, Any], None]]] = {
+    "armed": _armed,
+    "samples": lambda heard, value: heard.on_samples(of_json(SampleBlock, value)),
+    "progress": lambda heard, value: heard.on_progress(value[0], value[1]),
+    "commanded": lambda heard, _value: heard.on_commanded(),
+}

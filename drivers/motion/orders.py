@@ -1,0 +1,148 @@
+"""What is asked of the program that moves valves, what it tells meanwhile, and how a motion ended."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass
+from typing import Protocol
+
+from drivers.outcome import PlayOutcome, Recovered, SampleBlock
+from drivers.permissive import Permissive
+from drivers.stands_at import StandsAt
+from valve.errors import InternalError
+from valve.waveform import Waveform
+
+
+class MotionLostError(InternalError):
+    """The program that moves valves is not there, or ended while it was asked."""
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """One motion that is asked for: which valve, which waveform, and the number that fences it.
+
+    ``permit`` is the work permit that the request named, where the valve demands one. ``requested_by``, ``started_at``
+    (ISO 8601) and ``software`` go into the journal and the audit log. ``may_end_early`` where a polled test need not
+    be played to its end.
+    """
+
+    run_id: str
+    tag: str
+    waveform: Waveform
+    sequence: str
+    run_number: int
+    permit: str | None = None
+    requested_by: str = ""
+    started_at: str = ""
+    software: str = ""
+    may_end_early: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Armed:
+    """A motion that is about to begin: what the device commanded before it (Pa, None where it showed none), what the
+    device says it is, and what must hold, each met.
+    """
+
+    entry_pa: float | None
+    device: str
+    permissives: tuple[Permissive, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """Who is told what happens, in order; none of it holds a motion up.
+
+    ``on_armed`` comes once everything that moves nothing is done, ``on_commanded`` where something was sent that can
+    move the valve, ``on_samples`` with samples that the journal on disk has, ``on_progress`` with a share and a phase.
+    """
+
+    on_armed: Callable[[Armed], None] = lambda _: None
+    on_samples: Callable[[SampleBlock], None] = lambda _: None
+    on_progress: Callable[[float, str], None] = lambda *_: None
+    on_commanded: Callable[[], None] = lambda: None
+
+
+@dataclass(frozen=True, slots=True)
+class MotionEnd:
+    """How a motion ended. ``faults`` are why its samples or its end could not be written, ``stopped`` why it was
+    stopped, "" where it was not; ``entry_pa`` is what the device commanded before it, Pa, None where unknown.
+    """
+
+    outcome: PlayOutcome
+    entry_pa: float | None = None
+    faults: tuple[str, ...] = ()
+    stopped: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Left:
+    """A motion that goes on, or has ended and was not fetched."""
+
+    order: Order
+    ended: bool
+
+
+class Locks(Protocol):
+    """Holds buses among all processes of a machine."""
+
+    async def take_aside(self, buses: Iterable[str]) -> None:
+        """Take all of them or none; what is held stays so. Raises BusyError where another process has one."""
+
+    def give_back(self, buses: Iterable[str]) -> None:
+        """Give them back; what is not held stays as it is."""
+
+    def hold(self, buses: Iterable[str]) -> AbstractAsyncContextManager[None]:
+        """Hold them for the length of a block. Raises BusyError."""
+
+
+class MotionLink(Locks, Protocol):
+    """The way to the program that moves valves. Where it cannot be reached every method raises MotionLostError."""
+
+    @property
+    def outlives_us(self) -> bool:
+        """Whether a motion goes on where whoever asked for it ends."""
+
+    @property
+    def precedence(self) -> bool | None:
+        """Whether the system allows the polling real-time precedence; None where nobody asked it."""
+
+    async def permissives(self, tag: str, permit: str | None) -> tuple[Permissive, ...]:
+        """Read fresh what must hold before a valve may move; nothing is written."""
+
+    async def play(self, order: Order, heard: Heard) -> MotionEnd:
+        """Play a waveform; however it ends, the valve is sent to its safe value.
+
+        Raises ValveError only where nothing was sent that can move the valve.
+        """
+
+    async def rejoin(self, run_id: str, heard: Heard) -> MotionEnd:
+        """Hear the rest of a motion that somebody else asked for. Raises NotFoundError."""
+
+    def stop(self, run_id: str, reason: str) -> None:
+        """Send a valve to its safe value at once; nothing happens where its motion has ended."""
+
+    def end_early(self, run_id: str) -> None:
+        """Let a motion that may end early end as its waveform would."""
+
+    async def left(self) -> tuple[Left, ...]:
+        """Return the motions that go on, and those whose end was not fetched."""
+
+    def forget(self, run_id: str) -> None:
+        """Remove what was kept of a motion's end: whoever asked for it has stored it."""
+
+    async def recover(self, tag: str, run_number: int, entry_pa: float | None, *, commanded: bool | None) -> Recovered:
+        """Look at a valve that a dead process left, and send it to safe where that is due and allowed now."""
+
+    async def stands(self, tag: str, *, safe_pa: float | None, confirmed: bool | None, after_s: float) -> StandsAt:
+        """Read where a valve stands ``after_s`` seconds after its motion; nothing is written."""
+
+    async def connect(self, within_s: float) -> None:
+        """Connect where there is no connection. Raises BusyError where another service has it."""
+
+    async def close(self) -> None:
+        """End the connection; what goes on goes on."""
+
+    async def reload(self, kept: Iterable[str]) -> None:
+        """Read the plant file anew for all valves but the ``kept``. Raises ConfigurationError."""

@@ -1,0 +1,139 @@
+"""The program that moves valves, as a process: started, told to end, and ended with every valve safe."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import signal
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import structlog
+
+from drivers.addresses import BusAddress, ValveWiring
+from drivers.motion.audit_log import AuditLog
+from drivers.motion.bus_lock import BusLocks
+from drivers.motion.local_socket import LONGEST_LINE, listening
+from drivers.motion.motion import Motion
+from drivers.motion.precedence import Precedence
+from drivers.motion.rig import WiredRig
+from drivers.motion.server import MotionServer
+from drivers.motion.service_manager import ServiceManager
+
+_LOG = structlog.get_logger(__name__)
+# A closed terminal, and Ctrl-\, too: each would end the process at once, and leave a valve where it stands.
+_ENDING_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+_END_S: Final = 20.0
+# Threads write journals; by default (5 ms) each may keep the polling waiting for so long before it hands on.
+_THREAD_TURN_S: Final = 0.5e-3
+_TIDY_S: Final = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Moved:
+    """What a plant file says of what moves: its buses by name, and its valves by tag."""
+
+    buses: Mapping[str, BusAddress]
+    wirings: Mapping[str, ValveWiring]
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where the program works: its socket, the folders of the journals and of the audit log, and the gateway's name."""
+
+    socket: Path
+    journals: Path
+    audit: Path
+    gateway: str
+
+
+class _Plant:
+    """What moves, as the file says it; a bus that is known stays where it is until the next start."""
+
+    def __init__(self, read: Callable[[], Moved]) -> None:
+        self._read = read
+        moved = read()
+        self.buses = dict(moved.buses)
+        self.wirings: Mapping[str, ValveWiring] = moved.wirings
+
+    def reread(self, kept: frozenset[str]) -> None:
+        """Read the file anew for all valves but the ``kept``. Raises ConfigurationError."""
+        fresh = self._read()
+        self.buses.update({name: one for name, one in fresh.buses.items() if name not in self.buses})
+        stay = {tag: wiring for tag, wiring in self.wirings.items() if tag in kept}
+        self.wirings = {**fresh.wirings, **stay}
+
+
+def run(read: Callable[[], Moved], place: Place, software: str) -> None:
+    """Serve until a signal ends it; then every valve is sent to its safe value. ``read`` reads the plant file.
+
+    Raises ConfigurationError where the file, the socket or the audit log is wrong.
+    """
+    sys.setswitchinterval(_THREAD_TURN_S)
+    place.journals.mkdir(parents=True, exist_ok=True)
+    plant = _Plant(read)
+    precedence = Precedence()
+    motion = Motion(
+        lambda: plant.wirings,
+        WiredRig(plant.buses, software, precedence.motion),
+        place.journals,
+        locks=BusLocks(plant.buses),
+        audit=AuditLog(place.audit, place.gateway or "gateway"),
+        reread=plant.reread,
+    )
+    precedence.try_once()
+    asyncio.run(_serve(motion, place, software, precedence))
+
+
+async def _serve(motion: Motion, place: Place, software: str, precedence: Precedence) -> None:
+    ending = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in _ENDING_SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # nohup asks for it
+            loop.add_signal_handler(number, _end, motion, ending)
+    server, manager = MotionServer(motion, software, precedence), ServiceManager()
+    with listening(place.socket) as listener:
+        listener.setblocking(False)
+        listens = await asyncio.start_unix_server(server.accept, sock=listener, limit=LONGEST_LINE)
+        beside = [asyncio.create_task(manager.keep_alive()), asyncio.create_task(_tidy_at_rest(motion))]
+        _settle_memory()
+        manager.say("READY=1")
+        _LOG.info("motion process listening", socket=str(place.socket), valves=len(motion.tags))
+        try:
+            await ending.wait()
+            manager.say("STOPPING=1")
+            await motion.shut_down(_STOPPED, _END_S)
+            await server.close()
+        finally:
+            for task in beside:
+                task.cancel()
+            listens.close()
+            precedence.close()
+            place.socket.unlink(missing_ok=True)
+    _LOG.info("motion process ended")
+
+
+_STOPPED: Final = "stopped: the motion process was shut down"
+
+
+def _end(motion: Motion, ending: asyncio.Event) -> None:
+    motion.begin_shutdown(_STOPPED)
+    ending.set()
+
+
+def _settle_memory() -> None:
+    """Leave what stays for ever out of the garbage collector's rounds, and have none begin by itself."""
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+
+
+async def _tidy_at_rest(motion: Motion) -> None:
+    """Make the rounds of the garbage collector while nothing moves; in a motion little becomes garbage."""
+    while True:
+        await asyncio.sleep(_TIDY_S)
+        if not motion.moves:
+            gc.collect()

@@ -1,1 +1,0 @@
-"""One owner a bus, in this process and between processes."""

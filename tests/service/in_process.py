@@ -1,0 +1,37 @@
+"""The motion process' own object in the process of a test, on a rig that need not have wires."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fastapi import FastAPI
+
+from drivers.motion.audit_log import AuditLog
+from drivers.motion.bus_lock import BusLocks
+from drivers.motion.motion import Motion
+from drivers.motion.rig import Rig, WiredRig
+from service.app import VERSION, create_app
+from service.config.settings import Plant
+from service.runs.analyst import Analyst
+from service.store.store import Store
+
+
+def motion_on(
+    plant: Plant, rig: Rig | None = None, audit: AuditLog | None = None, *, folder: Path | None = None
+) -> Motion:
+    """Return what moves the valves of a plant whose store is in ``folder``; ``rig`` stands in for its wires."""
+    return Motion(
+        lambda: {tag: valve.wiring for tag, valve in plant.valves.items()},
+        rig or WiredRig(plant.buses, f"breakaway {VERSION}"),
+        (folder or plant.service.store) / "journals",
+        locks=BusLocks(plant.buses),
+        audit=audit,
+    )
+
+
+def app_of(
+    plant: Plant, *, store: Store | None = None, rig: Rig | None = None, analyst: Analyst | None = None
+) -> FastAPI:
+    """Return the service of a plant that moves its valves in this process."""
+    audit = AuditLog(plant.service.store / "audit", plant.service.gateway or "gateway")
+    return create_app(plant, motion_on(plant, rig, audit), store=store, analyst=analyst)
