@@ -109,11 +109,11 @@ class MotionClient:
     async def hold(self, buses: Iterable[str]) -> AsyncIterator[None]:
         """Hold them for the length of the block. Raises BusyError."""
         number = next(self._numbers)
-        await self._ask("hold", buses=sorted(buses), number=number)
+        await self._ask("hold", buses=sorted(buses), held=number)
         try:
             yield
         finally:
-            self._say("release", number=number)
+            self._say("release", held=number)
 
     # ---- looks, which write nothing
 

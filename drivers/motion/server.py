@@ -51,7 +51,7 @@ class MotionServer:
         try:
             async for line in reader:
                 self._hear(client, json.loads(line))
-        except (OSError, ValueError, KeyError, asyncio.LimitOverrunError) as error:
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             _LOG.warning("connection to the motion process broke", reason=str(error))
         finally:
             self._clients.discard(client)
@@ -63,7 +63,7 @@ class MotionServer:
 
     async def close(self) -> None:
         """End every connection once what was said is on its way."""
-        for client in self._clients:
+        for client in tuple(self._clients):
             await client.settled()
             client.close()
         if self._serving:
@@ -87,7 +87,7 @@ class MotionServer:
             self._taken -= set(said["buses"])
             self.motion.give_back(said["buses"])
         elif client is self._owner and name == "release":
-            client.holds.pop(said["number"]).set()
+            client.holds.pop(said["held"]).set()
 
     def _let_go(self) -> None:
         """Give buses back where their owner is gone, but those that a motion still uses."""
@@ -141,20 +141,20 @@ class MotionServer:
         await self.motion.take_aside(buses)
         self._taken |= set(buses)
 
-    async def _hold(self, client: _Client, buses: list[str], number: int) -> None:
+    async def _hold(self, client: _Client, buses: list[str], held: int) -> None:
         """Hold buses until the owner says ``release``, or is gone."""
-        held, over = asyncio.get_running_loop().create_future(), asyncio.Event()
-        client.holds[number] = over
-        client.spawn(self._holding(buses, held, over))
-        await held
+        taken, over = asyncio.get_running_loop().create_future(), asyncio.Event()
+        client.holds[held] = over
+        client.spawn(self._holding(buses, taken, over))
+        await taken
 
-    async def _holding(self, buses: list[str], held: asyncio.Future[None], over: asyncio.Event) -> None:
+    async def _holding(self, buses: list[str], taken: asyncio.Future[None], over: asyncio.Event) -> None:
         try:
             async with self.motion.hold(buses):
-                held.set_result(None)
+                taken.set_result(None)
                 await over.wait()
         except ValveError as error:
-            held.set_exception(error)
+            taken.set_exception(error)
 
     async def _permissives(self, _client: _Client, tag: str, permit: str | None) -> Any:
         return to_json(await self.motion.permissives(tag, permit))

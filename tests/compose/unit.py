@@ -1,4 +1,4 @@
-"""The unit under a real systemd: installed as docs/deployment.md says, tested, stopped, killed and hung amid motions.
+"""The units under a real systemd: installed as docs/deployment.md says, tested, stopped, killed and hung amid motions.
 
 For a machine to throw away, such as a fresh virtual machine: it is installed there, and removed but for /opt/breakaway.
 """
@@ -31,7 +31,8 @@ Require = Callable[[bool, str], None]
 PROJECT: Final = Path(__file__).resolve().parents[2]
 PAGE: Final = PROJECT / "docs" / "deployment.md"
 _PLACE: Final = Path("/opt/breakaway")
-_UNIT: Final = Path("/etc/systemd/system/breakaway.service")
+_UNITS: Final = tuple(Path("/etc/systemd/system") / f"{name}.service" for name in ("breakaway-motion", "breakaway"))
+_MOVES: Final = "breakaway-motion"
 _SETTINGS: Final = Path("/etc/breakaway")
 _OWN: Final = (Path("/var/lib/breakaway"), Path("/var/cache/breakaway"))
 _USER: Final = "breakaway"
@@ -104,12 +105,12 @@ def why_not() -> str:
         return "only root may install a unit"
     with contextlib.suppress(KeyError):
         return f"the user {pwd.getpwnam(_USER).pw_name} is here already: take a machine to throw away"
-    taken = [str(path) for path in (_UNIT, _SETTINGS, *_OWN) if path.exists()]
+    taken = [str(path) for path in (*_UNITS, _SETTINGS, *_OWN) if path.exists()]
     return f"{', '.join(taken)} is here already: take a machine to throw away" if taken else ""
 
 
 def check(say: Say, require: Require) -> None:
-    """Install the unit, run a test over it, then stop, kill and hang the service amid motions."""
+    """Install the units, run a test over them, then stop, kill and hang what moves the valve, and the service, too."""
     with tempfile.TemporaryDirectory() as name, contextlib.ExitStack() as stack:
         folder = Path(name)
         (folder / "plant.toml").write_text(_PLANT, encoding="utf-8")
@@ -129,7 +130,7 @@ def check(say: Say, require: Require) -> None:
 
 
 def _check_service(client: httpx.Client, say: Say, require: Require) -> None:
-    pid = int(_shown("MainPID"))
+    pid = int(_shown("MainPID", _MOVES))
     uid = Path(f"/proc/{pid}").stat().st_uid
     require(pwd.getpwuid(uid).pw_name == _USER, f"it runs as the user {uid}")
     require("breakaway_polling_precedence 1.0" in client.get("/metrics").text, "the precedence is refused")
@@ -142,28 +143,37 @@ def _check_service(client: httpx.Client, say: Say, require: Require) -> None:
 
     test = _moving(client, require)
     began_s = time.monotonic()
-    _shell("systemctl stop breakaway", Path("/"), require)
+    _shell(f"systemctl stop {_MOVES}", Path("/"), require)
     took_s = time.monotonic() - began_s
     require(took_s <= _STOP_S, f"to stop it took {took_s:.0f} s")
     require(_output_pa() == _SAFE_PA, f"after systemctl stop the device drives {_output_pa():.0f} Pa")
-    require(_shown("Result") == "success", f"systemd calls the stop {_shown('Result')}")
-    _shell("systemctl start breakaway", Path("/"), require)
+    require(_shown("Result", _MOVES) == "success", f"systemd calls the stop {_shown('Result', _MOVES)}")
+    _shell(f"systemctl start {_MOVES}", Path("/"), require)
     ended = _ended(client, test, require)
     require(ended["state"] == "stopped" and ended["safe_confirmed"] is True, f"{ended['state']} {ended['error']}")
-    say(f"  systemctl stop amid a motion: {took_s:.1f} s, the valve at its safe value, the test stopped")
+    say(f"  systemctl stop {_MOVES} amid a motion: {took_s:.1f} s, the valve at its safe value, the test stopped")
 
     for what, number in (("killed", signal.SIGKILL), ("hung", signal.SIGSTOP)):
-        test, restarts = _moving(client, require), int(_shown("NRestarts"))
+        test, restarts = _moving(client, require), int(_shown("NRestarts", _MOVES))
         began_s = time.monotonic()
-        os.kill(int(_shown("MainPID")), number)
-        _until(partial(_restarted_since, restarts), _RESTART_S, f"{what}: its restart", require)
+        os.kill(int(_shown("MainPID", _MOVES)), number)
+        _until(partial(_restarted_since, restarts, _MOVES), _RESTART_S, f"{what}: its restart", require)
         ended = _ended(client, test, require)
         took_s = time.monotonic() - began_s
         require(ended["state"] == "interrupted", f"{what}: the test is {ended['state']}")
         require(_output_pa() == _SAFE_PA, f"{what}: the device drives {_output_pa():.0f} Pa")
         _until(partial(_acknowledged, client, test), _TEST_S, "a stem that was looked at", require)
         say(f"  {what} amid a motion: back after {took_s:.0f} s, the valve at its safe value, the test interrupted")
-    ended = _ended(client, _moving(client, require), require)  # the first one's analysis was broken off by the stop
+
+    for what in ("systemctl restart breakaway", f"kill -KILL {_shown('MainPID')}"):
+        test, restarts = _moving(client, require), int(_shown("NRestarts"))
+        _shell(what, Path("/"), require)
+        if what.startswith("kill"):
+            _until(partial(_restarted_since, restarts), _RESTART_S, f"{what}: its restart", require)
+        ended = _ended(client, test, require)
+        require(ended["state"] == "completed" and ended["safe_confirmed"] is True, f"{ended['state']} {ended['error']}")
+        say(f"  {what.split()[0]} of the service amid a motion: the test completed")
+    ended = _ended(client, _moving(client, require), require)
     require(ended["state"] == "completed" and ended["safe_confirmed"] is True, f"{ended['state']} {ended['error']}")
     require(bool(ended["analysis"]["estimates"]), "the analysis has no estimates")
     say(f"  {_TAG} after all of it: completed and analysed, safe value confirmed")
@@ -177,7 +187,7 @@ def _shell(step: str, folder: Path, require: Require) -> None:
 
 
 def _log() -> str:
-    command = ["journalctl", "--unit", "breakaway", "--no-pager", "--lines", "30"]
+    command = ["journalctl", "--unit", "breakaway", "--unit", _MOVES, "--no-pager", "--lines", "30"]
     return subprocess.run(command, capture_output=True, text=True, check=False).stdout
 
 
@@ -192,21 +202,22 @@ def _simulated(folder: Path) -> Iterator[None]:
 
 
 def _remove() -> None:
-    for command in (["systemctl", "disable", "--now", "breakaway"], ["userdel", _USER]):
+    for command in (["systemctl", "disable", "--now", "breakaway", _MOVES], ["userdel", _USER]):
         subprocess.run(command, capture_output=True, check=False)
-    _UNIT.unlink(missing_ok=True)
+    for unit in _UNITS:
+        unit.unlink(missing_ok=True)
     subprocess.run(["systemctl", "daemon-reload"], check=False)
     for path in (_SETTINGS, *_OWN):
         shutil.rmtree(path, ignore_errors=True)
 
 
-def _shown(name: str) -> str:
-    command = ["systemctl", "show", "--property", name, "--value", "breakaway"]
+def _shown(name: str, unit: str = "breakaway") -> str:
+    command = ["systemctl", "show", "--property", name, "--value", unit]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
 
 
-def _restarted_since(restarts: int) -> bool:
-    return int(_shown("NRestarts")) > restarts
+def _restarted_since(restarts: int, unit: str = "breakaway") -> bool:
+    return int(_shown("NRestarts", unit)) > restarts
 
 
 def _until(holds: Callable[[], Any], within_s: float, name: str, require: Require) -> Any:

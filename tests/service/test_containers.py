@@ -39,23 +39,26 @@ def plants() -> dict[str, Plant]:
 
 
 GATEWAYS = {"service": "plant", "north": "valves", "south": "valves"}
+MOTIONS = {"service": "motion", "north": "north-motion", "south": "south-motion"}
 
 
 def test_all_parts_but_the_database_are_containers_of_one_image(compose: dict[str, Any]) -> None:
     services = compose["services"]
-    assert set(services) == {*GATEWAYS, *GATEWAYS.values(), "database"}
+    assert set(services) == {*GATEWAYS, *GATEWAYS.values(), *MOTIONS.values(), "database"}
     assert {service["image"] for name, service in services.items() if name != "database"} == {"breakaway:local"}
     assert {services[name]["command"][0] for name in GATEWAYS} == {"serve"}
     assert {services[name]["command"][0] for name in GATEWAYS.values()} == {"simulate"}
+    assert {services[name]["command"][0] for name in MOTIONS.values()} == {"motion"}
 
 
 def test_without_a_profile_one_gateway_and_its_plant_start(compose: dict[str, Any]) -> None:
-    assert {name for name, service in compose["services"].items() if "profiles" not in service} == {"service", "plant"}
+    of_none = {name for name, service in compose["services"].items() if "profiles" not in service}
+    assert of_none == {"service", "motion", "plant"}
 
 
 def test_containers_read_the_plant_file_where_their_command_looks(compose: dict[str, Any]) -> None:
     for gateway, simulation in GATEWAYS.items():
-        for name in (gateway, simulation):
+        for name in (gateway, MOTIONS[gateway], simulation):
             source, target, mode = compose["services"][name]["volumes"][0].split(":")
             expected = PLANT_FILE if simulation == "plant" else LARGE_PLANT_FILE
             assert (PROJECT / source).resolve() == expected, name
@@ -87,6 +90,8 @@ def test_the_store_lies_on_a_volume_of_its_own(compose: dict[str, Any], plants: 
         volume, mounted = compose["services"][name]["volumes"][1].split(":")
         assert volume in compose["volumes"]
         assert plants[simulation].service.store == Path(mounted)
+        assert compose["services"][MOTIONS[name]]["volumes"] == compose["services"][name]["volumes"], "one socket"
+        assert MOTIONS[name] in compose["services"][name]["depends_on"]
         used.add(volume)
     assert len(used) == len(GATEWAYS)
 
@@ -99,6 +104,7 @@ def test_the_large_plant_has_twenty_valves_on_four_buses_of_two_gateways(
     assert sorted(plant.bus_gateways.values()) == ["north", "north", "south", "south"]
     for name in plant.gateways:
         assert compose["services"][name]["environment"][GATEWAY_VARIABLE] == name
+        assert compose["services"][MOTIONS[name]]["environment"][GATEWAY_VARIABLE] == name
     assert plant.service.database is not None
     assert make_url(plant.service.database.url).host == "database"
 
@@ -129,9 +135,9 @@ def test_the_image_runs_without_privileges_and_installs_by_hash(compose: dict[st
         assert service["security_opt"] == ["no-new-privileges:true"]
 
 
-def test_the_file_for_precedence_gives_every_gateway_the_limit_and_nobody_else() -> None:
+def test_the_file_for_precedence_gives_what_moves_valves_the_limit_and_nobody_else() -> None:
     text = (PROJECT / "deploy" / "compose" / "precedence.yml").read_text(encoding="utf-8")
-    assert yaml.safe_load(text)["services"] == {name: {"ulimits": {"rtprio": LOOP}} for name in GATEWAYS}
+    assert yaml.safe_load(text)["services"] == {name: {"ulimits": {"rtprio": LOOP}} for name in MOTIONS.values()}
 
 
 def test_every_package_of_the_project_is_in_the_image() -> None:

@@ -17,33 +17,49 @@ from drivers.motion.precedence import LOOP
 from drivers.motion.service_manager import ServiceManager
 from tests.service.conftest import PLANT
 
-UNIT = Path(__file__).resolve().parents[2] / "deploy" / "breakaway.service"
+DEPLOY = Path(__file__).resolve().parents[2] / "deploy"
+SERVICE, MOTION = DEPLOY / "breakaway.service", DEPLOY / "breakaway-motion.service"
 ANALYZE = shutil.which("systemd-analyze")
 
 
 @pytest.mark.skipif(ANALYZE is None, reason="systemd-analyze is not installed")
-def test_the_unit_is_what_systemd_understands(tmp_path: Path) -> None:
+def test_the_units_are_what_systemd_understands(tmp_path: Path) -> None:
     assert ANALYZE is not None
     program = shutil.which("true")
-    text = re.sub(r"^ExecStart=\S+", f"ExecStart={program}", UNIT.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    copy = tmp_path / UNIT.name
-    copy.write_text(text, encoding="utf-8")
-    done = subprocess.run([ANALYZE, "verify", "--man=no", str(copy)], capture_output=True, text=True, check=False)
-    complaints = [line for line in done.stderr.splitlines() if UNIT.name in line]
-    assert (done.returncode, complaints) == (0, [])
+    for unit in (SERVICE, MOTION):
+        text = re.sub(r"^ExecStart=\S+", f"ExecStart={program}", unit.read_text(encoding="utf-8"), flags=re.MULTILINE)
+        (tmp_path / unit.name).write_text(text, encoding="utf-8")
+    for unit in (SERVICE, MOTION):
+        command = [ANALYZE, "verify", "--man=no", str(tmp_path / unit.name)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        complaints = [line for line in done.stderr.splitlines() if unit.name in line]
+        assert (done.returncode, complaints) == (0, [])
 
 
-def test_the_unit_waits_longer_than_a_valve_needs_to_get_safe_and_takes_no_rights() -> None:
-    text = UNIT.read_text(encoding="utf-8")
-    keys = dict(re.findall(r"^(\w+)=(.*)$", text, re.MULTILINE))
-    assert (keys["Type"], keys["User"], keys["KillMode"]) == ("notify", "breakaway", "mixed")
-    assert int(keys["TimeoutStopSec"]) >= 45
-    assert -10 <= int(keys["Nice"]) < 0
-    assert keys["CapabilityBoundingSet"] == ""
-    assert keys["ProtectSystem"] == "strict"
-    assert keys["LimitRTPRIO"] == str(LOOP)
-    assert (keys["RestrictRealtime"], "CPUSchedulingPolicy" in keys) == ("false", False)
-    assert keys["Restart"] == "on-failure"
+def _keys(unit: Path) -> dict[str, str]:
+    return dict(re.findall(r"^(\w+)=(.*)$", unit.read_text(encoding="utf-8"), re.MULTILINE))
+
+
+def test_the_units_wait_longer_than_a_valve_needs_to_get_safe_and_take_no_rights() -> None:
+    for unit in (SERVICE, MOTION):
+        keys = _keys(unit)
+        assert (keys["Type"], keys["User"], keys["KillMode"]) == ("notify", "breakaway", "mixed")
+        assert int(keys["TimeoutStopSec"]) >= 45
+        assert -10 <= int(keys["Nice"]) < 0
+        assert keys["CapabilityBoundingSet"] == ""
+        assert keys["ProtectSystem"] == "strict"
+        assert keys["Restart"] == "on-failure"
+
+
+def test_what_moves_valves_comes_first_and_starts_and_ends_by_itself() -> None:
+    service, motion = _keys(SERVICE), _keys(MOTION)
+    assert motion["LimitRTPRIO"] == str(LOOP)
+    assert (motion["RestrictRealtime"], "CPUSchedulingPolicy" in motion) == ("false", False)
+    assert "LimitRTPRIO" not in service
+    assert int(motion["Nice"]) < int(service["Nice"])
+    assert MOTION.name in service["Wants"].split()
+    assert MOTION.name in service["After"].split()
+    assert not {"BindsTo", "PartOf", "Requires"} & {*service, *motion}, "an upgrade of one must not end the other"
 
 
 def test_a_service_manager_hears_ready_then_a_beat_then_the_end(quick_path: Path) -> None:
