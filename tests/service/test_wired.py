@@ -98,6 +98,13 @@ def _moves(plant: SimulatedPlant) -> Condition:
     return moving_now
 
 
+def _recorded(folder: Path) -> Condition:
+    async def recorded() -> bool:
+        return sum(entry.stat().st_size for entry in (folder / "plant-data" / "journals").iterdir()) > 5_000
+
+    return recorded
+
+
 def _no_watchdog_acted(plant: SimulatedPlant) -> bool:
     return not [event for event in plant.records[TAG].events if event.happening is Happening.WATCHDOG_TRIPPED]
 
@@ -169,7 +176,7 @@ async def test_a_motion_process_that_is_killed_leaves_the_valve_to_its_watchdog_
         serving(path) as (_, client),
     ):
         location = (await client.post("/tests/run", json=LONG)).headers["location"]
-        await until(_moves(plant), 60.0, "the motion")
+        await until(_recorded(quick_path), 60.0, "a journal with samples")
         motion.kill()
         await motion.wait()
 
@@ -271,12 +278,7 @@ async def test_after_kill_9_of_both_the_test_is_interrupted_its_samples_are_kept
     async with wired_plant(quick_path, watchdog_s=20.0) as (path, plant):
         async with moving(path) as motion, serving(path) as (process, client):
             location = (await client.post("/tests/run", json=LONG)).headers["location"]
-            journals = quick_path / "plant-data" / "journals"
-
-            async def recorded() -> bool:
-                return sum(entry.stat().st_size for entry in journals.iterdir()) > 5_000
-
-            await until(recorded, 60.0, "a journal with samples")
+            await until(_recorded(quick_path), 60.0, "a journal with samples")
             for one in (process, motion):
                 one.kill()
                 await one.wait()
