@@ -36,6 +36,13 @@ def noisy() -> dict[str, Any]:
     return analyze_recordings([triangle_test(noise_m=5.0e-6)], PLATE, held_out=[("sine.csv", sine_test())])
 
 
+@pytest.fixture
+def classic_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the whole motion unfitted and undiagnosed: what is asked then is the same without them."""
+    monkeypatch.delitem(ESTIMATORS, "maximum_likelihood")
+    monkeypatch.setattr("service.analysis.analysis.assess", lambda *_, **__: not_assessed("of this test"))
+
+
 SPOT_M = 0.055
 
 
@@ -92,6 +99,7 @@ def test_the_recording_is_described(noisy: dict[str, Any]) -> None:
     assert recording["sampling"]["missed_slots"] == 0
 
 
+@pytest.mark.usefixtures("classic_alone")
 def test_gaps_are_counted_and_do_not_reach_into_the_noise() -> None:
     recording = analyze_recordings([with_gaps(triangle_test(noise_m=5.0e-6))], PLATE)["recording"]
     assert recording["gaps"] == 2
@@ -224,8 +232,8 @@ def test_the_signature_is_measured_with_intervals(noisy: dict[str, Any]) -> None
     assert figures["steps"] is None
 
 
-def test_a_sine_shows_no_branches_and_takes_the_figures_from_the_parameters(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("service.analysis.analysis.assess", lambda *_, **__: not_assessed("of this test"))
+@pytest.mark.usefixtures("classic_alone")
+def test_a_sine_shows_no_branches_and_takes_the_figures_from_the_parameters() -> None:
     analysis = analyze_recordings([sine_test(0.005)], PLATE)
     figures = analysis["signature"]
     known = [one for one in analysis["estimates"] if one["parameters"]["k"]["value"] is not None]
@@ -236,6 +244,7 @@ def test_a_sine_shows_no_branches_and_takes_the_figures_from_the_parameters(monk
         assert figures["spring_rate_n_per_m"] in [one["parameters"]["k"]["value"] for one in known]
 
 
+@pytest.mark.usefixtures("classic_alone")
 def test_a_step_test_has_its_times_and_no_friction() -> None:
     levels_pa = [82737.0 * share for share in (0.0, 0.5, 0.52, 0.6, 0.7, 0.3, 0.1)]
     figures = analyze_recordings([recorded(steps(levels_pa, 2.0), 0.002, 5.0e-6)], PLATE)["signature"]
@@ -248,7 +257,7 @@ def test_a_step_test_has_its_times_and_no_friction() -> None:
     assert figures["steps"]["summary"]["t63_s"] == pytest.approx(0.0125, abs=0.002)
 
 
-def test_the_held_out_recording_is_predicted_by_what_was_estimated(noisy: dict[str, Any]) -> None:
+def test_the_held_out_recording_is_predicted_by_what_was_estimated(noisy: dict[str, Any], classic_alone: None) -> None:
     true = triangle_test(noise_m=5.0e-6)
     assert true.pressure_pa is not None
     wrong = replace(true, pressure_pa=1.2 * true.pressure_pa)
@@ -262,7 +271,8 @@ def test_the_held_out_recording_is_predicted_by_what_was_estimated(noisy: dict[s
         assert "DV" in tried["notes"][method]
 
 
-def test_a_held_out_recording_with_a_gap_in_its_input_gives_a_reason(noisy: dict[str, Any]) -> None:
+@pytest.mark.usefixtures("classic_alone")
+def test_a_held_out_recording_with_a_gap_in_its_input_gives_a_reason() -> None:
     holed = sine_test()
     assert holed.pressure_pa is not None
     pressure_pa = holed.pressure_pa.copy()
@@ -282,6 +292,7 @@ def test_progress_rises_from_0_to_1_and_names_what_goes_on() -> None:
     assert any("estimating" in phase for _, phase in told)
 
 
+@pytest.mark.usefixtures("classic_alone")
 def test_several_recordings_are_analysed_as_one_with_a_gap_between() -> None:
     first, second = triangle_test(0.002), triangle_test(0.002)
     whole = joined([first, second])

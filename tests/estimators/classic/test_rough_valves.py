@@ -25,8 +25,13 @@ def by_method(estimator: Estimator) -> str:
 
 
 @pytest.mark.parametrize("estimator", BOTH, ids=by_method)
-@pytest.mark.parametrize("sequence", ["triangle", "multi_rate"])
-@pytest.mark.parametrize("valve", list(VALVES))
+@pytest.mark.parametrize(
+    ("valve", "sequence"),
+    [
+        *((valve, "triangle") for valve in VALVES),
+        *(pytest.param(one, "multi_rate", marks=() if one in JUMPING else pytest.mark.long) for one in VALVES),
+    ],
+)
 @pytest.mark.parametrize("grade", ["hard"])
 def test_friction_and_spring_are_always_given(grade: str, valve: str, sequence: str, estimator: Estimator) -> None:
     one = rough_case(valve, sequence, grade, 1.0e-3, 1)

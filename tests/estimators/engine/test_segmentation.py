@@ -22,7 +22,9 @@ def _compared(found: RoughCase) -> tuple[int, int, int]:
     return true_s.size, missed, false
 
 
-@pytest.mark.parametrize("valve", ["nominal", "rough", "small", "large"])
+@pytest.mark.parametrize(
+    "valve", ["nominal", "small", *(pytest.param(one, marks=pytest.mark.long) for one in ("rough", "large"))]
+)
 @pytest.mark.parametrize("sequence", ["triangle", pytest.param("multi_rate", marks=pytest.mark.long)])
 @pytest.mark.parametrize("grade", ["ideal", pytest.param("mild", marks=pytest.mark.long), "usual"])
 def test_every_breakaway_is_found_and_none_is_made_up(valve: str, sequence: str, grade: str) -> None:

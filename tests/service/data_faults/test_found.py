@@ -13,7 +13,7 @@ from service.analysis.analysis import analyze_recordings
 from service.analysis.data_faults.fault import DataFault
 from service.analysis.data_faults.found import without_data_faults
 from service.config.nameplates import read_nameplate
-from tests.service.data_faults.recorded import PLATE, logged
+from tests.service.data_faults.recorded import PLATE, WAVES, logged
 from valve.nameplate import Nameplate
 from valve.parameter_sets import PARAMETER_SETS
 from valve.recording import FloatArray, Recording
@@ -22,6 +22,7 @@ from valve.recording_files import read_recording
 ROUGH_CASES = Path(__file__).parents[4] / "shared" / "data" / "rough_cases"
 CONVERTER = (2.5e-5, 20.0)  # 12 bits
 
+_OFTEN_LATE = ("triangle", "pulses")
 OTHERS = tuple(name for name in PARAMETER_SETS if name != "nominal")
 
 
@@ -58,8 +59,14 @@ def dropped(recording: Recording, channel: str, level: float, rows: int, *from_s
 
 
 @pytest.mark.parametrize("valve", ["nominal", *(pytest.param(one, marks=pytest.mark.long) for one in OTHERS)])
-@pytest.mark.parametrize("wave", ["triangle", "fast", "slow", "sine", "pulse", "pulses", "steps"])
-@pytest.mark.parametrize("late", [0.0, 0.1], ids=["even", "jitter"])
+@pytest.mark.parametrize(
+    ("late", "wave"),
+    [
+        *((0.0, wave) for wave in WAVES),
+        *((0.1, wave) for wave in _OFTEN_LATE),
+        *(pytest.param(0.1, wave, marks=pytest.mark.long) for wave in WAVES if wave not in _OFTEN_LATE),
+    ],
+)
 def test_a_healthy_recording_gets_no_remark(valve: str, wave: str, late: float) -> None:
     """Quantised or not, noisy or not, polled late or with rows lost, at stops."""
     for period_s in (0.01, 0.05) if wave != "fast" else (0.001, 0.005, 0.02):
@@ -198,7 +205,8 @@ def test_a_pressure_on_a_clock_of_its_own_is_set_onto_the_positions(rate: float)
 
 
 def test_an_absolute_pressure_loses_its_atmosphere_and_its_preload() -> None:
-    recording = replace(logged(), pressure_pa=pressure(logged()) + 98_700.0)
+    gauge = logged(wave="fast")
+    recording = replace(gauge, pressure_pa=pressure(gauge) + 98_700.0)
     analysis = analyze_recordings([recording], PLATE)
     assert [one["fault"] for one in analysis["recording"]["remarks"]] == ["from_vacuum"]
     for estimate in analysis["estimates"]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ SEED = 3
 PERIOD_S, NOISE_M = 0.01, 2.0e-5
 
 
+@cache
 def _analysis(name: str) -> tuple[dict[str, Any], ValveFacts]:
     chosen = PARAMETER_SETS[name]
     actuator, signal = chosen.nameplate.actuator, chosen.nameplate.signal
