@@ -52,7 +52,7 @@ long: $(VENV)/.dev  ## whole searches of the estimate and the diagnosis, which `
 bench: $(VENV)/.dev  ## speed and accuracy, as tables; one alone: ARGS="coverage 200"
 	$(BIN)/python -m tests.benchmarks $(ARGS)
 
-faults: $(VENV)/.dev  ## faults on the wire and in the service, judged by the valve's record: ARGS=500, all, kill
+faults: $(VENV)/.dev  ## faults on the wire and in the service, judged by the valve's record: ARGS=500, all, kill_both
 	$(BIN)/python -m tests.faults $(ARGS)
 
 blind: $(VENV)/.dev  ## hide effects in data and ask for them; a part: ARGS="triangle 60" or ARGS=200

@@ -1,6 +1,6 @@
 """``make faults``: the long version, with progress and a table.
 
-ARGS="500" runs so many by chance, ARGS="all" every fault at every transaction, ARGS="kill term" these at every one,
+ARGS="500" runs so many by chance, ARGS="all" every fault at every transaction, ARGS="kill_both term" these alone,
 ARGS="wire" those of the wire, ARGS="plant" those around it.
 
 ARGS="10000 keep=faults.jsonl for=600" writes every verdict down, begins no case after

@@ -42,6 +42,7 @@ class Verdict:
     doubled_writes: int = 0
     unheeded: int = 0  # the motion went on for long after what must end it
     misjudged: int = 0  # what is said of signal or stem is not so
+    broken_off: int = 0  # the service ended, what moves the valve did not, and the test did not complete
     detail: str = ""
 
     @property
@@ -76,6 +77,9 @@ def judge(station: Station, told: list[dict[str, Any]], *, safe: bool) -> Verdic
             at_s > end["mono_s"] + _CLOCK_S and event.happening in _MOTIONS for at_s, event in station.events
         )
     verdict.unheeded = _unheeded(station, end)
+    was_moving = any(at_s < station.struck_s and event.happening in _MOTIONS for at_s, event in station.events)
+    if station.outlives_its_service and was_moving:
+        verdict.broken_off = int(end is None or end["state"] != "completed")
     if safe and end is not None and end["safe_confirmed"] is False and station.around.fault is not None:
         verdict.misjudged = 1  # its own wire was well: the output could be read
     if end is not None and end["stem"] in _SURE and station.around.fault is not PlantFault.FLAPPING:

@@ -72,9 +72,15 @@ class Station:
 
     @property
     def asked_to_end(self) -> bool:
-        """Whether the service was asked to end by a signal, which it hears: it must see to its valve first."""
+        """Whether what moves the valve was asked to end by a signal, which it hears: it must see to it first."""
         fault = self.wire.fault
         return fault is not None and fault.fault in (ServiceFault.TERM, ServiceFault.HANG_UP)
+
+    @property
+    def outlives_its_service(self) -> bool:
+        """Whether the service ended and what moves the valve did not: the test must go on."""
+        fault = self.wire.fault
+        return fault is not None and fault.fault in (ServiceFault.KILL_SERVICE, ServiceFault.TERM_SERVICE)
 
     @property
     def is_watched(self) -> bool:

@@ -50,7 +50,7 @@ async def test_faults_spread_over_a_test_leave_no_valve_unsafe_and_no_sample_los
 async def test_a_service_that_is_killed_while_the_valve_moves_leaves_an_interrupted_test(
     quick_path: Path, mode: str
 ) -> None:
-    case = Case("tcp", "polled" if mode == "polled" else "captured", FaultAt(ServiceFault.KILL, 48))
+    case = Case("tcp", "polled" if mode == "polled" else "captured", FaultAt(ServiceFault.KILL_BOTH, 48))
     verdict, _ = await run_case(case, quick_path)
     assert verdict.good, verdict
     assert verdict.outcome == "interrupted"

@@ -1,4 +1,4 @@
-"""The service under test, as a process that can be killed: its runs, store, audit log and rig, without HTTP."""
+"""What is under test, as processes that can be killed: what moves the valve, and the service's runs without HTTP."""
 
 from __future__ import annotations
 
@@ -19,17 +19,20 @@ import structlog
 import time_machine
 
 from drivers import polled_play
+from drivers.motion import program
 from drivers.motion.audit_log import AuditLog
+from drivers.motion.client import MotionClient
+from drivers.motion.program import Moved, Place
 from drivers.rows import PolledRows
 from drivers.stands_at import StemVerdict
 from service.access.principal import Role
+from service.app import create_app
 from service.cli.accounts import accounts
 from service.cli.signals import ENDING_SIGNALS
 from service.config.settings import load_plant
-from service.model.run import Run
+from service.model.run import Run, RunState
 from service.runs.service import Runs
 from service.store.store import open_store
-from tests.service.in_process import app_of, motion_on
 from tests.service.running_service import running_application
 from valve.errors import ValveError
 
@@ -45,6 +48,17 @@ class _NoAnalyst:
 
 def _quiet() -> None:
     structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
+
+
+def move(plant_file: str, told: str) -> None:
+    """Move the valve until a signal ends it."""
+    _quiet()
+    _tell_the_start(_Told(Path(told)))
+    plant = load_plant(Path(plant_file))
+    wirings = {tag: valve.wiring for tag, valve in plant.valves.items()}
+    service = plant.service
+    place = Place(service.motion_socket, service.store / "journals", service.store / "audit", service.gateway)
+    program.run(lambda: Moved(plant.buses, wirings), place, "fault bench")
 
 
 def run_test(plant_file: str, told: str, order: Mapping[str, Any]) -> None:
@@ -79,7 +93,8 @@ def _runs(plant_file: Path) -> Runs:
     plant = load_plant(plant_file)
     store = open_store(plant.service)
     audit = AuditLog(store.folder / "audit")
-    return Runs(plant, store, motion_on(plant, audit=audit), _NoAnalyst(), software="fault bench", audit=audit)
+    motion = MotionClient(plant.service.motion_socket, store.folder / "journals")
+    return Runs(plant, store, motion, _NoAnalyst(), software="fault bench", audit=audit)
 
 
 def _seen(run: Run) -> dict[str, Any]:
@@ -108,8 +123,9 @@ async def _run_watched_test(plant_file: Path, told_file: Path, order: Mapping[st
     asyncio.get_running_loop().add_signal_handler(signal.SIGUSR2, idle.set)
     with accounts(plant_file) as (access, _):
         access.add_user(_PERSON, Role.ENGINEER, _PASSWORD, by="fault bench")
-    _tell_the_start(told)
-    app = app_of(load_plant(plant_file), analyst=_NoAnalyst())
+    plant = load_plant(plant_file)
+    motion = MotionClient(plant.service.motion_socket, plant.service.store / "journals")
+    app = create_app(plant, motion, analyst=_NoAnalyst())
     async with running_application(app) as client:
         me = (await client.post("/session", json={"name": _PERSON, "password": _PASSWORD})).json()
         headers = {"X-CSRF-Token": me["csrf_token"]}
@@ -136,15 +152,18 @@ async def _stop_in_idle_session(
 
 async def _run_test(plant_file: Path, told_file: Path, order: Mapping[str, Any]) -> None:
     told, runs = _Told(told_file), _runs(plant_file)
-    for ending in (*ENDING_SIGNALS, signal.SIGUSR1):
+    for ending in ENDING_SIGNALS:
         asyncio.get_running_loop().add_signal_handler(ending, runs.begin_shutdown)
-    _tell_the_start(told)
     try:
         run = await runs.start(order["valve"], order["sequence"], order["overrides"])
     except ValveError as error:
         told.say(kind="refused", error=str(error))
         return
     told.say(kind="accepted", id=run.id)
+    stopping: list[asyncio.Task[Run]] = []
+    asyncio.get_running_loop().add_signal_handler(
+        signal.SIGUSR1, lambda: stopping.append(asyncio.create_task(runs.stop(run.id)))
+    )
     await _follow(runs, run.id, told)
 
 
@@ -154,6 +173,11 @@ async def _follow(runs: Runs, run_id: str, told: _Told) -> None:
         for event in events:
             if event.kind == "samples":
                 told.say(kind="samples", time_s=event.data["time_s"], position_m=event.data["position_m"])
+    run = await runs.get(run_id)
+    if not run.state.finished:
+        return  # it was asked to end amid the motion, which goes on
+    if run.state is RunState.INTERRUPTED:
+        await runs.settled()  # the motion was lost: its valve is looked at as soon as that can be
     stands = (await runs.get(run_id)).stands
     while stands is not None and stands.safe_position_m is not None and stands.verdict is StemVerdict.MOVING:
         await asyncio.sleep(0.05)

@@ -25,12 +25,15 @@ class WireFault(StrEnum):
 
 
 class ServiceFault(StrEnum):
-    """What happens to the service's process."""
+    """What happens to the process that moves the valve, or to the service that asked it."""
 
-    KILL = "kill"
-    TERM = "term"
+    KILL_BOTH = "kill_both"
+    KILL_MOTION = "kill_motion"
+    KILL_SERVICE = "kill_service"
+    TERM = "term"  # of what moves the valve, as the next ones
     STOP_AND_CONT = "stop_and_cont"
     HANG_UP = "hang_up"  # its terminal is closed: SIGHUP
+    TERM_SERVICE = "term_service"  # as for an upgrade
     IDLE_SESSION = "idle_session"  # the session that watches is locked after its idle time; then Stop is pressed in it
 
 
