@@ -35,7 +35,7 @@ MOTION_S: Final = 20
 PERIOD_S: Final = 0.02
 LATENESS_S: Final = 0.020  # p99
 ANSWER_S: Final = 0.250  # p99
-ROLES: Final = ("service", "analyses", "devices", "callers")
+ROLES: Final = ("motion", "service", "analyses", "devices", "callers")
 _MOVED_S: Final = 120.0
 
 _VALVE: Final = """
@@ -130,7 +130,7 @@ def _row(recordings: Sequence[Recording], looked: _Looked) -> list[str]:
         f"{100.0 * looked.beyond:.2f}",
         str(missed),
         str(in_answers),
-        f"{1e3 * looked.used_s['service'] / late_s.size:.2f}",
+        f"{1e3 * looked.used_s['motion'] / late_s.size:.2f}",
     ]
     if not looked.answers_s:
         return [*row, "", "0", "", "", ""]
@@ -194,11 +194,11 @@ async def _phase(
 @contextlib.asynccontextmanager
 async def _accounted(processes: Sequence[DemoProcess], looked: _Looked) -> AsyncIterator[None]:
     """Account for the processor while the context lasts; what the callers used, they say themselves."""
-    devices, service = (one.process.pid for one in processes)
-    began_s, before, machine_s = time.monotonic(), used_by_role_s(service, devices), machine_used_s()
+    devices, motion, service = (one.process.pid for one in processes)
+    began_s, before, machine_s = time.monotonic(), used_by_role_s(service, motion, devices), machine_used_s()
     yield
     looked.lasted_s = time.monotonic() - began_s
-    after = used_by_role_s(service, devices)
+    after = used_by_role_s(service, motion, devices)
     used_s = {role: after[role] - before[role] for role in before} | {"callers": looked.used_s.get("callers", 0.0)}
     looked.used_s = used_s | {"other": max(0.0, machine_used_s() - machine_s - sum(used_s.values()))}
 

@@ -11,9 +11,10 @@ _TICK_S: Final = 1.0 / os.sysconf("SC_CLK_TCK")
 _PARENT, _USER, _CHILDREN_SYSTEM = 1, 11, 14  # fields after the name, in which anything may stand
 
 
-def used_by_role_s(service: int, devices: int) -> dict[str, float]:
-    """Return the processor time, s, of the service itself, of the analyses that it started, and of the devices."""
-    return {"service": _own_s(service), "analyses": _children_s(service), "devices": _own_s(devices)}
+def used_by_role_s(service: int, motion: int, devices: int) -> dict[str, float]:
+    """Return the processor time, s, of the service, what moves its valves, the analyses that it started, the devices."""
+    own = {"service": _own_s(service), "motion": _own_s(motion)}
+    return {**own, "analyses": _children_s(service), "devices": _own_s(devices)}
 
 
 def machine_used_s() -> float:

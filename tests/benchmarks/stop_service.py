@@ -160,7 +160,8 @@ async def _service(beside: Beside, folder: Path) -> AsyncIterator[_Bench]:
             )
         config = folder / "plant.toml"
         config.write_text(text, encoding="utf-8")
-        await _serving(stack, config, folder / "serve.log")
+        for name in ("motion", "serve"):
+            await _running(stack, name, config, folder / f"{name}.log")
         client = await stack.enter_async_context(
             httpx.AsyncClient(
                 base_url=f"http://127.0.0.1:{port}",
@@ -183,9 +184,9 @@ def _keeper(events: list[tuple[float, Event]]) -> Callable[[Event | tuple[float,
     return keep
 
 
-async def _serving(stack: AsyncExitStack, config: Path, log: Path) -> None:
-    """Start the service; it is ended with the stack."""
-    command = [sys.executable, "-m", "service.cli", "serve", "--config", str(config)]
+async def _running(stack: AsyncExitStack, name: str, config: Path, log: Path) -> None:
+    """Start a command of breakaway; it is ended with the stack."""
+    command = [sys.executable, "-m", "service.cli", name, "--config", str(config)]
     with log.open("wb") as output:
         process = subprocess.Popen(command, stdout=output, stderr=output, start_new_session=True)  # noqa: ASYNC220
 
