@@ -12,7 +12,7 @@ _PARENT, _USER, _CHILDREN_SYSTEM = 1, 11, 14  # fields after the name, in which 
 
 
 def used_by_role_s(service: int, motion: int, devices: int) -> dict[str, float]:
-    """Return the processor time, s, of the service, what moves its valves, the analyses that it started, the devices."""
+    """Return the processor time, s, of the service, of what moves its valves, of its analyses, and of the devices."""
     own = {"service": _own_s(service), "motion": _own_s(motion)}
     return {**own, "analyses": _children_s(service), "devices": _own_s(devices)}
 
