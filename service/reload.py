@@ -17,7 +17,7 @@ from pydantic import BaseModel, Field
 from drivers.motion.orders import MotionLostError
 from service.config.settings import Plant, PlantValve, faults_of
 from service.parts import Parts
-from valve.errors import RequestError, ValveError
+from valve.errors import ConfigurationError, RequestError, ValveError
 
 _LOG = structlog.get_logger(__name__)
 _LOOK_S: Final = 0.1  # how often it is looked whether a test has ended whose valve was changed
@@ -109,13 +109,19 @@ class Reloader:
             for tag in [tag for tag in self._waiting if self._parts.runs.user_of(tag) is None]:
                 self._parts.plant.set_valve(tag, self._waiting.pop(tag))
                 self._tell()
-                await self._tell_motion()
+                await self._settle_in_motion(tag)
                 _LOG.info("valve has its new configuration", valve=tag)
 
     async def _tell_motion(self) -> None:
         """Have the motion process read the file, too, but for the valves that wait; one that starts later reads it."""
         try:
             await self._parts.motion.reload(self._waiting)
+        except (MotionLostError, ConfigurationError) as error:
+            _LOG.error("motion process has not read the plant file: reload it again", reason=str(error))
+
+    async def _settle_in_motion(self, tag: str) -> None:
+        try:
+            await self._parts.motion.settled(tag)
         except MotionLostError as error:
             _LOG.warning("motion process has not read the plant file", reason=str(error))
 

@@ -59,6 +59,11 @@ class BusLocks:
         self._addresses = addresses
         self._held: dict[str, int] = {}
 
+    @property
+    def held(self) -> frozenset[str]:
+        """The buses that this process holds."""
+        return frozenset(self._held)
+
     def take(self, buses: Iterable[str]) -> None:
         """Take all of them or none. Raises BusyError where another process has one."""
         taken: list[str] = []

@@ -6,11 +6,11 @@ import asyncio
 import contextlib
 import itertools
 import json
-import time
 from collections.abc import AsyncIterator, Callable, Iterable
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any, Final
+from zipfile import BadZipFile
 
 import structlog
 
@@ -21,8 +21,11 @@ from drivers.motion.wire_format import PROTOCOL, error_of, line_of, of_json, to_
 from drivers.outcome import Recovered, SafeOutcome, SampleBlock
 from drivers.permissive import Permissive
 from drivers.stands_at import StandsAt
+from valve.errors import NotFoundError
 
 _AGAIN_S: Final = 0.2
+_QUICK_S: Final = 0.5
+_STOPPED_S: Final = 30.0
 _PATIENCE_S: Final = 2.0  # for a motion process that is just being started again
 _RECOVERY_S: Final = 60.0  # a valve that was left alone is worth more waiting
 _LOG = structlog.get_logger(__name__)
@@ -40,6 +43,7 @@ class MotionClient:
         self._opening = asyncio.Lock()
         self._numbers = itertools.count(1)
         self._closed = False
+        self._stops: dict[str, str] = {}  # that were asked for, until their motion has its end
         #: Whether the system allows the motion process real-time precedence; None where that was never heard.
         self.precedence: bool | None = None
 
@@ -59,22 +63,23 @@ class MotionClient:
         await self._connected(within_s)
 
     async def _connected(self, within_s: float) -> _Line:
-        until_s = time.monotonic() + within_s
-        async with self._opening:
-            while self._line is None or not self._line.is_open:
-                if self._closed:
-                    raise MotionLostError("the service is ending")
-                try:
-                    self._line = await self._opened()
-                except (OSError, MotionLostError) as error:
-                    if time.monotonic() > until_s:
-                        why = error.strerror if isinstance(error, OSError) else str(error)
-                        raise MotionLostError(
-                            f"the motion process does not answer at {self._socket} ({why}): start it "
-                            "(breakaway motion --config plant.toml); until then no valve can be moved"
-                        ) from error
-                    await asyncio.sleep(_AGAIN_S)
-            return self._line
+        """Return a line that stands. Raises MotionLostError where there is none in time, BusyError."""
+        why = "it does not answer"
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(within_s or _QUICK_S), self._opening:
+                while self._line is None or not self._line.is_open:
+                    if self._closed:
+                        raise MotionLostError("the service is ending")
+                    try:
+                        self._line = await self._opened()
+                    except (OSError, MotionLostError) as error:
+                        why = str((error.strerror if isinstance(error, OSError) else error) or why)
+                        await asyncio.sleep(_AGAIN_S)
+                return self._line
+        raise MotionLostError(
+            f"the motion process does not answer at {self._socket} ({why}): start it "
+            "(breakaway motion --config plant.toml); until then no valve can be moved"
+        )
 
     async def _opened(self) -> _Line:
         line = _Line(*await connected(self._socket))
@@ -84,6 +89,8 @@ class MotionClient:
             await line.close()
             raise
         self.precedence = said["precedence"]
+        for run_id, reason in self._stops.items():  # pressed while there was no line
+            line.send({"say": "stop", "run_id": run_id, "reason": reason})
         _LOG.info("motion process connected", software=said["software"])
         return line
 
@@ -99,7 +106,12 @@ class MotionClient:
 
     async def take_aside(self, buses: Iterable[str]) -> None:
         """Take all of them or none; what is held stays so. Raises BusyError where another process has one."""
-        await self._ask("take", buses=sorted(buses))
+        wanted = sorted(buses)
+        try:
+            await self._ask("take", buses=wanted)
+        except asyncio.CancelledError:
+            self.give_back(wanted)
+            raise
 
     def give_back(self, buses: Iterable[str]) -> None:
         """Give them back, but for those that a motion uses."""
@@ -109,8 +121,8 @@ class MotionClient:
     async def hold(self, buses: Iterable[str]) -> AsyncIterator[None]:
         """Hold them for the length of the block. Raises BusyError."""
         number = next(self._numbers)
-        await self._ask("hold", buses=sorted(buses), held=number)
         try:
+            await self._ask("hold", buses=sorted(buses), held=number)
             yield
         finally:
             self._say("release", held=number)
@@ -136,7 +148,12 @@ class MotionClient:
 
     async def rejoin(self, run_id: str, heard: Heard) -> MotionEnd:
         """Hear the rest of a motion that somebody else asked for, or its end. Raises NotFoundError, as ``play``."""
-        return await self._followed(run_id, heard, "rejoin", run_id=run_id)
+        try:
+            return await self._followed(run_id, heard, "rejoin", run_id=run_id)
+        except MotionLostError:
+            if any(one.order.run_id == run_id for one in await asyncio.to_thread(self._spool.all)):
+                return await asyncio.to_thread(self._spool.read, run_id)
+            raise
 
     async def _followed(self, test: str, heard: Heard, name: str, **said: Any) -> MotionEnd:
         line = await self._connected(_PATIENCE_S)
@@ -145,16 +162,18 @@ class MotionClient:
             end = await line.ask(next(self._numbers), name, **said)
         finally:
             line.heard.pop(test, None)
+        self._stops.pop(test, None)
         recording = None
         if end["recording"] is not None:
             try:
                 recording = await asyncio.to_thread(self._spool.recording, test, end)
-            except (OSError, ValueError) as error:  # the journal has what was sampled
+            except (OSError, ValueError, EOFError, BadZipFile) as error:  # the journal has what was sampled
                 end["faults"].append(f"the recording could not be fetched from the motion process ({error})")
         return end_of_json(end, recording)
 
     def stop(self, run_id: str, reason: str) -> None:
-        """Send a valve to its safe value at once; nothing happens where its motion has ended."""
+        """Send a valve to its safe value at once, or as soon as there is a line; nothing where its motion has ended."""
+        self._stops[run_id] = reason
         self._say("stop", run_id=run_id, reason=reason)
 
     def end_early(self, run_id: str) -> None:
@@ -162,12 +181,26 @@ class MotionClient:
         self._say("end_early", run_id=run_id)
 
     async def left(self) -> tuple[Left, ...]:
-        """Return the motions that go on, and those whose end was not fetched."""
-        return tuple(Left(of_json(Order, one["order"]), one["ended"]) for one in await self._ask("left"))
+        """Return the motions that go on, and those whose end was not fetched; without a motion process these alone.
+
+        Raises MotionLostError where there is neither.
+        """
+        try:
+            said = await self._ask("left")
+        except MotionLostError:
+            kept = await asyncio.to_thread(self._spool.all)
+            if kept:
+                return kept
+            raise
+        return tuple(Left(of_json(Order, one["order"]), one["ended"]) for one in said)
 
     def forget(self, run_id: str) -> None:
         """Remove what was kept of a motion's end: whoever asked for it has stored it."""
-        self._say("forget", run_id=run_id)
+        self._stops.pop(run_id, None)
+        if self.is_connected:
+            self._say("forget", run_id=run_id)
+        else:
+            self._spool.remove(run_id)
 
     async def recover(self, tag: str, run_number: int, entry_pa: float | None, *, commanded: bool | None) -> Recovered:
         """Look at a valve that a dead process left, and send it to safe where that is due and allowed now."""
@@ -176,8 +209,12 @@ class MotionClient:
         return Recovered(of_json(SafeOutcome, said["safe"]), said["sent"])
 
     async def reload(self, kept: Iterable[str]) -> None:
-        """Read the plant file anew for all valves but the ``kept``. Raises ConfigurationError."""
+        """Read the plant file anew; the ``kept`` valves stay until they are ``settled``. Raises ConfigurationError."""
         await self._ask("reload", kept=sorted(kept))
+
+    async def settled(self, tag: str) -> None:
+        """Let a valve that was kept become what the plant file said when it was read last."""
+        await self._ask("settled", tag=tag)
 
 
 async def stopped_here(socket: Path, what: str, reason: str) -> tuple[tuple[Order, MotionEnd], ...]:
@@ -186,21 +223,29 @@ async def stopped_here(socket: Path, what: str, reason: str) -> tuple[tuple[Orde
     Raises MotionLostError where the motion process does not answer.
     """
     try:
-        line = _Line(*await connected(socket))
-    except OSError as error:
+        async with asyncio.timeout(_STOPPED_S):
+            line = _Line(*await connected(socket))
+            try:
+                return await _stopped(line, what, reason)
+            finally:
+                await line.close()
+    except OSError as error:  # a timeout is one
+        why = error.strerror or f"not within {_STOPPED_S:g} s"
         raise MotionLostError(
-            f"the motion process does not answer at {socket} ({error.strerror}): is it here?"
+            f"the motion process does not answer at {socket} ({why}): a valve whose motion process is gone goes to its "
+            "safe value by the watchdog of its device"
         ) from error
-    try:
-        left = (await line.ask(1, "state"))["left"]
-        going = [of_json(Order, one["order"]) for one in left if not one["ended"]]
-        ends = []
-        for number, order in enumerate((one for one in going if what in (one.tag, one.run_id)), 2):
+
+
+async def _stopped(line: _Line, what: str, reason: str) -> tuple[tuple[Order, MotionEnd], ...]:
+    left = (await line.ask(1, "state"))["left"]
+    going = [of_json(Order, one["order"]) for one in left if not one["ended"]]
+    ends = []
+    for number, order in enumerate((one for one in going if what in (one.tag, one.run_id)), 2):
+        with contextlib.suppress(NotFoundError):  # it came to its end meanwhile
             said = await line.ask(number, "stop_and_wait", run_id=order.run_id, reason=reason)
             ends.append((order, end_of_json(said, None)))
-        return tuple(ends)
-    finally:
-        await line.close()
+    return tuple(ends)
 
 
 class _Line:
@@ -222,7 +267,7 @@ class _Line:
         """End it."""
         self._writer.close()
         self._listening.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
+        with contextlib.suppress(asyncio.CancelledError, Exception):
             await self._listening
 
     def send(self, message: dict[str, Any]) -> None:
@@ -245,7 +290,7 @@ class _Line:
         try:
             async for text in self._reader:
                 self._take(json.loads(text))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, KeyError) as error:
             _LOG.warning("connection to the motion process broke", reason=str(error))
         finally:
             self._writer.close()
@@ -257,7 +302,10 @@ class _Line:
         if "run" in said:
             heard = self.heard.get(said["run"])
             if heard is not None:
-                _EVENTS[said["event"]](heard, said["value"])
+                try:
+                    _EVENTS[said["event"]](heard, said["value"])
+                except Exception as error:  # noqa: BLE001  - whoever listens must not end the line of all the others
+                    _LOG.error("what a motion told was not taken", test=said["run"], exc_info=error)
             return
         waiting = self._waiting.get(said["id"])
         if waiting is None or waiting.done():

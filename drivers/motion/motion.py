@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import math
+from collections import OrderedDict
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import structlog
 
@@ -30,12 +31,30 @@ from valve.errors import BusyError, InternalError, MeasurementError, NotFoundErr
 _LOG = structlog.get_logger(__name__)
 _CANCELLED_S: Final = 5.0
 _NOBODY: Final = Heard()
+_REMEMBERED: Final = 64  # stops that came before their motion
+
+
+class MovedPlant(Protocol):
+    """The valves that can be moved, and the plant file that says so."""
+
+    @property
+    def wirings(self) -> Mapping[str, ValveWiring]:
+        """The valves by tag, as they are at this moment."""
+
+    def read(self) -> Any:
+        """Read the plant file; nothing changes. Blocks. Raises ConfigurationError."""
+
+    def take(self, fresh: Any, kept: frozenset[str]) -> None:
+        """Become what was read, but for the ``kept`` valves."""
+
+    def settle(self, tag: str) -> None:
+        """Let a valve that was kept become what was read last."""
 
 
 class Motion:
     """Carries orders out by a rig, and keeps their journals and ends in ``folder``. Belongs to one event loop.
 
-    ``wirings`` are the valves by tag, as the plant has them at this moment. ``reread`` reads them anew.
+    ``plant`` has the valves by tag as they are at this moment.
     """
 
     outlives_us = False
@@ -43,27 +62,28 @@ class Motion:
 
     def __init__(
         self,
-        wirings: Callable[[], Mapping[str, ValveWiring]],
+        plant: MovedPlant,
         rig: Rig,
         folder: Path,
         *,
         locks: BusLocks,
         audit: AuditLog | None = None,
-        reread: Callable[[frozenset[str]], None] = lambda _: None,
     ) -> None:
-        self._wirings = wirings
+        self._plant = plant
         self._rig = rig
         self._locks = locks
         self._audit = audit
-        self._reread = reread
         self._spool = Spool(folder)
         self._carried: dict[str, _Carried] = {}
         self._closing = False
+        self._stopped_before: OrderedDict[str, str] = OrderedDict()  # reasons of stops that came before their motion
+        self._recovering: set[asyncio.Task[Recovered]] = set()
+        self._removing: set[asyncio.Future[None]] = set()
         #: Called whenever a motion has ended.
         self.on_end: Callable[[], None] = lambda: None
 
     def _wiring(self, tag: str) -> ValveWiring:
-        wiring = self._wirings().get(tag)
+        wiring = self._plant.wirings.get(tag)
         if wiring is None:
             raise NotFoundError(f"valve {tag[:64]!r} is unknown to the motion process: breakaway reload")
         return wiring
@@ -73,6 +93,11 @@ class Motion:
     async def take_aside(self, buses: Iterable[str]) -> None:
         """Take all of them or none; what is held stays so. Raises BusyError where another process has one."""
         await self._locks.take_aside(buses)
+
+    @property
+    def held(self) -> frozenset[str]:
+        """The buses that this process holds."""
+        return self._locks.held
 
     def give_back(self, buses: Iterable[str]) -> None:
         """Give them back, but for those that a motion uses."""
@@ -93,11 +118,21 @@ class Motion:
 
     async def permissives(self, tag: str, permit: str | None) -> tuple[Permissive, ...]:
         """Read fresh what must hold before a valve may move; nothing is written."""
-        return await self._rig.permissives(self._wiring(tag), permit)
+        return await self._rig.permissives(self._free(tag), permit)
 
     async def stands(self, tag: str, *, safe_pa: float | None, confirmed: bool | None, after_s: float) -> StandsAt:
         """Read where a valve stands ``after_s`` seconds after its motion; nothing is written."""
-        return await self._rig.stands(self._wiring(tag), safe_pa=safe_pa, confirmed=confirmed, after_s=after_s)
+        return await self._rig.stands(self._free(tag), safe_pa=safe_pa, confirmed=confirmed, after_s=after_s)
+
+    def _free(self, tag: str) -> ValveWiring:
+        """Return a valve that does not move, on buses that nobody uses. Raises NotFoundError, BusyError."""
+        wiring = self._wiring(tag)
+        for one in self._carried.values():
+            if not one.is_over and (one.order.tag == tag or wiring.buses & one.wiring.buses):
+                raise BusyError(
+                    f"{tag}: test {one.order.run_id} of {one.order.tag} moves: wait for its end, or stop it"
+                )
+        return wiring
 
     # ---- motion
 
@@ -112,21 +147,21 @@ class Motion:
         except asyncio.CancelledError:
             carried.cancel()
             await asyncio.wait({carried.task})
-            raise
+            if carried.task.cancelled():
+                raise
+            return carried.task.result()
 
     def begin(self, order: Order) -> _Carried:
         """Begin a motion. Raises NotFoundError, WaveformError, BusyError."""
-        wiring = self._wiring(order.tag)
+        wiring = self._free(order.tag)
         check_waveform(order.tag, order.waveform, wiring.limits)
         if self._closing:
             raise BusyError(f"{order.tag}: the motion process is ending: repeat the request when it is back")
-        for one in self._carried.values():
-            shared = wiring.buses & one.wiring.buses
-            if not one.is_over and (one.order.tag == order.tag or shared):
-                raise BusyError(f"{order.tag}: test {one.order.run_id} of {one.order.tag} moves: wait for its end")
         carried = _Carried(order, wiring, self._rig, self._spool, audit=self._audit)
+        if order.run_id in self._stopped_before:
+            carried.request_stop(self._stopped_before.pop(order.run_id))
         self._carried[order.run_id] = carried
-        carried.start()
+        carried.start(self._locks)
         carried.task.add_done_callback(lambda _: self.on_end())
         return carried
 
@@ -145,10 +180,17 @@ class Motion:
         return await asyncio.to_thread(self._spool.read, run_id)
 
     def stop(self, run_id: str, reason: str) -> None:
-        """Send a valve to its safe value at once; nothing happens where its motion has ended."""
+        """Send a valve to its safe value at once; nothing happens where its motion has ended.
+
+        One that comes before its motion is kept for it.
+        """
         carried = self._carried.get(run_id)
         if carried is not None:
             carried.request_stop(reason)
+            return
+        self._stopped_before[run_id] = reason
+        while len(self._stopped_before) > _REMEMBERED:
+            self._stopped_before.popitem(last=False)
 
     def end_early(self, run_id: str) -> None:
         """Let a motion that may end early end as its waveform would."""
@@ -163,21 +205,47 @@ class Motion:
         return tuple({**{one.order.run_id: one for one in spooled}, **here}.values())
 
     def forget(self, run_id: str) -> None:
-        """Remove what was kept of a motion that has ended, and its journal where a recording was made of it."""
+        """Remove what was kept of a motion's end: whoever asked for it has stored it."""
         carried = self._carried.get(run_id)
         if carried is not None and not carried.is_over:
             return
         self._carried.pop(run_id, None)
-        self._spool.remove(run_id)
+        removing = asyncio.ensure_future(asyncio.to_thread(self._spool.remove, run_id))
+        self._removing.add(removing)
+        removing.add_done_callback(self._removing.discard)
 
     async def recover(self, tag: str, run_number: int, entry_pa: float | None, *, commanded: bool | None) -> Recovered:
-        """Look at a valve that a dead process left, and send it to safe where that is due and allowed now."""
-        return await self._rig.recover(self._wiring(tag), run_number, entry_pa, commanded=commanded)
+        """Look at a valve that a dead process left, and send it to safe where that is due and allowed now.
+
+        It goes on where the caller is cancelled. A motion of that valve that goes on here is stopped first.
+        """
+        for one in self._carried.values():
+            if one.order.tag == tag and not one.is_over:
+                one.request_stop("stopped: whoever asked for it lost it")
+                await asyncio.wait({one.task})
+        task = asyncio.create_task(self._recovered(self._free(tag), run_number, entry_pa, commanded))
+        self._recovering.add(task)
+        task.add_done_callback(self._recovering.discard)
+        return await asyncio.shield(task)
+
+    async def _recovered(
+        self, wiring: ValveWiring, run_number: int, entry_pa: float | None, commanded: bool | None
+    ) -> Recovered:
+        async with self._locks.hold(wiring.buses):
+            return await self._rig.recover(wiring, run_number, entry_pa, commanded=commanded)
 
     async def reload(self, kept: Iterable[str]) -> None:
-        """Read the plant file anew for all valves but the ``kept`` and those that move. Raises ConfigurationError."""
+        """Read the plant file anew; the ``kept`` valves and those that move stay until they are ``settled``.
+
+        Raises ConfigurationError.
+        """
+        fresh = await asyncio.to_thread(self._plant.read)
         moving = {one.order.tag for one in self._carried.values() if not one.is_over}
-        await asyncio.to_thread(self._reread, frozenset(kept) | moving)
+        self._plant.take(fresh, frozenset(kept) | moving)
+
+    async def settled(self, tag: str) -> None:
+        """Let a valve that was kept become what the plant file said when it was read last."""
+        self._plant.settle(tag)
 
     async def connect(self, within_s: float) -> None:
         """Connect: this is the same process."""
@@ -188,7 +256,7 @@ class Motion:
     @property
     def tags(self) -> frozenset[str]:
         """The valves that can be moved."""
-        return frozenset(self._wirings())
+        return frozenset(self._plant.wirings)
 
     @property
     def moves(self) -> bool:
@@ -211,7 +279,8 @@ class Motion:
     async def shut_down(self, reason: str, timeout_s: float) -> None:
         """Stop every motion and wait until each has its end on disk; those that are late are cancelled."""
         self.begin_shutdown(reason)
-        tasks = {one.task for one in self._carried.values() if not one.is_over}
+        tasks: set[asyncio.Task[Any]] = {one.task for one in self._carried.values() if not one.is_over}
+        tasks |= self._recovering
         if tasks:
             _, late = await asyncio.wait(tasks, timeout=timeout_s)
             for task in late:
@@ -237,14 +306,15 @@ class _Carried:
         self._kept: KeptSamples | None = None
         self._disk_error = ""
         self._commanded = False
+        self._intended = False  # the journal says that the valve may be commanded
         self._permissives: tuple[Permissive, ...] = ()
         self._armed: Armed | None = None
         self._phase: tuple[float, str] | None = None
         self.task: asyncio.Task[MotionEnd]
 
-    def start(self) -> None:
-        """Begin, in a task of its own."""
-        self.task = asyncio.create_task(self._carry_out())
+    def start(self, locks: BusLocks) -> None:
+        """Begin, in a task of its own that holds the buses."""
+        self.task = asyncio.create_task(self._on_its_buses(locks))
         self.task.add_done_callback(lambda done: done.cancelled() or done.exception())  # nobody may wait for it
 
     @property
@@ -257,6 +327,8 @@ class _Carried:
         self._heard = heard or _NOBODY
         if self._armed is not None and not self.is_over:
             self._heard.on_armed(self._armed)
+        if self._intended and not self.is_over:
+            self._heard.on_commanded()
         if self._phase is not None and not self.is_over:
             self._heard.on_progress(*self._phase)
 
@@ -270,6 +342,10 @@ class _Carried:
         """End the motion in the hardest way that still sends the valve to its safe value."""
         self.request_stop("stopped: whoever asked for it ended")
         self.task.cancel()
+
+    async def _on_its_buses(self, locks: BusLocks) -> MotionEnd:
+        async with locks.hold(self.wiring.buses):
+            return await self._carry_out()
 
     async def _carry_out(self) -> MotionEnd:
         watcher = Watcher(
@@ -291,7 +367,7 @@ class _Carried:
             if not self._commanded:
                 self._close()
                 raise
-            outcome = await self._rescued("the test was cancelled as the process ended")
+            outcome = await self._rescued("the test was cancelled as the service ended")
         except Exception as error:
             _LOG.error("motion failed unexpectedly", test=self.order.run_id, valve=self.order.tag, exc_info=error)
             if not self._commanded:
@@ -363,6 +439,7 @@ class _Carried:
             await self._kept.note_commanded()
         except OSError as error:
             raise self._without_journal(error) from error
+        self._intended = True
 
     def _without_journal(self, error: OSError) -> MeasurementError:
         return MeasurementError(
@@ -409,6 +486,8 @@ class _Carried:
         details = {"ended": outcome.ended.value, "safe_confirmed": outcome.safe_confirmed, "writes": outcome.writes}
         early = {} if outcome.ended_early_s is None else {"ended_early_s": round(outcome.ended_early_s, 3)}
         reason = {} if outcome.error is None else {"error": str(outcome.error)}
+        if self._stopped:
+            reason["stopped"] = self._stopped
         try:
             await self._in_audit("motion.ended", {**details, **early, **reason})
         except AuditError as error:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 from typing import Protocol
@@ -24,7 +24,8 @@ class Order:
 
     ``permit`` is the work permit that the request named, where the valve demands one. ``requested_by``, ``started_at``
     (ISO 8601) and ``software`` go into the journal and the audit log. ``may_end_early`` where a polled test need not
-    be played to its end.
+    be played to its end. ``until`` and ``together`` are for whoever fetches its end: what was to be known for an early
+    one, and the tests that it is analysed with.
     """
 
     run_id: str
@@ -37,6 +38,8 @@ class Order:
     started_at: str = ""
     software: str = ""
     may_end_early: bool = False
+    until: Mapping[str, str] | None = None
+    together: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,4 +148,10 @@ class MotionLink(Locks, Protocol):
         """End the connection; what goes on goes on."""
 
     async def reload(self, kept: Iterable[str]) -> None:
-        """Read the plant file anew for all valves but the ``kept``. Raises ConfigurationError."""
+        """Read the plant file anew; the ``kept`` valves stay as they are until they are ``settled``.
+
+        Raises ConfigurationError.
+        """
+
+    async def settled(self, tag: str) -> None:
+        """Let a valve that was kept become what the plant file said when it was read last."""

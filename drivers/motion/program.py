@@ -22,6 +22,7 @@ from drivers.motion.precedence import Precedence
 from drivers.motion.rig import WiredRig
 from drivers.motion.server import MotionServer
 from drivers.motion.service_manager import ServiceManager
+from drivers.motion.spool import Spool
 
 _LOG = structlog.get_logger(__name__)
 # A closed terminal, and Ctrl-\, too: each would end the process at once, and leave a valve where it stands.
@@ -50,21 +51,26 @@ class Place:
     gateway: str
 
 
-class _Plant:
+class FilePlant:
     """What moves, as the file says it; a bus that is known stays where it is until the next start."""
 
     def __init__(self, read: Callable[[], Moved]) -> None:
-        self._read = read
-        moved = read()
+        self.read = read
+        self._read_last = moved = read()
         self.buses = dict(moved.buses)
         self.wirings: Mapping[str, ValveWiring] = moved.wirings
 
-    def reread(self, kept: frozenset[str]) -> None:
-        """Read the file anew for all valves but the ``kept``. Raises ConfigurationError."""
-        fresh = self._read()
+    def take(self, fresh: Moved, kept: frozenset[str]) -> None:
+        """Become what was read, but for the ``kept`` valves."""
+        self._read_last = fresh
         self.buses.update({name: one for name, one in fresh.buses.items() if name not in self.buses})
         stay = {tag: wiring for tag, wiring in self.wirings.items() if tag in kept}
         self.wirings = {**fresh.wirings, **stay}
+
+    def settle(self, tag: str) -> None:
+        """Let a valve that was kept become what was read last."""
+        fresh = {one: wiring for one, wiring in self._read_last.wirings.items() if one == tag}
+        self.wirings = {**{one: wiring for one, wiring in self.wirings.items() if one != tag}, **fresh}
 
 
 def run(read: Callable[[], Moved], place: Place, software: str) -> None:
@@ -74,15 +80,15 @@ def run(read: Callable[[], Moved], place: Place, software: str) -> None:
     """
     sys.setswitchinterval(_THREAD_TURN_S)
     place.journals.mkdir(parents=True, exist_ok=True)
-    plant = _Plant(read)
+    Spool(place.journals).tidy()
+    plant = FilePlant(read)
     precedence = Precedence()
     motion = Motion(
-        lambda: plant.wirings,
+        plant,
         WiredRig(plant.buses, software, precedence.motion),
         place.journals,
         locks=BusLocks(plant.buses),
         audit=AuditLog(place.audit, place.gateway or "gateway"),
-        reread=plant.reread,
     )
     precedence.try_once()
     asyncio.run(_serve(motion, place, software, precedence))
@@ -132,8 +138,7 @@ def _settle_memory() -> None:
 
 
 async def _tidy_at_rest(motion: Motion) -> None:
-    """Make the rounds of the garbage collector while nothing moves; in a motion little becomes garbage."""
+    """Make full rounds of the garbage collector while nothing moves, and short ones else: young things die young."""
     while True:
         await asyncio.sleep(_TIDY_S)
-        if not motion.moves:
-            gc.collect()
+        gc.collect(0 if motion.moves else 2)

@@ -35,6 +35,7 @@ class MotionServer:
         self._precedence = precedence
         self._owner: _Client | None = None
         self._taken: set[str] = set()  # buses that the owner asked to hold
+        self._looked_at: list[set[str]] = []  # and those that it holds for the length of a look
         self._clients: set[_Client] = set()
         self._serving: set[asyncio.Future[None]] = set()
         motion.on_end = self._let_go
@@ -70,13 +71,20 @@ class MotionServer:
             await asyncio.wait(self._serving, timeout=_END_S)
 
     def _hear(self, client: _Client, said: dict[str, Any]) -> None:
+        # Both begin at the loop's next turn: an order that came behind a question is carried out behind its beginning.
         if "say" in said:
-            self._do(client, said.pop("say"), said)
+            asyncio.get_running_loop().call_soon(self._do, client, said.pop("say"), said)
             return
         number, name = said.pop("id"), said.pop("ask")
         client.spawn(self._answer(client, number, name, said))
 
     def _do(self, client: _Client, name: str, said: dict[str, Any]) -> None:
+        try:
+            self._done(client, name, said)
+        except (KeyError, TypeError) as error:
+            _LOG.warning("order to the motion process not understood", said=name, reason=str(error))
+
+    def _done(self, client: _Client, name: str, said: dict[str, Any]) -> None:
         if name == "stop":
             self.motion.stop(said["run_id"], said["reason"])
         elif client is self._owner and name == "end_early":
@@ -85,15 +93,16 @@ class MotionServer:
             self.motion.forget(said["run_id"])
         elif client is self._owner and name == "give_back":
             self._taken -= set(said["buses"])
-            self.motion.give_back(said["buses"])
+            self._let_go()
         elif client is self._owner and name == "release":
-            client.holds.pop(said["held"]).set()
+            client.release(said["held"])
 
     def _let_go(self) -> None:
-        """Give buses back where their owner is gone, but those that a motion still uses."""
+        """Give the buses back that nobody wants any more; those that a motion uses stay until its end."""
         if self._owner is None:
-            self.motion.give_back(self._taken)
-            self._taken &= self.motion.buses_in_use
+            self._taken.clear()
+        looked_at = set().union(*self._looked_at)
+        self.motion.give_back(self.motion.held - self._taken - looked_at)
 
     async def _answer(self, client: _Client, number: int, name: str, said: dict[str, Any]) -> None:
         try:
@@ -146,15 +155,25 @@ class MotionServer:
         taken, over = asyncio.get_running_loop().create_future(), asyncio.Event()
         client.holds[held] = over
         client.spawn(self._holding(buses, taken, over))
-        await taken
+        try:
+            await taken
+        except ValveError:
+            client.holds.pop(held, None)
+            raise
 
     async def _holding(self, buses: list[str], taken: asyncio.Future[None], over: asyncio.Event) -> None:
+        wanted = set(buses)
+        self._looked_at.append(wanted)
         try:
             async with self.motion.hold(buses):
-                taken.set_result(None)
+                if not taken.done():
+                    taken.set_result(None)
                 await over.wait()
         except ValveError as error:
-            taken.set_exception(error)
+            if not taken.done():
+                taken.set_exception(error)
+        finally:
+            self._looked_at.remove(wanted)
 
     async def _permissives(self, _client: _Client, tag: str, permit: str | None) -> Any:
         return to_json(await self.motion.permissives(tag, permit))
@@ -167,6 +186,9 @@ class MotionServer:
 
     async def _reload(self, _client: _Client, kept: Iterable[str]) -> None:
         await self.motion.reload(kept)
+
+    async def _settled(self, _client: _Client, tag: str) -> None:
+        await self.motion.settled(tag)
 
     async def _play(self, client: _Client, order: dict[str, Any]) -> Any:
         carried = self.motion.begin(of_json(Order, order))
@@ -224,6 +246,12 @@ class _Client:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
+    def release(self, held: int) -> None:
+        """Let a look be over."""
+        over = self.holds.pop(held, None)
+        if over is not None:
+            over.set()
+
     def close(self) -> None:
         """End it, and what only it waits for."""
         for over in self.holds.values():
@@ -247,6 +275,7 @@ _ASKED: Final[dict[str, _Ask]] = {
     "stands": MotionServer._stands,
     "recover": MotionServer._recover,
     "reload": MotionServer._reload,
+    "settled": MotionServer._settled,
     "play": MotionServer._play,
     "rejoin": MotionServer._rejoin,
 }

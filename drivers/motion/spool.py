@@ -12,6 +12,7 @@ import os
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, Final
+from zipfile import BadZipFile
 
 import numpy as np
 import structlog
@@ -68,12 +69,12 @@ class Spool:
             recording = self.recording(run_id, said) if said["recording"] is not None else None
         except FileNotFoundError:
             raise NotFoundError(f"test {run_id}: the motion process knows nothing of it") from None
-        except (OSError, ValueError, KeyError) as error:
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
             raise InternalError(f"test {run_id}: the end of its motion cannot be read ({error})") from error
         return end_of_json(said, recording)
 
     def recording(self, run_id: str, said: dict[str, Any]) -> Recording:
-        """Return the recording whose end was ``said``. Raises OSError, ValueError."""
+        """Return the recording whose end was ``said``. Raises OSError, ValueError, EOFError, BadZipFile."""
         with np.load(self.path(run_id, ".npz")) as channels:
             return Recording(**dict(channels), provenance=of_json(Provenance, said["recording"]))
 
@@ -87,6 +88,16 @@ class Spool:
             except (OSError, ValueError, KeyError, InternalError) as error:
                 _LOG.error("end of a motion cannot be read", file=path.name, error=str(error))
         return tuple(found)
+
+    def tidy(self) -> None:
+        """Remove what a write that was cut off left."""
+        torn = [*self._folder.glob(".*.part")]
+        torn += [one for one in self._folder.glob("*.npz") if not one.with_suffix(_SUFFIX).exists()]
+        for path in torn:
+            try:
+                path.unlink(missing_ok=True)
+            except OSError as error:
+                _LOG.warning("torn end of a motion not removed", file=path.name, error=str(error))
 
     def remove(self, run_id: str) -> None:
         """Remove what is kept of a motion's end, as far as the disk lets that be; the next start finds the rest."""

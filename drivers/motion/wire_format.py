@@ -14,6 +14,7 @@ A value is what its dataclass holds, by name; a column of numbers is a list, a g
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from datetime import datetime
 from enum import Enum
@@ -56,6 +57,8 @@ def to_json(value: Any) -> Any:
         return value.isoformat()
     if isinstance(value, Enum):
         return value.value
+    if isinstance(value, Mapping):
+        return dict(value)
     if isinstance(value, tuple | list | frozenset | set):
         return [to_json(one) for one in value]
     return value
@@ -94,7 +97,7 @@ def _waveform(said: dict[str, Any]) -> Waveform:
 
 
 def _order(said: dict[str, Any]) -> Order:
-    return Order(**{**said, "waveform": _waveform(said["waveform"])})
+    return Order(**{**said, "waveform": _waveform(said["waveform"]), "together": tuple(said["together"])})
 
 
 _OWN: Final[dict[type, Any]] = {SampleBlock: _samples, Waveform: _waveform, Order: _order}  # with columns of numbers

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import getpass
+import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Final
 from urllib.parse import quote
@@ -15,7 +17,7 @@ from service.cli.standing import is_astray, is_moving, looked_at, stands_of
 from service.model.acknowledgement import NOT_THERE
 from service.model.run import RUN_ID
 from service.model.stands_words import NOT_CONFIRMED
-from valve.errors import MeasurementError, RequestError, WireError
+from valve.errors import ConfigurationError, MeasurementError, RequestError, WireError
 
 _OVER: Final = ("completed", "stopped", "failed", "interrupted", "analyzing")
 _TIMEOUT_S: Final = 15.0  # the service waits 8 s for the safe value
@@ -83,9 +85,14 @@ def stop(
 def _stop_here(what: str, config: Path) -> None:
     """Stop a valve by the motion process of this machine."""
     from drivers.motion.client import stopped_here
-    from service.config.settings import load_plant
+    from drivers.motion.local_socket import NAME
 
-    ends = asyncio.run(stopped_here(load_plant(config).service.motion_socket, what, "stopped on the gateway"))
+    try:  # no more than this is needed of a file that somebody may be editing
+        store = tomllib.loads(config.read_text(encoding="utf-8"))["service"]["store"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ConfigurationError(f"{config}: service.store cannot be read ({error}): name the plant file") from error
+    who = getpass.getuser()
+    ends = asyncio.run(stopped_here((config.parent / store).resolve() / NAME, what, f"stopped on the gateway by {who}"))
     if not ends:
         raise RequestError(f"{what}: no test moves it: there is nothing to stop")
     for order, end in ends:

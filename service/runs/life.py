@@ -28,6 +28,7 @@ from service.runs.live import MOTION_SHARE, LiveRun
 from service.runs.live_estimates import LiveEstimates
 from service.runs.permission import Permission
 from service.runs.quality import recording_quality
+from service.runs.recovery import shown_commanded
 from service.runs.stem_looks import Rest, StemLooks
 from service.store.store import Store
 from service.workers.polling import Polling
@@ -40,6 +41,7 @@ UPLOADING: Final = "uploading"
 RETURNING: Final = "returning"  # the sequence is over, and the valve on its way to its safe value
 _NOTHING_MOVED: Final = " (nothing was moved)"
 AT_SAFE: Final = "at its safe value"  # it was read back; the recording is still to be made
+_BACK_S: Final = 15.0  # for a motion process to be there again
 ENDED: Final = "ended"  # however it did: no sign of how much was done
 
 
@@ -142,7 +144,7 @@ class Life:
                 await asyncio.shield(task)
             except asyncio.CancelledError:
                 cancelled = True
-                if not outlived:
+                if not outlived or self._playing is None:  # nothing was asked of the motion process yet
                     self._live.request_stop("stopped: the service ended")
                 if self._playing is not None:
                     self._playing.cancel()
@@ -223,12 +225,13 @@ class Life:
         if order.may_end_early and self._estimates is not None:
             telling.append(asyncio.create_task(self._tell_enough(motion, self._estimates)))
         try:
-            going = motion.rejoin(live.run.id, heard) if rejoined else motion.play(order, heard)
-            self._playing = asyncio.ensure_future(going)
-            end = await self._playing
+            end = await self._heard_out(motion, order, heard, rejoined=rejoined)
         except MotionLostError:
             raise
         except ValveError as error:
+            if rejoined and await asyncio.to_thread(shown_commanded, self._store, live.run) is not False:
+                self._commanded = True
+                raise  # something was sent, and how it ended cannot be told
             await self._end(RunState.FAILED, f"{error}{_NOTHING_MOVED}", commanded=False)
             return False
         finally:
@@ -242,6 +245,23 @@ class Life:
         live.motion_ended.set()
         self._give_back()
         return live.run.state is RunState.ANALYZING
+
+    async def _heard_out(self, motion: MotionLink, order: Order, heard: Heard, *, rejoined: bool) -> MotionEnd:
+        """Return the end of the motion; where the connection alone broke it is heard on.
+
+        Raises MotionLostError where the motion process knows nothing of it any more, or does not come back.
+        """
+        while True:
+            going = motion.rejoin(order.run_id, heard) if rejoined else motion.play(order, heard)
+            self._playing = asyncio.ensure_future(going)
+            try:
+                return await self._playing
+            except MotionLostError as error:
+                _LOG.warning("connection to the motion process lost", test=order.run_id, error=str(error))
+                await motion.connect(_BACK_S)
+                if all(one.order.run_id != order.run_id for one in await motion.left()):
+                    raise
+                rejoined = True
 
     async def _tell_stop(self, motion: MotionLink) -> None:
         await self._live.stop.wait()

@@ -18,7 +18,7 @@ import structlog
 
 from drivers.motion.audit_log import AuditLog
 from drivers.motion.journal import read_header, read_journal, recording_from_journal, was_commanded
-from drivers.motion.orders import MotionLink, MotionLostError
+from drivers.motion.orders import MotionLink
 from drivers.outcome import Recovered, SafeOutcome
 from drivers.stands_at import unseen
 from service.config.settings import Plant
@@ -208,7 +208,7 @@ class Recovery:
         """Have the valve looked at; a motion process that does not come back leaves it to the device's watchdog."""
         try:
             return await self._motion.recover(run.valve, run.number, entry_pa, commanded=commanded)
-        except MotionLostError as error:
+        except ValveError as error:
             return Recovered(SafeOutcome(False, reason=str(error)))
 
     async def _note(self, run_id: str, recovering: asyncio.Task[_Recovered]) -> None:

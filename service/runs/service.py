@@ -202,6 +202,8 @@ class Runs:
                 requester.name,
                 software=self._software,
                 may_end_early=estimates is not None and wish is not None,
+                until=wish,
+                together=together,
             )
             life = Life(
                 live,
@@ -253,11 +255,19 @@ class Runs:
 
     async def _interrupt(self, live: LiveRun) -> None:
         """Mark a test whose motion was lost, have its valve looked at as soon as that can be, and tell the watchers."""
-        run = await asyncio.to_thread(self._store.runs.get, live.run.id)
-        live.run = await self._recovery.interrupt(run)
-        live.announce()
+        live.at_rest.set()  # whoever waits for it waits in vain
         live.motion_ended.set()
-        self._live.forget(live.run.id)  # what is found out of its valve goes into the store
+        while not self._closing:
+            try:
+                run = await asyncio.to_thread(self._store.runs.get, live.run.id)
+                live.run = await self._recovery.interrupt(run)
+            except Exception as error:  # noqa: BLE001  - whatever the store lacks now it may have later
+                _LOG.warning("lost test still not marked", test=live.run.id, error=str(error))
+                await asyncio.sleep(_STORE_AGAIN_S)
+            else:
+                live.announce()
+                self._live.forget(live.run.id)  # what is found out of its valve goes into the store
+                return
 
     async def permission(self, tag: str, permit: str | None = None) -> tuple[Permission | None, str]:
         """Return what must hold before this valve may move, read fresh without moving it, and why it is not fresh.
@@ -405,6 +415,7 @@ class Runs:
         if live is None or live.finished.is_set():
             return await self.get(run_id)
         live.request_stop(f"stopped by {requester.name}")
+        self._motion.stop(run_id, live.stop_reason)  # each press once more: the first one may have been lost
         if not live.motion_ended.is_set() and requester.name not in live.stopped_by:
             live.stopped_by.add(requester.name)
             self._tasks.spawn(self._note_stop(live, requester, datetime.now(UTC)))
@@ -448,20 +459,24 @@ class Runs:
             await self._begin_analysis(run, self.valve(run.valve), by="service")
 
     async def _rejoin(self) -> Collection[str]:
-        """Go on with the tests whose motion outlived the process that asked for it; return them."""
+        """Go on with the tests whose motion outlived the process that asked for it; return them.
+
+        Raises BusyError where the motion process is of another version, or has another service: then nobody may say
+        of a test that it was interrupted.
+        """
         gateway, unfinished = self._plant.service.gateway, (RunState.QUEUED, RunState.RUNNING)
         runs = await asyncio.to_thread(self._store.runs.in_states, unfinished, gateway=gateway)
         try:
             await self._motion.connect(_MOTION_STARTS_S if runs else 0.0)  # it may be starting as we are
             left = {one.order.run_id: one.order for one in await self._motion.left()}
-        except (MotionLostError, BusyError) as error:
+        except MotionLostError as error:
             _LOG.error("no motion process", reason=str(error))
             return ()
         alive = {run.id: run for run in runs if run.id in left and run.valve in self._plant.valves}
         for run_id, order in left.items():
             run = alive.get(run_id)
             if run is not None:
-                await self._go_on(run, order)
+                self._tasks.spawn(self._go_on(run, order))
             else:
                 self._motion.stop(run_id, "plant.toml no longer names this valve")
                 self._motion.forget(run_id)
@@ -469,11 +484,8 @@ class Runs:
 
     async def _go_on(self, run: Run, order: Order) -> None:
         valve = self.valve(run.valve)
+        live = self._live.begin(replace(run, until=order.until))
         claim = await self._gate.claim_when_free(run, valve)
-        live = self._live.begin(run)
-        together: tuple[str, ...] = ()
-        if run.sequence == SEPARATING:
-            together = (await asyncio.to_thread(separating_of, self._store, run.valve)).tests
         life = Life(
             live,
             valve,
@@ -482,7 +494,7 @@ class Runs:
             store=self._store,
             owners=self._gate.owners,
             looks=self._looks,
-            together=together,
+            together=order.together,
             on_samples=self._on_samples,
         )
         _LOG.warning("test rejoined", test=run.id, valve=run.valve)

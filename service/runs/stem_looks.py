@@ -12,7 +12,7 @@ from typing import Final
 import structlog
 
 from drivers.motion.audit_log import AuditLog
-from drivers.motion.orders import MotionLink
+from drivers.motion.orders import MotionLink, MotionLostError
 from drivers.stands_at import StandsAt, stands_at
 from service.config.settings import PlantValve
 from service.model.run import Run
@@ -27,6 +27,7 @@ from valve.errors import BusyError, InternalError, NotFoundError
 _LOG = structlog.get_logger(__name__)
 _TURN_S: Final = 0.05
 _STORE_AGAIN_S: Final = 2.0
+_MOTION_AGAIN_S: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,20 +99,34 @@ class StemLooks:
 
     async def _look(self, rest: Rest) -> None:
         try:
-            if await self._its_turn(rest):
-                stands = await self._seen(rest)
+            if await self._its_turn(rest) and (stands := await self._seen(rest)) is not None:
                 self._gate.owners.rest(rest.claim, ())  # the valve is kept until what was seen is stored
                 await self._keep(rest, stands)
         finally:
             self._under_way.pop(rest.run.valve, None)
             self._gate.owners.release(rest.claim)
 
-    async def _seen(self, rest: Rest) -> StandsAt:
+    async def _paused(self) -> None:
+        with suppress(TimeoutError):
+            await asyncio.wait_for(self._closing.wait(), _MOTION_AGAIN_S)
+
+    async def _seen(self, rest: Rest) -> StandsAt | None:
+        """Return where a stem stands; None where the service ends before there is a motion process to ask."""
+        while not self._closing.is_set():
+            try:
+                return await self._looked(rest)
+            except (MotionLostError, BusyError):
+                await self._paused()
+        return None
+
+    async def _looked(self, rest: Rest) -> StandsAt:
         after_s = rest.after_s
         try:
             return await self._motion.stands(
                 rest.run.valve, safe_pa=rest.safe_pa, confirmed=rest.confirmed, after_s=after_s
             )
+        except (MotionLostError, BusyError):
+            raise
         except Exception as error:  # noqa: BLE001  - whatever it is, the result must say that nobody saw the stem
             _LOG.error("stem not looked at", test=rest.run.id, valve=rest.run.valve, exc_info=error)
             why = f"{type(error).__name__}: {error}: report it"
@@ -136,6 +151,8 @@ class StemLooks:
                     return True
             except BusyError:
                 await asyncio.sleep(_TURN_S)
+            except MotionLostError:  # it comes back
+                await self._paused()
         return False
 
     async def _keep(self, rest: Rest, stands: StandsAt) -> None:

@@ -18,6 +18,7 @@ from typing import Any, Final, Protocol
 
 import structlog
 
+from drivers.motion.orders import MotionLostError
 from service.config.settings import Plant
 from service.model.check import Check, CheckState
 from service.model.requester import Requester, RequesterKind
@@ -266,7 +267,7 @@ class Nightly:
             run = await self._runs.start(
                 check.valve, check.sequence, check.overrides, check.key, requester=requester, schedule=check.schedule
             )
-        except BusyError as error:
+        except (BusyError, MotionLostError) as error:  # a motion process that is being started again comes back
             await asyncio.to_thread(self._table.put_back, check.id, self._process)
             return str(error)
         except PermissiveError as error:
@@ -297,7 +298,7 @@ class Nightly:
         if run is not None:
             await asyncio.to_thread(self._table.note_test, check.id, run.id)
             run = self._runs.as_it_stands(run)
-            if run.state is RunState.ANALYZING:  # it was taken up: the check ends with it
+            if not run.state.finished:  # it was rejoined or taken up: the check ends with it
                 self._spawn(self._follow(check, run))
                 return
             if run.state.finished:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from fastapi import FastAPI
 
+from drivers.addresses import ValveWiring
 from drivers.motion.audit_log import AuditLog
 from drivers.motion.bus_lock import BusLocks
 from drivers.motion.motion import Motion
@@ -16,12 +17,32 @@ from service.runs.analyst import Analyst
 from service.store.store import Store
 
 
+class _Live:
+    """The valves of a plant that a reload changes in this process."""
+
+    def __init__(self, plant: Plant) -> None:
+        self._plant = plant
+
+    @property
+    def wirings(self) -> dict[str, ValveWiring]:
+        return {tag: valve.wiring for tag, valve in self._plant.valves.items()}
+
+    def read(self) -> None:
+        """Nothing is read: the service changes the plant."""
+
+    def take(self, fresh: None, kept: frozenset[str]) -> None:
+        """It is taken over already."""
+
+    def settle(self, tag: str) -> None:
+        """It is settled already."""
+
+
 def motion_on(
     plant: Plant, rig: Rig | None = None, audit: AuditLog | None = None, *, folder: Path | None = None
 ) -> Motion:
     """Return what moves the valves of a plant whose store is in ``folder``; ``rig`` stands in for its wires."""
     return Motion(
-        lambda: {tag: valve.wiring for tag, valve in plant.valves.items()},
+        _Live(plant),
         rig or WiredRig(plant.buses, f"breakaway {VERSION}"),
         (folder or plant.service.store) / "journals",
         locks=BusLocks(plant.buses),

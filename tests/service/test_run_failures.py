@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from drivers.addresses import ValveWiring
 from drivers.motion.journal import JournalWriter
 from drivers.motion.orders import Order
 from drivers.motion.rig import Watcher
@@ -235,7 +236,7 @@ async def test_a_test_that_is_cancelled_as_the_service_ends_is_stored_with_how_i
 ) -> None:
     rig = FakeRig()
 
-    async def play(_: Order, watcher: Watcher, __: asyncio.Event) -> PlayOutcome:
+    async def play(_: ValveWiring, __: Order, watcher: Watcher, *___: Any) -> PlayOutcome:
         await watcher.on_ready(1234.0, "fake device")
         try:
             rig.moving.set()
