@@ -9,7 +9,7 @@ from service.config.settings import Plant
 from service.model.run import Run, RunState, new_run_id
 from service.runs.service import Runs
 from service.store.store import Store
-from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.support.fake_rig import FakeAnalyst, FakeRig
 
 
 def runs_of(plant: Plant, store: Store, rig: FakeRig) -> Runs:

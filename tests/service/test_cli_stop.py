@@ -12,8 +12,8 @@ from drivers.outcome import PlayOutcome
 from service.config.settings import load_plant
 from service.runs.life import UPLOADING
 from service.runs.rig import Order, Watcher
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.running_service import running_service
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.running_service import running_service
 
 TAG = "FV-101"
 

@@ -12,7 +12,7 @@ from fastapi.routing import APIRoute, iter_route_contexts
 
 from service.app import create_app
 from service.config.settings import load_plant
-from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.support.fake_rig import FakeAnalyst, FakeRig
 
 
 def _called(dependant: Dependant) -> Iterator[Any]:

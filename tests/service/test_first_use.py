@@ -17,7 +17,7 @@ from service.routes import openapi as openapi_module
 from service.server import server
 from service.server.first_use import use_once
 from service.tablet import rendering
-from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.support.fake_rig import FakeAnalyst, FakeRig
 
 
 def _too_late(*_: Any, **__: Any) -> None:

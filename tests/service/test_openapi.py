@@ -15,7 +15,7 @@ from pydantic import TypeAdapter
 from service.app import create_app
 from service.config.settings import Plant
 from service.routes.openapi import EXAMPLES, GROUPS, SAMPLES_KEY
-from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.support.fake_rig import FakeAnalyst, FakeRig
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from service.runs.renewal import RENEWAL, Renewal
 from service.runs.service import Runs
 from service.store.schema_health import FIGURES
 from service.store.store import Store
-from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.support.fake_rig import FakeAnalyst, FakeRig
 from valve.errors import RecordingError
 
 

@@ -23,8 +23,8 @@ from service.shown.ending import ending_of
 from service.store.journal import JournalWriter
 from service.store.run_table import RunTable
 from service.store.store import Store
-from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.stored_runs import runs_of, stored
+from tests.support.fake_rig import FakeAnalyst, FakeRig
 from valve.errors import DeviceError, PermissiveError, RequestError
 
 

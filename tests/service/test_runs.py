@@ -23,8 +23,8 @@ from service.runs.rig import Order
 from service.runs.stem_looks import StemLooks
 from service.runs.tasks import Tasks
 from service.store.store import Store
-from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.stored_runs import runs_of, stored
+from tests.support.fake_rig import FakeAnalyst, FakeRig
 from valve.errors import BusyError, NotFoundError, RequestError, WaveformError
 from valve.nameplate import Actuator, Nameplate, Signal
 
