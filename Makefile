@@ -44,13 +44,13 @@ collected: kernels
 # file stay together, as they share what was simulated once.
 test: $(VENV)/.dev  ## the checks, then every test
 	@$(MAKE) --no-print-directory -j 2 check collected
-	$(BIN)/pytest -n 3 --dist loadgroup --no-loadscope-reorder $(ARGS)
+	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 quick: $(VENV)/.dev  ## while writing: style, types, and the tests that take a moment; one place: ARGS=tests/drivers
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check --quiet .
 	$(BIN)/mypy
-	$(BIN)/pytest -n 2 --dist loadgroup --no-loadscope-reorder --quick $(ARGS)
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --quick $(ARGS)
 
 long: $(VENV)/.dev  ## whole searches of the estimate and the diagnosis, which `make test` leaves out: 5 minutes
 	$(BIN)/pytest -n 2 -m long $(ARGS)

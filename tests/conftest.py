@@ -10,11 +10,12 @@ import os
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from service.buses.bus_lock import FOLDER_VARIABLE
-from tests.order import grouped, is_slow
+from tests.order import FilesAndOneBrowser, in_turn, is_slow
 
 _locks = tempfile.TemporaryDirectory(prefix="breakaway-locks-")  # removed as the process ends
 os.environ[FOLDER_VARIABLE] = _locks.name
@@ -42,8 +43,13 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return True if config.getoption("quick") and is_slow(collection_path) else None
 
 
-@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Put tests in an order and in groups for several workers; one alone takes them as they come."""
+    """Put files in turn for several workers; one alone takes them as they come."""
     if hasattr(config, "workerinput"):
-        items[:] = grouped(items)
+        items[:] = in_turn(items)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> FilesAndOneBrowser | None:
+    """Hand out files, with ``--dist loadfile``."""
+    return FilesAndOneBrowser(config, log) if config.getoption("dist") == "loadfile" else None
