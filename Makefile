@@ -7,7 +7,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 export PYTHONDONTWRITEBYTECODE =
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test long check kernels collected bench faults blind clean lock fuzz compose-check
+.PHONY: help demo test quick long check kernels collected bench faults blind clean lock fuzz compose-check
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## /{printf "  make %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -40,29 +40,35 @@ collected: kernels
 	@$(BIN)/pytest --collect-only -qq >/dev/null
 
 # Kernels and tests are compiled beside the checks, which use one core: workers would compile the same at the same time.
-# Two workers compute and two others have the tests that wait for motions in real time (tests/scheduling.py); the tests
-# of a file stay together, as they share what was simulated once, and files come in order: no long one is the last.
+# Of three workers one waits for motions in real time while two compute, as tests/order.py lays the files; the tests of a
+# file stay together, as they share what was simulated once.
 test: $(VENV)/.dev  ## the checks, then every test
 	@$(MAKE) --no-print-directory -j 2 check collected
-	$(BIN)/pytest -n 4 --dist loadfile --no-loadscope-reorder $(ARGS)
+	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder $(ARGS)
+
+quick: $(VENV)/.dev  ## while writing: style, types, and the tests that take a moment; one place: ARGS=tests/drivers
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check --quiet .
+	$(BIN)/mypy
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --quick $(ARGS)
 
 long: $(VENV)/.dev  ## whole searches of the estimate and the diagnosis, which `make test` leaves out: 5 minutes
 	$(BIN)/pytest -n 2 -m long $(ARGS)
 
 bench: $(VENV)/.dev  ## speed and accuracy, as tables; one alone: ARGS="coverage 200"
-	$(BIN)/python -m tests.benchmarks $(ARGS)
+	$(BIN)/python -m tests.bench.benchmarks $(ARGS)
 
 faults: $(VENV)/.dev  ## faults on the wire and in the service, judged by the valve's record: ARGS=500, all, kill_both
-	$(BIN)/python -m tests.faults $(ARGS)
+	$(BIN)/python -m tests.bench.faults $(ARGS)
 
 blind: $(VENV)/.dev  ## hide effects in data and ask for them; a part: ARGS="triangle 60" or ARGS=200
-	$(BIN)/python -m tests.blind $(ARGS)
+	$(BIN)/python -m tests.bench.blind $(ARGS)
 
 fuzz: $(VENV)/.dev  ## requests of every kind to every route, none may be a server error; ARGS=examples
 	BREAKAWAY_FUZZ_EXAMPLES=$(or $(ARGS),200) $(BIN)/pytest -s tests/service/access/test_schemathesis.py
 
 compose-check: $(VENV)/.dev  ## docker-compose.yml for real, tests run through it: COMPOSE="docker compose"; ARGS=single, plant, precedence or unit
-	$(BIN)/python -m tests.compose $(ARGS)
+	$(BIN)/python -m tests.bench.compose $(ARGS)
 
 lock: $(VENV)/.dev  ## resolve the dependencies anew (needs uv on the path)
 	uv pip compile --universal --generate-hashes --python-version 3.11 --quiet \

@@ -22,7 +22,7 @@ from service.figures.misfit import coordinate_picture
 from service.own_files.reader import read_own
 from service.shown.analysis_summary import verdict_lines
 from service.words.units import UnitSystem
-from tests.rough_valves import VALVES, case
+from tests.support.rough_valves import VALVES, case
 from valve.effects.base import Effect
 from valve.effects.local_friction import LocalFriction
 from valve.effects.position_backlash import PositionBacklash

@@ -1,7 +1,7 @@
 """For every test: lock files of buses in a folder of this process, so that tests side by side share no machine.
 
-And one thread of linear algebra, set before numpy is loaded: on small matrices a second one only spins. With
-``--dist loadfile`` tests that wait run beside those that compute (tests/scheduling.py).
+And one thread of linear algebra, set before numpy is loaded: on small matrices a second one only spins. Under several
+workers tests/order.py says what runs beside what; ``--quick`` leaves out what tests/slow.txt names.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from drivers.motion.bus_lock import FOLDER_VARIABLE
-from tests.scheduling import WaitingBeside
+from tests.order import FilesAndOneBrowser, in_turn, is_slow
 
 _locks = tempfile.TemporaryDirectory(prefix="breakaway-locks-")  # removed as the process ends
 os.environ[FOLDER_VARIABLE] = _locks.name
@@ -33,7 +33,23 @@ def quick_path(tmp_path: Path) -> Iterator[Path]:
         yield Path(folder)
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add what ``make quick`` asks for."""
+    parser.addoption("--quick", action="store_true", help="leave out the files that tests/slow.txt names")
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Not even import what is slow."""
+    return True if config.getoption("quick") and is_slow(collection_path) else None
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Put files in turn for several workers; one alone takes them as they come."""
+    if hasattr(config, "workerinput"):
+        items[:] = in_turn(items)
+
+
 @pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> WaitingBeside | None:
-    """Let workers from the third on run what waits; see tests/scheduling.py."""
-    return WaitingBeside(config, log) if config.getoption("dist") == "loadfile" else None
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> FilesAndOneBrowser | None:
+    """Hand out files, with ``--dist loadfile``."""
+    return FilesAndOneBrowser(config, log) if config.getoption("dist") == "loadfile" else None

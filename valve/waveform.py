@@ -16,7 +16,7 @@ FloatArray = npt.NDArray[np.float64]
 
 # Golden section: multiples of it, taken modulo 1, fill an interval evenly and never repeat.
 _GOLDEN: Final = (math.sqrt(5.0) - 1.0) / 2.0
-# tests/benchmarks/sequences.py: of 0, 0.3, 0.6 and 1 this has the smallest worst case.
+# tests/bench/benchmarks/sequences.py: of 0, 0.3, 0.6 and 1 this has the smallest worst case.
 _PERIOD_SPREAD: Final = 0.3
 LEAST_RATIO: Final = 1.5  # of the slowest period to the fastest
 _LEAST_RATIO_BETWEEN: Final = 4.0  # from where a rate between them is worth its time

@@ -14,7 +14,7 @@ from valve.recording import FloatArray
 
 IntArray = np.ndarray[tuple[int, ...], np.dtype[np.int64]]
 
-# Own choices, tried on simulated loops at 1, 10 and 50 Hz (tests/benchmarks/in_service.py).
+# Own choices, tried on simulated loops at 1, 10 and 50 Hz (tests/bench/benchmarks/in_service.py).
 _LEAVE_SIGMAS: Final = 5.0  # a row that far from the level of a rest has left it, if the next one has, too
 _AT_REST_SIGMAS: Final = 2.5  # a row that near is at rest still
 _REST_S: Final = 0.25  # a rest lasts at least so long

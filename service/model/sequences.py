@@ -23,7 +23,7 @@ from valve.waveform import Waveform, dwell, multi_rate_periods, multi_rate_trian
 # What a test runs that names no sequence, and what it runs where a valve's limits do not allow that.
 DEFAULT_SEQUENCE: Final = "multi_rate"
 FALLBACK_SEQUENCE: Final = "triangle"
-# The worst case over valves, sampling and an I/P lag of 0 to 0.3 s is least for these (tests/benchmarks/sequences.py):
+# Of worst cases over valves, sampling and an I/P lag of 0 to 0.3 s the least (tests/bench/benchmarks/sequences.py):
 # ramps of 1 s and more, and holds at the turns in which the pressure comes after.
 _FASTEST_PERIOD_S: Final = 2.0
 _TURN_S: Final = 0.6

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from service.model.run import Run, RunState, new_run_id
-from tests.browser.analyses import FRICTION_N, made_analysis
-from tests.browser.gateway import Gateway, gateway
-from tests.browser.tablets import Tablet, tablet
-from tests.service.wired_plant import TAG
+from tests.support.gateway import Gateway, gateway
+from tests.support.made_analysis import FRICTION_N, made_analysis
+from tests.support.tablets import Tablet, tablet
+from tests.support.wired_plant import TAG
 
 
 @pytest.fixture(scope="session")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from tests.browser.gateway import Gateway
-from tests.browser.tablets import LANDSCAPE, PHONE, Tablet
-from tests.service.wired_plant import TAG
+from tests.support.gateway import Gateway
+from tests.support.tablets import LANDSCAPE, PHONE, Tablet
+from tests.support.wired_plant import TAG
 
 LONG = {"sequence": "triangle", "overrides": {"period_s": 4.0, "cycles": 2}}
 WIDTH = re.compile(r"M([\d.]+) [\d.]+H([\d.]+)")

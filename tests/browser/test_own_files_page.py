@@ -6,9 +6,9 @@ from pathlib import Path
 
 from selenium.webdriver.common.by import By
 
-from tests.browser.gateway import Gateway
-from tests.browser.tablets import Tablet
-from tests.service.wired_plant import TAG
+from tests.support.gateway import Gateway
+from tests.support.tablets import Tablet
+from tests.support.wired_plant import TAG
 
 CSV = "Zeit [ms];Druck [bar];Hub [%]\n0;0,1;0\n100;0,2;25,5\n"
 

@@ -12,8 +12,8 @@ import pytest
 from service.model.run import RunState
 from service.tablet import script
 from tests.browser.conftest import store_test
-from tests.browser.gateway import Gateway
-from tests.service.wired_plant import TAG
+from tests.support.gateway import Gateway
+from tests.support.wired_plant import TAG
 
 PAGES = ("/", "/ui/night", "/ui/recordings", f"/ui/valves/{TAG}", f"/ui/valves/{TAG}/start", "/ui/sign-in", "TEST")
 FIRST_LOAD_BYTES = 100_000

@@ -14,12 +14,12 @@ from service.report.ended import EndedSource
 from service.report.source import ReportSource
 from service.report.written import report_html
 from service.shown.ending import ending_of
-from tests.browser.analyses import FRICTION_N, made_analysis
 from tests.browser.conftest import store_test
-from tests.browser.gateway import Gateway
-from tests.browser.tablets import LANDSCAPE, PHONE, Tablet
-from tests.service.recordings import triangle_test
 from tests.service.test_ended_report import ended
+from tests.support.gateway import Gateway
+from tests.support.made_analysis import FRICTION_N, made_analysis
+from tests.support.nominal_recordings import triangle_test
+from tests.support.tablets import LANDSCAPE, PHONE, Tablet
 from valve.recording_files import write_parquet
 
 LONG_TAG = "FV-" + 4 * "1234567890" + "ABCDEFG"

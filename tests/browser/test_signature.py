@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 
 from service.model.run import Run
-from tests.browser.analyses import FRICTION_N, made_analysis
 from tests.browser.conftest import store_test
-from tests.browser.gateway import Gateway, MadeAnalyst
-from tests.browser.tablets import LANDSCAPE, Tablet
-from tests.service.wired_plant import TAG
+from tests.support.gateway import Gateway, MadeAnalyst
+from tests.support.made_analysis import FRICTION_N, made_analysis
+from tests.support.tablets import LANDSCAPE, Tablet
+from tests.support.wired_plant import TAG
 
 PHONE = (320, 640)
 BOX = "document.querySelector('#signature-figure svg').getBoundingClientRect()"

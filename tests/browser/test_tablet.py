@@ -13,11 +13,11 @@ from sqlalchemy import update
 from service.access.principal import Role
 from service.model.run import RunState
 from service.store.schema_access import SESSIONS
-from tests.browser.analyses import ACTION, MISSING
 from tests.browser.conftest import store_test
-from tests.browser.gateway import Gateway
-from tests.browser.tablets import LANDSCAPE, PHONE, PORTRAIT, Tablet
-from tests.service.wired_plant import SAFE_PA, TAG
+from tests.support.gateway import Gateway
+from tests.support.made_analysis import ACTION, MISSING
+from tests.support.tablets import LANDSCAPE, PHONE, PORTRAIT, Tablet
+from tests.support.wired_plant import SAFE_PA, TAG
 
 LEAST_TARGET_PX = 118  # 20 mm on a tablet of 10.1 inches and 1280x800, whose pixel is 0.17 mm
 AGE = re.compile(r"(\d+)\ss ago")

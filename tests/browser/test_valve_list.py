@@ -22,8 +22,8 @@ from service.store.store import Store
 from service.tablet.since import Change, Since, since_yesterday, yesterday_noon
 from service.tablet.valve_list import ValveList, Wish
 from service.tablet.valve_rows import friction_trend, valve_rows, valve_stands
-from tests.browser.analyses import FRICTION_N, made_analysis
 from tests.service.conftest import PLANT
+from tests.support.made_analysis import FRICTION_N, made_analysis
 
 NOW: Final = datetime.now(UTC)
 

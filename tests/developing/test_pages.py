@@ -22,7 +22,7 @@ from service.config.nightly import GatewaySection, GroupSection, RetentionSectio
 from service.config.settings import PlantSection, ServiceSection
 from service.config.valves import ValveSection
 from service.model.health_limits import HealthLimits
-from tests.benchmarks.__main__ import BENCHMARKS, COUNTED
+from tests.bench.benchmarks.__main__ import BENCHMARKS, COUNTED
 from tests.service.access.signed_in import signed_in
 
 _ROOT: Final = Path(__file__).parents[2]

@@ -10,7 +10,7 @@ import pytest
 
 from discrepancy.doubts import doubt
 from service.analysis.diagnosis import assess
-from tests.service.recordings import NOMINAL, at_rest, recorded, triangle_test
+from tests.support.nominal_recordings import NOMINAL, at_rest, recorded, triangle_test
 from valve.recording import Recording
 from valve.waveform import Waveform
 

@@ -7,9 +7,9 @@ import pytest
 from drivers.addresses import Parity, RtuAddress, TcpAddress
 from drivers.device import connect_valve
 from drivers.transport import Transport
-from tests.drivers.bench import WIRING, Bench
-from tests.drivers.reference_device import ReferenceDevice
-from tests.drivers.slave import RawSlave, SerialPort, TcpPort
+from tests.support.played_device import WIRING, Bench
+from tests.support.reference_device import ReferenceDevice
+from tests.support.slave import RawSlave, SerialPort, TcpPort
 
 TIMEOUT_S = 0.2  # a busy machine takes 50 ms for an answer now and then, and none of them may be a gap
 WORST_LATENCY_S = 0.5

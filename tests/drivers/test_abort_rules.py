@@ -19,8 +19,8 @@ from drivers.permissive_rules import PermissiveRules
 from drivers.permissive_watch import PermissiveWatch
 from drivers.recent import window_s
 from drivers.transport import Transport
-from tests.drivers.bench import LIMITS, WIRING
-from tests.drivers.reference_device import SPAN_PA
+from tests.support.played_device import LIMITS, WIRING
+from tests.support.reference_device import SPAN_PA
 from valve.errors import DeviceError, EquipmentError, MeasurementError, WireError
 
 LONGEST_S = 10.0

@@ -31,10 +31,10 @@ from drivers.sequence import play_sequence
 from drivers.serial_gauge import SerialGauge
 from drivers.transport import Transport
 from drivers.wiring import read_blocks
-from tests.drivers.bench import WIRING
-from tests.drivers.reference_device import ReferenceDevice
-from tests.drivers.slave import Fault, RawSlave, SerialPort, TcpPort
-from tests.stopwatch import Stopwatch
+from tests.support.played_device import WIRING
+from tests.support.reference_device import ReferenceDevice
+from tests.support.slave import Fault, RawSlave, SerialPort, TcpPort
+from tests.support.stopwatch import Stopwatch
 from valve.errors import ConfigurationError, DeviceError, WireError
 from valve.recording import Provenance
 from valve.waveform import triangle

@@ -15,10 +15,10 @@ from drivers.device import connect_valve
 from drivers.maps.reference import CaptureState, WatchdogState
 from drivers.outcome import Ended, SampleBlock
 from drivers.transport import Transport
-from tests.drivers.bench import LIMITS, SAFE_PA, WAVE, WIRING, Bench, until
 from tests.drivers.conftest import TIMEOUT_S
-from tests.drivers.reference_device import ReferenceDevice
-from tests.drivers.slave import Fault, SerialPort
+from tests.support.played_device import LIMITS, SAFE_PA, WAVE, WIRING, Bench, until
+from tests.support.reference_device import ReferenceDevice
+from tests.support.slave import Fault, SerialPort
 from valve.errors import DeviceError, WireError
 from valve.waveform import triangle
 

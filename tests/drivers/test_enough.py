@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from drivers.outcome import Ended, SampleBlock
-from tests.drivers.bench import LIMITS, SAFE_PA, Bench
+from tests.support.played_device import LIMITS, SAFE_PA, Bench
 from valve.errors import ConfigurationError
 from valve.waveform import triangle
 

@@ -15,11 +15,11 @@ from drivers.faults import BadAnswerError, ConnectionLostError, EchoError, NoAns
 from drivers.outcome import Ended
 from drivers.registers import Block, Register, Table
 from drivers.transport import Transport
-from tests.drivers.bench import WIRING, Bench
 from tests.drivers.conftest import TIMEOUT_S, WORST_LATENCY_S
-from tests.drivers.reference_device import ReferenceDevice
-from tests.drivers.slave import Fault, RawSlave, SerialPort, TcpPort
-from tests.stopwatch import Stopwatch
+from tests.support.played_device import WIRING, Bench
+from tests.support.reference_device import ReferenceDevice
+from tests.support.slave import Fault, RawSlave, SerialPort, TcpPort
+from tests.support.stopwatch import Stopwatch
 from valve.errors import ValveError, WireError
 
 OpenLine = Callable[..., AbstractAsyncContextManager[Transport]]

@@ -15,10 +15,10 @@ from drivers.device import connect_valve
 from drivers.outcome import Ended, PlayOutcome, SampleBlock
 from drivers.permissive_rules import Contact, PermissiveRules
 from drivers.transport import Transport
-from tests.drivers.bench import SAFE_PA, WIRING, Bench, until
-from tests.drivers.reference_device import ReferenceDevice
-from tests.drivers.slave import Fault, RawSlave, TcpPort
-from tests.stopwatch import Stopwatch
+from tests.support.played_device import SAFE_PA, WIRING, Bench, until
+from tests.support.reference_device import ReferenceDevice
+from tests.support.slave import Fault, RawSlave, TcpPort
+from tests.support.stopwatch import Stopwatch
 from valve.errors import ConfigurationError, PermissiveError, WireError
 from valve.waveform import triangle
 

@@ -14,8 +14,8 @@ from drivers.maps.reference import StatusBit
 from drivers.permissives import Readiness, judge_entry
 from drivers.recovery import recover_valve
 from drivers.transport import Transport
-from tests.drivers.bench import SAFE_PA, WIRING
-from tests.drivers.reference_device import ReferenceDevice
+from tests.support.played_device import SAFE_PA, WIRING
+from tests.support.reference_device import ReferenceDevice
 from valve.errors import BusyError
 
 LEFT_PA = 55_000.0

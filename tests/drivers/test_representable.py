@@ -18,7 +18,7 @@ from drivers.representable import misfits, waveform_misfit
 from drivers.stands_at import RestRules
 from drivers.transport import Transport
 from drivers.wiring import wire
-from tests.drivers.slave import RawSlave
+from tests.support.slave import RawSlave
 from valve.waveform import steps, triangle
 
 BUSES = {"io": Transport(TcpAddress("io", "127.0.0.1"))}

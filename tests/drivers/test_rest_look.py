@@ -12,8 +12,8 @@ from drivers.device import ValveDevice, connect_valve
 from drivers.rest_look import look_at_rest
 from drivers.stands_at import RestRules, StemVerdict
 from drivers.transport import Transport
-from tests.drivers.bench import SAFE_PA, WIRING, Bench
-from tests.drivers.reference_device import ReferenceDevice
+from tests.support.played_device import SAFE_PA, WIRING, Bench
+from tests.support.reference_device import ReferenceDevice
 
 RULES = RestRules(0.005, 0.001, 10.0, 0.1)
 JUDGED = replace(WIRING, rest=RULES, permissives=replace(WIRING.permissives, position_m=(-0.01, 0.11)))

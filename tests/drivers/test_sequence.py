@@ -16,11 +16,11 @@ from drivers.maps.reference import CaptureState, WatchdogState
 from drivers.outcome import Ended, SampleBlock
 from drivers.polled_play import PolledPlay
 from drivers.transport import Transport
-from tests.drivers.bench import LIMITS, SAFE_PA, WAVE, WIRING, Bench, until
 from tests.drivers.conftest import TIMEOUT_S
-from tests.drivers.reference_device import METRE_PER_PA, SPAN_PA, ReferenceDevice
-from tests.drivers.slave import Fault, RawSlave, SerialPort
-from tests.stopwatch import Stopwatch
+from tests.support.played_device import LIMITS, SAFE_PA, WAVE, WIRING, Bench, until
+from tests.support.reference_device import METRE_PER_PA, SPAN_PA, ReferenceDevice
+from tests.support.slave import Fault, RawSlave, SerialPort
+from tests.support.stopwatch import Stopwatch
 from valve.errors import (
     BusyError,
     ConfigurationError,

@@ -36,7 +36,7 @@ from simulator.gauge import GaugeListener
 from simulator.listeners import Listener, RtuListener, TcpListener
 from simulator.record import Happening
 from simulator.unit import Quantity
-from tests.simulator.plants import RANGE_PA, valve
+from tests.support.simulated_plants import RANGE_PA, valve
 from valve.recording import Provenance, Recording
 from valve.waveform import triangle
 

@@ -12,8 +12,8 @@ from drivers.faults import FrozenSensorError, NoBreakawayError
 from drivers.outcome import Sample
 from drivers.permissive_rules import PermissiveRules
 from drivers.stem_rules import StemRules
-from tests.drivers.bench import LIMITS, WIRING
-from tests.drivers.reference_device import SPAN_PA
+from tests.support.played_device import LIMITS, WIRING
+from tests.support.reference_device import SPAN_PA
 from valve.errors import DeviceError
 
 TRAVEL_M = 0.1

@@ -14,7 +14,7 @@ from drivers.addresses import TlsAddress
 from drivers.faults import ConnectionLostError
 from drivers.registers import Table
 from drivers.transport import Transport
-from tests.drivers.slave import RawSlave, TcpPort
+from tests.support.slave import RawSlave, TcpPort
 from valve.errors import ConfigurationError
 
 OPENSSL = shutil.which("openssl")

@@ -18,8 +18,8 @@ from drivers.serial_gauge import SerialGauge
 from drivers.serial_port import why_not_opened
 from drivers.transport import Transport
 from tests.drivers.conftest import TIMEOUT_S, WORST_LATENCY_S
-from tests.drivers.slave import Fault, RawSlave, SerialPort, TcpPort
-from tests.stopwatch import Stopwatch
+from tests.support.slave import Fault, RawSlave, SerialPort, TcpPort
+from tests.support.stopwatch import Stopwatch
 from valve.errors import ConfigurationError, DeviceError, ValveError, WireError
 
 

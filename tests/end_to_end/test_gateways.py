@@ -15,8 +15,8 @@ from typing import Any
 import httpx
 
 from service.cli.demo_plant import free_ports
-from tests.plants import bus_text, service_text, valve_text
-from tests.service.databases import postgresql_database
+from tests.support.databases import postgresql_database
+from tests.support.plants import bus_text, service_text, valve_text
 
 DEADLINE_S = 600.0
 _SIMULATED = """\

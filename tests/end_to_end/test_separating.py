@@ -9,9 +9,9 @@ import httpx
 import pytest
 
 from service.config.settings import load_plant
-from tests.service.problem import assert_problem
-from tests.service.running_service import running_service
-from tests.service.wired_plant import TAG, wired_plant
+from tests.support.problem import assert_problem
+from tests.support.running_service import running_service
+from tests.support.wired_plant import TAG, wired_plant
 from valve.effects import effect_from_values
 
 # A spring whose rate rises along the travel: a bowed position reading has the same balance of forces in every test.

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from service.config.settings import load_plant
-from tests.faults.healthy import Healthy, of_set, with_friction
-from tests.service.fake_rig import FakeAnalyst
-from tests.service.running_service import running_service
-from tests.service.wired_plant import TAG, wired_plant
+from tests.bench.faults.healthy import Healthy, of_set, with_friction
+from tests.support.fake_rig import FakeAnalyst
+from tests.support.running_service import running_service
+from tests.support.wired_plant import TAG, wired_plant
 from valve.recording import Recording
 from valve.recording_files import read_recording
 

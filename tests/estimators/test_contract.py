@@ -15,7 +15,7 @@ from hypothesis.extra import numpy as hnp
 
 from estimators.base import Estimate, Status
 from estimators.registry import ESTIMATORS, estimate_all, estimator
-from tests.estimators.recordings import SYMBOLS, VALVES, recorded
+from tests.support.published_recordings import SYMBOLS, VALVES, recorded
 from valve.errors import NotFoundError
 from valve.nameplate import Action, Actuator, Nameplate
 from valve.recording import FloatArray, Recording

@@ -12,7 +12,7 @@ from estimators.base import Estimate, Estimator, Outcome, Status
 from estimators.classic.garcia import GarciaEstimator
 from estimators.classic.regression import RegressionEstimator
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
-from tests.rough_valves import RoughCase, case
+from tests.support.rough_valves import RoughCase, case
 from valve.nameplate import Action, Actuator, Nameplate
 from valve.recording import FloatArray, Recording
 

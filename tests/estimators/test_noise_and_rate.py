@@ -13,8 +13,8 @@ from estimators.base import Estimate, Estimator, Form, Outcome, Status
 from estimators.classic.garcia import GarciaEstimator
 from estimators.classic.regression import RegressionEstimator
 from estimators.samples import channel_noise
-from tests.estimators.random_valves import random_test
-from tests.estimators.recordings import VALVES, Recorded, paper_triangle, recorded
+from tests.support.published_recordings import VALVES, Recorded, paper_triangle, recorded
+from tests.support.random_valves import random_test
 from valve.motion import simulate_motion
 from valve.parameter_sets import parameter_set
 from valve.recording import Recording

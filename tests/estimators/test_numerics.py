@@ -15,7 +15,7 @@ from estimators.motion.phases import find_phases
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from estimators.motion.windowed_slope import windowed_slope, windowed_slope_noise
 from estimators.samples import FloatArray, Samples, prepare
-from tests.estimators.recordings import Recorded, recorded
+from tests.support.published_recordings import Recorded, recorded
 from valve.motion import simulate_motion
 
 

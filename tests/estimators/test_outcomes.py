@@ -13,7 +13,7 @@ from estimators.classic.regression import RegressionEstimator
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from estimators.samples import prepare
-from tests.estimators.recordings import SYMBOLS, Recorded, recorded
+from tests.support.published_recordings import SYMBOLS, Recorded, recorded
 from valve.nameplate import Action, Actuator, Nameplate
 from valve.parameters import TravelStops
 from valve.recording import Recording

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.estimators.random_valves import KINDS, LEAST_MOVED, UNINFORMATIVE, random_test
+from tests.support.random_valves import KINDS, LEAST_MOVED, UNINFORMATIVE, random_test
 from valve.motion import simulate_motion
 
 

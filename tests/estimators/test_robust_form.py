@@ -12,7 +12,7 @@ from estimators.classic.garcia import GarciaEstimator
 from estimators.classic.regression import RegressionEstimator
 from estimators.motion.recorded_motion import read_motion
 from estimators.motion.uniform_motion import UniformMotion
-from tests.estimators.recordings import VALVES, Recorded, recorded
+from tests.support.published_recordings import VALVES, Recorded, recorded
 from valve.parameter_sets import parameter_set
 from valve.parameters import TravelStops
 from valve.waveform import Waveform, multi_rate_triangle, triangle

@@ -10,7 +10,7 @@ import pytest
 from estimators.identifiability import sensitivities
 from estimators.identifiability.sensitivities import SENSITIVITY_SYMBOLS, position_sensitivities
 from estimators.samples import FloatArray
-from tests.estimators.recordings import VALVES
+from tests.support.published_recordings import VALVES
 from valve.errors import ParameterError
 from valve.motion import simulate_motion
 from valve.parameter_sets import ParameterSet, parameter_set

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from estimators.steps.response import step_figures
-from tests.estimators.recordings import Recorded, recorded
+from tests.support.published_recordings import Recorded, recorded
 from valve.motion import simulate_motion
 from valve.nameplate import Nameplate
 from valve.parameter_sets import parameter_set

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
-from tests.estimators.random_valves import random_test
+from tests.support.random_valves import random_test
 from valve.parameters import TravelStops
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimators.motion.stroke import stroke_m
-from tests.service.recordings import NOMINAL, recorded, triangle_test
+from tests.support.nominal_recordings import NOMINAL, recorded, triangle_test
 from valve.motion import StemState, simulate_waveform
 from valve.recording import Recording
 from valve.waveform import Waveform

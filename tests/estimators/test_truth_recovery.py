@@ -8,7 +8,7 @@ from estimators.base import Estimator, Form, Status
 from estimators.classic.differences import without_bias
 from estimators.classic.garcia import GarciaEstimator
 from estimators.classic.regression import RegressionEstimator
-from tests.estimators.recordings import PAPER_VALVES, VALVES, Recorded, recorded
+from tests.support.published_recordings import PAPER_VALVES, VALVES, Recorded, recorded
 from valve.parameters import parameters_from_symbols
 from valve.recording import Recording
 from valve.waveform import multi_rate_triangle, sine, steps

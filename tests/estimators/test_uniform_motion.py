@@ -8,8 +8,8 @@ import pytest
 from estimators.classic.garcia import GarciaEstimator
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from estimators.motion.uniform_motion import _by_drift, _speed_drift
-from tests.estimators.random_valves import random_test
-from tests.estimators.recordings import recorded
+from tests.support.published_recordings import recorded
+from tests.support.random_valves import random_test
 
 
 def test_a_spring_rate_from_motion_that_is_not_quite_uniform_is_within_its_interval() -> None:

@@ -7,10 +7,10 @@ import httpx
 import pytest
 
 from service.config.settings import Plant, load_plant
-from tests.plants import bus_text, service_text, valve_text
-from tests.service.databases import postgresql_database
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.running_service import running_service
+from tests.support.databases import postgresql_database
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.plants import bus_text, service_text, valve_text
+from tests.support.running_service import running_service
 
 GAUGE = """\
 [[buses]]

@@ -11,8 +11,8 @@ from service.config.settings import load_plant
 from service.schedules.house import nights
 from service.schedules.nightly import Nightly
 from service.store.store import open_store
-from tests.service.fake_rig import FakeRig
 from tests.service.stored_runs import runs_of
+from tests.support.fake_rig import FakeRig
 
 
 async def main(plant_file: Path, duration_s: float, run: bool) -> None:

@@ -14,9 +14,9 @@ from service.model.check import Check
 from service.runs.service import Runs
 from service.schedules.nightly import Nightly
 from service.store.store import Store
-from tests.plants import bus_text, service_text, valve_text
-from tests.service.fake_rig import FakeRig
 from tests.service.stored_runs import runs_of
+from tests.support.fake_rig import FakeRig
+from tests.support.plants import bus_text, service_text, valve_text
 
 NIGHTLY = """
 [[schedules]]

@@ -9,8 +9,8 @@ from service.config.settings import Plant
 from service.model.run import Run, RunState, new_run_id
 from service.runs.service import Runs
 from service.store.store import Store
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.in_process import motion_on
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.in_process import motion_on
 
 
 def runs_of(plant: Plant, store: Store, rig: FakeRig) -> Runs:

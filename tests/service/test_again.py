@@ -23,12 +23,12 @@ from service.runs.again import BEGUN_KEY, can_be_analysed
 from service.runs.service import Runs
 from service.store.store import Store
 from tests.service.access.signed_in import body_of, signed_in
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.in_process import motion_on
-from tests.service.problem import assert_problem
-from tests.service.running_service import running_service
 from tests.service.stored_runs import stored
 from tests.service.test_report import name_plant
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.in_process import motion_on
+from tests.support.problem import assert_problem
+from tests.support.running_service import running_service
 from valve.errors import BusyError, RecordingError
 
 RUN = {"valve": "FV-101", "sequence": "triangle"}

@@ -16,8 +16,8 @@ from estimators.registry import ESTIMATORS
 from service.analysis.analysis import analyze_recordings, joined, recording_summary
 from service.analysis.diagnosis import assess, not_assessed
 from service.workers.analysis_pool import AnalysisPool
-from tests.discrepancy.hidden import hidden
-from tests.service.recordings import NOMINAL, at_rest, recorded, sine_test, triangle_test, with_gaps
+from tests.support.hidden import hidden
+from tests.support.nominal_recordings import NOMINAL, at_rest, recorded, sine_test, triangle_test, with_gaps
 from valve.effects import effect_from_values
 from valve.errors import RecordingError
 from valve.nameplate import Nameplate

@@ -16,7 +16,7 @@ import pytest
 
 from service.workers.allowance import processor_time_s
 from service.workers.analysis_pool import AnalysisPool
-from tests.service.recordings import triangle_test
+from tests.support.nominal_recordings import triangle_test
 from valve.errors import InternalError, RecordingError
 from valve.nameplate import Actuator, Nameplate
 from valve.recording_files import write_parquet

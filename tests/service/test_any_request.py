@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 
 from service.config.settings import load_plant
 from tests.service.conftest import PLANT
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.running_service import running_service
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.running_service import running_service
 
 EXAMPLES: Final = 400
 PROBLEM: Final = "application/problem+json"

@@ -33,10 +33,10 @@ from service.store.store import Store, open_store
 from tests.service.access.signed_in import PASSWORD, body_of
 from tests.service.command_line import called
 from tests.service.conftest import PLANT
-from tests.service.databases import postgresql_database
-from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.health.analyses import analysis
-from tests.service.running_service import running_service
+from tests.support.databases import postgresql_database
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.running_service import running_service
 from valve.errors import BusyError, ConfigurationError, NotFoundError, RequestError
 
 STORES = Path(__file__).parents[1] / "data" / "stores"

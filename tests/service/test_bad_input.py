@@ -15,10 +15,10 @@ import pytest
 from service.config.settings import load_plant
 from simulator.assembly import SimulatedPlant
 from tests.service.command_line import called
-from tests.service.fake_rig import FakeAnalyst
-from tests.service.problem import assert_problem
-from tests.service.running_service import running_service
-from tests.service.wired_plant import TAG, wired_plant
+from tests.support.fake_rig import FakeAnalyst
+from tests.support.problem import assert_problem
+from tests.support.running_service import running_service
+from tests.support.wired_plant import TAG, wired_plant
 
 NAMEPLATE = 'tag = "FV-101"\n[actuator]\ndiaphragm_area_m2 = 0.06452\ntravel_m = 0.1016\n'
 HEADER = "time_s,pressure_pa,position_m\n"

@@ -12,7 +12,7 @@ import pytest
 import service.analysis.analysis
 from service.analysis.analysis import analyze_recordings
 from service.analysis.change_note import change_note
-from tests.service.recordings import NOMINAL, recorded, triangle_test
+from tests.support.nominal_recordings import NOMINAL, recorded, triangle_test
 from valve.motion import StemState, simulate_motion
 from valve.nameplate import Action
 from valve.parameters import ValveParameters

@@ -18,8 +18,8 @@ from drivers.permissive import Permissive
 from service.cli import COMMANDS
 from service.config.settings import load_plant
 from tests.service.command_line import called
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.running_service import running_service
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.running_service import running_service
 from valve.errors import DeviceError
 
 BREAKAWAY = (sys.executable, "-m", "service.cli")

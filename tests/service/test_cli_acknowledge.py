@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from service.config.settings import load_plant
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.running_service import running_service
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.running_service import running_service
 
 TAG = "FV-101"
 

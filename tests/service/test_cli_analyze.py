@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.plants import bus_text, service_text, valve_text
 from tests.service.command_line import Called, called
-from tests.service.recordings import NAMEPLATE_TOML, at_rest, sine_test, triangle_test
+from tests.support.nominal_recordings import NAMEPLATE_TOML, at_rest, sine_test, triangle_test
+from tests.support.plants import bus_text, service_text, valve_text
 from valve.recording_files import write_csv, write_parquet
 
 Run = Callable[..., Called]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.service.command_line import Called, called
-from tests.service.recordings import NAMEPLATE_TOML, at_rest, recorded, triangle_test
+from tests.support.nominal_recordings import NAMEPLATE_TOML, at_rest, recorded, triangle_test
 from valve.recording import Recording
 from valve.recording_files import write_csv
 from valve.waveform import Waveform

@@ -18,11 +18,11 @@ from drivers.motion.bus_lock import BusLocks
 from service.config.settings import load_plant
 from simulator.faults import Fault as PlantFault
 from simulator.faults import FaultKind
-from tests.drivers.reference_device import SPAN_PA, ReferenceDevice
-from tests.drivers.slave import Fault, RawSlave, SerialPort, TcpPort
-from tests.plants import bus_text, service_text, valve_text
 from tests.service.command_line import Called, called
-from tests.service.wired_plant import TAG, wired_plant
+from tests.support.plants import bus_text, service_text, valve_text
+from tests.support.reference_device import SPAN_PA, ReferenceDevice
+from tests.support.slave import Fault, RawSlave, SerialPort, TcpPort
+from tests.support.wired_plant import TAG, wired_plant
 from valve.errors import InternalError
 
 READS = {3, 4}  # function codes

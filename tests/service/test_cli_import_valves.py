@@ -9,8 +9,8 @@ import pytest
 
 from service.config.settings import load_plant
 from service.config.valve_import import import_valves
-from tests.plants import PRESSURE_PA
 from tests.service.command_line import called
+from tests.support.plants import PRESSURE_PA
 from valve.errors import ConfigurationError
 
 HEADER = "Tag,Description,Area,Travel (in),diaphragm area,bench_set,safe_value,bus,device_id,serial_number\n"

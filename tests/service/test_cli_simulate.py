@@ -21,7 +21,7 @@ from service.config.settings import load_plant
 from simulator.gauge import Gauge
 from simulator.plant import SoftwareValve
 from simulator.samples import EndedRecord
-from tests.simulator.plants import valve as simulated_valve
+from tests.support.simulated_plants import valve as simulated_valve
 from valve.errors import ConfigurationError
 from valve.packing import PACKINGS
 

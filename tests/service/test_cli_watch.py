@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from tests.estimators.in_service.records import AREA_M2, FRICTION_PA, TRAVEL_M, record
-from tests.plants import bus_text, service_text, valve_text
 from tests.service.command_line import Called, called
+from tests.support.plants import bus_text, service_text, valve_text
 from valve.recording import Recording
 from valve.recording_files import write_csv
 

@@ -7,7 +7,7 @@ import pytest
 
 from service.config.database import DatabaseAddress
 from service.store.database import open_database
-from tests.service.databases import SERVER, why_no_server
+from tests.support.databases import SERVER, why_no_server
 
 
 @pytest.mark.skipif(bool(why_no_server()), reason=why_no_server() or "there is one")

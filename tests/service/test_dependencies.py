@@ -11,8 +11,8 @@ from fastapi.dependencies.models import Dependant
 from fastapi.routing import APIRoute, iter_route_contexts
 
 from service.config.settings import load_plant
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.in_process import app_of
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.in_process import app_of
 
 
 def _called(dependant: Dependant) -> Iterator[Any]:

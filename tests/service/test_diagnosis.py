@@ -13,7 +13,7 @@ from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from service.analysis.diagnosis import assess
 from service.cli.diagnosis_tables import diagnosis_lines
 from simulator.recorded import recorded
-from tests.rough_valves import RoughCase, case
+from tests.support.rough_valves import RoughCase, case
 from valve.effects import effect_from_values
 from valve.waveform import steps
 

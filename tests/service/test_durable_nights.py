@@ -15,8 +15,8 @@ from sqlalchemy import Engine, create_engine
 from service.model.check import Check, CheckState
 from service.store.run_table import RunTable
 from service.store.schedule_run_table import ScheduleRunTable
-from tests.service.databases import postgresql_database
 from tests.service.nights import NIGHTLY, plant_text
+from tests.support.databases import postgresql_database
 
 ENDS: tuple[datetime, datetime] = (datetime(1970, 1, 1, tzinfo=UTC), datetime(2100, 1, 1, tzinfo=UTC))
 GATEWAYS = (

@@ -19,11 +19,11 @@ from service.report.ended import EndedSource, ended_document
 from service.report.written import report_html, report_pdf
 from service.shown.ending import ending_of
 from service.words.units import UnitSystem
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.problem import assert_problem
-from tests.service.recordings import triangle_test
-from tests.service.running_service import running_service
 from tests.service.test_report import clocks_of, name_plant, words_of
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.nominal_recordings import triangle_test
+from tests.support.problem import assert_problem
+from tests.support.running_service import running_service
 from valve.recording_files import write_parquet
 
 STUCK_OPEN = stands_at(

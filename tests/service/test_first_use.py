@@ -16,8 +16,8 @@ from service.routes import openapi as openapi_module
 from service.server import server
 from service.server.first_use import use_once
 from service.tablet import rendering
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.in_process import app_of
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.in_process import app_of
 
 
 def _too_late(*_: Any, **__: Any) -> None:

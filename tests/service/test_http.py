@@ -10,8 +10,8 @@ import httpx
 import pytest
 
 from service.config.settings import Plant, load_plant
-from tests.service.fake_rig import FakeRig
-from tests.service.problem import assert_problem
+from tests.support.fake_rig import FakeRig
+from tests.support.problem import assert_problem
 
 RUN = {"valve": "FV-101"}
 SLASHED = "FV-101 A/B&C"

@@ -11,8 +11,8 @@ import pytest
 
 from service.config.settings import load_plant
 from service.http.http_protocol import LONGEST_HEAD_BYTES, MOST_CONNECTIONS, BoundedHttp, most_connections
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.running_service import running_service
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.running_service import running_service
 
 
 async def test_a_head_that_never_ends_is_refused_and_a_long_one_is_answered(plant_file: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from service.analysis.analysis import analyze_recordings
 from service.analysis.like_periods import of_like_periods, periods_note
-from tests.service.recordings import NOMINAL, triangle_test
+from tests.support.nominal_recordings import NOMINAL, triangle_test
 
 
 def test_of_two_rates_the_group_with_most_samples_is_read() -> None:

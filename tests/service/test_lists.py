@@ -19,13 +19,13 @@ from service.config.settings import Plant, PlantValve, load_plant
 from service.config.valves import Identity
 from service.model.run import Label, Run, RunState, new_run_id
 from service.store.store import open_store
-from tests.plants import valve_text
 from tests.service.access.signed_in import body_of, signed_in
 from tests.service.conftest import PLANT
-from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.health.analyses import analysis
-from tests.service.problem import assert_problem
-from tests.service.running_service import running_service
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.plants import valve_text
+from tests.support.problem import assert_problem
+from tests.support.running_service import running_service
 
 NOW = datetime.now(UTC).replace(microsecond=0)
 SLASHED = "FV-103 A/B"

@@ -12,10 +12,10 @@ from service.config.settings import load_plant
 from service.model.run import Run, RunState, new_run_id
 from service.store.store import open_store
 from tests.service.access.signed_in import body_of, signed_in
-from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.health.analyses import analysis
-from tests.service.problem import assert_problem
-from tests.service.running_service import running_service
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.problem import assert_problem
+from tests.support.running_service import running_service
 
 
 def samples(answer: httpx.Response) -> dict[tuple[str, ...], float]:

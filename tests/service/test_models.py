@@ -8,8 +8,8 @@ from typing import Any
 import httpx
 
 from service.config.settings import Plant
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.problem import assert_problem
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.problem import assert_problem
 
 RUN = {"valve": "FV-101", "sequence": "triangle"}
 MODEL = {

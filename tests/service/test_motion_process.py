@@ -28,8 +28,8 @@ from drivers.motion.wire_format import error_of, line_of, of_json, to_json
 from drivers.outcome import Ended, PlayOutcome, SampleBlock
 from drivers.stands_at import StandsAt, StemVerdict
 from service.config.settings import Plant
-from tests.service.fake_rig import FakeRig
-from tests.service.in_process import motion_on
+from tests.support.fake_rig import FakeRig
+from tests.support.in_process import motion_on
 from valve.errors import BusyError, DeviceError, InternalError, NotFoundError, RequestError, ValveError, WaveformError
 from valve.recording import Acquisition, Provenance, Recording
 from valve.waveform import triangle

@@ -11,10 +11,10 @@ from service.config.settings import Plant, load_plant
 from service.model.check import Check, CheckState
 from service.model.run import Run, RunState, new_run_id
 from service.store.store import Store
-from tests.browser.analyses import made_analysis
-from tests.plants import bus_text, service_text, valve_text
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.running_service import running_service
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.made_analysis import made_analysis
+from tests.support.plants import bus_text, service_text, valve_text
+from tests.support.running_service import running_service
 
 VALVES = 500
 MOST_BYTES = 100_000

@@ -10,9 +10,9 @@ import pytest
 from service.model.check import Check, CheckState
 from service.model.run import Run, RunState, new_run_id
 from service.store.store import Store
-from tests.service.fake_rig import FakeRig
 from tests.service.nights import NIGHTLY, Clock, night, night_plant, until
-from tests.service.recordings import triangle_test
+from tests.support.fake_rig import FakeRig
+from tests.support.nominal_recordings import triangle_test
 from valve.errors import BusyError, PermissiveError
 
 BEFORE = datetime(2026, 6, 30, 12, 0, tzinfo=UTC)

@@ -14,8 +14,8 @@ from pydantic import TypeAdapter
 
 from service.config.settings import Plant
 from service.routes.openapi import EXAMPLES, GROUPS, SAMPLES_KEY
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.in_process import app_of
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.in_process import app_of
 
 
 @pytest.fixture

@@ -26,9 +26,9 @@ from drivers.permissive import Permissive
 from service.config.settings import load_plant
 from service.runs import permission
 from simulator.faults import Fault, FaultKind
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.running_service import running_service
-from tests.service.wired_plant import TAG, wired_plant
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.running_service import running_service
+from tests.support.wired_plant import TAG, wired_plant
 from valve.errors import BusyError, ConfigurationError, DeviceError, InternalError
 
 ORDER = {"valve": "FV-101"}

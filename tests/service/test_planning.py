@@ -17,7 +17,7 @@ from service.cli import app
 from service.config.settings import PlantValve, load_plant
 from service.planning.expected_valve import expected_valve, measures_pressure
 from service.planning.planning import plan_document, plan_sequence
-from tests.rough_valves import case
+from tests.support.rough_valves import case
 from valve.errors import RequestError
 from valve.parameter_sets import parameter_set
 from valve.parameters import PARAMETER_SYMBOLS

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from service.config.settings import load_plant
-from tests.service.fake_rig import FakeAnalyst
-from tests.service.running_service import running_service
-from tests.service.wired_plant import TAG, wired_plant
+from tests.support.fake_rig import FakeAnalyst
+from tests.support.running_service import running_service
+from tests.support.wired_plant import TAG, wired_plant
 from valve.recording_files import read_recording
 
 ORDER = {"valve": TAG, "overrides": {"cycles": 1, "period_s": 4.0, "low_pa": 30_000.0, "high_pa": 60_000.0}}

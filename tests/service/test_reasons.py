@@ -10,7 +10,7 @@ from rich.console import Console
 from estimators.signature.measure import measure_signature
 from estimators.steps.response import step_figures
 from service.cli.analysis_tables import print_analysis, reasons
-from tests.service.recordings import NOMINAL, recorded, triangle_test
+from tests.support.nominal_recordings import NOMINAL, recorded, triangle_test
 from valve.parameters import PARAMETER_SYMBOLS
 from valve.waveform import steps
 

@@ -9,10 +9,10 @@ from service.config.settings import Plant, load_plant
 from service.model.run import Run, RunState, new_run_id
 from service.routes.recording_formats import CSV, PARQUET
 from service.store.store import Store, open_store
-from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.nights import plant_text
-from tests.service.problem import assert_problem
-from tests.service.running_service import running_service
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.problem import assert_problem
+from tests.support.running_service import running_service
 
 GATEWAYS = '[[gateways]]\nname = "g1"\nurl = "http://127.0.0.1:1"\n[[gateways]]\nname = "g2"\nurl = "http://south:2"\n'
 

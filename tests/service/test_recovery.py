@@ -22,10 +22,10 @@ from service.runs.recovery import mark_interrupted
 from service.store.store import Store
 from simulator.faults import Fault, FaultKind
 from simulator.record import Happening
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.running_service import running_service
 from tests.service.stored_runs import block, runs_of, stored
-from tests.service.wired_plant import SAFE_PA, TAG, asked_pa, standing_valve, wired_plant
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.running_service import running_service
+from tests.support.wired_plant import SAFE_PA, TAG, asked_pa, standing_valve, wired_plant
 from valve.errors import PermissiveError
 
 AUTOMATIC = "loop_in_manual: not in manual, the loop in manual is needed: put the loop in manual"

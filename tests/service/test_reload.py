@@ -20,11 +20,11 @@ import pytest
 
 from service.config.settings import load_plant
 from service.store.store import Store
-from tests.plants import bus_text, service_text, valve_text
-from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.nights import NIGHTLY, Clock, night, night_plant, plant_text
-from tests.service.problem import assert_problem
-from tests.service.running_service import running_service
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.plants import bus_text, service_text, valve_text
+from tests.support.problem import assert_problem
+from tests.support.running_service import running_service
 
 
 @dataclass

@@ -17,8 +17,8 @@ from service.runs.renewal import RENEWAL, Renewal
 from service.runs.service import Runs
 from service.store.schema_health import FIGURES
 from service.store.store import Store
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.in_process import motion_on
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.in_process import motion_on
 from valve.errors import RecordingError
 
 

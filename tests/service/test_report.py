@@ -25,11 +25,11 @@ from service.report.source import ReportSource
 from service.report.valve_facts import nameplate_facts
 from service.report.written import report_html, report_pdf
 from service.words.units import UnitSystem
-from tests.browser.analyses import ACTION, FRICTION_N, MISSING, made_analysis
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.problem import assert_problem
-from tests.service.recordings import NAMEPLATE_TOML, triangle_test
-from tests.service.running_service import running_service
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.made_analysis import ACTION, FRICTION_N, MISSING, made_analysis
+from tests.support.nominal_recordings import NAMEPLATE_TOML, triangle_test
+from tests.support.problem import assert_problem
+from tests.support.running_service import running_service
 from valve.nameplate import Action, Actuator, Nameplate, Signal
 from valve.recording_files import file_sha256, write_parquet
 

@@ -13,10 +13,10 @@ import httpx
 import pytest
 
 from service.config.settings import Plant
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.problem import assert_problem
-from tests.service.running_service import running_service
-from tests.stopwatch import Stopwatch
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.problem import assert_problem
+from tests.support.running_service import running_service
+from tests.support.stopwatch import Stopwatch
 
 RUN = {"valve": "FV-101"}
 LONG_S = 30.0

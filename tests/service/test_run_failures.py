@@ -25,9 +25,9 @@ from service.runs.service import Runs
 from service.shown.ending import ending_of
 from service.store.run_table import RunTable
 from service.store.store import Store
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.in_process import motion_on
 from tests.service.stored_runs import runs_of, stored
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.in_process import motion_on
 from valve.errors import DeviceError, PermissiveError, RequestError
 
 

@@ -24,9 +24,9 @@ from service.runs.stem_looks import StemLooks
 from service.runs.tasks import Tasks
 from service.store.store import Store
 from service.workers.polling import Polling
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.in_process import motion_on
 from tests.service.stored_runs import runs_of, stored
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.in_process import motion_on
 from valve.errors import BusyError, NotFoundError, RequestError, WaveformError
 from valve.nameplate import Actuator, Nameplate, Signal
 

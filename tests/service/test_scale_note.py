@@ -10,7 +10,7 @@ import pytest
 
 from service.analysis.analysis import analyze_recordings
 from service.analysis.scale_note import scale_note
-from tests.discrepancy.hidden import Hidden, hidden
+from tests.support.hidden import Hidden, hidden
 from valve.nameplate import Nameplate
 from valve.recording import Recording
 

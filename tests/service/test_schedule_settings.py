@@ -12,10 +12,10 @@ from service.cli import app
 from service.config.settings import Plant, load_plant
 from service.schedules.plan import plan_night
 from service.store.store import Store
-from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.nights import NIGHTLY, night_plant, plant_text
-from tests.service.problem import assert_problem
-from tests.service.running_service import running_service
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.problem import assert_problem
+from tests.support.running_service import running_service
 from valve.errors import ConfigurationError, ValveError
 
 EVENING = datetime(2026, 6, 30, 18, 0, tzinfo=UTC)

@@ -6,7 +6,7 @@ import numpy as np
 
 from service.analysis.separating import find_separating_test, planned, room_of_recordings
 from service.model.sequences import Room
-from tests.service.recordings import triangle_test
+from tests.support.nominal_recordings import triangle_test
 from valve.recording import Recording
 
 WIDE = Room(1.0e4, 6.0e4, 1.0e5, 300.0)

@@ -18,7 +18,7 @@ from drivers.sequence import play_sequence
 from drivers.transport import Transport
 from service.cli.simulated_plant import plant_from_settings
 from service.config.settings import Plant, load_plant
-from tests.drivers.slave import RawSlave, TcpPort
+from tests.support.slave import RawSlave, TcpPort
 from valve.errors import ConfigurationError, DeviceError
 from valve.recording import Provenance
 from valve.waveform import triangle

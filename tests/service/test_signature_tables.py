@@ -13,7 +13,7 @@ from estimators.signature.measure import measure_signature
 from estimators.steps.response import step_figures
 from service.cli.signature_tables import print_signature
 from service.words.plain_numbers import plus_minus
-from tests.service.recordings import NOMINAL, at_rest, recorded, triangle_test
+from tests.support.nominal_recordings import NOMINAL, at_rest, recorded, triangle_test
 from valve.recording import Recording
 from valve.waveform import steps
 

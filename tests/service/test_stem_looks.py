@@ -22,12 +22,12 @@ from service.store.store import Store
 from service.words.sentences import in_units
 from service.words.units import UnitSystem
 from simulator.faults import Fault, FaultKind
-from tests.plants import bus_text, service_text, valve_text
 from tests.service.conftest import PLANT
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.running_service import running_service
 from tests.service.stored_runs import runs_of
-from tests.service.wired_plant import SAFE_PA, TAG, asked_pa, standing_valve, wired_plant
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.plants import bus_text, service_text, valve_text
+from tests.support.running_service import running_service
+from tests.support.wired_plant import SAFE_PA, TAG, asked_pa, standing_valve, wired_plant
 from valve.errors import BusyError, ConfigurationError, PermissiveError, RequestError
 
 JUDGED = "safe_position_m = 0.0\nsafe_position_tolerance_m = 0.002\nstem_read_after_s = {after_s}"

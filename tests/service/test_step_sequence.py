@@ -9,7 +9,7 @@ import pytest
 from drivers.addresses import MotionLimits
 from estimators.steps.response import step_figures
 from service.model.sequences import build_waveform
-from tests.estimators.recordings import VALVES, Recorded, recorded
+from tests.support.published_recordings import VALVES, Recorded, recorded
 from valve.parameter_sets import parameter_set
 from valve.waveform import Waveform
 

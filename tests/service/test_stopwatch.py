@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from tests import stopwatch
-from tests.stopwatch import Stopwatch
+from tests.support import stopwatch
+from tests.support.stopwatch import Stopwatch
 
 
 def test_sleeping_and_working_count() -> None:

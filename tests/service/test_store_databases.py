@@ -18,7 +18,7 @@ from service.store.run_table import NOT_LOADED, RunFilter, RunTable, _row
 from service.store.schema_base import UtcDateTime
 from service.store.schema_tests import TESTS
 from service.store.store import Store
-from tests.service.databases import postgresql_database
+from tests.support.databases import postgresql_database
 from valve.errors import BusyError, ConfigurationError
 
 NOW = datetime(2026, 3, 28, 22, 30, tzinfo=UTC)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from service.analysis.tone_note import tone_note
-from tests.service.recordings import triangle_test
+from tests.support.nominal_recordings import triangle_test
 from valve.recording import Recording
 
 

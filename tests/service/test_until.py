@@ -27,11 +27,11 @@ from service.runs.out_of_family import OutOfFamily
 from service.runs.so_far import estimate_so_far, turns_s
 from service.store.store import Store, open_store
 from service.words.units import UnitSystem
-from tests.rough_valves import RoughCase, case
-from tests.service.fake_rig import FakeRig
-from tests.service.running_service import running_service
 from tests.service.stored_runs import runs_of
-from tests.service.wired_plant import SAFE_PA, TAG, asked_pa, wired_plant
+from tests.support.fake_rig import FakeRig
+from tests.support.rough_valves import RoughCase, case
+from tests.support.running_service import running_service
+from tests.support.wired_plant import SAFE_PA, TAG, asked_pa, wired_plant
 from valve.errors import InternalError, RequestError
 from valve.nameplate import Actuator, Nameplate
 from valve.recording import Recording

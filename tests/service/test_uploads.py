@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from service.config.settings import load_plant
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.problem import assert_problem
-from tests.service.running_service import running_service
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.problem import assert_problem
+from tests.support.running_service import running_service
 
 CSV = "time_s,command_pa,position_m\n0,0,0\n0.1,1000,0.0001\n0.2,2000,0.0002\n"
 NAMEPLATE = 'tag = "X"\n[actuator]\ndiaphragm_area_m2 = 0.06452\ntravel_m = 0.1016\n'

@@ -8,8 +8,8 @@ import pytest
 
 from service.config.settings import faults_of, load_plant
 from service.config.valves import Identity
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.running_service import running_service
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.running_service import running_service
 
 SAID = {
     "description": "Feed to the <stripper>",

@@ -18,11 +18,11 @@ import pytest
 from service.config.settings import load_plant
 from simulator.assembly import SimulatedPlant
 from simulator.record import Happening
-from tests.service.fake_rig import FakeAnalyst
-from tests.service.processes import Condition, hear_all_signals, moving, serving, until
-from tests.service.running_service import running_service
-from tests.service.wired_plant import SAFE_PA, TAG, asked_pa, wired_plant
-from tests.stopwatch import Stopwatch
+from tests.support.fake_rig import FakeAnalyst
+from tests.support.processes import Condition, hear_all_signals, moving, serving, until
+from tests.support.running_service import running_service
+from tests.support.stopwatch import Stopwatch
+from tests.support.wired_plant import SAFE_PA, TAG, asked_pa, wired_plant
 from valve.recording import Acquisition
 from valve.recording_files import read_recording
 

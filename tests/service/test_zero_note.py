@@ -12,7 +12,7 @@ import pytest
 import service.analysis.analysis
 from service.analysis.analysis import analyze_recordings
 from service.analysis.zero_note import zero_doubt
-from tests.discrepancy.hidden import AREA_M2, FULL_PA
+from tests.support.hidden import AREA_M2, FULL_PA
 from valve.nameplate import Actuator, Nameplate, Signal
 from valve.recording import Recording
 

@@ -10,7 +10,7 @@ from simulator.plant import RECORD_PAUSE_S, SoftwareValve
 from simulator.sensor import Sensor
 from simulator.simulated_valve import SimulatedValve
 from simulator.transducer import Transducer
-from tests.simulator.plants import POSITION_SPAN_M, RANGE_PA, valve
+from tests.support.simulated_plants import POSITION_SPAN_M, RANGE_PA, valve
 from valve.effects import EFFECTS, Effect, ValveScale, with_effects
 from valve.errors import ParameterError
 from valve.extended_motion import simulate_extended

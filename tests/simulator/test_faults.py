@@ -8,7 +8,7 @@ import pytest
 from simulator.faults import Fault, FaultKind
 from simulator.plant import SoftwareValve
 from simulator.record import Happening
-from tests.simulator.plants import valve
+from tests.support.simulated_plants import valve
 from valve.errors import ParameterError
 
 

@@ -9,7 +9,7 @@ from simulator.assembly import SimulatedPlant, reference_unit
 from simulator.clock import ManualClock
 from simulator.gauge import GaugeListener, answer_form
 from simulator.listeners import TcpListener
-from tests.simulator.plants import RtuMaster, valve
+from tests.support.simulated_plants import RtuMaster, valve
 from valve.errors import ConfigurationError
 
 PATTERN = r"^(?P<value>[-+]?\d+\.\d+)\s*mm"

@@ -13,7 +13,7 @@ import pytest
 from simulator.assembly import SimulatedPlant, reference_unit
 from simulator.clock import ManualClock
 from simulator.listeners import Listener, RtuListener, TcpListener
-from tests.simulator.plants import valve
+from tests.support.simulated_plants import valve
 
 pytestmark = pytest.mark.skipif(shutil.which("mbpoll") is None, reason="mbpoll is not installed")
 

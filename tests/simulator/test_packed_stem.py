@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from simulator.packed_stem import STEP_S, PackedMotion, PackedStem, Truth
-from tests.rough_valves import SEQUENCES, VALVES, sequence
+from tests.support.rough_valves import SEQUENCES, VALVES, sequence
 from valve.effects import EFFECTS, Effect, ValveScale, effect_from_values, with_effects
 from valve.errors import NotFoundError, ParameterError
 from valve.extended_motion import simulate_extended

@@ -18,8 +18,8 @@ from simulator.samples import EndedRecord
 from simulator.sensor import Sensor
 from simulator.simulated_valve import SimulatedValve
 from simulator.transducer import Hunting, Transducer
-from tests.rough_valves import VALVES, case, rough_valve, sequence
-from tests.simulator.plants import POSITION_SPAN_M, PRESSURE_SPAN_PA, RANGE_PA, valve
+from tests.support.rough_valves import VALVES, case, rough_valve, sequence
+from tests.support.simulated_plants import POSITION_SPAN_M, PRESSURE_SPAN_PA, RANGE_PA, valve
 from valve.effects import EFFECTS, Effect, ValveScale
 from valve.errors import ParameterError, WaveformError
 from valve.packing import PACKINGS, Packing

@@ -16,8 +16,8 @@ from simulator.reference_unit import ReferenceUnit
 from simulator.sensor import Sensor
 from simulator.transducer import Transducer
 from simulator.unit import Refusal
-from tests.rough_valves import rough_valve
-from tests.simulator.plants import (
+from tests.support.rough_valves import rough_valve
+from tests.support.simulated_plants import (
     ABORT,
     CAPTURE,
     CAPTURE_STATE,

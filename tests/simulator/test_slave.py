@@ -21,7 +21,7 @@ from simulator.faults import Fault, FaultKind
 from simulator.listeners import Listener, RtuListener, TcpListener
 from simulator.simulated_valve import SimulatedValve
 from simulator.unit import Quantity
-from tests.simulator.plants import (
+from tests.support.simulated_plants import (
     CLAIM,
     CORNERS,
     INDEX,

@@ -6,7 +6,7 @@ import pytest
 from simulator.plant import SoftwareValve
 from simulator.trajectory import Trajectory
 from simulator.transducer import Transducer
-from tests.simulator.plants import valve
+from tests.support.simulated_plants import valve
 
 
 def test_what_is_to_come_is_replaced_and_what_was_is_kept() -> None:

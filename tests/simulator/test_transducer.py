@@ -5,7 +5,7 @@ import pytest
 
 from simulator.plant import SoftwareValve
 from simulator.transducer import CHORD_ERROR_PA, Transducer, lagged, limited, value_at
-from tests.simulator.plants import valve
+from tests.support.simulated_plants import valve
 from valve.errors import ParameterError
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from tests.valve.extended_reference import integrate
+from tests.support.extended_reference import integrate
 from tests.valve.random_valves import DURATION_S, KINDS, random_valve
 from valve.errors import MotionError, ParameterError, WaveformError
 from valve.extended_motion import ExtendedStem, input_corners, simulate_extended

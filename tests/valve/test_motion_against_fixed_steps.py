@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from tests.valve.fixed_step import integrate
+from tests.support.fixed_step import integrate
 from tests.valve.random_valves import DURATION_S, KINDS, RandomValve, random_valve
 from valve.motion import simulate_motion
 

@@ -10,7 +10,7 @@ import pytest
 from discrepancy.rough.diagnose import diagnose
 from discrepancy.rough.result import RoughDiagnosis, Verdict
 from discrepancy.rough.saved_model import SCHEMA, SavedModel
-from tests.rough_valves import VALVES, case
+from tests.support.rough_valves import VALVES, case
 from valve.effects.base import Effect
 from valve.effects.friction_drift import FrictionDrift
 from valve.effects.local_friction import LocalFriction

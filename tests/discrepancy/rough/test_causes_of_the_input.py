@@ -8,7 +8,7 @@ import pytest
 
 from discrepancy.rough.diagnose import diagnose
 from discrepancy.rough.result import RoughDiagnosis, Verdict
-from tests.rough_valves import VALVES, case
+from tests.support.rough_valves import VALVES, case
 from valve.effects.local_friction import LocalFriction
 
 

@@ -18,7 +18,7 @@ from discrepancy.rough.setting import Setting, setting_of
 from estimators.base import Outcome
 from estimators.engine.balance import lag_after_corners
 from estimators.engine.reading import read
-from tests.rough_valves import case
+from tests.support.rough_valves import case
 
 
 @cache

@@ -14,7 +14,7 @@ from discrepancy.rough.result import RoughDiagnosis, Verdict
 from discrepancy.rough.selection import refitted
 from discrepancy.rough.separating import ENOUGH, Planned, separating_test
 from simulator.recorded import recorded
-from tests.rough_valves import HELD_OUT, VALVES, case, rough_valve, sequence
+from tests.support.rough_valves import HELD_OUT, VALVES, case, rough_valve, sequence
 from valve.diagnostic_waveform import diagnostic
 from valve.effects.base import Effect
 from valve.effects.friction_drift import FrictionDrift

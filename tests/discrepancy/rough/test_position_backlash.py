@@ -9,7 +9,7 @@ from discrepancy.rough.causes.position_backlash import PositionBacklash
 from discrepancy.rough.diagnose import diagnose
 from discrepancy.rough.setting import Setting
 from estimators.engine.laws import Where
-from tests.rough_valves import VALVES, case
+from tests.support.rough_valves import VALVES, case
 from valve.effects.position_backlash import PositionBacklash as PlayEffect
 
 

@@ -10,7 +10,7 @@ import pytest
 from discrepancy.rough.diagnose import diagnose
 from discrepancy.rough.result import RoughDiagnosis, Verdict
 from simulator.recorded import recorded
-from tests.rough_valves import VALVES, rough_valve
+from tests.support.rough_valves import VALVES, rough_valve
 from valve.effects.local_friction import LocalFriction
 from valve.nameplate import Signal
 from valve.waveform import Waveform

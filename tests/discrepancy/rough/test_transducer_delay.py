@@ -8,7 +8,7 @@ import pytest
 
 from discrepancy.rough.causes.transducer_delay import beyond_limit, delays
 from discrepancy.rough.diagnose import diagnose
-from tests.rough_valves import case
+from tests.support.rough_valves import case
 
 
 @pytest.mark.parametrize("grade", ["ideal", "usual"])

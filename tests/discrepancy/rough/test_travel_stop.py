@@ -11,7 +11,7 @@ from estimators.base import Outcome
 from estimators.engine.balance import lag_after_corners
 from estimators.engine.reading import read
 from estimators.engine.rows import measured_rows
-from tests.rough_valves import VALVES, RoughCase, case
+from tests.support.rough_valves import VALVES, RoughCase, case
 from valve.effects.stribeck_friction import StribeckFriction
 from valve.effects.travel_stop_high import TravelStopHigh as HighEffect
 

@@ -10,8 +10,8 @@ import pytest
 from estimators.base import Estimator, Outcome, Status
 from estimators.classic.garcia import GarciaEstimator
 from estimators.classic.regression import RegressionEstimator
-from tests.benchmarks import coverage
-from tests.estimators.recordings import recorded
+from tests.bench.benchmarks import coverage
+from tests.support.published_recordings import recorded
 from valve.waveform import Waveform
 
 BOTH: list[Estimator] = [RegressionEstimator(), GarciaEstimator()]

@@ -11,7 +11,7 @@ from estimators.base import Estimate
 from estimators.classic.classic_estimator import ClassicEstimator
 from estimators.classic.garcia import GarciaEstimator
 from estimators.classic.regression import RegressionEstimator
-from tests.estimators.recordings import Recorded, paper_triangle, recorded
+from tests.support.published_recordings import Recorded, paper_triangle, recorded
 from valve.recording import Acquisition, Provenance
 
 PERIOD_S = 5.0e-3

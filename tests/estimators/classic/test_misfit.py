@@ -9,7 +9,7 @@ from estimators.classic import misfit
 from estimators.classic.classic_estimator import ClassicEstimator
 from estimators.classic.garcia import GarciaEstimator
 from estimators.classic.regression import RegressionEstimator
-from tests.estimators.recordings import recorded
+from tests.support.published_recordings import recorded
 from valve.motion import Motion, simulate_motion
 
 METHODS: list[type[ClassicEstimator]] = [RegressionEstimator, GarciaEstimator]

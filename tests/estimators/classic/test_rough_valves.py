@@ -12,8 +12,8 @@ import pytest
 from estimators.base import Estimator, Status
 from estimators.classic.garcia import GarciaEstimator
 from estimators.classic.regression import RegressionEstimator
-from tests.estimators.recordings import Recorded, recorded
-from tests.rough_valves import VALVES, RoughCase, case
+from tests.support.published_recordings import Recorded, recorded
+from tests.support.rough_valves import VALVES, RoughCase, case
 
 BOTH: list[Estimator] = [RegressionEstimator(), GarciaEstimator()]
 JUMPING = ("nominal", "large", "small")

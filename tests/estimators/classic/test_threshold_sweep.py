@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from estimators.base import Status
 from estimators.classic.regression import RegressionEstimator
-from tests.blind.cases import blind_case
+from tests.bench.blind.cases import blind_case
 
 
 def test_regressors_that_are_one_to_the_last_digit_end_no_analysis() -> None:

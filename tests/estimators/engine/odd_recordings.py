@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from tests.rough_valves import case
+from tests.support.rough_valves import case
 from valve.nameplate import Action, Actuator, Nameplate
 from valve.recording import Recording
 

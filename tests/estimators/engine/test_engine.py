@@ -13,7 +13,7 @@ from estimators.engine.balance import balance, driven_blocks, lag_after_corners
 from estimators.engine.engine import RoughFrictionEstimator
 from estimators.engine.reading import Reading, read
 from estimators.engine.rows import measured_rows
-from tests.rough_valves import RoughCase, case
+from tests.support.rough_valves import RoughCase, case
 from valve.nameplate import Action, Actuator, Nameplate
 from valve.packing import drawn_roughness
 from valve.recording import Recording

@@ -9,7 +9,7 @@ from estimators.engine.balance import lag_of_coasting
 from estimators.engine.commanded import passed
 from estimators.engine.engine import RoughFrictionEstimator
 from estimators.engine.force_path import Source, force_path
-from tests.rough_valves import case
+from tests.support.rough_valves import case
 from valve.nameplate import Actuator, Nameplate, Signal
 from valve.recording import Recording
 from valve.waveform import triangle

@@ -14,7 +14,7 @@ from estimators.engine.engine import RoughFrictionEstimator
 from estimators.engine.reading import Reading, read
 from estimators.engine.rows import measured_rows
 from service.analysis.analysis import joined
-from tests.rough_valves import VALVES, RoughCase, case
+from tests.support.rough_valves import VALVES, RoughCase, case
 from valve.effects.travel_stop_high import TravelStopHigh
 from valve.effects.travel_stop_low import TravelStopLow
 

@@ -18,7 +18,7 @@ from estimators.engine.noise import PositionNoise
 from estimators.engine.parameters import GLOBALS, Known, prior_of
 from estimators.engine.reading import read
 from estimators.engine.sections import sections_of
-from tests.rough_valves import case
+from tests.support.rough_valves import case
 from valve.effects import Effect
 from valve.effects.spring_hardening import SpringHardening
 from valve.effects.travel_stop_high import TravelStopHigh

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimators.engine.reading import Reading, read
-from tests.rough_valves import RoughCase, case
+from tests.support.rough_valves import RoughCase, case
 
 _NEAR_S = 0.06  # an instant that far from a true one is another
 

@@ -9,7 +9,7 @@ from estimators.engine.engine import RoughFrictionEstimator
 from estimators.engine.reading import Reading, read
 from estimators.engine.rows import measured_rows
 from estimators.engine.slips import balance_of_slips
-from tests.rough_valves import RoughCase, case
+from tests.support.rough_valves import RoughCase, case
 
 
 def _read(made: RoughCase) -> Reading:

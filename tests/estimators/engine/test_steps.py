@@ -14,8 +14,8 @@ from estimators.engine.brackets import Brackets, static_friction_between
 from estimators.engine.roughness import Roughness, roughness_prior
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from simulator.recorded import recorded as played
-from tests.estimators.recordings import Recorded, recorded
-from tests.rough_valves import rough_valve
+from tests.support.published_recordings import Recorded, recorded
+from tests.support.rough_valves import rough_valve
 from valve.parameters import TravelStops
 from valve.waveform import steps
 

@@ -20,7 +20,7 @@ from tests.estimators.in_service.records import (
     Noise,
     record,
 )
-from tests.loops import Loop, loop
+from tests.support.loops import Loop, loop
 
 SCALE = Scale(TRAVEL_M, AREA_M2)
 SILENT = Noise(0.0, 0.0)

@@ -10,7 +10,7 @@ import pytest
 
 from estimators.signature.figures import FIELDS, Signature
 from estimators.signature.measure import measure_signature
-from tests.estimators.recordings import VALVES, Recorded, recorded
+from tests.support.published_recordings import VALVES, Recorded, recorded
 from valve.effects import EFFECTS, ValveScale, with_effects
 from valve.extended_motion import simulate_extended
 from valve.extended_valve import ExtendedValve

@@ -12,8 +12,8 @@ from estimators.signature.bands import stiction
 from estimators.signature.measure import measure_signature
 from estimators.signature.scatter import Measured
 from estimators.signature.span import Span
-from tests.benchmarks.signature import truth
-from tests.estimators.recordings import VALVES, Recorded, recorded
+from tests.bench.benchmarks.signature import truth
+from tests.support.published_recordings import VALVES, Recorded, recorded
 from valve.motion import simulate_motion
 from valve.parameter_sets import parameter_set
 from valve.recording import Recording

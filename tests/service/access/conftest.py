@@ -10,8 +10,8 @@ from sqlalchemy import Engine
 
 from service.config.settings import load_plant
 from service.store.database import open_database
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.running_service import running_service
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.running_service import running_service
 
 
 class Clock:

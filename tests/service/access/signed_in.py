@@ -16,8 +16,8 @@ from service.access.tokens import TOKEN_ROLES
 from service.cli.accounts import accounts
 from service.config.settings import load_plant
 from tests.service.conftest import PLANT
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.running_service import running_service
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.running_service import running_service
 
 PASSWORD = "stem packing seat 7"
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from service.access.principal import Role
 from service.audit.verify import entries_of
 from tests.service.access.signed_in import Served, body_of, signed_in
-from tests.service.problem import assert_problem
+from tests.support.problem import assert_problem
 
 RUN = {"valve": "FV-101", "sequence": "triangle"}
 

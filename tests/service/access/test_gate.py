@@ -17,10 +17,10 @@ from service.cli.accounts import accounts
 from service.config.settings import load_plant
 from tests.service.access.signed_in import PASSWORD, Served, body_of, signed_in
 from tests.service.conftest import PLANT
-from tests.service.fake_rig import FakeAnalyst, FakeRig
-from tests.service.in_process import app_of
-from tests.service.problem import assert_problem
-from tests.service.running_service import running_application, running_service
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.in_process import app_of
+from tests.support.problem import assert_problem
+from tests.support.running_service import running_application, running_service
 
 RUN = {"valve": "FV-101"}
 

@@ -30,13 +30,13 @@ from service.parts import Parts
 from simulator.assembly import SimulatedPlant
 from simulator.record import Event, Happening
 from tests.service.access.signed_in import PASSWORD, body_of, signed_in
-from tests.service.databases import postgresql_database
-from tests.service.fake_rig import FakeAnalyst
-from tests.service.in_process import app_of
-from tests.service.problem import assert_problem
-from tests.service.running_service import running_application
-from tests.service.wired_plant import SAFE_PA, TAG, asked_pa, wired_plant
-from tests.stopwatch import Stopwatch
+from tests.support.databases import postgresql_database
+from tests.support.fake_rig import FakeAnalyst
+from tests.support.in_process import app_of
+from tests.support.problem import assert_problem
+from tests.support.running_service import running_application
+from tests.support.stopwatch import Stopwatch
+from tests.support.wired_plant import SAFE_PA, TAG, asked_pa, wired_plant
 
 LONG = {"valve": TAG, "overrides": {"cycles": 10, "period_s": 20.0, "low_pa": 30_000.0, "high_pa": 40_000.0}}
 ON_THE_WIRE_S = 0.05  # asked of a stop, beside the transaction under way

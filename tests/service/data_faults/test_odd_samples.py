@@ -10,7 +10,7 @@ import pytest
 from service.analysis.analysis import analyze_recordings
 from service.analysis.data_faults.fault import DataFault
 from service.analysis.data_faults.odd_samples import without_odd_samples_of
-from tests.service.recordings import NOMINAL, recorded, sine_test, triangle_test
+from tests.support.nominal_recordings import NOMINAL, recorded, sine_test, triangle_test
 from valve.parameter_sets import PARAMETER_SETS
 from valve.recording import FloatArray, Recording
 from valve.waveform import triangle

@@ -23,10 +23,10 @@ from service.model.past_test import Baseline, PastTest
 from service.model.run import Run, RunState, new_run_id
 from service.shown.forecast import Forecast, all_forecasts, forecasts_of
 from service.store.store import Store
-from tests.benchmarks.trends import CHOSEN, METHODS, back_tested, drawn, is_forecast, is_up
-from tests.service.fake_rig import FakeAnalyst, FakeRig
+from tests.bench.benchmarks.trends import CHOSEN, METHODS, back_tested, drawn, is_forecast, is_up
 from tests.service.health.analyses import FACTS, LIMITS, analysis
-from tests.service.running_service import running_service
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.running_service import running_service
 from valve.recording import FloatArray
 
 NOW = datetime(2026, 11, 21, 3, 15, tzinfo=UTC)

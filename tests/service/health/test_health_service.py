@@ -13,10 +13,10 @@ import pytest
 
 from service.config.settings import Plant, load_plant
 from service.model.health_limits import HealthLimits
-from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.health.analyses import SPOT, analysis, named
-from tests.service.problem import assert_problem
-from tests.service.running_service import running_service
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.problem import assert_problem
+from tests.support.running_service import running_service
 from valve.errors import ConfigurationError
 
 RUN = {"valve": "FV-101", "sequence": "triangle"}

@@ -22,10 +22,10 @@ from service.config.settings import load_plant
 from service.model.run import Run, RunState
 from service.store.store import open_store
 from tests.service.conftest import PLANT
-from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.health.test_health_service import Found
-from tests.service.running_service import running_service
 from tests.service.test_metrics import samples
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.running_service import running_service
 from valve.errors import ConfigurationError
 
 BROKER = ("127.0.0.1", 1883)

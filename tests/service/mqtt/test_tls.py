@@ -17,10 +17,10 @@ from structlog.testing import capture_logs
 
 from service.config.settings import load_plant
 from tests.service.conftest import PLANT
-from tests.service.fake_rig import FakeAnalyst, FakeRig
 from tests.service.mqtt.broker import authority, broker, certificate, why_no_broker
-from tests.service.running_service import running_service
 from tests.service.test_metrics import samples
+from tests.support.fake_rig import FakeAnalyst, FakeRig
+from tests.support.running_service import running_service
 
 pytestmark = pytest.mark.skipif(bool(why_no_broker()), reason=why_no_broker() or "all are there")
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from tests.valve.extended_reference import integrate
+from tests.support.extended_reference import integrate
 from valve.effects import EFFECTS, ValveScale
 from valve.extended_motion import simulate_extended
 from valve.extended_state import ExtendedState

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from tests.valve.extended_reference import integrate
+from tests.support.extended_reference import integrate
 from valve.extended_motion import simulate_extended
 from valve.extended_valve import ExtendedValve, FrictionSlots
 from valve.parameter_sets import parameter_set
