@@ -200,6 +200,8 @@ class Motion:
 
     async def left(self) -> tuple[Left, ...]:
         """Return the motions that go on, and those whose end was not fetched."""
+        if self._removing:
+            await asyncio.wait(self._removing)
         here = {run_id: Left(one.order, one.is_over) for run_id, one in self._carried.items()}
         spooled = await asyncio.to_thread(self._spool.all)
         return tuple({**{one.order.run_id: one for one in spooled}, **here}.values())

@@ -32,7 +32,7 @@ from service.runs.recovery import shown_commanded
 from service.runs.stem_looks import Rest, StemLooks
 from service.store.store import Store
 from service.workers.polling import Polling
-from valve.errors import InternalError, ValveError
+from valve.errors import InternalError, MeasurementError, ValveError
 
 _LOG = structlog.get_logger(__name__)
 _OF_SERVICE: Final = ("disk", "last_test")
@@ -260,6 +260,10 @@ class Life:
                 _LOG.warning("connection to the motion process lost", test=order.run_id, error=str(error))
                 await motion.connect(_BACK_S)
                 if all(one.order.run_id != order.run_id for one in await motion.left()):
+                    if await asyncio.to_thread(shown_commanded, self._store, self._live.run) is False:
+                        raise MeasurementError(
+                            f"{order.tag}: the motion process ended before it moved the valve: repeat the test"
+                        ) from error
                     raise
                 rejoined = True
 

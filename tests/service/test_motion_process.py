@@ -134,6 +134,7 @@ async def test_an_end_that_nobody_heard_outlives_the_motion_process_too(plant: P
     assert end.outcome.recording is not None
     assert end.outcome.recording.position_m.tolist() == played.outcome.recording.position_m.tolist()
     second.forget(ID)
+    assert await second.left() == ()
     with pytest.raises(NotFoundError):
         await second.rejoin(ID)
 

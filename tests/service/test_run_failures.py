@@ -380,7 +380,7 @@ async def test_a_stop_and_a_shutdown_are_heard_while_a_capture_is_uploaded(
 ) -> None:
     rig = FakeRig()
 
-    async def play(_: Order, watcher: Watcher, stop: asyncio.Event) -> PlayOutcome:
+    async def play(_: ValveWiring, __: Order, watcher: Watcher, stop: asyncio.Event, ___: Any) -> PlayOutcome:
         watcher.on_commanded()
         watcher.on_progress(0.9, "uploading")
         rig.moving.set()
@@ -406,7 +406,7 @@ async def test_progress_stays_where_a_test_was_stopped_and_its_notes_are_kept(
 ) -> None:
     rig = FakeRig()
 
-    async def play(order: Order, watcher: Watcher, stop: asyncio.Event) -> PlayOutcome:
+    async def play(_: ValveWiring, order: Order, watcher: Watcher, stop: asyncio.Event, __: Any) -> PlayOutcome:
         watcher.on_progress(0.2, "playing")
         rig.moving.set()
         await stop.wait()
