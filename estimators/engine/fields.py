@@ -59,6 +59,23 @@ class Fields:
         )
         return np.concatenate([along, in_time]), touched
 
+    def within(self, spans_s: list[tuple[float, float]]) -> Fields:
+        """Return the fields with the knots in time in these spans alone: an Ornstein-Uhlenbeck process on fewer knots.
+
+        What is said of the friction there is the same.
+        """
+        if self.roughness is None:
+            return self
+        inside = np.any([(self.time_s >= first) & (self.time_s <= last) for first, last in spans_s], axis=0)
+        return fields_on(self.travel_m, self.time_s[inside], self.roughness, self.smoothness)
+
+    def taken_from(self, fewer: Fields, values: FloatArray) -> FloatArray:
+        """Return values from those of the fields on fewer knots in time, straight lines between them."""
+        if self.time_s.size == fewer.time_s.size:
+            return values
+        travel = 2 * self.travel_m.size
+        return np.concatenate([values[:travel], np.interp(self.time_s, fewer.time_s, values[travel:])])
+
     def friction_n(self, path_m: FloatArray, time_s: FloatArray, direction: int, values: FloatArray) -> FloatArray:
         """Return what friction with these values has beside its mean at places and times, N, shape (n,)."""
         travel = self.travel_m.size

@@ -424,7 +424,12 @@ def explored(
     count = model.sections.count
     chosen = np.unique(np.linspace(0, count - 1, min(count, _TRIED_SECTIONS)).astype(np.int64))
     some, some_paths = model.only(chosen), [paths[number] for number in chosen]
-    few = replace(unknowns, began_s=unknowns.began_s[chosen], rest_m=unknowns.rest_m[chosen])
+    few = replace(
+        unknowns,
+        fields=np.zeros(some.fields.count),
+        began_s=unknowns.began_s[chosen],
+        rest_m=unknowns.rest_m[chosen],
+    )
     starts = [
         _with_times(few, slow_s, quick_s, filter_s)
         for quick_s, filter_s in ((0.002, 0.004), (0.004, 0.0005), (0.3 * slow_s, 0.02))
@@ -449,8 +454,10 @@ def explored(
         if chosen.size == count:
             return annealed(one.model, one.unknowns, one.paths, HEATS[-1:], prior=prior)
         few = one.unknowns
-        start = replace(unknowns, parameters=few.parameters, fields=few.fields, laws=few.laws)
-        return annealed(one.model.of_all(model.sections), start, paths, heats, prior=prior)
+        fields = model.fields.taken_from(one.model.fields, few.fields)
+        start = replace(unknowns, parameters=few.parameters, fields=fields, laws=few.laws)
+        whole = replace(one.model, sections=model.sections, fields=model.fields)
+        return annealed(whole, start, paths, heats, prior=prior)
 
     best = on_all(kept[0])
     whole = [best]

@@ -23,7 +23,7 @@ from estimators.engine.noise import PositionNoise
 from estimators.engine.parameters import FC, FO, FS, GLOBALS, LEAD, LN_DV, LN_FILTER, LN_K, LN_M, LN_V, Prior
 from estimators.engine.sections import Section, Sections
 from estimators.engine.settings import USUAL, Settings
-from estimators.engine.whitening import gather, whitened
+from estimators.engine.whitening import gather, surprises, whitened
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -137,12 +137,11 @@ class Model:
 
     def only(self, chosen: IntArray) -> Model:
         """Return the model of these sections alone."""
-        sections = Sections(tuple(self.sections.sections[number] for number in chosen), self.sections.step_s)
-        return replace(self, sections=sections)
-
-    def of_all(self, sections: Sections) -> Model:
-        """Return the model of all these sections."""
-        return replace(self, sections=sections)
+        some = tuple(self.sections.sections[number] for number in chosen)
+        if len(some) == self.sections.count:
+            return self
+        spans_s = [(float(section.time_s[0]), float(section.time_s[-1])) for section in some]
+        return replace(self, sections=Sections(some, self.sections.step_s), fields=self.fields.within(spans_s))
 
     def measured_paths(self) -> list[Path]:
         """Paths as they were measured."""
@@ -477,34 +476,34 @@ class Model:
         """
         if not self.settings.recoloured:
             return self
-        left = self._left(unknowns, paths)
-        best, best_cost = self, math.inf
+        sections = self.sections.sections
+        left = np.concatenate(self._left(unknowns, paths))
+        times_s = np.concatenate([section.time_s[section.row] for section in sections])
+        white = self.noise.white_m**2 / np.concatenate([section.rows for section in sections])
+        firsts = np.cumsum([0, *(section.row.size for section in sections)])
+        best, best_cost = self.noise, math.inf
         floor_m = max(self.at_rest.coloured_m, 0.03 * self.at_rest.white_m)
         for size_m in floor_m * np.geomspace(1.0, _MOST_COLOURED, _COLOURED_SIZES):
             for time_s in _COLOURED_TIMES_S:
-                one = replace(self, noise=replace(self.noise, coloured_m=float(size_m), coloured_s=time_s), heat=1.0)
-                cost = 0.0
-                for section, line in zip(self.sections.sections, left, strict=True):
-                    white, logarithms = one._whitened(section, line)
-                    cost += float((white**2).sum()) + logarithms
+                cost = surprises(times_s, left, white, firsts, size_m**2, time_s)
                 if cost < best_cost:
-                    best, best_cost = one, cost
-        return best
+                    best, best_cost = replace(self.noise, coloured_m=float(size_m), coloured_s=time_s), cost
+        return replace(self, noise=best, heat=1.0)
 
     def _left(self, unknowns: Unknowns, paths: list[Path]) -> list[FloatArray]:
-        """Residuals of each section's rows, m, shape (1, rows)."""
+        """Residuals of each section's rows, m, shape (rows,)."""
         left = []
         steps = self._steps(unknowns)
         for number, path in enumerate(paths):
             sensed_m = self._follow(number, steps, self._force(number, unknowns, path), unknowns)[2]
-            left.append(self._off(number, unknowns, path, sensed_m)[None, :])
+            left.append(self._off(number, unknowns, path, sensed_m))
         return left
 
     def residual_rms(self, unknowns: Unknowns, paths: list[Path]) -> float:
         """Root mean square of measured minus modelled position, the fields and rests as found, m."""
         left = self._left(unknowns, paths)
         weight = np.concatenate([section.rows for section in self.sections.sections])
-        return float(np.sqrt(weight @ np.concatenate(left, axis=1)[0] ** 2 / weight.sum()))
+        return float(np.sqrt(weight @ np.concatenate(left) ** 2 / weight.sum()))
 
     def breakaway_residuals(self, unknowns: Unknowns, paths: list[Path]) -> FloatArray:
         """Residuals of the breakaways' forces, N, shape (n,)."""

@@ -5,6 +5,7 @@ friction's fields shows in the rows near it alone, so that most products of two 
 """
 
 # mypy: allow-untyped-defs
+# ruff: noqa: PLR0917 - kernels take flat numbers in order
 from __future__ import annotations
 
 from typing import Final
@@ -85,3 +86,26 @@ def gather(white, numbers, normal, right):
             right[at] += product[one, 0]
             for other in range(1, lines):
                 normal[at, numbers[chosen[other] - 1]] += product[one, other]
+
+
+@njit(cache=True, error_model="numpy")
+def surprises(time_s, line, white, firsts, coloured, coloured_s):
+    """Minus twice the logarithm of the likelihood of a line of rows, but for a constant, as ``whitened`` has it.
+
+    ``firsts`` are the first rows of sections whose noise does not know of each other, and the number of rows.
+    """
+    total = 0.0
+    for section in range(firsts.size - 1):
+        variance, level = coloured, 0.0
+        for row in range(firsts[section], firsts[section + 1]):
+            if row > firsts[section]:
+                fades = np.exp(-(time_s[row] - time_s[row - 1]) / coloured_s)
+                variance = coloured + fades * fades * (variance - coloured)
+                level *= fades
+            whole = variance + white[row]
+            gain = variance / whole
+            away = line[row] - level
+            total += away * away / whole + np.log(whole)
+            level += gain * away
+            variance -= gain * variance
+    return total

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from estimators.engine.fields import fields_on
 from estimators.engine.roughness import ROUGH, Roughness
-from estimators.engine.whitening import gather, whitened
+from estimators.engine.whitening import gather, surprises, whitened
 
 _COLOURED, _COLOURED_S = 4.0e-12, 0.02
 
@@ -45,6 +47,16 @@ def test_gathered_products_are_those_of_all_slopes() -> None:
     assert normal[np.ix_(numbers, numbers)] == pytest.approx(out[1:] @ out[1:].T, rel=1.0e-9, abs=1.0e-9)
     assert right[numbers] == pytest.approx(out[1:] @ out[0], rel=1.0e-9, abs=1.0e-9)
     assert not normal[[1, 3, 6]].any()
+
+
+def test_several_sections_are_as_likely_as_each_by_itself() -> None:
+    time_s, white, lines = _rows()
+    firsts = np.array([0, 70, 130, 200])
+    whole = 0.0
+    for first, end in pairwise(firsts.tolist()):
+        out, logarithms = whitened(time_s[first:end], lines[:1, first:end], white[first:end], _COLOURED, _COLOURED_S)
+        whole += float((out**2).sum()) + logarithms
+    assert surprises(time_s, lines[0], white, firsts, _COLOURED, _COLOURED_S) == pytest.approx(whole, rel=1.0e-12)
 
 
 def test_the_friction_of_a_path_is_that_of_the_shares_of_its_knots() -> None:
