@@ -22,6 +22,7 @@ WAITING: Final = (
     "tests/service/mqtt/",
     "tests/service/test_durable_nights.py",
     "tests/service/test_http_protocol.py",
+    "tests/service/test_reanalyses.py",
     "tests/service/test_stem_looks.py",
     "tests/service/test_wired.py",
 )

@@ -432,31 +432,42 @@ class Runs:
         way, RequestError where its motion did not end well: such a recording is no whole test.
         """
         async with self._analysing:
-            run = await self.get(run_id)
-            if not run.state.finished or self._closing:
-                why = "the service is shutting down" if self._closing else f"test {run.id} is {run.state.value}"
-                raise BusyError(f"{run.valve}: {why}: repeat the request later")
-            valve = self.valve(run.valve)
-            if not can_be_analysed(run):
-                raise RequestError(
-                    f"test {run.id} is {run.state.value} and has no whole recording of a motion that ended well: "
-                    "repeat the test, or take what there is of its recording to breakaway analyze"
-                )
-            recording_of(run, self._plant, self._store)
+            run, valve = await self._analysable(run_id)
             if self._audit is not None:
                 append = partial(self._audit.append, "analysis.repeated", valve=run.valve, test=run.id)
                 former = {"was": run.state.value, "error": run.error}
                 await asyncio.to_thread(append, who=requester.name, details=former)
             return await self._begin_analysis(run, valve, by=requester.name)
 
-    async def _begin_analysis(self, run: Run, valve: PlantValve, *, by: str) -> Run:
+    async def analyze_behind(self, run_id: str, by: str) -> Run:
+        """Do as ``analyze``, behind whatever else is to be analysed; whoever asked for many tests is noted once."""
+        async with self._analysing:
+            run, valve = await self._analysable(run_id)
+            return await self._begin_analysis(run, valve, by=by, behind=True)
+
+    async def _analysable(self, run_id: str) -> tuple[Run, PlantValve]:
+        """Return a test whose recording may be analysed anew now, with its valve. Raises as ``analyze``."""
+        run = await self.get(run_id)
+        if not run.state.finished or self._closing:
+            why = "the service is shutting down" if self._closing else f"test {run.id} is {run.state.value}"
+            raise BusyError(f"{run.valve}: {why}: repeat the request later")
+        valve = self.valve(run.valve)
+        if not can_be_analysed(run):
+            raise RequestError(
+                f"test {run.id} is {run.state.value} and has no whole recording of a motion that ended well: "
+                "repeat the test, or take what there is of its recording to breakaway analyze"
+            )
+        recording_of(run, self._plant, self._store)
+        return run, valve
+
+    async def _begin_analysis(self, run: Run, valve: PlantValve, *, by: str, behind: bool = False) -> Run:
         # These fields alone: after a restart the stem is looked at meanwhile, and what was seen of it stays.
         changed = await asyncio.to_thread(self._store.runs.change, run.id, begun_again(run))
         live = self._live.begin(changed)
         live.at_rest.set()
         live.motion_ended.set()
         about = {"by": by, "at": datetime.now(UTC).isoformat(), "software": self._software}
-        work = analyse_again(live, valve, self._store, self._analyst, about=about)
+        work = analyse_again(live, valve, self._store, self._analyst, about=about, behind=behind)
         self._carrying[run.id] = self._tasks.spawn(work)
         return changed
 
