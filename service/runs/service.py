@@ -21,7 +21,7 @@ from service.model.acknowledgement import acknowledged, ended_badly, is_moving
 from service.model.requester import LOCAL, Requester
 from service.model.run import Label, Run, RunState, checked_run_id, new_run_id
 from service.model.sequences import choose_waveform
-from service.model.until import as_asked, read_until
+from service.model.until import SEPARATING, until_of
 from service.recordings.place import recording_of
 from service.runs.again import analyse_again, begun_again, can_be_analysed
 from service.runs.analyst import Analyst
@@ -34,7 +34,7 @@ from service.runs.live_estimates import Estimator, LiveEstimates
 from service.runs.permission import Permission
 from service.runs.recovery import Recovery
 from service.runs.rig import Order, Rig
-from service.runs.separating import SEPARATING, check_name, separating_of
+from service.runs.separating import check_name, separating_of
 from service.runs.stem_looks import StemLooks
 from service.runs.tasks import Tasks
 from service.store.run_table import RunFilter
@@ -47,24 +47,6 @@ _SOON_S: Final = 1.0  # whoever asks so shortly before a stem is looked at waits
 _LOOK_S: Final = 0.01
 _END_TOLD_S: Final = 1.0  # a stop that is carried out is answered so much later at most
 _STORE_AGAIN_S: Final = 2.0  # a look at the disk costs nothing, and somebody may be freeing it
-
-
-def _until_of(valve: PlantValve, sequence: str | None, until: Mapping[str, Any] | None) -> Mapping[str, str] | None:
-    """Return what a test is to know to end early. Raises RequestError where it cannot end so."""
-    tag = valve.nameplate.tag
-    wish = read_until(tag, until)
-    if wish is None:
-        return None
-    if sequence == SEPARATING:
-        raise RequestError(
-            f"{tag}: sequence {SEPARATING} takes no until, as causes are separated by all of it: drop it"
-        )
-    if valve.wiring.acquisition.mode is not Mode.POLLED:
-        raise RequestError(
-            f"{tag}: until needs a polled test, acquisition.mode is {valve.wiring.acquisition.mode.value} and its "
-            "device plays to the end: say acquisition.mode = polled in plant.toml, or drop until"
-        )
-    return as_asked(wish)
 
 
 class Runs:
@@ -146,7 +128,7 @@ class Runs:
         """
         valve = self.valve(tag)
         self._check_gateway(tag)
-        wish = _until_of(valve, sequence, until)
+        wish = until_of(tag, valve.wiring.acquisition.mode, sequence, until)
         together: tuple[str, ...] = ()
         if sequence is not None:
             check_name(sequence)

@@ -1,4 +1,4 @@
-"""Re-analyses that were asked for, and what became of each of their tests."""
+"""Re-analyses and what became of each of their tests; what a nightly check is to know to end early."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ depends_on = None
 
 
 def upgrade() -> None:
-    """Make both tables."""
+    """Make both tables, and the column; earlier checks played their whole sequence."""
+    op.add_column("schedule_runs", sa.Column("until", sa.JSON(none_as_null=True)))
     op.create_table(
         "reanalyses",
         sa.Column("id", sa.Integer(), autoincrement=True, nullable=False),
@@ -50,6 +51,7 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
-    """Drop both."""
+    """Drop all three."""
     op.drop_table("reanalysed_tests")
     op.drop_table("reanalyses")
+    op.drop_column("schedule_runs", "until")
