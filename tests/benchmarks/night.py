@@ -16,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import zlib
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,6 +29,7 @@ import structlog
 from rich.table import Table
 from sqlalchemy import Engine, text
 
+from service.analysis.analysis import analyze_recordings
 from service.app import create_app
 from service.cli.demo_plant import free_ports
 from service.config.settings import load_plant
@@ -35,8 +37,10 @@ from service.model.check import Check, CheckState
 from service.store.database import open_database
 from service.store.run_table import RunTable
 from service.store.schedule_run_table import ScheduleRunTable
+from service.workers.warm_up import warm_up
 from tests.benchmarks.processor import used_by_role_s
 from tests.plants import bus_text, service_text, valve_text
+from tests.rough_valves import case as rough_case
 from tests.service.databases import postgresql_database, why_no_server
 from tests.service.fake_rig import FakeAnalyst
 
@@ -48,6 +52,8 @@ _KILLED: Final = 1  # which of the gateways
 _KILLED_AT: Final = 0.4  # of its checks, once so many have ended
 _LONGEST_S: Final = 3600.0
 _LOOK_S: Final = 0.5
+_POLLED_S: Final = 0.01
+_PATIENCE_S: Final = 20.0  # all gateways and valves share this machine: a process may wait for its turn
 _TOLD_S: Final = 30.0
 _ENDS: Final = (datetime(1970, 1, 1, tzinfo=UTC), datetime(2100, 1, 1, tzinfo=UTC))
 
@@ -70,7 +76,8 @@ def _write(folder: Path, url: str, valves: int) -> _Plant:
     ports = free_ports(buses)
     named = "".join(f'[[gateways]]\nname = "g{one}"\nurl = "http://127.0.0.1:{one + 1}"\n' for one in range(GATEWAYS))
     plant = "".join(
-        bus_text(f"b{bus}", ports[bus], f'gateway = "g{bus % GATEWAYS}"\ntimeout_s = 5.0') for bus in range(buses)
+        bus_text(f"b{bus}", ports[bus], f'gateway = "g{bus % GATEWAYS}"\ntimeout_s = {_PATIENCE_S}')
+        for bus in range(buses)
     )
     for number in range(valves):
         simulation = f'[valves.simulation]\nparameter_set = "nominal"\nposition_noise_m = 5.0e-6\nseed = {number}\n'
@@ -80,6 +87,7 @@ def _write(folder: Path, url: str, valves: int) -> _Plant:
             number % _VALVES_A_BUS + 1,
             rate_pa_per_s=60000.0,
             period_s=0.01,
+            watchdog_s=_PATIENCE_S,
             more=simulation,
         )
     plant += f"""
@@ -213,8 +221,12 @@ def _sizes(engine: Engine, plant: _Plant, tests: int) -> list[tuple[str, str]]:
     return found
 
 
-def run(valves: int | None = None) -> Table:
-    """Return what became of a night; a number is that of valves."""
+def run(valves: int | None = None) -> list[Table]:
+    """Return what one test takes, and what became of a night of many; a number is that of valves."""
+    return [_test(), _of_night(valves)]
+
+
+def _of_night(valves: int | None) -> Table:
     count = VALVES if valves is None else valves
     table = Table("what", "measured", title=f"a night of {count:,} valves, {GATEWAYS} gateways, one of them killed")
     if why_no_server():
@@ -256,6 +268,25 @@ def run(valves: int | None = None) -> Table:
         ]
         for row in rows:
             table.add_row(*row)
+    return table
+
+
+def _test() -> Table:
+    """Return what the analysis of a real test takes on one core, and the size of its document."""
+    table = Table(
+        *("valve", "recording", "rows", "analysis, processor s", "its document, bytes", "compressed (zlib 1), bytes"),
+        title="the analysis of one multi-rate test (58 s) of a valve with a usual packing",
+    )
+    warm_up()
+    for valve in ("nominal", "large"):
+        for period_s in (0.001, 0.02):
+            one = rough_case(valve, "multi_rate", "usual", period_s, seed=1)
+            began_s = time.process_time()
+            document = json.dumps(analyze_recordings([one.recording], one.nameplate)).encode()
+            took_s = time.process_time() - began_s
+            how = "captured, 1 kHz" if period_s < _POLLED_S else "polled, 50 Hz"
+            sizes = (f"{len(document):,}", f"{len(zlib.compress(document, 1)):,}")
+            table.add_row(valve, how, f"{one.recording.samples:,}", f"{took_s:.1f}", *sizes)
     return table
 
 
