@@ -15,6 +15,7 @@ from service.health.staleness import Staleness
 from service.meters import Meters
 from service.recordings.conversion import Converter
 from service.runs.analyst import Analyst
+from service.runs.reanalyses import Reanalyses
 from service.runs.service import Runs
 from service.schedules.nightly import Nightly
 from service.store.store import Store
@@ -35,6 +36,7 @@ class Parts:
     nightly: Nightly
     staleness: Staleness
     meters: Meters
+    reanalyses: Reanalyses
     drawer: Drawer = field(default_factory=Drawer)
     earlier: EarlierResults = field(default_factory=EarlierResults)
 

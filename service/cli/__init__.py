@@ -29,6 +29,7 @@ COMMANDS: Final = {
     "schedule": "The coming night valve by valve, or a schedule run at once.",
     "plan": "What a test would tell of a valve, by sequence, before anything moves.",
     "analyze": "Estimates from recordings that exist already, with no service or device.",
+    "reanalyze": "Stored recordings of a time analysed anew by a running service.",
     "watch": "Friction, dead band and travel from a historian's or logger's file; without a stem, whether to test.",
     "export": "Tests out of the store as CSV, Parquet or MAT, with no service.",
     "backup": "All that the store holds in one file, while the service runs or not.",

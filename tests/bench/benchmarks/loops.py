@@ -1,7 +1,7 @@
 """Loops without a stem position: which are told to have a sticking valve, by four methods on the same records.
 
-Flow, level and temperature loops of ``tests.support.control_loops``, with a sticking valve and with what looks like one. Each
-method is asked where the same detector saw an oscillation and the output keeps off its ends: the cross-correlation of
+Flow, level and temperature loops of ``tests.support.control_loops``, with a sticking valve and with what looks like one.
+Each method is asked where the same detector saw an oscillation and the output keeps off its ends: the cross-correlation of
 Horch (1999), Control Eng. Practice 7, 1221-1231; the curve fit of He, Wang, Pottmann & Qin (2007), Ind. Eng. Chem. Res.
 46, 4549-4560, as published, which is told what the process is; the relay fit of Rossi & Scali (2005), J. Process
 Control 15, 505-513; and what the product does, ``estimators.loop_stiction``. The number after the name is that of the
@@ -20,7 +20,7 @@ from scipy import signal
 
 from estimators.loop_stiction.oscillation import HalfCycle
 from estimators.loop_stiction.verdict import Answer, LoopVerdict, judged_loop
-from tests.bench.benchmarks.parallel import each
+from tests.bench.parallel import each
 from tests.support.control_loops import PROCESSES, ControlLoop, Kind, control_loop
 from valve.errors import ValveError
 from valve.recording import FloatArray
