@@ -1,11 +1,12 @@
 """Loops without a stem position: which are told to have a sticking valve, by four methods on the same records.
 
 Flow, level and temperature loops of ``tests.support.control_loops``, with a sticking valve and with what looks like
-one. Each method is asked where the same detector saw an oscillation and the output keeps off its ends: the cross-
-correlation of Horch (1999), Control Eng. Practice 7, 1221-1231; the curve fit of He, Wang, Pottmann & Qin (2007),
+one. Each method is asked where the same detector saw an oscillation and the output keeps off its ends: the
+cross-correlation of Horch (1999), Control Eng. Practice 7, 1221-1231; the curve fit of He, Wang, Pottmann & Qin (2007),
 Ind. Eng. Chem. Res. 46, 4549-4560, as published, which is told what the process is; the relay fit of Rossi & Scali
 (2005), J. Process Control 15, 505-513; and what the product does, ``estimators.loop_stiction``. The number after the
-name is that of the loops of each kind and process. """
+name is that of the loops of each kind and process.
+"""
 
 from __future__ import annotations
 
