@@ -40,6 +40,7 @@ from service.routes.health import router as health_routes
 from service.routes.metrics import router as metrics_routes
 from service.routes.models import router as model_routes
 from service.routes.openapi import openapi_of
+from service.routes.reanalyses import router as reanalysis_routes
 from service.routes.recordings import router as recording_routes
 from service.routes.reload import router as reload_routes
 from service.routes.report import router as report_routes
@@ -49,6 +50,7 @@ from service.routes.schedules import router as schedule_routes
 from service.routes.valves import router as valve_routes
 from service.runs.analyst import Analyst
 from service.runs.estimate_worker import EstimateWorker
+from service.runs.reanalyses import Reanalyses
 from service.runs.renewal import Renewal
 from service.runs.service import Runs
 from service.schedules.house import nights
@@ -111,8 +113,10 @@ def create_app(
         access = access_of(opened.engine, plant.service.access, audit)
         nightly = Nightly(plant, opened, runs)
         stale = Staleness(plant)
+        at_once = pool.most_behind if pool is not None else 1
+        reanalyses = Reanalyses(plant, opened, runs, software=software, audit=audit, at_once=at_once)
         app.state.parts = Parts(
-            plant, opened, runs, chosen, converter, VERSION, access, audit, nightly, stale, meters, motion
+            plant, opened, runs, chosen, converter, VERSION, access, audit, nightly, stale, meters, motion, reanalyses
         )
         try:
             await asyncio.to_thread(note_start, audit, plant, software)
@@ -125,7 +129,7 @@ def create_app(
             renewal = Renewal(plant, opened, runs)
             async with (
                 mqtt_of(plant, opened, stale) as app.state.mqtt,
-                nights(nightly, plant, opened, runs),
+                nights(nightly, reanalyses, plant, opened, runs),
                 stoppers_known(runs.any_under_way, access.note_known),
             ):
                 renewal.start()
@@ -172,6 +176,7 @@ def create_app(
         health_routes,
         valve_routes,
         schedule_routes,
+        reanalysis_routes,
         reload_routes,
         session_routes,
         access_routes,

@@ -16,6 +16,7 @@ from service.health.staleness import Staleness
 from service.meters import Meters
 from service.recordings.conversion import Converter
 from service.runs.analyst import Analyst
+from service.runs.reanalyses import Reanalyses
 from service.runs.service import Runs
 from service.schedules.nightly import Nightly
 from service.store.store import Store
@@ -37,6 +38,7 @@ class Parts:
     staleness: Staleness
     meters: Meters
     motion: MotionLink
+    reanalyses: Reanalyses
     drawer: Drawer = field(default_factory=Drawer)
     earlier: EarlierResults = field(default_factory=EarlierResults)
 

@@ -8,8 +8,10 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import cho_factor
 
 from estimators.engine.roughness import ROUGH, Roughness, travel_correlation
+from estimators.linear_fit import inverse_of
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -22,7 +24,7 @@ _LEFT_BY_LINES: Final = 0.25
 _MOST_TRAVEL_KNOTS: Final = 280
 _MOST_TIME_KNOTS: Final = 160
 _TIME_KNOT_S: Final = 0.3
-JITTER: Final = 1.0e-5  # of the variance: what keeps a smooth prior's inverse from rounding
+_JITTER: Final = 1.0e-5  # of the variance: what keeps a smooth prior's inverse from rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,18 +46,43 @@ class Fields:
         """Number of values."""
         return 2 * self.travel_m.size + self.time_s.size
 
-    def columns(self, path_m: FloatArray, time_s: FloatArray, direction: int) -> tuple[FloatArray, IntArray]:
-        """Shares of the values in the friction at places and times, shape (n, c), and which c values these are."""
+    def lines(self, path_m: FloatArray, time_s: FloatArray, direction: int) -> tuple[FloatArray, IntArray]:
+        """Shares of the values in the friction at places and times, shape (c, n), and which c values these are."""
+        travel = self.travel_m.size
+        if travel == 0:
+            return np.empty((0, path_m.size)), np.empty(0, np.int64)
         along, first = _hats(self.travel_m, path_m)
         in_time, first_time = _hats(self.time_s, time_s)
-        offset = 0 if direction > 0 else self.travel_m.size
-        numbers = np.concatenate(
-            [
-                offset + first + np.arange(along.shape[1]),
-                2 * self.travel_m.size + first_time + np.arange(in_time.shape[1]),
-            ]
+        offset = first if direction > 0 else travel + first
+        touched = np.concatenate(
+            [offset + np.arange(along.shape[0]), 2 * travel + first_time + np.arange(in_time.shape[0])]
         )
-        return np.hstack([along, in_time]), numbers
+        return np.concatenate([along, in_time]), touched
+
+    def within(self, spans_s: list[tuple[float, float]]) -> Fields:
+        """Return the fields with the knots in time in these spans alone: an Ornstein-Uhlenbeck process on fewer knots.
+
+        What is said of the friction there is the same.
+        """
+        if self.roughness is None:
+            return self
+        inside = np.any([(self.time_s >= first) & (self.time_s <= last) for first, last in spans_s], axis=0)
+        return fields_on(self.travel_m, self.time_s[inside], self.roughness, self.smoothness)
+
+    def taken_from(self, fewer: Fields, values: FloatArray) -> FloatArray:
+        """Return values from those of the fields on fewer knots in time, straight lines between them."""
+        if self.time_s.size == fewer.time_s.size:
+            return values
+        travel = 2 * self.travel_m.size
+        return np.concatenate([values[:travel], np.interp(self.time_s, fewer.time_s, values[travel:])])
+
+    def friction_n(self, path_m: FloatArray, time_s: FloatArray, direction: int, values: FloatArray) -> FloatArray:
+        """Return what friction with these values has beside its mean at places and times, N, shape (n,)."""
+        travel = self.travel_m.size
+        if travel == 0:
+            return np.zeros(path_m.size)
+        own = values[:travel] if direction > 0 else values[travel : 2 * travel]
+        return np.interp(path_m, self.travel_m, own) + np.interp(time_s, self.time_s, values[2 * travel :])
 
     def slope_n_per_m(self, path_m: FloatArray, direction: int, values: FloatArray) -> FloatArray:
         """By how much friction with these values rises along the travel, N/m, shape (n,)."""
@@ -70,18 +97,14 @@ class Fields:
 
 
 def _hats(knots: FloatArray, at: FloatArray) -> tuple[FloatArray, int]:
-    """Linear interpolation from the knots that are touched, shape (n, c), and the first of them."""
-    if knots.size == 0:
-        return np.zeros((at.size, 0)), 0
-    if knots.size == 1:
-        return np.ones((at.size, 1)), 0
-    left = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, knots.size - 2)
-    share = np.clip((at - knots[left]) / (knots[left + 1] - knots[left]), 0.0, 1.0)
+    """Linear interpolation from the knots that are touched, two at least, shape (c, n), and the first of them."""
+    left = np.minimum(np.maximum(knots.searchsorted(at, side="right") - 1, 0), knots.size - 2)
+    share = np.minimum(np.maximum((at - knots[left]) / (knots[left + 1] - knots[left]), 0.0), 1.0)
     first, last = int(left.min()), int(left.max()) + 1
-    out = np.zeros((at.size, last - first + 1))
+    out = np.zeros((last - first + 1, at.size))
     row = np.arange(at.size)
-    out[row, left - first] = 1.0 - share
-    out[row, left - first + 1] += share
+    out[left - first, row] = 1.0 - share
+    out[left - first + 1, row] = share
     return out, first
 
 
@@ -116,9 +139,9 @@ def fields_over(
 
 def fields_on(travel_m: FloatArray, time_s: FloatArray, roughness: Roughness, smoothness: int) -> Fields:
     """Return the fields on these knots."""
-    along = travel_correlation(travel_m, roughness.length_m, smoothness)[0] + JITTER * np.eye(travel_m.size)
-    inverse = np.linalg.inv(along)
-    log_along = float(np.linalg.slogdet(along)[1])
+    along = travel_correlation(travel_m, roughness.length_m, smoothness)[0] + _JITTER * np.eye(travel_m.size)
+    lower = cho_factor(along, lower=True, check_finite=False)[0]
+    inverse, log_along = inverse_of(lower), 2.0 * float(np.log(np.diag(lower)).sum())
     # opening and closing are common +- own: their sum and difference are independent
     of_sum = 2.0 * roughness.common_n**2 + roughness.own_n**2
     of_difference = roughness.own_n**2

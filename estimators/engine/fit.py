@@ -16,7 +16,7 @@ from estimators.engine.fields import no_fields
 from estimators.engine.hyperparameters import Equations, field_likelihood, refined
 from estimators.engine.model import Linearised, Model, Path, Unknowns
 from estimators.engine.parameters import FC, FS, GLOBALS, HIGH, LN_DV, LN_FILTER, LN_K, LN_M, LN_V, LONGEST, LOW
-from estimators.engine.roughness import RoughnessPrior
+from estimators.engine.roughness import ROUGH, SMOOTH, RoughnessPrior
 from estimators.linear_fit import inverse_of
 
 FloatArray = npt.NDArray[np.float64]
@@ -29,6 +29,8 @@ _MOST_KEPT: Final = 2
 _TRIED_STEPS: Final = 5  # that show whether other times can be as likely
 _SAME: Final = 0.3  # of a logarithm: fits so near on some of the sections are one on all
 _EQUAL: Final = 0.05
+_MET: Final = 0.02  # the same for fits that go the same way from here on
+_SETTLED: Final = 0.02  # of the logarithms of roughness and scatter
 _USUAL_SCATTER: Final = 0.015  # of F_s: the median of what packings have
 _SCATTER_SPREAD: Final = 1.5  # of its logarithm
 _LAST_STEPS: Final = 12
@@ -158,9 +160,18 @@ def _box(unknowns: Unknowns, model: Model) -> tuple[FloatArray, FloatArray]:
 
 
 def descend(
-    model: Model, unknowns: Unknowns, paths: list[Path], steps: int, done: float = _DONE
+    model: Model,
+    unknowns: Unknowns,
+    paths: list[Path],
+    steps: int,
+    done: float = _DONE,
+    *,
+    to: Unknowns | None = None,
 ) -> tuple[Unknowns, list[Path], float]:
-    """Return the unknowns, paths and sum of squares after at most so many accepted steps."""
+    """Return the unknowns, paths and sum of squares after at most so many accepted steps.
+
+    It ends sooner where the dynamics are those of ``to``.
+    """
     damping = 1.0e-3
     squares = model.squares(unknowns, paths)
     for _ in range(steps):
@@ -179,7 +190,7 @@ def descend(
                     damping = max(damping * 0.1, 1.0e-9)
                     break
             damping *= 10.0
-        if gained < done:
+        if gained < done or (to is not None and _alike(unknowns, to, _EQUAL)):
             break
     return unknowns, paths, squares
 
@@ -220,25 +231,66 @@ def annealed(
 
     With a ``prior`` the roughness is then found anew from the motion, in so many rounds.
     """
-    squares = math.inf
-    scatter_n = model.scatter_n
     heats = heats if model.settings.heated else HEATS[-1:]
     for heat, steps in zip(heats, _STEPS[-len(heats) :], strict=True):
-        hot = model.heated(heat, scatter_n)
-        unknowns, paths, squares = descend(hot, unknowns, paths, steps, _NEARLY_DONE)
-        if heat < _HOT:
-            model = hot.recoloured(unknowns, paths)
-        scatter_n = _scatter(hot, unknowns, paths)
-    final = model.heated(1.0, scatter_n)
-    if prior is not None and final.fields.count and model.settings.roughness_by_motion:
-        for _ in range(rounds):
-            final = _with_roughness(final, unknowns, paths, prior)
-            unknowns, paths, squares = descend(final, unknowns, paths, _ROUND_STEPS, _NEARLY_DONE)
+        model, unknowns, paths = _cooled(model, unknowns, paths, heat, steps)
+    return _ended(model, unknowns, paths, prior, rounds)
+
+
+def _cooled(
+    model: Model,
+    unknowns: Unknowns,
+    paths: list[Path],
+    heat: float,
+    steps: int,
+    *,
+    to: Unknowns | None = None,
+) -> tuple[Model, Unknowns, list[Path]]:
+    """Where a descent leads with noise so large, and the model with the noise and the scatter that it shows."""
+    hot = model.heated(heat, model.scatter_n)
+    unknowns, paths, _ = descend(hot, unknowns, paths, steps, _NEARLY_DONE, to=to)
+    model = hot.recoloured(unknowns, paths) if heat < _HOT else hot
+    return model.heated(1.0, _scatter(model.heated(heat, hot.scatter_n), unknowns, paths)), unknowns, paths
+
+
+def _ended(
+    final: Model, unknowns: Unknowns, paths: list[Path], prior: RoughnessPrior | None = None, rounds: int = 0
+) -> Found:
+    """The end of a descent; with a ``prior`` the roughness is found anew from the motion, in so many rounds."""
+    if prior is not None and final.fields.count and final.settings.roughness_by_motion:
+        for number in range(rounds):
+            before = final
+            final = _with_roughness(final, unknowns, paths, prior, anew=number == 0)
+            unknowns, paths, _ = descend(final, unknowns, paths, _ROUND_STEPS, _NEARLY_DONE)
             final = final.recoloured(unknowns, paths)
             final = final.heated(1.0, _scatter(final, unknowns, paths))
+            if _settled(before, final):
+                break
     last = (_LAST_STEPS, _DONE) if prior is not None else (1, _NEARLY_DONE)
     unknowns, paths, squares = descend(final, unknowns, paths, *last)
     return concluded(final, unknowns, paths, squares)
+
+
+def together(model: Model, starts: list[Unknowns], paths: list[Path]) -> list[Found]:
+    """Return where the descents end from several starts; those that have met at the end of a heat go on as one."""
+    going = [(model, one, paths) for one in starts]
+    for heat, steps in zip(HEATS, _STEPS, strict=True) if model.settings.heated else [(HEATS[-1], _STEPS[-1])]:
+        cooled = [_cooled(*one, heat, steps) for one in going]
+        going = [
+            one
+            for number, one in enumerate(cooled)
+            if not any(_alike(one[1], other[1], _MET) for other in cooled[:number])
+        ]
+    return [_ended(*one) for one in going]
+
+
+def _settled(before: Model, after: Model) -> bool:
+    """Whether a round has left roughness, noise and scatter nearly as they were."""
+    assert before.fields.roughness is not None
+    assert after.fields.roughness is not None
+    moved = after.fields.roughness.logarithms()[:-1] - before.fields.roughness.logarithms()[:-1]
+    same = before.noise == after.noise and before.fields.smoothness == after.fields.smoothness
+    return same and max(float(np.abs(moved).max()), abs(math.log(after.scatter_n / before.scatter_n))) < _SETTLED
 
 
 def equations_of(model: Model, unknowns: Unknowns, paths: list[Path]) -> Equations:
@@ -248,10 +300,13 @@ def equations_of(model: Model, unknowns: Unknowns, paths: list[Path]) -> Equatio
     return Equations(normal, right, slice(GLOBALS, GLOBALS + unknowns.fields.size), unknowns.fields)
 
 
-def _with_roughness(model: Model, unknowns: Unknowns, paths: list[Path], prior: RoughnessPrior) -> Model:
-    """Return the model with the hyperparameters that the motion makes likeliest."""
+def _with_roughness(model: Model, unknowns: Unknowns, paths: list[Path], prior: RoughnessPrior, *, anew: bool) -> Model:
+    """Return the model with the hyperparameters that the motion makes likeliest; ``anew``: with any smoothness."""
     likelihood = field_likelihood(equations_of(model, unknowns, paths))
-    return model if likelihood is None else replace(model, fields=refined(model.fields, likelihood, prior))
+    if likelihood is None:
+        return model
+    kinds = (ROUGH, SMOOTH) if anew else (model.fields.smoothness,)
+    return replace(model, fields=refined(model.fields, likelihood, prior, kinds))
 
 
 def _scatter(model: Model, unknowns: Unknowns, paths: list[Path]) -> float:
@@ -369,7 +424,12 @@ def explored(
     count = model.sections.count
     chosen = np.unique(np.linspace(0, count - 1, min(count, _TRIED_SECTIONS)).astype(np.int64))
     some, some_paths = model.only(chosen), [paths[number] for number in chosen]
-    few = replace(unknowns, began_s=unknowns.began_s[chosen], rest_m=unknowns.rest_m[chosen])
+    few = replace(
+        unknowns,
+        fields=np.zeros(some.fields.count),
+        began_s=unknowns.began_s[chosen],
+        rest_m=unknowns.rest_m[chosen],
+    )
     starts = [
         _with_times(few, slow_s, quick_s, filter_s)
         for quick_s, filter_s in ((0.002, 0.004), (0.004, 0.0005), (0.3 * slow_s, 0.02))
@@ -378,11 +438,13 @@ def explored(
     starts.append(_near_its_limit(few, slow_s, speed_m_per_s))
     if not model.settings.several_starts:
         starts = starts[:1]
-    found = [annealed(some, one, some_paths) for one in starts]
+    found = together(some, starts, some_paths)
     best = min(found, key=lambda one: one.surprise)
-    if model.settings.several_starts:
+    for one in assignments(best.unknowns) if model.settings.several_starts else []:
         # cold: noise that is heated loses what tells them apart
-        found += [annealed(some, one, best.paths, HEATS[-1:]) for one in assignments(best.unknowns)]
+        cooled = _cooled(some, one, best.paths, HEATS[-1], _STEPS[-1], to=best.unknowns)
+        if not _alike(cooled[1], best.unknowns, _EQUAL):
+            found.append(_ended(*cooled))
     kept = _different(sorted(found, key=lambda one: one.surprise), _NEARLY, _MOST_KEPT)
     # instants between slow rows are not near enough to begin cold
     rows_s = min(float(np.diff(section.time_s[section.row]).min()) for section in model.sections.sections)
@@ -392,8 +454,10 @@ def explored(
         if chosen.size == count:
             return annealed(one.model, one.unknowns, one.paths, HEATS[-1:], prior=prior)
         few = one.unknowns
-        start = replace(unknowns, parameters=few.parameters, fields=few.fields, laws=few.laws)
-        return annealed(one.model.of_all(model.sections), start, paths, heats, prior=prior)
+        fields = model.fields.taken_from(one.model.fields, few.fields)
+        start = replace(unknowns, parameters=few.parameters, fields=fields, laws=few.laws)
+        whole = replace(one.model, sections=model.sections, fields=model.fields)
+        return annealed(whole, start, paths, heats, prior=prior)
 
     best = on_all(kept[0])
     whole = [best]
@@ -403,7 +467,9 @@ def explored(
         near, near_paths, left = descend(best.model, one, best.paths, _TRIED_STEPS, _NEARLY_DONE)
         if left < squares + _NEARLY:
             whole.append(annealed(best.model, near, near_paths, HEATS[-1:], prior=prior, rounds=1))
-    whole += [on_all(one) for one in kept[1:] if not any(_alike(one, other, _SAME) for other in whole)]
+    whole += [
+        on_all(one) for one in kept[1:] if not any(_alike(one.unknowns, other.unknowns, _SAME) for other in whole)
+    ]
     return _different(sorted(whole, key=lambda one: one.surprise), math.inf, len(whole))
 
 
@@ -412,11 +478,11 @@ def _different(found: list[Found], nearly: float, most: int) -> list[Found]:
     kept = [found[0]]
     for one in found[1:]:
         near = one.surprise - found[0].surprise < nearly
-        if near and not any(_alike(one, other, _EQUAL) for other in kept) and len(kept) < most:
+        if near and not any(_alike(one.unknowns, other.unknowns, _EQUAL) for other in kept) and len(kept) < most:
             kept.append(one)
     return kept
 
 
-def _alike(one: Found, other: Found, most: float) -> bool:
+def _alike(one: Unknowns, other: Unknowns, most: float) -> bool:
     """Whether m, F_v, k and the filter of two fits differ by no more than this, in their logarithms."""
-    return bool(np.abs(one.unknowns.parameters[:4] - other.unknowns.parameters[:4]).max() <= most)
+    return bool(np.abs(one.parameters[:4] - other.parameters[:4]).max() <= most)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from functools import partial
 from itertools import pairwise
 from typing import Final
 
@@ -45,6 +46,8 @@ _CORNER_SHARE: Final = 0.004  # of the range: how far from a line a corner must 
 _REFINEMENTS: Final = 6
 _SMOOTHED_S: Final = 0.05
 _VARIED_S: Final = 1.0e-3  # a lag and a dead time, to see what the force makes of it
+_FIRST_ROWS: Final = 6000  # that show which lag and dead time are near
+_DONE: Final = 1.0e-9  # of the squares that are left
 _BATCH_S: Final = 1.0  # longer than a gauge's noise, or an I/P's hunting, remembers
 _ANEW_SHARE: Final = 0.02  # of the command's range, across a gap
 _FEWEST_RUN_ROWS: Final = 20
@@ -159,37 +162,35 @@ def through_command(time_s: FloatArray, command: FloatArray, measured_n: FloatAr
     """The command behind a dead time and a lag, with the gain and offset that fit the measured force best."""
     restarts = restarts_of(command, run_first)
     begins_s = time_s[np.maximum.accumulate(np.where(restarts, np.arange(time_s.size), 0))]
+    thin = np.unique(
+        np.concatenate([np.arange(0, time_s.size, 1 + time_s.size // _FIRST_ROWS), np.flatnonzero(restarts)])
+    )
 
-    def passed(logarithms: FloatArray) -> tuple[FloatArray, float, float]:
+    def passed(logarithms: FloatArray, rows: slice | IntArray = slice(None)) -> tuple[FloatArray, float, float]:
         lag_s, dead_s = float(np.exp(logarithms[0])), float(np.exp(logarithms[1]))
-        late = np.interp(np.maximum(time_s - dead_s, begins_s), time_s, command)
-        return lagged(time_s, late, lag_s, restarts), lag_s, dead_s
+        late = np.interp(np.maximum(time_s[rows] - dead_s, begins_s[rows]), time_s, command)
+        return lagged(time_s[rows], late, lag_s, restarts[rows]), lag_s, dead_s
 
-    def fitted(shape: FloatArray) -> tuple[FloatArray, FloatArray]:
-        design = np.column_stack([np.ones(shape.size), shape])
-        gain, *_ = np.linalg.lstsq(design, measured_n, rcond=None)
-        force_n = design @ gain
-        return force_n, measured_n - force_n
-
-    def cost(logarithms: FloatArray) -> float:
+    def cost(logarithms: FloatArray, rows: slice | IntArray = slice(None)) -> float:
         if logarithms.max() > np.log(_MOST_LAG_S) or logarithms.min() < -12.0:
             return 1.0e30
-        _, left = fitted(passed(logarithms)[0])
+        _, _, left = _line(passed(logarithms, rows)[0], measured_n[rows])
         return float(left @ left)
 
     found = None
-    # lag and dead time are nearly alike on ramps: each start is followed to its own end
+    # lag and dead time are nearly alike on ramps: each start is followed to its own end, on some of the rows
     for start in (np.log([0.01, 0.001]), np.log([0.3, 0.01]), np.log([0.05, 0.001]), np.log([0.003, 0.05])):
+        least = 1.0e-6 * cost(start, thin)
         one = minimize(
-            cost, start, method="Nelder-Mead", options={"maxfev": 60, "xatol": 0.01, "fatol": 1.0e-6 * cost(start)}
+            partial(cost, rows=thin), start, method="Nelder-Mead", options={"maxfev": 60, "xatol": 0.01, "fatol": least}
         )
         if found is None or one.fun < found.fun:
             found = one
     assert found is not None
-    found = minimize(cost, found.x, method="Nelder-Mead", options={"maxfev": 200, "xatol": 1.0e-3, "fatol": 0.0})
+    least = _DONE * float(found.fun) * time_s.size / thin.size
+    found = minimize(cost, found.x, method="Nelder-Mead", options={"maxfev": 200, "xatol": 1.0e-3, "fatol": least})
     shape, lag_s, dead_s = passed(np.asarray(found.x))
-    force_n, left_n = fitted(shape)
-    gain, *_ = np.linalg.lstsq(np.column_stack([np.ones(shape.size), shape]), measured_n, rcond=None)
+    gain, force_n, left_n = _line(shape, measured_n)
     steps = np.diag(np.log1p(_VARIED_S / np.array([lag_s, dead_s])))
     slopes = [gain[1] * (passed(np.asarray(found.x) + step)[0] - shape) / _VARIED_S for step in steps]
     covariance = coloured_covariance(np.column_stack([np.ones(shape.size), shape, *slopes]), left_n, time_s)
@@ -217,6 +218,14 @@ def through_command(time_s: FloatArray, command: FloatArray, measured_n: FloatAr
         bends_s,
         float(np.sqrt(covariance[2, 2])),
     )
+
+
+def _line(shape: FloatArray, measured_n: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Offset and gain by which a shape fits a force best, the force so, N, and what is left, N."""
+    away, mean_n = shape - shape.mean(), measured_n.mean()
+    gain = float(away @ measured_n) / max(float(away @ away), 1.0e-300)
+    force_n = mean_n + gain * away
+    return np.array([mean_n - gain * shape.mean(), gain]), force_n, measured_n - force_n
 
 
 def coloured_covariance(design: FloatArray, left: FloatArray, time_s: FloatArray) -> FloatArray:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.optimize import minimize
 
-from estimators.engine.fields import JITTER, Fields, fields_on, wander_precision
+from estimators.engine.fields import Fields, fields_on, wander_precision
 from estimators.engine.roughness import (
     ROUGH,
     SMOOTH,
@@ -119,12 +119,14 @@ def field_likelihood(equations: Equations, functions: FloatArray | None = None) 
     )
 
 
-def refined(fields: Fields, likelihood: FieldLikelihood, prior: RoughnessPrior) -> Fields:
-    """Return the fields with the likeliest hyperparameters, begun at those that they have."""
+def refined(
+    fields: Fields, likelihood: FieldLikelihood, prior: RoughnessPrior, kinds: tuple[int, ...] = (ROUGH, SMOOTH)
+) -> Fields:
+    """Return the fields with the likeliest hyperparameters and smoothness, begun at those that they have."""
     assert fields.roughness is not None
     start = np.clip(fields.roughness.logarithms(), prior.low, prior.high)[:_LAWS]
     best: tuple[float, FloatArray, int] | None = None
-    for smoothness in (ROUGH, SMOOTH):
+    for smoothness in kinds:
 
         def objective(at: FloatArray, smoothness: int = smoothness) -> tuple[float, FloatArray]:
             value, slope = surprise(fields, likelihood, at, smoothness)
@@ -164,25 +166,24 @@ def spread(fields: Fields, likelihood: FieldLikelihood, prior: RoughnessPrior) -
             for unit in _HESSIAN_STEP * np.eye(_LAWS)
         ]
     )
-    found = _given(fields, likelihood, middle)
+    found = _given(fields, likelihood, middle, prior)
     if found is None or not np.all(np.isfinite(hessian)):
         return None
     known = prior.spread[:_LAWS]
     # nowhere wider than what is known beforehand
     sizes, axes = np.linalg.eigh(0.5 * (hessian + hessian.T) * np.outer(known, known))
     axes = known[:, None] * axes / np.sqrt(np.maximum(sizes, 1.0))
-    best = posterior(middle)[0]
-    values, first = found
+    values, first, best = found
     shift, variance = np.zeros(values.size), first.copy()
     for axis in axes.T:
         means, variances, weights = [values], [first], [2.0 / 3.0]
         for sign in (1.0, -1.0):
             at = np.clip(middle + sign * _OUTER * axis, prior.low[:_LAWS], prior.high[:_LAWS])
-            outer = _given(fields, likelihood, at)
+            outer = _given(fields, likelihood, at, prior)
             if outer is None:
                 continue
-            density = math.exp(min(best - posterior(at)[0] + 0.5 * _OUTER**2, math.log(_MOST_WEIGHT)))
-            value, one = outer
+            value, one, there = outer
+            density = math.exp(min(best - there + 0.5 * _OUTER**2, math.log(_MOST_WEIGHT)))
             means.append(value)
             variances.append(one)
             weights.append(density / 6.0)
@@ -193,15 +194,27 @@ def spread(fields: Fields, likelihood: FieldLikelihood, prior: RoughnessPrior) -
     return shift, np.maximum(variance, first)
 
 
-def _given(fields: Fields, likelihood: FieldLikelihood, logarithms: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-    """The linear functions' part in the fields and their variances with these hyperparameters, shape (q,)."""
+def _given(
+    fields: Fields, likelihood: FieldLikelihood, logarithms: FloatArray, prior: RoughnessPrior
+) -> tuple[FloatArray, FloatArray, float] | None:
+    """The linear functions' part in the fields and their variances with these hyperparameters, shape (q,).
+
+    With them minus the logarithm of the hyperparameters' posterior.
+    """
     one = fields_on(fields.travel_m, fields.time_s, _roughness(logarithms), fields.smoothness)
     factor = _Factor.of(likelihood.information + one.precision)
     if factor is None:
         return None
     solved = factor.solve(np.column_stack([likelihood.pull, likelihood.of_fields.T]))
     values = likelihood.of_fields @ solved[:, 0]
-    return values, likelihood.others + np.sum(likelihood.of_fields.T * solved[:, 1:], axis=0)
+    variances = likelihood.others + np.sum(likelihood.of_fields.T * solved[:, 1:], axis=0)
+    posterior = _minus_logarithm(factor, one, likelihood.pull, solved[:, 0]) + 0.5 * prior.squares(logarithms)[0]
+    return values, variances, posterior
+
+
+def _minus_logarithm(factor: _Factor, fields: Fields, pull: FloatArray, mean: FloatArray) -> float:
+    """Minus the logarithm of the marginal likelihood, with G + Q factorised and the fields' mean given it."""
+    return 0.5 * (factor.log_determinant - fields.log_determinant - float(pull @ mean))
 
 
 def _roughness(logarithms: FloatArray) -> Roughness:
@@ -218,18 +231,19 @@ def surprise(
     if factor is None:
         return math.inf, np.zeros(_LAWS)
     mean = factor.solve(likelihood.pull)
-    value = 0.5 * (factor.log_determinant - one.log_determinant - float(likelihood.pull @ mean))
+    value = _minus_logarithm(factor, one, likelihood.pull, mean)
     # E[w w'], of which the slopes are made
     second = factor.inverse() + np.outer(mean, mean)
-    slopes = [*_travel_slopes(fields, rough, smoothness, second), *_wander_slopes(fields, rough, second)]
+    slopes = [*_travel_slopes(fields, rough, one, second), *_wander_slopes(fields, rough, second)]
     return value, np.array(slopes)
 
 
-def _travel_slopes(fields: Fields, rough: Roughness, smoothness: int, second: FloatArray) -> list[float]:
+def _travel_slopes(fields: Fields, rough: Roughness, one: Fields, second: FloatArray) -> list[float]:
     count = fields.travel_m.size
-    along, by_length = travel_correlation(fields.travel_m, rough.length_m, smoothness)
-    inverse = np.linalg.inv(along + JITTER * np.eye(count))
+    by_length = travel_correlation(fields.travel_m, rough.length_m, one.smoothness)[1]
+    # the inverse of the correlation, from the precisions of both directions' sum and difference
     opening, closing = slice(0, count), slice(count, 2 * count)
+    inverse = (one.precision[opening, opening] - one.precision[opening, closing]) * rough.own_n**2
     both = 0.5 * (second[opening, opening] + second[closing, closing])
     cross = 0.5 * (second[opening, closing] + second[closing, opening])
     of_sum, of_difference = 2.0 * rough.common_n**2 + rough.own_n**2, rough.own_n**2

@@ -139,6 +139,8 @@ class Laws:
 
     def travel(self, values: FloatArray) -> Travel:
         """Return the nearest stops and the sum of the plays."""
+        if not any(type(law).travel is not Law.travel for law in self.laws):
+            return NO_TRAVEL
         found = NO_TRAVEL
         for law, own in self._with_values(values):
             one = law.travel(own)

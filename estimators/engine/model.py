@@ -17,12 +17,13 @@ import numpy.typing as npt
 
 from estimators.engine.fields import Fields
 from estimators.engine.laws import NO_LAWS, Laws, Travel, Where
-from estimators.engine.motion import Dynamics, Steps, after_play, answers, follow, steps_of, whitened
+from estimators.engine.motion import Dynamics, Steps, after_play, answers, follow, steps_of
 from estimators.engine.neighbours import Beside, Followed, beside
 from estimators.engine.noise import PositionNoise
 from estimators.engine.parameters import FC, FO, FS, GLOBALS, LEAD, LN_DV, LN_FILTER, LN_K, LN_M, LN_V, Prior
 from estimators.engine.sections import Section, Sections
 from estimators.engine.settings import USUAL, Settings
+from estimators.engine.whitening import gather, surprises, whitened
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -81,14 +82,11 @@ class Unknowns:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Path:
-    """Where the stem was at a section's nodes and at its rest: the fields' columns and the laws' coordinates there."""
+    """Where the stem was at a section's nodes, how fast, m/s, where it rested before, and what is beside it, m."""
 
-    shares: FloatArray
-    numbers: IntArray
-    rest_shares: FloatArray
-    rest_numbers: IntArray
-    where: Where
-    rest_where: Where
+    travel_m: FloatArray
+    speed_m_per_s: FloatArray
+    rest_m: float
     beside: Beside
 
 
@@ -101,6 +99,21 @@ class Linearised:
     squares: float
     rows: int
     log_variances: float
+
+
+@dataclass(slots=True, eq=False)
+class Memory:
+    """The last steps and the last rows' normal equations, each with what it was made of: a fit asks for them again."""
+
+    steps_of: tuple[object, ...] = ()
+    steps: Steps | None = None
+    rows_of: tuple[object, ...] = ()
+    rows: Linearised | None = None
+
+    @staticmethod
+    def same(one: tuple[object, ...], other: tuple[object, ...]) -> bool:
+        """Whether these are the same objects."""
+        return len(one) == len(other) and all(a is b for a, b in zip(one, other, strict=True))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,6 +129,7 @@ class Model:
     heat: float = 1.0
     laws: Laws = NO_LAWS
     settings: Settings = USUAL
+    memory: Memory = field(default_factory=Memory)
 
     def heated(self, heat: float, scatter_n: float) -> Model:
         """Return the model with the noise as many times as large, and this scatter."""
@@ -123,39 +137,40 @@ class Model:
 
     def only(self, chosen: IntArray) -> Model:
         """Return the model of these sections alone."""
-        sections = Sections(tuple(self.sections.sections[number] for number in chosen), self.sections.step_s)
-        return replace(self, sections=sections)
-
-    def of_all(self, sections: Sections) -> Model:
-        """Return the model of all these sections."""
-        return replace(self, sections=sections)
+        some = tuple(self.sections.sections[number] for number in chosen)
+        if len(some) == self.sections.count:
+            return self
+        spans_s = [(float(section.time_s[0]), float(section.time_s[-1])) for section in some]
+        return replace(self, sections=Sections(some, self.sections.step_s), fields=self.fields.within(spans_s))
 
     def measured_paths(self) -> list[Path]:
         """Paths as they were measured."""
         return [
-            self._path(
-                section,
+            Path(
                 section.path_m,
-                section.rest_m,
                 np.gradient(section.path_m, section.time_s),
+                section.rest_m,
                 Beside(np.zeros(section.row.size), 0.0),
             )
             for section in self.sections.sections
         ]
 
-    def _path(
-        self, section: Section, path_m: FloatArray, rest_m: float, speed_m_per_s: FloatArray, beside: Beside
-    ) -> Path:
-        shares, numbers = self.fields.columns(path_m, section.time_s, section.direction)
-        here_m, now_s = np.array([rest_m]), np.array([section.began_s])
-        rest_shares, rest_numbers = self.fields.columns(here_m, now_s, section.direction)
+    @staticmethod
+    def _where(section: Section, path: Path) -> Where:
+        """The laws' coordinates at a section's nodes."""
         way = np.array([[section.direction], [section.rested_s], [section.before]], dtype=np.float64)
-        everywhere = np.broadcast_to(way, (3, path_m.size))
-        where = Where(section.time_s, path_m, speed_m_per_s, section.force_n, section.rate_n_per_s, *everywhere)
+        everywhere = np.broadcast_to(way, (3, path.travel_m.size))
+        forces = section.force_n, section.rate_n_per_s
+        return Where(section.time_s, path.travel_m, path.speed_m_per_s, *forces, *everywhere)
+
+    @staticmethod
+    def _rest_where(section: Section, path: Path) -> Where:
+        """The laws' coordinates at the end of the rest before a section."""
+        way = np.array([[section.direction], [section.rested_s], [section.before]], dtype=np.float64)
+        now_s = np.array([section.began_s])
         force_n = np.interp(now_s, section.time_s, section.force_n)
         rate = np.interp(now_s, section.time_s, section.rate_n_per_s)
-        rest_where = Where(now_s, here_m, np.zeros(1), force_n, rate, *way)
-        return Path(shares, numbers, rest_shares[0], rest_numbers, where, rest_where, beside)
+        return Where(now_s, np.array([path.rest_m]), np.zeros(1), force_n, rate, *way)
 
     def _play(self, section: Section, unknowns: Unknowns) -> tuple[float, float, Travel]:
         """How far the stem is from where the sensor sees it at a rest, m; the play that it takes up; the travel."""
@@ -172,27 +187,31 @@ class Model:
     def _force(self, number: int, unknowns: Unknowns, path: Path) -> FloatArray:
         """Force that drives the stem away from its rest, at the nodes."""
         section, at = self.sections.sections[number], unknowns.parameters
-        friction_n = at[FC] + path.shares @ unknowns.fields[path.numbers]
+        friction_n = at[FC] + self.fields.friction_n(path.travel_m, section.time_s, section.direction, unknowns.fields)
         spring_n = math.exp(at[LN_K]) * (unknowns.rest_m[number] + self._play(section, unknowns)[0])
         force_n = section.force_n - at[LEAD] * section.rate_n_per_s - at[FO] - section.direction * friction_n - spring_n
         if self.laws.laws:
-            force_n = force_n + self.laws.driving_n(unknowns.laws, path.where)
+            force_n = force_n + self.laws.driving_n(unknowns.laws, self._where(section, path))
         return np.asarray(force_n)
 
-    def _steps(self, dynamics: Dynamics, began_s: FloatArray) -> Steps:
+    def _steps(self, unknowns: Unknowns) -> Steps:
         """Steps of all lengths, then the first one of each section."""
-        first_s = [
-            float(section.time_s[int(np.searchsorted(section.time_s, began, side="right"))]) - began
-            for section, began in zip(self.sections.sections, began_s, strict=True)
-        ]
-        return steps_of(dynamics, np.concatenate([self.sections.step_s, first_s]))
+        made_of = unknowns, self.sections
+        if self.memory.steps is None or not Memory.same(self.memory.steps_of, made_of):
+            first_s = [
+                float(section.time_s[section.time_s.searchsorted(began, side="right")]) - began
+                for section, began in zip(self.sections.sections, unknowns.began_s, strict=True)
+            ]
+            self.memory.steps_of = made_of
+            self.memory.steps = steps_of(unknowns.dynamics, np.concatenate([self.sections.step_s, first_s]))
+        return self.memory.steps
 
     def _follow(
         self, number: int, steps: Steps, force_n: FloatArray, unknowns: Unknowns
     ) -> tuple[FloatArray, FloatArray, FloatArray, int, float]:
         section = self.sections.sections[number]
         began_s, limit = float(unknowns.began_s[number]), math.exp(unknowns.parameters[LN_DV])
-        first_n = float(_at_instant(section, began_s, force_n[:, None])[0])
+        first_n = float(_at_instant(section, began_s, force_n))
         away_m, taken_m, travel = self._play(section, unknowns)
         end_m = (travel.high_m if section.direction > 0 else travel.low_m) - unknowns.rest_m[number] - away_m
         found: tuple[FloatArray, FloatArray, FloatArray, int, float] = follow(
@@ -210,22 +229,23 @@ class Model:
         white = self.noise.white_m**2 / section.rows
         return self.heat**2 * white, self.heat**2 * self.noise.coloured_m**2
 
-    def _whitened(self, section: Section, matrix: FloatArray) -> tuple[FloatArray, float]:
-        """Innovations of each column in their standard deviations, and the sum of the variances' logarithms."""
+    def _whitened(self, section: Section, lines: FloatArray) -> tuple[FloatArray, float]:
+        """Innovations of each line in their standard deviations, and the sum of the variances' logarithms."""
         white, coloured = self._noise(section)
         times_s = section.time_s[section.row]
-        found: tuple[FloatArray, float] = whitened(times_s, matrix, white, coloured, self.noise.coloured_s)
+        found: tuple[FloatArray, float] = whitened(times_s, lines, white, coloured, self.noise.coloured_s)
         return found
 
     def squares(self, unknowns: Unknowns, paths: list[Path]) -> float:
         """Return the whole sum of squares, the priors' with it."""
-        steps = self._steps(unknowns.dynamics, unknowns.began_s)
+        steps = self._steps(unknowns)
         total = 0.0
         for number, (section, path) in enumerate(zip(self.sections.sections, paths, strict=True)):
             force_n = self._force(number, unknowns, path)
             sensed_m = self._follow(number, steps, force_n, unknowns)[2]
-            left = self._off(number, unknowns, path, sensed_m)[:, None]
-            total += float((self._whitened(section, left)[0] ** 2).sum())
+            left = self._off(number, unknowns, path, sensed_m)
+            white = self._whitened(section, left[None, :])[0][0]
+            total += float(white @ white)
             rest_m = section.rest_m - path.beside.rest_m
             total += ((rest_m - unknowns.rest_m[number]) / self._rest_error_m(section, path)) ** 2
             total += (self._breakaway(number, unknowns, path)[0] / self._breakaway_error()) ** 2
@@ -266,21 +286,22 @@ class Model:
         """Residual of a breakaway's force, N, the force's rate, the band to DV, and the share of the local friction."""
         section, at = self.sections.sections[number], unknowns.parameters
         began_s = float(unknowns.began_s[number])
-        both = np.column_stack([section.force_n, section.rate_n_per_s])
-        whole_n, rate = (float(one) for one in _at_instant(section, began_s, both))
+        whole_n = float(_at_instant(section, began_s, section.force_n))
+        rate = float(_at_instant(section, began_s, section.rate_n_per_s))
         force_n = whole_n - at[LEAD] * rate
         place_m = unknowns.rest_m[number] + self._play(section, unknowns)[0]
         net_n = section.direction * (force_n - math.exp(at[LN_K]) * place_m - at[FO])
         band_n = math.sqrt(2.0 * math.exp(at[LN_M] + at[LN_DV]) * abs(rate))
         share = at[FS] / max(at[FC], 1.0e-9)
-        local_n = share * float(path.rest_shares @ unknowns.fields[path.rest_numbers])
+        here = np.array([path.rest_m]), np.array([section.began_s]), section.direction
+        local_n = share * float(self.fields.friction_n(*here, unknowns.fields)[0])
         if self.laws.laws:
-            local_n += self.laws.breakaway_n(unknowns.laws, path.rest_where, share)
+            local_n += self.laws.breakaway_n(unknowns.laws, self._rest_where(section, path), share)
         return float(net_n - band_n - at[FS] - local_n), rate, band_n, share
 
     def followed_paths(self, unknowns: Unknowns, paths: list[Path]) -> list[Path]:
         """Return the paths of the stem that these unknowns make."""
-        steps = self._steps(unknowns.dynamics, unknowns.began_s)
+        steps = self._steps(unknowns)
         followed = []
         for number, (section, path) in enumerate(zip(self.sections.sections, paths, strict=True)):
             away_m, speed, sensed_m, stop, _ = self._follow(
@@ -297,91 +318,108 @@ class Model:
                 before = after = None
             rest_m = float(unknowns.rest_m[number]) + self._play(one.section, unknowns)[0]
             beside_it = beside(one.section, one.sensed_m, before, after, unknowns.dynamics.filter_s)
-            new.append(self._path(one.section, rest_m + one.away_m, rest_m, one.speed_m_per_s, beside_it))
+            new.append(Path(rest_m + one.away_m, one.speed_m_per_s, rest_m, beside_it))
         return new
 
     def linearised(self, unknowns: Unknowns, paths: list[Path]) -> Linearised:
         """Return the normal equations here, the priors' left out."""
+        made_of = unknowns, paths, self.sections, self.noise, self.laws
+        if self.memory.rows is None or not Memory.same(self.memory.rows_of, made_of):
+            self.memory.rows_of = made_of
+            self.memory.rows = replace(self, heat=1.0)._rows_linearised(unknowns, paths)
+        cold, cooler = self.memory.rows, self.heat**-2.0
+        normal, right = cooler * cold.normal, cooler * cold.right
+        for number, path in enumerate(paths):
+            self._add_breakaway(number, unknowns, path, normal, right)
+        logarithms = cold.log_variances + 2.0 * cold.rows * math.log(self.heat)
+        return Linearised(normal, right, cooler * cold.squares, cold.rows, logarithms)
+
+    def _rows_linearised(self, unknowns: Unknowns, paths: list[Path]) -> Linearised:
+        """The normal equations of all rows and of the rests' levels."""
         count, fields = unknowns.count, unknowns.fields.size
         normal, right = np.zeros((count, count)), np.zeros(count)
         squares, rows, logarithms = 0.0, 0, 0.0
-        base = self._steps(unknowns.dynamics, unknowns.began_s)
-        varied = []
+        tried = self._varied(unknowns)
+        of_laws = unknowns.first_law + np.arange(self.laws.count)
+        for number, (section, path) in enumerate(zip(self.sections.sections, paths, strict=True)):
+            began_at, rest_at = GLOBALS + fields + number, GLOBALS + fields + self.sections.count + number
+            shares, touched = self.fields.lines(path.travel_m, section.time_s, section.direction)
+            numbers = np.concatenate([_FORCED, [rest_at], GLOBALS + touched, _DYNAMIC, [began_at], of_laws])
+            lines = self._section_lines(number, path, tried, shares)
+            white, log_variances = self._whitened(section, lines)
+            gather(white, numbers.astype(np.int64), normal, right)
+            squares += float(white[0] @ white[0])
+            rows += white.shape[1]
+            logarithms += log_variances
+            error_m = self._rest_error_m(section, path)
+            normal[rest_at, rest_at] += error_m**-2.0
+            right[rest_at] += (section.rest_m - path.beside.rest_m - unknowns.rest_m[number]) / error_m**2
+        return Linearised(normal, right, squares, rows, logarithms)
+
+    def _varied(self, unknowns: Unknowns) -> list[tuple[Unknowns, Steps, float]]:
+        """The unknowns, then the same with one of them varied: each dynamic one, all instants, each of the laws.
+
+        With each its steps, and by how much it is varied.
+        """
+        base = self._steps(unknowns)
+        varied = [(unknowns, base, 0.0)]
         for at in _DYNAMIC:
             moved = unknowns.parameters.copy()
             moved[at] += _LOG_STEP
-            varied.append(replace(unknowns, parameters=moved))
-        varied.append(replace(unknowns, began_s=unknowns.began_s + _TIME_STEP_S))
-        lengths = [*[_LOG_STEP] * len(_DYNAMIC), _TIME_STEP_S]
+            one = replace(unknowns, parameters=moved)
+            varied.append((one, base if at == LN_DV else self._steps(one), _LOG_STEP))
+        later = replace(unknowns, began_s=unknowns.began_s + _TIME_STEP_S)
+        varied.append((later, self._steps(later), _TIME_STEP_S))
         for at, parameter in enumerate(self.laws.parameters):
             # away from a bound, beyond which a law may not be defined
             step = parameter.step if unknowns.laws[at] + parameter.step <= parameter.high else -parameter.step
             moved = unknowns.laws.copy()
             moved[at] += step
-            varied.append(replace(unknowns, laws=moved))
-            lengths.append(step)
-        varied_steps = [self._steps(one.dynamics, one.began_s) for one in varied]
-        for number, (section, path) in enumerate(zip(self.sections.sections, paths, strict=True)):
-            began_at, rest_at = GLOBALS + fields + number, GLOBALS + fields + self.sections.count + number
-            of_laws = unknowns.first_law + np.arange(self.laws.count)
-            numbers = np.concatenate(
-                [_DYNAMIC, [began_at], of_laws, _FORCED, [rest_at], GLOBALS + path.numbers]
-            ).astype(np.int64)
-            tried = list(zip(varied, varied_steps, lengths, strict=True))
-            matrix = self._section_matrix(number, unknowns, path, base, tried)
-            white, log_variances = self._whitened(section, matrix)
-            left, slopes = white[:, 0], white[:, 1:]
-            normal[np.ix_(numbers, numbers)] += slopes.T @ slopes
-            right[numbers] += slopes.T @ left
-            squares += float(left @ left)
-            rows += left.size
-            logarithms += log_variances
-            error_m = self._rest_error_m(section, path)
-            normal[rest_at, rest_at] += error_m**-2.0
-            right[rest_at] += (section.rest_m - path.beside.rest_m - unknowns.rest_m[number]) / error_m**2
-            self._add_breakaway(number, unknowns, path, normal, right)
-        return Linearised(normal, right, squares, rows, logarithms)
+            varied.append((replace(unknowns, laws=moved), base, step))
+        return varied
 
-    def _section_matrix(
-        self, number: int, unknowns: Unknowns, path: Path, base: Steps, varied: list[tuple[Unknowns, Steps, float]]
+    def _section_lines(
+        self, number: int, path: Path, tried: list[tuple[Unknowns, Steps, float]], shares: FloatArray
     ) -> FloatArray:
-        """Residual and slopes of a section's rows: dynamics, instant, laws, forces, rest, fields."""
+        """Residual and slopes of a section's rows: forces, rest, fields (by their shares), dynamics, instant, laws.
+
+        ``tried``: the unknowns, and all that are varied.
+        """
+        unknowns, base, _ = tried[0]
         section = self.sections.sections[number]
         began_s, spring = float(unknowns.began_s[number]), math.exp(unknowns.parameters[LN_K])
         force_n = self._force(number, unknowns, path)
         away_m, speed_m_per_s, sensed_m, stop, share = self._follow(number, base, force_n, unknowns)
         later_s = _later_s(section, speed_m_per_s, stop, math.exp(unknowns.parameters[LN_DV]))
         direct, moved = [], []
-        for one, steps, step in varied:
-            other_m, _, other_sensed_m, *_ = self._follow(number, steps, self._force(number, one, path), one)
-            direct.append((other_sensed_m - sensed_m) / step)
+        for one, steps, step in tried[1:]:
+            # the force knows nothing of the other times
+            same = one.laws is unknowns.laws and one.parameters[LN_K] == unknowns.parameters[LN_K]
+            other_n = force_n if same else self._force(number, one, path)
+            other_m, _, other_sensed_m, *_ = self._follow(number, steps, other_n, one)
+            direct.append((other_sensed_m - sensed_m)[section.row] / step)
             moved.append((other_m - away_m) / step)
         # a stem that is elsewhere meets another friction
-        stiffer = section.direction * self.fields.slope_n_per_m(path.where.travel_m, section.direction, unknowns.fields)
-        nodes = section.time_s.size
-        driven = np.column_stack(
-            [
-                -np.ones(nodes),
-                np.full(nodes, -float(section.direction)),
-                -section.rate_n_per_s,
-                np.full(nodes, -spring),
-                -section.direction * path.shares,
-                -stiffer[:, None] * np.column_stack(moved),
-            ]
-        )
-        first = _at_instant(section, began_s, driven)
-        answer = answers(
-            section.time_s, section.step, self.sections.step_s.size + number, stop, share, later_s, began_s, first,
-            driven, stiffer, base.state, base.from_start, base.from_end, base.sensor,
-        )[section.row]  # fmt: skip
+        stiffer = section.direction * self.fields.slope_n_per_m(path.travel_m, section.direction, unknowns.fields)
+        rest, met = len(_FORCED), len(_FORCED) + 1 + shares.shape[0]
+        driven = np.empty((met + len(moved), section.time_s.size))
+        driven[0], driven[1], driven[2], driven[3] = -1.0, -section.direction, -section.rate_n_per_s, -spring
+        np.multiply(shares, -section.direction, out=driven[rest + 1 : met])
+        np.multiply(moved, -stiffer, out=driven[met:])
+        first = _at_instant(section, began_s, driven.T)
+        out = np.zeros((1 + driven.shape[0], section.row.size))
+        out[0] = self._off(number, unknowns, path, sensed_m)
+        answers(
+            section.time_s, section.step, section.row, self.sections.step_s.size + number, stop, share, later_s,
+            began_s, first, driven, stiffer, base.state, base.from_start, base.from_end, base.sensor, out[1:],
+        )  # fmt: skip
         taken_m = self._play(section, unknowns)[1]
         if taken_m > 0.0:
             # the sensor sees nothing of the stem until it has taken up the play
-            answer[section.direction * away_m[section.row] <= taken_m] = 0.0
-        answer[:, len(_FORCED)] += 1.0
-        answer, met = answer[:, : -len(moved)], answer[:, -len(moved) :]
-        left = self._off(number, unknowns, path, sensed_m)
-        return np.column_stack([left, np.column_stack(direct)[section.row] + met, answer])
+            out[1:, section.direction * away_m[section.row] <= taken_m] = 0.0
+        out[1 + rest] += 1.0
+        out[1 + met :] += direct
+        return out
 
     def _add_breakaway(
         self, number: int, unknowns: Unknowns, path: Path, normal: FloatArray, right: FloatArray
@@ -401,9 +439,11 @@ class Model:
             moved = unknowns.laws.copy()
             moved[at] += step
             of_laws.append((left - self._breakaway(number, replace(unknowns, laws=moved), path)[0]) / step)
+        here = np.array([path.rest_m]), np.array([section.began_s]), section.direction
+        shares, touched = self.fields.lines(*here)
         spring, sign = math.exp(unknowns.parameters[LN_K]), section.direction
         began_at, rest_at = GLOBALS + fields + number, GLOBALS + fields + self.sections.count + number
-        numbers = np.array([LN_K, FO, FS, LN_M, LN_DV, LEAD, began_at, rest_at, *(GLOBALS + path.rest_numbers),
+        numbers = np.array([LN_K, FO, FS, LN_M, LN_DV, LEAD, began_at, rest_at, *(GLOBALS + touched),
                             *(unknowns.first_law + np.arange(self.laws.count))])  # fmt: skip
         slopes = np.array(
             [
@@ -415,7 +455,7 @@ class Model:
                 sign * rate,
                 -sign * rate,
                 sign * spring,
-                *(share * path.rest_shares),
+                *(share * shares[:, 0]),
                 *of_laws,
             ]
         )
@@ -436,34 +476,34 @@ class Model:
         """
         if not self.settings.recoloured:
             return self
-        left = self._left(unknowns, paths)
-        best, best_cost = self, math.inf
+        sections = self.sections.sections
+        left = np.concatenate(self._left(unknowns, paths))
+        times_s = np.concatenate([section.time_s[section.row] for section in sections])
+        white = self.noise.white_m**2 / np.concatenate([section.rows for section in sections])
+        firsts = np.cumsum([0, *(section.row.size for section in sections)])
+        best, best_cost = self.noise, math.inf
         floor_m = max(self.at_rest.coloured_m, 0.03 * self.at_rest.white_m)
         for size_m in floor_m * np.geomspace(1.0, _MOST_COLOURED, _COLOURED_SIZES):
             for time_s in _COLOURED_TIMES_S:
-                one = replace(self, noise=replace(self.noise, coloured_m=float(size_m), coloured_s=time_s), heat=1.0)
-                cost = 0.0
-                for section, column in zip(self.sections.sections, left, strict=True):
-                    white, logarithms = one._whitened(section, column)
-                    cost += float((white**2).sum()) + logarithms
+                cost = surprises(times_s, left, white, firsts, size_m**2, time_s)
                 if cost < best_cost:
-                    best, best_cost = one, cost
-        return best
+                    best, best_cost = replace(self.noise, coloured_m=float(size_m), coloured_s=time_s), cost
+        return replace(self, noise=best, heat=1.0)
 
     def _left(self, unknowns: Unknowns, paths: list[Path]) -> list[FloatArray]:
-        """Residuals of each section's rows, m, shape (rows, 1)."""
+        """Residuals of each section's rows, m, shape (rows,)."""
         left = []
-        steps = self._steps(unknowns.dynamics, unknowns.began_s)
+        steps = self._steps(unknowns)
         for number, path in enumerate(paths):
             sensed_m = self._follow(number, steps, self._force(number, unknowns, path), unknowns)[2]
-            left.append(self._off(number, unknowns, path, sensed_m)[:, None])
+            left.append(self._off(number, unknowns, path, sensed_m))
         return left
 
     def residual_rms(self, unknowns: Unknowns, paths: list[Path]) -> float:
         """Root mean square of measured minus modelled position, the fields and rests as found, m."""
         left = self._left(unknowns, paths)
         weight = np.concatenate([section.rows for section in self.sections.sections])
-        return float(np.sqrt(weight @ np.concatenate(left)[:, 0] ** 2 / weight.sum()))
+        return float(np.sqrt(weight @ np.concatenate(left) ** 2 / weight.sum()))
 
     def breakaway_residuals(self, unknowns: Unknowns, paths: list[Path]) -> FloatArray:
         """Residuals of the breakaways' forces, N, shape (n,)."""
@@ -472,10 +512,9 @@ class Model:
 
 def _at_instant(section: Section, began_s: float, at_nodes: FloatArray) -> FloatArray:
     """Values at an instant by straight lines between the nodes, shape (c,); before the first one the line goes on."""
-    after = int(np.searchsorted(section.time_s, began_s, side="right"))
-    after = min(max(after, 1), section.time_s.size - 1)
-    before_s, after_s = section.time_s[after - 1], section.time_s[after]
-    share = (began_s - before_s) / (after_s - before_s)
+    time_s = section.time_s
+    after = min(max(int(time_s.searchsorted(began_s, side="right")), 1), time_s.size - 1)
+    share = (began_s - time_s[after - 1]) / (time_s[after] - time_s[after - 1])
     return np.asarray(at_nodes[after - 1] + share * (at_nodes[after] - at_nodes[after - 1]))
 
 

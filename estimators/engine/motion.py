@@ -10,12 +10,15 @@ stem comes to rest again, position and its changes stay as they are and only the
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
 FloatArray = npt.NDArray[np.float64]
+
+_FADED: Final = 1.0e-12  # of the largest answer: what is left of a change of the force
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,31 +42,51 @@ class Steps:
 
 
 @njit(cache=True, error_model="numpy")
+def _product(left, right, out):
+    """The product of two square matrices, into ``out``: too small for a library's call."""
+    size = left.shape[0]
+    for row in range(size):
+        for column in range(size):
+            total = 0.0
+            for at in range(size):
+                total += left[row, at] * right[at, column]
+            out[row, column] = total
+
+
+@njit(cache=True, error_model="numpy")
 def exponentials(matrices):
     """Exponentials of square matrices, shape (n, c, c): a Taylor series of what is halved often enough, squared."""
     out = np.empty_like(matrices)
     size = matrices.shape[1]
+    matrix, term, other = np.empty((size, size)), np.empty((size, size)), np.empty((size, size))
     for number in range(matrices.shape[0]):
-        matrix = matrices[number].copy()
         norm = 0.0
         for row in range(size):
-            norm = max(norm, np.abs(matrix[row]).sum())
+            norm = max(norm, np.abs(matrices[number, row]).sum())
+        share = 1.0
         halvings = 0
-        while norm > 0.25:
-            norm *= 0.5
+        while norm * share > 0.25:
+            share *= 0.5
             halvings += 1
-        matrix /= 2.0**halvings
         # without the unit matrix, so that short steps keep their digits
-        total = matrix.copy()
-        term = matrix.copy()
+        total = out[number]
+        for row in range(size):
+            for column in range(size):
+                matrix[row, column] = share * matrices[number, row, column]
+                total[row, column] = term[row, column] = matrix[row, column]
         for order in range(2, 11):
-            term = term @ matrix / order
-            total += term
+            _product(term, matrix, other)
+            for row in range(size):
+                for column in range(size):
+                    term[row, column] = other[row, column] / order
+                    total[row, column] += term[row, column]
         for _ in range(halvings):
-            total = 2.0 * total + total @ total
+            _product(total, total, other)
+            for row in range(size):
+                for column in range(size):
+                    total[row, column] = 2.0 * total[row, column] + other[row, column]
         for row in range(size):
             total[row, row] += 1.0
-        out[number] = total
     return out
 
 
@@ -162,74 +185,53 @@ def after_play(time_s, began_s, direction, gap_m, x, filter_s):
 
 @njit(cache=True, error_model="numpy")
 def answers(
-    time_s, step, first_step, stop, share, later, began_s, first, force, stiffer, state, from_start, from_end, sensor
-):
-    """How the sensor's position answers to changes of the force, shape (nodes, columns), from rest.
+    time_s, step, row, first_step, stop, share, later, began_s, first, force, stiffer,
+    state, from_start, from_end, sensor, out,
+):  # fmt: skip
+    """How the sensor's position at the nodes ``row`` answers to changes of the force, from rest, into ``out``.
 
-    ``stiffer``, shape (nodes,), is by how much friction that changes along the travel makes the spring stiffer there.
-    A stem that is faster where it stops goes on for ``later``, s, times the difference.
+    ``force`` has the shape (lines, nodes), ``out`` (lines, rows), zeros. ``stiffer``, shape (nodes,), is by how much
+    friction that changes along the travel makes the spring stiffer there. A stem that is faster where it stops goes on
+    for ``later``, s, times the difference.
     """
-    n, columns = force.shape
-    out = np.zeros((n, columns))
-    now = np.zeros((3, columns))
-    begun = False
-    for node in range(n):
-        if time_s[node] <= began_s:
-            continue
-        if node > stop:
-            fades = sensor[step[node]]
-            for column in range(columns):
-                now[2, column] = now[0, column] + (now[2, column] - now[0, column]) * fades
-                out[node, column] = now[2, column]
-            continue
-        index = step[node] if begun else first_step
-        a, b, c = state[index], from_start[index], from_end[index]
-        for column in range(columns):
-            x0, v0, z0 = now[0, column], now[1, column], now[2, column]
-            begin = force[node - 1, column] - stiffer[node - 1] * x0 if begun else first[column]
-            end = force[node, column]
-            # x1 = ... + c (end - stiffer x1)
-            x1 = (a[0, 0] * x0 + a[0, 1] * v0 + b[0] * begin + c[0] * end) / (1.0 + c[0] * stiffer[node])
-            end -= stiffer[node] * x1
-            v1 = a[1, 0] * x0 + a[1, 1] * v0 + b[1] * begin + c[1] * end
-            if node == stop:
-                # nothing but its own place moves the travel's end
-                x1 = x0 + share * (x1 - x0) + later * (v0 + share * (v1 - v0)) if share >= 0.0 else 0.0
-            z1 = a[2, 0] * x0 + a[2, 1] * v0 + a[2, 2] * z0 + b[2] * begin + c[2] * end
-            if node == stop and share >= 0.0:
-                z1 = x1 + (z0 + share * (z1 - z0) - x1) * sensor[step[node]] ** (1.0 - share)
-            now[0, column] = x1
-            now[1, column] = v1
-            now[2, column] = z1
-            out[node, column] = now[2, column]
-        begun = True
-    return out
-
-
-@njit(cache=True, error_model="numpy")
-def whitened(time_s, matrix, white, coloured, coloured_s):
-    """Innovations of each column against white noise plus an Ornstein-Uhlenbeck process, in their standard deviations.
-
-    ``white`` is the variance of each row, ``coloured`` that of the process; also returned: the sum of their logarithms.
-    """
-    rows, columns = matrix.shape
-    out = np.empty((rows, columns))
-    level = np.zeros(columns)
-    variance = coloured
-    logarithms = 0.0
-    for row in range(rows):
-        if row > 0:
-            fades = np.exp(-(time_s[row] - time_s[row - 1]) / coloured_s)
-            variance = coloured + fades * fades * (variance - coloured)
-            for column in range(columns):
-                level[column] *= fades
-        total = variance + white[row]
-        gain = variance / total
-        size = 1.0 / np.sqrt(total)
-        logarithms += np.log(total)
-        for column in range(columns):
-            away = matrix[row, column] - level[column]
-            out[row, column] = away * size
-            level[column] += gain * away
-        variance -= gain * variance
-    return out, logarithms
+    lines, n = force.shape
+    begins = 0
+    while begins < n and time_s[begins] <= began_s:
+        begins += 1
+    inverse = np.empty(n)
+    for node in range(begins, n):
+        inverse[node] = 1.0 / (1.0 + from_end[first_step if node == begins else step[node], 0] * stiffer[node])
+    for line in range(lines):
+        begin, end = begins, n - 1
+        # a force that begins later finds the stem where it was
+        while first[line] == 0.0 and begin < n and force[line, begin] == 0.0:
+            begin += 1
+        while end > begin and force[line, end] == 0.0:
+            end -= 1
+        x = v = z = largest = 0.0
+        at = np.searchsorted(row, begin)
+        for node in range(begin, n):
+            if node > stop:
+                z = x + (z - x) * sensor[step[node]]
+            else:
+                index = first_step if node == begins else step[node]
+                a, b, c = state[index], from_start[index], from_end[index]
+                before = first[line] if node == begins else force[line, node - 1] - stiffer[node - 1] * x
+                after = force[line, node]
+                # x1 = ... + c (after - stiffer x1)
+                x1 = (a[0, 0] * x + a[0, 1] * v + b[0] * before + c[0] * after) * inverse[node]
+                after -= stiffer[node] * x1
+                v1 = a[1, 0] * x + a[1, 1] * v + b[1] * before + c[1] * after
+                if node == stop:
+                    # nothing but its own place moves the travel's end
+                    x1 = x + share * (x1 - x) + later * (v + share * (v1 - v)) if share >= 0.0 else 0.0
+                z1 = a[2, 0] * x + a[2, 1] * v + a[2, 2] * z + b[2] * before + c[2] * after
+                if node == stop and share >= 0.0:
+                    z1 = x1 + (z + share * (z1 - z) - x1) * sensor[step[node]] ** (1.0 - share)
+                x, v, z = x1, v1, z1
+            if at < row.size and row[at] == node:
+                out[line, at] = z
+                at += 1
+            largest = max(largest, abs(z))
+            if node > end and abs(x) < _FADED * largest and abs(z) < _FADED * largest:
+                break

@@ -348,21 +348,30 @@ def _between(
 
 def extremes(way: FloatArray, least: float) -> list[int]:
     """Rows of the first value, of each turn by at least this much, and of the last value."""
-    found = [0]
+    turns: list[int] = _turns(way, least).tolist()
+    return [0, *turns, way.size - 1]
+
+
+@_kernel
+def _turns(way: FloatArray, least: float) -> IntArray:
+    """Rows of the turns by at least this much."""
+    found = np.empty(way.size, np.int64)
+    count = 0
     high = low = sense = 0
     for row in range(1, way.size):
         high = row if way[row] > way[high] else high
         low = row if way[row] < way[low] else low
         if sense >= 0 and way[high] - way[row] > least:
             if sense > 0 or way[high] - way[0] > least:
-                found.append(high)
+                found[count] = high
+                count += 1
             sense, low = -1, row
         elif sense <= 0 and way[row] - way[low] > least:
             if sense < 0 or way[0] - way[low] > least:
-                found.append(low)
+                found[count] = low
+                count += 1
             sense, high = 1, row
-    found.append(way.size - 1)
-    return found
+    return found[:count]
 
 
 def _began(track: _Track, rest: Rest, last: int, direction: int) -> float:

@@ -53,8 +53,8 @@ def stop(
     except httpx.HTTPError as error:
         raise WireError(
             f"{url}: no answer ({error}): name the service by --url, or on the gateway itself the plant file by "
-            "--config: its motion process stops a valve without the service; where that is gone, too, the watchdog of the "
-            "valve's device makes it safe"
+            "--config: its motion process stops a valve without the service; where that is gone, too, the "
+            "watchdog of the valve's device makes it safe"
         ) from None
     except ValueError:
         raise WireError(f"{url}: its answer is no JSON: is it breakaway?") from None

@@ -17,7 +17,8 @@ from drivers.wiring import Bus, Signal, Wired, make_bus, wire
 from service.config.maps import without_wrong
 from service.config.permissives import check_permissives
 from service.model.sequences import build_waveform
-from valve.errors import ConfigurationError, ValveError, WaveformError
+from service.model.until import until_of
+from valve.errors import ConfigurationError, RequestError, ValveError, WaveformError
 from valve.nameplate import Nameplate
 from valve.nameplate import Signal as Transducer
 
@@ -211,7 +212,10 @@ def check_schedules(
             if reason:
                 remedy = "choose another sequence or overrides"
                 findings.add(key, schedule.sequence, reason, remedy if is_of_all else f"{remedy} for this valve")
-            if is_of_all:
+            no_end = _cannot_end_early(schedule, valve)
+            if no_end:
+                findings.add(("schedules", index, "until"), dict(schedule.until or {}), *no_end)
+            if is_of_all or no_end:
                 break
 
 
@@ -229,6 +233,19 @@ def _cannot_follow(schedule: Schedule, valve: ValveParts, wired: Wired | None) -
         return (text if is_of_all or text.startswith(valve.tag) else f"{valve.tag}: {text}"), is_of_all
     misfit = "" if wired is None or valve.wiring is None else waveform_misfit(valve.wiring, wired, waveform)
     return (f"{valve.tag}: {misfit}" if misfit else ""), False
+
+
+def _cannot_end_early(schedule: Schedule, valve: ValveParts) -> tuple[str, str] | None:
+    """Return why a valve's tests cannot end as a schedule's ``until`` says, with the remedy; None where they can."""
+    acquisition = valve.acquisition
+    if schedule.until is None or acquisition is None:
+        return None
+    try:
+        until_of(valve.tag, acquisition.mode, schedule.sequence, schedule.until)
+    except RequestError as error:
+        reason, _, remedy = str(error).rpartition(": ")
+        return reason, remedy
+    return None
 
 
 def _commanded_words(command: Point, maps: Mapping[str, RegisterMap | None]) -> list[tuple[object, ...]]:

@@ -32,6 +32,7 @@ class ScheduleSection(BaseModel):
     groups: Tags = []
     sequence: Annotated[str, Field(min_length=1, max_length=64)]
     overrides: dict[str, Any] = {}
+    until: Annotated[dict[str, Any], Field(max_length=8)] | None = None
     window_s: Annotated[float, Field(ge=60.0, le=86400.0)]
 
 
@@ -128,6 +129,7 @@ def schedules(
             section.sequence,
             section.window_s,
             section.overrides,
+            section.until,
         )
     return found
 

@@ -95,6 +95,7 @@ class ValveParts:
     wiring: ValveWiring | None
     maps: Mapping[str, RegisterMap | None]  # the plant's own by name, None where one is wrong
     limits_class: str = ""
+    acquisition: Sampling | None = None
 
 
 def valve_parts(
@@ -169,7 +170,7 @@ def valve_parts(
             without_wrong(maps),
         )
     of_class = "" if section is None else section.limits_class or ""
-    return ValveParts(key, tag, identity, nameplate, limits, signal, rules, points, wiring, maps, of_class)
+    return ValveParts(key, tag, identity, nameplate, limits, signal, rules, points, wiring, maps, of_class, sampling)
 
 
 def _safe_value_pa(given: object) -> SafeValue | None:

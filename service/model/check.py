@@ -49,6 +49,7 @@ class Check:
     attempt: str | None = None
     attempted_at: datetime | None = None
     ended_at: datetime | None = None
+    until: Mapping[str, Any] | None = None
     id: int = 0
 
     @property

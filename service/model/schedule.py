@@ -17,7 +17,10 @@ from cronsim import CronSim
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
-    """When which valves are checked: ``cron`` in ``zone``, each start at most ``window_s`` late."""
+    """When which valves are checked: ``cron`` in ``zone``, each start at most ``window_s`` late.
+
+    ``until`` is how well each test is to know figures to end before its sequence does, as a request says it.
+    """
 
     name: str
     cron: str
@@ -26,6 +29,7 @@ class Schedule:
     sequence: str
     window_s: float
     overrides: Mapping[str, Any] = field(default_factory=dict)
+    until: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
+from drivers.addresses import Mode
 from valve.errors import RequestError
 
 #: Of a run's quality: what was asked for, in percent by symbol, and how much time that saved.
@@ -16,6 +17,8 @@ ENDED_EARLY_KEY: Final = "ended_early"
 SYMBOLS: Final = ("F_s", "F_c", "k")
 #: Own choice: with fewer an interval says little, whatever its width.
 FEWEST_BREAKAWAYS: Final = 4
+#: What ``POST /tests/run`` names to run what the last completed test of the valve left to be told apart.
+SEPARATING: Final = "separating"
 _LOW_PERCENT: Final = 0.5
 _HIGH_PERCENT: Final = 50.0
 _PERCENT: Final = re.compile(r"\s*(\d{1,6}(?:\.\d{1,6})?)\s*%\s*")
@@ -32,6 +35,26 @@ def read_until(tag: str, asked: Mapping[str, Any] | None) -> dict[str, float] | 
     if not asked:
         raise RequestError(f"{tag}: until is empty, it needs at least 1 of {', '.join(SYMBOLS)}: {_REMEDY}")
     return {symbol: _percent(tag, symbol, value) for symbol, value in asked.items()}
+
+
+def until_of(tag: str, mode: Mode, sequence: str | None, asked: Mapping[str, Any] | None) -> dict[str, str] | None:
+    """Return what a test of a valve is to know to end early, as a request says it; None where nothing is asked for.
+
+    Raises RequestError as ``read_until``, and where such a test cannot end so.
+    """
+    wish = read_until(tag, asked)
+    if wish is None:
+        return None
+    if sequence == SEPARATING:
+        raise RequestError(
+            f"{tag}: sequence {SEPARATING} takes no until, as causes are separated by all of it: drop it"
+        )
+    if mode is not Mode.POLLED:
+        raise RequestError(
+            f"{tag}: until needs a polled test, acquisition.mode is {mode.value} and its device plays to the end: "
+            "say acquisition.mode = polled in plant.toml, or drop until"
+        )
+    return as_asked(wish)
 
 
 def _percent(tag: str, symbol: str, value: Any) -> float:

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 from valve.errors import RequestError
 from valve.recording_csv import COLUMNS
 
 
-def parse_mapping(text: str) -> dict[str, str]:
+def parse_mapping(text: str, names: Sequence[str] = COLUMNS) -> dict[str, str]:
     """Return ``position_m=Hub [%],time_s=Zeit [ms]`` as a dictionary, the contract's names first.
 
-    A header may have commas. An empty right side leaves a column out. Raises RequestError.
+    A header may have commas. An empty right side leaves a column out. ``names``: what may stand on the left.
+    Raises RequestError.
     """
     if not text.strip():
         return {}
-    starts = list(re.finditer(rf"(?:^|,)\s*({'|'.join(COLUMNS)})\s*=", text))
+    starts = list(re.finditer(rf"(?:^|,)\s*({'|'.join(names)})\s*=", text))
     if not starts or text[: starts[0].start()].strip():
         raise RequestError(
             f'map {text[:60]!r}: give it as "position_m=Hub [%],time_s=Zeit [ms]": on the left one of '
-            f"{', '.join(COLUMNS)}, on the right a header of the file"
+            f"{', '.join(names)}, on the right a header of the file"
         )
     mapping: dict[str, str] = {}
     for number, start in enumerate(starts):

@@ -55,7 +55,8 @@ def _unknown(key: str, known: Sequence[str]) -> str:
 KNOWN_KEYS: Final = Depends(known_keys_only)
 
 
-def _in_utc(instant: datetime | None) -> datetime | None:
+def in_utc(instant: datetime | None) -> datetime | None:
+    """Return an instant in UTC, taken for UTC where it names no zone. Raises ValueError where there is none."""
     if instant is None:
         return None
     try:
@@ -67,9 +68,9 @@ def _in_utc(instant: datetime | None) -> datetime | None:
 Since = Annotated[
     datetime | None,
     Query(description="asked for at this instant or later (ISO 8601; UTC where it names no zone)"),
-    AfterValidator(_in_utc),
+    AfterValidator(in_utc),
 ]
-Until = Annotated[datetime | None, Query(description="asked for before this instant"), AfterValidator(_in_utc)]
+Until = Annotated[datetime | None, Query(description="asked for before this instant"), AfterValidator(in_utc)]
 Areas = Annotated[
     list[Annotated[str, Query(max_length=200, pattern=r"^[^\x00]*$")]] | None,
     Query(description="of one of these areas, as the plant file says it now"),

@@ -69,11 +69,12 @@ def begun_again(run: Run) -> dict[str, Any]:
 
 
 async def analyse_again(
-    live: LiveRun, valve: PlantValve, store: Store, analyst: Analyst, *, about: Mapping[str, Any]
+    live: LiveRun, valve: PlantValve, store: Store, analyst: Analyst, *, about: Mapping[str, Any], behind: bool = False
 ) -> None:
     """Analyse the recording of a run that stands as ``begun_again`` says, and store how that ended.
 
-    ``about`` is what the analysis says of its repetition. Where it fails a former result stands.
+    ``about`` is what the analysis says of its repetition; ``behind`` lets everything else go first. Where it fails a
+    former result stands.
     """
     run = live.run
     quality = {key: value for key, value in (run.quality or {}).items() if key != BEGUN_KEY}
@@ -85,7 +86,7 @@ async def analyse_again(
     changes: dict[str, Any]
     try:
         sequence, together = await asyncio.to_thread(played_by, store, run)
-        analysis = await assessed(analyst, run, valve, sequence, store, together=together, progress=tell)
+        analysis = await assessed(analyst, run, valve, sequence, store, together=together, progress=tell, behind=behind)
         changes = {"state": RunState.COMPLETED, "analysis": {**analysis, REPEATED: dict(about)}, "progress": 1.0}
     except Exception as error:  # noqa: BLE001  - here an analysis' failure is stored
         _LOG.error("analysis failed", test=run.id, exc_info=None if isinstance(error, ValveError) else error)

@@ -30,13 +30,15 @@ class Analyst(Protocol):
         accepted: Mapping[str, Any] | None = None,
         room: Mapping[str, float] | None = None,
         upload: bool = False,
+        behind: bool = False,
         mapping: Mapping[str, str] | None = None,
     ) -> dict[str, Any]:
         """Return the analysis object; ``progress`` is told the share done, 0 to 1. Raises ValveError.
 
         ``together`` are other recordings of the same valve, ``held_out`` named ones that are not fitted, ``accepted``
         is the extended model that somebody accepted for this valve, ``room`` what a further test of it may use;
-        an ``upload`` is no test of this plant and goes behind all that are. ``mapping``, also an empty one, says that
+        an ``upload`` is no test of this plant and goes behind all that are; what is ``behind`` is repeated for nobody
+        who waits and goes behind them too. ``mapping``, also an empty one, says that
         the files are as their owners have them (``service.own_files``).
         """
 
@@ -57,6 +59,7 @@ async def assessed(
     *,
     together: Sequence[str],
     progress: Callable[[float, str], None],
+    behind: bool = False,
 ) -> dict[str, Any]:
     """Return the analysis of a run's recording with the valve's health; ``together`` are ids of tests beside it.
 
@@ -70,6 +73,7 @@ async def assessed(
         together=[store.recording_path(other) for other in together],
         accepted=None if accepted is None else accepted.model,
         room=room_to_json(valve.nameplate, valve.wiring.limits, run.overrides),
+        behind=behind,
     )
     if together:
         analysis = {**analysis, TOGETHER: {"sequence": sequence, "tests": list(together)}}

@@ -8,11 +8,10 @@ from typing import Any, Final
 
 from service.model.run import Run, RunState
 from service.model.sequences import SEQUENCES
+from service.model.until import SEPARATING
 from service.store.store import Store
 from valve.errors import RequestError
 
-#: What ``POST /tests/run`` names to run what the last completed test of the valve left to be told apart.
-SEPARATING: Final = "separating"
 TOGETHER: Final = "together"  # key of an analysis that says which tests it is of
 _LOOKED_THROUGH: Final = 50  # tests of the valve before it
 _MOST_TOGETHER: Final = 3  # earlier tests: a fit of more takes too long

@@ -23,7 +23,7 @@ from service.model.acknowledgement import acknowledged, ended_badly, is_moving
 from service.model.requester import LOCAL, Requester
 from service.model.run import Label, Run, RunState, checked_run_id, new_run_id
 from service.model.sequences import choose_waveform
-from service.model.until import as_asked, read_until
+from service.model.until import SEPARATING, until_of
 from service.recordings.place import recording_of
 from service.runs.again import analyse_again, begun_again, can_be_analysed
 from service.runs.analyst import Analyst
@@ -35,7 +35,7 @@ from service.runs.live import LiveRun, LiveRuns
 from service.runs.live_estimates import Estimator, LiveEstimates
 from service.runs.permission import Permission
 from service.runs.recovery import Recovery
-from service.runs.separating import SEPARATING, check_name, separating_of
+from service.runs.separating import check_name, separating_of
 from service.runs.stem_looks import StemLooks
 from service.runs.tasks import Tasks
 from service.store.run_table import RunFilter
@@ -50,24 +50,6 @@ _LOOK_S: Final = 0.01
 _END_TOLD_S: Final = 1.0  # a stop that is carried out is answered so much later at most
 _MOTION_STARTS_S: Final = 15.0
 _STORE_AGAIN_S: Final = 2.0  # a look at the disk costs nothing, and somebody may be freeing it
-
-
-def _until_of(valve: PlantValve, sequence: str | None, until: Mapping[str, Any] | None) -> Mapping[str, str] | None:
-    """Return what a test is to know to end early. Raises RequestError where it cannot end so."""
-    tag = valve.nameplate.tag
-    wish = read_until(tag, until)
-    if wish is None:
-        return None
-    if sequence == SEPARATING:
-        raise RequestError(
-            f"{tag}: sequence {SEPARATING} takes no until, as causes are separated by all of it: drop it"
-        )
-    if valve.wiring.acquisition.mode is not Mode.POLLED:
-        raise RequestError(
-            f"{tag}: until needs a polled test, acquisition.mode is {valve.wiring.acquisition.mode.value} and its "
-            "device plays to the end: say acquisition.mode = polled in plant.toml, or drop until"
-        )
-    return as_asked(wish)
 
 
 class Runs:
@@ -152,7 +134,7 @@ class Runs:
         """
         valve = self.valve(tag)
         self._check_gateway(tag)
-        wish = _until_of(valve, sequence, until)
+        wish = until_of(tag, valve.wiring.acquisition.mode, sequence, until)
         together: tuple[str, ...] = ()
         if sequence is not None:
             check_name(sequence)
@@ -507,31 +489,42 @@ class Runs:
         way, RequestError where its motion did not end well: such a recording is no whole test.
         """
         async with self._analysing:
-            run = await self.get(run_id)
-            if not run.state.finished or self._closing:
-                why = "the service is shutting down" if self._closing else f"test {run.id} is {run.state.value}"
-                raise BusyError(f"{run.valve}: {why}: repeat the request later")
-            valve = self.valve(run.valve)
-            if not can_be_analysed(run):
-                raise RequestError(
-                    f"test {run.id} is {run.state.value} and has no whole recording of a motion that ended well: "
-                    "repeat the test, or take what there is of its recording to breakaway analyze"
-                )
-            recording_of(run, self._plant, self._store)
+            run, valve = await self._analysable(run_id)
             if self._audit is not None:
                 append = partial(self._audit.append, "analysis.repeated", valve=run.valve, test=run.id)
                 former = {"was": run.state.value, "error": run.error}
                 await asyncio.to_thread(append, who=requester.name, details=former)
             return await self._begin_analysis(run, valve, by=requester.name)
 
-    async def _begin_analysis(self, run: Run, valve: PlantValve, *, by: str) -> Run:
+    async def analyze_behind(self, run_id: str, by: str) -> Run:
+        """Do as ``analyze``, behind whatever else is to be analysed; whoever asked for many tests is noted once."""
+        async with self._analysing:
+            run, valve = await self._analysable(run_id)
+            return await self._begin_analysis(run, valve, by=by, behind=True)
+
+    async def _analysable(self, run_id: str) -> tuple[Run, PlantValve]:
+        """Return a test whose recording may be analysed anew now, with its valve. Raises as ``analyze``."""
+        run = await self.get(run_id)
+        if not run.state.finished or self._closing:
+            why = "the service is shutting down" if self._closing else f"test {run.id} is {run.state.value}"
+            raise BusyError(f"{run.valve}: {why}: repeat the request later")
+        valve = self.valve(run.valve)
+        if not can_be_analysed(run):
+            raise RequestError(
+                f"test {run.id} is {run.state.value} and has no whole recording of a motion that ended well: "
+                "repeat the test, or take what there is of its recording to breakaway analyze"
+            )
+        recording_of(run, self._plant, self._store)
+        return run, valve
+
+    async def _begin_analysis(self, run: Run, valve: PlantValve, *, by: str, behind: bool = False) -> Run:
         # These fields alone: after a restart the stem is looked at meanwhile, and what was seen of it stays.
         changed = await asyncio.to_thread(self._store.runs.change, run.id, begun_again(run))
         live = self._live.begin(changed)
         live.at_rest.set()
         live.motion_ended.set()
         about = {"by": by, "at": datetime.now(UTC).isoformat(), "software": self._software}
-        work = analyse_again(live, valve, self._store, self._analyst, about=about)
+        work = analyse_again(live, valve, self._store, self._analyst, about=about, behind=behind)
         self._carrying[run.id] = self._tasks.spawn(work)
         return changed
 

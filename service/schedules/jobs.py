@@ -1,7 +1,8 @@
 """Durable jobs: the one module that knows DBOS. A gateway's queue, one job a bus at a time, kept on disk.
 
 A job is one whole stroke in one step: it is carried out by ``carry_out``, which must itself refuse to begin a job twice
-(the rows of ``schedule_runs`` do that). Nothing is ever cancelled here: a job ends when its function returns.
+(the rows of ``schedule_runs`` do that). A re-analysis is one job too, beside the buses and behind the last one asked
+for; its rows say what is left of it. Nothing is ever cancelled here: a job ends when its function returns.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ _POLL_S: Final = 0.5
 _FEWEST_THREADS: Final = 8
 _FORGET_AT_ONCE: Final = 500
 _LAST_PRIORITY: Final = 2**31 - 1  # the largest that DBOS takes
+_REANALYSES: Final = "\x1freanalyses"  # in the place of a bus; no bus is called so
 
 
 class _Hook:
@@ -34,6 +36,7 @@ class _Hook:
 
     def __init__(self) -> None:
         self.carry_out: Callable[[int], str] | None = None
+        self.reanalyse: Callable[[int], str] | None = None
         self.lock = threading.Lock()
 
 
@@ -51,23 +54,43 @@ def _nightly_check(check_id: int) -> str:
     return _stroke(check_id)
 
 
+@DBOS.step(name="analyses")
+def _analyses(number: int) -> str:
+    reanalyse = _HOOK.reanalyse
+    return "the service was ending" if reanalyse is None else reanalyse(number)
+
+
+@DBOS.workflow(name="reanalysis")
+def _reanalysis(number: int) -> str:
+    return _analyses(number)
+
+
 class JobQueue:
     """The jobs of one gateway: in ``folder`` by SQLite, or in the PostgreSQL database that ``url`` names.
 
-    One a process. ``carry_out`` gets a job's check in a thread of its own. All methods may block.
+    One a process. ``carry_out`` gets a job's check in a thread of its own, ``reanalyse`` the number of a re-analysis.
+    All methods may block.
     """
 
     def __init__(
-        self, folder: Path, url: URL | None, gateway: str, buses: int, carry_out: Callable[[int], str]
+        self,
+        folder: Path,
+        url: URL | None,
+        gateway: str,
+        buses: int,
+        carry_out: Callable[[int], str],
+        *,
+        reanalyse: Callable[[int], str] | None = None,
     ) -> None:
         self._queue = f"gateway-{gateway}" if gateway else "gateway"
         self._carry_out = carry_out
+        self._reanalyse = reanalyse
         self._config: DBOSConfig = {
             "name": "breakaway",
             "application_version": _JOBS_VERSION,
             "executor_id": gateway or "gateway",
             "log_level": "WARNING",
-            "max_executor_threads": max(_FEWEST_THREADS, 2 * buses),
+            "max_executor_threads": max(_FEWEST_THREADS, 2 * buses + 2),
             "notification_listener_polling_interval_sec": _POLL_S,
         }
         if url is None:
@@ -88,7 +111,7 @@ class JobQueue:
         if not _HOOK.lock.acquire(blocking=False):
             raise InternalError("a second queue of jobs in one process: report it")
         try:
-            _HOOK.carry_out = self._carry_out
+            _HOOK.carry_out, _HOOK.reanalyse = self._carry_out, self._reanalyse
             DBOS(config=self._config)
             DBOS.listen_queues([self._queue])
             DBOS.launch()
@@ -99,7 +122,7 @@ class JobQueue:
             self._end()
             reason = " ".join(str(error).split())[:200]
             raise ConfigurationError(
-                f"the queue of nightly checks cannot be opened ({type(error).__name__}: {reason}): "
+                f"the queue of durable jobs cannot be opened ({type(error).__name__}: {reason}): "
                 "restore jobs.db of service.store from a backup or remove it, or see to service.database"
             ) from None  # its context may show the database's password
         except BaseException:
@@ -114,6 +137,11 @@ class JobQueue:
         priority = min(check_id, _LAST_PRIORITY)  # the smaller comes first; equal ones by the time of their coming
         with SetWorkflowID(job_id), SetEnqueueOptions(queue_partition_key=bus, priority=priority):
             DBOS.enqueue_workflow(self._queue, _nightly_check, check_id)
+
+    def enqueue_reanalysis(self, job_id: str, number: int) -> None:
+        """Put a re-analysis into the queue, behind the others; a job of this id is never put there twice."""
+        with SetWorkflowID(job_id), SetEnqueueOptions(queue_partition_key=_REANALYSES, priority=number):
+            DBOS.enqueue_workflow(self._queue, _reanalysis, number)
 
     def forget(self, before: datetime) -> int:
         """Remove jobs that ended before an instant; return how many."""
@@ -141,7 +169,7 @@ class JobQueue:
             self._end()
 
     def _end(self) -> None:
-        _HOOK.carry_out = None
+        _HOOK.carry_out = _HOOK.reanalyse = None
         try:
             DBOS.destroy()
         finally:

@@ -187,6 +187,7 @@ class Nightly:
                 self._gateway,
                 dict(schedule.overrides),
                 requested_by,
+                until=None if schedule.until is None else dict(schedule.until),
             )
             stored = await asyncio.to_thread(self._table.insert, check)
             if stored is None:
@@ -202,11 +203,8 @@ class Nightly:
 
     async def _overlap(self, check: Check) -> str:
         """Why a check is not queued while an earlier one of the same valve and schedule has not ended."""
-        states = [CheckState.QUEUED, CheckState.RUNNING]
-        for other in await asyncio.to_thread(self._table.in_states, self._gateway, states):
-            if (other.schedule, other.valve) == (check.schedule, check.valve) and other.id != check.id:
-                return f"its check of {other.occurrence} is still {other.state.value}: one at a time"
-        return ""
+        other = await asyncio.to_thread(self._table.unfinished_beside, check)
+        return "" if other is None else f"its check of {other.occurrence} is still {other.state.value}: one at a time"
 
     async def _enqueue(self, check: Check) -> None:
         assert self._queue is not None, "start comes first"
@@ -253,7 +251,8 @@ class Nightly:
         """Why a check that was queued may not be carried out any more; only what plant.toml approves is."""
         for schedule in self._plant.schedules:
             if schedule.name == check.schedule and check.valve in schedule.valves:
-                if (schedule.sequence, dict(schedule.overrides)) == (check.sequence, dict(check.overrides)):
+                asked = (schedule.sequence, schedule.overrides, schedule.until)
+                if asked == (check.sequence, check.overrides, check.until):
                     return ""
                 return f"plant.toml asks for another test since: {schedule.sequence}"
         return f"plant.toml no longer has {check.valve} in schedule {check.schedule}"
@@ -265,7 +264,13 @@ class Nightly:
         requester = Requester(f"schedule {check.schedule}"[:64], RequesterKind.SCHEDULE)
         try:
             run = await self._runs.start(
-                check.valve, check.sequence, check.overrides, check.key, requester=requester, schedule=check.schedule
+                check.valve,
+                check.sequence,
+                check.overrides,
+                check.key,
+                requester=requester,
+                schedule=check.schedule,
+                until=check.until,
             )
         except (BusyError, MotionLostError) as error:  # a motion process that is being started again comes back
             await asyncio.to_thread(self._table.put_back, check.id, self._process)

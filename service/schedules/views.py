@@ -36,6 +36,7 @@ class ScheduleView(BaseModel):
     valves: list[str]
     sequence: str
     overrides: dict[str, Any]
+    until: dict[str, Any] | None = Field(description="what each test is to know to end before its sequence does")
     window_s: float = Field(description="how late a valve's test may start")
     next_due: datetime | None
     last: LastRun | None
@@ -84,6 +85,7 @@ def schedule_view(schedule: Schedule, checks: list[Check], now: datetime) -> Sch
         valves=list(schedule.valves),
         sequence=schedule.sequence,
         overrides=dict(schedule.overrides),
+        until=None if schedule.until is None else dict(schedule.until),
         window_s=schedule.window_s,
         next_due=None if coming is None else coming.due_at,
         last=last_run(checks),

@@ -82,6 +82,16 @@ class ScheduleRunTable:
         with self._engine.connect() as connection:
             return [_check(row) for row in connection.execute(query)]
 
+    def unfinished_beside(self, check: Check) -> Check | None:
+        """Return another check of the same valve, schedule and gateway that has not ended, if there is one."""
+        table = SCHEDULE_RUNS.c
+        unfinished = table.state.in_([CheckState.QUEUED.value, CheckState.RUNNING.value])
+        same = (table.valve == check.valve) & (table.schedule == check.schedule) & (table.gateway == check.gateway)
+        query = select(SCHEDULE_RUNS).where(same, unfinished, table.id != check.id).order_by(table.id).limit(1)
+        with self._engine.connect() as connection:
+            row = connection.execute(query).first()
+        return None if row is None else _check(row)
+
     def between(self, start: datetime, end: datetime) -> list[Check]:
         """Return the checks that were due from ``start`` on and before ``end``, in the order of their turns."""
         table = SCHEDULE_RUNS.c

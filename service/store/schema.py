@@ -11,6 +11,7 @@ from service.store.schema_base import METADATA
 from service.store.schema_health import BASELINES, FIGURES
 from service.store.schema_models import MODELS
 from service.store.schema_nightly import REMOVED_RECORDINGS, SCHEDULE_RUNS, VALVE_HEALTHS, VALVE_STATES
+from service.store.schema_reanalyses import REANALYSES, REPEATS
 from service.store.schema_tests import ANALYSES, TESTS
 
 TABLES: Final[tuple[Table, ...]] = (
@@ -26,6 +27,8 @@ TABLES: Final[tuple[Table, ...]] = (
     USERS,
     SESSIONS,
     TOKENS,
+    REANALYSES,
+    REPEATS,
 )
 #: What describes all of them to Alembic.
 WHOLE: Final[MetaData] = METADATA

@@ -31,6 +31,7 @@ SCHEDULE_RUNS: Final = Table(
     Column("attempt", String(64)),
     Column("attempted_at", UtcDateTime),
     Column("ended_at", UtcDateTime),
+    Column("until", JSON(none_as_null=True)),
     UniqueConstraint("schedule", "occurrence", "valve"),
     Index(None, "gateway", "state"),
     Index(None, "due_at"),

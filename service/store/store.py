@@ -23,6 +23,7 @@ from service.store.figure_table import FigureTable
 from service.store.gateway_lock import GatewayLock
 from service.store.lock import StoreLock
 from service.store.model_table import ModelTable
+from service.store.reanalysis_table import ReanalysisTable
 from service.store.run_table import RunTable
 from service.store.schedule_run_table import ScheduleRunTable
 from service.store.state_counts import StateCounts
@@ -61,6 +62,7 @@ class Store:
             raise
         self.runs = RunTable(self._engine)
         self.schedule_runs = ScheduleRunTable(self._engine)
+        self.reanalyses = ReanalysisTable(self._engine)
         self.models = ModelTable(self._engine)
         self.figures = FigureTable(self._engine)
         self.state_counts = StateCounts(self._engine)

@@ -12,7 +12,8 @@ from drivers.waveform_check import check_waveform
 from service.config.settings import PlantValve
 from service.model.run import Run
 from service.model.sequences import SEQUENCES, build_waveform, default_of
-from service.runs.separating import SEPARATING, separating_of
+from service.model.until import SEPARATING
+from service.runs.separating import separating_of
 from service.shown.words import SEQUENCES as IN_WORDS
 from service.store.store import Store
 from valve.errors import RequestError, ValveError

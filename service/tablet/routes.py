@@ -19,7 +19,7 @@ from service.health.judge import facts_of
 from service.model.acknowledgement import alarm_words, needs_acknowledgement
 from service.model.run import Run, RunState
 from service.model.stands_words import where_it_stands
-from service.model.until import early_words
+from service.model.until import SYMBOLS, early_words
 from service.parts import Parts, parts_of
 from service.report.before_after import BeforeAfter, before_after
 from service.report.of_run import repair_sentences
@@ -57,6 +57,8 @@ router = APIRouter(include_in_schema=False)
 PartsOf = Annotated[Parts, Depends(parts_of)]
 
 _HISTORY: Final = 20
+#: By what a polled test can be asked to end early, in the words of its form.
+_UNTIL_WORDS: Final = dict(zip(SYMBOLS, ("breakaway F_s", "friction F_c", "spring rate k"), strict=True))
 _SOON: Final = "The first estimate comes at the first turning point."
 _NO_ESTIMATES: Final = "The device samples by itself: the estimates come when its samples are fetched."
 
@@ -122,6 +124,7 @@ async def start_page(request: Request, tag: str, parts: PartsOf, visitor: Visito
         "plans": approved_plans(await asyncio.to_thread(plans_of, valve, parts.store), approved),
         "wanted": request.query_params.get("sequence"),
         "around_s": AROUND_S,
+        "until": _UNTIL_WORDS if valve.wiring.acquisition.mode is Mode.POLLED else {},
         "safe_words": safe_value_words(valve.wiring.safe_value_pa, system),
     }
     return page(request, "start.html", visitor, values)

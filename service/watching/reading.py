@@ -17,6 +17,11 @@ _STAND_IN: Final = Nameplate("the valve", Actuator(travel_m=1.0))  # percent of 
 _PERCENT_PA: Final = 1.0e3  # a command in percent or mA becomes so many Pa each, and back
 _STAND_IN_SIGNAL: Final = Signal((4.0, 20.0), (0.0, 100.0 * _PERCENT_PA))
 _NEEDS_SIGNAL: Final = "has no [signal]"
+_NO_STEM: Final = "no column is surely position_m"
+_LOOP_INSTEAD: Final = (
+    "if the stem was not recorded, name the loop's columns instead: "
+    '--map "controller_output=HEADER,process_value=HEADER"'
+)
 
 
 def read_in_service(path: Path, nameplate: Nameplate | None, mapping: Mapping[str, str]) -> tuple[Reading, Scale]:
@@ -30,6 +35,8 @@ def read_in_service(path: Path, nameplate: Nameplate | None, mapping: Mapping[st
     try:
         reading = read_own(path, plate, mapping, in_service=True)
     except RecordingError as error:
+        if _NO_STEM in str(error):
+            raise RecordingError(f"{error}; {_LOOP_INSTEAD}") from None
         if plate.signal is not None or _NEEDS_SIGNAL not in str(error):
             raise
         reading = read_own(path, replace(plate, signal=_STAND_IN_SIGNAL), mapping, in_service=True)

@@ -21,6 +21,7 @@ MOST_UPLOADS: Final = 8  # at once, those that wait included
 MOST_UPLOADED_ROWS: Final = 2_000_000  # of all files of one upload: half an hour of 1 kHz
 _MOST_UPLOAD_MEMORY_BYTES: Final = 4_000_000_000
 WARM_AFTER_S: Final = 15.0  # a job that comes earlier starts its worker itself
+_REST_AFTER_S: Final = 60.0
 _UPLOAD_AGAIN_S: Final = 60.0  # an analysis takes about 20 s of a core
 
 
@@ -33,7 +34,8 @@ class AnalysisCrew:
     leave it less than a core of its own, where there are two; one always may.
 
     Uploads have a worker of their own, of the lowest priority, and begin one at a time, when no test waits for its
-    analysis and a core is free.
+    analysis and a core is free. So have analyses that are repeated for nobody who waits: as many as leave a core, each
+    worker started when it is first needed and ended some time after the last.
     """
 
     def __init__(
@@ -54,6 +56,9 @@ class AnalysisCrew:
         self._uploads = AnalysisPool(
             command=command, niceness=UPLOAD, most_rows=MOST_UPLOADED_ROWS, most_memory_bytes=_MOST_UPLOAD_MEMORY_BYTES
         )
+        self._behind = [AnalysisPool(command=command, niceness=UPLOAD) for _ in range(max(1, count - 1))]
+        self._idle_behind = list(self._behind)
+        self._resting: asyncio.Task[None] | None = None
         self._upload_turn = asyncio.Lock()
         self._uploads_asked = 0
         self._polling = polling or Polling()
@@ -64,6 +69,11 @@ class AnalysisCrew:
     def worker_pids(self) -> list[int | None]:
         """Process id of each worker, None where it has not started yet."""
         return [member.worker_pid for member in self._members]
+
+    @property
+    def most_behind(self) -> int:
+        """How many analyses ``behind`` all others go on at once."""
+        return len(self._behind)
 
     def start(self) -> None:
         """Let the workers start and warm up, one after the other, while the caller goes on."""
@@ -89,13 +99,16 @@ class AnalysisCrew:
         accepted: Mapping[str, Any] | None = None,
         room: Mapping[str, float] | None = None,
         upload: bool = False,
+        behind: bool = False,
         mapping: Mapping[str, str] | None = None,
     ) -> dict[str, Any]:
         """Return the analysis object, made by the first worker that is free; else as ``AnalysisPool.analyze``.
 
-        An ``upload`` waits behind real tests. Raises ThrottledError where too many uploads wait already.
+        An ``upload``, and what is ``behind``, waits for real tests. Raises ThrottledError where too many uploads wait
+        already.
         """
-        async with self._upload_place() if upload else self._free_member() as member:
+        place = self._upload_place() if upload else self._place_behind() if behind else self._free_member()
+        async with place as member:
             return await member.analyze(
                 recording_path,
                 nameplate,
@@ -141,6 +154,31 @@ class AnalysisCrew:
         finally:
             self._uploads_asked -= 1
 
+    @asynccontextmanager
+    async def _place_behind(self) -> AsyncIterator[AnalysisPool]:
+        """Wait until no test waits, and for a core that neither a valve nor another analysis needs."""
+        while not self._closed and (self._tests_waiting or self._busy >= self._places or not self._idle_behind):
+            await self._polling.change()
+        chosen = self._idle_behind.pop() if self._idle_behind else self._behind[0]
+        try:
+            yield chosen
+        finally:
+            self._idle_behind.append(chosen)
+            self._polling.tell()
+            if self._resting is not None:
+                self._resting.cancel()
+            self._resting = asyncio.create_task(self._rest())
+
+    async def _rest(self) -> None:
+        """End the workers behind all others once nobody has needed one for a while."""
+        await asyncio.sleep(_REST_AFTER_S)
+        for member in tuple(self._idle_behind):
+            await member.rest()
+
+    @property
+    def _busy(self) -> int:
+        return sum(self._jobs) + len(self._behind) - len(self._idle_behind)
+
     @property
     def _places(self) -> int:
         """How many jobs may be under way now."""
@@ -154,4 +192,7 @@ class AnalysisCrew:
         if self._warming is not None:
             self._warming.cancel()
             await asyncio.gather(self._warming, return_exceptions=True)
-        await asyncio.gather(*(member.close() for member in (*self._members, self._uploads)))
+        if self._resting is not None:
+            self._resting.cancel()
+            await asyncio.gather(self._resting, return_exceptions=True)
+        await asyncio.gather(*(member.close() for member in (*self._members, *self._behind, self._uploads)))

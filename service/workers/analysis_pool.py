@@ -84,6 +84,11 @@ class AnalysisPool:
         async with self._turn:
             await self._readied(await self._started())
 
+    async def rest(self) -> None:
+        """End the worker behind the jobs that wait; a later job starts it anew."""
+        async with self._turn:
+            await self._discard()
+
     async def close(self) -> None:
         """End the worker, also in the middle of a job; nothing is left behind and no job is taken any more."""
         self._closed = True

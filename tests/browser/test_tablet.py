@@ -303,6 +303,28 @@ def test_a_valve_that_needs_a_permit_is_started_with_its_number(permit_service: 
     assert {one["name"]: one["met"] for one in shown}["permit"] is True
 
 
+def test_a_test_that_is_to_end_early_says_so_before_and_a_refusal_has_the_words_of_the_api(
+    service: Gateway, browser: Tablet
+) -> None:
+    browser.open(f"{service.url}/ui/valves/{TAG}/start")
+    browser.press("[value=steps]")
+    for said, words in (("77", "at most 50 %"), ("2,5", "")):
+        browser.write("[data-symbol=F_s]", said)
+        browser.until_reads("#summary", f"or until it knows breakaway F_s to ± {said} %")
+        browser.press("#arm")
+        browser.until_reads("#armed-words", "Step 2 is open")
+        browser.press("#go")
+        if words:
+            wanted = {"valve": TAG, "sequence": "steps", "until": {"F_s": "77 %"}}
+            detail = service.client.post("/tests/run", json=wanted).json()["detail"]
+            assert words in detail
+            browser.until_reads("#trouble", detail)
+    browser.until(lambda: "/ui/tests/" in browser.driver.current_url, "the running test is shown")
+    test_id = browser.driver.current_url.rpartition("/")[2]
+    assert service.client.get(f"/tests/{test_id}").json()["until"] == {"F_s": "2.5 %"}
+    end(service, test_id)
+
+
 def test_a_refusal_is_read_in_the_units_of_the_page_and_stays_in_si_for_machines(service: Gateway) -> None:
     wanted = {"valve": TAG, "sequence": "triangle", "overrides": {"high_pa": 990_000.0}}
     machine = service.client.post("/tests/run", json=wanted).json()

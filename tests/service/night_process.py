@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 from service.config.settings import load_plant
+from service.runs.reanalyses import Reanalyses
 from service.schedules.house import nights
 from service.schedules.nightly import Nightly
 from service.store.store import open_store
@@ -23,7 +24,8 @@ async def main(plant_file: Path, duration_s: float, run: bool) -> None:
     runs = runs_of(plant, store, FakeRig(duration_s))
     await runs.recover()
     nightly = Nightly(plant, store, runs)
-    async with nights(nightly, plant, store, runs):
+    reanalyses = Reanalyses(plant, store, runs, software="breakaway 0")
+    async with nights(nightly, reanalyses, plant, store, runs):
         if run:
             await nightly.run_now("nightly", "test")
         print("ready", flush=True)

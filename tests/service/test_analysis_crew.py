@@ -149,3 +149,32 @@ async def test_no_more_uploads_wait_than_somebody_would_wait_for() -> None:
     await crew.close()
     ends = await asyncio.gather(*uploads, return_exceptions=True)
     assert all(isinstance(end, InternalError) for end in ends)
+
+
+async def test_what_is_behind_begins_when_no_test_waits_by_a_worker_of_its_own_and_keeps_none_waiting() -> None:
+    crew = AnalysisCrew(2, command=WORKER, cores=2)
+    tests = [asyncio.create_task(crew.analyze("pause", PLATE)) for _ in range(3)]
+    await _settled()
+    order: list[asyncio.Task[Any]] = []
+    behind = [asyncio.create_task(crew.analyze("behind.csv", PLATE, behind=True)) for _ in range(2)]
+    for task in (*tests, *behind):
+        task.add_done_callback(order.append)
+    answers = await asyncio.gather(*tests, *behind)
+    assert set(order[:2]) <= set(tests)
+    assert {answer["pid"] for answer in answers[3:]}.isdisjoint(answer["pid"] for answer in answers[:3])
+    assert {answer["niceness"] for answer in answers[3:]} == {19}
+    hanging = asyncio.create_task(crew.analyze("hang", PLATE, behind=True))
+    await _settled()
+    async with asyncio.timeout(60.0):
+        assert (await crew.analyze("good", PLATE))["of"] == "good"
+    await crew.close()
+    await asyncio.gather(hanging, return_exceptions=True)
+
+
+async def test_a_worker_behind_ends_when_nobody_has_needed_it_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.workers.analysis_crew._REST_AFTER_S", 0.05)
+    crew = AnalysisCrew(2, command=WORKER, cores=2)
+    pid = (await crew.analyze("a.csv", PLATE, behind=True))["pid"]
+    await until(lambda: not alive(pid))
+    assert (await crew.analyze("b.csv", PLATE, behind=True))["pid"] != pid
+    await crew.close()

@@ -119,8 +119,10 @@ async def test_a_live_plant_is_shown_and_no_valve_hears_a_write(quick_path: Path
         assert valve["supply_pa"] == pytest.approx(140.0e3)
         assert [valve[key] for key in ("owner", "watchdog", "loop_in_manual", "interlock")] == [0, "off", True, False]
         assert {one["name"] for one in valve["permissives"]} >= {"device", "owner", "position", "watchdog"}
-        plant.inject(TAG, PlantFault(FaultKind.INTERLOCK, plant.clock.now_s() + 0.05))
-        await asyncio.sleep(0.1)
+        from_s = plant.clock.now_s() + 0.05
+        plant.inject(TAG, PlantFault(FaultKind.INTERLOCK, from_s))
+        while plant.clock.now_s() < from_s:  # noqa: ASYNC110  - a clock sets no event
+            await asyncio.sleep(0.01)
         answer = await checked(path, "--live")
         assert answer.returncode == 1
         assert "not right: no_interlock: active, no interlock is needed: clear the interlock" in answer.stdout

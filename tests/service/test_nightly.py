@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from service.config.settings import load_plant
 from service.model.check import Check, CheckState
 from service.model.run import Run, RunState, new_run_id
 from service.store.store import Store
-from tests.service.nights import NIGHTLY, Clock, night, night_plant, until
+from tests.service.nights import NIGHTLY, Clock, night, night_plant, plant_text, until
 from tests.support.fake_rig import FakeRig
 from tests.support.nominal_recordings import triangle_test
 from valve.errors import BusyError, PermissiveError
@@ -234,6 +235,23 @@ async def test_a_check_that_plant_toml_no_longer_approves_is_not_carried_out(qui
         checks = await until(store, lambda found: _all_ended(found, 2))
     assert {check.state for check in checks} == {CheckState.SKIPPED}
     assert rig.orders == []
+    store.close()
+
+
+async def test_a_check_asks_its_test_to_end_early_as_plant_toml_says_it_now(quick_path: Path) -> None:
+    store, rig, clock = Store(quick_path / "s"), FakeRig(), Clock(DUE)
+    path = quick_path / "plant.toml"
+    schedule = NIGHTLY.replace("window_s", 'until = { F_s = "5 %" }\nwindow_s')
+    polled = plant_text(schedule).replace('mode = "captured"', 'mode = "polled"').replace("= 0.001", "= 0.02")
+    path.write_text(polled, encoding="utf-8")
+    for tag, asked in (("A1", {"F_s": "5 %"}), ("B1", None)):
+        bus = tag[0].lower()
+        store.schedule_runs.insert(Check("nightly", "2026-07-01T02:30", tag, DUE, 3600.0, "triangle", bus, until=asked))
+    async with night(load_plant(path), store, rig, clock):
+        checks = {check.valve: check for check in await until(store, lambda found: _all_ended(found, 2))}
+    assert (checks["A1"].state, checks["B1"].state) == (CheckState.COMPLETED, CheckState.SKIPPED)
+    assert store.runs.get(str(checks["A1"].test_id)).until == {"F_s": "5 %"}
+    assert "plant.toml asks for another test since" in checks["B1"].reason
     store.close()
 
 

@@ -49,6 +49,27 @@ def test_a_schedule_that_cannot_be_is_refused_at_the_start(quick_path: Path, was
         night_plant(quick_path, NIGHTLY.replace(was, now))
 
 
+@pytest.mark.parametrize(
+    ("until", "mode", "message"),
+    [
+        ('{ F_s = "5 %" }', "captured", r"schedules\[0\]\.until .*A1: until needs a polled test"),
+        ('{ F_x = "5 %" }', "polled", r"A1: until.F_x is unknown"),
+        ('{ F_s = "77 %" }', "polled", r"at most 50 %"),
+        ("{ F_s = 5 }", "polled", r"must be a percentage"),
+        ("{}", "polled", r"until is empty"),
+    ],
+)
+def test_an_until_that_a_schedules_tests_cannot_follow_is_refused_in_the_words_of_a_request(
+    quick_path: Path, until: str, mode: str, message: str
+) -> None:
+    text = plant_text(NIGHTLY.replace("window_s", f"until = {until}\nwindow_s"))
+    with pytest.raises(ConfigurationError, match=message):
+        _load(
+            quick_path,
+            text.replace('mode = "captured"', f'mode = "{mode}"\n').replace("period_s = 0.001", "period_s = 0.02"),
+        )
+
+
 def test_a_schedule_of_a_valve_that_needs_a_permit_is_refused_for_no_schedule_has_one(tmp_path: Path) -> None:
     text = plant_text().replace("[valves.acquisition]", "[valves.permissives]\npermit = true\n[valves.acquisition]", 1)
     with pytest.raises(ConfigurationError, match=r'schedules\[0\]\.valves = "A1": its tests need a work permit'):

@@ -86,6 +86,11 @@ async def test_a_test_that_its_device_plays_by_itself_takes_no_until(client: htt
     assert "say acquisition.mode = polled" in answer.json()["detail"]
 
 
+async def test_the_form_asks_for_it_where_the_valve_is_polled_alone(client: httpx.AsyncClient) -> None:
+    assert 'data-symbol="F_s"' in (await client.get("/ui/valves/FV-102/start")).text
+    assert "data-symbol" not in (await client.get("/ui/valves/FV-101/start")).text
+
+
 async def test_a_separating_test_takes_no_until(client: httpx.AsyncClient) -> None:
     wanted = {"valve": "FV-102", "sequence": "separating", "until": {"F_s": "5 %"}}
     answer = await client.post("/tests/run", json=wanted)

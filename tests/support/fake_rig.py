@@ -133,6 +133,7 @@ class FakeAnalyst:
         self.let_go.set()
         self.asked: list[tuple[Any, ...]] = []
         self.uploads = 0
+        self.behind = 0
         self.discrepancy: dict[str, Any] = {"verdict": "not_assessed"}
 
     async def analyze(
@@ -146,9 +147,11 @@ class FakeAnalyst:
         accepted: Mapping[str, Any] | None = None,
         room: Mapping[str, float] | None = None,
         upload: bool = False,
+        behind: bool = False,
         mapping: Mapping[str, str] | None = None,
     ) -> dict[str, Any]:
         self.uploads += upload
+        self.behind += behind
         self.asked.append((tuple(together), tuple(held_out), accepted, room))
         await self.let_go.wait()
         if mapping is None:

@@ -17,9 +17,12 @@ if ($("start")) {
     link.href = "#h-permits";
     words.replaceChildren("Both steps are locked. ", link);
   });
+  const wishes = () => [...form.querySelectorAll("#until input")].filter((one) => !one.disabled && one.value.trim());
   const summarize = () => {
     const chosen = form.querySelector("[name=sequence]:checked");
-    $("summary").textContent = chosen ? `${form.dataset.valve} moves over its travel: ${chosen.dataset.words}.` : "No sequence is possible.";
+    for (const one of form.querySelectorAll("#until input")) one.disabled = chosen?.value === "separating";  // needs all of it
+    const early = wishes().map((one) => `${one.dataset.words} to ± ${one.value.trim()} %`).join(" and ");
+    $("summary").textContent = chosen ? `${form.dataset.valve} moves over its travel: ${chosen.dataset.words}${early ? `, or until it knows ${early}` : ""}.` : "No sequence is possible.";
   };
   summarize();
   form.addEventListener("input", () => { summarize(); disarm("Something was changed. Step 2 is locked."); });
@@ -45,6 +48,7 @@ if ($("start")) {
     const key = Array.from(crypto.getRandomValues(new Uint8Array(16)), (one) => one.toString(16).padStart(2, "0")).join("");
     const fields = new FormData(form), body = { valve: form.dataset.valve, sequence: fields.get("sequence") };
     for (const name of ["label", "permit"]) if (fields.get(name)) body[name] = fields.get(name);
+    for (const one of wishes()) (body.until ??= {})[one.dataset.symbol] = `${one.value.trim().replace(",", ".")} %`;
     for (let attempt = 1; attempt <= 3; attempt += 1) {
       try {
         const answer = await ask("POST", "/tests/run", { body, headers: { "Idempotency-Key": key } });

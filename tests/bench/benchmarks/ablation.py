@@ -16,8 +16,8 @@ from rich.table import Table
 
 from estimators.base import Status
 from estimators.engine.settings import USUAL, Settings
-from tests.bench.benchmarks.parallel import each
 from tests.bench.benchmarks.rough_valves import FIRST_SEED, GRADES, PERIOD_S, RUN_SEQUENCES, Answer, answered
+from tests.bench.parallel import each
 from tests.support.rough_valves import VALVES
 
 CASES: Final = 2

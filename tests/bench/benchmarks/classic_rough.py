@@ -13,7 +13,7 @@ from rich.table import Table
 from estimators.base import Estimate, Status
 from estimators.classic.window_fit import student_95
 from estimators.registry import estimator
-from tests.bench.benchmarks.parallel import each
+from tests.bench.parallel import each
 from tests.support.rough_valves import GRADES, SEQUENCES, VALVES, RoughCase, case
 
 METHODS: Final = ("regression", "garcia")

@@ -14,7 +14,7 @@ from rich.table import Table
 from estimators.registry import ESTIMATORS
 from tests.bench.benchmarks.bound import ONE_INSTANT
 from tests.bench.benchmarks.efficiency import taken_at_once
-from tests.bench.benchmarks.parallel import each
+from tests.bench.parallel import each
 from tests.support.published_recordings import VALVES, Recorded, followed
 from valve.parameter_sets import parameter_set
 from valve.parameters import PARAMETER_SYMBOLS, parameters_from_symbols

@@ -13,8 +13,8 @@ from rich.table import Table
 
 from estimators.registry import ESTIMATORS
 from tests.bench.benchmarks.bound import IDENTIFIABLE, ONE_INSTANT, bound, delay_slope
-from tests.bench.benchmarks.parallel import each
 from tests.bench.benchmarks.timing import shown
+from tests.bench.parallel import each
 from tests.support.published_recordings import SYMBOLS, VALVES, Recorded, paper_triangle, recorded
 from valve.parameter_sets import parameter_set
 from valve.recording import Acquisition, Provenance

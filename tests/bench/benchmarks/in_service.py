@@ -17,7 +17,7 @@ from rich.table import Table
 
 from estimators.in_service.result import Scale
 from estimators.in_service.watch import watched
-from tests.bench.benchmarks.parallel import each
+from tests.bench.parallel import each
 from tests.support.loops import Loop, loop, reported_by_exception
 from valve.errors import MeasurementError
 from valve.recording import Recording

@@ -15,7 +15,7 @@ from estimators.classic.garcia import GarciaEstimator
 from estimators.classic.regression import RegressionEstimator
 from estimators.registry import ESTIMATORS
 from tests.bench.benchmarks.efficiency import Case, bounds_of, phased, scale_of
-from tests.bench.benchmarks.parallel import each
+from tests.bench.parallel import each
 from tests.support.published_recordings import VALVES
 
 SEEDS: Final = 3

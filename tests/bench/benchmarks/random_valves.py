@@ -28,7 +28,7 @@ from rich.table import Table
 from estimators.base import NORMAL_95, Estimate, Status
 from estimators.registry import ESTIMATORS
 from tests.bench.benchmarks.bound import ONE_INSTANT, bound, delay_slope, relative_half_width
-from tests.bench.benchmarks.parallel import each
+from tests.bench.parallel import each
 from tests.support.random_valves import KINDS, UNINFORMATIVE, RandomTest, random_test
 from valve.motion import simulate_motion
 from valve.parameters import PARAMETER_SYMBOLS

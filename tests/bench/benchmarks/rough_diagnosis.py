@@ -24,8 +24,8 @@ from estimators.base import Outcome
 from estimators.engine.balance import lag_after_corners
 from estimators.engine.engine import RoughFrictionEstimator
 from estimators.engine.reading import read
-from tests.bench.benchmarks.parallel import each
 from tests.bench.blind.strengths import STRENGTHS, Swept
+from tests.bench.parallel import each
 from tests.support.rough_valves import DIAGNOSTIC, SEQUENCES, VALVES, RoughCase, case
 from valve.effects import ValveScale
 from valve.effects.base import Effect

@@ -19,7 +19,7 @@ from rich.table import Table
 from estimators.base import Status
 from estimators.engine.engine import RoughFrictionEstimator
 from estimators.engine.settings import USUAL, Settings
-from tests.bench.benchmarks.parallel import each
+from tests.bench.parallel import each
 from tests.support.rough_valves import SEQUENCES, VALVES, case
 
 CASES: Final = 20

@@ -12,7 +12,7 @@ import numpy as np
 from rich.table import Table
 
 from estimators.signature.measure import measure_signature
-from tests.bench.benchmarks.parallel import each
+from tests.bench.parallel import each
 from valve.motion import simulate_motion
 from valve.parameter_sets import parameter_set
 from valve.recording import Recording

@@ -19,11 +19,11 @@ from typing import Any, Final
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from tests.bench.benchmarks.parallel import PROCESSES
 from tests.bench.blind.cases import BlindCase, blind_case
 from tests.bench.blind.diagnosers import DIAGNOSERS
 from tests.bench.blind.grading import Answer, Grade, answer_from_json, grade
 from tests.bench.blind.strengths import Expected
+from tests.bench.parallel import PROCESSES
 
 ROOT: Final = Path(__file__).parents[3]
 RESULTS: Final = ROOT / "build" / "blind"
