@@ -43,8 +43,9 @@ def some_cases(count: int, seed: int) -> list[Case]:
     chance = random.Random(seed)
     cases = []
     for number in range(count):
-        fault = FAULTS[number % len(FAULTS)]
-        carrier, mode = _way(fault, number + _TURNS[number // len(FAULTS) % len(WAYS)])
+        round_number, kind = divmod(number, len(FAULTS))
+        fault = FAULTS[kind]
+        carrier, mode = _way(fault, kind + _TURNS[round_number % len(WAYS)])
         index = int(chance.random() * 85)  # the last ones of a test may fall away with its pace
         cases.append(Case(carrier, mode, FaultAt(fault, index, seed=seed + number)))
     return cases
