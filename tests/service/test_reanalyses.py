@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import pytest
 
 from service.audit.verify import entries_of
 from service.config.settings import Plant, load_plant
@@ -207,6 +208,7 @@ def test_a_killed_service_goes_on_with_what_is_left(quick_path: Path, plant_text
     _end_in_the_middle(quick_path, plant_text.replace("[service]\n", f"[service]\n{line}", 1), signal.SIGKILL)
 
 
+@pytest.mark.long
 def test_a_stopped_service_goes_on_with_what_is_left(quick_path: Path, plant_text: str) -> None:
     _end_in_the_middle(quick_path, plant_text, signal.SIGTERM)
 

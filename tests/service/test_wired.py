@@ -113,8 +113,8 @@ def _no_watchdog_acted(plant: SimulatedPlant) -> bool:
     "number",
     [
         signal.SIGTERM,
-        signal.SIGHUP,
         # they take the same way in: `make long` has them
+        pytest.param(signal.SIGHUP, marks=pytest.mark.long),
         pytest.param(signal.SIGINT, marks=pytest.mark.long),
         pytest.param(signal.SIGQUIT, marks=pytest.mark.long),
     ],
@@ -140,7 +140,7 @@ async def test_a_signal_that_ends_the_motion_process_stops_the_test_and_leaves_t
         assert (shown.status_code, refused.status_code) in {(200, 409), (503, 503)}, "nobody can look at its stem now"
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("number", [pytest.param(signal.SIGTERM, marks=pytest.mark.long), signal.SIGKILL])
 async def test_a_test_outlives_the_service_and_completes_when_that_is_back(
     quick_path: Path, number: signal.Signals
 ) -> None:
