@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from drivers.motion.bus_lock import FOLDER_VARIABLE
-from tests.order import FilesAndOneBrowser, in_turn, is_slow
+from tests.order import WaitingBeside, is_slow
 
 _locks = tempfile.TemporaryDirectory(prefix="breakaway-locks-")  # removed as the process ends
 os.environ[FOLDER_VARIABLE] = _locks.name
@@ -43,13 +43,7 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return True if config.getoption("quick") and is_slow(collection_path) else None
 
 
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Put files in turn for several workers; one alone takes them as they come."""
-    if hasattr(config, "workerinput"):
-        items[:] = in_turn(items)
-
-
 @pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> FilesAndOneBrowser | None:
-    """Hand out files, with ``--dist loadfile``."""
-    return FilesAndOneBrowser(config, log) if config.getoption("dist") == "loadfile" else None
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> WaitingBeside | None:
+    """Let workers from the third on run what waits, with ``--dist loadfile``."""
+    return WaitingBeside(config, log) if config.getoption("dist") == "loadfile" else None

@@ -1,41 +1,56 @@
-"""Which tests lie beside which, and that what is left out of the quick ones is there."""
+"""Who runs what: tests that wait have workers of their own; and that what is left out of the quick ones is there."""
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from tests.order import FilesAndOneBrowser, in_turn, is_slow, slow
+from tests.order import WAITING, WaitingBeside, is_slow, slow
 
 HERE = Path(__file__).parent
 
 
-def test_files_of_all_folders_come_in_turn_and_browser_and_whole_processes_first() -> None:
-    names = ["browser/a", "drivers/a", "drivers/b", "end_to_end/a", "valve/a", "valve/b", "valve/c", "valve/d"]
-    asked: list[Any] = [SimpleNamespace(path=HERE / f"{name}.py", number=n) for name in names for n in range(2)]
-    found: list[Any] = in_turn(asked)
-    files = [one.path.relative_to(HERE).with_suffix("").as_posix() for one in found]
-    assert files[::2] == files[1::2]
-    assert files[::2] == [
-        *("browser/a", "end_to_end/a"),
-        *("valve/a", "drivers/a", "valve/b", "valve/c", "drivers/b", "valve/d"),
-    ]
-    assert [one.number for one in found] == [0, 1] * len(names)
+def _node(number: int) -> Any:
+    return SimpleNamespace(gateway=SimpleNamespace(id=f"gw{number}"))
+
+
+def _scheduling(files: list[str], nodes: list[Any]) -> WaitingBeside:
+    scheduling = WaitingBeside.__new__(WaitingBeside)
+    scheduling.workqueue = OrderedDict((file, {}) for file in files)
+    scheduling.assigned_work = {node.gateway.id: {} for node in nodes}
+    return scheduling
 
 
 @pytest.mark.parametrize(
-    ("nodeid", "unit"),
+    ("files", "first", "third"),
     [
-        ("tests/browser/test_pages.py::test_one[/ui/night]", "tests/browser"),
-        ("tests/browser/test_tablet.py::test_two", "tests/browser"),
-        ("tests/drivers/test_gate.py::test_one[a::b]", "tests/drivers/test_gate.py"),
+        (["tests/bench/blind/a.py", "tests/drivers/b.py"], "tests/bench/blind/a.py", "tests/drivers/b.py"),
+        (["tests/drivers/b.py", "tests/valve/c.py"], "tests/valve/c.py", "tests/drivers/b.py"),
+        (["tests/drivers/b.py", "tests/bench/faults/d.py"], "tests/drivers/b.py", "tests/drivers/b.py"),
+        (["tests/bench/blind/a.py", "tests/valve/c.py"], "tests/bench/blind/a.py", None),
+        (["tests/service/d.py", "tests/valve/c.py"], "tests/valve/c.py", "tests/service/d.py"),
+        (["tests/service/d.py", "tests/drivers/b.py"], "tests/service/d.py", "tests/drivers/b.py"),
     ],
 )
-def test_a_file_is_one_piece_of_work_and_all_in_a_browser_are_one(nodeid: str, unit: str) -> None:
-    assert FilesAndOneBrowser.__new__(FilesAndOneBrowser)._split_scope(nodeid) == unit
+def test_workers_from_the_third_on_wait_and_the_others_compute_first(
+    files: list[str], first: str, third: str | None
+) -> None:
+    nodes = [_node(number) for number in range(4)]
+    scheduling = _scheduling(files, nodes)
+    assert [scheduling._next_file(node) for node in nodes] == [first, first, third, third]
+
+
+def test_of_two_workers_none_stands_aside() -> None:
+    scheduling = _scheduling(["tests/bench/blind/a.py", "tests/drivers/b.py"], [_node(0), _node(2)])
+    assert scheduling._next_file(_node(2)) == "tests/bench/blind/a.py"
+
+
+def test_what_waits_is_there() -> None:
+    assert [name for name in WAITING if not (HERE.parent / name).exists()] == []
 
 
 def test_what_is_left_out_of_the_quick_tests_is_there() -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import pytest
 
 from service.cli.demo_plant import free_ports
 from tests.support.databases import postgresql_database
@@ -100,6 +101,7 @@ def _state(client: httpx.Client, test_id: str) -> str:
     return str(_asked(client, test_id)["state"])
 
 
+@pytest.mark.long
 def test_two_gateways_test_their_own_valves_and_see_all_results(tmp_path: Path) -> None:
     with postgresql_database() as database, contextlib.ExitStack() as stack:
         ports = free_ports(4)

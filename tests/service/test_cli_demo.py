@@ -72,7 +72,7 @@ def test_a_signal_ends_the_demonstration_and_all_that_it_started(quick_path: Pat
 
 
 @pytest.mark.parametrize(
-    "name", ["motion", *(pytest.param(name, marks=pytest.mark.long) for name in ("simulate", "serve"))]
+    "name", [pytest.param(name, marks=pytest.mark.long) for name in ("simulate", "motion", "serve")]
 )
 def test_a_process_that_dies_ends_the_demonstration_in_a_sentence(quick_path: Path, name: str) -> None:
     with demonstration(quick_path) as process:

@@ -66,6 +66,7 @@ def _database(plant_file: Path, database_url: str) -> Engine:
     return create_engine(database_url)
 
 
+@pytest.mark.parametrize("database_url", ["sqlite", pytest.param("postgresql", marks=pytest.mark.long)], indirect=True)
 def test_a_killed_night_resumes_nothing_and_goes_on_with_what_waited(plant_file: Path, database_url: str) -> None:
     engine = _database(plant_file, database_url)
     with _service(plant_file, 30.0, "run") as first:

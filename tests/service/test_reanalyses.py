@@ -203,6 +203,7 @@ def _lines(log: Path, what: str) -> list[str]:
     return [line.split()[1] for line in text.splitlines() if line.startswith(what)]
 
 
+@pytest.mark.parametrize("database_url", ["sqlite", pytest.param("postgresql", marks=pytest.mark.long)], indirect=True)
 def test_a_killed_service_goes_on_with_what_is_left(quick_path: Path, plant_text: str, database_url: str) -> None:
     line = "" if database_url.startswith("sqlite") else f'database = "{database_url}"\n'
     _end_in_the_middle(quick_path, plant_text.replace("[service]\n", f"[service]\n{line}", 1), signal.SIGKILL)
