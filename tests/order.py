@@ -2,8 +2,8 @@
 
 What waits for motions in real time has workers of its own beside the others, and hardly computes; as many others as
 there are cores compute all the while. xdist's ``xdist_group`` lays files on workers and does not say which wait (beside
-pytest 9.2 it has no effect at all, pytest-xdist issue 1386): with files in turn on three workers the suite took 716 s, on
-four 618 s.
+pytest 9.2 it has no effect at all, pytest-xdist issue 1386): with files in turn on three workers the suite took
+716 s, on four 618 s.
 """
 
 from __future__ import annotations
