@@ -22,15 +22,18 @@ WAITING: Final = (
     "tests/bench/faults/",
     "tests/end_to_end/test_sticky.py",
     "tests/end_to_end/test_tutorial.py",
+    "tests/service/access/test_access_settings.py",
     "tests/service/access/test_stop_alone.py",
     "tests/service/mqtt/",
     "tests/service/test_analysis_crew.py",
+    "tests/service/test_analysis_pool.py",
     "tests/service/test_durable_nights.py",
     "tests/service/test_http_protocol.py",
     "tests/service/test_motion_process.py",
     "tests/service/test_reanalyses.py",
     "tests/service/test_recovery.py",
     "tests/service/test_stem_looks.py",
+    "tests/service/test_until.py",
     "tests/service/test_wired.py",
 )
 # Half of their time is waiting: for a process, a browser, a database.

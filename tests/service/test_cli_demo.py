@@ -83,6 +83,7 @@ def test_a_process_that_dies_ends_the_demonstration_in_a_sentence(quick_path: Pa
         assert "Traceback" not in said
 
 
+@pytest.mark.long
 def test_a_port_that_is_taken_in_between_is_replaced(quick_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     free_ports, asked = demo_plant.free_ports, list[float]()
     with socket.socket() as taken, contextlib.ExitStack() as stack:
