@@ -65,7 +65,7 @@ blind: $(VENV)/.dev  ## hide effects in data and ask for them; a part: ARGS="tri
 	$(BIN)/python -m tests.bench.blind $(ARGS)
 
 fuzz: $(VENV)/.dev  ## requests of every kind to every route, none may be a server error; ARGS=examples
-	BREAKAWAY_FUZZ_EXAMPLES=$(or $(ARGS),200) $(BIN)/pytest -s tests/service/access/test_schemathesis.py
+	BREAKAWAY_FUZZ_EXAMPLES=$(or $(ARGS),200) $(BIN)/pytest -s -m "long or not long" tests/service/access/test_schemathesis.py
 
 compose-check: $(VENV)/.dev  ## docker-compose.yml for real, tests run through it: COMPOSE="docker compose"; ARGS=single, plant, precedence or unit
 	$(BIN)/python -m tests.bench.compose $(ARGS)
