@@ -38,7 +38,8 @@ async def schemathesis(url: str, folder: Path, headers: dict[str, str], *routes:
     return found
 
 
-@pytest.mark.parametrize("role", [Role.ADMIN, pytest.param(Role.ENGINEER, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("role", [Role.ADMIN, Role.ENGINEER])
 async def test_schemathesis_finds_no_server_error(quick_path: Path, role: Role) -> None:
     routes = ["--include-path-regex", _ADMIN] if role is Role.ADMIN else ["--exclude-path-regex", _ADMIN]
     async with signed_in(quick_path, "admin", rig_s=0.0) as served:
