@@ -52,7 +52,7 @@ quick: $(VENV)/.dev  ## while writing: style, types, and the tests that take a m
 	$(BIN)/mypy
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder --quick $(ARGS)
 
-long: $(VENV)/.dev  ## whole searches of the estimate and the diagnosis, which `make test` leaves out: 5 minutes
+long: $(VENV)/.dev  ## what `make test` leaves out: whole searches, the demonstration, second rounds of faults and kills
 	$(BIN)/pytest -n 2 -m long $(ARGS)
 
 bench: $(VENV)/.dev  ## speed and accuracy, as tables; one alone: ARGS="coverage 200"
