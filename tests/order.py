@@ -21,7 +21,6 @@ WAITING: Final = (
     "tests/drivers/",
     "tests/bench/faults/",
     "tests/end_to_end/test_sticky.py",
-    "tests/end_to_end/test_tutorial.py",
     "tests/service/access/test_access_settings.py",
     "tests/service/access/test_stop_alone.py",
     "tests/service/mqtt/",

@@ -396,6 +396,7 @@ def test_a_stem_that_has_not_closed_is_seen_without_scrolling_and_a_page_that_is
     assert "Somebody looked at it since: “plug freed by hand”" in browser.text("#stands")
 
 
+@pytest.mark.long
 def test_a_result_is_analysed_again_by_a_button_and_its_pictures_are_drawn_anew(
     service: Gateway, browser: Tablet
 ) -> None:

@@ -119,6 +119,7 @@ def _reader(folder: Path) -> Iterator[_Reader]:
             _end(process)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(shutil.which("curl") is None, reason="curl is not installed")
 def test_the_tutorial_leads_from_a_plant_file_to_the_first_nightly_check(tmp_path: Path) -> None:
     blocks = _BLOCK.findall(TUTORIAL.read_text(encoding="utf-8"))

@@ -272,6 +272,7 @@ async def test_what_whoever_started_the_motion_process_had_ignored_stays_ignored
             assert motion.returncode is None
 
 
+@pytest.mark.long  # the fault bench kills both, too
 async def test_after_kill_9_of_both_the_test_is_interrupted_its_samples_are_kept_and_the_valve_is_safe(
     quick_path: Path,
 ) -> None:
