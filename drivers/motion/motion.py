@@ -77,7 +77,7 @@ class Motion:
         self._carried: dict[str, _Carried] = {}
         self._closing = False
         self._stopped_before: OrderedDict[str, str] = OrderedDict()  # reasons of stops that came before their motion
-        self._recovering: set[asyncio.Task[Recovered]] = set()
+        self._recovering: dict[asyncio.Task[Recovered], frozenset[str]] = {}  # and the buses that each uses
         self._removing: set[asyncio.Future[None]] = set()
         #: Called whenever a motion has ended.
         self.on_end: Callable[[], None] = lambda: None
@@ -111,8 +111,9 @@ class Motion:
 
     @property
     def buses_in_use(self) -> frozenset[str]:
-        """The buses of the valves that move."""
-        return frozenset().union(*(one.wiring.buses for one in self._carried.values() if not one.is_over))
+        """The buses of the valves that move, or are brought to rest after a crash."""
+        moving = [one.wiring.buses for one in self._carried.values() if not one.is_over]
+        return frozenset().union(*moving, *self._recovering.values())
 
     # ---- looks, which write nothing
 
@@ -225,9 +226,10 @@ class Motion:
             if one.order.tag == tag and not one.is_over:
                 one.request_stop("stopped: whoever asked for it lost it")
                 await asyncio.wait({one.task})
-        task = asyncio.create_task(self._recovered(self._free(tag), run_number, entry_pa, commanded))
-        self._recovering.add(task)
-        task.add_done_callback(self._recovering.discard)
+        wiring = self._free(tag)
+        task = asyncio.create_task(self._recovered(wiring, run_number, entry_pa, commanded))
+        self._recovering[task] = wiring.buses
+        task.add_done_callback(self._recovering.pop)
         return await asyncio.shield(task)
 
     async def _recovered(
@@ -282,7 +284,7 @@ class Motion:
         """Stop every motion and wait until each has its end on disk; those that are late are cancelled."""
         self.begin_shutdown(reason)
         tasks: set[asyncio.Task[Any]] = {one.task for one in self._carried.values() if not one.is_over}
-        tasks |= self._recovering
+        tasks |= self._recovering.keys()
         if tasks:
             _, late = await asyncio.wait(tasks, timeout=timeout_s)
             for task in late:

@@ -146,9 +146,16 @@ class MotionServer:
         self.motion.stop(run_id, reason)
         return end_to_json(await self.motion.end_of(run_id))
 
-    async def _take(self, _client: _Client, buses: list[str]) -> None:
-        await self.motion.take_aside(buses)
-        self._taken |= set(buses)
+    async def _take(self, client: _Client, buses: list[str]) -> None:
+        fresh = set(buses) - self._taken
+        self._taken |= fresh  # before they are: a motion that ends meanwhile must not give them back
+        try:
+            await self.motion.take_aside(buses)
+        except BaseException:
+            self._taken -= fresh
+            raise
+        if client is not self._owner:
+            self._let_go()
 
     async def _hold(self, client: _Client, buses: list[str], held: int) -> None:
         """Hold buses until the owner says ``release``, or is gone."""

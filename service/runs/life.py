@@ -85,6 +85,7 @@ class Life:
         #: Whether the program that moves valves ended, or this one while that goes on: the end is open, nothing stored.
         self.is_lost = False
         self.is_left = False
+        self._is_rejoined = False  # its motion was begun on another connection
         self._entry_pa: float | None = None
         self._faults: tuple[str, ...] = ()
         self._commanded = False  # whether anything was sent that can move the valve
@@ -213,6 +214,7 @@ class Life:
     async def _move(self, motion: MotionLink, *, rejoined: bool) -> bool:
         """Drive the valve and store what was recorded; True where there is something to analyse."""
         live = self._live
+        self._is_rejoined = rejoined
         if not rejoined:
             if not live.stop.is_set():
                 await self._change(state=RunState.RUNNING, started_at=datetime.now(UTC))
@@ -229,7 +231,7 @@ class Life:
         except MotionLostError:
             raise
         except ValveError as error:
-            if rejoined and await asyncio.to_thread(shown_commanded, self._store, live.run) is not False:
+            if self._is_rejoined and await asyncio.to_thread(shown_commanded, self._store, live.run) is not False:
                 self._commanded = True
                 raise  # something was sent, and how it ended cannot be told
             await self._end(RunState.FAILED, f"{error}{_NOTHING_MOVED}", commanded=False)
@@ -258,14 +260,23 @@ class Life:
                 return await self._playing
             except MotionLostError as error:
                 _LOG.warning("connection to the motion process lost", test=order.run_id, error=str(error))
-                await motion.connect(_BACK_S)
-                if all(one.order.run_id != order.run_id for one in await motion.left()):
+                if not await self._is_known(motion, order.run_id):
                     if await asyncio.to_thread(shown_commanded, self._store, self._live.run) is False:
                         raise MeasurementError(
                             f"{order.tag}: the motion process ended before it moved the valve: repeat the test"
                         ) from error
                     raise
-                rejoined = True
+                rejoined = self._is_rejoined = True
+
+    async def _is_known(self, motion: MotionLink, run_id: str) -> bool:
+        """Whether the motion process has this motion. Raises MotionLostError where it cannot be asked."""
+        try:
+            await motion.connect(_BACK_S)
+            return any(one.order.run_id == run_id for one in await motion.left())
+        except MotionLostError:
+            raise
+        except ValveError as error:  # it has another service, or is of another version: nothing is known of the valve
+            raise MotionLostError(str(error)) from error
 
     async def _tell_stop(self, motion: MotionLink) -> None:
         await self._live.stop.wait()

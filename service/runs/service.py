@@ -397,7 +397,8 @@ class Runs:
         if live is None or live.finished.is_set():
             return await self.get(run_id)
         live.request_stop(f"stopped by {requester.name}")
-        self._motion.stop(run_id, live.stop_reason)  # each press once more: the first one may have been lost
+        if not live.motion_ended.is_set():
+            self._motion.stop(run_id, live.stop_reason)  # each press once more: the first one may have been lost
         if not live.motion_ended.is_set() and requester.name not in live.stopped_by:
             live.stopped_by.add(requester.name)
             self._tasks.spawn(self._note_stop(live, requester, datetime.now(UTC)))
