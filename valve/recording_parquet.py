@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from valve.column_names import remedy
@@ -76,8 +77,7 @@ def read_columns(data: bytes, source: str, *, most_rows: int) -> tuple[dict[str,
             raise RecordingError(too_many_rows(source, described.num_rows, most_rows))
         _require_known(described.schema.to_arrow_schema().names, source)
         _require_modest(described, most_rows, source)
-        # One thread: more gain nothing here, and hang where memory is bounded and none can be started.
-        table = pq.read_table(io.BytesIO(data), use_threads=False, pre_buffer=False)
+        table = whole_table(data)
     except (pa.ArrowInvalid, OSError) as error:
         reason = str(error).partition(".")[0]
         raise RecordingError(f"{source}: it cannot be read as a Parquet file ({reason}): write it again") from None
@@ -86,6 +86,14 @@ def read_columns(data: bytes, source: str, *, most_rows: int) -> tuple[dict[str,
     for name in table.column_names:
         columns[name] = _values(table[name], metadata.get("columns", {}).get(name, {}), f"{source}: column {name}")
     return columns, _provenance(metadata, source)
+
+
+def whole_table(data: bytes) -> pa.Table:
+    """Every column of a Parquet file. Raises ArrowInvalid or OSError where it is none."""
+    # pq.read_table would load pyarrow.dataset first: ten libraries, while every other thread waits for the disk.
+    # One thread: more gain nothing here, and hang where memory is bounded and none can be started.
+    with pq.ParquetFile(io.BytesIO(data), pre_buffer=False) as file:
+        return file.read(use_threads=False)
 
 
 def _require_known(names: Sequence[str], source: str) -> None:
@@ -119,7 +127,7 @@ def _metadata(schema: pa.Schema, source: str) -> dict[str, Any]:
 
 def _values(column: pa.ChunkedArray, described: Mapping[str, Any], where: str) -> FloatArray:
     try:
-        numbers = np.array(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
+        numbers = np.array(pc.cast(column, pa.float64()).to_numpy(), dtype=np.float64)
     except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
         raise RecordingError(f"{where} holds {column.type}, it must hold numbers: convert it") from None
     if "scale" not in described:

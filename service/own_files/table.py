@@ -23,6 +23,7 @@ from service.own_files.content import ZIP, bytes_of_rows, plain, require_size, t
 from service.own_files.names import is_unit, number_and_unit, quantities, unit_of, without_unit
 from valve.errors import RecordingError
 from valve.recording_csv import too_many_rows
+from valve.recording_parquet import whole_table
 
 SECOND_TABLE: Final = "begins a second table"
 _MOST_ROWS: Final = 20_000_000
@@ -408,8 +409,7 @@ def _of_parquet(data: bytes, source: str, prefix: str, most_rows: int) -> Table 
             raise RecordingError(too_many_rows(source, described.num_rows, most_rows))
         unpacked = sum(described.row_group(number).total_byte_size for number in range(described.num_row_groups))
         require_size(unpacked, bytes_of_rows(most_rows), source)
-        # one thread: where memory is bounded, none can be started
-        table = pq.read_table(io.BytesIO(data), use_threads=False, pre_buffer=False)
+        table = whole_table(data)
         columns = [table[at].cast(pa.string()).combine_chunks() for at in range(table.num_columns)]
     except (pa.ArrowInvalid, pa.ArrowNotImplementedError, OSError) as error:
         reason = str(error).partition(".")[0]

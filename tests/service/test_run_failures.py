@@ -302,11 +302,15 @@ async def test_a_disk_that_is_busy_holds_up_neither_the_valve_nor_the_event_loop
 ) -> None:
     append, sync, journal_file = JournalWriter.append, JournalWriter.sync, store.folder / "journals"
 
+    writers: set[int] = set()  # threads
+
     def slow_append(self: JournalWriter, block: SampleBlock) -> None:
+        writers.add(threading.get_ident())
         time.sleep(0.08)
         append(self, block)
 
     def slow_sync(self: JournalWriter) -> None:
+        writers.add(threading.get_ident())
         time.sleep(0.4)
         sync(self)
 
@@ -328,13 +332,9 @@ async def test_a_disk_that_is_busy_holds_up_neither_the_valve_nor_the_event_loop
         on_samples=on_samples,
     )
     run = await runs.start("FV-101", "triangle", {})
-    longest_s, last_s = 0.0, time.monotonic()
-    while not (await runs.wait(run.id, 0.0)).state.finished:
-        await asyncio.sleep(0.002)
-        longest_s, last_s = max(longest_s, time.monotonic() - last_s), time.monotonic()
-    ended = await runs.wait(run.id, 10.0)
+    ended = await runs.wait(run.id, 20.0)
     assert ended.state is RunState.COMPLETED
-    assert longest_s < 0.3, "the event loop waited for the disk"
+    assert threading.get_ident() not in writers, "the event loop waits for the disk"
     assert shown[-1][0] == 200
     assert all(samples <= lines for samples, lines in shown), "a sample was shown before it was written"
     await runs.shut_down()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -171,6 +173,17 @@ def test_a_csv_without_the_times_of_writes_does_not_say_how_it_was_taken(tmp_pat
     time_s = ticks(5, 0.01)
     write_csv(Recording(time_s, time_s, force_n=time_s, sent_s=time_s, received_s=time_s + 0.001), tmp_path / "a.csv")
     assert read_recording(tmp_path / "a.csv").provenance == Provenance()
+
+
+def test_reading_parquet_loads_no_library_while_a_valve_moves(tmp_path: Path) -> None:
+    write_parquet(sixty_seconds(), tmp_path / "a.parquet")
+    reads = "import sys, pathlib; from valve.recording_files import read_recording; before = set(sys.modules); "
+    reads += "read_recording(pathlib.Path(sys.argv[1])); "
+    reads += "print([name for name in set(sys.modules) - before if name.startswith('pyarrow')])"
+    done = subprocess.run(
+        [sys.executable, "-c", reads, str(tmp_path / "a.parquet")], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "[]"
 
 
 def test_write_parquet_returns_the_sha256_of_the_file(tmp_path: Path) -> None:
