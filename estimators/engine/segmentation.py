@@ -30,7 +30,7 @@ _DRIVEN: Final = 3.0  # times the band that a sliding stem would have gone while
 _HALT_DRIVEN: Final = 6.0  # the same between two moves of one direction: friction along the travel slows a stem, too
 _HALT_S: Final = 0.04  # and the least time: the tail of a sensor's filter looks like a rest before the rest
 _DWELL_S: Final = 0.25  # with a force that does not change a stem that stays in the band so long is at rest
-_SAME_LEVEL: Final = 0.6  # of the band: rests that near to each other with nothing between are one
+_SAME_LEVEL: Final = 1.0  # of the band: rests no further apart, between which a move would not be seen, are one
 _FEWEST_ROWS: Final = 3
 _MOST_DRIFT: Final = 0.35  # of the band, from the first third of a rest to its last: a stem that creeps drifts by 2/3
 
@@ -246,7 +246,9 @@ def _rest_rows(track: _Track) -> list[tuple[int, int]]:
         level = float(np.median(smooth[first : last + 1]))
         inside = np.flatnonzero(np.abs(smooth[first : last + 1] - level) <= 0.5 * band_m)
         first, last = first + int(inside[0]), first + int(inside[-1])
-        if _drift(smooth[first : last + 1]) <= _MOST_DRIFT * band_m:
+        # a stem that sets off stays in the band for a row or two
+        long_enough = last - first >= _FEWEST_ROWS - 1
+        if long_enough and _drift(smooth[first : last + 1]) <= _MOST_DRIFT * band_m:
             found.append((first, last))
             at = int(np.searchsorted(candidates, last, side="right"))
         else:  # it creeps: a rest may begin further on
