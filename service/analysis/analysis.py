@@ -7,24 +7,24 @@ from typing import Any, Final
 
 import numpy as np
 
+from discrepancy.notes.change_note import change_note
+from discrepancy.notes.scale_note import scale_note
+from discrepancy.notes.tone_note import tone_note
+from discrepancy.notes.zero_note import zero_doubt
 from estimators.base import Estimate, Outcome
+from estimators.data_faults.fault import DataFault
+from estimators.data_faults.found import without_data_faults
+from estimators.data_faults.held_values import widened
+from estimators.data_faults.vacuum import without_preload, without_preload_cause
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from estimators.motion.stroke import stroke_m
 from estimators.registry import estimate_all
 from estimators.samples import position_noise
 from estimators.signature.measure import measure_signature
 from estimators.steps.response import step_figures
-from service.analysis.change_note import change_note
-from service.analysis.data_faults.fault import DataFault
-from service.analysis.data_faults.found import without_data_faults
-from service.analysis.data_faults.held_values import widened
-from service.analysis.data_faults.vacuum import without_preload, without_preload_cause
 from service.analysis.diagnosis import NOT_YET, assess, not_assessed
 from service.analysis.driven_force import with_driven_forces
 from service.analysis.like_periods import of_like_periods, periods_note
-from service.analysis.scale_note import scale_note
-from service.analysis.tone_note import tone_note
-from service.analysis.zero_note import zero_doubt
 from valve.errors import MotionError, ParameterError, RecordingError
 from valve.motion import simulate_recording
 from valve.nameplate import Nameplate

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from estimators.data_faults.vacuum import FROM_VACUUM
 from service.own_files.cells import BadCellError, has_decimal_comma, is_gap_text, is_number, is_stamp, numbers
 from service.own_files.cells import stamps as read_stamps
 from service.own_files.names import (
@@ -23,7 +24,7 @@ from service.own_files.names import (
     without_unit,
 )
 from service.own_files.table import SECOND_TABLE, Table, find_table, row_texts
-from service.own_files.understood import FROM_VACUUM, Reading, Understood, UnderstoodColumn
+from service.own_files.understood import Reading, Understood, UnderstoodColumn
 from valve.errors import RecordingError
 from valve.nameplate import Nameplate
 from valve.plausibility import require_no_stand_ins, require_plausible_current

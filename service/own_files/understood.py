@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 from valve.recording import Recording
-
-#: A recording says in its provenance that its pressure is counted from vacuum.
-FROM_VACUUM: Final = "pressure_pa is counted from vacuum"
-ATMOSPHERE_PA: Final = 101325.0  # the standard atmosphere, ISO 2533
 
 
 @dataclass(frozen=True, slots=True)

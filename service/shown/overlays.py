@@ -101,8 +101,8 @@ def measured_signature(file: str, nameplate: str) -> str:
     ``nameplate`` is JSON. Estimates and the diagnosis follow. Raises what reading a recording raises.
     """
     # The process that serves pages needs none of these.
+    from estimators.data_faults.found import without_data_faults  # noqa: PLC0415
     from service.analysis.analysis import signature  # noqa: PLC0415
-    from service.analysis.data_faults.found import without_data_faults  # noqa: PLC0415
     from service.analysis.driven_force import with_driven_forces  # noqa: PLC0415
 
     plate = nameplate_from_mapping(json.loads(nameplate), "nameplate")

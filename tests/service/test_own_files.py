@@ -18,9 +18,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from estimators.data_faults.vacuum import FROM_VACUUM
 from service.own_files.mapping import parse_mapping
 from service.own_files.reader import own_from_bytes, read_own
-from service.own_files.understood import FROM_VACUUM
 from valve.errors import RecordingError, RequestError
 from valve.nameplate import Actuator, Nameplate, Signal
 from valve.units import METRE_PER_INCH, PASCAL_PER_PSI

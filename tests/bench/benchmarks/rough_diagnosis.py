@@ -21,6 +21,7 @@ from discrepancy.rough.observations import observations
 from discrepancy.rough.result import RoughDiagnosis, Verdict
 from discrepancy.rough.setting import setting_of
 from estimators.base import Outcome
+from estimators.data_faults.found import without_data_faults
 from estimators.engine.balance import lag_after_corners
 from estimators.engine.engine import RoughFrictionEstimator
 from estimators.engine.reading import read
@@ -193,9 +194,10 @@ def told(cause: str, grade: str, number: int, diagnosed: Callable[..., RoughDiag
         return None
     made, strength = found
     begin_s = time.perf_counter()
-    estimate = RoughFrictionEstimator().estimate(made.recording, made.nameplate)
+    (recording,), _ = without_data_faults([made.recording], made.nameplate)
+    estimate = RoughFrictionEstimator().estimate(recording, made.nameplate)
     middle_s = time.perf_counter()
-    said = diagnosed(made.recording, made.nameplate, estimate)
+    said = diagnosed(recording, made.nameplate, estimate)
     end_s = time.perf_counter()
     return Told(cause, grade, valve, sequence, strength, said, end_s - middle_s, middle_s - begin_s)
 

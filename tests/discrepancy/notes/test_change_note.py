@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import service.analysis.analysis
+from discrepancy.notes.change_note import change_note
 from service.analysis.analysis import analyze_recordings
-from service.analysis.change_note import change_note
 from tests.support.nominal_recordings import NOMINAL, recorded, triangle_test
 from valve.motion import StemState, simulate_motion
 from valve.nameplate import Action

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimators.data_faults.fault import DataFault
+from estimators.data_faults.odd_samples import without_odd_samples_of
 from service.analysis.analysis import analyze_recordings
-from service.analysis.data_faults.fault import DataFault
-from service.analysis.data_faults.odd_samples import without_odd_samples_of
 from tests.support.nominal_recordings import NOMINAL, recorded, sine_test, triangle_test
 from valve.parameter_sets import PARAMETER_SETS
 from valve.recording import FloatArray, Recording
@@ -92,8 +92,9 @@ def test_a_pressure_that_rests_at_its_end_stays() -> None:
     assert left_out(replace(recording, pressure_pa=np.clip(pressure_pa, 4.0e3, 7.9e4))) == []
 
 
-def test_a_clipped_position_is_left_out_at_its_end_only() -> None:
-    recording = noisy()
+@pytest.mark.parametrize("digit_m", [None, 2.0 * NOISE_M / 3.0])
+def test_a_clipped_position_is_left_out_at_its_end_only(digit_m: float | None) -> None:
+    recording = noisy() if digit_m is None else on_grid(noisy(), digit_m)
     top_m = 0.85 * float(recording.position_m.max())
     clipped = replace(recording, position_m=np.minimum(recording.position_m, top_m))
     cleaned, told = without_odd_samples([clipped])

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
+from discrepancy.notes.scale_note import scale_note
 from service.analysis.analysis import analyze_recordings
-from service.analysis.scale_note import scale_note
 from tests.support.hidden import Hidden, hidden
 from valve.nameplate import Nameplate
 from valve.recording import Recording

@@ -13,11 +13,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from service.analysis.data_faults.fault import DataFault
-from service.own_files.understood import ATMOSPHERE_PA, FROM_VACUUM
+from estimators.data_faults.fault import DataFault
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
 
+#: A recording says in its provenance that its pressure is counted from vacuum.
+FROM_VACUUM: Final = "pressure_pa is counted from vacuum"
+ATMOSPHERE_PA: Final = 101325.0  # the standard atmosphere, ISO 2533
 #: The atmosphere from 2,000 m above the sea to a high at the shore, Pa.
 _LOW_PA: Final = 79.0e3
 _HIGH_PA: Final = 107.0e3

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimators.data_faults.fault import DataFault
+from estimators.data_faults.found import without_data_faults
 from service.analysis.analysis import analyze_recordings
-from service.analysis.data_faults.fault import DataFault
-from service.analysis.data_faults.found import without_data_faults
 from service.config.nameplates import read_nameplate
-from tests.service.data_faults.recorded import PLATE, WAVES, logged
+from tests.estimators.data_faults.recorded import PLATE, WAVES, logged
 from valve.nameplate import Nameplate
 from valve.parameter_sets import PARAMETER_SETS
 from valve.recording import FloatArray, Recording

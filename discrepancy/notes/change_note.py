@@ -20,7 +20,7 @@ from estimators.samples import FloatArray
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
 
-# Own choices; tests/service/test_change_note.py has what must not be taken for a change.
+# Own choices; tests/discrepancy/notes/test_change_note.py has what must not be taken for a change.
 _WINDOWS: Final = (8, 4, 2)  # a slip may be longer than a window: then fewer are tried
 _EDGE: Final = 0.1  # of the stroke: at its ends stand stops and turning places
 _TURNED: Final = 0.05  # of the stroke: within it a stem that has just turned is not looked at

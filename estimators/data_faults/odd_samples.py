@@ -12,11 +12,11 @@ from typing import Final
 
 import numpy as np
 
+from estimators.data_faults.fault import BoolArray, DataFault, off_line, runs
 from estimators.samples import FloatArray, position_noise, resolution
-from service.analysis.data_faults.fault import BoolArray, DataFault, off_line, runs
 from valve.recording import Recording
 
-# Own choices; tests/service/test_odd_samples.py has what must not be taken for one.
+# Own choices; tests/estimators/data_faults/test_odd_samples.py has what must not be taken for one.
 _SPIKE_NOISES: Final = 12.0
 _SPIKE_OF_SPAN: Final = 1.0e-3
 _SPIKE_WINDOW: Final = 7
@@ -29,7 +29,11 @@ _STILL_S: Final = 0.2
 _MOST_STILLS: Final = 5  # more, away from the ends, is how this sensor reports and no fault
 _WENT_ON: Final = 0.15  # of what the stem goes in all
 _MOST_LEFT_OUT: Final = 0.6
-_LEAST_DIGITS: Final = 3.0  # of the 2nd differences: white noise of two digits, which never repeats a value for long
+# Of 2nd differences, in digits: white noise of 1.65 d / (2 sqrt(pi) p) repeats a value with the probability p a row. It
+# must not do so in a whole stretch with more than 1e-16.
+_DIGITS: Final = 0.465
+_CHANCE: Final = 16.0
+_LEAST_DIGITS: Final = 1.5
 _LEAST_NOISE_M: Final = 1.0e-7
 _LEAST_NOISE_PA: Final = 1.0
 _LEAST_TURNS: Final = 0.6  # 2nd differences of white noise change sign 0.73 of the time, those of a motion hardly
@@ -122,12 +126,10 @@ def _stills(time_s: FloatArray, values: FloatArray, least_noise: float) -> list[
     still = np.zeros(own.size, dtype=np.bool_)
     for first, last in repeats:
         still[first:last] = True
-    if (
-        not repeats
-        or np.count_nonzero(still) > _MOST_LEFT_OUT * own.size
-        or not _is_noisy(time_s[rows], own, still, least_noise)
-    ):
+    if not repeats or np.count_nonzero(still) > _MOST_LEFT_OUT * own.size:
         return []
+    digits = _noise_in_digits(time_s[rows], own, still, least_noise)
+    repeats = [one for one in repeats if digits > max(_LEAST_DIGITS, _DIGITS * 10.0 ** (_CHANCE / (one[1] - one[0])))]
     ends: dict[float, BoolArray] = {}
     frozen: list[tuple[BoolArray, str]] = []
     for first, last in repeats:
@@ -141,20 +143,20 @@ def _stills(time_s: FloatArray, values: FloatArray, least_noise: float) -> list[
     return [*kept, *((taken, "clipped") for taken in ends.values())]
 
 
-def _is_noisy(time_s: FloatArray, values: FloatArray, still: BoolArray, least: float) -> bool:
-    """Whether the values that are not still carry noise of several digits, which cannot repeat for long."""
+def _noise_in_digits(time_s: FloatArray, values: FloatArray, still: BoolArray, least: float) -> float:
+    """Median of the 2nd differences of values that are not still, in digits; 0 where they are no white noise."""
     bends = 2.0 * off_line(time_s, values)[~(still[:-2] | still[1:-1] | still[2:])]
     steps = np.abs(np.diff(values))
     steps = steps[steps > 0.0]
     if bends.size < 10 * _STILL_SAMPLES or steps.size == 0:
-        return False
+        return 0.0
     # The smallest step but for rounding: a converter's digit divides all of them.
     digit = float(np.percentile(steps, 1.0)) if steps.min() < 1.0e-3 * np.median(steps) else float(steps.min())
     if least == _LEAST_NOISE_PA:  # on a ramp every step of a pressure is many digits
         digit = min(digit, max(resolution(values), 1.0e-12 * float(np.abs(values).max())))
     usual = float(np.median(np.abs(bends)))
     turns = float(np.mean(np.sign(bends[1:]) != np.sign(bends[:-1])))
-    return usual > _LEAST_DIGITS * digit and usual > least and turns > _LEAST_TURNS
+    return usual / digit if usual > least and turns > _LEAST_TURNS else 0.0
 
 
 _SCALES: Final = {"position": ("position_m", 1.0e3, "mm"), "pressure": ("pressure_pa", 1.0e-3, "kPa")}

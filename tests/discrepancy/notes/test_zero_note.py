@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import service.analysis.analysis
+from discrepancy.notes.zero_note import zero_doubt
 from service.analysis.analysis import analyze_recordings
-from service.analysis.zero_note import zero_doubt
 from tests.support.hidden import AREA_M2, FULL_PA
 from valve.nameplate import Actuator, Nameplate, Signal
 from valve.recording import Recording

@@ -10,7 +10,7 @@ import numpy as np
 from estimators.samples import FloatArray, position_noise
 from valve.recording import Recording
 
-# Own choices; tests/service/test_tone_note.py has a rest, a vibration and a slow poll without a tone.
+# Own choices; tests/discrepancy/notes/test_tone_note.py has a rest, a vibration and a slow poll without a tone.
 _WINDOW_S: Final = 1.0
 _LEAST_WINDOWS: Final = 4
 _SLOWEST_PERIOD_S: Final = 0.004  # 250 Hz: 60 Hz and its harmonic below half of it

@@ -8,13 +8,13 @@ from typing import Any, Final
 
 import numpy as np
 
+from estimators.data_faults.fault import DataFault, off_line
 from estimators.samples import FloatArray, resolution
-from service.analysis.data_faults.fault import DataFault, off_line
 from valve.recording import INTERVAL_CHANNELS, Acquisition, Recording
 
 _FAR: Final = 1.0e5  # s: below it float64 keeps a nanosecond's tenth, and any recording may begin there
 _UNIX_S: Final = (0.5e9, 4.0e9)  # the years 1985 to 2096
-# Own choices; tests/service/data_faults/test_clocks.py has what must not be taken for one.
+# Own choices; tests/estimators/data_faults/test_clocks.py has what must not be taken for one.
 _LEAST_JITTER: Final = 0.005  # of the period, rms
 _MOST_JITTER: Final = 0.5  # of the period, for nine of ten: more, and nobody knows which sample is which
 _LATEST: Final = 5.0  # periods

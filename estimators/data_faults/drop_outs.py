@@ -11,12 +11,12 @@ from typing import Any, Final
 
 import numpy as np
 
+from estimators.data_faults.fault import SHOWN, DataFault, runs
 from estimators.samples import FloatArray, position_noise
-from service.analysis.data_faults.fault import SHOWN, DataFault, runs
 from valve.recording import CHANNELS, Recording
 
 _MEASURED: Final = ("position_m", "pressure_pa", "force_n")
-# Own choices; tests/service/data_faults/test_drop_outs.py has what must not be taken for one.
+# Own choices; tests/estimators/data_faults/test_drop_outs.py has what must not be taken for one.
 _NOISES: Final = 5.0  # about a level, of the channel's noise
 _JUMP_OF_SPAN: Final = 0.03
 _JUMP_OF_STEPS: Final = 5.0  # times the largest steps elsewhere

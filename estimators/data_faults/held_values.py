@@ -13,13 +13,13 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from estimators.data_faults.fault import SHOWN, DataFault
 from estimators.samples import FloatArray, resolution
-from service.analysis.data_faults.fault import SHOWN, DataFault
 from valve.nameplate import Nameplate
 from valve.recording import Recording
 
 _CHANNELS: Final = ("position_m", "pressure_pa", "force_n")
-# Own choices; tests/service/data_faults/test_held_values.py has what must not be taken for one.
+# Own choices; tests/estimators/data_faults/test_held_values.py has what must not be taken for one.
 _LEAST_CHANGES: Final = 40
 _DIGITS: Final = 1.5  # a change by more is no step of a converter that a slow value crosses
 _MOST_ROWS: Final = 500.0  # that one value is held

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from service.analysis.tone_note import tone_note
+from discrepancy.notes.tone_note import tone_note
 from tests.support.nominal_recordings import triangle_test
 from valve.recording import Recording
 

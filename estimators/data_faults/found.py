@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from service.analysis.data_faults.clocks import from_first_row, on_one_clock, with_even_stamps
-from service.analysis.data_faults.drop_outs import without_drop_outs
-from service.analysis.data_faults.fault import DataFault
-from service.analysis.data_faults.held_values import exception_report, without_held_values
-from service.analysis.data_faults.odd_samples import without_odd_samples_of
-from service.analysis.data_faults.vacuum import as_gauge
+from estimators.data_faults.clocks import from_first_row, on_one_clock, with_even_stamps
+from estimators.data_faults.drop_outs import without_drop_outs
+from estimators.data_faults.fault import DataFault
+from estimators.data_faults.held_values import exception_report, without_held_values
+from estimators.data_faults.odd_samples import without_odd_samples_of
+from estimators.data_faults.vacuum import as_gauge
 from valve.nameplate import Nameplate
 from valve.recording import Recording
 
