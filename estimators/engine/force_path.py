@@ -37,7 +37,9 @@ _EVEN_S: Final = 0.02
 _FEWEST_EVEN: Final = 200
 _SPECTRUM_WIDTH: Final = 15  # frequencies that are averaged
 _SLOW_HZ: Final = 5.0  # an I/P that hunts does it slower
-_NOISE_HZ: Final = 12.0
+_HIGHEST_SHARE: Final = 0.9  # of the highest frequency
+_LEAST_AVERAGED: Final = 0.05
+_POLES_HZ: Final = (4.0, 30.0)  # of a gauge's noise, from which its pole is sought
 _SURELY: Final = 2.5  # times the gauge's noise: chance makes no frequency so loud
 GAUGE_LAG_S: Final = 0.03  # a gauge's filter is no slower
 _MOST_LAG_S: Final = 3.0
@@ -239,7 +241,7 @@ def coloured_covariance(design: FloatArray, left: FloatArray, time_s: FloatArray
 def _hunting(time_s: FloatArray, left_n: FloatArray) -> FloatArray:
     """What an I/P does slowly by itself beside its lines, N: the part of what is left that is above a gauge's noise.
 
-    A Wiener filter: below _SLOW_HZ what exceeds the spectrum's level from _SLOW_HZ to _NOISE_HZ.
+    A Wiener filter below _SLOW_HZ. Noise that it let pass would drive the model, whose damping would grow to smooth it.
     """
     period_s = float(np.median(np.diff(time_s)))
     even_s = np.arange(time_s[0], time_s[-1], max(period_s, _EVEN_S))
@@ -248,13 +250,39 @@ def _hunting(time_s: FloatArray, left_n: FloatArray) -> FloatArray:
     width = 2 * (max(1, round(_EVEN_S / period_s)) // 2) + 1
     even = np.interp(even_s, time_s, moving_mean(left_n, width))
     spectrum = np.fft.rfft(even - even.mean())
-    frequency = np.fft.rfftfreq(even.size, float(even_s[1] - even_s[0]))
-    power = moving_mean(np.abs(spectrum) ** 2, _SPECTRUM_WIDTH)
-    level = (frequency > _SLOW_HZ) & (frequency < _NOISE_HZ)
-    floor = float(power[level].mean()) if level.any() else math.inf
-    gain = np.where(power > _SURELY * floor, 1.0 - floor / np.maximum(power, 1.0e-300), 0.0)
+    frequency = np.asarray(np.fft.rfftfreq(even.size, float(even_s[1] - even_s[0])), np.float64)
+    averaged = np.abs(np.sinc(frequency * width * period_s)) if width > 1 else np.ones(frequency.size)
+    power = np.asarray(np.abs(spectrum) ** 2 / np.maximum(averaged, _LEAST_AVERAGED) ** 2, np.float64)
+    floor = _gauge_noise(frequency, power)
+    if floor is None:
+        return np.zeros(time_s.size)
+    power = moving_mean(power, _SPECTRUM_WIDTH)
+    gain = np.where(power > _SURELY * floor, 1.0 - floor / np.maximum(power, floor), 0.0)
     gain[frequency > _SLOW_HZ] = 0.0
     return np.interp(time_s, even_s, np.fft.irfft(gain * spectrum, even.size))
+
+
+def _gauge_noise(frequency: FloatArray, power: FloatArray) -> FloatArray | None:
+    """The power of a gauge's noise at all frequencies, shape (n,), by its power above _SLOW_HZ; None with too few.
+
+    Noise behind a filter of one pole is likeliest where sum(ln P + power / P) is least (Whittle 1953).
+    """
+    known = (frequency > _SLOW_HZ) & (frequency < _HIGHEST_SHARE * frequency[-1])
+    if int(known.sum()) < _SPECTRUM_WIDTH:
+        return None
+    squared, measured = frequency[known] ** 2, power[known] / max(float(power[known].mean()), 1.0e-300)
+
+    def surprise(logarithms: FloatArray) -> float:
+        shape = math.exp(logarithms[0]) / (1.0 + squared * math.exp(min(-2.0 * logarithms[1], 50.0)))
+        return float(np.sum(np.log(shape) + measured / shape))
+
+    found = min(
+        (minimize(surprise, [0.0, math.log(pole_hz)], method="Nelder-Mead") for pole_hz in _POLES_HZ),
+        key=lambda one: float(one.fun),
+    )
+    level, pole = (float(one) for one in found.x)
+    most = max(float(power[known].mean()), 1.0e-300)
+    return np.asarray(most * math.exp(level) / (1.0 + frequency**2 * math.exp(min(-2.0 * pole, 50.0))))
 
 
 def _straight_runs(time_s: FloatArray, force_n: FloatArray, range_n: float, run_first: IntArray) -> ForcePath | None:

@@ -9,6 +9,7 @@ from estimators.engine.balance import lag_of_coasting
 from estimators.engine.commanded import passed
 from estimators.engine.engine import RoughFrictionEstimator
 from estimators.engine.force_path import Source, force_path
+from simulator.transducer import Hunting
 from tests.support.rough_valves import case
 from valve.nameplate import Actuator, Nameplate, Signal
 from valve.recording import Recording
@@ -46,6 +47,25 @@ def test_a_late_force_is_late_by_what_the_pressure_shows(lag_s: float, dead_time
     late_s = (true_n - path.force_n)[inner] * rising[inner] / rate_n_per_s
     assert np.median(late_s) == pytest.approx(0.008, abs=0.004)
     assert path.late_s >= 0.008
+
+
+def test_noise_of_a_slow_gauge_is_no_hunting_and_does_not_turn_friction_into_damping() -> None:
+    """A gauge of 20 ms is louder at low frequencies; let through, it made F_v six times as large and F_c 10 % low."""
+    quiet = case("nominal", "triangle", "hard", seed=9300, path={"hunting": Hunting(0.0)})
+    rows = np.arange(quiet.recording.time_s.size)
+    path = force_path(quiet.recording, quiet.nameplate, rows, spring_n_per_m=5.0e4, noise_m=2.0e-5)
+    assert path.source is Source.COMMAND
+    command_pa = quiet.recording.command_pa
+    assert command_pa is not None
+    line = np.polynomial.Polynomial.fit(command_pa, path.force_n, 1)
+    assert (path.force_n - line(command_pa)).std() < 0.02 * path.left_n.std()
+
+    hunting = case("small", "triangle", "hard", seed=9300)
+    estimate = RoughFrictionEstimator().estimate(hunting.recording, hunting.nameplate)
+    for symbol in ("F_c", "F_v"):
+        known = estimate.diagnostics["dynamic"].quantities[symbol]
+        true = hunting.truth.parameters.by_symbol()[symbol]
+        assert known.ci95[0] < true < known.ci95[1], symbol
 
 
 @pytest.mark.long
