@@ -30,7 +30,7 @@ _DRIVEN: Final = 3.0  # times the band that a sliding stem would have gone while
 _HALT_DRIVEN: Final = 6.0  # the same between two moves of one direction: friction along the travel slows a stem, too
 _HALT_S: Final = 0.04  # and the least time: the tail of a sensor's filter looks like a rest before the rest
 _DWELL_S: Final = 0.25  # with a force that does not change a stem that stays in the band so long is at rest
-_SAME_LEVEL: Final = 1.0  # of the band: rests no further apart, between which a move would not be seen, are one
+_SAME_LEVEL: Final = 0.6  # of the band: rests that near to each other with nothing between are one
 _FEWEST_ROWS: Final = 3
 _MOST_DRIFT: Final = 0.35  # of the band, from the first third of a rest to its last: a stem that creeps drifts by 2/3
 
