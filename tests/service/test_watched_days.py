@@ -20,6 +20,7 @@ from drivers.motion.program import FilePlant, Moved
 from drivers.motion.watch_file import WatchFileWriter, day_of, days_in
 from drivers.motion.watching import Watching
 from service.config.settings import Plant, load_plant
+from service.figures.trend import Trend, TrendPoint, trends_picture
 from service.health.changes import ValveFacts
 from service.health.staleness import Oldest, Staleness
 from service.health.watched import friction_changed
@@ -30,6 +31,7 @@ from service.schedules.watched import WatchedDays
 from service.store.database import _config, _engine
 from service.store.store import Store
 from service.watching.day import judge_day
+from service.words.units import UnitSystem
 from service.workers.analysis_pool import AnalysisPool
 from simulator.assembly import SimulatedPlant
 from tests.support.fake_rig import FakeAnalyst, FakeRig
@@ -355,3 +357,53 @@ async def test_a_valve_whose_friction_rose_in_service_is_shown_so_everywhere(pla
         listed = {one["tag"]: one["health"] for one in (await client.get("/valves")).json()["valves"]}
         assert listed["FV-101"] == health
         assert listed["FV-102"] is None
+
+
+# ---- the page and the picture
+
+
+def full(day: date, friction_n: float | None) -> WatchedDay:
+    base = document(friction_n)
+    unit = {"unit": "N/m", "value": 52_000.0, "ci95": [51_000.0, 53_000.0], "scatter": None, "count": 9, "note": ""}
+    travel = {"unit": "m", "total": 0.5345, "cycles": 15}
+    whole = {**base, "figures": {**base["figures"], "spring_rate": unit}, "travel": travel}
+    return WatchedDay("FV-101", day, NOON - timedelta(hours=7), NOON, 10, NOON, "breakaway 0", whole)
+
+
+async def test_the_page_shows_the_last_day_in_service_and_says_that_it_is_no_test(watched_plant: Plant) -> None:
+    store = Store(watched_plant.service.store)
+    async with running_application(app_of(watched_plant, store=store, rig=FakeRig(), analyst=FakeAnalyst())) as client:
+        page = (await client.get("/ui/valves/FV-101")).text
+        assert "No day in service has been judged yet." in page
+        assert "Read from 22:00 to 05:00, every 0.1 s." in page
+        assert "trend.svg" not in page
+        assert 'id="in-service"' not in (await client.get("/ui/valves/FV-102")).text
+        store.watched.add(full(DAY, 1100.0), "")
+        page = (await client.get("/ui/valves/FV-101")).text
+        assert "Watched while its controller moved it, not tested. 2026-11-21" in page
+        assert "1100 ± 30 N" in page
+        assert "534.5 mm, 12 moves, 15 turns" in page
+        picture = (await client.get("/ui/figures/valves/FV-101/trend.svg")).text
+        assert "Open circles: days in service, watched and not tested." in " ".join(picture.split())
+        store.watched.add(full(DAY, None), "")
+        assert "<dd>not known: few moves</dd>" in (await client.get("/ui/valves/FV-101")).text
+        nothing = WatchedDay("FV-101", DAY, NOON, NOON, 0, NOON, "x", None, "FV-101: the stem made 0 moves")
+        store.watched.add(nothing, "")
+        assert "FV-101: the stem made 0 moves." in (await client.get("/ui/valves/FV-101")).text
+
+
+def test_days_in_service_are_drawn_apart_from_tests_and_change_no_line_between_them() -> None:
+    tests = tuple(TrendPoint(NOON - timedelta(days=back), 600.0 + back, (590.0, 610.0)) for back in (9, 5, 1))
+    days = tuple(TrendPoint(NOON - timedelta(days=back), 640.0, (600.0, 680.0)) for back in (3, 2))
+    bare = trends_picture([Trend("friction_mean_n", "friction, mean", "N", tests)], UnitSystem.SI, UTC)
+    both = trends_picture([Trend("friction_mean_n", "friction, mean", "N", tests, watched=days)], UnitSystem.SI, UTC)
+    alone = trends_picture([Trend("friction_mean_n", "friction, mean", "N", (), watched=days)], UnitSystem.SI, UTC)
+    assert bare is not None
+    assert both is not None
+    assert alone is not None
+    assert "in service is 640 ± 40 N" in both.description
+    assert "in service" not in bare.description
+    lines = [line for line in both.figure.axes[0].lines if len(np.asarray(line.get_xdata())) == 3]
+    assert [np.asarray(line.get_ydata()).tolist() for line in lines] == [[609.0, 605.0, 601.0]]
+    hollow = [line for line in both.figure.axes[0].lines if line.get_markerfacecolor() == "none"]
+    assert [np.asarray(line.get_ydata()).tolist() for line in hollow] == [[640.0], [640.0]]
