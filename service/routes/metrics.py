@@ -101,14 +101,16 @@ class PlantCollector(Collector):
             standing, oldest = standings.get(tag), self._parts.staleness.oldest(tag, now)
             untested.add_metric([tag], float(standing is None))
             stale.add_metric([tag], float(standing is not None and oldest.is_stale(standing.completed_at)))
+            known = (
+                oldest.state(None, None) if standing is None else oldest.state(standing.ne107, standing.completed_at)
+            )
+            if known in _NE107:
+                health.add_metric([tag, known], 1.0)
             if standing is None:
                 continue
             last.add_metric([tag], standing.last_at.timestamp())
             if standing.completed_at is not None:
                 result.add_metric([tag], standing.completed_at.timestamp())
-            known = oldest.state(standing.ne107, standing.completed_at)
-            if known in _NE107:
-                health.add_metric([tag, known], 1.0)
         yield from (busy, stale, untested, last, result, health)
 
     def _figures(self) -> Iterator[Metric]:

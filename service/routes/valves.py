@@ -133,7 +133,10 @@ class _Asked:
     until: datetime | None
 
     def tags(self, parts: Parts) -> list[str]:
-        """Return their tags, sorted; one that was never tested has no last test to be asked for. Reads the database."""
+        """Return their tags, sorted. Reads the database.
+
+        One that was never tested has no last test to be asked for; its state is known where days in service give it.
+        """
         tags = tags_of_areas(parts.plant, self.areas)
         if not any((self.states, self.ne107, self.labels, self.since, self.until)):
             return tags
@@ -141,13 +144,20 @@ class _Asked:
         labelled = last_labelled(parts.store.engine, self.labels) if self.labels else None
         found = []
         for tag in tags:
-            standing = standings.get(tag)
-            if standing is None or (labelled is not None and tag not in labelled):
+            standing, oldest = standings.get(tag), parts.staleness.oldest(tag, now)
+            if standing is None:
+                if self._asks_for_state_alone and oldest.state(None, None) in self.ne107:
+                    found.append(tag)
                 continue
-            state = parts.staleness.oldest(tag, now).state(standing.ne107, standing.completed_at)
-            if self._fits(standing, state):
+            if labelled is not None and tag not in labelled:
+                continue
+            if self._fits(standing, oldest.state(standing.ne107, standing.completed_at)):
                 found.append(tag)
         return found
+
+    @property
+    def _asks_for_state_alone(self) -> bool:
+        return not any((self.states, self.labels, self.since, self.until))
 
     def _fits(self, standing: ValveStanding, ne107: str | None) -> bool:
         return (
@@ -176,7 +186,8 @@ async def list_valves(  # noqa: PLR0917 - each is a query key
 ) -> Response:
     """List the plant's valves by their tags, each with its last test; as CSV with its main figures, SI.
 
-    A filter other than `area` asks for the last test: a valve that was never tested is not in the list then.
+    A filter other than `area` asks for the last test: a valve that was never tested is not in the list then, but for
+    one whose `ne107` comes from days in service.
     """
     asked = _Asked(area or (), state or (), ne107 or (), label or (), since, until)
     tags = await asyncio.to_thread(asked.tags, parts)

@@ -357,6 +357,12 @@ async def test_a_valve_whose_friction_rose_in_service_is_shown_so_everywhere(pla
         listed = {one["tag"]: one["health"] for one in (await client.get("/valves")).json()["valves"]}
         assert listed["FV-101"] == health
         assert listed["FV-102"] is None
+        asked = (await client.get("/valves", params={"ne107": "M"})).json()["valves"]
+        assert [one["tag"] for one in asked] == ["FV-101"]
+        assert (await client.get("/valves", params={"ne107": "M", "state": "completed"})).json()["valves"] == []
+        assert 'breakaway_valve_ne107{state="M",valve="FV-101"} 1.0' in (await client.get("/metrics")).text
+        assert "risen by 40 %" in (await client.get("/")).text
+        assert "risen by 40 %" in (await client.get("/ui/valves/FV-101")).text
 
 
 # ---- the page and the picture
