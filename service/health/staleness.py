@@ -11,6 +11,7 @@ from typing import Any, Final
 from service.config.settings import Plant
 from service.health.results import Ne107
 from service.model.schedule import nth_last_due
+from service.model.watched_day import ChangedInService
 
 _KEPT: Final = timedelta(minutes=1)  # how long an answer is taken as the present: limits are days
 _DAY_S: Final = 86400.0
@@ -72,12 +73,17 @@ class Staleness:
     def __init__(self, plant: Plant) -> None:
         self._rules: dict[str, _Rule] = {}
         self._present: dict[_Rule, tuple[datetime, Oldest]] = {}
-        self._watched: Mapping[str, str] = {}
+        self._watched: Mapping[str, ChangedInService] = {}
         self.read(plant)
 
-    def note_watched(self, said: Mapping[str, str]) -> None:
-        """Note what days in service say against valves, by tag, a sentence each; of others they say nothing."""
+    def note_watched(self, said: Mapping[str, ChangedInService]) -> None:
+        """Note what days in service say against valves, by tag; of others they say nothing."""
         self._watched = dict(said)
+
+    def watched(self, tag: str, at: datetime) -> str:
+        """Return what days in service said against a valve by then; "" where that was nothing."""
+        said = self._watched.get(tag)
+        return said.sentence if said is not None and said.since <= at else ""
 
     def read(self, plant: Plant) -> None:
         """Read the plant's rules anew; a valve that is gone keeps its own for whoever still lists it."""
@@ -99,7 +105,7 @@ class Staleness:
         known = self._present.get(rule)
         if known is None or not known[0] <= now < known[0] + _KEPT:
             known = self._present[rule] = (now, self._oldest(rule, now))
-        watched = self._watched.get(tag, "")
+        watched = self.watched(tag, now)
         return replace(known[1], watched=watched) if watched else known[1]
 
     def _oldest(self, rule: _Rule, now: datetime) -> Oldest:

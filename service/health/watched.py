@@ -11,7 +11,7 @@ import numpy as np
 from service.health.changes import ValveFacts, allowed, change_of
 from service.model.health_figures import Figure
 from service.model.health_limits import HealthLimits
-from service.model.watched_day import FrictionInService
+from service.model.watched_day import ChangedInService, FrictionInService
 from service.words.units import UnitSystem, measured
 
 #: Days whose median stands for what friction was, and for what it is.
@@ -21,12 +21,24 @@ HISTORY_DAYS: Final = 400
 _FIGURE: Final = "friction_mean_n"
 
 
-def friction_changed(days: Sequence[FrictionInService], today: date, limits: HealthLimits, valve: ValveFacts) -> str:
-    """Return in a sentence how friction in service has changed beyond its limit; "" where it has not.
+def friction_changed(
+    days: Sequence[FrictionInService], today: date, limits: HealthLimits, valve: ValveFacts
+) -> ChangedInService | None:
+    """Return how friction in service has changed beyond its limit, and since when; None where it has not.
 
     ``days`` are those since the valve's baseline, oldest first. The first three are held against the last three by
     their medians. A change counts as that of a test does: beyond its 95 % interval and its limit.
     """
+    sentence, first = _sentence(days, today, limits, valve), len(days)
+    if not sentence:
+        return None
+    while _sentence(days[: first - 1], days[first - 2].day, limits, valve):
+        first -= 1
+    return ChangedInService(sentence, days[first - 1].judged_at)
+
+
+def _sentence(days: Sequence[FrictionInService], today: date, limits: HealthLimits, valve: ValveFacts) -> str:
+    """Return the change in a sentence; "" where there is none that counts."""
     if len(days) < 2 * DAYS or (today - days[-1].day).days > OLDEST_DAYS:
         return ""
     was, now = _median(days[:DAYS]), _median(days[-DAYS:])

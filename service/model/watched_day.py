@@ -51,10 +51,19 @@ class WatchedDay:
 
 @dataclass(frozen=True, slots=True)
 class FrictionInService:
-    """The friction of one day in service, N."""
+    """The friction of one day in service, N, known since ``judged_at``."""
 
     day: date
     friction: Figure
+    judged_at: datetime
+
+
+@dataclass(frozen=True, slots=True)
+class ChangedInService:
+    """What days in service say against a valve, in a sentence, and since when they do."""
+
+    sentence: str
+    since: datetime
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from service.config.settings import Plant, PlantValve
 from service.health.judge import facts_of
 from service.health.staleness import Staleness
 from service.health.watched import HISTORY_DAYS, friction_changed
-from service.model.watched_day import DayJudged, WatchedDay
+from service.model.watched_day import ChangedInService, DayJudged, WatchedDay
 from service.store.store import Store
 from valve.errors import InternalError, RecordingError
 from valve.nameplate import Nameplate
@@ -84,7 +84,7 @@ class WatchedDays:
     def note_states(self, today: date | None = None) -> None:
         """Note what friction in service says of each valve's state. Reads the database and blocks."""
         today = today or datetime.now(UTC).date()
-        said: dict[str, str] = {}
+        said: dict[str, ChangedInService] = {}
         for tag, days in self._store.watched.frictions(today - timedelta(days=HISTORY_DAYS)).items():
             valve = self._plant.valves.get(tag)
             if valve is None:
@@ -92,9 +92,9 @@ class WatchedDays:
             baseline = self._store.figures.baseline(tag)
             since = date.min if baseline is None else baseline.test.at.astimezone(self._plant.zone).date()
             of_now = [one for one in days if one.day >= since]
-            sentence = friction_changed(of_now, today, valve.health, facts_of(valve))
-            if sentence:
-                said[tag] = sentence
+            changed = friction_changed(of_now, today, valve.health, facts_of(valve))
+            if changed is not None:
+                said[tag] = changed
         self._stale.note_watched(said)
 
     def _open(self, now: datetime) -> list[tuple[PlantValve, WatchDay]]:

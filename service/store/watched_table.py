@@ -62,14 +62,14 @@ class WatchedTable:
 
     def frictions(self, since: date) -> dict[str, list[FrictionInService]]:
         """Return the friction of each day since then that has one, by valve, oldest first."""
-        columns = (WATCHED_DAYS.c[name] for name in ("valve", "day", *_FRICTION))
+        columns = (WATCHED_DAYS.c[name] for name in ("valve", "day", "judged_at", *_FRICTION))
         wanted = (WATCHED_DAYS.c.day >= since) & WATCHED_DAYS.c.friction_n.is_not(None)
         found: defaultdict[str, list[FrictionInService]] = defaultdict(list)
         with self._engine.connect() as connection:
             for row in connection.execute(select(*columns).where(wanted).order_by(WATCHED_DAYS.c.day)):
                 has_ends = row.friction_n_low is not None and row.friction_n_high is not None
                 figure = Figure(row.friction_n, (row.friction_n_low, row.friction_n_high) if has_ends else None)
-                found[row.valve].append(FrictionInService(row.day, figure))
+                found[row.valve].append(FrictionInService(row.day, figure, row.judged_at))
         return dict(found)
 
 

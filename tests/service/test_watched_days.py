@@ -26,7 +26,7 @@ from service.health.staleness import Oldest, Staleness
 from service.health.watched import friction_changed
 from service.model.health_figures import Figure
 from service.model.health_limits import HealthLimits
-from service.model.watched_day import DayJudged, FrictionInService, WatchedDay
+from service.model.watched_day import ChangedInService, DayJudged, FrictionInService, WatchedDay
 from service.schedules.watched import WatchedDays
 from service.store.database import _config, _engine
 from service.store.store import Store
@@ -294,18 +294,26 @@ FACTS = ValveFacts(0.1, 80_000.0, 80_000.0)
 def frictions(*values_n: float, half_n: float = 30.0) -> list[FrictionInService]:
     first = DAY - timedelta(days=len(values_n) - 1)
     return [
-        FrictionInService(first + timedelta(days=place), Figure(value, (value - half_n, value + half_n)))
+        FrictionInService(
+            first + timedelta(days=place),
+            Figure(value, (value - half_n, value + half_n)),
+            NOON + timedelta(days=place - len(values_n) + 1),
+        )
         for place, value in enumerate(values_n)
     ]
 
 
 def test_friction_that_rises_in_service_is_a_reason_to_test() -> None:
-    sentence = friction_changed(frictions(1000, 1010, 990, 1200, 1400, 1420, 1390), DAY, HealthLimits(), FACTS)
-    assert sentence == (
+    changed = friction_changed(frictions(1000, 1010, 990, 1200, 1400, 1420, 1390), DAY, HealthLimits(), FACTS)
+    assert changed is not None
+    assert changed.sentence == (
         "Friction in service has risen by 40 % since 2026-11-15, from 1000 N to 1400 N "
         "(watched, not tested; 25 % are allowed): test this valve."
     )
-    assert "fallen by 50 %" in friction_changed(frictions(1000, 1000, 1000, 500, 500, 500), DAY, HealthLimits(), FACTS)
+    assert changed.since == NOON - timedelta(days=1)  # the first day whose last three had a median beyond the limit
+    fallen = friction_changed(frictions(1000, 1000, 1000, 500, 500, 500), DAY, HealthLimits(), FACTS)
+    assert fallen is not None
+    assert "fallen by 50 %" in fallen.sentence
 
 
 @pytest.mark.parametrize(
@@ -319,13 +327,22 @@ def test_friction_that_rises_in_service_is_a_reason_to_test() -> None:
     ],
 )
 def test_friction_that_may_be_as_it_was_is_no_reason(days: list[FrictionInService]) -> None:
-    assert friction_changed(days, DAY, HealthLimits(), FACTS) == ""
+    assert friction_changed(days, DAY, HealthLimits(), FACTS) is None
 
 
 def test_days_that_are_long_ago_say_nothing_of_today() -> None:
     risen = frictions(1000, 1000, 1000, 1400, 1400, 1400)
     assert friction_changed(risen, DAY + timedelta(days=10), HealthLimits(), FACTS)
-    assert friction_changed(risen, DAY + timedelta(days=11), HealthLimits(), FACTS) == ""
+    assert friction_changed(risen, DAY + timedelta(days=11), HealthLimits(), FACTS) is None
+
+
+def test_what_days_in_service_say_holds_from_the_day_on_which_they_said_it(plant: Plant) -> None:
+    stale, since = Staleness(plant), NOON
+    stale.note_watched({"FV-101": ChangedInService("Friction in service has risen.", since)})
+    before, after = (stale.oldest("FV-101", since + timedelta(hours=hours)) for hours in (-1, 1))
+    assert before.state("N", since) == "N"
+    assert after.state("N", since) == "M"
+    assert stale.oldest("FV-102", since + timedelta(hours=1)).state("N", since) == "N"
 
 
 @pytest.mark.parametrize(("tested", "shown"), [("N", "M"), ("C", "M"), ("M", "M"), ("S", "S"), ("F", "F"), (None, "M")])
