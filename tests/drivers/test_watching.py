@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
+import pty
 import time
+import tty
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
@@ -16,7 +19,7 @@ import numpy as np
 import pytest
 import structlog
 
-from drivers.addresses import BusAddress, Parity, Point, RtuAddress, TcpAddress, ValveWiring
+from drivers.addresses import BusAddress, GaugeAddress, Parity, Point, RtuAddress, TcpAddress, ValveWiring
 from drivers.motion.bus_lock import FOLDER_VARIABLE, BusLocks, is_taken, watch_name
 from drivers.motion.motion import Motion
 from drivers.motion.orders import Order
@@ -63,10 +66,15 @@ async def until(condition: Callable[[], bool], what: str, within_s: float = 20.0
 
 @asynccontextmanager
 async def watching(
-    folder: Path, address: BusAddress, *wirings: ValveWiring, plant: Plant | None = None
+    folder: Path,
+    address: BusAddress,
+    *wirings: ValveWiring,
+    plant: Plant | None = None,
+    beside: BusAddress | None = None,
 ) -> AsyncIterator[Watching]:
     plant = plant or Plant({one.tag: one for one in wirings or (WATCHED,)})
-    watch = Watching(plant, {address.name: address}, folder, "breakaway 0")
+    addresses = {one.name: one for one in (address, beside) if one is not None}
+    watch = Watching(plant, addresses, folder, "breakaway 0")
     running = asyncio.create_task(watch.run())
     try:
         yield watch
@@ -283,3 +291,86 @@ def is_watched(address: TcpAddress) -> bool:
     if asked is not None:
         asked.close()
     return asked is not None
+
+
+async def test_a_bus_whose_device_is_silent_is_left_within_the_deadline_of_its_answer(
+    quick_path: Path, slave: RawSlave, device: ReferenceDevice, address: TcpAddress
+) -> None:
+    slave.always = Fault(drop=True)
+    locks = BusLocks({"bus": address})
+    async with watching(quick_path, address):
+        await until(lambda: len(slave.requests) > 0, "the first request")
+        before_s = time.monotonic()
+        await locks.take_aside(["bus"])
+        assert time.monotonic() - before_s < 2.0 * address.timeout_s
+        locks.give_back(["bus"])
+
+
+async def test_a_stop_ends_a_motion_at_once_where_its_bus_is_watched(
+    quick_path: Path, slave: RawSlave, device: ReferenceDevice, address: TcpAddress
+) -> None:
+    plant = Plant({"FV-101": WATCHED})
+    motion = Motion(
+        plant, WiredRig({"bus": address}, "breakaway 0"), quick_path / "journals", locks=BusLocks({"bus": address})
+    )
+    (quick_path / "journals").mkdir()
+    async with watching(quick_path / "watched", address, plant=plant) as watch:
+        await until(lambda: watch.slots["FV-101"].read >= 5, "5 samples")
+        order = Order("20261121T031502Z-9f3c01ab", "FV-101", triangle(20.0, 1, 10_000.0, 30_000.0), "triangle", 1)
+        playing = asyncio.create_task(motion.play(order))
+        await until(lambda: len(device.moves) > 20, "the motion")
+        read = watch.slots["FV-101"].read
+        stopped_s = time.monotonic()
+        motion.stop(order.run_id, "pressed")
+        end = await playing
+        assert end.outcome.ended is Ended.STOPPED
+        assert end.outcome.safe_confirmed
+        assert time.monotonic() - stopped_s < 1.0
+        assert device.moves[-1][1] == WIRING.safe_value_pa
+        assert watch.slots["FV-101"].read - read <= 1  # nobody read beside it
+
+
+class TalkingGauge:
+    """A gauge on a pseudo-terminal that shows 12.345 mm."""
+
+    def __init__(self) -> None:
+        self.asked = 0
+        self.ours, self.theirs = pty.openpty()
+        tty.setraw(self.theirs)
+        self.path = os.ttyname(self.theirs)
+        asyncio.get_running_loop().add_reader(self.ours, self._heard)
+
+    def _heard(self) -> None:
+        os.read(self.ours, 100)
+        self.asked += 1
+        os.write(self.ours, b"+12.345 mm\r\n")
+
+    def close(self) -> None:
+        asyncio.get_running_loop().remove_reader(self.ours)
+        os.close(self.ours)
+        os.close(self.theirs)
+
+
+async def test_a_position_from_a_gauge_is_read_beside_its_pressure_and_either_bus_is_left(
+    quick_path: Path, slave: RawSlave, device: ReferenceDevice, address: TcpAddress
+) -> None:
+    gauge = TalkingGauge()
+    line = GaugeAddress("gauge", gauge.path, "?\r", r"^(?P<value>[-+]?\d+\.\d+)\s*mm", "\r\n", "mm", timeout_s=0.5)
+    seen_by_gauge = replace(WATCHED, position=Point("gauge"), watch=WatchRules(0.1))
+    locks = BusLocks({"bus": address, "gauge": line})
+    try:
+        async with watching(quick_path, address, seen_by_gauge, beside=line) as watch:
+            slots = watch.slots["FV-101"]
+            await until(lambda: slots.read >= 3, "the first samples")
+            for bus in ("gauge", "bus"):
+                await locks.take_aside([bus])
+                read, asked = slots.read, gauge.asked
+                await asyncio.sleep(0.5)
+                assert slots.read <= read + 1
+                assert gauge.asked <= asked + 1
+                locks.give_back([bus])
+                await until(lambda read=read: slots.read > read + 2, "watching went on")  # type: ignore[misc]
+        assert functions(slave) <= READS
+        assert slots.failed == 0
+    finally:
+        gauge.close()
