@@ -33,6 +33,7 @@ _END_S: Final = 20.0
 _THREAD_TURN_S: Final = 0.5e-3
 _TIDY_S: Final = 10.0
 _UNREAD_S: Final = 5.0
+_WATCHED_AFTER_S: Final = 3.0  # behind the longest watchdog: until then the device of a valve that was left may act
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +102,9 @@ def run(read: Callable[[], Moved], place: Place, software: str) -> None:
         locks=BusLocks(plant.buses),
         audit=AuditLog(place.audit, place.gateway or "gateway"),
     )
-    motion.watching = Watching(plant, plant.buses, place.watched, software)
+    watchdogs_s = [one.watchdog.timeout_s for one in plant.wirings.values() if one.watchdog.timeout_s is not None]
+    after_s = max(watchdogs_s, default=0.0) + _WATCHED_AFTER_S
+    motion.watching = Watching(plant, plant.buses, place.watched, software, after_s=after_s)
     precedence.try_once()
     asyncio.run(_serve(motion, motion.watching, place, software, precedence))
 

@@ -56,9 +56,22 @@ class Slots:
 
 
 class Watching:
-    """Reads the valves that have ``watch``, and keeps what moved in ``folder``. Belongs to the event loop."""
+    """Reads the valves that have ``watch``, and keeps what moved in ``folder``. Belongs to the event loop.
 
-    def __init__(self, plant: WatchedPlant, addresses: Mapping[str, BusAddress], folder: Path, software: str) -> None:
+    It begins ``after_s`` seconds after its start: some devices take any request for a sign of life, and a valve that a
+    dead process left must have been made safe by the watchdog of its device before anybody reads there.
+    """
+
+    def __init__(
+        self,
+        plant: WatchedPlant,
+        addresses: Mapping[str, BusAddress],
+        folder: Path,
+        software: str,
+        *,
+        after_s: float = 0.0,
+    ) -> None:
+        self._after_s = after_s
         self._plant = plant
         self._addresses = addresses
         self._software = software
@@ -77,6 +90,7 @@ class Watching:
     async def run(self) -> None:
         """Read until this is cancelled."""
         try:
+            await asyncio.sleep(self._after_s)
             while True:
                 self._changed.clear()
                 wanted = {tag: one for tag, one in self._plant.wirings.items() if one.watch is not None}

@@ -68,7 +68,8 @@ class ValveSummary(BaseModel):
     last_test: RunSummary | None
     alarms: list[str] = Field(description="what stands until somebody acknowledges it, in words")
     health: dict[str, Any] | None = Field(
-        description="NAMUR NE 107 state of the last completed test, with reasons", json_schema_extra=HEALTH_SCHEMA
+        description="NAMUR NE 107 state of the last completed test, and of days in service, with reasons",
+        json_schema_extra=HEALTH_SCHEMA,
     )
 
 

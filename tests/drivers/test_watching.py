@@ -374,3 +374,16 @@ async def test_a_position_from_a_gauge_is_read_beside_its_pressure_and_either_bu
         assert slots.failed == 0
     finally:
         gauge.close()
+
+
+async def test_nothing_is_read_before_the_watchdog_of_a_valve_that_was_left_has_acted(
+    quick_path: Path, slave: RawSlave, device: ReferenceDevice, address: TcpAddress
+) -> None:
+    watch = Watching(Plant({"FV-101": WATCHED}), {"bus": address}, quick_path, "breakaway 0", after_s=0.4)
+    began_s = time.monotonic()
+    running = asyncio.create_task(watch.run())
+    await until(lambda: len(slave.asked_s) > 0, "the first request")
+    running.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await running
+    assert slave.asked_s[0] - began_s >= 0.4

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import itertools
+import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from datetime import UTC, date, datetime, timedelta
@@ -16,9 +17,12 @@ import pytest
 from alembic import command
 from sqlalchemy import inspect, make_url
 
+from drivers.motion.moved_windows import MovedWindows
 from drivers.motion.program import FilePlant, Moved
 from drivers.motion.watch_file import WatchFileWriter, day_of, days_in
 from drivers.motion.watching import Watching
+from estimators.in_service.result import Scale
+from estimators.in_service.watch import watched
 from service.config.settings import Plant, load_plant
 from service.figures.trend import Trend, TrendPoint, trends_picture
 from service.health.changes import ValveFacts
@@ -34,6 +38,8 @@ from service.watching.day import judge_day
 from service.words.units import UnitSystem
 from service.workers.analysis_pool import AnalysisPool
 from simulator.assembly import SimulatedPlant
+from tests.estimators.in_service.records import AREA_M2, BREAKAWAY_PA, FRICTION_PA, PLATE, TRAVEL_M, record
+from tests.service.command_line import called
 from tests.support.fake_rig import FakeAnalyst, FakeRig
 from tests.support.in_process import app_of
 from tests.support.processes import until
@@ -168,6 +174,47 @@ def test_a_day_that_says_nothing_has_its_reason(
     assert said in judged.reason
     assert judged.rows == len(found)
     assert DayJudged.from_json(judged.to_json()) == judged
+
+
+def test_what_is_kept_of_a_day_says_what_the_whole_day_would(quick_path: Path) -> None:
+    made = record(2.0, 0.1)
+    assert made.pressure_pa is not None
+    whole = np.column_stack((made.time_s, made.position_m, made.pressure_pa, np.full(made.samples, np.nan)))
+    rest = whole[:1].repeat(72_000, axis=0)  # two hours in which the loop does nothing
+    rest[:, 0] = whole[-1, 0] + 0.1 * np.arange(1, 72_001)
+    rest[:, 1:] = whole[-1, 1:]
+    windows = MovedWindows(TRAVEL_M)
+    parts = [windows.take(block) for block in np.array_split(np.concatenate((whole, rest)), 2880)]
+    found = np.concatenate(parts)
+    assert len(whole) <= len(found) < 1.05 * len(whole)  # the rest is not kept
+    judged = judge_day(kept(quick_path, found), PLATE).document
+    by_hand = watched(made, PLATE, Scale(TRAVEL_M, AREA_M2), subject="FV-7")
+    assert judged is not None
+    for name, truth_pa in (("friction", FRICTION_PA), ("breakaway", BREAKAWAY_PA)):
+        figure = judged["figures"][name]
+        assert figure["ci95"][0] <= truth_pa * AREA_M2 <= figure["ci95"][1], name
+        assert figure["value"] == pytest.approx(by_hand.figures[name].value, rel=0.01)
+
+
+def test_a_file_of_the_store_is_read_by_breakaway_watch(quick_path: Path) -> None:
+    made = record(0.5, 0.1)
+    assert made.pressure_pa is not None
+    rows_of_store = np.column_stack((made.time_s + 1.0e9, made.position_m, made.pressure_pa, made.pressure_pa))
+    path = kept(quick_path, rows_of_store)
+    plate = quick_path / "fv-7.toml"
+    actuator = f"diaphragm_area_m2 = {AREA_M2}\ntravel_m = {TRAVEL_M}\nbench_set_pa = [20.0e3, 100.0e3]\n"
+    plate.write_text(f'tag = "FV-7"\n[actuator]\n{actuator}')
+    said = called("watch", str(path), "--nameplate", str(plate), "--json", "-", folder=quick_path)
+    assert said.returncode == 0, said.stderr
+    found = json.loads(said.stdout)["figures"]["friction"]
+    assert found["ci95"][0] <= FRICTION_PA * AREA_M2 <= found["ci95"][1]
+    bare = called("watch", str(path), folder=quick_path)
+    assert bare.returncode == 0, bare.stderr
+    assert "kPa" in bare.stdout
+    path.write_bytes(b"nothing")
+    broken = called("watch", str(path), folder=quick_path)
+    assert (broken.returncode, broken.stdout) == (1, "")
+    assert "it has no header of breakaway/watched/1" in broken.stderr
 
 
 class FakeJudge:

@@ -7,15 +7,18 @@ import contextlib
 import signal
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from datetime import UTC, datetime, time, timedelta
 from pathlib import Path
 
 import numpy as np
 
 from drivers.motion.client import MotionClient
-from drivers.motion.watch_file import days_in, read_watch_file
+from drivers.motion.watch_file import WatchFileWriter, day_of, days_in, read_watch_file
 from service.config.settings import load_plant
 from simulator.assembly import SimulatedPlant
-from tests.support.processes import Condition, moving, until
+from tests.estimators.in_service.records import AREA_M2, BENCH_PA, BREAKAWAY_PA, FRICTION_PA, TRAVEL_M, record
+from tests.support.plants import bus_text, service_text, valve_text
+from tests.support.processes import Condition, moving, serving, until
 from tests.support.wired_plant import TAG, wired_plant
 
 WATCH = "[valves.watch]\nperiod_s = 0.02\n"
@@ -89,3 +92,33 @@ def is_larger(path: Path) -> Condition:
         return size_of(path) > size
 
     return grown
+
+
+async def test_the_service_judges_a_day_that_is_over_by_itself(quick_path: Path) -> None:
+    """A day of exact stick-slip stands in the store; motion process and service are started as a plant starts them."""
+    yesterday = datetime.now(UTC).date() - timedelta(days=2)
+    made = record(1.0, 0.1)
+    assert made.pressure_pa is not None
+    at_s = datetime.combine(yesterday, time(8), UTC).timestamp() + made.time_s
+    writer = WatchFileWriter(day_of(quick_path / "plant-data" / "watched", TAG, yesterday), {"period_s": 0.1})
+    writer.append(np.column_stack((at_s, made.position_m, made.pressure_pa, np.full(made.samples, np.nan))))
+    writer.close()
+    valve = valve_text(
+        TAG, "plc-1", actuator=(AREA_M2, TRAVEL_M), pressure_pa=BENCH_PA, safe=str(BENCH_PA[0]), more=WATCH
+    )
+    path = quick_path / "plant.toml"
+    path.write_text(service_text('zone = "UTC"') + bus_text("plc-1", 9) + valve, encoding="utf-8")
+    async with moving(path), serving(path) as (_, client):
+
+        async def is_judged() -> bool:
+            return bool((await client.get(f"/valves/{TAG}/watched")).json()["days"])
+
+        await until(is_judged, 240.0, "the day's judgement")
+        body = (await client.get(f"/valves/{TAG}/watched")).json()
+        metrics = (await client.get("/metrics")).text
+    (day,) = body["days"]
+    assert (day["day"], day["reason"], day["rows"]) == (yesterday.isoformat(), "", made.samples)
+    figures = day["result"]["figures"]
+    for name, truth_pa in (("friction", FRICTION_PA), ("breakaway", BREAKAWAY_PA)):
+        assert figures[name]["ci95"][0] <= truth_pa * AREA_M2 <= figures[name]["ci95"][1], name
+    assert f'breakaway_watch_slots_total{{outcome="failed",valve="{TAG}"}}' in metrics  # nobody answers at its bus
