@@ -120,7 +120,7 @@ class Watching:
             if all(bus.address.name in usable for bus in valve.buses):
                 rounds[valve.home].append(valve)
         _LOG.info("valves watched in service", valves=sum(map(len, rounds.values())), buses=len(rounds))
-        tasks = [asyncio.ensure_future(self._round(own)) for own in rounds.values()]
+        tasks = [asyncio.ensure_future(self._going_on(own)) for own in rounds.values()]
         try:
             await asyncio.gather(*tasks)
         finally:
@@ -142,6 +142,15 @@ class Watching:
             else:
                 usable.add(name)
         return frozenset(usable)
+
+    async def _going_on(self, valves: list[_Valve]) -> None:
+        """Go round the valves of one bus; a fault of ours ends no other bus, and this one for a minute."""
+        while True:
+            try:
+                await self._round(valves)
+            except Exception as error:  # noqa: BLE001  - whoever reads in service must not fall silent for good
+                _LOG.error("valves in service not read for a while", bus=valves[0].home, exc_info=error)
+                await asyncio.sleep(_RAREST_S)
 
     async def _round(self, valves: list[_Valve]) -> None:
         """Read the valves of one bus, each when its slot is due; their slots are spread over the period."""
