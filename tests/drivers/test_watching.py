@@ -134,6 +134,35 @@ async def test_on_a_serial_line_too_only_reads_arrive(
     assert functions(slave) <= READS
 
 
+@pytest.mark.parametrize("is_silent", [False, True], ids=["answers", "is silent"])
+async def test_a_test_on_a_watched_serial_line_finds_its_port_free_and_its_line_quiet(
+    quick_path: Path, slave: RawSlave, device: ReferenceDevice, serial_port: SerialPort, is_silent: bool
+) -> None:
+    line = RtuAddress("bus", serial_port.path, 115200, Parity.NONE, timeout_s=0.3, worst_latency_s=0.5)
+    plant = Plant({"FV-101": WATCHED})
+    motion = Motion(
+        plant, WiredRig({"bus": line}, "breakaway 0"), quick_path / "journals", locks=BusLocks({"bus": line})
+    )
+    (quick_path / "journals").mkdir()
+    async with watching(quick_path / "watched", line, plant=plant) as watch:
+        await until(lambda: watch.slots["FV-101"].read >= 5, "5 samples")
+        if is_silent:  # its answer comes when nobody waits for it any more, and must not meet the test's first request
+            slave.always = Fault(delay_s=0.4)
+            asked = len(slave.requests)
+            await until(lambda: len(slave.requests) > asked, "a request whose answer is late")
+        order = Order("20261121T031502Z-9f3c01ab", "FV-101", triangle(1.0, 1, 10_000.0, 30_000.0), "triangle", 1)
+        playing = asyncio.create_task(motion.play(order))
+        if is_silent:
+            await until(lambda: watch.slots["FV-101"].failed > 0, "its deadline")
+            slave.always = Fault()
+        end = await playing
+        if is_silent:
+            silent_s, first_s = slave.asked_s[asked : asked + 2]
+            assert first_s - silent_s >= line.worst_latency_s
+        assert end.outcome.ended is Ended.COMPLETED, end.outcome.error
+        assert end.outcome.safe_confirmed
+
+
 @pytest.mark.parametrize("kind", [ReadTransport, WatchedBus])
 def test_what_reads_in_service_has_no_way_to_write(kind: type) -> None:
     assert not {name for name in dir(kind) if "write" in name.lower() or "command" in name.lower()}
