@@ -12,6 +12,7 @@ from drivers.permissive_rules import PermissiveRules
 from drivers.points import Point as Point  # noqa: PLC0414  - an address too, and asked for here
 from drivers.register_map import RegisterMap
 from drivers.stands_at import RestRules
+from drivers.watch_rules import WatchRules
 from valve.errors import ConfigurationError, refuse
 from valve.units import SI_FACTORS
 
@@ -234,7 +235,8 @@ class WatchdogChoice:
 class ValveWiring:
     """How one valve is wired. ``safe_value_pa`` is a pressure, or "entry": what was commanded before the test.
 
-    ``maps`` are the register maps that its plant file describes, by name, beside those of ``drivers.maps``.
+    ``maps`` are the register maps that its plant file describes, by name, beside those of ``drivers.maps``; ``watch``
+    says how it is read in service, None where it is not.
     """
 
     tag: str
@@ -248,6 +250,7 @@ class ValveWiring:
     permissives: PermissiveRules = field(default_factory=PermissiveRules)
     rest: RestRules = field(default_factory=RestRules)
     maps: Mapping[str, RegisterMap] = field(default_factory=dict, hash=False)
+    watch: WatchRules | None = None
 
     def __post_init__(self) -> None:
         refuse(ConfigurationError, [safe_value_fault(self.tag, self.safe_value_pa, self.limits)])

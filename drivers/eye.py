@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Coroutine, Sequence
+from collections.abc import Coroutine, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from drivers.crc import words_crc16
 from drivers.faults import CorruptBlockError, StaleSampleError
@@ -17,6 +17,13 @@ from drivers.transport import Exchange
 from drivers.wiring import Signal, Unit, Wired, read_blocks
 
 _GAUGE: Final = "gauge"
+
+
+class Reads(Protocol):
+    """A bus as a look needs it."""
+
+    async def read(self, device_id: int, block: Block, *, priority: bool = False) -> Exchange:
+        """Read a block. Raises WireError or DeviceError."""
 
 
 def _device(unit: Unit) -> tuple[str, int]:
@@ -44,10 +51,14 @@ class _Part:
 
 
 class Eye:
-    """Takes samples of one valve. Nothing is repeated: a look that fails is a gap."""
+    """Takes samples of one valve. Nothing is repeated: a look that fails is a gap.
 
-    def __init__(self, tag: str, wired: Wired) -> None:
+    ``readers`` by the names of buses are what Modbus is read through, where the valve's own buses are not to be used.
+    """
+
+    def __init__(self, tag: str, wired: Wired, readers: Mapping[str, Reads] | None = None) -> None:
         self._tag = tag
+        self._readers = {} if readers is None else readers
         self._live = wired.command.unit.map.live
         signals = [s for s in (wired.readback, wired.position, wired.pressure) if isinstance(s, Signal)]
         places = {_device(unit): place for place, unit in enumerate(wired.units)}
@@ -69,6 +80,12 @@ class Eye:
         )
         self._pressure = None if wired.pressure is None else found(wired.pressure)
         self._supply = None if self._live is None else self._live.supply
+
+    @property
+    def reads(self) -> tuple[tuple[str, Block | None], ...]:
+        """What a sample reads: the names of buses with their blocks, None for a gauge."""
+        blocks = tuple((part.unit.bus.name, block) for part in self._parts for block in part.blocks)
+        return blocks if self._gauge is None else (*blocks, (self._gauge.name, None))
 
     @property
     def at_safe_mask(self) -> int:
@@ -132,9 +149,9 @@ class Eye:
 
     async def _ask_device(self, part: _Part, priority: bool) -> _Reading:
         unit, reading = part.unit, _Reading()
-        live = unit.map.live
+        live, bus = unit.map.live, self._readers.get(part.unit.bus.name, part.unit.bus)
         for block in part.blocks:
-            exchange = await unit.bus.read(unit.device_id, block, priority=priority)
+            exchange = await bus.read(unit.device_id, block, priority=priority)
             reading.sent_s = min(reading.sent_s, exchange.sent_s)
             reading.received_s = max(reading.received_s, exchange.received_s)
             values = block.decode(exchange.words)

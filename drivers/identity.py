@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Protocol
+
+from drivers.eye import Reads
+from drivers.registers import Block
 from drivers.wiring import Unit
 from valve.errors import DeviceError
 
 
-async def require_identity(tag: str, unit: Unit) -> None:
+class Proves(Reads, Protocol):
+    """A bus that can prove itself clean."""
+
+    def set_canary(self, device_id: int, block: Block, words: Sequence[int]) -> None:
+        """Tell what a block of a device always shows."""
+
+
+async def require_identity(tag: str, unit: Unit, bus: Proves | None = None) -> None:
     """Read a device's canary and version; its bus then reads that canary wherever it must prove itself clean.
 
-    Raises DeviceError where they are another's.
+    It is read through ``bus`` where the unit's own is not to be used. Raises DeviceError where they are another's.
     """
+    bus = unit.bus if bus is None else bus
     for check in (unit.map.canary, unit.map.version):
         if check is None:
             continue
         block = unit.map.block(check.register)
-        words = (await unit.bus.read(unit.device_id, block)).words
+        words = (await bus.read(unit.device_id, block)).words
         value = block.decode(words)[check.register]
         if not check.accepts(value):
             rule = "excludes" if check.differs else "expects"
@@ -24,4 +37,4 @@ async def require_identity(tag: str, unit: Unit) -> None:
                 f"{rule} {check.expected:.12g}: another device answers, correct device_id or map"
             )
         if check is unit.map.canary and not check.differs:
-            unit.bus.set_canary(unit.device_id, block, words)
+            bus.set_canary(unit.device_id, block, words)

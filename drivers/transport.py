@@ -64,8 +64,10 @@ class _Canary:
     words: tuple[int, ...]
 
 
-class Transport:
-    """A Modbus bus (TCP, TLS or RTU): one request outstanding, a stop before everything queued, no silent repeats.
+class ReadTransport:
+    """A Modbus bus (TCP, TLS or RTU) that is read: one request outstanding, a stop before everything queued.
+
+    It has no way to write: ``Transport`` adds it. Nothing is repeated silently.
 
     After anything doubtful (a timeout, a cancelled caller, bytes that nobody asked for, a broken connection) the bus
     is cleaned before the next request: TCP is closed and reopened, a serial line is left alone until the slowest
@@ -76,7 +78,6 @@ class Transport:
     def __init__(self, address: TcpAddress | TlsAddress | RtuAddress) -> None:
         self.address = address
         self.recoveries = 0
-        self.writes = 0  # requests that were sent
         self._gate = Gate()
         self._connection = Connection(address)
         self._wanted = False
@@ -122,23 +123,6 @@ class Transport:
         """Read ``count`` words at ``address``. Raises as ``read`` does."""
         return await self._transact(read_request(device_id, table, address, count), priority)
 
-    async def write(
-        self, device_id: int, address: int, words: Sequence[int], *, priority: bool = False, function: int = WRITE
-    ) -> Exchange:
-        """Write words, once, by function 16, or 6 for one word alone.
-
-        After a WireError the device may or may not have carried it out.
-        """
-        request = Request(device_id, function, write_address=address, words=tuple(words))
-        return await self._transact(request, priority)
-
-    async def read_write(
-        self, device_id: int, write_address: int, words: Sequence[int], read_address: int, count: int
-    ) -> Exchange:
-        """Write, then read holding registers, in one transaction (function 23)."""
-        request = Request(device_id, READ_WRITE, read_address, count, write_address, tuple(words))
-        return await self._transact(request, False)
-
     # ---- one transaction
 
     async def _transact(self, request: Request, priority: bool) -> Exchange:
@@ -149,8 +133,11 @@ class Transport:
             await self._hang_up()
             if not self._is_clean(request):
                 await self._connect_anew(request)
-            self.writes += bool(request.words)
+            self._note(request)
             return await self._exchange(request)
+
+    def _note(self, request: Request) -> None:
+        """Note a request that is about to go out."""
 
     def _is_clean(self, request: Request) -> bool:
         connection = self._connection
@@ -268,3 +255,31 @@ class Transport:
             wait_s = self._connection.quiet_from_s + self._connection.silence_s - time.monotonic()
             if wait_s > 0.0:
                 await asyncio.sleep(wait_s)
+
+
+class Transport(ReadTransport):
+    """A Modbus bus that is read and written. A write goes out once, whatever becomes of its answer."""
+
+    def __init__(self, address: TcpAddress | TlsAddress | RtuAddress) -> None:
+        super().__init__(address)
+        self.writes = 0  # requests that were sent
+
+    def _note(self, request: Request) -> None:
+        self.writes += bool(request.words)
+
+    async def write(
+        self, device_id: int, address: int, words: Sequence[int], *, priority: bool = False, function: int = WRITE
+    ) -> Exchange:
+        """Write words, once, by function 16, or 6 for one word alone.
+
+        After a WireError the device may or may not have carried it out.
+        """
+        request = Request(device_id, function, write_address=address, words=tuple(words))
+        return await self._transact(request, priority)
+
+    async def read_write(
+        self, device_id: int, write_address: int, words: Sequence[int], read_address: int, count: int
+    ) -> Exchange:
+        """Write, then read holding registers, in one transaction (function 23)."""
+        request = Request(device_id, READ_WRITE, read_address, count, write_address, tuple(words))
+        return await self._transact(request, False)

@@ -48,6 +48,7 @@ from service.routes.runs import router as test_routes
 from service.routes.safety import router as safety_routes
 from service.routes.schedules import router as schedule_routes
 from service.routes.valves import router as valve_routes
+from service.routes.watched import router as watched_routes
 from service.runs.analyst import Analyst
 from service.runs.estimate_worker import EstimateWorker
 from service.runs.reanalyses import Reanalyses
@@ -55,6 +56,7 @@ from service.runs.renewal import Renewal
 from service.runs.service import Runs
 from service.schedules.house import nights
 from service.schedules.nightly import Nightly
+from service.schedules.watched import WatchedDays
 from service.store.store import Store, open_store
 from service.tablet.install import install_tablet
 from service.workers.analysis_crew import AnalysisCrew
@@ -127,15 +129,18 @@ def create_app(
             await runs.recover()
             app.state.reloader = Reloader(app.state.parts)
             renewal = Renewal(plant, opened, runs)
+            watched = WatchedDays(plant, opened, stale, pool, software)
             async with (
                 mqtt_of(plant, opened, stale) as app.state.mqtt,
                 nights(nightly, reanalyses, plant, opened, runs),
                 stoppers_known(runs.any_under_way, access.note_known),
             ):
                 renewal.start()
+                watched.start()
                 try:
                     yield
                 finally:
+                    await watched.close()
                     await renewal.close()
         finally:
             await runs.shut_down()
@@ -174,6 +179,7 @@ def create_app(
         recording_routes,
         model_routes,
         health_routes,
+        watched_routes,
         valve_routes,
         schedule_routes,
         reanalysis_routes,

@@ -33,6 +33,7 @@ WAITING: Final = (
     "tests/service/test_recovery.py",
     "tests/service/test_stem_looks.py",
     "tests/service/test_until.py",
+    "tests/service/test_watched_process.py",
     "tests/service/test_wired.py",
 )
 # Half of their time is waiting: for a process, a browser, a database.

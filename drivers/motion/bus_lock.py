@@ -18,18 +18,23 @@ import ipaddress
 import os
 import socket
 import struct
+import time
 from collections.abc import AsyncIterator, Iterable, Mapping
 from contextlib import asynccontextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from drivers.addresses import BusAddress, GaugeAddress, RtuAddress
+from drivers.motion.watch_post import ask_to_leave
 from valve.errors import BusyError, InternalError
 
 #: Names a folder for lock files instead, for containers; every service that may use the same buses must share it.
 FOLDER_VARIABLE: Final = "BREAKAWAY_LOCK_FOLDER"
 _ASKING: Final = 128  # processes that may ask who holds a bus before it is given back
 _LONGEST_NUMBER: Final = 15  # digits of a process's number
+_LOOKED_AT_S: Final = 0.01  # somebody who looks whether a lock file is locked holds it for less
+_LEAVING_S: Final = 1.0  # beyond what one lost answer costs whoever watches
 
 
 def place_of(address: BusAddress) -> str:
@@ -52,12 +57,62 @@ def _one_spelling(host: str) -> str:
     return str(mapped or address)
 
 
+def watch_name(address: BusAddress) -> str:
+    """Return where whoever watches a bus is asked to leave it (``drivers.motion.watch_post``)."""
+    return _named("breakaway-watch", place_of(address), ".socket")
+
+
+def is_taken(address: BusAddress) -> bool:
+    """Whether some process, this one too, holds a bus; nothing is taken."""
+    name = _named("breakaway-bus", place_of(address), ".lock")
+    if name.startswith("\0"):
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
+            asking.setblocking(False)
+            try:
+                asking.connect(name)
+            except BlockingIOError:
+                return True  # so many have asked
+            except OSError:
+                return False
+            return True
+    try:
+        descriptor = os.open(name, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
+def _leaving_s(address: BusAddress) -> float:
+    """Longest time that whoever watches a bus may need to leave it, s: one transaction in flight, its answer lost."""
+    slowest_s = address.worst_latency_s if isinstance(address, RtuAddress) else 0.0
+    return 2.0 * max(slowest_s, address.timeout_s) + _LEAVING_S
+
+
+@dataclass(frozen=True, slots=True)
+class _Held:
+    """A lock that is held, and the connection that keeps away who watches the bus; None where nobody does."""
+
+    lock: int
+    watcher: socket.socket | None
+
+    def give_back(self) -> None:
+        os.close(self.lock)  # first: who watches looks whether it is free
+        if self.watcher is not None:
+            self.watcher.close()
+
+
 class BusLocks:
-    """Locks of buses that this process holds, by name."""
+    """Locks of buses that this process holds, by name. Who watches a bus has left it when it is taken."""
 
     def __init__(self, addresses: Mapping[str, BusAddress]) -> None:
         self._addresses = addresses
-        self._held: dict[str, int] = {}
+        self._held: dict[str, _Held] = {}
 
     @property
     def held(self) -> frozenset[str]:
@@ -70,7 +125,9 @@ class BusLocks:
         try:
             for bus in sorted(buses):
                 if bus in self._addresses and bus not in self._held:
-                    self._held[bus] = _locked(bus, place_of(self._addresses[bus]))
+                    address = self._addresses[bus]
+                    lock = _locked(bus, place_of(address))
+                    self._held[bus] = _Held(lock, ask_to_leave(watch_name(address), _leaving_s(address)))
                     taken.append(bus)
         except BaseException:
             self.give_back(taken)
@@ -92,9 +149,9 @@ class BusLocks:
     def give_back(self, buses: Iterable[str]) -> None:
         """Give them back; what is not held stays as it is."""
         for bus in buses:
-            descriptor = self._held.pop(bus, None)
-            if descriptor is not None:
-                os.close(descriptor)
+            held = self._held.pop(bus, None)
+            if held is not None:
+                held.give_back()
 
     @asynccontextmanager
     async def hold(self, buses: Iterable[str]) -> AsyncIterator[None]:
@@ -109,9 +166,15 @@ class BusLocks:
 
 def _locked(bus: str, place: str) -> int:
     """Take a place; return the descriptor that holds it. Raises BusyError, InternalError."""
-    name = f"breakaway-bus-{hashlib.sha256(place.encode()).hexdigest()[:24]}"
+    name = _named("breakaway-bus", place, ".lock")
+    return _name_taken(bus, place, name) if name.startswith("\0") else _file_locked(bus, place, Path(name))
+
+
+def _named(kind: str, place: str, suffix: str) -> str:
+    """Return the name of something at a place: one in the kernel, or with FOLDER_VARIABLE a path."""
+    name = f"{kind}-{hashlib.sha256(place.encode()).hexdigest()[:24]}"
     folder = os.environ.get(FOLDER_VARIABLE)
-    return _file_locked(bus, place, Path(folder) / f"{name}.lock") if folder else _name_taken(bus, place, f"\0{name}")
+    return str(Path(folder) / f"{name}{suffix}") if folder else f"\0{name}"
 
 
 def _busy(bus: str, place: str, holder: str) -> BusyError:
@@ -158,7 +221,11 @@ def _file_locked(bus: str, place: str, path: Path) -> int:
             f"writable, or name another one by {FOLDER_VARIABLE} for every service that uses this bus"
         ) from error
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            time.sleep(_LOOKED_AT_S)
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         holder = os.pread(descriptor, _LONGEST_NUMBER, 0).decode(errors="replace").strip()
         os.close(descriptor)

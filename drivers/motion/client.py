@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import itertools
 import json
-from collections.abc import AsyncIterator, Callable, Iterable
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any, Final
@@ -215,6 +215,11 @@ class MotionClient:
     async def settled(self, tag: str) -> None:
         """Let a valve that was kept become what the plant file said when it was read last."""
         await self._ask("settled", tag=tag)
+
+    async def watched(self) -> Mapping[str, Mapping[str, int]]:
+        """Return what became of the slots of each valve that is read in service: read, missed, failed, kept."""
+        said: dict[str, dict[str, int]] = await self._ask("watched", within_s=0.0)
+        return said
 
 
 async def stopped_here(socket: Path, what: str, reason: str) -> tuple[tuple[Order, MotionEnd], ...]:

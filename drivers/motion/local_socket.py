@@ -18,8 +18,9 @@ _LONGEST_PATH: Final = 100  # bytes that every system takes as the name of a soc
 
 
 @contextlib.contextmanager
-def _address(path: Path) -> Iterator[str]:
+def short_name(path: Path | str) -> Iterator[str]:
     """Yield a name of the socket that is short enough, whatever its folder is called."""
+    path = Path(path)
     if len(os.fsencode(path)) <= _LONGEST_PATH:
         yield str(path)
         return
@@ -38,7 +39,7 @@ def listening(path: Path) -> socket.socket:
     path.parent.mkdir(parents=True, exist_ok=True)
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
-        with _address(path) as address:
+        with short_name(path) as address:
             with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
                 asking.connect(address)
                 raise ConfigurationError(f"{path}: a motion process answers there already: end it, or use that one")
@@ -65,7 +66,7 @@ async def connected(path: Path) -> tuple[asyncio.StreamReader, asyncio.StreamWri
     line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     line.setblocking(False)
     try:
-        with _address(path) as address:
+        with short_name(path) as address:
             await asyncio.get_running_loop().sock_connect(line, address)
         return await asyncio.open_unix_connection(sock=line, limit=LONGEST_LINE)
     except BaseException:

@@ -22,6 +22,7 @@ from drivers.motion.kept_samples import KeptSamples
 from drivers.motion.orders import Armed, Heard, Left, MotionEnd, Order
 from drivers.motion.rig import Rig, Watcher
 from drivers.motion.spool import Spool
+from drivers.motion.watching import Watching
 from drivers.outcome import Ended, PlayOutcome, Recovered, SampleBlock
 from drivers.permissive import Permissive
 from drivers.stands_at import StandsAt
@@ -81,6 +82,8 @@ class Motion:
         self._removing: set[asyncio.Future[None]] = set()
         #: Called whenever a motion has ended.
         self.on_end: Callable[[], None] = lambda: None
+        #: What reads valves in service behind all motions; None where nothing does.
+        self.watching: Watching | None = None
 
     def _wiring(self, tag: str) -> ValveWiring:
         wiring = self._plant.wirings.get(tag)
@@ -246,10 +249,20 @@ class Motion:
         fresh = await asyncio.to_thread(self._plant.read)
         moving = {one.order.tag for one in self._carried.values() if not one.is_over}
         self._plant.take(fresh, frozenset(kept) | moving)
+        self._refresh_watching()
 
     async def settled(self, tag: str) -> None:
         """Let a valve that was kept become what the plant file said when it was read last."""
         self._plant.settle(tag)
+        self._refresh_watching()
+
+    def _refresh_watching(self) -> None:
+        if self.watching is not None:
+            self.watching.refresh()
+
+    async def watched(self) -> dict[str, dict[str, int]]:
+        """Return what became of the slots of each valve that is read in service, by tag."""
+        return {} if self.watching is None else self.watching.counted()
 
     async def connect(self, within_s: float) -> None:
         """Connect: this is the same process."""

@@ -155,3 +155,6 @@ class MotionLink(Locks, Protocol):
 
     async def settled(self, tag: str) -> None:
         """Let a valve that was kept become what the plant file said when it was read last."""
+
+    async def watched(self) -> Mapping[str, Mapping[str, int]]:
+        """Return what became of the slots of each valve that is read in service: read, missed, failed, kept."""

@@ -23,6 +23,7 @@ from drivers.motion.rig import WiredRig
 from drivers.motion.server import MotionServer
 from drivers.motion.service_manager import ServiceManager
 from drivers.motion.spool import Spool
+from drivers.motion.watching import Watching
 
 _LOG = structlog.get_logger(__name__)
 # A closed terminal, and Ctrl-\, too: each would end the process at once, and leave a valve where it stands.
@@ -31,6 +32,8 @@ _END_S: Final = 20.0
 # Threads write journals; by default (5 ms) each may keep the polling waiting for so long before it hands on.
 _THREAD_TURN_S: Final = 0.5e-3
 _TIDY_S: Final = 10.0
+_UNREAD_S: Final = 5.0
+_WATCHED_AFTER_S: Final = 3.0  # behind the longest watchdog: until then the device of a valve that was left may act
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,12 +46,21 @@ class Moved:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where the program works: its socket, the folders of the journals and of the audit log, and the gateway's name."""
+    """Where the program works: its socket, its folders, and the gateway's name.
+
+    The folders are those of the journals, of the audit log, and of what is read of valves in service.
+    """
 
     socket: Path
     journals: Path
     audit: Path
+    watched: Path
     gateway: str
+
+    @classmethod
+    def in_store(cls, store: Path, socket: Path, gateway: str) -> Place:
+        """Return the places in the folder of a store."""
+        return cls(socket, store / "journals", store / "audit", store / "watched", gateway)
 
 
 class FilePlant:
@@ -90,11 +102,14 @@ def run(read: Callable[[], Moved], place: Place, software: str) -> None:
         locks=BusLocks(plant.buses),
         audit=AuditLog(place.audit, place.gateway or "gateway"),
     )
+    watchdogs_s = [one.watchdog.timeout_s for one in plant.wirings.values() if one.watchdog.timeout_s is not None]
+    after_s = max(watchdogs_s, default=0.0) + _WATCHED_AFTER_S
+    motion.watching = Watching(plant, plant.buses, place.watched, software, after_s=after_s)
     precedence.try_once()
-    asyncio.run(_serve(motion, place, software, precedence))
+    asyncio.run(_serve(motion, motion.watching, place, software, precedence))
 
 
-async def _serve(motion: Motion, place: Place, software: str, precedence: Precedence) -> None:
+async def _serve(motion: Motion, watching: Watching, place: Place, software: str, precedence: Precedence) -> None:
     ending = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in _ENDING_SIGNALS:
@@ -105,6 +120,7 @@ async def _serve(motion: Motion, place: Place, software: str, precedence: Preced
         listener.setblocking(False)
         listens = await asyncio.start_unix_server(server.accept, sock=listener, limit=LONGEST_LINE)
         beside = [asyncio.create_task(manager.keep_alive()), asyncio.create_task(_tidy_at_rest(motion))]
+        reading = asyncio.create_task(watching.run())
         _settle_memory()
         manager.say("READY=1")
         _LOG.info("motion process listening", socket=str(place.socket), valves=len(motion.tags))
@@ -114,8 +130,9 @@ async def _serve(motion: Motion, place: Place, software: str, precedence: Preced
             await motion.shut_down(_STOPPED, _END_S)
             await server.close()
         finally:
-            for task in beside:
+            for task in (*beside, reading):
                 task.cancel()
+            await asyncio.wait({reading}, timeout=_UNREAD_S)  # what was read goes to the disk
             listens.close()
             precedence.close()
             place.socket.unlink(missing_ok=True)

@@ -197,6 +197,9 @@ class MotionServer:
     async def _settled(self, _client: _Client, tag: str) -> None:
         await self.motion.settled(tag)
 
+    async def _watched(self, _client: _Client) -> dict[str, dict[str, int]]:
+        return await self.motion.watched()
+
     async def _play(self, client: _Client, order: dict[str, Any]) -> Any:
         carried = self.motion.begin(of_json(Order, order))
         return await self._followed(client, carried.order.run_id)
@@ -283,6 +286,7 @@ _ASKED: Final[dict[str, _Ask]] = {
     "recover": MotionServer._recover,
     "reload": MotionServer._reload,
     "settled": MotionServer._settled,
+    "watched": MotionServer._watched,
     "play": MotionServer._play,
     "rejoin": MotionServer._rejoin,
 }

@@ -27,5 +27,5 @@ def motion(
 
     log_as_json()
     service = load_plant(config).service
-    place = Place(service.motion_socket, service.store / "journals", service.store / "audit", service.gateway)
+    place = Place.in_store(service.store, service.motion_socket, service.gateway)
     run(read, place, f"breakaway {version('breakaway')}")

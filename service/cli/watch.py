@@ -26,7 +26,7 @@ def watch(
         typer.Argument(
             metavar="FILE",
             help="Time, position, and pressure or command of a historian or logger: CSV, xlsx or Parquet, also gz. "
-            "Or controller output and process value of its loop.",
+            "Or controller output and process value of its loop, or a day's .watch file of the store.",
             show_default=False,
         ),
     ],

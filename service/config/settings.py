@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -32,6 +32,7 @@ from service.config.nightly import (
     zone_named,
 )
 from service.config.valves import Identity, ValveParts, valve_parts
+from service.config.watching import by_clock_of, check_watching
 from service.model.health_limits import HealthLimits
 from service.model.schedule import Schedule
 from valve.errors import ConfigurationError
@@ -138,8 +139,7 @@ class Plant:
     @property
     def zone(self) -> ZoneInfo | None:
         """The plant's time zone: ``service.zone``, else the one of all schedules; None for this machine's own."""
-        of_schedules = {schedule.zone.key: schedule.zone for schedule in self.schedules}
-        return self.service.zone or (next(iter(of_schedules.values())) if len(of_schedules) == 1 else None)
+        return _zone_of(self.service, self.schedules)
 
     def take_over(self, fresh: Plant, kept: Mapping[str, PlantValve]) -> None:
         """Become what a fresh file says of valves, groups, schedules, zone and approved sequences.
@@ -222,14 +222,16 @@ def read_plant(path: Path, text: str | None = None) -> tuple[Plant | None, Findi
     broker = mqtt_settings(findings, broker_part if isinstance(broker_part, dict) else None, path.parent)
     wired = check_wiring(findings, buses, valves, bus_gateways)
     check_schedules(findings, checks, {valve.tag: valve for valve in valves}, wired, approved)
+    check_watching(findings, [(valve.key, valve.wiring) for valve in valves], wired, buses)
     if findings or service is None:
         return None, findings
+    zone = _zone_of(service, checks.values())
     return Plant(
         path,
         service,
         {address.name: address for address in buses.values() if address is not None},
         {
-            valve.tag: PlantValve(*_whole(valve), health[valve.tag], valve.identity, valve.limits_class)
+            valve.tag: PlantValve(*_whole(valve, zone), health[valve.tag], valve.identity, valve.limits_class)
             for valve in valves
         },
         {name: tags_of or () for name, tags_of in groups.items()},
@@ -241,10 +243,16 @@ def read_plant(path: Path, text: str | None = None) -> tuple[Plant | None, Findi
     ), findings
 
 
-def _whole(valve: ValveParts) -> tuple[Nameplate, ValveWiring]:
+def _whole(valve: ValveParts, zone: ZoneInfo | None) -> tuple[Nameplate, ValveWiring]:
     assert valve.nameplate is not None  # where nothing was found, nothing is missing
     assert valve.wiring is not None
-    return valve.nameplate, valve.wiring
+    return valve.nameplate, by_clock_of(valve.wiring, zone)
+
+
+def _zone_of(service: ServiceSettings, schedules: Iterable[Schedule]) -> ZoneInfo | None:
+    """Return ``service.zone``, else the zone of all schedules; None for this machine's own."""
+    of_schedules = {schedule.zone.key: schedule.zone for schedule in schedules}
+    return service.zone or (next(iter(of_schedules.values())) if len(of_schedules) == 1 else None)
 
 
 def _tables(raw: Mapping[str, Any], key: str) -> list[dict[str, Any]]:

@@ -19,6 +19,7 @@ from service.config.maps import without_wrong
 from service.config.nameplates import nameplate_from_mapping
 from service.config.permissives import stem_rules_of
 from service.config.safe_value import SafeValue, rest_rules
+from service.config.watching import watch_rules
 from valve.errors import ConfigurationError, ValveError
 from valve.nameplate import Actuator, Nameplate, Signal
 
@@ -72,6 +73,7 @@ class ValveSection(BaseModel):
     pressure: dict[str, Any] | None = None
     watchdog: dict[str, Any] | None = None
     permissives: dict[str, Any] | None = None
+    watch: dict[str, Any] | None = None
     health: dict[str, Any] | None = None
     simulation: dict[str, Any] | None = None  # for `breakaway simulate` alone: a service has no use for it
 
@@ -149,6 +151,7 @@ def valve_parts(
     misplaced = "" if safe_value_pa is None or limits is None else safe_value_fault(tag, safe_value_pa, limits)
     if misplaced:
         findings.add_error(key, ConfigurationError(misplaced))
+    watch = watch_rules(findings, raw.get("watch"), (*key, "watch"))
     is_placed = "command" in points and all(raw.get(name) is None or name in points for name in given)
     used = {point.map for point in (*points.values(), *(() if rules is None else rules.points))}
     is_placed &= not any(maps.get(name or "", ...) is None for name in used)
@@ -168,6 +171,7 @@ def valve_parts(
             PermissiveRules() if rules is None else rules,
             rest or RestRules(),
             without_wrong(maps),
+            watch,
         )
     of_class = "" if section is None else section.limits_class or ""
     return ValveParts(key, tag, identity, nameplate, limits, signal, rules, points, wiring, maps, of_class, sampling)

@@ -44,7 +44,7 @@ class Ahead:
 class Trend:
     """One figure over the tests of a valve, oldest first; ``limits`` are where it is judged abnormal.
 
-    ``ahead`` is the forecast by its last test.
+    ``ahead`` is the forecast by its last test. ``watched`` are days in service beside the tests, which no limit judges.
     """
 
     name: str
@@ -54,6 +54,7 @@ class Trend:
     baseline: float | None = None
     limits: tuple[float | None, float | None] = (None, None)
     ahead: Ahead | None = None
+    watched: tuple[TrendPoint, ...] = ()
 
 
 _COLUMNS: Final = 2
@@ -62,6 +63,7 @@ _NARROW_IN: Final = 4.0  # of a phone: its text is read at 320 pixels
 _LETTERS_AN_INCH: Final = 15.0  # of the words below the panels
 _BARS: Final = "Bars: 95 % interval of each test, without what the figure differs by from test to test."
 _AHEAD: Final = "Dotted: the trend on to its limit, with the 95 % interval of when it is met."
+_WATCHED: Final = "Open circles: days in service, watched and not tested."
 _FARTHEST: Final = 2.0  # times what the tests span: a forecast that is further would leave them no room
 _FRICTION: Final = "The bar of friction holds what friction varies by within its test."
 
@@ -71,9 +73,9 @@ def trends_picture(
 ) -> Picture | None:
     """Return the trends by the clock of ``zone`` (None: this machine's), and below them what their bars hold.
 
-    Two beside each other, or below each other if narrow. None where no test gave a figure.
+    Two beside each other, or below each other if narrow. None where neither a test nor a day in service gave a figure.
     """
-    shown = [trend for trend in trends if trend.points]
+    shown = [trend for trend in trends if trend.points or trend.watched]
     if not shown:
         return None
     columns = 1 if narrow else min(_COLUMNS, len(shown))
@@ -101,20 +103,35 @@ def trends_svg(trends: Sequence[Trend], system: UnitSystem, zone: tzinfo | None,
 def _below(trends: Sequence[Trend], zone: tzinfo | None) -> str:
     """Say what the bars hold and whose clock the time is."""
     has_bars = [trend.name for trend in trends if any(point.ci95 is not None for point in trend.points)]
+    watched = _WATCHED if any(trend.watched for trend in trends) else ""
     bars = _BARS if has_bars else ""
     friction = _FRICTION if any(name.startswith("friction") for name in has_bars) else ""
     ahead = _AHEAD if any(_shown_ahead(trend) is not None for trend in trends) else ""
-    clock = f"Time: {zone_words(trends[0].points[-1].at, zone)}."
-    return " ".join(words for words in (bars, friction, ahead, clock) if words)
+    clock = f"Time: {zone_words((trends[0].points or trends[0].watched)[-1].at, zone)}."
+    return " ".join(words for words in (bars, friction, ahead, watched, clock) if words)
 
 
 def _shown_ahead(trend: Trend) -> Ahead | None:
     """Return the forecast where the picture has room for it."""
-    first, last, ahead = trend.points[0].at, trend.points[-1].at, trend.ahead
-    return None if ahead is None or ahead.at - last > _FARTHEST * (last - first) else ahead
+    ahead = trend.ahead
+    if ahead is None or not trend.points:
+        return None
+    first, last = trend.points[0].at, trend.points[-1].at
+    return None if ahead.at - last > _FARTHEST * (last - first) else ahead
 
 
 def _in_words(trend: Trend, system: UnitSystem, zone: tzinfo | None) -> str:
+    watched = ""
+    if trend.watched:
+        newest = trend.watched[-1]
+        watched = f"{trend.meaning} in service is {measured(newest.value, newest.ci95, trend.unit, system)}"
+    if not trend.points:
+        return watched
+    tested = _tested_in_words(trend, system, zone)
+    return f"{tested}; {watched}" if watched else tested
+
+
+def _tested_in_words(trend: Trend, system: UnitSystem, zone: tzinfo | None) -> str:
     first, last = trend.points[0], trend.points[-1]
     now = f"{trend.meaning} is {measured(last.value, last.ci95, trend.unit, system)}"
     if len(trend.points) == 1:
@@ -133,6 +150,11 @@ def _draw(axes: Axes, trend: Trend, system: UnitSystem, zone: tzinfo | None) -> 
         if point.ci95 is not None:
             axes.plot([time, time], [unit.shown(point.ci95[0]), unit.shown(point.ci95[1])], color=BLUE, linewidth=2.4)
         axes.plot([time], [value], "o" if not point.mark else "s", color=BLUE, markersize=5.0, zorder=3)
+    seen = [(_clock(point.at, zone), unit.shown(point.value), point.ci95) for point in trend.watched]
+    for time, value, ci95 in seen:
+        if ci95 is not None:
+            axes.plot([time, time], [unit.shown(end) for end in ci95], color=SOFT, linewidth=1.2, zorder=1)
+        axes.plot([time], [value], "o", color=SOFT, markerfacecolor="none", markersize=4.5, zorder=1)
     if trend.baseline is not None:
         axes.axhline(unit.shown(trend.baseline), color=SOFT, linewidth=1.0, linestyle="--")
         axes.annotate("baseline", (0.01, unit.shown(trend.baseline)), **_LABEL, color=SOFT)
@@ -142,15 +164,16 @@ def _draw(axes: Axes, trend: Trend, system: UnitSystem, zone: tzinfo | None) -> 
             axes.annotate(word, (0.01, unit.shown(limit)), **(_ABOVE if word == "low limit" else _LABEL), color=RED)
     tidy(axes)
     axes.set_title(f"{trend.meaning}, {unit.name}", fontsize=11, loc="left", color=INK)
-    _scale(axes, values)
+    _scale(axes, values + [value for _, value, _ in seen])
     locator = mdates.AutoDateLocator(minticks=2, maxticks=6)  # type: ignore[no-untyped-call]
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(mdates.ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
     ahead = _shown_ahead(trend)
     if ahead is not None:
         _draw_ahead(axes, times, ahead, unit.shown, zone)
-    if len(times) == 1:
-        axes.set_xlim(times[0] - 1.0, times[0] + 1.0)
+    every = times + [time for time, _, _ in seen]
+    if max(every) - min(every) < 1.0:
+        axes.set_xlim(min(every) - 1.0, max(every) + 1.0)
 
 
 def _draw_ahead(

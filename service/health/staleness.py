@@ -11,9 +11,11 @@ from typing import Any, Final
 from service.config.settings import Plant
 from service.health.results import Ne107
 from service.model.schedule import nth_last_due
+from service.model.watched_day import ChangedInService
 
 _KEPT: Final = timedelta(minutes=1)  # how long an answer is taken as the present: limits are days
 _DAY_S: Final = 86400.0
+_BELOW_MAINTENANCE: Final = (None, Ne107.FUNCTION_CHECK.value, Ne107.NORMAL.value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,19 +24,29 @@ class Oldest:
 
     at: datetime
     allowed: str
+    watched: str = ""  # why the valve should be tested, as days in service say
 
     def is_stale(self, result_at: datetime | None) -> bool:
         """Whether a result of then is too old; there may be none at all."""
         return result_at is None or result_at < self.at
 
     def state(self, state: str | None, result_at: datetime | None) -> str | None:
-        """Return a NE 107 state as it stands today: what was normal long ago is no longer known to be."""
+        """Return a NE 107 state as it stands today: what was normal long ago is no longer known to be.
+
+        Where days in service say that the valve should be tested, it needs maintenance at least.
+        """
+        if self.watched and state in _BELOW_MAINTENANCE:
+            return Ne107.MAINTENANCE.value
         return Ne107.FUNCTION_CHECK.value if state == Ne107.NORMAL.value and self.is_stale(result_at) else state
 
     def health(
         self, health: Mapping[str, Any] | None, result_at: datetime | None, now: datetime
     ) -> Mapping[str, Any] | None:
-        """Return health as it stands today, with a reason where it is too old."""
+        """Return health as it stands today, with a reason where it is too old, and one that days in service give."""
+        if self.watched:
+            known = replace(self, watched="").health(health, result_at, now) or {}
+            shown = self.state(known.get("ne107"), result_at)
+            return {**known, "ne107": shown, "reasons": [self.watched, *known.get("reasons", ())], "watched": True}
         if health is None or result_at is None or not self.is_stale(result_at):
             return health
         days = (now - result_at).total_seconds() / _DAY_S
@@ -61,7 +73,17 @@ class Staleness:
     def __init__(self, plant: Plant) -> None:
         self._rules: dict[str, _Rule] = {}
         self._present: dict[_Rule, tuple[datetime, Oldest]] = {}
+        self._watched: Mapping[str, ChangedInService] = {}
         self.read(plant)
+
+    def note_watched(self, said: Mapping[str, ChangedInService]) -> None:
+        """Note what days in service say against valves, by tag; of others they say nothing."""
+        self._watched = dict(said)
+
+    def watched(self, tag: str, at: datetime) -> str:
+        """Return what days in service said against a valve by then; "" where that was nothing."""
+        said = self._watched.get(tag)
+        return said.sentence if said is not None and said.since <= at else ""
 
     def read(self, plant: Plant) -> None:
         """Read the plant's rules anew; a valve that is gone keeps its own for whoever still lists it."""
@@ -83,7 +105,8 @@ class Staleness:
         known = self._present.get(rule)
         if known is None or not known[0] <= now < known[0] + _KEPT:
             known = self._present[rule] = (now, self._oldest(rule, now))
-        return known[1]
+        watched = self.watched(tag, now)
+        return replace(known[1], watched=watched) if watched else known[1]
 
     def _oldest(self, rule: _Rule, now: datetime) -> Oldest:
         at, allowed = now - timedelta(days=rule.days), f"{rule.days:.3g} are allowed"

@@ -47,7 +47,8 @@ class MqttPublisher:
         self._plant = plant
         self._root = f"{settings.prefix}/{topic_part(plant.service.gateway or 'gateway')}"
         self._waiting: dict[str, None] = {}  # valves to be told of, in their order
-        self._told: dict[str, bool] = {}  # whether the result of a valve was too old when it was told of
+        #: By valve, as it was told of: whether its result was too old, and what its days in service said.
+        self._told: dict[str, tuple[bool, str]] = {}
         self._something = asyncio.Event()
         self._loop = asyncio.get_running_loop()
         self._lost_at_s: float | None = time.monotonic()
@@ -159,14 +160,15 @@ class MqttPublisher:
         self._something.clear()
 
     async def _look_for_stale(self) -> None:
-        """Tell again of each valve whose result has become too old since it was told of."""
+        """Tell again of each valve whose result has become too old, or whose days in service say other than then."""
         while True:
             await asyncio.sleep(_LOOK_S)
             standings = await asyncio.to_thread(valve_standings, self._store.engine)
             now = datetime.now(UTC)
-            for tag, was_stale in tuple(self._told.items()):
+            for tag, told in tuple(self._told.items()):
                 completed_at = standings[tag].completed_at  # told of, so it was tested
-                if self._staleness.oldest(tag, now).is_stale(completed_at) != was_stale:
+                oldest = self._staleness.oldest(tag, now)
+                if (oldest.is_stale(completed_at), oldest.watched) != told:
                     self._remember(tag)
 
     def _messages(self, tag: str) -> list[tuple[str, bytes]]:
@@ -175,7 +177,7 @@ class MqttPublisher:
             return []
         now = datetime.now(UTC)
         oldest = self._staleness.oldest(tag, now)
-        self._told[tag] = oldest.is_stale(head.completed_at)
+        self._told[tag] = oldest.is_stale(head.completed_at), oldest.watched
         completed = None if head.completed_number is None else self._store.runs.last_completed(tag)
         return list(messages_of(head.last, completed, oldest.health(head.health, head.completed_at, now) or {}))
 

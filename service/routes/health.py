@@ -20,7 +20,7 @@ from service.model.run import Label, file_words
 from service.parts import Parts, parts_of
 from service.routes.json_body import JsonRoute
 from service.routes.lists import KNOWN_KEYS, OR_CSV, Form, csv_answer, dated, wants_csv
-from service.routes.trend_view import TrendView, trends_of_tests
+from service.routes.trend_view import TrendView, trends_of
 from service.runs.own_test import completed_test_of
 from valve.errors import NotFoundError, RequestError
 
@@ -130,12 +130,16 @@ async def get_trend(
     limit: Annotated[int, Query(ge=1, le=_MOST_TESTS)] = 100,
     form: Form = None,
 ) -> Response:
-    """Return the main figures of a valve over its newest tests, with their 95 % intervals, SI; as CSV a row a test."""
+    """Return the main figures of a valve over its newest tests, with their 95 % intervals, SI; as CSV a row a test.
+
+    JSON has the newest days in service beside them, under `watched`.
+    """
     parts.runs.valve(tag)
     tests = await asyncio.to_thread(parts.store.figures.newest, tag, limit)
     if wants_csv(request, form):
         return csv_answer(_COLUMNS, (_line(test) for test in reversed(tests)), dated(f"{file_words(tag)}_trend"))
-    shown = TrendPage(valve=tag, trends=trends_of_tests(tests))
+    days = await asyncio.to_thread(parts.store.watched.newest, tag, limit)
+    shown = TrendPage(valve=tag, trends=trends_of(tests, days))
     return Response(shown.model_dump_json(), media_type="application/json", headers={"Vary": "Accept"})
 
 

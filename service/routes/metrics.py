@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Iterator
+import contextlib
+from collections.abc import Iterator, Mapping
 from datetime import UTC, datetime
 from typing import Annotated, Final
 
@@ -13,6 +14,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.exposition import CONTENT_TYPE_LATEST
 from prometheus_client.registry import Collector
 
+from drivers.motion.orders import MotionLostError
 from service.access.needs import needs
 from service.access.principal import Right
 from service.http.problems import PROBLEMS
@@ -99,14 +101,16 @@ class PlantCollector(Collector):
             standing, oldest = standings.get(tag), self._parts.staleness.oldest(tag, now)
             untested.add_metric([tag], float(standing is None))
             stale.add_metric([tag], float(standing is not None and oldest.is_stale(standing.completed_at)))
+            known = (
+                oldest.state(None, None) if standing is None else oldest.state(standing.ne107, standing.completed_at)
+            )
+            if known in _NE107:
+                health.add_metric([tag, known], 1.0)
             if standing is None:
                 continue
             last.add_metric([tag], standing.last_at.timestamp())
             if standing.completed_at is not None:
                 result.add_metric([tag], standing.completed_at.timestamp())
-            known = oldest.state(standing.ne107, standing.completed_at)
-            if known in _NE107:
-                health.add_metric([tag, known], 1.0)
         yield from (busy, stale, untested, last, result, health)
 
     def _figures(self) -> Iterator[Metric]:
@@ -136,6 +140,25 @@ class PrecedenceCollector(Collector):
         )
 
 
+class WatchCollector(Collector):
+    """What became of the slots in which valves in service are read, since the motion process started."""
+
+    def __init__(self, slots: Mapping[str, Mapping[str, int]]) -> None:
+        self._slots = slots
+
+    def collect(self) -> Iterator[Metric]:
+        """Yield the one family."""
+        family = CounterMetricFamily(
+            "breakaway_watch_slots",
+            "slots of valves in service: read, missed as the bus or the process was late, failed; and rows kept",
+            labels=["valve", "outcome"],
+        )
+        for tag, counted in sorted(self._slots.items()):
+            for outcome, count in counted.items():
+                family.add_metric([tag, outcome], count)
+        yield family
+
+
 @router.get(
     "/metrics",
     response_class=Response,
@@ -149,6 +172,9 @@ async def metrics(request: Request, parts: Annotated[Parts, Depends(parts_of)]) 
     registry.register(PlantCollector(parts))
     if parts.motion.precedence is not None:
         registry.register(PrecedenceCollector(parts.motion.precedence))
+    if any(valve.wiring.watch is not None for valve in parts.plant.valves.values()):
+        with contextlib.suppress(MotionLostError):
+            registry.register(WatchCollector(await parts.motion.watched()))
     if request.app.state.mqtt is not None:
         registry.register(BrokerCollector(request.app.state.mqtt))
     counted = await asyncio.to_thread(generate_latest, registry)

@@ -83,6 +83,7 @@ EXAMPLES: Final[Mapping[str, Example]] = {
     "post /valves/{tag}/baseline": Example("/valves/FV-101/baseline", {"test": _TEST}),
     "get /valves/{tag}/comparison": Example("/valves/FV-101/comparison"),
     "get /valves/{tag}/trend": Example("/valves/FV-101/trend", query="limit=365&format=csv"),
+    "get /valves/{tag}/watched": Example("/valves/FV-101/watched", query="limit=365&format=csv"),
     "get /valves/{tag}/model": Example("/valves/FV-101/model"),
     "post /valves/{tag}/model": Example("/valves/FV-101/model", {"test": _TEST}),
     "delete /valves/{tag}/model": Example("/valves/FV-101/model"),

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import datetime
+from datetime import date, datetime
 from typing import Any, Final
 
 from pydantic import BaseModel, Field
 
 from service.model.health_figures import FIGURE_KINDS
 from service.model.past_test import PastTest
+from service.model.watched_day import WatchedDay
 
 _INSTANT: Final = {"type": ["string", "null"], "format": "date-time"}
 #: What ``health.trends`` has, for the OpenAPI document: results of earlier versions may lack what was added later.
@@ -47,17 +48,29 @@ class TrendPointView(BaseModel):
     label: str | None
 
 
+class WatchedPointView(BaseModel):
+    """One day's value of a figure, read in service: watched, not tested."""
+
+    day: date
+    value: float
+    ci95: tuple[float, float] | None
+
+
 class TrendView(BaseModel):
-    """One figure over the tests of a valve, SI."""
+    """One figure over the tests of a valve, SI, and beside them over its days in service."""
 
     name: str
     meaning: str
     unit: str
-    points: list[TrendPointView] = Field(description="oldest first")
+    points: list[TrendPointView] = Field(description="of tests, oldest first")
+    watched: list[WatchedPointView] = Field(
+        description="of days in service, oldest first: a figure like that of the tests, of whatever its loop made the "
+        "valve do; no test is held against it"
+    )
 
 
-def trends_of_tests(newest_first: Sequence[PastTest]) -> list[TrendView]:
-    """Return each figure that any of the tests has."""
+def trends_of(newest_first: Sequence[PastTest], days: Sequence[WatchedDay]) -> list[TrendView]:
+    """Return each figure that any of the tests, or of the days in service (newest first), has."""
     trends = []
     for kind in FIGURE_KINDS.values():
         points = [
@@ -71,6 +84,11 @@ def trends_of_tests(newest_first: Sequence[PastTest]) -> list[TrendView]:
             for test in reversed(newest_first)
             if kind.key in test.figures
         ]
-        if points:
-            trends.append(TrendView(name=kind.key, meaning=kind.words, unit=kind.unit, points=points))
+        watched = [
+            WatchedPointView(day=one.day, value=one.figures[kind.key].value, ci95=one.figures[kind.key].ci95)
+            for one in reversed(days)
+            if kind.key in one.figures
+        ]
+        if points or watched:
+            trends.append(TrendView(name=kind.key, meaning=kind.words, unit=kind.unit, points=points, watched=watched))
     return trends

@@ -22,6 +22,7 @@ from service.model.health_figures import MAIN_FIGURES
 from service.model.past_test import PastTest
 from service.model.run import Label, Run, RunState
 from service.model.sequences import SEQUENCES, default_of
+from service.model.watched_day import WatchedDay
 from service.parts import Parts, parts_of
 from service.routes.lists import (
     KNOWN_KEYS,
@@ -37,7 +38,8 @@ from service.routes.lists import (
     wants_csv,
 )
 from service.routes.run_views import RunSummary, RunView, summary, view
-from service.routes.trend_view import HEALTH_SCHEMA, TrendView, trends_of_tests
+from service.routes.trend_view import HEALTH_SCHEMA, TrendView, trends_of
+from service.routes.watched import WatchedDayView, day_view
 from service.store.conditions import ValveStanding, last_labelled, valve_standings
 from service.store.run_table import ValveHead
 from service.store.store import Store
@@ -66,7 +68,8 @@ class ValveSummary(BaseModel):
     last_test: RunSummary | None
     alarms: list[str] = Field(description="what stands until somebody acknowledges it, in words")
     health: dict[str, Any] | None = Field(
-        description="NAMUR NE 107 state of the last completed test, with reasons", json_schema_extra=HEALTH_SCHEMA
+        description="NAMUR NE 107 state of the last completed test, and of days in service, with reasons",
+        json_schema_extra=HEALTH_SCHEMA,
     )
 
 
@@ -89,6 +92,7 @@ class ValveView(ValveSummary):
     default_sequence_reason: str = Field(description="why it is not the usual one; empty where it is")
     last_result: RunView | None = Field(description="the last completed test")
     trend: list[TrendView] = Field(description="the main figures over the newest tests; /trend has more")
+    last_watched: WatchedDayView | None = Field(description="the last day in service; /watched has more")
 
 
 class ValveList(BaseModel):
@@ -103,6 +107,7 @@ def _summary(parts: Parts, tag: str, head: ValveHead | None) -> dict[str, Any]:
     oldest = parts.staleness.oldest(tag, now)
     last = None if head is None else parts.runs.as_it_stands(head.last)
     alarm = alarm_of(last)
+    health, completed_at = (None, None) if head is None else (head.health, head.completed_at)
     return {
         "tag": tag,
         "href": f"/valves/{quote(tag)}",
@@ -113,7 +118,7 @@ def _summary(parts: Parts, tag: str, head: ValveHead | None) -> dict[str, Any]:
         "busy_with": parts.runs.user_of(tag),
         "last_test": None if last is None else summary(last),
         "alarms": [alarm] if alarm else [],
-        "health": None if head is None else oldest.health(head.health, head.completed_at, now),
+        "health": oldest.health(health, completed_at, now),
     }
 
 
@@ -129,7 +134,10 @@ class _Asked:
     until: datetime | None
 
     def tags(self, parts: Parts) -> list[str]:
-        """Return their tags, sorted; one that was never tested has no last test to be asked for. Reads the database."""
+        """Return their tags, sorted. Reads the database.
+
+        One that was never tested has no last test to be asked for; its state is known where days in service give it.
+        """
         tags = tags_of_areas(parts.plant, self.areas)
         if not any((self.states, self.ne107, self.labels, self.since, self.until)):
             return tags
@@ -137,13 +145,20 @@ class _Asked:
         labelled = last_labelled(parts.store.engine, self.labels) if self.labels else None
         found = []
         for tag in tags:
-            standing = standings.get(tag)
-            if standing is None or (labelled is not None and tag not in labelled):
+            standing, oldest = standings.get(tag), parts.staleness.oldest(tag, now)
+            if standing is None:
+                if self._asks_for_state_alone and oldest.state(None, None) in self.ne107:
+                    found.append(tag)
                 continue
-            state = parts.staleness.oldest(tag, now).state(standing.ne107, standing.completed_at)
-            if self._fits(standing, state):
+            if labelled is not None and tag not in labelled:
+                continue
+            if self._fits(standing, oldest.state(standing.ne107, standing.completed_at)):
                 found.append(tag)
         return found
+
+    @property
+    def _asks_for_state_alone(self) -> bool:
+        return not any((self.states, self.labels, self.since, self.until))
 
     def _fits(self, standing: ValveStanding, ne107: str | None) -> bool:
         return (
@@ -172,7 +187,8 @@ async def list_valves(  # noqa: PLR0917 - each is a query key
 ) -> Response:
     """List the plant's valves by their tags, each with its last test; as CSV with its main figures, SI.
 
-    A filter other than `area` asks for the last test: a valve that was never tested is not in the list then.
+    A filter other than `area` asks for the last test: a valve that was never tested is not in the list then, but for
+    one whose `ne107` comes from days in service.
     """
     asked = _Asked(area or (), state or (), ne107 or (), label or (), since, until)
     tags = await asyncio.to_thread(asked.tags, parts)
@@ -211,7 +227,7 @@ def _line(shown: Mapping[str, Any], figures: Mapping[str, float], head: ValveHea
 async def get_valve(tag: str, parts: PartsOf) -> Response:
     """Return one valve with its last completed test."""
     valve = parts.runs.valve(tag)
-    head, result, past = await asyncio.to_thread(_stored, parts.store, tag)
+    head, result, past, days = await asyncio.to_thread(_stored, parts.store, tag)
     default, reason = default_of(valve.nameplate, valve.wiring.limits)
     rest = valve.wiring.rest
     shown = ValveView(
@@ -231,13 +247,15 @@ async def get_valve(tag: str, parts: PartsOf) -> Response:
         default_sequence=default,
         default_sequence_reason=reason,
         last_result=None if result is None else view(result),
-        trend=trends_of_tests(past),
+        trend=trends_of(past, days),
+        last_watched=day_view(days[0]) if days else None,
     )
     return Response(shown.model_dump_json(), media_type="application/json")  # it was validated as it was made
 
 
-def _stored(store: Store, tag: str) -> tuple[ValveHead | None, Run | None, list[PastTest]]:
-    """Return a valve's last test, its last completed one and the figures of the newest; reads the database."""
+def _stored(store: Store, tag: str) -> tuple[ValveHead | None, Run | None, list[PastTest], list[WatchedDay]]:
+    """Return a valve's last test, its last completed one, the newest figures and days; reads the database."""
     head = store.runs.valve_heads([tag]).get(tag)
     result = store.runs.last_completed(tag) if head is not None and head.completed_number is not None else None
-    return head, result, [] if result is None else store.figures.newest(tag, _TREND_TESTS)
+    past = [] if result is None else store.figures.newest(tag, _TREND_TESTS)
+    return head, result, past, store.watched.newest(tag, _TREND_TESTS)

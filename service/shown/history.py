@@ -14,6 +14,7 @@ from service.model.acknowledgement import needs_acknowledgement
 from service.model.health_figures import FIGURE_KINDS, Figure
 from service.model.past_test import Baseline, PastTest
 from service.model.run import Run
+from service.model.watched_day import WatchedDay
 from service.shown.forecast import all_forecasts
 from service.shown.words import STATES
 from service.store.figure_table import conditions_of
@@ -28,7 +29,7 @@ class ValvePast:
     """What is known of a valve's tests, newest first; ``baseline`` is the test that later ones are held against.
 
     ``figures`` are those of each test; ``same_motion`` those of tests with the motion of ``judged``, the test that is
-    looked at, or else the newest completed one.
+    looked at, or else the newest completed one. ``watched`` are the newest days in service.
     """
 
     newest: tuple[Run, ...]
@@ -39,6 +40,7 @@ class ValvePast:
     held_against: Baseline | None
     valve: PlantValve | None
     judged: Run | None = None
+    watched: tuple[WatchedDay, ...] = ()
 
     @property
     def trends(self) -> tuple[Trend, ...]:
@@ -50,7 +52,11 @@ class ValvePast:
         was = None if self.held_against is None else self.held_against.test.figures.get(name)
         base = None if was is None else was.value
         limits, points = self._limits(name, was), tuple(self._points(name))
-        return Trend(name, kind.words, kind.unit, points, base, limits, self._ahead(name, limits))
+        return Trend(name, kind.words, kind.unit, points, base, limits, self._ahead(name, limits), self._watched(name))
+
+    def _watched(self, name: str) -> tuple[TrendPoint, ...]:
+        known = ((day.ended_at, day.figures.get(name)) for day in reversed(self.watched))
+        return tuple(TrendPoint(at, figure.value, figure.ci95) for at, figure in known if figure is not None)
 
     def _ahead(self, name: str, limits: tuple[float | None, float | None]) -> Ahead | None:
         """Return how a figure runs on by the newest test of the motion, unless its baseline is another one now."""
@@ -105,6 +111,7 @@ def past_of(store: Store, tag: str, valve: PlantValve | None, run: Run | None = 
         held,
         valve,
         of_motion,
+        tuple(store.watched.newest(tag, _TREND_TESTS)),
     )
 
 

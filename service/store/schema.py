@@ -13,6 +13,7 @@ from service.store.schema_models import MODELS
 from service.store.schema_nightly import REMOVED_RECORDINGS, SCHEDULE_RUNS, VALVE_HEALTHS, VALVE_STATES
 from service.store.schema_reanalyses import REANALYSES, REPEATS
 from service.store.schema_tests import ANALYSES, TESTS
+from service.store.schema_watched import WATCHED_DAYS
 
 TABLES: Final[tuple[Table, ...]] = (
     TESTS,
@@ -29,6 +30,7 @@ TABLES: Final[tuple[Table, ...]] = (
     TOKENS,
     REANALYSES,
     REPEATS,
+    WATCHED_DAYS,
 )
 #: What describes all of them to Alembic.
 WHOLE: Final[MetaData] = METADATA

@@ -7,6 +7,7 @@
     ├── recordings/         ID.parquet: each test's raw recording
     ├── journals/           ID.journal: samples of the test that runs now
     ├── uploads/            recordings that are analysed on request, then removed
+    ├── watched/            TAG/DAY.watch: what was read of valves in service, for some days
     └── lock                held while a service uses the folder
 """
 
@@ -27,6 +28,7 @@ from service.store.reanalysis_table import ReanalysisTable
 from service.store.run_table import RunTable
 from service.store.schedule_run_table import ScheduleRunTable
 from service.store.state_counts import StateCounts
+from service.store.watched_table import WatchedTable
 from valve.errors import ConfigurationError, InternalError
 from valve.recording import Recording
 from valve.recording_files import file_sha256, write_parquet
@@ -65,6 +67,7 @@ class Store:
         self.reanalyses = ReanalysisTable(self._engine)
         self.models = ModelTable(self._engine)
         self.figures = FigureTable(self._engine)
+        self.watched = WatchedTable(self._engine)
         self.state_counts = StateCounts(self._engine)
 
     def _lock_gateway(self) -> None:

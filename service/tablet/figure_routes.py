@@ -155,6 +155,7 @@ async def figure_of_trend(
         str(zone),
         None if past.latest is None else (past.latest.id, past.latest.finished_at),
         None if past.baseline is None else past.baseline.id,
+        past.watched[0].judged_at if past.watched else None,
     )
     return _svg(await parts.drawer.svg(key, trends_svg, past.trends, system, zone, narrow))
 

@@ -29,6 +29,7 @@ from service.runs.again import can_be_analysed
 from service.shown.ending import ending_of
 from service.shown.forecast import forecasts_of
 from service.shown.history import ValvePast, history_row, past_of
+from service.shown.in_service import in_service_of
 from service.shown.next_step import next_step
 from service.shown.overlays import before_of, overlays_of, words_of
 from service.shown.results import (
@@ -157,10 +158,8 @@ async def valve_page(request: Request, tag: str, parts: PartsOf, visitor: Visito
         if latest is None or not has_signature((latest.analysis or {}).get("signature"))
         else f"/ui/figures/tests/{latest.id}/signature.svg?{_query(past, latest, system, parts.plant.zone)}"
         + ("" if past.baseline is None or past.baseline.id == latest.id else f"&with={past.baseline.id}"),
-        "trend_address": None
-        if latest is None
-        else f"/ui/figures/valves/{quote(tag)}/trend.svg?to={latest.id}&"
-        + _query(past, latest, system, parts.plant.zone),
+        "trend_address": _trend_address(tag, past, system, parts.plant.zone),
+        "in_service": in_service_of(valve.wiring.watch, past.watched),
         "trend_words": "Friction, spring rate, bench set and dead band over the tests; figures stand below.",
         "forecasts": [one.sentence(now, parts.plant.zone) for one in forecasts_of(health, now)],
         "next_check": due.get(tag),
@@ -257,11 +256,23 @@ def _health(run: Run | None) -> dict[str, Any]:
 
 
 def _standing(parts: Parts, latest: Run | None, tag: str) -> Mapping[str, Any]:
-    """Return health as it stands today, of the last completed test."""
-    if latest is None:
-        return {}
+    """Return health as it stands today, of the last completed test and of days in service."""
     now = datetime.now(UTC)
-    return parts.staleness.oldest(tag, now).health(_health(latest), latest.created_at, now) or {}
+    oldest = parts.staleness.oldest(tag, now)
+    if latest is None:
+        return oldest.health(None, None, now) or {}
+    return oldest.health(_health(latest), latest.created_at, now) or {}
+
+
+def _trend_address(tag: str, past: ValvePast, system: UnitSystem, zone: ZoneInfo | None) -> str | None:
+    """Return where the trend's picture is; None where neither a test nor a day in service has a figure for it."""
+    has_days = any(day.figures for day in past.watched)
+    if past.latest is None and not has_days:
+        return None
+    tests = f"units={system.value}" if past.latest is None else _query(past, past.latest, system, zone)
+    days = f"&watched={past.watched[0].judged_at:%Y%m%dT%H%M%S%f}" if has_days else ""
+    to = "" if past.latest is None else f"to={past.latest.id}&"
+    return f"/ui/figures/valves/{quote(tag)}/trend.svg?{to}{tests}{days}"
 
 
 def _query(past: ValvePast, run: Run, system: UnitSystem, zone: ZoneInfo | None) -> str:

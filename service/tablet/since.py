@@ -9,6 +9,7 @@ from enum import StrEnum
 from typing import Final
 from zoneinfo import ZoneInfo
 
+from service.health.staleness import Oldest
 from service.parts import Parts
 from service.shown.words import Condition, condition_of
 from service.store.conditions import not_carried_out
@@ -71,6 +72,7 @@ def since_yesterday(parts: Parts, stands: Mapping[str, Stand], now: datetime) ->
         if result is None:
             return None
         state = parts.earlier.as_it_stood(plant, at, tag, result)
+        state = Oldest(at, "", parts.staleness.watched(tag, at)).state(state, at)
         return condition_of(None, state, is_busy=False, is_tested=True)
 
     ended = not_carried_out(engine, at, now)

@@ -57,9 +57,8 @@ def valve_stands(parts: Parts) -> dict[str, Stand]:
     stands, now = {}, datetime.now(UTC)
     for tag in parts.plant.valves:
         standing = standings.get(tag)
-        ne107 = None
-        if standing is not None:
-            ne107 = parts.staleness.oldest(tag, now).state(standing.ne107, standing.completed_at)
+        tested = (None, None) if standing is None else (standing.ne107, standing.completed_at)
+        ne107 = parts.staleness.oldest(tag, now).state(*tested)
         is_busy = parts.runs.user_of(tag) is not None
         last = heads[tag].last if tag in heads else None
         at_rest = condition_of(last, ne107, is_busy=False, is_tested=standing is not None)
@@ -91,7 +90,8 @@ def _row(parts: Parts, tag: str, head: ValveHead | None, due: datetime | None) -
     last = None if head is None else parts.runs.as_it_stands(head.last)
     identity, now = parts.plant.valves[tag].identity, datetime.now(UTC)
     oldest = parts.staleness.oldest(tag, now)
-    health = {} if head is None else oldest.health(head.health, head.completed_at, now) or {}
+    tested = (None, None) if head is None else (head.health, head.completed_at)
+    health = oldest.health(*tested, now) or {}
     busy_with = parts.runs.user_of(tag)
     condition = condition_of(last, health.get("ne107"), is_busy=busy_with is not None, is_tested=last is not None)
     friction = _friction_change(health)

@@ -7,9 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
+from drivers.motion.watch_file import SUFFIX, read_watch_file
 from estimators.in_service.result import Scale
 from service.own_files.reader import read_own
 from service.own_files.understood import Reading
+from service.watching.day import recording_of
 from valve.errors import RecordingError
 from valve.nameplate import Actuator, Nameplate, Signal
 
@@ -27,9 +29,11 @@ _LOOP_INSTEAD: Final = (
 def read_in_service(path: Path, nameplate: Nameplate | None, mapping: Mapping[str, str]) -> tuple[Reading, Scale]:
     """Return the recording of a file and its scale.
 
-    Without a nameplate, or with one that lacks ``[signal]``, percent stay percent. Raises RecordingError as
-    ``read_own``.
+    Without a nameplate, or with one that lacks ``[signal]``, percent stay percent. A day's file of the store is read,
+    too. Raises RecordingError as ``read_own``.
     """
+    if path.suffix == SUFFIX:
+        return _of_the_store(path, nameplate)
     plate = nameplate or _STAND_IN
     percent_pa: float | None = None
     try:
@@ -49,6 +53,16 @@ def read_in_service(path: Path, nameplate: Nameplate | None, mapping: Mapping[st
     columns = () if reading.understood is None else reading.understood.columns
     is_share = any(one.column == "position_m" and one.unit == "%" for one in columns)
     return reading, Scale(is_share=is_share, command_percent_pa=percent_pa)
+
+
+def _of_the_store(path: Path, nameplate: Nameplate | None) -> tuple[Reading, Scale]:
+    try:
+        header, rows = read_watch_file(path)
+    except OSError as error:
+        raise RecordingError(f"{path}: it cannot be read ({error.strerror}): give an existing file") from error
+    actuator = None if nameplate is None else nameplate.actuator
+    scale = Scale() if actuator is None else Scale(actuator.travel_m, actuator.diaphragm_area_m2)
+    return Reading(recording_of(rows, str(header.get("valve", path.name)))), scale
 
 
 def _said(reading: Reading, words: Mapping[str, str]) -> Reading:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from service.model.refusals import ThrottledError
+from service.model.watched_day import DayJudged
 from service.workers.analysis_pool import WORKER, AnalysisPool
 from service.workers.polling import Polling
 from service.workers.priority import UPLOAD
@@ -119,6 +120,11 @@ class AnalysisCrew:
                 room=room,
                 mapping=mapping,
             )
+
+    async def judge_day(self, path: Path, nameplate: Nameplate) -> DayJudged:
+        """Return what a day of a valve in service says, behind everything else; as ``AnalysisPool.judge_day``."""
+        async with self._place_behind() as member:
+            return await member.judge_day(path, nameplate)
 
     @asynccontextmanager
     async def _free_member(self) -> AsyncIterator[AnalysisPool]:

@@ -16,6 +16,7 @@ from typing import Any, Final
 
 import structlog
 
+from service.model.watched_day import DayJudged
 from service.workers.allowance import Allowance
 from service.workers.priority import ANALYSIS
 from valve import errors
@@ -148,6 +149,14 @@ class AnalysisPool:
         if "error" in answer:
             raise _error(answer)
         return dict(answer["analysis"])
+
+    async def judge_day(self, path: Path, nameplate: Nameplate) -> DayJudged:
+        """Return what a day of a valve in service says. Raises RecordingError, InternalError as ``analyze`` does."""
+        async with self._turn:
+            answer = await self._attempt({"watched": str(path), "nameplate": asdict(nameplate)}, None)
+        if "error" in answer:
+            raise _error(answer)
+        return DayJudged.from_json(dict(answer["analysis"]))
 
     async def _discard(self) -> None:
         worker, self._worker = self._worker, None

@@ -3,7 +3,8 @@
 A job is ``{"recordings": [...], "held_out": [[name, file], ...], "nameplate": {...}, "accepted": {...} | null,
 "room": {...} | null, "most_rows": 2000000 | null, "most_memory_bytes": ... | null, "mapping": {...} | null}``:
 ``most_rows`` and ``most_memory_bytes`` bound what an upload may take; with a mapping, also an empty one, the recordings
-are files as their owners have them (``service.own_files``).
+are files as their owners have them (``service.own_files``). A job ``{"watched": FILE, "nameplate": {...}}`` is a day
+of a valve in service.
 Answers are ``{"ready": true}`` once everything is compiled, ``{"progress": 0.4, "phase": "..."}``,
 ``{"estimated": {...}}`` (the analysis before it is diagnosed), and at last ``{"analysis": {...}}`` or
 ``{"error": "RecordingError", "message": "..."}``. Any other failure ends the process with its traceback on standard
@@ -52,6 +53,9 @@ def _work(job: dict[str, Any], answers: TextIO) -> None:
 
     try:
         nameplate = nameplate_from_mapping(job["nameplate"], "nameplate")
+        if "watched" in job:
+            _answer(answers, {"analysis": _judged(Path(job["watched"]), nameplate)})
+            return
         _bound_memory(job["most_memory_bytes"])
         left, mapping = job["most_rows"], job["mapping"]
         read: list[Reading] = []
@@ -77,6 +81,15 @@ def _work(job: dict[str, Any], answers: TextIO) -> None:
             raise
         said = f"the recordings need more than {job['most_memory_bytes'] / 1e9:g} GB of memory: send fewer samples"
         _answer(answers, {"error": RecordingError.__name__, "message": said})
+
+
+def _judged(path: Path, nameplate: Nameplate) -> dict[str, Any]:
+    from service.watching.day import judge_day  # noqa: PLC0415  - most plants watch no valve
+
+    try:
+        return judge_day(path, nameplate).to_json()
+    except OSError as error:
+        raise RecordingError(f"{path.name}: it cannot be read ({error.strerror or error}): look at the disk") from error
 
 
 def _read(path: str, nameplate: Nameplate, mapping: dict[str, str] | None, most_rows: int | None) -> Reading:

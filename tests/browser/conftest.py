@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from service.model.run import Run, RunState, new_run_id
+from service.model.watched_day import WatchedDay
 from tests.support.gateway import Gateway, gateway
 from tests.support.made_analysis import FRICTION_N, made_analysis
 from tests.support.tablets import Tablet, tablet
@@ -34,10 +35,12 @@ def _folder() -> tempfile.TemporaryDirectory[str]:
 
 @pytest.fixture(scope="package")  # a process has one queue of jobs: the tests of other folders want theirs
 def service() -> Iterator[Gateway]:
-    """Return a service without sign-in and with three tests of a month in its store."""
+    """Return a service without sign-in, with three tests of a month and four days in service in its store."""
     with _folder() as folder, gateway(Path(folder)) as running:
         for days, friction_n in ((30, FRICTION_N), (15, FRICTION_N + 60.0), (1, FRICTION_N + 140.0)):
             store_test(running, days, friction_n)
+        for days in range(1, 5):
+            store_watched_day(running, days, FRICTION_N - 40.0)
         yield running
 
 
@@ -86,3 +89,16 @@ def store_test(running: Gateway, days: float, friction_n: float, *, state: RunSt
     stored = running.parts.store.runs.insert(run)
     running.parts.store.runs.save(stored)
     return stored
+
+
+def store_watched_day(running: Gateway, days: int, friction_n: float) -> None:
+    """Put a day in service, of some days ago, into the store."""
+    ended_at = datetime.now(UTC) - timedelta(days=days)
+    known = {"unit": "N", "value": friction_n, "ci95": [friction_n - 50.0, friction_n + 50.0], "scatter": None}
+    figures = {"friction": {**known, "count": 30, "note": ""}}
+    figures["breakaway"] = {**known, "value": None, "ci95": None, "count": 2, "note": "2 of these, 4 are needed"}
+    travel = {"unit": "m", "total": 0.5345, "cycles": 15}
+    document = {"schema": "breakaway/watch/1", "moves": 39, "figures": figures, "travel": travel}
+    began_at = ended_at - timedelta(hours=7)
+    day = WatchedDay(TAG, began_at.date(), began_at, ended_at, 9000, ended_at, "breakaway 0", document)
+    running.parts.store.watched.add(day, "")

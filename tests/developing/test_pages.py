@@ -21,6 +21,7 @@ from service.config.mqtt import MqttSection
 from service.config.nightly import GatewaySection, GroupSection, RetentionSection, ScheduleSection
 from service.config.settings import PlantSection, ServiceSection
 from service.config.valves import ValveSection
+from service.config.watching import WatchSection
 from service.model.health_limits import HealthLimits
 from tests.bench.benchmarks.__main__ import BENCHMARKS, COUNTED
 from tests.service.access.signed_in import signed_in
@@ -149,7 +150,7 @@ def _keys(section: Any) -> set[str]:
         *((one, "plant.md") for one in (MotionLimits, PermissiveRules)),
         *((one, "plant.md") for one in (CanarySection, MapSection, RegisterSection, WatchdogSection)),
         *((one, "plant.md") for one in (SimulationSection, PackingSection, PositionSection, PressureSection)),
-        (HuntingSection, "plant.md"),
+        *((one, "plant.md") for one in (HuntingSection, WatchSection)),
         (HealthLimits, "health.md"),
     ],
 )

@@ -63,6 +63,17 @@ def plant(plant_file: Path) -> Plant:
 
 
 @pytest.fixture
+def watched_plant(plant_file: Path, plant_text: str) -> Plant:
+    """Return the plant with its first valve watched from 22:00 to 05:00 UTC."""
+    watch = '[valves.watch]\nfrom = "22:00"\nuntil = "05:00"\n'
+    text = plant_text.replace(
+        '[valves.acquisition]\nmode = "captured"', f'{watch}[valves.acquisition]\nmode = "captured"'
+    )
+    plant_file.write_text(text.replace("[service]\n", '[service]\nzone = "UTC"\n'), encoding="utf-8")
+    return load_plant(plant_file)
+
+
+@pytest.fixture
 def rig() -> FakeRig:
     return FakeRig()
 

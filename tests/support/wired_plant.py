@@ -51,10 +51,11 @@ async def wired_plant(
     effects: tuple[Effect, ...] = (),
     position_noise_m: float = 0.0,
     valve: SimulatedValve | None = None,
+    more: str = "",
 ) -> AsyncIterator[tuple[Path, SimulatedPlant]]:
     """Serve one valve, nominal and without hidden effects by default, and hand out the plant file and the plant.
 
-    ``valve`` stands in place of set, effects and noise; it is served as TAG.
+    ``valve`` stands in place of set, effects and noise; it is served as TAG. ``more`` are further tables of it.
     """
     chosen = PARAMETER_SETS[parameter_set]
     if valve is None:
@@ -85,6 +86,7 @@ async def wired_plant(
         mode=mode,
         period_s=period_s,
         watchdog_s=watchdog_s,
+        more=more,
     )
     bus = bus_text("plc-1", plant.addresses[0].rpartition(":")[2], "timeout_s = 2.0")
     path.write_text(service_text() + bus + valve_part, encoding="utf-8")

@@ -43,6 +43,7 @@ from tests.bench.benchmarks import (
     store,
     trends,
     until,
+    watch,
 )
 
 BENCHMARKS: Final[dict[str, Callable[[], Table | list[Table]]]] = {
@@ -78,6 +79,7 @@ COUNTED: Final[dict[str, Callable[[int | None], Table | list[Table]]]] = {
     "store": store.run,
     "trends": trends.run,
     "until": until.run,
+    "watch": watch.run,
 }
 
 

@@ -57,7 +57,7 @@ def move(plant_file: str, told: str) -> None:
     plant = load_plant(Path(plant_file))
     wirings = {tag: valve.wiring for tag, valve in plant.valves.items()}
     service = plant.service
-    place = Place(service.motion_socket, service.store / "journals", service.store / "audit", service.gateway)
+    place = Place.in_store(service.store, service.motion_socket, service.gateway)
     program.run(lambda: Moved(plant.buses, wirings), place, "fault bench")
 
 

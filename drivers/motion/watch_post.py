@@ -1,0 +1,134 @@
+"""A bus that is watched is left at once for whoever takes it.
+
+Whoever reads valves in service listens at a name beside the bus's lock. Whoever has taken the lock connects there,
+waits for one byte, which says that the bus is free, and keeps the connection until the bus is given back. The watcher
+stays away for as long. Where the taker dies the kernel ends its connection. One process at most watches a bus.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import os
+import socket
+from collections.abc import Awaitable, Callable, Iterator
+from typing import Final
+
+import structlog
+
+from drivers.motion.local_socket import short_name
+from valve.errors import BusyError
+
+_LOG = structlog.get_logger(__name__)
+_LEFT: Final = b"."
+_ASKING: Final = 16
+
+
+@contextlib.contextmanager
+def _bindable(name: str) -> Iterator[str]:
+    """Yield a name that a socket can have: one in a folder may be too long."""
+    if name.startswith("\0"):
+        yield name
+        return
+    with short_name(name) as address:
+        yield address
+
+
+def ask_to_leave(name: str, within_s: float) -> socket.socket | None:
+    """Ask whoever watches to leave, and wait until that is done. Blocks.
+
+    Return the connection that keeps the watcher away until it is closed; None where nobody watches. One that does not
+    leave ``within_s`` is not waited for.
+    """
+    asking: socket.socket | None = None
+    try:
+        asking = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        asking.settimeout(within_s)
+        with _bindable(name) as address:
+            asking.connect(address)
+    except OSError:
+        if asking is not None:
+            asking.close()
+        return None
+    try:
+        asking.recv(1)
+    except OSError:  # it hangs: the bus is ours all the same
+        _LOG.warning("who watches a bus did not leave it in time", seconds=within_s)
+    return asking
+
+
+class WatchPost:
+    """Where a watcher is asked to leave. Belongs to the event loop.
+
+    ``leave`` is awaited when somebody takes the bus, and returns once nothing of ours is on it; ``on_free`` is called
+    when nobody wants it any more.
+    """
+
+    def __init__(self, name: str, leave: Callable[[], Awaitable[None]], on_free: Callable[[], None]) -> None:
+        self._name = name
+        self._leave = leave
+        self._on_free = on_free
+        self._listener: asyncio.Server | None = None
+        self._takers: set[asyncio.Task[None]] = set()
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether somebody has the bus."""
+        return bool(self._takers)
+
+    async def open(self) -> None:
+        """Listen. Raises BusyError where another process watches this bus, OSError."""
+        listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        listener.setblocking(False)
+        try:
+            with _bindable(self._name) as address:
+                if not self._name.startswith("\0"):
+                    self._clear(address)
+                listener.bind(address)
+                if not self._name.startswith("\0"):
+                    os.chmod(address, 0o666)  # noqa: PTH101  - a socket by its short name; takers may be other users
+            listener.listen(_ASKING)
+        except OSError as error:
+            listener.close()
+            if error.errno == errno.EADDRINUSE:
+                raise BusyError("another process watches it: watch each valve from one plant file") from error
+            raise
+        self._listener = await asyncio.start_unix_server(self._asked, sock=listener)
+
+    @staticmethod
+    def _clear(address: str) -> None:
+        """Remove the name that a dead process left. Raises OSError (EADDRINUSE) where its owner lives."""
+        with contextlib.suppress(ConnectionRefusedError, FileNotFoundError):
+            with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
+                asking.connect(address)
+            raise OSError(errno.EADDRINUSE, os.strerror(errno.EADDRINUSE))
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(address)  # noqa: PTH108  - by its short name
+
+    async def close(self) -> None:
+        """Listen no more."""
+        if self._listener is not None:
+            self._listener.close()
+            for taker in tuple(self._takers):
+                taker.cancel()
+            await asyncio.gather(*self._takers, return_exceptions=True)
+            if not self._name.startswith("\0"):
+                with contextlib.suppress(OSError), _bindable(self._name) as address:
+                    os.unlink(address)  # noqa: PTH108  - by its short name
+
+    async def _asked(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        self._takers.add(task)
+        try:
+            await self._leave()
+            writer.write(_LEFT)
+            await reader.read()  # to its end: then the bus was given back, or its taker died
+        except (OSError, asyncio.CancelledError):
+            pass
+        finally:
+            writer.close()
+            self._takers.discard(task)
+            if not self._takers:
+                self._on_free()

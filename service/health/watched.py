@@ -1,0 +1,63 @@
+"""What days in service add to the state of a valve: friction that changed is a reason to test it, never a verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import date
+from typing import Final
+
+import numpy as np
+
+from service.health.changes import ValveFacts, allowed, change_of
+from service.model.health_figures import Figure
+from service.model.health_limits import HealthLimits
+from service.model.watched_day import ChangedInService, FrictionInService
+from service.words.units import UnitSystem, measured
+
+#: Days whose median stands for what friction was, and for what it is.
+DAYS: Final = 3
+OLDEST_DAYS: Final = 10  # that the newest day may be old
+HISTORY_DAYS: Final = 400
+_FIGURE: Final = "friction_mean_n"
+
+
+def friction_changed(
+    days: Sequence[FrictionInService], today: date, limits: HealthLimits, valve: ValveFacts
+) -> ChangedInService | None:
+    """Return how friction in service has changed beyond its limit, and since when; None where it has not.
+
+    ``days`` are those since the valve's baseline, oldest first. The first three are held against the last three by
+    their medians. A change counts as that of a test does: beyond its 95 % interval and its limit.
+    """
+    sentence, first = _sentence(days, today, limits, valve), len(days)
+    if not sentence:
+        return None
+    while _sentence(days[: first - 1], days[first - 2].day, limits, valve):
+        first -= 1
+    return ChangedInService(sentence, days[first - 1].judged_at)
+
+
+def _sentence(days: Sequence[FrictionInService], today: date, limits: HealthLimits, valve: ValveFacts) -> str:
+    """Return the change in a sentence; "" where there is none that counts."""
+    if len(days) < 2 * DAYS or (today - days[-1].day).days > OLDEST_DAYS:
+        return ""
+    was, now = _median(days[:DAYS]), _median(days[-DAYS:])
+    change = change_of(_FIGURE, was, now, *allowed(_FIGURE, was, limits, valve))
+    if change.kept or change.change is None or change.limit is None:
+        return ""
+    way = "risen" if change.change > 0.0 else "fallen"
+    from_n, to_n = (measured(one.value, None, "N", UnitSystem.SI) for one in (was, now))
+    moved, limit = (100.0 * abs(part) / was.value for part in (change.change, change.limit))
+    return (
+        f"Friction in service has {way} by {moved:.2g} % since {days[0].day:%Y-%m-%d}, from {from_n} to {to_n} "
+        f"(watched, not tested; {limit:.3g} % are allowed): test this valve."
+    )
+
+
+def _median(days: Sequence[FrictionInService]) -> Figure:
+    value = float(np.median([one.friction.value for one in days]))
+    ends = [one.friction.ci95 for one in days if one.friction.ci95 is not None]
+    if not ends:
+        return Figure(value)
+    half = float(np.median([0.5 * (high - low) for low, high in ends]))
+    return Figure(value, (value - half, value + half))

@@ -1,0 +1,60 @@
+"""A day of a valve in service, from the file that the motion process kept of it to what it says."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drivers.motion.watch_file import read_watch_file
+from estimators.in_service.result import Scale, to_json
+from estimators.in_service.watch import watched
+from service.model.watched_day import DayJudged
+from valve.errors import MeasurementError, RecordingError
+from valve.nameplate import Nameplate
+from valve.recording import Acquisition, FloatArray, Provenance, Recording
+
+
+def judge_day(path: Path, nameplate: Nameplate) -> DayJudged:
+    """Judge a day as ``breakaway watch`` judges a file; what cannot be said has its reason, and is no error.
+
+    Raises RecordingError where the file cannot be read, OSError.
+    """
+    _, rows = read_watch_file(path)
+    ends = (float(rows[0, 0]), float(rows[-1, 0])) if len(rows) else (path.stat().st_mtime,) * 2
+    began_at, ended_at = (datetime.fromtimestamp(at, UTC) for at in ends)
+    try:
+        document = to_json(_said(rows, nameplate))
+    except (RecordingError, MeasurementError) as error:
+        return DayJudged(len(rows), began_at, ended_at, reason=str(error))
+    return DayJudged(len(rows), began_at, ended_at, document)
+
+
+def _said(rows: FloatArray, nameplate: Nameplate) -> Any:
+    tag, actuator = nameplate.tag, nameplate.actuator
+    recording = recording_of(rows, tag)
+    return watched(recording, nameplate, Scale(actuator.travel_m, actuator.diaphragm_area_m2), subject=tag)
+
+
+def recording_of(rows: FloatArray, tag: str) -> Recording:
+    """Return the rows of a file, shape (n, 4), as a recording whose time begins with the first one.
+
+    Raises RecordingError where there are fewer than two, or neither a pressure nor a command.
+    """
+    if len(rows) < 2:
+        raise RecordingError(f"{tag}: {len(rows)} rows were kept of the day, 2 are needed: the stem did not move")
+    time_s, position_m, pressure_pa, command_pa = rows.T
+    pressure, command = (one if bool(np.isfinite(one).any()) else None for one in (pressure_pa, command_pa))
+    if pressure is None and command is None:
+        raise RecordingError(f"{tag}: neither a pressure nor a command was read all day: look at its sensors")
+    return Recording(
+        time_s - time_s[0],
+        position_m,
+        pressure_pa=pressure,
+        command_pa=command,
+        provenance=Provenance(
+            Acquisition.POLLED, tag, "in service", datetime.fromtimestamp(time_s[0], UTC).isoformat()
+        ),
+    )

@@ -1,0 +1,21 @@
+"""Days of a valve in service as a store has them."""
+
+from __future__ import annotations
+
+from datetime import UTC, date, datetime
+from typing import Any
+
+from service.model.watched_day import WatchedDay
+
+DAY = date(2026, 11, 21)
+NOON = datetime(2026, 11, 22, 12, tzinfo=UTC)
+
+
+def document(friction_n: float | None, half_n: float = 30.0) -> dict[str, Any]:
+    ci95 = None if friction_n is None else [friction_n - half_n, friction_n + half_n]
+    figure = {"value": friction_n, "unit": "N", "ci95": ci95, "scatter": None, "count": 9, "note": "few moves"}
+    return {"schema": "breakaway/watch/1", "moves": 12, "figures": {"friction": figure}}
+
+
+def said(day: date, friction_n: float | None, *, half_n: float = 30.0, valve: str = "FV-101") -> WatchedDay:
+    return WatchedDay(valve, day, NOON, NOON, 10, NOON, "breakaway 0", document(friction_n, half_n))
