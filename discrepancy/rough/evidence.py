@@ -47,6 +47,7 @@ _NO_SPRING: Final = 1.0e-6  # of F_c over the travel
 _VISCOUS: Final = 0.3  # of F_c at the usual speed
 _SEARCH: Final = {"maxiter": 25, "ftol": 1.0e-5}  # a hundredth of a nat
 _FLAT: Final = 1.0e-12  # information of a parameter, in its scaled unit, of which nothing is known
+_FEWEST_OF_PARABOLA: Final = 12  # blocks of one direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +93,7 @@ def problem_of(rows: Observations, setting: Setting, lag: Known) -> Problem:
             np.ones(rows.count),
             slide * rows.direction,
             apart * rows.direction,
-            slide * (rows.rate_n_per_s if rows.has_spring else rows.speed_m_per_s),
+            slide * (rows.rate_n_per_s * _swiftness(rows) if rows.has_spring else rows.speed_m_per_s),
             apart * rows.rate_n_per_s,
         ]
     )
@@ -123,6 +124,30 @@ def problem_of(rows: Observations, setting: Setting, lag: Known) -> Problem:
     )
     share = setting.static_n / max(friction, 1.0e-9)
     return Problem(rows, design, mean, information, medians, share, share)
+
+
+def _swiftness(rows: Observations) -> FloatArray:
+    """Speed of the stem at each row for the force's rate there, over the usual one, shape (n,).
+
+    Friction or a spring that grows with travel makes the same rate drive a slower stem, one way more than back, and so
+    less of a viscous force. It is read off each direction's force by a parabola of the travel.
+    """
+    swiftness = np.ones(rows.count)
+    found: list[tuple[npt.NDArray[np.bool_], FloatArray]] = []
+    for direction in (1.0, -1.0):
+        chosen = rows.is_slide & (rows.direction == direction)
+        if int(chosen.sum()) < _FEWEST_OF_PARABOLA:
+            return swiftness
+        travel_m = rows.travel_m[chosen]
+        away = (travel_m - travel_m.mean()) / max(float(travel_m.std()), 1.0e-12)
+        rate = rows.rate_n_per_s[chosen]
+        design = np.column_stack([np.ones(away.size), away, away**2, rate / float(np.abs(rate).max())])
+        values, *_ = np.linalg.lstsq(design, rows.force_n[chosen], rcond=None)
+        found.append((chosen, np.asarray(values[1] + 2.0 * values[2] * away) / max(float(travel_m.std()), 1.0e-12)))
+    usual = float(np.mean([stiffness.mean() for _, stiffness in found]))
+    for chosen, stiffness in found:
+        swiftness[chosen] = usual / np.clip(stiffness, 0.5 * usual, 2.0 * usual) if usual > 0.0 else 1.0
+    return swiftness
 
 
 @dataclass(frozen=True, slots=True, eq=False)

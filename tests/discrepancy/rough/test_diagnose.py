@@ -19,6 +19,7 @@ from valve.diagnostic_waveform import diagnostic
 from valve.effects.base import Effect
 from valve.effects.friction_drift import FrictionDrift
 from valve.effects.local_friction import LocalFriction
+from valve.effects.pressure_dependent_friction import PressureDependentFriction
 from valve.effects.spring_hardening import SpringHardening
 from valve.effects.travel_stop_high import TravelStopHigh
 from valve.waveform import dwell
@@ -135,3 +136,10 @@ def test_a_heavily_damped_perfect_stem_is_read_after_its_transients() -> None:
     assert found.verdict is Verdict.NONE
     # transients that are taken for motion at rest with the force show as 3 % of roughness
     assert found.details["friction_varies_by"] < 0.005
+
+
+def test_friction_that_grows_with_pressure_is_not_taken_for_one_that_grows_with_travel_at_several_rates() -> None:
+    # what grows with the force leaves the viscous share alone, what grows with travel slows the stem one way
+    made = case("large", "multi_rate", "usual", seed=79002, effects=[PressureDependentFriction(0.06)])
+    tried = {one["cause"]: one["evidence_nats"] for one in diagnose(made.recording, made.nameplate).details["tried"]}
+    assert tried["pressure_dependent_friction"] > tried["friction_gradient"] + 5.0
