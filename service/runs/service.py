@@ -17,6 +17,7 @@ import structlog
 from drivers.addresses import BusAddress, Mode
 from drivers.motion.audit_log import AuditLog
 from drivers.motion.orders import MotionLink, MotionLostError, Order
+from drivers.motion.plant_read import valve_read
 from drivers.waveform_check import check_waveform
 from service.config.settings import Plant, PlantValve
 from service.model.acknowledgement import acknowledged, ended_badly, is_moving
@@ -186,6 +187,7 @@ class Runs:
                 may_end_early=estimates is not None and wish is not None,
                 until=wish,
                 together=together,
+                read=valve_read(valve.wiring, self._plant.buses),
             )
             life = Life(
                 live,
