@@ -13,6 +13,7 @@ from drivers.motion.orders import MotionLink, MotionLostError
 from drivers.motion.plant_read import PlantRead, plant_read
 from service.config.settings import Plant
 from service.model.plant_alarm import AlarmKind, PlantAlarm, no_motion_process, other_plant_file
+from service.runs.tasks import Background
 from valve.errors import ValveError
 
 _EVERY_S: Final = 2.0
@@ -21,33 +22,23 @@ _LOG = structlog.get_logger(__name__)
 _Differing = tuple[tuple[str, ...], tuple[str, ...]]
 
 
-class MotionWatch:
+class MotionWatch(Background):
     """Keeps the alarms of the plant. All methods belong to the event loop."""
 
     def __init__(
         self, plant: Plant, motion: MotionLink, *, clock: Callable[[], datetime] = lambda: datetime.now(UTC)
     ) -> None:
+        super().__init__(self._keep_looking)
         self._plant = plant
         self._motion = motion
         self._clock = clock
         self._alarms: dict[AlarmKind, PlantAlarm] = {}
         self._suspected: _Differing = ((), ())
-        self._looking: asyncio.Task[None] | None = None
 
     @property
     def alarms(self) -> tuple[PlantAlarm, ...]:
         """What stands now, the worst first."""
         return tuple(self._alarms[kind] for kind in AlarmKind if kind in self._alarms)
-
-    def start(self) -> None:
-        """Look from now on, in a task of its own."""
-        self._looking = asyncio.create_task(self._keep_looking())
-
-    async def close(self) -> None:
-        """Look no more."""
-        if self._looking is not None:
-            self._looking.cancel()
-            await asyncio.wait({self._looking})
 
     async def _keep_looking(self) -> None:
         while True:
