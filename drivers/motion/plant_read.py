@@ -73,7 +73,7 @@ def same_plant(tag: str, ours: str, theirs: str) -> Permissive:
         is_same,
         "the same for service and motion process" if is_same else "service and motion process have read different ones",
         f"one plant.toml for the wiring and the limits of {tag}",
-        "breakaway reload; if it refuses, restart service and motion process while no valve moves",
+        "breakaway reload; if that does not do, restart service and motion process while no valve moves",
     )
 
 

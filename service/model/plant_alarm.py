@@ -50,6 +50,6 @@ def other_plant_file(since: datetime, valves: Sequence[str], buses: Sequence[str
         since,
         "Service and motion process have read different plant files: wiring or limits differ. "
         f"No test starts of {named}.{moved}",
-        restart if buses else f"breakaway reload; if it refuses: {restart}",
+        restart if buses else f"breakaway reload; if that does not end it: {restart}",
         tuple(valves),
     )

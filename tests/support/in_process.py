@@ -25,7 +25,7 @@ class _Live:
 
     @property
     def wirings(self) -> dict[str, ValveWiring]:
-        return {tag: valve.wiring for tag, valve in self._plant.valves.items()}
+        return {tag: valve.wiring for tag, valve in self._plant.valves.items() if self._plant.is_ours(tag)}
 
     @property
     def buses(self) -> dict[str, BusAddress]:
