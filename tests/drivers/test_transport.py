@@ -514,14 +514,15 @@ async def test_frames_on_a_serial_line_keep_their_distance(serial_port: SerialPo
     await bus.close()
 
 
-async def test_the_longest_answers_to_something_else_do_not_bury_ours() -> None:
+@pytest.mark.parametrize("others", [1, 2, 3])
+async def test_the_longest_answers_to_something_else_do_not_bury_ours(others: int) -> None:
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         with contextlib.suppress(asyncio.IncompleteReadError):
             while True:
                 asked = await reader.readexactly(12)
                 (transaction,) = struct.unpack_from(">H", asked)
-                for number, value in ((transaction + 7, 1), (transaction + 8, 2), (transaction, 3)):
-                    words = struct.pack(">125H", *[value] * 125)
+                for away in range(others, -1, -1):
+                    number, words = transaction + away, struct.pack(">125H", *[away] * 125)
                     writer.write(struct.pack(">HHHBBB", number, 0, 253, 1, 3, 250) + words)
                     await writer.drain()
                     await asyncio.sleep(0.005)
@@ -534,7 +535,7 @@ async def test_the_longest_answers_to_something_else_do_not_bury_ours() -> None:
     async with server:
         bus = Transport(TcpAddress("plc", "127.0.0.1", server.sockets[0].getsockname()[1], timeout_s=1.0))
         await bus.open()
-        assert await read(bus, 0, 125) == (3,) * 125
+        assert await read(bus, 0, 125) == (0,) * 125
         await bus.close()
         await ended.wait()
 
