@@ -1,7 +1,8 @@
-"""One connection to a bus, and one request on it at a time, carried by pymodbus.
+"""One connection to a bus, and one request on it at a time: pymodbus makes its frame and carries it.
 
-The one module that speaks to pymodbus' client. It sends, waits until a deadline and believes only a checked answer;
-when to connect, what to do after a doubtful exchange and who comes next is decided by ``drivers.transport``.
+The one module that speaks to pymodbus' client, and by what that documents alone: it sends without waiting for an answer
+and shows each byte that comes. What came is judged here: only a checked answer is believed, until a deadline. When to
+connect, what to do after a doubtful exchange and who comes next is decided by ``drivers.transport``.
 """
 
 from __future__ import annotations
@@ -13,21 +14,10 @@ import os
 import ssl
 import termios
 import time
-from collections.abc import Awaitable, Callable
-from functools import partial
 from typing import Any, Final
 
 from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient, AsyncModbusTlsClient
 from pymodbus.exceptions import ModbusException
-from pymodbus.framer import FramerSocket
-from pymodbus.pdu import DecodePDU, ModbusPDU
-from pymodbus.pdu.register_message import (
-    ReadHoldingRegistersRequest,
-    ReadInputRegistersRequest,
-    ReadWriteMultipleRegistersRequest,
-    WriteMultipleRegistersRequest,
-    WriteSingleRegisterRequest,
-)
 
 from drivers.addresses import RtuAddress, TcpAddress, TlsAddress
 from drivers.faults import BadAnswerError, ConnectionLostError, EchoError, NoAnswerError, OtherAnswerError
@@ -41,12 +31,13 @@ from drivers.frames import (
     instead_of_answer,
     is_echo,
     mbap_answer,
+    mbap_answer_in,
     rtu_answer,
     rtu_answer_in,
     rtu_damage,
     without_echo,
 )
-from drivers.serial_port import why_not_opened
+from drivers.serial_port import refusal_of, why_not_opened
 from valve.errors import ConfigurationError, WireError
 
 _CHARACTER_BITS: Final = 11  # start, eight data, parity or second stop, stop (Modbus over Serial Line 1.02, 2.5.1)
@@ -62,9 +53,29 @@ logging.getLogger("pymodbus").addHandler(logging.NullHandler())
 _Client = AsyncModbusTcpClient | AsyncModbusSerialClient
 
 
+class _NamedContext(ssl.SSLContext):
+    """Asks for the name that the certificate shows, which need not be the address: pymodbus hands on the address."""
+
+    asked: str
+
+    def wrap_bio(
+        self,
+        incoming: ssl.MemoryBIO,
+        outgoing: ssl.MemoryBIO,
+        server_side: bool = False,
+        server_hostname: str | bytes | None = None,
+        session: ssl.SSLSession | None = None,
+    ) -> ssl.SSLObject:
+        """Return the TLS side of a connection, as ``ssl.SSLContext`` does."""
+        return super().wrap_bio(incoming, outgoing, server_side, self.asked or server_hostname, session)
+
+
 def _tls_context(address: TlsAddress) -> ssl.SSLContext:
+    context = _NamedContext(ssl.PROTOCOL_TLS_CLIENT)  # it demands a certificate, and that it is of the name
+    context.asked = address.server_name or ""
     try:
-        context = ssl.create_default_context(cafile=address.ca_file)
+        context.verify_flags = ssl.create_default_context(cafile=address.ca_file).verify_flags
+        context.load_verify_locations(address.ca_file)
         if address.certificate_file is not None:
             context.load_cert_chain(address.certificate_file, address.key_file)
     except (OSError, ssl.SSLError) as error:
@@ -74,27 +85,26 @@ def _tls_context(address: TlsAddress) -> ssl.SSLContext:
     return context
 
 
-def _pdu(request: Request) -> ModbusPDU:
+async def _send(client: _Client, request: Request) -> None:
+    """Send a request once, at once: with ``no_response_expected`` pymodbus waits for nothing."""
+    device: dict[str, Any] = {"device_id": request.device_id, "no_response_expected": True}
     words = list(request.words)
     if request.function == READ_HOLDING:
-        return ReadHoldingRegistersRequest(
-            dev_id=request.device_id, address=request.read_address, count=request.read_count
+        await client.read_holding_registers(request.read_address, count=request.read_count, **device)
+    elif request.function == READ_INPUT:
+        await client.read_input_registers(request.read_address, count=request.read_count, **device)
+    elif request.function == WRITE_ONE:
+        await client.write_register(request.write_address, words[0], **device)
+    elif request.function == WRITE:
+        await client.write_registers(request.write_address, words, **device)
+    else:
+        await client.readwrite_registers(
+            read_address=request.read_address,
+            read_count=request.read_count,
+            write_address=request.write_address,
+            values=words,
+            **device,
         )
-    if request.function == READ_INPUT:
-        return ReadInputRegistersRequest(
-            dev_id=request.device_id, address=request.read_address, count=request.read_count
-        )
-    if request.function == WRITE_ONE:
-        return WriteSingleRegisterRequest(dev_id=request.device_id, address=request.write_address, registers=words)
-    if request.function == WRITE:
-        return WriteMultipleRegistersRequest(dev_id=request.device_id, address=request.write_address, registers=words)
-    return ReadWriteMultipleRegistersRequest(
-        dev_id=request.device_id,
-        read_address=request.read_address,
-        read_count=request.read_count,
-        write_address=request.write_address,
-        write_registers=words,
-    )
 
 
 class Connection:
@@ -113,13 +123,11 @@ class Connection:
         self._gone = asyncio.Event()  # the connection ended
         self._client: _Client | None = None
         self._outstanding: Request | None = None
+        self._answered: asyncio.Future[bytes] | None = None  # the frame of the answer to it
         self._transaction_id = 0
-        self._sent = self._heard = b""
-        self._pieces: list[bytes] = []  # what came since the request went out
-        self._line = b""  # the same on a serial line, as a whole
+        self._sent = b""
+        self._pieces: list[bytes] = []  # what had come at each time since the request went out
         self._quiet: asyncio.TimerHandle | None = None  # judges what came once a serial line is quiet
-        self._answer: bytes | None = None
-        self._refused: OSError | None = None  # why the last opening failed
         self._tls: tuple[list[tuple[int, int]], ssl.SSLContext] | None = None  # its files' times and sizes
 
     @property
@@ -165,23 +173,19 @@ class Connection:
         client = self._client
         if client is None:
             raise ConnectionLostError(f"{self._subject}: it is not connected")
-        if client.ctx.transport is None:
+        if not client.connected:
             raise ConnectionLostError(f"{self._subject}: {request.subject}: the connection broke: check the wire")
         loop = asyncio.get_running_loop()
-        pdu = _pdu(request)
-        answered: asyncio.Future[ModbusPDU] = loop.create_future()
+        answered: asyncio.Future[bytes] = loop.create_future()
         waits_s = self.deadline_s(request) if within_s is None else within_s
         late = loop.call_later(waits_s, self._late, answered, request)
-        self._outstanding, self._answer, self.unasked, self._pieces, self._line = request, None, False, [], b""
+        self._outstanding, self._answered, self.unasked, self._pieces = request, answered, False, []
         self.sent_s = time.monotonic()
         try:
-            # What pymodbus' own execute does, with one deadline and no repeats: ours, who comes next is decided above.
-            pdu.transaction_id = self._transaction_id = client.ctx.getNextTID()
-            client.ctx.recv_buffer, client.ctx.response_future = b"", answered
-            client.ctx.pdu_send(pdu)
-            await answered
+            await _send(client, request)
+            frame = await answered
             self.answers += 1
-            return self._believed(request, pdu.transaction_id)
+            return self._believed(request, frame)
         except ModbusException as error:
             lost = not self.is_open
             raise (ConnectionLostError if lost else BadAnswerError)(
@@ -194,12 +198,11 @@ class Connection:
         finally:
             late.cancel()
             self._forget_quiet()
-            self._outstanding = None
+            self._outstanding = self._answered = None
 
-    def _late(self, answered: asyncio.Future[ModbusPDU], request: Request) -> None:
+    def _late(self, answered: asyncio.Future[bytes], request: Request) -> None:
         if answered.done():
             return
-        # pymodbus drops a frame of another device or transaction before anybody sees it.
         is_serial = isinstance(self.address, RtuAddress)
         came = instead_of_answer(request, None if is_serial else self._transaction_id, self._pieces)
         late = f"{self._subject}: {request.subject}: no answer within {self.deadline_s(request):.3g} s"
@@ -207,10 +210,10 @@ class Connection:
             OtherAnswerError(f"{late}, but {came}") if came else NoAnswerError(f"{late}: check the device and the wire")
         )
 
-    def _believed(self, request: Request, transaction_id: int) -> tuple[int, ...]:
-        heard, is_serial = self._answer or b"", isinstance(self.address, RtuAddress)
+    def _believed(self, request: Request, frame: bytes) -> tuple[int, ...]:
+        is_serial = isinstance(self.address, RtuAddress)
         try:
-            answer = rtu_answer(request, heard) if is_serial else mbap_answer(request, transaction_id, heard)
+            answer = rtu_answer(request, frame) if is_serial else mbap_answer(request, self._transaction_id, frame)
             return checked_words(request, answer)
         except BadAnswerError as error:
             raise BadAnswerError(f"{self._subject}: {error}") from None
@@ -228,52 +231,48 @@ class Connection:
     # ---- what pymodbus tells us on the way
 
     def _packet(self, sending: bool, data: bytes) -> bytes:
+        """Note what goes out; judge all that came since then, and leave pymodbus nothing to decode."""
         now_s = time.monotonic()
+        is_serial = isinstance(self.address, RtuAddress)
         if sending:
             self._sent, self.sent_s = data, now_s
+            self._transaction_id = 0 if is_serial else int.from_bytes(data[:2], "big")
             self.quiet_from_s = now_s + self._line_s(len(data) - _RTU_FRAME_OVERHEAD)
             return data
         self.quiet_from_s = now_s
-        if self._outstanding is None or self._answer is not None:
+        request, answered = self._outstanding, self._answered
+        if request is None or answered is None or answered.done():
             self.unasked = True
+            return b""
+        self.heard_s = now_s
+        self._pieces.append(data)
+        if isinstance(self.address, RtuAddress):
+            frame, foreign = self._on_line(request, data, echo=self.address.echo), 0
         else:
-            self._heard, self.heard_s = data, now_s
-            self._pieces.append(data)
-        return data
+            frame, foreign = mbap_answer_in(request, self._transaction_id, data)
+        if frame and not answered.done():
+            answered.set_result(frame)
+        # Whole frames that answer something else it passes over, and forgets: its buffer holds two long ones.
+        return data[:foreign]
 
-    def _framed(self, framed: Callable[..., int], data: bytes, addr: object = None) -> int:
-        """Let pymodbus find its answer; a frame that it cannot read fails the request and not the event loop."""
-        if isinstance(self.address, RtuAddress) and self._outstanding is not None and self._answer is None:
-            used = len(data)
-            data = self._on_line(self._outstanding, data, echo=self.address.echo)
-            if data:
-                self._framed_alone(framed, data, addr)
-            return used
-        return self._framed_alone(framed, data, addr)
-
-    def _on_line(self, request: Request, data: bytes, *, echo: bool) -> bytes:
-        """Return the answer's frame once it has come on a serial line, b"" until then.
-
-        The line's own frames are found here: pymodbus takes a stray byte for the device, and throws the rest away.
-        """
-        self.quiet_from_s = time.monotonic()
-        self._line += data
+    def _on_line(self, request: Request, line: bytes, *, echo: bool) -> bytes:
+        """Return the answer's frame once it has come on a serial line, b"" until then."""
         self._forget_quiet()
-        heard: bytes | None = self._line
+        heard: bytes | None = line
         try:
             if echo:
-                heard = without_echo(self._sent, self._line)
-            elif request.function != WRITE_ONE and is_echo(self._sent, self._line):
+                heard = without_echo(self._sent, line)
+            elif request.function != WRITE_ONE and is_echo(self._sent, line):
                 raise EchoError("the line returns what is sent: switch off the adapter's echo, or say echo = true")
         except EchoError as error:
-            self._pieces.append(self._line)
             self._fail(EchoError(f"{self._subject}: {error}"))
             return b""
         if not heard:
             return b""
         frame = rtu_answer_in(request, heard)
         if not frame:
-            self._pieces.append(heard)
+            if heard is not line:
+                self._pieces.append(heard)
             wait_s = max(_PIECE_S, self.silence_s)
             self._quiet = asyncio.get_running_loop().call_later(wait_s, self._judge_line, request, heard)
         return frame
@@ -289,27 +288,14 @@ class Connection:
             self._quiet.cancel()
             self._quiet = None
 
-    def _framed_alone(self, framed: Callable[..., int], data: bytes, addr: object) -> int:
-        try:
-            return framed(data, addr=addr)
-        except ModbusException as error:
-            self._fail(BadAnswerError(f"{self._subject}: an answer cannot be read ({error}): check the wire"))
-            return len(data)
-
-    def _decoded(self, sending: bool, pdu: ModbusPDU) -> ModbusPDU:
-        if not sending and self._outstanding is not None and self._answer is None:
-            self._answer = self._heard
-        return pdu
-
     def _connection(self, connected: bool) -> None:
         if not connected:
             self._gone.set()
             self._fail(ConnectionLostError(f"{self._subject}: the connection broke: check the device and the wire"))
 
     def _fail(self, error: WireError) -> None:
-        waiting = None if self._client is None else self._client.ctx.response_future
-        if self._outstanding is not None and waiting is not None and not waiting.done():
-            waiting.set_exception(error)
+        if self._answered is not None and not self._answered.done():
+            self._answered.set_exception(error)
 
     # ---- open and close
 
@@ -322,7 +308,6 @@ class Connection:
             "retries": 0,
             "reconnect_delay": 0,
             "trace_packet": self._packet,
-            "trace_pdu": self._decoded,
             "trace_connect": self._connection,
         }
         if isinstance(address, RtuAddress):
@@ -335,19 +320,7 @@ class Connection:
             )
         if isinstance(address, TcpAddress):
             return AsyncModbusTcpClient(address.host, port=address.port, **ours)
-        context = self._certificates(address)
-        client = AsyncModbusTlsClient(address.host, port=address.port, sslctx=context, **ours)
-        # pymodbus' TLS framer takes every segment for a whole frame; Modbus/TCP Security frames as TCP does.
-        client.ctx.framer = FramerSocket(DecodePDU(False))
-        client.ctx.call_create = partial(
-            asyncio.get_running_loop().create_connection,
-            client.ctx.handle_new_connection,
-            address.host,
-            address.port,
-            ssl=context,
-            server_hostname=address.server_name or address.host,
-        )
-        return client
+        return AsyncModbusTlsClient(address.host, port=address.port, sslctx=self._certificates(address), **ours)
 
     def _certificates(self, address: TlsAddress) -> ssl.SSLContext:
         """Read them once, and anew where a file has changed: a bus is opened again in the middle of a test.
@@ -364,29 +337,17 @@ class Connection:
                 return _tls_context(address)
         return self._tls[1]
 
-    async def _created(self, create: Callable[[], Awaitable[Any]]) -> Any:
-        """Open, and keep why that failed: pymodbus tells its log alone."""
-        self._refused = None
-        try:
-            return await create()
-        except OSError as error:
-            self._refused = error
-            raise
-
     async def open(self) -> None:
         """Connect anew. Raises ConnectionLostError where that fails within the deadline."""
         self.close()
         client = self._new_client()
         self._gone.clear()
-        framed = client.ctx.callback_data
-        client.ctx.callback_data = partial(self._framed, framed)  # type: ignore[method-assign]  # it has no other place
-        client.ctx.call_create = partial(self._created, client.ctx.call_create)
         deadline_s = self.address.timeout_s + (_TLS_HANDSHAKE_S if isinstance(self.address, TlsAddress) else 0.0)
+        connected = False
         try:
-            async with asyncio.timeout(deadline_s):
-                connected = await client.connect()
-        except TimeoutError:
-            connected = False
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(deadline_s):
+                    connected = await client.connect()
         except termios.error as error:
             raise ConnectionLostError(
                 f"{self._subject}: the port refuses its settings ({error}): check baud_rate, parity and stop_bits; "
@@ -395,17 +356,20 @@ class Connection:
         except (OSError, ModbusException) as error:
             raise ConnectionLostError(f"{self._subject}: it cannot be opened ({error}): check the address") from error
         finally:
-            if not client.connected:
+            if not connected:  # also one that came about as the time was over
                 client.close()
         if not connected:
             reason = "check the address and the wire"
             if isinstance(self.address, RtuAddress):
                 with contextlib.suppress(TimeoutError):
                     async with asyncio.timeout(_WHY_S):
-                        reason = await asyncio.to_thread(why_not_opened, self._place, self._refused)
+                        reason = await asyncio.to_thread(self._why_not_opened)
             raise ConnectionLostError(f"{self._subject}: {self._place} cannot be opened: {reason}")
         self._client = client
         self.unasked, self.answers = False, 0
+
+    def _why_not_opened(self) -> str:
+        return why_not_opened(self._place, refusal_of(self._place))  # pymodbus tells its log alone
 
     def close(self) -> None:
         """Disconnect, if there is a connection."""

@@ -173,6 +173,19 @@ def mbap_answer(request: Request, transaction_id: int, heard: bytes) -> bytes:
     raise BadAnswerError(f"{request.subject}: {came}")
 
 
+def mbap_answer_in(request: Request, transaction_id: int, heard: bytes) -> tuple[bytes, int]:
+    """Return the frame among what was heard that has our transaction and device, b"" where there is none (yet).
+
+    And how many bytes of other whole frames stand before it. Device 0 is whatever answers at the address.
+    """
+    foreign = 0
+    for frame in _mbap_frames(heard):
+        if int.from_bytes(frame[:2], "big") == transaction_id and request.device_id in (0, frame[6]):
+            return frame, foreign
+        foreign += len(frame)
+    return b"", foreign
+
+
 def instead_of_answer(request: Request, transaction_id: int | None, pieces: Sequence[bytes]) -> str:
     """Return what came where the answer to ``request`` did not, with the remedy; "" where nothing came.
 

@@ -4,11 +4,25 @@ from __future__ import annotations
 
 import errno
 import os
+import termios
 from pathlib import Path
 from typing import Final
 
+import serial
+
 _PROC: Final = Path("/proc")
 _HELD: Final = (errno.EBUSY, errno.EAGAIN)  # opened for one alone (TIOCEXCL), or locked
+
+
+def refusal_of(port: str) -> OSError | None:
+    """Open a port once more, and return what refuses it; None where nothing does."""
+    try:
+        serial.Serial(port, exclusive=True).close()
+    except termios.error as error:
+        return OSError(*error.args)
+    except OSError as error:  # what pyserial raises is one
+        return error
+    return None
 
 
 def why_not_opened(port: str, error: Exception | None) -> str:

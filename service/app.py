@@ -35,6 +35,7 @@ from service.recordings.conversion import Converter
 from service.reload import Reloader
 from service.routes.access import router as access_routes
 from service.routes.access import session_router as session_routes
+from service.routes.alarms import router as alarm_routes
 from service.routes.docs_page import docs_page
 from service.routes.health import router as health_routes
 from service.routes.metrics import router as metrics_routes
@@ -51,6 +52,7 @@ from service.routes.valves import router as valve_routes
 from service.routes.watched import router as watched_routes
 from service.runs.analyst import Analyst
 from service.runs.estimate_worker import EstimateWorker
+from service.runs.motion_watch import MotionWatch
 from service.runs.reanalyses import Reanalyses
 from service.runs.renewal import Renewal
 from service.runs.service import Runs
@@ -117,8 +119,22 @@ def create_app(
         stale = Staleness(plant)
         at_once = pool.most_behind if pool is not None else 1
         reanalyses = Reanalyses(plant, opened, runs, software=software, audit=audit, at_once=at_once)
+        watch = MotionWatch(plant, motion)
         app.state.parts = Parts(
-            plant, opened, runs, chosen, converter, VERSION, access, audit, nightly, stale, meters, motion, reanalyses
+            plant,
+            opened,
+            runs,
+            chosen,
+            converter,
+            VERSION,
+            access,
+            audit,
+            nightly,
+            stale,
+            meters,
+            motion,
+            reanalyses,
+            watch,
         )
         try:
             await asyncio.to_thread(note_start, audit, plant, software)
@@ -136,11 +152,13 @@ def create_app(
                 stoppers_known(runs.any_under_way, access.note_known),
             ):
                 renewal.start()
+                watch.start()
                 watched.start()
                 try:
                     yield
                 finally:
                     await watched.close()
+                    await watch.close()
                     await renewal.close()
         finally:
             await runs.shut_down()
@@ -181,6 +199,7 @@ def create_app(
         health_routes,
         watched_routes,
         valve_routes,
+        alarm_routes,
         schedule_routes,
         reanalysis_routes,
         reload_routes,

@@ -16,6 +16,7 @@ from service.health.staleness import Staleness
 from service.meters import Meters
 from service.recordings.conversion import Converter
 from service.runs.analyst import Analyst
+from service.runs.motion_watch import MotionWatch
 from service.runs.reanalyses import Reanalyses
 from service.runs.service import Runs
 from service.schedules.nightly import Nightly
@@ -39,6 +40,7 @@ class Parts:
     meters: Meters
     motion: MotionLink
     reanalyses: Reanalyses
+    motion_watch: MotionWatch
     drawer: Drawer = field(default_factory=Drawer)
     earlier: EarlierResults = field(default_factory=EarlierResults)
 

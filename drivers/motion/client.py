@@ -16,6 +16,7 @@ import structlog
 
 from drivers.motion.local_socket import connected
 from drivers.motion.orders import Armed, Heard, Left, MotionEnd, MotionLostError, Order
+from drivers.motion.plant_read import PlantRead
 from drivers.motion.spool import Spool, end_of_json
 from drivers.motion.wire_format import PROTOCOL, error_of, line_of, of_json, to_json
 from drivers.outcome import Recovered, SafeOutcome, SampleBlock
@@ -78,7 +79,8 @@ class MotionClient:
                 return self._line
         raise MotionLostError(
             f"the motion process does not answer at {self._socket} ({why}): start it "
-            "(breakaway motion --config plant.toml); until then no valve can be moved"
+            "(breakaway motion --config plant.toml); until then no valve can be moved",
+            f"{self._socket.name}: {why}",
         )
 
     async def _opened(self) -> _Line:
@@ -129,9 +131,9 @@ class MotionClient:
 
     # ---- looks, which write nothing
 
-    async def permissives(self, tag: str, permit: str | None) -> tuple[Permissive, ...]:
-        """Read fresh what must hold before a valve may move; nothing is written."""
-        said = await self._ask("permissives", tag=tag, permit=permit)
+    async def permissives(self, tag: str, permit: str | None, read: str) -> tuple[Permissive, ...]:
+        """Read fresh what must hold before a valve may move, ``read`` as in an Order; nothing is written."""
+        said = await self._ask("permissives", tag=tag, permit=permit, read=read)
         return tuple(of_json(Permissive, one) for one in said)
 
     async def stands(self, tag: str, *, safe_pa: float | None, confirmed: bool | None, after_s: float) -> StandsAt:
@@ -139,6 +141,11 @@ class MotionClient:
         return of_json(
             StandsAt, await self._ask("stands", tag=tag, safe_pa=safe_pa, confirmed=confirmed, after_s=after_s)
         )
+
+    async def plant_read(self, digest: str) -> PlantRead | None:
+        """Return what the motion process has read of plant.toml; None where that has this ``digest``."""
+        said = await self._ask("plant_read", digest=digest)
+        return None if said is None else of_json(PlantRead, said)
 
     # ---- motion
 
@@ -282,7 +289,7 @@ class _Line:
     async def ask(self, number: int, name: str, **said: Any) -> Any:
         """Return the answer to a question. Raises what it was answered with, MotionLostError where the line broke."""
         if not self.is_open:
-            raise MotionLostError(_BROKE)
+            raise MotionLostError(_BROKE, _BROKEN)
         answered: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
         self._waiting[number] = answered
         self.send({"id": number, "ask": name, **said})
@@ -301,7 +308,7 @@ class _Line:
             self._writer.close()
             for waiting in self._waiting.values():
                 if not waiting.done():
-                    waiting.set_exception(MotionLostError(_BROKE))
+                    waiting.set_exception(MotionLostError(_BROKE, _BROKEN))
 
     def _take(self, said: dict[str, Any]) -> None:
         if "run" in said:
@@ -322,6 +329,7 @@ class _Line:
 
 
 _BROKE: Final = "the motion process ended, or its connection broke: until it is back the device's watchdog alone acts"
+_BROKEN: Final = "its connection broke"
 
 
 def _armed(heard: Heard, value: dict[str, Any]) -> None:

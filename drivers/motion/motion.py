@@ -15,16 +15,17 @@ from typing import Any, Final, Protocol
 
 import structlog
 
-from drivers.addresses import ValveWiring
+from drivers.addresses import BusAddress, ValveWiring
 from drivers.motion.audit_log import AuditError, AuditLog
 from drivers.motion.bus_lock import BusLocks
 from drivers.motion.kept_samples import KeptSamples
 from drivers.motion.orders import Armed, Heard, Left, MotionEnd, Order
+from drivers.motion.plant_read import PlantRead, plant_read, same_plant, valve_read
 from drivers.motion.rig import Rig, Watcher
 from drivers.motion.spool import Spool
 from drivers.motion.watching import Watching
 from drivers.outcome import Ended, PlayOutcome, Recovered, SampleBlock
-from drivers.permissive import Permissive
+from drivers.permissive import Permissive, require_met
 from drivers.stands_at import StandsAt
 from drivers.waveform_check import check_waveform
 from valve.errors import BusyError, InternalError, MeasurementError, NotFoundError, ValveError
@@ -41,6 +42,10 @@ class MovedPlant(Protocol):
     @property
     def wirings(self) -> Mapping[str, ValveWiring]:
         """The valves by tag, as they are at this moment."""
+
+    @property
+    def buses(self) -> Mapping[str, BusAddress]:
+        """The buses by name, as they are used."""
 
     def read(self) -> Any:
         """Read the plant file; nothing changes. Blocks. Raises ConfigurationError."""
@@ -120,9 +125,19 @@ class Motion:
 
     # ---- looks, which write nothing
 
-    async def permissives(self, tag: str, permit: str | None) -> tuple[Permissive, ...]:
-        """Read fresh what must hold before a valve may move; nothing is written."""
-        return await self._rig.permissives(self._free(tag), permit)
+    async def permissives(self, tag: str, permit: str | None, read: str) -> tuple[Permissive, ...]:
+        """Read fresh what must hold before a valve may move; nothing is written.
+
+        ``read`` is the valve's fingerprint as whoever asks has read plant.toml (``plant_read.valve_read``).
+        """
+        wiring = self._free(tag)
+        same = same_plant(tag, read, valve_read(wiring, self._plant.buses))
+        return (*await self._rig.permissives(wiring, permit), same)
+
+    async def plant_read(self, digest: str) -> PlantRead | None:
+        """Return what was read of plant.toml; None where that has this ``digest``."""
+        read = plant_read(self._plant.wirings.values(), self._plant.buses)
+        return None if read.digest == digest else read
 
     async def stands(self, tag: str, *, safe_pa: float | None, confirmed: bool | None, after_s: float) -> StandsAt:
         """Read where a valve stands ``after_s`` seconds after its motion; nothing is written."""
@@ -156,8 +171,13 @@ class Motion:
             return carried.task.result()
 
     def begin(self, order: Order) -> _Carried:
-        """Begin a motion. Raises NotFoundError, WaveformError, BusyError."""
+        """Begin a motion. Raises NotFoundError, WaveformError, BusyError.
+
+        Raises PermissiveError where whoever asks has read another plant.toml than this process.
+        """
         wiring = self._free(order.tag)
+        if order.read:
+            require_met(order.tag, [same_plant(order.tag, order.read, valve_read(wiring, self._plant.buses))])
         check_waveform(order.tag, order.waveform, wiring.limits)
         if self._closing:
             raise BusyError(f"{order.tag}: the motion process is ending: repeat the request when it is back")

@@ -7,6 +7,7 @@ from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 from typing import Protocol
 
+from drivers.motion.plant_read import PlantRead
 from drivers.outcome import PlayOutcome, Recovered, SampleBlock
 from drivers.permissive import Permissive
 from drivers.stands_at import StandsAt
@@ -15,7 +16,11 @@ from valve.waveform import Waveform
 
 
 class MotionLostError(InternalError):
-    """The program that moves valves is not there, or ended while it was asked."""
+    """The program that moves valves is not there, or ended while it was asked; ``why`` is that in a few words."""
+
+    def __init__(self, text: str, why: str = "") -> None:
+        super().__init__(text)
+        self.why = why or text
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +30,8 @@ class Order:
     ``permit`` is the work permit that the request named, where the valve demands one. ``requested_by``, ``started_at``
     (ISO 8601) and ``software`` go into the journal and the audit log. ``may_end_early`` where a polled test need not
     be played to its end. ``until`` and ``together`` are for whoever fetches its end: what was to be known for an early
-    one, and the tests that it is analysed with.
+    one, and the tests that it is analysed with. ``read`` is the valve's fingerprint as whoever asks has read plant.toml
+    (``plant_read.valve_read``): where this process has read another one nothing moves. Empty: it is not asked.
     """
 
     run_id: str
@@ -40,6 +46,7 @@ class Order:
     may_end_early: bool = False
     until: Mapping[str, str] | None = None
     together: tuple[str, ...] = ()
+    read: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,8 +118,11 @@ class MotionLink(Locks, Protocol):
     def precedence(self) -> bool | None:
         """Whether the system allows the polling real-time precedence; None where nobody asked it."""
 
-    async def permissives(self, tag: str, permit: str | None) -> tuple[Permissive, ...]:
-        """Read fresh what must hold before a valve may move; nothing is written."""
+    async def permissives(self, tag: str, permit: str | None, read: str) -> tuple[Permissive, ...]:
+        """Read fresh what must hold before a valve may move, ``read`` as in an Order; nothing is written."""
+
+    async def plant_read(self, digest: str) -> PlantRead | None:
+        """Return what the motion process has read of plant.toml; None where that has this ``digest``."""
 
     async def play(self, order: Order, heard: Heard) -> MotionEnd:
         """Play a waveform; however it ends, the valve is sent to its safe value.

@@ -182,8 +182,11 @@ class MotionServer:
         finally:
             self._looked_at.remove(wanted)
 
-    async def _permissives(self, _client: _Client, tag: str, permit: str | None) -> Any:
-        return to_json(await self.motion.permissives(tag, permit))
+    async def _permissives(self, _client: _Client, tag: str, permit: str | None, read: str) -> Any:
+        return to_json(await self.motion.permissives(tag, permit, read))
+
+    async def _plant_read(self, _client: _Client, digest: str) -> Any:
+        return to_json(await self.motion.plant_read(digest))
 
     async def _stands(self, _client: _Client, tag: str, **about: Any) -> Any:
         return to_json(await self.motion.stands(tag, **about))
@@ -282,6 +285,7 @@ _ASKED: Final[dict[str, _Ask]] = {
     "take": MotionServer._take,
     "hold": MotionServer._hold,
     "permissives": MotionServer._permissives,
+    "plant_read": MotionServer._plant_read,
     "stands": MotionServer._stands,
     "recover": MotionServer._recover,
     "reload": MotionServer._reload,

@@ -2,7 +2,7 @@
 
 On the socket a message is a line::
 
-    {"id": 1, "ask": "permissives", "tag": "FV-101", "permit": null}       a question, answered once
+    {"id": 1, "ask": "permissives", "tag": "FV-101", ...}                   a question, answered once
     {"id": 1, "answer": [...]}   {"id": 1, "error": "BusyError", "text": "..."}
     {"say": "stop", "run_id": "...", "reason": "..."}                       an order that is not answered
     {"run": "...", "event": "samples", "value": {...}}                      what is heard of a motion that was asked for
@@ -34,7 +34,7 @@ from valve.waveform import Waveform
 Value = TypeVar("Value")
 
 #: Of what both ends say; service and motion process of different numbers do not understand each other.
-PROTOCOL: Final = 1
+PROTOCOL: Final = 2
 
 _ERRORS: Final[dict[str, type[ValveError]]] = {
     name: kind

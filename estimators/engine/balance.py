@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cho_factor
-from scipy.optimize import brentq, minimize
+from scipy.optimize import brentq
 from scipy.stats import t as student
 
 from estimators.base import NORMAL_95
@@ -337,21 +337,13 @@ def balance(
     best: tuple[float, FloatArray, int] | None = None
     for smoothness in (ROUGH, SMOOTH):
 
-        def objective(at: FloatArray, smoothness: int = smoothness) -> tuple[float, FloatArray]:
+        def surprise(at: FloatArray, smoothness: int = smoothness) -> tuple[float, FloatArray]:
             one = _fit(problem, at, smoothness)
-            squares, slope = prior.squares(at)
-            return one.objective + 0.5 * squares, one.slope + slope
+            return one.objective, one.slope
 
-        found = minimize(  # type: ignore[call-overload]
-            objective,
-            prior.middle,
-            jac=True,
-            method="L-BFGS-B",
-            bounds=list(zip(prior.low, prior.high, strict=True)),
-            options=_SEARCH,
-        )
-        if best is None or float(found.fun) < best[0]:
-            best = float(found.fun), np.asarray(found.x), smoothness
+        least, likeliest = prior.lowest(surprise, prior.middle, _SEARCH)
+        if best is None or least < best[0]:
+            best = least, likeliest, smoothness
     assert best is not None
     fit = _fit(problem, best[1], best[2])
     return _averaged(problem, symbols, fit, scale, (roughness_of(best[1]), best[2], prior))

@@ -15,7 +15,6 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
-from scipy.optimize import minimize
 
 from estimators.engine.fields import Fields, fields_on, wander_precision
 from estimators.engine.roughness import (
@@ -128,17 +127,12 @@ def refined(
     best: tuple[float, FloatArray, int] | None = None
     for smoothness in kinds:
 
-        def objective(at: FloatArray, smoothness: int = smoothness) -> tuple[float, FloatArray]:
-            value, slope = surprise(fields, likelihood, at, smoothness)
-            squares, prior_slope = prior.squares(at)
-            return value + 0.5 * squares, slope + prior_slope
+        def of_fields(at: FloatArray, smoothness: int = smoothness) -> tuple[float, FloatArray]:
+            return surprise(fields, likelihood, at, smoothness)
 
-        bounds = list(zip(prior.low[:_LAWS], prior.high[:_LAWS], strict=True))
-        found = minimize(  # type: ignore[call-overload]
-            objective, start, jac=True, method="L-BFGS-B", bounds=bounds, options=_SEARCH
-        )
-        if math.isfinite(float(found.fun)) and (best is None or float(found.fun) < best[0]):
-            best = float(found.fun), np.asarray(found.x), smoothness
+        least, likeliest = prior.lowest(of_fields, start, _SEARCH)
+        if math.isfinite(least) and (best is None or least < best[0]):
+            best = least, likeliest, smoothness
     if best is None:
         return fields
     return fields_on(fields.travel_m, fields.time_s, _roughness(best[1]), best[2])

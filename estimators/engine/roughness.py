@@ -9,12 +9,14 @@ the recording itself.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
+from scipy.optimize import minimize
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -85,6 +87,28 @@ class RoughnessPrior:
         ratio = float(logarithms[0] - logarithms[1]) / _ALIKE
         slope[:2] += np.array([1.0, -1.0]) * ratio / _ALIKE
         return float(away @ away) + ratio**2, slope
+
+    def lowest(
+        self,
+        surprise: Callable[[FloatArray], tuple[float, FloatArray]],
+        start: FloatArray,
+        search: Mapping[str, Any],
+    ) -> tuple[float, FloatArray]:
+        """Return the least of a surprise and half of the squares inside the bounds, and where it is, shape (c,).
+
+        ``surprise`` gives its value and its slope, shape (c,), at the first c logarithms; ``start`` are those to begin
+        at, ``search`` the options of L-BFGS-B.
+        """
+
+        def both(at: FloatArray) -> tuple[float, FloatArray]:
+            value, slope = surprise(at)
+            squares, own = self.squares(at)
+            return value + 0.5 * squares, slope + own
+
+        bounds = list(zip(self.low[: start.size], self.high[: start.size], strict=True))
+        options: Any = search
+        found = minimize(both, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+        return float(found.fun), np.asarray(found.x)
 
 
 def roughness_prior(friction_n: float, travel_m: float) -> RoughnessPrior:

@@ -19,6 +19,7 @@ from service.access.needs import needs
 from service.access.principal import Right
 from service.http.problems import PROBLEMS
 from service.model.health_figures import MAIN_FIGURES
+from service.model.plant_alarm import AlarmKind
 from service.model.run import RunState
 from service.mqtt.metrics import BrokerCollector
 from service.parts import Parts, parts_of
@@ -45,12 +46,20 @@ class PlantCollector(Collector):
         info = GaugeMetricFamily("breakaway_build", "1; the label is the version", labels=["version"])
         info.add_metric([self._parts.version], 1.0)
         yield info
+        yield self._alarms()
         yield from self._tests()
         yield from self._valves()
         yield from self._figures()
         entries = CounterMetricFamily("breakaway_audit_entries", "entries of this gateway's audit log")
         entries.add_metric([], self._parts.audit.head[0])
         yield entries
+
+    def _alarms(self) -> Metric:
+        standing = {alarm.kind for alarm in self._parts.motion_watch.alarms}
+        alarms = GaugeMetricFamily("breakaway_plant_alarm", "1 while this alarm of the plant stands", labels=["alarm"])
+        for kind in AlarmKind:
+            alarms.add_metric([kind.value], float(kind in standing))
+        return alarms
 
     def _tests(self) -> Iterator[Metric]:
         counted = self._parts.store.state_counts.now()

@@ -87,6 +87,7 @@ EXAMPLES: Final[Mapping[str, Example]] = {
     "get /valves/{tag}/model": Example("/valves/FV-101/model"),
     "post /valves/{tag}/model": Example("/valves/FV-101/model", {"test": _TEST}),
     "delete /valves/{tag}/model": Example("/valves/FV-101/model"),
+    "get /alarms": Example("/alarms"),
     "post /recordings/analyze": Example(
         "/recordings/analyze", options=("-F", "recording=@recording.csv", "-F", "nameplate=@nameplate.toml")
     ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from datetime import datetime
 from typing import Annotated, Any
@@ -131,9 +132,9 @@ class RunView(RunSummary):
     """One test with all that is known of it."""
 
     run_number: int
-    until: dict[str, str] | None = Field(description="what the test was to know to end before its sequence does")
+    until: Mapping[str, str] | None = Field(description="what the test was to know to end before its sequence does")
     ended_early: EndedEarly | None = Field(description="null where the sequence was played to its end")
-    permissives: dict[str, Any] | None = Field(description="what had to hold before the motion, as it was read then")
+    permissives: Mapping[str, Any] | None = Field(description="what had to hold before the motion, as it was read then")
     needs_acknowledgement: bool = Field(description="whether it bars the next test of the valve until acknowledged")
     acknowledged_at: datetime | None
     acknowledged_by: str | None
@@ -142,8 +143,8 @@ class RunView(RunSummary):
     work_order: str | None
     described_at: datetime | None = Field(description="when label, work order or note were changed last")
     described_by: str | None
-    quality: dict[str, Any] | None = Field(description="achieved rate, jitter and missed slots of the recording")
-    analysis: dict[str, Any] | None = Field(description="the analysis object, breakaway/analysis/1, once completed")
+    quality: Mapping[str, Any] | None = Field(description="achieved rate, jitter and missed slots of the recording")
+    analysis: Mapping[str, Any] | None = Field(description="the analysis object, breakaway/analysis/1, once completed")
 
 
 class RunPage(BaseModel):
@@ -181,9 +182,9 @@ def view(run: Run, system: UnitSystem = UnitSystem.SI) -> RunView:
     return RunView(
         **_shared(run, system),
         run_number=run.number,
-        until=run.until,  # type: ignore[arg-type]  # a read-only mapping is copied
-        ended_early=run.ended_early,  # type: ignore[arg-type]
-        permissives=run.permissives,  # type: ignore[arg-type]  # a read-only mapping is copied
+        until=run.until,
+        ended_early=None if run.ended_early is None else EndedEarly(**run.ended_early),
+        permissives=run.permissives,
         needs_acknowledgement=needs_acknowledgement(run),
         acknowledged_at=run.acknowledged_at,
         acknowledged_by=run.acknowledged_by,
@@ -192,6 +193,6 @@ def view(run: Run, system: UnitSystem = UnitSystem.SI) -> RunView:
         work_order=run.work_order,
         described_at=run.described_at,
         described_by=run.described_by,
-        quality=run.quality,  # type: ignore[arg-type]
-        analysis=run.analysis,  # type: ignore[arg-type]
+        quality=run.quality,
+        analysis=run.analysis,
     )

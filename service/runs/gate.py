@@ -11,6 +11,7 @@ from datetime import UTC, datetime
 import structlog
 
 from drivers.motion.orders import MotionLink, MotionLostError
+from drivers.motion.plant_read import valve_read
 from drivers.permissive import require_met
 from service.config.settings import Plant, PlantValve
 from service.model.acknowledgement import last_end
@@ -39,6 +40,7 @@ class Gate:
     """Lets tests in, one a bus. ``owners`` says who uses which valve. All methods belong to the event loop."""
 
     def __init__(self, plant: Plant, store: Store, motion: MotionLink) -> None:
+        self._plant = plant
         self._store = store
         self._motion = motion
         self.owners = BusOwners(locks=motion)
@@ -134,7 +136,8 @@ class Gate:
                 return self._permissions.get(tag), str(error)
 
     async def _read_permission(self, valve: PlantValve, permit: str | None) -> Permission:
-        found = await self._motion.permissives(valve.nameplate.tag, permit)
+        read = valve_read(valve.wiring, self._plant.buses)
+        found = await self._motion.permissives(valve.nameplate.tag, permit, read)
         last = await asyncio.to_thread(self._store.runs.newest, 1, valve=valve.nameplate.tag)
         disk = await asyncio.to_thread(free_disk, self._store.folder)
         permission = Permission((*found, disk, last_end(last[0] if last else None)), datetime.now(UTC), permit)

@@ -7,7 +7,6 @@ changed. What is asked for is the recording's own analysis, so to do it twice do
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from typing import Final
 
 import structlog
@@ -18,6 +17,7 @@ from service.model.requester import Requester, RequesterKind
 from service.runs.again import can_be_analysed
 from service.runs.analyst import ENGINE
 from service.runs.service import Runs
+from service.runs.tasks import Background
 from service.store.store import Store
 from valve.errors import ValveError
 
@@ -29,32 +29,24 @@ _PERIOD_S: Final = 3600.0  # a baseline that is chosen by hand may be an old tes
 _REST_S: Final = 5.0  # for so long nothing has run before one begins, and between two
 
 
-class Renewal:
-    """Renews one baseline after the other while nothing else is under way."""
+class Renewal(Background):
+    """Renews one baseline after the other while nothing else is under way.
+
+    An analysis that is under way at the end ends with the runs, and is made again at the next start.
+    """
 
     def __init__(
         self, plant: Plant, store: Store, runs: Runs, *, first_s: float = _FIRST_S, rest_s: float = _REST_S
     ) -> None:
+        super().__init__(self._keep_renewing)
         self._plant = plant
         self._store = store
         self._runs = runs
         self._first_s = first_s
         self._rest_s = rest_s
         self._tried: set[str] = set()  # one that fails is not tried again before the next start
-        self._task: asyncio.Task[None] | None = None
 
-    def start(self) -> None:
-        """Begin."""
-        self._task = asyncio.create_task(self._work())
-
-    async def close(self) -> None:
-        """End; an analysis under way ends with the runs, and is made again at the next start."""
-        if self._task is not None:
-            self._task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await self._task
-
-    async def _work(self) -> None:
+    async def _keep_renewing(self) -> None:
         pause_s = self._first_s
         while True:
             await asyncio.sleep(pause_s)

@@ -17,6 +17,7 @@ import structlog
 from drivers.addresses import BusAddress, Mode
 from drivers.motion.audit_log import AuditLog
 from drivers.motion.orders import MotionLink, MotionLostError, Order
+from drivers.motion.plant_read import valve_read
 from drivers.waveform_check import check_waveform
 from service.config.settings import Plant, PlantValve
 from service.model.acknowledgement import acknowledged, ended_badly, is_moving
@@ -27,6 +28,7 @@ from service.model.until import SEPARATING, until_of
 from service.recordings.place import recording_of
 from service.runs.again import analyse_again, begun_again, can_be_analysed
 from service.runs.analyst import Analyst
+from service.runs.bus_owners import Claim
 from service.runs.description import DESCRIBED, description_of
 from service.runs.events import Event
 from service.runs.gate import Gate
@@ -186,23 +188,29 @@ class Runs:
                 may_end_early=estimates is not None and wish is not None,
                 until=wish,
                 together=together,
+                read=valve_read(valve.wiring, self._plant.buses),
             )
-            life = Life(
-                live,
-                valve,
-                order,
-                claim,
-                store=self._store,
-                owners=self._gate.owners,
-                looks=self._looks,
-                together=together,
-                on_samples=self._on_samples,
-                estimates=estimates,
-            )
+            life = self._life(live, valve, order, claim, estimates)
             self._carrying[stored.id] = self._tasks.spawn(self._carry_out(life, live))
         because = {"because": choice.reason} if choice.reason else {}
         _LOG.info("test accepted", test=stored.id, valve=tag, sequence=choice.name, run_number=stored.number, **because)
         return live.run
+
+    def _life(
+        self, live: LiveRun, valve: PlantValve, order: Order, claim: Claim, estimates: LiveEstimates | None = None
+    ) -> Life:
+        return Life(
+            live,
+            valve,
+            order,
+            claim,
+            store=self._store,
+            owners=self._gate.owners,
+            looks=self._looks,
+            together=order.together,
+            on_samples=self._on_samples,
+            estimates=estimates,
+        )
 
     def _estimates(self, live: LiveRun, valve: PlantValve, waveform: Waveform) -> LiveEstimates | None:
         """Return what estimates a test while it runs; None where nobody can, and where its device plays by itself."""
@@ -469,17 +477,7 @@ class Runs:
         valve = self.valve(run.valve)
         live = self._live.begin(replace(run, until=order.until))
         claim = await self._gate.claim_when_free(run, valve)
-        life = Life(
-            live,
-            valve,
-            order,
-            claim,
-            store=self._store,
-            owners=self._gate.owners,
-            looks=self._looks,
-            together=order.together,
-            on_samples=self._on_samples,
-        )
+        life = self._life(live, valve, order, claim)
         _LOG.warning("test rejoined", test=run.id, valve=run.valve)
         self._carrying[run.id] = self._tasks.spawn(self._carry_out(life, live, rejoined=True))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from typing import Any, Final, TypeVar
 
 import structlog
@@ -12,6 +12,24 @@ Result = TypeVar("Result")
 
 _LOG = structlog.get_logger(__name__)
 _CANCELLED_S: Final = 5.0
+
+
+class Background:
+    """Work that goes on from ``start`` to ``close``, in a task of its own."""
+
+    def __init__(self, work: Callable[[], Coroutine[Any, Any, None]]) -> None:
+        self._work = work
+        self._task: asyncio.Task[None] | None = None
+
+    def start(self) -> None:
+        """Begin."""
+        self._task = asyncio.create_task(self._work())
+
+    async def close(self) -> None:
+        """End; nothing happens where it never began."""
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.wait({self._task})
 
 
 class Tasks:

@@ -3,37 +3,26 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from collections.abc import Callable, Sequence
 from typing import Final
 
 import structlog
+
+from service.runs.tasks import Background
 
 _LOG = structlog.get_logger(__name__)
 _FIRST_S: Final = 60.0
 _PERIOD_S: Final = 86400.0
 
 
-class Housekeeping:
+class Housekeeping(Background):
     """Does ``chores`` a minute after the start and then once a day, in threads; each may block."""
 
     def __init__(self, chores: Sequence[Callable[[], object]]) -> None:
+        super().__init__(self._keep_house)
         self._chores = tuple(chores)
-        self._task: asyncio.Task[None] | None = None
 
-    def start(self) -> None:
-        """Begin; without a chore there is nothing to do."""
-        if self._chores:
-            self._task = asyncio.create_task(self._work())
-
-    async def close(self) -> None:
-        """End; a chore under way is waited for."""
-        if self._task is not None:
-            self._task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await self._task
-
-    async def _work(self) -> None:
+    async def _keep_house(self) -> None:
         pause_s = _FIRST_S
         while True:
             await asyncio.sleep(pause_s)

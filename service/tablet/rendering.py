@@ -121,6 +121,7 @@ def page(
         "u": lambda unit: shown_unit(unit, system),
         "s": lambda sentence: by_the_plants_clock(in_units(str(sentence), system), zone),
         "zone": zone,
+        "plant_alarms": () if visitor is None else request.app.state.parts.motion_watch.alarms,
         "now": datetime.now(UTC),
         "path": request.url.path,
         **values,

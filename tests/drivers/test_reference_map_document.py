@@ -21,10 +21,9 @@ PROGRAM = Path(__file__).parents[2] / "docs" / "plc" / "breakaway_reference.st"
 
 def row(register: Register) -> str:
     unit = register.unit if register.scale == 1.0 else f"{register.scale:g} {register.unit}"
-    access = "read, write" if register.writable else "read"
     last = register.address + register.words - 1
     place = f"{register.address}" if register.words == 1 else f"{register.address}-{last}"
-    return f"| {place} | `{register.name}` | {register.kind} | {unit} | {access} | {register.meaning} |"
+    return f"| {place} | `{register.name}` | {register.kind} | {unit} | {register.meaning} |"
 
 
 def table() -> list[str]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import shutil
 import ssl
 import subprocess
 from pathlib import Path
 
 import pytest
+import uvloop
 
 from drivers import connection
 from drivers.addresses import TlsAddress
@@ -46,6 +48,27 @@ async def test_a_device_is_spoken_to_only_under_the_name_of_its_certificate(slav
         other = Transport(TlsAddress("plc", "127.0.0.1", str(shown), port.port, server_name="plc-2"))
         with pytest.raises(ConnectionLostError):
             await other.open()
+
+
+def test_the_name_of_the_certificate_is_asked_for_on_uvloop_too(slave: RawSlave, tmp_path: Path) -> None:
+    shown, key = certificate(tmp_path, "plc-1")
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(shown, key)
+
+    async def read_as(name: str | None) -> tuple[int, ...]:
+        async with TcpPort(slave, context) as port:
+            bus = Transport(TlsAddress("plc", "127.0.0.1", str(shown), port.port, server_name=name))
+            try:
+                await bus.open()
+                return (await bus.read_words(1, Table.HOLDING, 10, 2)).words
+            finally:
+                await bus.close()
+
+    with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
+        assert runner.run(read_as("plc-1")) == (10, 11)
+        for other in ("plc-2", None):  # without a name it is the address, which this certificate does not have
+            with pytest.raises(ConnectionLostError):
+                runner.run(read_as(other))
 
 
 async def test_a_certificate_that_cannot_be_read_is_said(tmp_path: Path) -> None:

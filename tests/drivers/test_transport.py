@@ -1,8 +1,10 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import errno
 import itertools
+import struct
 import sys
 import time
 from pathlib import Path
@@ -510,6 +512,32 @@ async def test_frames_on_a_serial_line_keep_their_distance(serial_port: SerialPo
     gaps_s = [after.sent_s - before.received_s for before, after in itertools.pairwise(times)]
     assert min(gaps_s) >= 3.5 * 11 / 9600
     await bus.close()
+
+
+@pytest.mark.parametrize("others", [1, 2, 3])
+async def test_the_longest_answers_to_something_else_do_not_bury_ours(others: int) -> None:
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with contextlib.suppress(asyncio.IncompleteReadError):
+            while True:
+                asked = await reader.readexactly(12)
+                (transaction,) = struct.unpack_from(">H", asked)
+                for away in range(others, -1, -1):
+                    number, words = transaction + away, struct.pack(">125H", *[away] * 125)
+                    writer.write(struct.pack(">HHHBBB", number, 0, 253, 1, 3, 250) + words)
+                    await writer.drain()
+                    await asyncio.sleep(0.005)
+        writer.close()
+        await writer.wait_closed()
+        ended.set()
+
+    ended = asyncio.Event()
+    server = await asyncio.start_server(serve, "127.0.0.1", 0)
+    async with server:
+        bus = Transport(TcpAddress("plc", "127.0.0.1", server.sockets[0].getsockname()[1], timeout_s=1.0))
+        await bus.open()
+        assert await read(bus, 0, 125) == (0,) * 125
+        await bus.close()
+        await ended.wait()
 
 
 async def test_longer_frames_get_the_time_that_they_take_on_the_line(serial_port: SerialPort, slave: RawSlave) -> None:

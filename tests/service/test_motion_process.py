@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -22,15 +23,25 @@ from drivers.motion.client import MotionClient, stopped_here
 from drivers.motion.local_socket import LONGEST_LINE, connected, listening
 from drivers.motion.motion import Motion
 from drivers.motion.orders import Armed, Heard, MotionEnd, MotionLostError, Order
+from drivers.motion.plant_read import valve_read
 from drivers.motion.server import MotionServer
 from drivers.motion.spool import Spool
-from drivers.motion.wire_format import error_of, line_of, of_json, to_json
+from drivers.motion.wire_format import PROTOCOL, error_of, line_of, of_json, to_json
 from drivers.outcome import Ended, PlayOutcome, SampleBlock
 from drivers.stands_at import StandsAt, StemVerdict
 from service.config.settings import Plant
 from tests.support.fake_rig import FakeRig
 from tests.support.in_process import motion_on
-from valve.errors import BusyError, DeviceError, InternalError, NotFoundError, RequestError, ValveError, WaveformError
+from valve.errors import (
+    BusyError,
+    DeviceError,
+    InternalError,
+    NotFoundError,
+    PermissiveError,
+    RequestError,
+    ValveError,
+    WaveformError,
+)
 from valve.recording import Acquisition, Provenance, Recording
 from valve.waveform import triangle
 
@@ -238,6 +249,21 @@ async def test_whoever_asks_cannot_change_what_a_valve_may_do(plant: Plant, rig:
     assert not motion.moves
 
 
+async def test_an_order_of_somebody_who_has_read_another_plant_file_moves_nothing(
+    plant: Plant, rig: FakeRig, motion: Motion
+) -> None:
+    mine = valve_read(plant.valves["FV-101"].wiring, plant.buses)
+    async with service_of(plant) as service:
+        with pytest.raises(PermissiveError, match="plant_file: service and motion process have read different ones"):
+            await service.play(replace(order(), read="0" * 16), Heard())
+        shown = {one.name: one.met for one in await service.permissives("FV-101", None, "0" * 16)}
+        assert shown["plant_file"] is False
+        assert rig.orders == []
+        await service.play(replace(order(), read=mine), Heard())
+        assert [one.met for one in await service.permissives("FV-101", None, mine)] == [True, True]
+    assert [one.run_id for one in rig.orders] == [ID]
+
+
 async def test_a_refusal_says_what_the_device_said_and_that_nothing_moved(
     plant: Plant, rig: FakeRig, motion: Motion
 ) -> None:
@@ -333,7 +359,7 @@ async def test_a_service_that_reads_nothing_is_let_go_and_the_motion_goes_on(
     monkeypatch.setattr("drivers.motion.server._MOST_UNREAD", 1000)
     rig.duration_s = 1.0
     reader, writer = await connected(plant.service.motion_socket)
-    writer.write(line_of({"id": 1, "ask": "own", "protocol": 1}))
+    writer.write(line_of({"id": 1, "ask": "own", "protocol": PROTOCOL}))
     await reader.readline()
     reader._transport.pause_reading()  # type: ignore[attr-defined]  # as one that hangs
     writer.write(line_of({"id": 2, "ask": "play", "order": to_json(order())}))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from fastapi import FastAPI
 
-from drivers.addresses import ValveWiring
+from drivers.addresses import BusAddress, ValveWiring
 from drivers.motion.audit_log import AuditLog
 from drivers.motion.bus_lock import BusLocks
 from drivers.motion.motion import Motion
@@ -25,7 +25,11 @@ class _Live:
 
     @property
     def wirings(self) -> dict[str, ValveWiring]:
-        return {tag: valve.wiring for tag, valve in self._plant.valves.items()}
+        return {tag: valve.wiring for tag, valve in self._plant.valves.items() if self._plant.is_ours(tag)}
+
+    @property
+    def buses(self) -> dict[str, BusAddress]:
+        return self._plant.buses
 
     def read(self) -> None:
         """Nothing is read: the service changes the plant."""

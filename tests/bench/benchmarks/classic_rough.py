@@ -135,4 +135,4 @@ def _cell(own: list[Judged]) -> str:
         f"{np.median([one.half_width for one in given]):.2g}",
     ]
     ratios = [one.by_repeats for one in given if math.isfinite(one.by_repeats)]
-    return " / ".join(parts) + (f" (x {np.median(ratios):.2g})" if ratios else "")
+    return "/".join(parts) + (f" (x {np.median(ratios):.2g})" if ratios else "")

@@ -173,4 +173,4 @@ def _table(words: str) -> Table:
 
 def _cell(answers: Sequence[Answer]) -> str:
     valve, unsure = answers.count(Answer.TEST_VALVE), answers.count(Answer.CANNOT_TELL)
-    return f"{valve} / {len(answers) - valve - unsure} / {unsure}"
+    return f"{valve}/{len(answers) - valve - unsure}/{unsure}"

@@ -1,0 +1,55 @@
+"""An alarm of the plant as a whole: what keeps every test, or the tests of some valves, from being made."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from enum import StrEnum
+from typing import Final
+
+_NAMED: Final = 5  # valves of one sentence
+
+
+class AlarmKind(StrEnum):
+    """What is wrong."""
+
+    MOTION_PROCESS = "motion_process"
+    PLANT_FILE = "plant_file"
+
+
+@dataclass(frozen=True, slots=True)
+class PlantAlarm:
+    """What is wrong since when, what to do, and the valves that it is about; none named: all."""
+
+    kind: AlarmKind
+    since: datetime
+    sentence: str
+    remedy: str
+    valves: tuple[str, ...] = ()
+
+
+def no_motion_process(since: datetime, reason: str) -> PlantAlarm:
+    """Return the alarm that the motion process cannot be asked; ``reason`` is what was heard of it."""
+    return PlantAlarm(
+        AlarmKind.MOTION_PROCESS,
+        since,
+        f"The motion process does not answer ({reason}). No valve can be tested, and Stop reaches none: "
+        "a valve that moves goes to its safe value by the watchdog of its device alone.",
+        "On the gateway: systemctl status breakaway-motion, or breakaway motion --config plant.toml",
+    )
+
+
+def other_plant_file(since: datetime, valves: Sequence[str], buses: Sequence[str]) -> PlantAlarm:
+    """Return the alarm that service and motion process have read different plant files, of these valves and buses."""
+    named = ", ".join(valves[:_NAMED]) + (f" and {len(valves) - _NAMED} more" if len(valves) > _NAMED else "")
+    moved = f" Other addresses: bus {', '.join(buses)}." if buses else ""
+    restart = "systemctl restart breakaway-motion breakaway, while no valve moves"
+    return PlantAlarm(
+        AlarmKind.PLANT_FILE,
+        since,
+        "Service and motion process have read different plant files: wiring or limits differ. "
+        f"No test starts of {named}.{moved}",
+        restart if buses else f"breakaway reload; if that does not end it: {restart}",
+        tuple(valves),
+    )
