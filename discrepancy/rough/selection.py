@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from discrepancy.rough.causes.base import Cause, Fitted, Shape
 from discrepancy.rough.evidence import Problem, Solved, fitted, solved
+from estimators.base import NORMAL_95
 from estimators.engine.parameters import Known
 
 FloatArray = npt.NDArray[np.float64]
@@ -73,14 +74,14 @@ class Candidate:
 
     @property
     def is_sound(self) -> bool:
-        """Whether its size is known, lies in its range, and agrees with its evidence."""
-        entry = self.cause.parameters[0]
+        """Whether its size is known, its interval reaches into its range, and it agrees with its evidence."""
+        entry, half = self.cause.parameters[0], NORMAL_95 * self.size.std_error
         # of an accepted law the size is a change
         low = entry.low if self.cause.known is None else entry.low - entry.high
         return (
             self.deviations > _SURE
             and self.swing_n > _LEAST_SWING * self.cause.setting.friction_n
-            and low <= self.size.value <= entry.high
+            and low - half <= self.size.value <= entry.high + half
             and self.evidence < 0.5 * self.deviations**2 + _TOO_MUCH
         )
 

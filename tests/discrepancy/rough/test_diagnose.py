@@ -143,3 +143,10 @@ def test_friction_that_grows_with_pressure_is_not_taken_for_one_that_grows_with_
     made = case("large", "multi_rate", "usual", seed=79002, effects=[PressureDependentFriction(0.06)])
     tried = {one["cause"]: one["evidence_nats"] for one in diagnose(made.recording, made.nameplate).details["tried"]}
     assert tried["pressure_dependent_friction"] > tried["friction_gradient"] + 5.0
+
+
+def test_a_cause_at_the_end_of_its_range_is_named_where_its_interval_reaches_into_it() -> None:
+    made = case("nominal", "multi_rate", "usual", seed=79002, effects=[PressureDependentFriction(0.144)])
+    found = diagnose(made.recording, made.nameplate)
+    assert [one.cause for one in found.causes] == ["pressure_dependent_friction"]
+    assert found.causes[0].parameters["share"].value == pytest.approx(0.144, rel=0.1)
