@@ -102,9 +102,11 @@ def run(read: Callable[[], Moved], place: Place, software: str) -> None:
         locks=BusLocks(plant.buses),
         audit=AuditLog(place.audit, place.gateway or "gateway"),
     )
-    watchdogs_s = [one.watchdog.timeout_s for one in plant.wirings.values() if one.watchdog.timeout_s is not None]
-    after_s = max(watchdogs_s, default=0.0) + _WATCHED_AFTER_S
-    motion.watching = Watching(plant, plant.buses, place.watched, software, after_s=after_s)
+
+    def watched_after_s() -> float:
+        return max((one.watchdog.timeout_s or 0.0 for one in plant.wirings.values()), default=0.0) + _WATCHED_AFTER_S
+
+    motion.watching = Watching(plant, plant.buses, place.watched, software, after_s=watched_after_s)
     precedence.try_once()
     asyncio.run(_serve(motion, motion.watching, place, software, precedence))
 

@@ -97,7 +97,7 @@ class WatchKeeper:
         oldest = span.day - timedelta(days=valve.rules.keep_days)
         try:
             for one in days_in(self._folder, valve.tag):
-                if one.day <= oldest:
+                if one.day < oldest:  # that of yesterday is judged while that of today is read
                     one.path.unlink(missing_ok=True)
         except OSError as error:
             _LOG.warning("old samples in service not removed", valve=valve.tag, error=str(error))

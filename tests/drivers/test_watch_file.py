@@ -134,9 +134,19 @@ async def test_files_are_removed_after_their_days_and_a_full_one_takes_no_more(
         moving = 0.05 + 0.01 * number + np.linspace(0.0, 0.01, 50)
         keeper.take(valve, rules.span_of(DAY), [tuple(row) for row in rows(50, 5.0 * number, moving).tolist()])
     await keeper.close()
-    assert [one.day for one in days_in(quick_path, "FV-101")] == [DAY - timedelta(days=1), DAY]
+    assert [one.day for one in days_in(quick_path, "FV-101")] == [DAY - timedelta(days=2), DAY - timedelta(days=1), DAY]
     assert len(read_watch_file(day_of(quick_path, "FV-101", DAY).path)[1]) == 600
     assert keeper.kept["FV-101"] == 600
+
+
+async def test_yesterday_is_there_to_be_judged_when_today_begins(quick_path: Path) -> None:
+    rules = WatchRules(PERIOD_S, keep_days=1, zone=ZoneInfo("UTC"))
+    keeper, valve = WatchKeeper(quick_path), WatchedValve("FV-101", rules, 0.1, "breakaway 0")
+    for number in range(3):
+        moving = rows(50, 86_400.0 * number, 0.05 + np.linspace(0.0, 0.01, 50))
+        keeper.take(valve, rules.span_of(DAY + timedelta(days=number)), [tuple(row) for row in moving.tolist()])
+    await keeper.close()
+    assert [one.day for one in days_in(quick_path, "FV-101")] == [DAY + timedelta(days=1), DAY + timedelta(days=2)]
 
 
 BERLIN = ZoneInfo("Europe/Berlin")

@@ -71,10 +71,11 @@ async def watching(
     *wirings: ValveWiring,
     plant: Plant | None = None,
     beside: BusAddress | None = None,
+    after_s: float = 0.0,
 ) -> AsyncIterator[Watching]:
     plant = plant or Plant({one.tag: one for one in wirings or (WATCHED,)})
     addresses = {one.name: one for one in (address, beside) if one is not None}
-    watch = Watching(plant, addresses, folder, "breakaway 0")
+    watch = Watching(plant, addresses, folder, "breakaway 0", after_s=lambda: after_s)
     running = asyncio.create_task(watch.run())
     try:
         yield watch
@@ -87,6 +88,21 @@ async def watching(
 @pytest.fixture
 def address(tcp_port: TcpPort) -> TcpAddress:
     return TcpAddress("bus", "127.0.0.1", tcp_port.port, timeout_s=0.3)
+
+
+@pytest.fixture
+def leavings(slave: RawSlave, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Return how many requests came while a bus was being left, for each time that one was, up to now."""
+    counted: list[int] = []
+    leave = WatchedBus._leave
+
+    async def counting(bus: WatchedBus) -> None:
+        before = len(slave.requests)
+        await leave(bus)
+        counted.append(len(slave.requests) - before)
+
+    monkeypatch.setattr(WatchedBus, "_leave", counting)
+    return counted
 
 
 def functions(slave: RawSlave) -> set[int]:
@@ -119,7 +135,8 @@ async def test_nothing_but_reads_reaches_the_wire_and_what_moved_is_kept(
     assert len(rows) >= 300
     assert np.all(np.diff(rows[:, 0]) > 0.0)
     assert began <= rows[0, 0] <= rows[-1, 0] <= datetime.now(UTC).timestamp()
-    assert np.median(np.diff(rows[:, 0])) == pytest.approx(0.02, rel=0.2)
+    slots = watch.slots["FV-101"]
+    assert np.ptp(rows[:, 0]) == pytest.approx(0.02 * (slots.read + slots.missed), rel=0.1)
     assert np.ptp(rows[:, 1]) == pytest.approx(0.04, rel=0.05)
     assert np.all(rows[:, 2:] == 40_000.0)
     assert slave.most_in_flight == 1
@@ -169,7 +186,7 @@ def test_what_reads_in_service_has_no_way_to_write(kind: type) -> None:
 
 
 async def test_a_test_has_the_bus_after_one_transaction_and_watching_goes_on_behind_it(
-    quick_path: Path, slave: RawSlave, device: ReferenceDevice, address: TcpAddress
+    quick_path: Path, slave: RawSlave, device: ReferenceDevice, address: TcpAddress, leavings: list[int]
 ) -> None:
     answer_s = 0.05
     slave.always = Fault(delay_s=answer_s)  # each slot is late: a read is in flight all the time
@@ -179,18 +196,16 @@ async def test_a_test_has_the_bus_after_one_transaction_and_watching_goes_on_beh
     (quick_path / "journals").mkdir()
     async with watching(quick_path / "watched", address, plant=plant) as watch:
         await until(lambda: watch.slots["FV-101"].read >= 5, "5 samples")
-        taken_s = []
         for _ in range(5):
-            before_s = time.monotonic()
             await locks.take_aside(["bus"])
-            taken_s.append(time.monotonic() - before_s)
             asked = len(slave.requests)
             await asyncio.sleep(2.0 * answer_s)
             assert len(slave.requests) == asked, "somebody read while the bus was taken"
             locks.give_back(["bus"])
             read = watch.slots["FV-101"].read
             await until(lambda read=read: watch.slots["FV-101"].read > read, "watching went on")  # type: ignore[misc]
-        assert sorted(taken_s)[2] < 1.5 * answer_s
+        assert len(leavings) == 5
+        assert max(leavings) <= 1  # the one that was on its way as the bus was asked for
         slave.always = Fault()
         wave = triangle(0.5, 1, 10_000.0, 30_000.0)
         order = Order("20261121T031502Z-9f3c01ab", "FV-101", wave, "triangle", 1)
@@ -246,7 +261,7 @@ async def test_one_process_alone_watches_a_bus(quick_path: Path, device: Referen
 async def test_a_valve_that_does_not_answer_is_asked_more_rarely_and_said_once(
     quick_path: Path, slave: RawSlave, device: ReferenceDevice, address: TcpAddress
 ) -> None:
-    quick = replace(address, timeout_s=0.05)
+    quick = replace(address, timeout_s=0.2)
     with structlog.testing.capture_logs() as said:
         async with watching(quick_path, quick) as watch:
             await until(lambda: watch.slots["FV-101"].read >= 3, "the first samples")
@@ -278,9 +293,8 @@ async def test_slots_that_a_slow_bus_has_no_time_for_are_counted(
 ) -> None:
     slave.always = Fault(delay_s=0.05)
     async with watching(quick_path, address) as watch:
-        began_s = time.monotonic()
         await until(lambda: watch.slots["FV-101"].read >= 20, "20 samples")
-        lasted_s = time.monotonic() - began_s
+        lasted_s = time.monotonic() - slave.asked_s[0]
         slots = watch.slots["FV-101"]
         assert slots.missed > slots.read  # 50 ms and more an answer, 20 ms a slot
         assert slots.read + slots.missed == pytest.approx(lasted_s / 0.02, abs=12)
@@ -315,7 +329,7 @@ async def test_a_plant_file_that_is_read_again_is_taken_over(
         assert len(slave.requests) == asked
 
 
-def is_watched(address: TcpAddress) -> bool:
+def is_watched(address: BusAddress) -> bool:
     asked = ask_to_leave(watch_name(address), 0.01)
     if asked is not None:
         asked.close()
@@ -323,16 +337,48 @@ def is_watched(address: TcpAddress) -> bool:
 
 
 async def test_a_bus_whose_device_is_silent_is_left_within_the_deadline_of_its_answer(
-    quick_path: Path, slave: RawSlave, device: ReferenceDevice, address: TcpAddress
+    quick_path: Path, slave: RawSlave, device: ReferenceDevice, address: TcpAddress, leavings: list[int]
 ) -> None:
     slave.always = Fault(drop=True)
     locks = BusLocks({"bus": address})
     async with watching(quick_path, address):
         await until(lambda: len(slave.requests) > 0, "the first request")
-        before_s = time.monotonic()
         await locks.take_aside(["bus"])
-        assert time.monotonic() - before_s < 2.0 * address.timeout_s
+        assert len(leavings) == 1
+        assert leavings[0] <= 1
         locks.give_back(["bus"])
+
+
+async def test_a_bus_on_which_an_answer_failed_is_left_without_a_recovery_of_ours(
+    quick_path: Path, slave: RawSlave, device: ReferenceDevice, serial_port: SerialPort, leavings: list[int]
+) -> None:
+    line = RtuAddress("bus", serial_port.path, 115200, Parity.NONE, timeout_s=0.3, worst_latency_s=0.5)
+    locks = BusLocks({"bus": line})
+    async with watching(quick_path, line) as watch:
+        await until(lambda: watch.slots["FV-101"].read >= 3, "the first samples")
+        slave.always = Fault(delay_s=0.4)
+        await until(lambda: watch.slots["FV-101"].failed > 0, "an answer that is late")
+        slave.always = Fault()
+        await asyncio.sleep(0.05)  # its next slot is due, and waits until the line must be quiet
+        await locks.take_aside(["bus"])
+        assert leavings[0] <= 1
+        locks.give_back(["bus"])
+        read = watch.slots["FV-101"].read
+        await until(lambda: watch.slots["FV-101"].read > read + 3, "watching went on")
+
+
+async def test_a_serial_line_is_quiet_before_it_is_given_up_in_the_middle_of_a_read(
+    quick_path: Path, slave: RawSlave, device: ReferenceDevice, serial_port: SerialPort
+) -> None:
+    line = RtuAddress("bus", serial_port.path, 115200, Parity.NONE, timeout_s=2.0, worst_latency_s=0.5)
+    slave.always = Fault(delay_s=1.0)
+    plant = Plant({"FV-101": WATCHED})
+    async with watching(quick_path, line, plant=plant) as watch:
+        await until(lambda: len(slave.requests) > 0, "a request")
+        plant.wirings, refreshed_s = {"FV-101": WIRING}, time.monotonic()
+        watch.refresh()
+        await until(lambda: not is_watched(line), "the line was given up")
+        assert time.monotonic() - refreshed_s >= line.worst_latency_s
 
 
 async def test_a_stop_ends_a_motion_at_once_where_its_bus_is_watched(
@@ -354,7 +400,7 @@ async def test_a_stop_ends_a_motion_at_once_where_its_bus_is_watched(
         end = await playing
         assert end.outcome.ended is Ended.STOPPED
         assert end.outcome.safe_confirmed
-        assert time.monotonic() - stopped_s < 1.0
+        assert time.monotonic() - stopped_s < 10.0  # half of what the motion has left
         assert device.moves[-1][1] == WIRING.safe_value_pa
         assert watch.slots["FV-101"].read - read <= 1  # nobody read beside it
 
@@ -408,11 +454,14 @@ async def test_a_position_from_a_gauge_is_read_beside_its_pressure_and_either_bu
 async def test_nothing_is_read_before_the_watchdog_of_a_valve_that_was_left_has_acted(
     quick_path: Path, slave: RawSlave, device: ReferenceDevice, address: TcpAddress
 ) -> None:
-    watch = Watching(Plant({"FV-101": WATCHED}), {"bus": address}, quick_path, "breakaway 0", after_s=0.4)
+    """Whoever had the bus may have died, or failed to make its valve safe: at the start, and whenever it is free."""
+    locks = BusLocks({"bus": address})
     began_s = time.monotonic()
-    running = asyncio.create_task(watch.run())
-    await until(lambda: len(slave.asked_s) > 0, "the first request")
-    running.cancel()
-    with contextlib.suppress(asyncio.CancelledError):
-        await running
-    assert slave.asked_s[0] - began_s >= 0.4
+    async with watching(quick_path, address, after_s=0.4) as watch:
+        await until(lambda: watch.slots["FV-101"].read > 0, "the first sample")
+        assert slave.asked_s[0] - began_s >= 0.4
+        await locks.take_aside(["bus"])
+        asked, given_back_s = len(slave.requests), time.monotonic()
+        locks.give_back(["bus"])
+        await until(lambda: len(slave.requests) > asked, "watching went on")
+        assert slave.asked_s[asked] - given_back_s >= 0.4
