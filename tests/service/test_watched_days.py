@@ -293,6 +293,7 @@ def test_days_are_kept_by_valve_and_a_day_that_is_judged_again_stands_in_its_pla
     frictions = store.watched.frictions(DAY - timedelta(days=2))
     assert [one.friction.value for one in frictions["FV-101"]] == [1002.0, 1001.0]
     assert [one.friction.value for one in frictions["FV-102"]] == [900.0]
+    assert {one.driven_by for one in frictions["FV-101"]} == {"pressure"}
     store.close()
 
 
