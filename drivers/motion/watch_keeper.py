@@ -50,14 +50,16 @@ class WatchKeeper:
         self._waiting = 0
         self._free = _FreeDisk(folder)
         self.kept: dict[str, int] = {}
-        self.dropped = 0
+        self.dropped: dict[str, int] = {}
 
     def take(self, valve: WatchedValve, span: WatchSpan, rows: Sequence[Row]) -> None:
         """Hand rows of a span on to the thread; returns at once."""
         if not rows:
             return
         if self._waiting >= _MOST_WAITING:
-            self.dropped += len(rows)
+            if not self.dropped:
+                _LOG.error("samples in service not kept: the disk does not take them in time", valve=valve.tag)
+            self.dropped[valve.tag] = self.dropped.get(valve.tag, 0) + len(rows)
             return
         self._waiting += 1
         taking = asyncio.get_running_loop().run_in_executor(

@@ -85,8 +85,10 @@ class Watching:
         self._changed.set()
 
     def counted(self) -> dict[str, dict[str, int]]:
-        """Return what became of each valve's slots since the start, with the rows that were kept."""
-        return {tag: asdict(one) | {"kept": self._keeper.kept.get(tag, 0)} for tag, one in self.slots.items()}
+        """Return what became of each valve's slots since the start, with the rows that were kept, and dropped."""
+        kept, dropped = self._keeper.kept, self._keeper.dropped
+        rows = {tag: {"kept": kept.get(tag, 0), "dropped": dropped.get(tag, 0)} for tag in self.slots}
+        return {tag: asdict(one) | rows[tag] for tag, one in self.slots.items()}
 
     async def run(self) -> None:
         """Read until this is cancelled."""

@@ -104,7 +104,8 @@ class WatchedDays:
         if not folder.is_dir():
             return []
         there = {tag: days_in(folder, tag) for tag in ours}
-        known = self._store.watched.judged([tag for tag, days in there.items() if days])
+        oldest = min((day.day for days in there.values() for day in days), default=now.date())
+        known = self._store.watched.judged([tag for tag, days in there.items() if days], oldest)
         found = []
         for tag, days in there.items():
             for day in days:

@@ -51,10 +51,10 @@ class WatchedTable:
         with self._engine.connect() as connection:
             return [_day(row) for row in connection.execute(query.limit(limit))]
 
-    def judged(self, valves: Collection[str]) -> dict[str, set[date]]:
-        """Return which days of these valves have been judged."""
+    def judged(self, valves: Collection[str], since: date) -> dict[str, set[date]]:
+        """Return which days of these valves, ``since`` one, have been judged."""
         found: dict[str, set[date]] = {tag: set() for tag in valves}
-        query = select(WATCHED_DAYS.c.valve, WATCHED_DAYS.c.day)
+        query = select(WATCHED_DAYS.c.valve, WATCHED_DAYS.c.day).where(WATCHED_DAYS.c.day >= since)
         with self._engine.connect() as connection:
             for row in connection.execute(query):
                 if row.valve in found:

@@ -8,6 +8,7 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 import pytest
+import structlog
 
 from drivers.motion.moved_windows import LEAD_S, TAIL_S, FloatArray, MovedWindows
 from drivers.motion.watch_file import WatchFileWriter, day_of, days_in, folder_of, read_watch_file
@@ -137,6 +138,21 @@ async def test_files_are_removed_after_their_days_and_a_full_one_takes_no_more(
     assert [one.day for one in days_in(quick_path, "FV-101")] == [DAY - timedelta(days=2), DAY - timedelta(days=1), DAY]
     assert len(read_watch_file(day_of(quick_path, "FV-101", DAY).path)[1]) == 600
     assert keeper.kept["FV-101"] == 600
+
+
+async def test_rows_that_the_disk_does_not_take_in_time_are_counted_and_said_once(
+    quick_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("drivers.motion.watch_keeper._MOST_WAITING", 1)
+    rules = WatchRules(PERIOD_S, zone=ZoneInfo("UTC"))
+    keeper, valve = WatchKeeper(quick_path), WatchedValve("FV-101", rules, 0.1, "breakaway 0")
+    moving = [tuple(row) for row in rows(50, 0.0, 0.05 + np.linspace(0.0, 0.01, 50)).tolist()]
+    with structlog.testing.capture_logs() as said:
+        for _ in range(3):  # the event loop hears of none that is written meanwhile
+            keeper.take(valve, rules.span_of(DAY), moving)
+    await keeper.close()
+    assert keeper.dropped == {"FV-101": 100}
+    assert sum("not kept" in one["event"] for one in said) == 1
 
 
 async def test_yesterday_is_there_to_be_judged_when_today_begins(quick_path: Path) -> None:
