@@ -95,10 +95,10 @@ class WatchKeeper:
         self._open.clear()
 
     def _tidy(self, valve: WatchedValve, span: WatchSpan) -> None:
-        """Remove the files of a valve that may go."""
+        """Remove the files of a valve that may go: never the newest ``keep_days``, as the clock may be wrong."""
         oldest = span.day - timedelta(days=valve.rules.keep_days)
         try:
-            for one in days_in(self._folder, valve.tag):
+            for one in days_in(self._folder, valve.tag)[: -valve.rules.keep_days]:
                 if one.day < oldest:  # that of yesterday is judged while that of today is read
                     one.path.unlink(missing_ok=True)
         except OSError as error:

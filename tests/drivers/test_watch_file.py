@@ -155,6 +155,17 @@ async def test_rows_that_the_disk_does_not_take_in_time_are_counted_and_said_onc
     assert sum("not kept" in one["event"] for one in said) == 1
 
 
+async def test_a_clock_that_goes_years_ahead_removes_no_samples(quick_path: Path) -> None:
+    rules = WatchRules(PERIOD_S, keep_days=3, zone=ZoneInfo("UTC"))
+    week = [DAY - timedelta(days=back) for back in (2, 1, 0)]
+    for day in week:
+        WatchFileWriter(day_of(quick_path, "FV-101", day), {}).close()
+    keeper, valve = WatchKeeper(quick_path), WatchedValve("FV-101", rules, 0.1, "breakaway 0")
+    keeper.take(valve, rules.span_of(date(2036, 1, 1)), [tuple(row) for row in rows(50).tolist()])
+    await keeper.close()
+    assert [one.day for one in days_in(quick_path, "FV-101")] == week
+
+
 async def test_yesterday_is_there_to_be_judged_when_today_begins(quick_path: Path) -> None:
     rules = WatchRules(PERIOD_S, keep_days=1, zone=ZoneInfo("UTC"))
     keeper, valve = WatchKeeper(quick_path), WatchedValve("FV-101", rules, 0.1, "breakaway 0")
