@@ -127,7 +127,7 @@ class BusLocks:
                 if bus in self._addresses and bus not in self._held:
                     address = self._addresses[bus]
                     lock = _locked(bus, place_of(address))
-                    self._held[bus] = _Held(lock, ask_to_leave(watch_name(address), _leaving_s(address)))
+                    self._held[bus] = _Held(lock, ask_to_leave(watch_name(address), _leaving_s(address), bus))
                     taken.append(bus)
         except BaseException:
             self.give_back(taken)

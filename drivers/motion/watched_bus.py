@@ -55,10 +55,13 @@ class WatchedBus:
 
     async def start(self) -> None:
         """Watch it as soon as it is free. Raises BusyError where another process does already, OSError."""
-        try:
-            await self._post.open()
-        except BusyError as error:
-            raise BusyError(f"bus {self.address.name}: {error}") from error
+        async with self._turn:
+            if self._post.is_open:
+                return
+            try:
+                await self._post.open()
+            except BusyError as error:
+                raise BusyError(f"bus {self.address.name}: {error}") from error
         self._come_back()
 
     async def close(self) -> None:

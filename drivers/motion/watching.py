@@ -11,7 +11,7 @@ import asyncio
 import heapq
 import time
 from collections import defaultdict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -123,11 +123,9 @@ class Watching:
         for wiring in wanted.values():
             with suppress(ConfigurationError):  # a plant file that has it is refused
                 valves.append(_Valve(wiring, self._addresses, bus_of, self._software, self.slots[wiring.tag]))
-        usable = await self._started(buses)
         rounds: defaultdict[str, list[_Valve]] = defaultdict(list)
         for valve in valves:
-            if all(bus.address.name in usable for bus in valve.buses):
-                rounds[valve.home].append(valve)
+            rounds[valve.home].append(valve)
         _LOG.info("valves watched in service", valves=sum(map(len, rounds.values())), buses=len(rounds))
         tasks = [asyncio.ensure_future(self._going_on(own)) for own in rounds.values()]
         try:
@@ -140,22 +138,25 @@ class Watching:
                 valve.hand_on(self._keeper)
             await asyncio.gather(*(bus.close() for bus in buses.values()), return_exceptions=True)
 
-    async def _started(self, buses: Mapping[str, WatchedBus]) -> frozenset[str]:
-        """Return the names of those that can be watched; why others cannot is said."""
-        usable = set()
-        for name, bus in buses.items():
-            try:
-                await bus.start()
-            except (BusyError, OSError) as error:
-                _LOG.error("bus not watched", bus=name, reason=str(error))
-            else:
-                usable.add(name)
-        return frozenset(usable)
+    async def _start(self, buses: Iterable[WatchedBus]) -> None:
+        """Return when all of them are watched; why one cannot be is said once, and it is tried again."""
+        for bus in buses:
+            is_said = False
+            while True:
+                try:
+                    await bus.start()
+                    break
+                except (BusyError, OSError) as error:
+                    if not is_said:
+                        _LOG.error("bus not watched", bus=bus.address.name, reason=str(error))
+                    is_said = True
+                await asyncio.sleep(_RAREST_S)
 
     async def _going_on(self, valves: list[_Valve]) -> None:
         """Go round the valves of one bus; a fault of ours ends no other bus, and this one for a minute."""
         while True:
             try:
+                await self._start({bus.address.name: bus for one in valves for bus in one.buses}.values())
                 await self._round(valves)
             except Exception as error:  # noqa: BLE001  - whoever reads in service must not fall silent for good
                 _LOG.error("valves in service not read for a while", bus=valves[0].home, exc_info=error)

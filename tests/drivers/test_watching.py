@@ -6,10 +6,11 @@ import asyncio
 import contextlib
 import os
 import pty
+import socket
 import time
 import tty
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -247,15 +248,39 @@ async def test_another_process_that_takes_the_bus_is_alone_on_it(
         await until(lambda: len(slave.requests) > asked, "watching went on")
 
 
-async def test_one_process_alone_watches_a_bus(quick_path: Path, device: ReferenceDevice, address: TcpAddress) -> None:
-    async with watching(quick_path / "first", address) as first:
-        await until(lambda: first.slots["FV-101"].read >= 3, "the first samples")
-        with pytest.raises(BusyError, match="another process watches it"):
-            await WatchedBus(address).start()
-        with structlog.testing.capture_logs() as said:
-            async with watching(quick_path / "second", address) as second:
+async def test_one_process_alone_watches_a_bus_and_the_next_one_behind_it(
+    quick_path: Path, device: ReferenceDevice, address: TcpAddress, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("drivers.motion.watching._RAREST_S", 0.02)
+    with structlog.testing.capture_logs() as said:
+        async with AsyncExitStack() as later:
+            async with watching(quick_path / "first", address) as first:
+                await until(lambda: first.slots["FV-101"].read >= 3, "the first samples")
+                with pytest.raises(BusyError, match="another process watches it"):
+                    await WatchedBus(address).start()
+                second = await later.enter_async_context(watching(quick_path / "second", address))
                 await until(lambda: any(one["event"] == "bus not watched" for one in said), "the refusal")
+                read = first.slots["FV-101"].read
+                await until(lambda: first.slots["FV-101"].read > read + 5, "the first goes on")
                 assert second.slots["FV-101"].read == 0
+            await until(lambda: second.slots["FV-101"].read >= 3, "the second, once the first has ended")
+    assert sum(one["event"] == "bus not watched" for one in said) == 1
+
+
+async def test_a_watcher_that_hangs_keeps_no_test_from_its_bus(
+    address: TcpAddress, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("drivers.motion.bus_lock._LEAVING_S", 0.05)
+    monkeypatch.delenv(FOLDER_VARIABLE)
+    locks = BusLocks({"bus": replace(address, timeout_s=0.05)})
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as hung, structlog.testing.capture_logs() as said:
+        hung.bind(watch_name(address))
+        hung.listen(1)
+        await locks.take_aside(["bus"])
+    assert locks.held == {"bus"}
+    assert [one["bus"] for one in said if "did not leave it in time" in one["event"]] == ["bus"]
+    locks.give_back(["bus"])
+    assert not is_taken(address)
 
 
 async def test_a_valve_that_does_not_answer_is_asked_more_rarely_and_said_once(
