@@ -34,7 +34,7 @@ FOLDER_VARIABLE: Final = "BREAKAWAY_LOCK_FOLDER"
 _ASKING: Final = 128  # processes that may ask who holds a bus before it is given back
 _LONGEST_NUMBER: Final = 15  # digits of a process's number
 _LOOKED_AT_S: Final = 0.01  # somebody who looks whether a lock file is locked holds it for less
-_LEAVING_S: Final = 1.0  # beyond what one lost answer costs whoever watches
+_LEAVING_S: Final = 3.0  # beyond what one lost answer costs whoever watches: it may be at a TLS handshake of 2 s
 
 
 def place_of(address: BusAddress) -> str:
@@ -127,7 +127,7 @@ class BusLocks:
                 if bus in self._addresses and bus not in self._held:
                     address = self._addresses[bus]
                     lock = _locked(bus, place_of(address))
-                    self._held[bus] = _Held(lock, ask_to_leave(watch_name(address), _leaving_s(address)))
+                    self._held[bus] = _Held(lock, ask_to_leave(watch_name(address), _leaving_s(address), bus))
                     taken.append(bus)
         except BaseException:
             self.give_back(taken)

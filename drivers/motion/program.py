@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import gc
+import resource
 import signal
 import sys
 from collections.abc import Callable, Mapping
@@ -32,6 +33,7 @@ _END_S: Final = 20.0
 # Threads write journals; by default (5 ms) each may keep the polling waiting for so long before it hands on.
 _THREAD_TURN_S: Final = 0.5e-3
 _TIDY_S: Final = 10.0
+_FILES_WANTED: Final = 65536
 _UNREAD_S: Final = 5.0
 _WATCHED_AFTER_S: Final = 3.0  # behind the longest watchdog: until then the device of a valve that was left may act
 
@@ -91,6 +93,7 @@ def run(read: Callable[[], Moved], place: Place, software: str) -> None:
     Raises ConfigurationError where the file, the socket or the audit log is wrong.
     """
     sys.setswitchinterval(_THREAD_TURN_S)
+    _provide_files()
     place.journals.mkdir(parents=True, exist_ok=True)
     Spool(place.journals).tidy()
     plant = FilePlant(read)
@@ -102,9 +105,11 @@ def run(read: Callable[[], Moved], place: Place, software: str) -> None:
         locks=BusLocks(plant.buses),
         audit=AuditLog(place.audit, place.gateway or "gateway"),
     )
-    watchdogs_s = [one.watchdog.timeout_s for one in plant.wirings.values() if one.watchdog.timeout_s is not None]
-    after_s = max(watchdogs_s, default=0.0) + _WATCHED_AFTER_S
-    motion.watching = Watching(plant, plant.buses, place.watched, software, after_s=after_s)
+
+    def watched_after_s() -> float:
+        return max((one.watchdog.timeout_s or 0.0 for one in plant.wirings.values()), default=0.0) + _WATCHED_AFTER_S
+
+    motion.watching = Watching(plant, plant.buses, place.watched, software, after_s=watched_after_s)
     precedence.try_once()
     asyncio.run(_serve(motion, motion.watching, place, software, precedence))
 
@@ -145,6 +150,14 @@ _STOPPED: Final = "stopped: the motion process was shut down"
 def _end(motion: Motion, ending: asyncio.Event) -> None:
     motion.begin_shutdown(_STOPPED)
     ending.set()
+
+
+def _provide_files() -> None:
+    """Raise the limit of open files as far as the system allows: a watched valve has one, and no test may lack its."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = _FILES_WANTED if hard == resource.RLIM_INFINITY else min(hard, _FILES_WANTED)
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
 
 
 def _settle_memory() -> None:

@@ -50,14 +50,16 @@ class WatchKeeper:
         self._waiting = 0
         self._free = _FreeDisk(folder)
         self.kept: dict[str, int] = {}
-        self.dropped = 0
+        self.dropped: dict[str, int] = {}
 
     def take(self, valve: WatchedValve, span: WatchSpan, rows: Sequence[Row]) -> None:
         """Hand rows of a span on to the thread; returns at once."""
         if not rows:
             return
         if self._waiting >= _MOST_WAITING:
-            self.dropped += len(rows)
+            if not self.dropped:
+                _LOG.error("samples in service not kept: the disk does not take them in time", valve=valve.tag)
+            self.dropped[valve.tag] = self.dropped.get(valve.tag, 0) + len(rows)
             return
         self._waiting += 1
         taking = asyncio.get_running_loop().run_in_executor(
@@ -93,11 +95,11 @@ class WatchKeeper:
         self._open.clear()
 
     def _tidy(self, valve: WatchedValve, span: WatchSpan) -> None:
-        """Remove the files of a valve that may go."""
+        """Remove the files of a valve that may go: never the newest ``keep_days``, as the clock may be wrong."""
         oldest = span.day - timedelta(days=valve.rules.keep_days)
         try:
-            for one in days_in(self._folder, valve.tag):
-                if one.day <= oldest:
+            for one in days_in(self._folder, valve.tag)[: -valve.rules.keep_days]:
+                if one.day < oldest:  # that of yesterday is judged while that of today is read
                     one.path.unlink(missing_ok=True)
         except OSError as error:
             _LOG.warning("old samples in service not removed", valve=valve.tag, error=str(error))

@@ -35,7 +35,7 @@ def _bindable(name: str) -> Iterator[str]:
         yield address
 
 
-def ask_to_leave(name: str, within_s: float) -> socket.socket | None:
+def ask_to_leave(name: str, within_s: float, bus: str = "") -> socket.socket | None:
     """Ask whoever watches to leave, and wait until that is done. Blocks.
 
     Return the connection that keeps the watcher away until it is closed; None where nobody watches. One that does not
@@ -54,7 +54,7 @@ def ask_to_leave(name: str, within_s: float) -> socket.socket | None:
     try:
         asking.recv(1)
     except OSError:  # it hangs: the bus is ours all the same
-        _LOG.warning("who watches a bus did not leave it in time", seconds=within_s)
+        _LOG.warning("who watches a bus did not leave it in time: end that process", bus=bus, seconds=within_s)
     return asking
 
 
@@ -71,6 +71,11 @@ class WatchPost:
         self._on_free = on_free
         self._listener: asyncio.Server | None = None
         self._takers: set[asyncio.Task[None]] = set()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether somebody can ask."""
+        return self._listener is not None
 
     @property
     def is_wanted(self) -> bool:

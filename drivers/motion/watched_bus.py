@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Sequence
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
 from typing import Final
 
-import structlog
-
 from drivers.addresses import BusAddress, GaugeAddress, RtuAddress
+from drivers.faults import GatewayPathError, GatewayTargetError
 from drivers.motion.bus_lock import is_taken, watch_name
 from drivers.motion.watch_post import WatchPost
 from drivers.registers import Block
@@ -17,7 +17,6 @@ from drivers.serial_gauge import Reading, SerialGauge
 from drivers.transport import Exchange, ReadTransport
 from valve.errors import BusyError, WireError
 
-_LOG = structlog.get_logger(__name__)
 _LOOK_AGAIN_S: Final = 2.0  # whether a bus is free that was taken before anybody watched it
 
 
@@ -26,21 +25,26 @@ class LeftError(WireError):
 
 
 class WatchedBus:
-    """One bus, read one transaction at a time while nobody else has it.
+    """One bus, read one transaction at a time once nobody has had it for ``after_s`` seconds.
 
-    It has no method that writes, and what it sends goes through a ``ReadTransport``, which has none either.
+    It has no method that writes, and what it sends goes through a ``ReadTransport``, which has none either. A bus on
+    which an answer failed is closed, and begun anew by the next read: whoever takes it waits for no recovery of ours.
     ``openings`` counts the connections: a device behind a new one has to prove itself again.
+
+    ``after_s`` lets the watchdogs of its devices act: who had the bus before may have died with a valve commanded, and
+    some devices take any request for a sign of life.
     """
 
-    def __init__(self, address: BusAddress) -> None:
+    def __init__(self, address: BusAddress, after_s: float = 0.0) -> None:
         self.address = address
         self.gauge = _GaugeInTurn(address, self) if isinstance(address, GaugeAddress) else None
-        self._transport = None if isinstance(address, GaugeAddress) else ReadTransport(address)
+        self._after_s = after_s
+        self._transport: ReadTransport | None = None
         self._turn = asyncio.Lock()
         self._post = WatchPost(watch_name(address), self._leave, self._come_back)
         self._at_hand = False
         self._is_open = False
-        self._quiet_from_s = 0.0  # a slave may still answer until then
+        self._quiet_from_s = 0.0  # a device may still answer until then
         self._looking: asyncio.Task[None] | None = None
         self.openings = 0
 
@@ -51,10 +55,13 @@ class WatchedBus:
 
     async def start(self) -> None:
         """Watch it as soon as it is free. Raises BusyError where another process does already, OSError."""
-        try:
-            await self._post.open()
-        except BusyError as error:
-            raise BusyError(f"bus {self.address.name}: {error}") from error
+        async with self._turn:
+            if self._post.is_open:
+                return
+            try:
+                await self._post.open()
+            except BusyError as error:
+                raise BusyError(f"bus {self.address.name}: {error}") from error
         self._come_back()
 
     async def close(self) -> None:
@@ -68,60 +75,94 @@ class WatchedBus:
 
     async def read(self, device_id: int, block: Block, *, priority: bool = False) -> Exchange:
         """Read a block. Raises LeftError where the bus is somebody else's, WireError, DeviceError."""
-        assert self._transport is not None, "a gauge has no registers"
-        async with self._turn:
-            self._require_at_hand()
-            try:
-                if not self._is_open:
-                    await self._transport.open()
-                    self._is_open = True
-                    self.openings += 1
-                return await self._transport.read(device_id, block, priority=priority)
-            except WireError:
-                if isinstance(self.address, RtuAddress):
-                    self._quiet_from_s = time.monotonic() + self.address.worst_latency_s
-                raise
+        assert not isinstance(self.address, GaugeAddress), "a gauge has no registers"
+        async with self._transaction():
+            if self._transport is None:
+                self._transport = ReadTransport(self.address)
+            if not self._is_open:
+                await self._transport.open()
+                self._opened()
+            return await self._transport.read(device_id, block, priority=priority)
 
     def set_canary(self, device_id: int, block: Block, words: Sequence[int]) -> None:
         """Tell what a block always shows, as ``ReadTransport.set_canary``."""
-        assert self._transport is not None, "a gauge has no registers"
-        self._transport.set_canary(device_id, block, words)
+        if self._transport is not None:
+            self._transport.set_canary(device_id, block, words)
 
     async def read_gauge(self, gauge: SerialGauge) -> Reading:
         """Ask the gauge. Raises LeftError where its line is somebody else's, WireError."""
-        async with self._turn:
-            self._require_at_hand()
+        async with self._transaction():
             if not self._is_open:
                 await gauge.open()
-                self._is_open = True
-                self.openings += 1
+                self._opened()
             return await SerialGauge.read(gauge)
+
+    @asynccontextmanager
+    async def _transaction(self) -> AsyncIterator[None]:
+        """Hold the bus's turn while one is made. A wire that failed, or a reader that was cancelled, ends it closed."""
+        async with self._turn:
+            await self._quiet()
+            self._require_at_hand()
+            try:
+                yield
+            except (LeftError, GatewayPathError, GatewayTargetError):
+                raise  # nothing of it is under way
+            except (WireError, asyncio.CancelledError):
+                self._quiet_from_s = time.monotonic() + self._answers_within_s
+                await self._hang_up()
+                raise
+
+    @property
+    def _answers_within_s(self) -> float:
+        """How long after its deadline an answer may still come where others would hear it, s."""
+        if isinstance(self.address, RtuAddress):
+            return self.address.worst_latency_s
+        return self.address.timeout_s if isinstance(self.address, GaugeAddress) else 0.0
+
+    def _opened(self) -> None:
+        self._is_open = True
+        self.openings += 1
+        self._require_at_hand()  # somebody may have come for it meanwhile
 
     def _require_at_hand(self) -> None:
         if not self._at_hand:
             raise LeftError(f"bus {self.address.name}: it is left for somebody else")
 
+    async def _hang_up(self) -> None:
+        transport, self._transport, self._is_open = self._transport, None, False
+        if transport is not None:
+            await transport.close()
+        if self.gauge is not None:
+            await self.gauge.close()
+
+    async def _quiet(self) -> None:
+        quiet_s = self._quiet_from_s - time.monotonic()
+        if quiet_s > 0.0:
+            await asyncio.sleep(quiet_s)
+
     async def _leave(self) -> None:
         """Return once nothing of ours is on the bus: behind the transaction that is in flight."""
         self._at_hand = False
         async with self._turn:
-            self._is_open = False
-            if self.gauge is not None:
-                await self.gauge.close()
-            elif self._transport is not None:
-                await self._transport.close()
-            quiet_s = self._quiet_from_s - time.monotonic()
-            if quiet_s > 0.0:
-                await asyncio.sleep(quiet_s)
+            await self._hang_up()
+            await self._quiet()
 
     def _come_back(self) -> None:
-        if self._looking is None or self._looking.done():
-            self._looking = asyncio.ensure_future(self._free())
+        if self._looking is not None:
+            self._looking.cancel()
+        self._looking = asyncio.ensure_future(self._free())
 
     async def _free(self) -> None:
-        """Wait until nobody has the bus."""
-        while self._post.is_wanted or is_taken(self.address):  # noqa: ASYNC110  - other processes have no event of ours
-            await asyncio.sleep(_LOOK_AGAIN_S)
+        """Wait until nobody has had the bus for as long as it takes."""
+        free_from_s = time.monotonic()
+        while True:
+            if self._post.is_wanted or is_taken(self.address):
+                free_from_s, wait_s = time.monotonic(), _LOOK_AGAIN_S
+            else:
+                wait_s = min(_LOOK_AGAIN_S, free_from_s + self._after_s - time.monotonic())
+            if wait_s <= 0.0:
+                break
+            await asyncio.sleep(wait_s)
         self._at_hand = True
 
 

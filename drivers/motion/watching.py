@@ -11,7 +11,7 @@ import asyncio
 import heapq
 import time
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -58,8 +58,9 @@ class Slots:
 class Watching:
     """Reads the valves that have ``watch``, and keeps what moved in ``folder``. Belongs to the event loop.
 
-    It begins ``after_s`` seconds after its start: some devices take any request for a sign of life, and a valve that a
-    dead process left must have been made safe by the watchdog of its device before anybody reads there.
+    A bus is read once nobody has had it for ``after_s()`` seconds, at the start too: some devices take any request for
+    a sign of life, and a valve that somebody left as it stood must have been made safe by its device's watchdog before
+    anybody reads there.
     """
 
     def __init__(
@@ -69,7 +70,7 @@ class Watching:
         folder: Path,
         software: str,
         *,
-        after_s: float = 0.0,
+        after_s: Callable[[], float] = lambda: 0.0,
     ) -> None:
         self._after_s = after_s
         self._plant = plant
@@ -84,13 +85,14 @@ class Watching:
         self._changed.set()
 
     def counted(self) -> dict[str, dict[str, int]]:
-        """Return what became of each valve's slots since the start, with the rows that were kept."""
-        return {tag: asdict(one) | {"kept": self._keeper.kept.get(tag, 0)} for tag, one in self.slots.items()}
+        """Return what became of each valve's slots since the start, with the rows that were kept, and dropped."""
+        kept, dropped = self._keeper.kept, self._keeper.dropped
+        rows = {tag: {"kept": kept.get(tag, 0), "dropped": dropped.get(tag, 0)} for tag in self.slots}
+        return {tag: asdict(one) | rows[tag] for tag, one in self.slots.items()}
 
     async def run(self) -> None:
         """Read until this is cancelled."""
         try:
-            await asyncio.sleep(self._after_s)
             while True:
                 self._changed.clear()
                 wanted = {tag: one for tag, one in self._plant.wirings.items() if one.watch is not None}
@@ -111,14 +113,19 @@ class Watching:
     async def _read_all(self, wanted: Mapping[str, ValveWiring]) -> None:
         buses: dict[str, WatchedBus] = {}
         valves: list[_Valve] = []
+        after_s = self._after_s()
+
+        def bus_of(name: str) -> WatchedBus:
+            if name not in buses:
+                buses[name] = WatchedBus(self._addresses[name], after_s)
+            return buses[name]
+
         for wiring in wanted.values():
             with suppress(ConfigurationError):  # a plant file that has it is refused
-                valves.append(_Valve(wiring, self._addresses, buses, self._software, self.slots[wiring.tag]))
-        usable = await self._started(buses)
+                valves.append(_Valve(wiring, self._addresses, bus_of, self._software, self.slots[wiring.tag]))
         rounds: defaultdict[str, list[_Valve]] = defaultdict(list)
         for valve in valves:
-            if all(bus.address.name in usable for bus in valve.buses):
-                rounds[valve.home].append(valve)
+            rounds[valve.home].append(valve)
         _LOG.info("valves watched in service", valves=sum(map(len, rounds.values())), buses=len(rounds))
         tasks = [asyncio.ensure_future(self._going_on(own)) for own in rounds.values()]
         try:
@@ -131,22 +138,25 @@ class Watching:
                 valve.hand_on(self._keeper)
             await asyncio.gather(*(bus.close() for bus in buses.values()), return_exceptions=True)
 
-    async def _started(self, buses: Mapping[str, WatchedBus]) -> frozenset[str]:
-        """Return the names of those that can be watched; why others cannot is said."""
-        usable = set()
-        for name, bus in buses.items():
-            try:
-                await bus.start()
-            except (BusyError, OSError) as error:
-                _LOG.error("bus not watched", bus=name, reason=str(error))
-            else:
-                usable.add(name)
-        return frozenset(usable)
+    async def _start(self, buses: Iterable[WatchedBus]) -> None:
+        """Return when all of them are watched; why one cannot be is said once, and it is tried again."""
+        for bus in buses:
+            is_said = False
+            while True:
+                try:
+                    await bus.start()
+                    break
+                except (BusyError, OSError) as error:
+                    if not is_said:
+                        _LOG.error("bus not watched", bus=bus.address.name, reason=str(error))
+                    is_said = True
+                await asyncio.sleep(_RAREST_S)
 
     async def _going_on(self, valves: list[_Valve]) -> None:
         """Go round the valves of one bus; a fault of ours ends no other bus, and this one for a minute."""
         while True:
             try:
+                await self._start({bus.address.name: bus for one in valves for bus in one.buses}.values())
                 await self._round(valves)
             except Exception as error:  # noqa: BLE001  - whoever reads in service must not fall silent for good
                 _LOG.error("valves in service not read for a while", bus=valves[0].home, exc_info=error)
@@ -178,7 +188,7 @@ class _Valve:
         self,
         wiring: ValveWiring,
         addresses: Mapping[str, BusAddress],
-        buses: dict[str, WatchedBus],
+        bus_of: Callable[[str], WatchedBus],
         software: str,
         slots: Slots,
     ) -> None:
@@ -192,7 +202,7 @@ class _Valve:
         for name in {place.bus for place in places if place is not None}:
             address = addresses[name]
             if isinstance(address, GaugeAddress):
-                gauge = buses.setdefault(name, WatchedBus(address)).gauge
+                gauge = bus_of(name).gauge
                 assert gauge is not None
                 unopened[name] = gauge
             else:
@@ -200,9 +210,9 @@ class _Valve:
         wired = wire(wiring, unopened)
         self._units: tuple[Unit, ...] = wired.units
         names = {unit.bus.name for unit in wired.units}
-        self._bus_of = {name: buses.setdefault(name, WatchedBus(addresses[name])) for name in names}
+        self._bus_of = {name: bus_of(name) for name in names}
         self.home = wired.position.unit.bus.name if isinstance(wired.position, Signal) else wired.position.name
-        self.buses = tuple({**self._bus_of, self.home: buses[self.home]}.values())
+        self.buses = tuple({**self._bus_of, self.home: bus_of(self.home)}.values())
         self._eye = Eye(wiring.tag, wired, self._bus_of)
         self._span: WatchSpan | None = None
         self._offset_s = 0.0

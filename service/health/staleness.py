@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from typing import Any, Final
 
 from service.config.settings import Plant
@@ -15,6 +15,7 @@ from service.model.watched_day import ChangedInService
 
 _KEPT: Final = timedelta(minutes=1)  # how long an answer is taken as the present: limits are days
 _DAY_S: Final = 86400.0
+_ALWAYS: Final = datetime.max.replace(tzinfo=UTC)
 _BELOW_MAINTENANCE: Final = (None, Ne107.FUNCTION_CHECK.value, Ne107.NORMAL.value)
 
 
@@ -25,6 +26,11 @@ class Oldest:
     at: datetime
     allowed: str
     watched: str = ""  # why the valve should be tested, as days in service say
+    watched_since: datetime = _ALWAYS  # a test that came behind it has answered that
+
+    def with_watched(self, said: ChangedInService | None) -> Oldest:
+        """Return it with what days in service say against the valve."""
+        return self if said is None else replace(self, watched=said.sentence, watched_since=said.since)
 
     def is_stale(self, result_at: datetime | None) -> bool:
         """Whether a result of then is too old; there may be none at all."""
@@ -33,9 +39,9 @@ class Oldest:
     def state(self, state: str | None, result_at: datetime | None) -> str | None:
         """Return a NE 107 state as it stands today: what was normal long ago is no longer known to be.
 
-        Where days in service say that the valve should be tested, it needs maintenance at least.
+        Where days in service say that the valve should be tested, it needs maintenance at least until it is.
         """
-        if self.watched and state in _BELOW_MAINTENANCE:
+        if self._asks_for_test(result_at) and state in _BELOW_MAINTENANCE:
             return Ne107.MAINTENANCE.value
         return Ne107.FUNCTION_CHECK.value if state == Ne107.NORMAL.value and self.is_stale(result_at) else state
 
@@ -43,7 +49,7 @@ class Oldest:
         self, health: Mapping[str, Any] | None, result_at: datetime | None, now: datetime
     ) -> Mapping[str, Any] | None:
         """Return health as it stands today, with a reason where it is too old, and one that days in service give."""
-        if self.watched:
+        if self._asks_for_test(result_at):
             known = replace(self, watched="").health(health, result_at, now) or {}
             shown = self.state(known.get("ne107"), result_at)
             return {**known, "ne107": shown, "reasons": [self.watched, *known.get("reasons", ())], "watched": True}
@@ -53,6 +59,9 @@ class Oldest:
         reason = f"The last result is {days:.3g} days old, {self.allowed}: test the valve."
         shown = self.state(health.get("ne107"), result_at)
         return {**health, "ne107": shown, "reasons": [*health.get("reasons", ()), reason]}
+
+    def _asks_for_test(self, result_at: datetime | None) -> bool:
+        return bool(self.watched) and (result_at is None or result_at < self.watched_since)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,10 +89,10 @@ class Staleness:
         """Note what days in service say against valves, by tag; of others they say nothing."""
         self._watched = dict(said)
 
-    def watched(self, tag: str, at: datetime) -> str:
-        """Return what days in service said against a valve by then; "" where that was nothing."""
+    def watched(self, tag: str, at: datetime) -> ChangedInService | None:
+        """Return what days in service said against a valve by then; None where that was nothing."""
         said = self._watched.get(tag)
-        return said.sentence if said is not None and said.since <= at else ""
+        return said if said is not None and said.since <= at else None
 
     def read(self, plant: Plant) -> None:
         """Read the plant's rules anew; a valve that is gone keeps its own for whoever still lists it."""
@@ -105,8 +114,7 @@ class Staleness:
         known = self._present.get(rule)
         if known is None or not known[0] <= now < known[0] + _KEPT:
             known = self._present[rule] = (now, self._oldest(rule, now))
-        watched = self.watched(tag, now)
-        return replace(known[1], watched=watched) if watched else known[1]
+        return known[1].with_watched(self.watched(tag, now))
 
     def _oldest(self, rule: _Rule, now: datetime) -> Oldest:
         at, allowed = now - timedelta(days=rule.days), f"{rule.days:.3g} are allowed"

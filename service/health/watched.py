@@ -27,8 +27,10 @@ def friction_changed(
     """Return how friction in service has changed beyond its limit, and since when; None where it has not.
 
     ``days`` are those since the valve's baseline, oldest first. The first three are held against the last three by
-    their medians. A change counts as that of a test does: beyond its 95 % interval and its limit.
+    their medians. A change counts as that of a test does: beyond its 95 % interval and its limit. Days that were
+    judged by another signal than the last one are left out: behind a command, friction holds the I/P's lag.
     """
+    days = [one for one in days if one.driven_by == days[-1].driven_by]
     sentence, first = _sentence(days, today, limits, valve), len(days)
     if not sentence:
         return None

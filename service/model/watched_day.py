@@ -43,6 +43,11 @@ class WatchedDay:
         return Figure(found["value"], None if found["ci95"] is None else (found["ci95"][0], found["ci95"][1]))
 
     @property
+    def driven_by(self) -> str:
+        """The signal that gave the forces: pressure or command; "" where nothing could be said."""
+        return str((self.document or {}).get("recording", {}).get("driven_by", ""))
+
+    @property
     def figures(self) -> Figures:
         """The figures that stand beside those of tests, by the names that trends have."""
         known = {name: self.figure(own) for name, own in BESIDE.items()}
@@ -51,11 +56,12 @@ class WatchedDay:
 
 @dataclass(frozen=True, slots=True)
 class FrictionInService:
-    """The friction of one day in service, N, known since ``judged_at``."""
+    """The friction of one day in service, N, known since ``judged_at``; ``driven_by`` is the signal that gave it."""
 
     day: date
     friction: Figure
     judged_at: datetime
+    driven_by: str = ""
 
 
 @dataclass(frozen=True, slots=True)

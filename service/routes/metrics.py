@@ -159,7 +159,8 @@ class WatchCollector(Collector):
         """Yield the one family."""
         family = CounterMetricFamily(
             "breakaway_watch_slots",
-            "slots of valves in service: read, missed as the bus or the process was late, failed; and rows kept",
+            "slots of valves in service: read, missed as the bus or the process was late, failed; rows kept, and "
+            "dropped as the disk was late",
             labels=["valve", "outcome"],
         )
         for tag, counted in sorted(self._slots.items()):

@@ -65,7 +65,8 @@ class WatchedPage(BaseModel):
     valve: str
     rules: WatchRulesView | None = Field(description="null: the plant file has no [valves.watch] for it")
     slots: dict[str, int] | None = Field(
-        description="read, missed, failed and kept since the motion process started; null where that is not known"
+        description="read, missed, failed; rows kept, and dropped as the disk was late: since the motion process "
+        "started; null where that is not known"
     )
     days: list[WatchedDayView]
 

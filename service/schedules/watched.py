@@ -19,7 +19,7 @@ from service.health.staleness import Staleness
 from service.health.watched import HISTORY_DAYS, friction_changed
 from service.model.watched_day import ChangedInService, DayJudged, WatchedDay
 from service.store.store import Store
-from valve.errors import InternalError, RecordingError
+from valve.errors import InternalError, RecordingError, ValveError
 from valve.nameplate import Nameplate
 
 _LOG = structlog.get_logger(__name__)
@@ -65,7 +65,7 @@ class WatchedDays:
         while True:
             try:
                 await (self.look() if pause_s else asyncio.to_thread(self.note_states))
-            except (SQLAlchemyError, OSError) as error:
+            except (SQLAlchemyError, OSError, ValveError) as error:
                 _LOG.warning("days in service wait", reason=str(error))
             pause_s = _PERIOD_S if pause_s else _FIRST_S
             await asyncio.sleep(pause_s)
@@ -104,7 +104,8 @@ class WatchedDays:
         if not folder.is_dir():
             return []
         there = {tag: days_in(folder, tag) for tag in ours}
-        known = self._store.watched.judged([tag for tag, days in there.items() if days])
+        oldest = min((day.day for days in there.values() for day in days), default=now.date())
+        known = self._store.watched.judged([tag for tag, days in there.items() if days], oldest)
         found = []
         for tag, days in there.items():
             for day in days:

@@ -9,7 +9,7 @@ from sqlalchemy import JSON, Column, Date, Float, Index, Integer, String, Table,
 from service.store.schema_base import METADATA, UtcDateTime
 
 # A row a valve and day. ``document`` is what ``breakaway watch`` says; null where it says nothing, for the ``reason``.
-# Its friction stands in columns of its own: the state of every valve is judged by it.
+# Its friction, with the signal that gave it, stands in columns of its own: the state of every valve is judged by it.
 WATCHED_DAYS: Final = Table(
     "watched_days",
     METADATA,
@@ -25,6 +25,7 @@ WATCHED_DAYS: Final = Table(
     Column("document", JSON(none_as_null=True)),
     Column("reason", Text, nullable=False),
     *(Column(f"friction_n{end}", Float) for end in ("", "_low", "_high")),
+    Column("driven_by", String(16), nullable=False),
     UniqueConstraint("valve", "day"),
     Index("ix_watched_days_day", "day"),
 )

@@ -37,6 +37,7 @@ class WatchedTable:
             "software": found.software,
             "document": None if found.document is None else dict(found.document),
             "reason": found.reason,
+            "driven_by": found.driven_by,
             **dict(zip(_FRICTION, (None if friction is None else friction.value, low, high), strict=True)),
         }
         mine = (WATCHED_DAYS.c.valve == found.valve) & (WATCHED_DAYS.c.day == found.day)
@@ -50,10 +51,10 @@ class WatchedTable:
         with self._engine.connect() as connection:
             return [_day(row) for row in connection.execute(query.limit(limit))]
 
-    def judged(self, valves: Collection[str]) -> dict[str, set[date]]:
-        """Return which days of these valves have been judged."""
+    def judged(self, valves: Collection[str], since: date) -> dict[str, set[date]]:
+        """Return which days of these valves, ``since`` one, have been judged."""
         found: dict[str, set[date]] = {tag: set() for tag in valves}
-        query = select(WATCHED_DAYS.c.valve, WATCHED_DAYS.c.day)
+        query = select(WATCHED_DAYS.c.valve, WATCHED_DAYS.c.day).where(WATCHED_DAYS.c.day >= since)
         with self._engine.connect() as connection:
             for row in connection.execute(query):
                 if row.valve in found:
@@ -62,14 +63,14 @@ class WatchedTable:
 
     def frictions(self, since: date) -> dict[str, list[FrictionInService]]:
         """Return the friction of each day since then that has one, by valve, oldest first."""
-        columns = (WATCHED_DAYS.c[name] for name in ("valve", "day", "judged_at", *_FRICTION))
+        columns = (WATCHED_DAYS.c[name] for name in ("valve", "day", "judged_at", "driven_by", *_FRICTION))
         wanted = (WATCHED_DAYS.c.day >= since) & WATCHED_DAYS.c.friction_n.is_not(None)
         found: defaultdict[str, list[FrictionInService]] = defaultdict(list)
         with self._engine.connect() as connection:
             for row in connection.execute(select(*columns).where(wanted).order_by(WATCHED_DAYS.c.day)):
                 has_ends = row.friction_n_low is not None and row.friction_n_high is not None
                 figure = Figure(row.friction_n, (row.friction_n_low, row.friction_n_high) if has_ends else None)
-                found[row.valve].append(FrictionInService(row.day, figure, row.judged_at))
+                found[row.valve].append(FrictionInService(row.day, figure, row.judged_at, row.driven_by))
         return dict(found)
 
 

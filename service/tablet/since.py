@@ -72,7 +72,8 @@ def since_yesterday(parts: Parts, stands: Mapping[str, Stand], now: datetime) ->
         if result is None:
             return None
         state = parts.earlier.as_it_stood(plant, at, tag, result)
-        state = Oldest(at, "", parts.staleness.watched(tag, at)).state(state, at)
+        result_at = result[1] or at
+        state = Oldest(result_at, "").with_watched(parts.staleness.watched(tag, at)).state(state, result_at)
         return condition_of(None, state, is_busy=False, is_tested=True)
 
     ended = not_carried_out(engine, at, now)

@@ -8,6 +8,7 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 import pytest
+import structlog
 
 from drivers.motion.moved_windows import LEAD_S, TAIL_S, FloatArray, MovedWindows
 from drivers.motion.watch_file import WatchFileWriter, day_of, days_in, folder_of, read_watch_file
@@ -134,9 +135,45 @@ async def test_files_are_removed_after_their_days_and_a_full_one_takes_no_more(
         moving = 0.05 + 0.01 * number + np.linspace(0.0, 0.01, 50)
         keeper.take(valve, rules.span_of(DAY), [tuple(row) for row in rows(50, 5.0 * number, moving).tolist()])
     await keeper.close()
-    assert [one.day for one in days_in(quick_path, "FV-101")] == [DAY - timedelta(days=1), DAY]
+    assert [one.day for one in days_in(quick_path, "FV-101")] == [DAY - timedelta(days=2), DAY - timedelta(days=1), DAY]
     assert len(read_watch_file(day_of(quick_path, "FV-101", DAY).path)[1]) == 600
     assert keeper.kept["FV-101"] == 600
+
+
+async def test_rows_that_the_disk_does_not_take_in_time_are_counted_and_said_once(
+    quick_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("drivers.motion.watch_keeper._MOST_WAITING", 1)
+    rules = WatchRules(PERIOD_S, zone=ZoneInfo("UTC"))
+    keeper, valve = WatchKeeper(quick_path), WatchedValve("FV-101", rules, 0.1, "breakaway 0")
+    moving = [tuple(row) for row in rows(50, 0.0, 0.05 + np.linspace(0.0, 0.01, 50)).tolist()]
+    with structlog.testing.capture_logs() as said:
+        for _ in range(3):  # the event loop hears of none that is written meanwhile
+            keeper.take(valve, rules.span_of(DAY), moving)
+    await keeper.close()
+    assert keeper.dropped == {"FV-101": 100}
+    assert sum("not kept" in one["event"] for one in said) == 1
+
+
+async def test_a_clock_that_goes_years_ahead_removes_no_samples(quick_path: Path) -> None:
+    rules = WatchRules(PERIOD_S, keep_days=3, zone=ZoneInfo("UTC"))
+    week = [DAY - timedelta(days=back) for back in (2, 1, 0)]
+    for day in week:
+        WatchFileWriter(day_of(quick_path, "FV-101", day), {}).close()
+    keeper, valve = WatchKeeper(quick_path), WatchedValve("FV-101", rules, 0.1, "breakaway 0")
+    keeper.take(valve, rules.span_of(date(2036, 1, 1)), [tuple(row) for row in rows(50).tolist()])
+    await keeper.close()
+    assert [one.day for one in days_in(quick_path, "FV-101")] == week
+
+
+async def test_yesterday_is_there_to_be_judged_when_today_begins(quick_path: Path) -> None:
+    rules = WatchRules(PERIOD_S, keep_days=1, zone=ZoneInfo("UTC"))
+    keeper, valve = WatchKeeper(quick_path), WatchedValve("FV-101", rules, 0.1, "breakaway 0")
+    for number in range(3):
+        moving = rows(50, 86_400.0 * number, 0.05 + np.linspace(0.0, 0.01, 50))
+        keeper.take(valve, rules.span_of(DAY + timedelta(days=number)), [tuple(row) for row in moving.tolist()])
+    await keeper.close()
+    assert [one.day for one in days_in(quick_path, "FV-101")] == [DAY + timedelta(days=1), DAY + timedelta(days=2)]
 
 
 BERLIN = ZoneInfo("Europe/Berlin")

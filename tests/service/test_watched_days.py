@@ -289,10 +289,13 @@ def test_days_are_kept_by_valve_and_a_day_that_is_judged_again_stands_in_its_pla
     assert [one.day for one in newest] == [DAY, DAY - timedelta(days=1)]
     assert newest[0].figures == {}
     assert newest[0] == said(DAY, None)
-    assert store.watched.judged(["FV-101"])["FV-101"] == {DAY - timedelta(days=back) for back in range(4)}
+    assert store.watched.judged(["FV-101"], DAY - timedelta(days=2)) == {
+        "FV-101": {DAY - timedelta(days=back) for back in range(3)}
+    }
     frictions = store.watched.frictions(DAY - timedelta(days=2))
     assert [one.friction.value for one in frictions["FV-101"]] == [1002.0, 1001.0]
     assert [one.friction.value for one in frictions["FV-102"]] == [900.0]
+    assert {one.driven_by for one in frictions["FV-101"]} == {"pressure"}
     store.close()
 
 

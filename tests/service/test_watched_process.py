@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import resource
 import signal
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -79,6 +80,19 @@ async def test_a_killed_motion_process_leaves_what_it_read_and_the_next_one_goes
         assert len(rows) > len(left)
         assert np.all(np.diff(rows[:, 0]) > 0.0)
         assert plant.records[TAG].events == ()  # nothing was written to its device
+
+
+async def test_the_motion_process_may_open_as_many_files_as_the_system_allows(quick_path: Path) -> None:
+    """A file a watched valve: those of 1,250 must not leave a test without its bus or journal."""
+    path = quick_path / "plant.toml"
+    path.write_text(service_text() + bus_text("plc-1", 9) + valve_text(TAG, "plc-1", more=WATCH), encoding="utf-8")
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(512, hard), hard))
+    try:
+        async with moving(path) as process:
+            assert resource.prlimit(process.pid, resource.RLIMIT_NOFILE) == (min(hard, 65536), hard)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
 def size_of(path: Path) -> int:

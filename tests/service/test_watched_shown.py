@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, date, datetime, timedelta
 
 import numpy as np
@@ -65,6 +66,14 @@ def test_friction_that_may_be_as_it_was_is_no_reason(days: list[FrictionInServic
     assert friction_changed(days, DAY, HealthLimits(), FACTS) is None
 
 
+def test_days_of_another_signal_are_not_held_against_each_other() -> None:
+    risen = frictions(1000, 1000, 1000, 1400, 1400, 1400)
+    by_pressure = [replace(one, driven_by="pressure") for one in risen]
+    by_command = [replace(one, driven_by="command") for one in risen]
+    assert friction_changed([*by_pressure[:3], *by_command[3:]], DAY, HealthLimits(), FACTS) is None
+    assert friction_changed(by_command, DAY, HealthLimits(), FACTS)
+
+
 def test_days_that_are_long_ago_say_nothing_of_today() -> None:
     risen = frictions(1000, 1000, 1000, 1400, 1400, 1400)
     assert friction_changed(risen, DAY + timedelta(days=10), HealthLimits(), FACTS)
@@ -76,8 +85,19 @@ def test_what_days_in_service_say_holds_from_the_day_on_which_they_said_it(plant
     stale.note_watched({"FV-101": ChangedInService("Friction in service has risen.", since)})
     before, after = (stale.oldest("FV-101", since + timedelta(hours=hours)) for hours in (-1, 1))
     assert before.state("N", since) == "N"
-    assert after.state("N", since) == "M"
+    assert after.state("N", since - timedelta(days=1)) == "M"
     assert stale.oldest("FV-102", since + timedelta(hours=1)).state("N", since) == "N"
+
+
+def test_a_test_that_came_behind_it_has_answered_what_days_in_service_asked_for(plant: Plant) -> None:
+    stale, since = Staleness(plant), NOON
+    stale.note_watched({"FV-101": ChangedInService("Friction in service has risen: test this valve.", since)})
+    now, tested_at = since + timedelta(days=2), since + timedelta(days=1)
+    oldest = stale.oldest("FV-101", now)
+    assert oldest.state("N", tested_at) == "N"
+    assert oldest.health({"ne107": "N", "reasons": []}, tested_at, now) == {"ne107": "N", "reasons": []}
+    assert oldest.state("N", since - timedelta(hours=1)) == "M"
+    assert oldest.state(None, None) == "M"
 
 
 @pytest.mark.parametrize(("tested", "shown"), [("N", "M"), ("C", "M"), ("M", "M"), ("S", "S"), ("F", "F"), (None, "M")])

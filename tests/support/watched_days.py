@@ -14,7 +14,8 @@ NOON = datetime(2026, 11, 22, 12, tzinfo=UTC)
 def document(friction_n: float | None, half_n: float = 30.0) -> dict[str, Any]:
     ci95 = None if friction_n is None else [friction_n - half_n, friction_n + half_n]
     figure = {"value": friction_n, "unit": "N", "ci95": ci95, "scatter": None, "count": 9, "note": "few moves"}
-    return {"schema": "breakaway/watch/1", "moves": 12, "figures": {"friction": figure}}
+    recording = {"driven_by": "pressure"}
+    return {"schema": "breakaway/watch/1", "recording": recording, "moves": 12, "figures": {"friction": figure}}
 
 
 def said(day: date, friction_n: float | None, *, half_n: float = 30.0, valve: str = "FV-101") -> WatchedDay:

@@ -29,6 +29,7 @@ def upgrade() -> None:
         sa.Column("friction_n", sa.Float()),
         sa.Column("friction_n_low", sa.Float()),
         sa.Column("friction_n_high", sa.Float()),
+        sa.Column("driven_by", sa.String(16), nullable=False),
         sa.PrimaryKeyConstraint("id", name="pk_watched_days"),
         sa.UniqueConstraint("valve", "day", name="uq_watched_days_valve"),
     )
