@@ -23,6 +23,7 @@ from valve.errors import InternalError, RecordingError, ValveError
 from valve.nameplate import Nameplate
 
 _LOG = structlog.get_logger(__name__)
+_NOTED_AGAIN: Final = timedelta(hours=1)  # a baseline may be new
 _FIRST_S: Final = 30.0  # after the start: first of all the valves are looked at
 _PERIOD_S: Final = 300.0
 _SETTLED: Final = timedelta(minutes=1)  # what was read last is on disk by then
@@ -48,6 +49,7 @@ class WatchedDays:
         self._software = software
         self._task: asyncio.Task[None] | None = None
         self._tries: dict[Path, int] = {}
+        self._noted: datetime | None = None
 
     def start(self) -> None:
         """Judge what is over from now on."""
@@ -78,7 +80,9 @@ class WatchedDays:
             if found is not None:
                 await asyncio.to_thread(self._store.watched.add, found, self._store.gateway)
                 judged += 1
-        await asyncio.to_thread(self.note_states)
+        if judged or self._noted is None or abs(now - self._noted) >= _NOTED_AGAIN:
+            self._noted = now  # it reads more than a year of all valves
+            await asyncio.to_thread(self.note_states)
         return judged
 
     def note_states(self, today: date | None = None) -> None:
