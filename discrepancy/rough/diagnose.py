@@ -38,6 +38,7 @@ from valve.recording import Recording
 Named = tuple[str, Recording]
 
 _FEWEST_BLOCKS: Final = 6
+_NO_SLIDES: Final = "the stem hardly slides in this test: repeat it with a larger amplitude or a faster ramp"
 _SLOW_S: Final = 0.1  # a lag that quick sweeps leave rows for
 _LAG_ERROR: Final = 0.1  # of a lag that the balance found with too short a settling
 _KNOWN: Final = 0.05  # of F_c: its error
@@ -83,8 +84,11 @@ def diagnose(
         # quick sweeps leave no rows for a long settling
         lag = Known(_SLOW_S, lag.value)
         null = _plain(reading, nameplate, lag, creeping_m_per_s)
+    slips = null is None
     if null is None:
-        return _not_assessed("the stem hardly slides in this test: repeat it with a larger amplitude or a faster ramp")
+        null = _plain(reading, nameplate, lag, 0.0, by_slips=True)
+    if null is None:
+        return _not_assessed(_NO_SLIDES)
     late = null.known("lag")
     if not is_settled(lag, late.value):
         # a heavily damped stem: its transients look like friction that falls with speed
@@ -104,21 +108,32 @@ def diagnose(
     if accepted.laws:
         null = fitted(null.problem, accepted.columns(null.problem))
     view = View(recording, nameplate, reading, setting, null, estimate)
-    selection = selected(null, [one for one in accepted.candidates(setting) if rows.has_spring or not one.needs_spring])
+    candidates = [] if slips else accepted.candidates(setting)
+    selection = selected(null, [one for one in candidates if rows.has_spring or not one.needs_spring])
     seen: list[tuple[SeenCause, Seen]] = []
     for other in SEEN_CAUSES if rows.has_spring else ():
-        free = not other.is_last or not (selection.rounds or seen)
+        free = other.by_slips if slips else not other.is_last or not (selection.rounds or seen)
         if free and (shown := other.seen(view)) is not None:
             seen.append((other, shown))
-    return _concluded(view, selection, seen, held_out, accepted)
+    if slips and not seen:
+        return _not_assessed(_NO_SLIDES)
+    found = _concluded(view, selection, seen, held_out, accepted)
+    return replace(found, message=f"{found.message} Other causes: {_NO_SLIDES}.") if slips else found
 
 
-def _plain(reading: Reading, nameplate: Nameplate, lag: Known, creeping_m_per_s: float, of: int = 0) -> Solved | None:
-    """The plain valve whose stem follows that late; None with too little motion, as such and of so many blocks."""
+def _plain(
+    reading: Reading, nameplate: Nameplate, lag: Known, creeping_m_per_s: float, of: int = 0, *, by_slips: bool = False
+) -> Solved | None:
+    """The plain valve whose stem follows that late; None with too little motion, as such and of so many blocks.
+
+    ``by_slips``: it may slide one way only, where breakaways both ways show the rest.
+    """
     rows = observations(reading, lag).above(creeping_m_per_s)
     slide = rows.is_slide
     fewest = max(_FEWEST_BLOCKS, _KEPT * of)
-    if int(slide.sum()) < fewest or np.unique(rows.direction[slide]).size < 2:
+    shown = slide if not by_slips else np.ones(rows.count, np.bool_)
+    ways = [int((rows.direction[shown] == way).sum()) for way in (1.0, -1.0)]
+    if int(slide.sum()) < fewest or min(ways) < (_FEWEST_BLOCKS if by_slips else 1):
         return None
     problem = problem_of(rows, setting_of(rows, reading, nameplate, creeping_m_per_s), lag)
     return fitted(problem, problem.no_columns)

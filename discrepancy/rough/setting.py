@@ -68,8 +68,12 @@ def full_force(nameplate: Nameplate, largest_n: float) -> float:
 def setting_of(rows: Observations, reading: Reading, nameplate: Nameplate, creeping_m_per_s: float = 0.0) -> Setting:
     """Return the sizes of this valve, by least squares of its driven motion; slower than the last it creeps."""
     slide = rows.is_slide
-    columns = [np.ones(rows.count), rows.direction, *([rows.travel_m] if rows.has_spring else [])]
-    found = np.linalg.lstsq(np.column_stack(columns)[slide], rows.force_n[slide], rcond=None)[0]
+    columns = [np.ones(rows.count), rows.direction * slide, *([rows.travel_m] if rows.has_spring else [])]
+    both = np.unique(rows.direction[slide]).size == 2
+    # a stem that slides one way only shows its offset by the breakaways
+    chosen = slide if both else np.ones(rows.count, np.bool_)
+    columns += [] if both else [rows.direction * ~slide]
+    found = np.linalg.lstsq(np.column_stack(columns)[chosen], rows.force_n[chosen], rcond=None)[0]
     offset_n, friction_n = float(found[0]), float(found[1])
     spring = float(found[2]) if rows.has_spring else 0.0
     spring = spring if spring > 0.0 else reading.spring_n_per_m

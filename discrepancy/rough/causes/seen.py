@@ -60,6 +60,8 @@ class SeenCause(Protocol):
     action: ClassVar[str]
     #: Looked for only where no other cause was found, as others change the motion that it is read off.
     is_last: ClassVar[bool]
+    #: Whether a stem shows it that hardly slides.
+    by_slips: ClassVar[bool] = False
 
     def seen(self, view: View) -> Seen | None:
         """Return what shows the cause, None where nothing does."""

@@ -59,6 +59,7 @@ class _TravelStop(ABC):
     action: ClassVar[str]
     direction: ClassVar[int]
     is_last: ClassVar[bool] = False
+    by_slips: ClassVar[bool] = True
 
     @abstractmethod
     def _effect(self, place_m: float) -> Effect:

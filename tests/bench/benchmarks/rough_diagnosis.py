@@ -64,6 +64,7 @@ _TAKEN_UP: Final = (
     "position_lag",
     "dwell_dependent_breakaway",
 )
+_MOVED: Final = 0.02  # of the way that it goes
 _CLASSES: Final = ((0.0, 3.0), (3.0, 10.0), (10.0, 1.0e9))
 
 
@@ -142,9 +143,16 @@ def _natural(effect: Effect, scale: ValveScale) -> bool:
 
 
 def _moved_n(one: RoughCase, plain: RoughCase) -> float:
-    """How far an effect moves the reading, as a force, N, root mean square."""
+    """How far an effect moves the reading once the stem has moved, as a force, N, root mean square.
+
+    Where it stood before tells nothing: it may have been put on a stop that it never meets again.
+    """
     off_m = one.recording.position_m - plain.recording.position_m
-    return float(np.sqrt(np.mean(off_m**2))) * one.settings.parameters.spring_rate_n_per_m
+    moved = np.ones(off_m.size, np.bool_)
+    for position_m in (one.recording.position_m, plain.recording.position_m):
+        away_m = np.abs(position_m - position_m[0])
+        moved &= np.maximum.accumulate(away_m) > _MOVED * float(np.ptp(position_m))
+    return float(np.sqrt(np.mean(off_m[moved] ** 2))) * one.settings.parameters.spring_rate_n_per_m
 
 
 def hidden_case(hidden: tuple[str, str, str, str], seed: int, wanted: float) -> tuple[RoughCase, float] | None:

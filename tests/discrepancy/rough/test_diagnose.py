@@ -150,3 +150,12 @@ def test_a_cause_at_the_end_of_its_range_is_named_where_its_interval_reaches_int
     found = diagnose(made.recording, made.nameplate)
     assert [one.cause for one in found.causes] == ["pressure_dependent_friction"]
     assert found.causes[0].parameters["share"].value == pytest.approx(0.144, rel=0.1)
+
+
+def test_a_stem_that_slips_all_the_way_still_shows_the_stop_that_it_runs_into() -> None:
+    stop = TravelStopHigh(0.05135, 0.0)
+    made = case("rough", "multi_rate", "usual", seed=83001, effects=[stop])
+    found = diagnose(made.recording, made.nameplate)
+    assert [one.cause for one in found.causes] == ["travel_stop_high"]
+    assert found.causes[0].parameters["position_m"].value == pytest.approx(0.05135, abs=1.0e-4)
+    assert "hardly slides" in found.message  # nothing is said of other causes
