@@ -54,6 +54,7 @@ _HIDDEN_BANDS: Final = 1.5
 _SLOW_ROWS_S: Final = 0.05  # no slip shows in slower ones
 _SEEN: Final = 0.03  # of F_c
 _UNRESOLVED_S: Final = 0.004  # the times of a stem and of a sensor's filter: slower rows do not show them
+_MASSES_KG: Final = (0.005, 1000.0)  # of all moving parts, stem valves from the smallest to the largest
 _NO_MASS_S: Final = 0.01  # rows so slow show friction that varies as a mass
 _CREEPS: Final = 0.01  # of F_c, that creeping leaves open
 _FAR: Final = 3.5  # standard errors
@@ -234,6 +235,9 @@ def _concluded(basis: Basis, whole: Dynamic | None, said: str) -> Estimate:
         parameters["m"] = absent(str(Outcome.TRANSIENTS_NOT_RESOLVED))
     if whole is not None and whole.creeping.get("F_c", 0.0) > _CREEPS * found.known("F_c").value:
         parameters["m"] = absent(_CREEPING)
+    if "m" in quantities and not _MASSES_KG[0] < quantities["m"].value < _MASSES_KG[1]:
+        mass = f"{quantities['m'].value:.3g} kg"
+        parameters["m"] = absent(f"the motion looks like that of {mass}: something else moves the stem so")
     if "F_s" not in parameters:
         parameters["F_s"] = absent("fewer than two breakaways from rest were seen")
     hidden = _hidden_jumps(reading, quantities)

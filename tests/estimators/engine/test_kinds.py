@@ -164,3 +164,9 @@ def test_a_supply_that_ends_the_stroke_takes_no_ramp_for_the_stems_lag() -> None
     lag = lag_after_corners(reading)
     assert abs(lag.value - made.truth.parameters.viscous_friction_n_s_per_m / 52538.0) < 2.0 * lag.std_error
     assert set(driven_blocks(reading, lag).direction) == {1.0, -1.0}
+
+
+def test_a_mass_that_no_stem_has_is_not_given() -> None:
+    mass = _estimated(case("graphite", "multi_rate", "hard", 1.0e-3, seed=9852)).parameters["m"]
+    assert mass.value is None
+    assert "the motion looks like that of" in mass.note
