@@ -22,8 +22,8 @@ from estimators.engine.sections import sections_of
 from valve.effects.position_lag import PositionLag as LagEffect
 
 LIMIT_S: Final = 0.04
-_SURE: Final = 20.0  # of minus twice the logarithm of the likelihood, beyond the best valve whose reading is quick
-_QUICK: Final = 0.5  # of the limit: the filter of a reading that does not lag
+_SURE: Final = 20.0  # of minus twice the logarithm of the likelihood, beyond the best valve whose reading does not lag
+_QUICK: Final = 0.5  # of the limit: a stem that follows so soon has no reading that lags
 _FITS: Final = 1.6  # chi beyond which the motion was not understood
 _SECTIONS: Final = 8
 _TIMES_S: Final = (0.01, 0.003)  # of a stem that is quick itself
@@ -46,11 +46,11 @@ class PositionLag(SeenCause):
             return None
         fits = _fits(view, late_s.value)
         lagging = [one for one in fits if _filter_s(one).value > LIMIT_S]
-        quick = [one for one in fits if _filter_s(one).value < _QUICK * LIMIT_S]
+        others = [one for one in fits if _filter_s(one).value <= LIMIT_S]
         if not lagging:
             return None
         best = min(lagging, key=lambda one: one.surprise)
-        if best.surprise > min((one.surprise for one in quick), default=math.inf) - _SURE:
+        if best.chi > _FITS or best.surprise > min((one.surprise for one in others), default=math.inf) - _SURE:
             return None
         found = _filter_s(best)
         damping = math.exp(float(best.unknowns.parameters[LN_V]))

@@ -159,3 +159,8 @@ def test_a_stem_that_slips_all_the_way_still_shows_the_stop_that_it_runs_into() 
     assert [one.cause for one in found.causes] == ["travel_stop_high"]
     assert found.causes[0].parameters["position_m"].value == pytest.approx(0.05135, abs=1.0e-4)
     assert "hardly slides" in found.message  # nothing is said of other causes
+
+
+def test_a_damped_stem_behind_a_filter_of_twenty_milliseconds_is_no_reading_that_lags() -> None:
+    made = case("graphite", "triangle", "hard", seed=52003)  # F_v / k is 340 ms
+    assert diagnose(made.recording, made.nameplate).verdict is Verdict.NONE
