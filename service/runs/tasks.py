@@ -12,6 +12,7 @@ Result = TypeVar("Result")
 
 _LOG = structlog.get_logger(__name__)
 _CANCELLED_S: Final = 5.0
+_CANCELLED_AGAIN_S: Final = 0.5
 
 
 class Background:
@@ -26,10 +27,14 @@ class Background:
         self._task = asyncio.create_task(self._work())
 
     async def close(self) -> None:
-        """End; nothing happens where it never began."""
-        if self._task is not None:
+        """End; nothing happens where it never began.
+
+        It is cancelled until it has ended: ``asyncio.wait_for`` of Python 3.11 swallows a cancellation that comes as
+        what it waits for is done (CPython issue 37658).
+        """
+        while self._task is not None and not self._task.done():
             self._task.cancel()
-            await asyncio.wait({self._task})
+            await asyncio.wait({self._task}, timeout=_CANCELLED_AGAIN_S)
 
 
 class Tasks:

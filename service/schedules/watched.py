@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from collections.abc import Mapping
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
@@ -18,6 +17,7 @@ from service.health.judge import facts_of
 from service.health.staleness import Staleness
 from service.health.watched import HISTORY_DAYS, friction_changed
 from service.model.watched_day import ChangedInService, DayJudged, WatchedDay
+from service.runs.tasks import Background
 from service.store.store import Store
 from valve.errors import InternalError, RecordingError, ValveError
 from valve.nameplate import Nameplate
@@ -38,31 +38,23 @@ class JudgesDays(Protocol):
         """Return what the file says. Raises RecordingError, InternalError."""
 
 
-class WatchedDays:
-    """Judges the days of this gateway's valves. All methods belong to the event loop."""
+class WatchedDays(Background):
+    """Judges the days of this gateway's valves. All methods belong to the event loop.
+
+    A day that is under way at the end is judged anew after the next start.
+    """
 
     def __init__(self, plant: Plant, store: Store, stale: Staleness, judge: JudgesDays | None, software: str) -> None:
+        super().__init__(self._keep_judging)
         self._plant = plant
         self._store = store
         self._stale = stale
         self._judge = judge
         self._software = software
-        self._task: asyncio.Task[None] | None = None
         self._tries: dict[Path, int] = {}
         self._noted: datetime | None = None
 
-    def start(self) -> None:
-        """Judge what is over from now on."""
-        self._task = asyncio.create_task(self._work())
-
-    async def close(self) -> None:
-        """Begin no further day; one under way is judged anew after the next start."""
-        if self._task is not None:
-            self._task.cancel()
-            with contextlib.suppress(asyncio.CancelledError):
-                await self._task
-
-    async def _work(self) -> None:
+    async def _keep_judging(self) -> None:
         pause_s = 0.0
         while True:
             try:

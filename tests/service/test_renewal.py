@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from collections.abc import Iterator
 from typing import Any
 
@@ -15,6 +16,7 @@ from service.model.run import Run, RunState
 from service.runs.analyst import ENGINE
 from service.runs.renewal import RENEWAL, Renewal
 from service.runs.service import Runs
+from service.runs.tasks import Background
 from service.store.schema_health import FIGURES
 from service.store.store import Store
 from tests.support.fake_rig import FakeAnalyst, FakeRig
@@ -156,5 +158,20 @@ async def test_the_service_begins_by_itself_and_ends_it_at_once(service: _Servic
     async with asyncio.timeout(20.0):
         while service.baselines:  # noqa: ASYNC110  - it is looked at from outside
             await asyncio.sleep(0.02)
-    await asyncio.wait_for(service.renewal.close(), 2.0)
+    await asyncio.wait_for(service.renewal.close(), 20.0)
     await service.runs.shut_down()
+
+
+async def test_work_that_swallows_a_cancellation_is_ended_all_the_same() -> None:
+    began = asyncio.Event()
+
+    async def work() -> None:
+        with contextlib.suppress(asyncio.CancelledError):  # as asyncio.wait_for of Python 3.11 may
+            began.set()
+            await asyncio.sleep(60.0)
+        await asyncio.sleep(60.0)
+
+    background = Background(work)
+    background.start()
+    await began.wait()
+    await asyncio.wait_for(background.close(), 20.0)

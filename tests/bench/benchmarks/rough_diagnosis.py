@@ -52,7 +52,7 @@ HIDDEN: Final = (
     "position_lag",
     "dwell_dependent_breakaway",
 )
-_RESTING: Final = ("position_backlash", "dwell_dependent_breakaway")  # which only a test with rests shows
+RESTING: Final = ("position_backlash", "dwell_dependent_breakaway")  # which only a test with rests shows
 _STRENGTHS: Final = (3.0, 40.0)
 _TRIES: Final = 5
 _TAKEN_UP: Final = (
@@ -142,7 +142,7 @@ def _natural(effect: Effect, scale: ValveScale) -> bool:
     return all(ranges[name][0] <= value <= ranges[name][1] for name, value in values.items())
 
 
-def _moved_n(one: RoughCase, plain: RoughCase) -> float:
+def moved_n(one: RoughCase, plain: RoughCase) -> float:
     """How far an effect moves the reading once the stem has moved, as a force, N, root mean square.
 
     Where it stood before tells nothing: it may have been put on a stop that it never meets again.
@@ -179,7 +179,7 @@ def hidden_case(hidden: tuple[str, str, str, str], seed: int, wanted: float) -> 
             factor *= 0.6
             continue
         made = case(valve, sequence, grade, seed=seed, effects=[effect])
-        found_n = _moved_n(made, plain) if cause in _TAKEN_UP else misfit_n(made)
+        found_n = moved_n(made, plain) if cause in _TAKEN_UP else misfit_n(made)
         if found_n is None:
             break
         strength = found_n / usual_n
@@ -195,7 +195,7 @@ def told(cause: str, grade: str, number: int, diagnosed: Callable[..., RoughDiag
     """Hide a cause in the valve of this number and ask for it."""
     rng = np.random.default_rng([number, zlib.crc32(f"{cause} {grade}".encode())])
     valve = str(rng.choice(list(VALVES)))
-    sequence = DIAGNOSTIC if cause in _RESTING else str(rng.choice(SEQUENCES))
+    sequence = DIAGNOSTIC if cause in RESTING else str(rng.choice(SEQUENCES))
     wanted = float(np.exp(rng.uniform(*np.log(_STRENGTHS))))
     found = hidden_case((cause, valve, sequence, grade), number, wanted)
     if found is None:
