@@ -164,7 +164,5 @@ def _whole(path: Path) -> tuple[int, int]:
         _header(path, data)
     except RecordingError:
         return 0, 0
-    end, rows = data.find(b"\n") + 1, 0
-    for end, block in _blocks(data):  # noqa: B007  - the last one's is meant
-        rows += len(block)
-    return end, rows
+    whole = [(data.find(b"\n") + 1, 0), *((end, len(block)) for end, block in _blocks(data))]
+    return whole[-1][0], sum(rows for _, rows in whole)

@@ -6,8 +6,7 @@ import asyncio
 import contextlib
 import itertools
 import json
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -40,6 +39,7 @@ from tests.support.in_process import app_of
 from tests.support.processes import until
 from tests.support.running_service import running_application
 from tests.support.watched_days import DAY, NOON, document, said
+from tests.support.watching import meanwhile
 from tests.support.wired_plant import TAG, wired_plant
 from valve.errors import InternalError, RecordingError
 from valve.nameplate import Nameplate
@@ -48,8 +48,7 @@ from valve.parameter_sets import PARAMETER_SETS
 WATCH = "[valves.watch]\nperiod_s = 0.02\n"
 
 
-@asynccontextmanager
-async def controlled(plant: SimulatedPlant, speed: float) -> AsyncIterator[None]:
+def controlled(plant: SimulatedPlant, speed: float) -> AbstractAsyncContextManager[None]:
     """Have a controller beside us move the valve: it ramps from output to output, 12 kPa/s of the valve's time."""
 
     async def drive() -> None:
@@ -64,13 +63,7 @@ async def controlled(plant: SimulatedPlant, speed: float) -> AsyncIterator[None]
             valve.ask(asked_pa)
             await asyncio.sleep(0.02)
 
-    driving = asyncio.create_task(drive())
-    try:
-        yield
-    finally:
-        driving.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await driving
+    return meanwhile(drive())
 
 
 async def test_what_was_read_of_a_simulated_valve_gives_its_friction_within_the_interval(quick_path: Path) -> None:

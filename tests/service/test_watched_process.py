@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import resource
 import signal
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager
 from datetime import UTC, datetime, time, timedelta
 from pathlib import Path
 
@@ -20,6 +18,7 @@ from simulator.assembly import SimulatedPlant
 from tests.estimators.in_service.records import AREA_M2, BENCH_PA, BREAKAWAY_PA, FRICTION_PA, TRAVEL_M, record
 from tests.support.plants import bus_text, service_text, valve_text
 from tests.support.processes import Condition, moving, serving, until
+from tests.support.watching import meanwhile
 from tests.support.wired_plant import TAG, wired_plant
 
 WATCH = "[valves.watch]\nperiod_s = 0.02\n"
@@ -27,8 +26,7 @@ LOW_PA, HIGH_PA = 10_000.0, 75_000.0
 STROKE_S = 3.0
 
 
-@asynccontextmanager
-async def controlled(plant: SimulatedPlant) -> AsyncIterator[None]:
+def controlled(plant: SimulatedPlant) -> AbstractAsyncContextManager[None]:
     """Have a controller beside us drive the valve's I/P up and down."""
 
     async def drive() -> None:
@@ -40,13 +38,7 @@ async def controlled(plant: SimulatedPlant) -> AsyncIterator[None]:
             valve.ask(LOW_PA + (HIGH_PA - LOW_PA) * share)
             await asyncio.sleep(0.01)
 
-    driving = asyncio.create_task(drive())
-    try:
-        yield
-    finally:
-        driving.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await driving
+    return meanwhile(drive())
 
 
 async def test_a_killed_motion_process_leaves_what_it_read_and_the_next_one_goes_on_with_it(quick_path: Path) -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -54,6 +55,18 @@ async def until(condition: Callable[[], bool], what: str, within_s: float = 20.0
 
 
 @asynccontextmanager
+async def meanwhile(work: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
+    """Let something go on for the length of a block."""
+    going = asyncio.create_task(work)
+    try:
+        yield
+    finally:
+        going.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await going
+
+
+@asynccontextmanager
 async def watching(
     folder: Path,
     address: BusAddress,
@@ -65,13 +78,8 @@ async def watching(
     plant = plant or Plant({one.tag: one for one in wirings or (WATCHED,)})
     addresses = {one.name: one for one in (address, beside) if one is not None}
     watch = Watching(plant, addresses, folder, "breakaway 0", after_s=lambda: after_s)
-    running = asyncio.create_task(watch.run())
-    try:
+    async with meanwhile(watch.run()):
         yield watch
-    finally:
-        running.cancel()
-        with contextlib.suppress(asyncio.CancelledError):
-            await running
 
 
 def functions(slave: RawSlave) -> set[int]:
