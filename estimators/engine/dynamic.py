@@ -51,6 +51,9 @@ _SIDE: Final = 0.5  # of that: by how much it differs from one side to the other
 # Of a rough valve: errors of fresh cases over their standard errors, root mean square. The model knows the shape of the
 # friction's variation, of the gauge's and of the filter's lag less well than its likelihood says.
 _DOUBT_OF: Final = {"m": 1.5, "F_v": 1.3, "k": 1.2, "F_0": 1.2}
+# Roughness of so much of F_c doubles all variances: where friction changes along the travel about as steeply as the
+# spring, how the motion answers to it is no longer linear.
+_STEEP_SHARE: Final = 0.025
 _CREEPING: Final = 0.25  # of F_s - F_c: what friction while the stem creeps below DV, in part at rest, is uncertain by
 
 
@@ -265,6 +268,7 @@ def _of_fit(one: Found, reading: Reading, prior: RoughnessPrior, breakaways: int
     if fields.count and settings.doubted:
         for symbol, share in _DOUBT_OF.items():
             variances[QUANTITIES.index(symbol)] *= share**2
+        variances *= 1.0 + (_rough_share(one) / _STEEP_SHARE) ** 2
     # the scatter is estimated from as many breakaways: Student's t instead of the normal distribution
     student_share = float(student.ppf(0.975, max(1, breakaways - 1))) / NORMAL_95
     variances[QUANTITIES.index("F_s")] += one.model.scatter_n**2 / max(1, breakaways) * (student_share**2 - 1.0)
@@ -275,6 +279,13 @@ def _of_fit(one: Found, reading: Reading, prior: RoughnessPrior, breakaways: int
     if settings.slow_rows:
         _add_slow_rows(one, variances, reading)
     return means, variances
+
+
+def _rough_share(found: Found) -> float:
+    """Size of the friction's roughness along the travel as a share of F_c."""
+    rough = found.model.fields.roughness
+    assert rough is not None, "fields have one"
+    return math.hypot(rough.common_n, rough.own_n) / max(float(found.unknowns.parameters[FC]), 1.0e-9)
 
 
 def mixed(reading: Reading, fits: list[Found], prior: RoughnessPrior, breakaways: int) -> Dynamic:

@@ -36,7 +36,7 @@ class Entry:
 
 
 TABLE: Final = (
-    Entry("mass", math.log(1.0e-3), math.log(1.0e4), 1.0),
+    Entry("mass", math.log(1.0e-3), math.log(500.0), 1.0),  # all moving parts of the largest globe valves
     Entry("damping", math.log(1.0e-2), math.log(1.0e8), 1.0),
     Entry("spring rate", math.log(1.0), math.log(1.0e9), 0.5),
     Entry("sensor's filter", math.log(1.0e-5), math.log(2.0), 1.0),

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from estimators.base import Outcome
 from estimators.engine.force_path import ForcePath, force_path
+from estimators.engine.hum import without_hum
 from estimators.engine.rows import runs_between_gaps
 from estimators.engine.segmentation import Segmentation, segment
 from estimators.samples import Samples, prepare
@@ -68,7 +69,8 @@ def read(recording: Recording, nameplate: Nameplate) -> Reading | Outcome:
         return samples
     rows = np.searchsorted(recording.time_s, samples.time_s)
     run_first, run_last = runs_between_gaps(samples.time_s)
-    samples = replace(samples, run_first=run_first, run_last=run_last)
+    position_m = without_hum(samples.time_s, samples.position_m)
+    samples = replace(samples, run_first=run_first, run_last=run_last, position_m=position_m)
     has_spring = nameplate.actuator.action is Action.SPRING
     noise_m = max(samples.position_noise_m, 1.0e-7 * float(np.ptp(samples.position_m)))
     if not float(np.ptp(samples.position_m)) > _MOVED_SIGMAS * noise_m:

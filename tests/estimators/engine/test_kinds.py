@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from estimators.base import Estimate, Outcome, Status
 from estimators.engine.balance import driven_blocks, lag_after_corners
+from estimators.engine.dynamic import Dynamic, Quantity, dynamic
 from estimators.engine.engine import RoughFrictionEstimator
 from estimators.engine.reading import Reading, read
 from estimators.engine.rows import measured_rows
@@ -166,7 +168,25 @@ def test_a_supply_that_ends_the_stroke_takes_no_ramp_for_the_stems_lag() -> None
     assert set(driven_blocks(reading, lag).direction) == {1.0, -1.0}
 
 
-def test_a_mass_that_no_stem_has_is_not_given() -> None:
-    mass = _estimated(case("graphite", "multi_rate", "hard", 1.0e-3, seed=9852)).parameters["m"]
+def test_a_mass_that_no_stem_has_is_not_given(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = case("nominal", "multi_rate", "usual", seed=5)
+
+    def heavy(*given: Any, **more: Any) -> Dynamic | None:
+        found = dynamic(*given, **more)
+        assert found is not None
+        return replace(found, quantities={**found.quantities, "m": Quantity(500.0, 1.0, (498.0, 502.0))})
+
+    monkeypatch.setattr("estimators.engine.engine.dynamic", heavy)
+    mass = _estimated(made).parameters["m"]
+
     assert mass.value is None
-    assert "the motion looks like that of" in mass.note
+    assert "the motion looks like that of 500 kg" in mass.note
+
+
+def test_a_slow_sensor_is_no_heavy_stem() -> None:
+    # the filter's 20 ms times F_v would be 1,400 kg, which no actuator of this size moves, and F_s 5 errors off
+    made = case("graphite", "multi_rate", "hard", seed=6024)
+    static = _estimated(made).parameters["F_s"]
+
+    assert static.ci95 is not None
+    assert static.ci95[0] <= made.truth.parameters.by_symbol()["F_s"] <= static.ci95[1]

@@ -1,0 +1,67 @@
+"""The mains' hum is taken off where the rests show it, and nothing else is."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from estimators.engine.engine import RoughFrictionEstimator
+from estimators.engine.hum import without_hum
+from tests.support.rough_valves import case
+
+FloatArray = npt.NDArray[np.float64]
+
+NOISE_M: Final = 20.0e-6
+
+
+def _moved(period_s: float, seed: int = 1) -> tuple[FloatArray, FloatArray]:
+    """A minute of a stem that is driven, rests and slips, with white and slow noise, and no hum."""
+    time_s = np.arange(0.0, 60.0, period_s)
+    rng = np.random.default_rng(seed)
+    driven_m = 0.02 * np.sin(0.3 * time_s)
+    slips_m = 1.0e-3 * np.floor(time_s / 3.0) * (time_s < 30.0)
+    noise_m = NOISE_M * rng.normal(size=time_s.size) + np.cumsum(rng.normal(0.0, 5.0e-7, time_s.size))
+    return time_s, driven_m + slips_m + noise_m
+
+
+@pytest.mark.parametrize("hertz", [50.0, 59.96])
+@pytest.mark.parametrize("drift_hz_per_s", [0.0, 3.0e-4])
+@pytest.mark.parametrize("size_m", [3.0e-6, 14.0e-6])
+def test_hum_goes_and_nothing_else(hertz: float, drift_hz_per_s: float, size_m: float) -> None:
+    time_s, plain_m = _moved(1.0e-3)
+    hum_m = size_m * np.sin(2.0 * math.pi * (hertz + 0.5 * drift_hz_per_s * time_s) * time_s + 0.7)
+
+    left_m = without_hum(time_s, plain_m + hum_m) - plain_m
+
+    for first_s in (0.0, 15.0, 30.0, 45.0):
+        inside = (time_s >= first_s) & (time_s < first_s + 15.0)
+        assert np.std(left_m[inside]) < 0.35 * np.std(hum_m)
+
+
+def test_noise_alone_is_left_as_it_is() -> None:
+    for seed in range(8):
+        time_s, position_m = _moved(1.0e-3, seed)
+        assert without_hum(time_s, position_m) is position_m
+
+
+def test_rows_that_are_too_slow_to_show_it_are_left_as_they_are() -> None:
+    time_s, plain_m = _moved(20.0e-3)
+    position_m = plain_m + 30.0e-6 * np.sin(2.0 * math.pi * 47.0 * time_s)
+    assert without_hum(time_s, position_m) is position_m
+
+
+def test_a_hum_is_no_stem_that_swings() -> None:
+    # 10 um at 50 Hz on a valve whose friction is 45 N: a stem of 0.5 kg without damping swings at 50.8 Hz
+    made = case("vendor", "triangle", "hard", seed=6002)
+    truth = made.truth.parameters.by_symbol()
+    found = RoughFrictionEstimator().estimate(made.recording, made.nameplate).parameters
+
+    assert found["m"].value is None
+    coulomb = found["F_c"]
+    assert coulomb.value == pytest.approx(truth["F_c"], rel=0.2)
+    assert coulomb.ci95 is not None
+    assert coulomb.ci95[0] <= truth["F_c"] <= coulomb.ci95[1]
