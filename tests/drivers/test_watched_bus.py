@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import socket
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AsyncExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +19,7 @@ from drivers.motion.bus_lock import FOLDER_VARIABLE, BusLocks, is_taken, watch_n
 from drivers.motion.motion import Motion
 from drivers.motion.orders import Order
 from drivers.motion.rig import WiredRig
+from drivers.motion.watch_post import WatchPost
 from drivers.motion.watched_bus import WatchedBus
 from drivers.outcome import Ended
 from tests.support.played_device import WIRING
@@ -256,3 +259,32 @@ async def test_nothing_is_read_before_the_watchdog_of_a_valve_that_was_left_has_
         locks.give_back(["bus"])
         await until(lambda: len(slave.requests) > asked, "watching went on")
         assert slave.asked_s[asked] - given_back_s >= 0.4
+
+
+async def test_of_two_that_find_the_name_of_a_dead_process_one_alone_watches(address: TcpAddress) -> None:
+    """The second comes after the first has found that nobody answers, and before it has the name."""
+    name = watch_name(address)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as dead:
+        dead.bind(name)
+    first, second = (WatchPost(name, _left, lambda: None) for _ in range(2))
+    unlink = os.unlink
+    refused: list[BaseException | None] = []
+
+    def other_first(path: str) -> None:
+        patched.setattr("os.unlink", unlink)
+        with ThreadPoolExecutor(1) as other:
+            refused.append(other.submit(asyncio.run, second.open()).exception())
+        unlink(path)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("os.unlink", other_first)
+        await first.open()
+    assert "another process watches it" in str(refused[0])
+    assert is_watched(address)
+    await first.close()
+    await second.open()  # the lock is free again
+    await second.close()
+
+
+async def _left() -> None:
+    """Nothing is on the bus."""
