@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import structlog
 
-from drivers.addresses import Parity, RtuAddress, TcpAddress
+from drivers.addresses import BusAddress, Parity, RtuAddress, TcpAddress
 from drivers.motion.bus_lock import FOLDER_VARIABLE, BusLocks, is_taken, watch_name
 from drivers.motion.motion import Motion
 from drivers.motion.orders import Order
@@ -259,6 +259,43 @@ async def test_nothing_is_read_before_the_watchdog_of_a_valve_that_was_left_has_
         locks.give_back(["bus"])
         await until(lambda: len(slave.requests) > asked, "watching went on")
         assert slave.asked_s[asked] - given_back_s >= 0.4
+
+
+async def test_a_bus_that_was_taken_before_is_not_read_before_a_watchdog_could_act_since_it_is_free(
+    quick_path: Path, device: ReferenceDevice, address: TcpAddress, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its taker asked nobody: how long it is free counts from when that was seen, not from the look before."""
+    slave, looks_s = device.slave, list[float]()
+
+    def looked(place: BusAddress) -> bool:
+        looks_s.append(time.monotonic())
+        return is_taken(place)
+
+    monkeypatch.setattr("drivers.motion.watched_bus.is_taken", looked)
+    monkeypatch.setattr("drivers.motion.watched_bus._LOOK_AGAIN_S", 0.5)
+    others = BusLocks({"bus": address})
+    others.take(["bus"])
+    async with watching(quick_path, address, after_s=0.6):
+        await until(lambda: bool(looks_s), "a look")
+        others.give_back(["bus"])
+        await until(lambda: bool(slave.asked_s), "the first request")
+    assert slave.asked_s[0] - looks_s[1] >= 0.6
+
+
+async def test_whoever_takes_a_bus_waits_for_no_look_of_who_watches_it(
+    quick_path: Path, device: ReferenceDevice, address: TcpAddress, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A watcher looks now and then whether a bus is free that was taken before: that keeps only itself waiting."""
+    monkeypatch.setattr("drivers.motion.watched_bus._LOOK_AGAIN_S", 3600.0)
+    others, ours = BusLocks({"bus": address}), BusLocks({"bus": address})
+    others.take(["bus"])
+    async with watching(quick_path, address):
+        await until(lambda: is_watched(address), "somebody watches")
+        others.give_back(["bus"])
+        async with asyncio.timeout(1.0):
+            for _ in range(5):
+                await ours.take_aside(["bus"])
+                ours.give_back(["bus"])
 
 
 async def test_of_two_that_find_the_name_of_a_dead_process_one_alone_watches(address: TcpAddress) -> None:
