@@ -259,11 +259,47 @@ async def test_samples_of_a_valve_that_is_no_longer_watched_are_judged_and_go_af
     kept(folder, rows(100))
     later = datetime.now(UTC) + timedelta(minutes=2)
     assert await days.look(later) == 1
-    assert await days.look(datetime(2026, 11, 28, 12, tzinfo=UTC)) == 0
+    assert await days.look(later + timedelta(days=7)) == 0
     assert len(days_in(folder, "FV-101")) == 1
-    await days.look(datetime(2026, 11, 29, 12, tzinfo=UTC))
-    assert days_in(folder, "FV-101") == []
+    await days.look(later + timedelta(days=8))
+    assert list(folder.iterdir()) == []
     assert len(store.watched.newest("FV-101", 5)) == 1
+    store.close()
+
+
+async def test_samples_of_a_valve_that_has_left_the_plant_file_go_after_a_week_and_never_at_once(
+    watched_plant: Plant,
+) -> None:
+    store = Store(watched_plant.service.store)
+    days = WatchedDays(watched_plant, store, Staleness(watched_plant), FakeJudge(), "breakaway 0")
+    folder = store.folder / "watched"
+    for tag in ("FV-101", "FV-9", "FV-" + "9" * 200):
+        kept(folder, rows(100), tag)
+    gone = kept(folder, rows(100), "FV-9", DAY - timedelta(days=80))  # its keep_days were many
+    gone.with_name(f"{gone.name}.damaged").write_bytes(b"?")
+    await days.look(NOON + timedelta(days=300))  # a clock that was far ahead
+    for later in (0, 7):
+        await days.look(NOON + timedelta(days=later))
+        assert len(days_in(folder)) == 4
+    await days.look(NOON + timedelta(days=8))
+    assert [one.tag for one in days_in(folder)] == ["FV-101"]
+    assert [home.name for home in folder.iterdir()] == ["FV-101"]
+    store.close()
+
+
+async def test_a_valve_that_comes_back_into_the_plant_file_keeps_its_samples(
+    plant: Plant, watched_plant: Plant
+) -> None:
+    store = Store(plant.service.store)
+    without, with_it = (
+        WatchedDays(one, store, Staleness(one), FakeJudge(), "breakaway 0") for one in (plant, watched_plant)
+    )
+    folder = store.folder / "watched"
+    kept(folder, rows(100))
+    await without.look(NOON)
+    await with_it.look(NOON + timedelta(days=6))
+    await without.look(NOON + timedelta(days=9))
+    assert len(days_in(folder, "FV-101")) == 1
     store.close()
 
 
