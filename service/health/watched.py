@@ -8,11 +8,12 @@ from typing import Final
 
 import numpy as np
 
+from service.config.settings import PlantValve
 from service.health.changes import ValveFacts, allowed, change_of
 from service.model.health_figures import Figure
 from service.model.health_limits import HealthLimits
-from service.model.watched_day import ChangedInService, FrictionInService
-from service.words.units import UnitSystem, measured
+from service.model.watched_day import ChangedInService, FrictionInService, JudgedBy, WatchedDay
+from service.words.units import UnitSystem, measured, quantity
 
 #: Days whose median stands for what friction was, and for what it is.
 DAYS: Final = 3
@@ -28,7 +29,8 @@ def friction_changed(
 
     ``days`` are those since the valve's baseline, oldest first. The first three are held against the last three by
     their medians. A change counts as that of a test does: beyond its 95 % interval and its limit. Days that were
-    judged by another signal than the last one are left out: behind a command, friction holds the I/P's lag.
+    judged by another signal than the last one are left out: behind a command, friction holds the I/P's lag. The caller
+    leaves out those that were judged by another nameplate than the present one.
     """
     days = [one for one in days if one.driven_by == days[-1].driven_by]
     sentence, first = _sentence(days, today, limits, valve), len(days)
@@ -37,6 +39,33 @@ def friction_changed(
     while _sentence(days[: first - 1], days[first - 2].day, limits, valve):
         first -= 1
     return ChangedInService(sentence, days[first - 1].judged_at)
+
+
+def present_nameplate(valve: PlantValve) -> JudgedBy:
+    """Return by which nameplate a day of a valve would be judged now."""
+    actuator = valve.nameplate.actuator
+    return JudgedBy(actuator.travel_m, actuator.diaphragm_area_m2)
+
+
+def not_compared(newest_first: Sequence[WatchedDay], present: JudgedBy) -> str:
+    """Return why friction of some days is not held against that of others; "" where it is."""
+    others = [one for one in newest_first if one.figure("friction") is not None and not one.judged_by.is_like(present)]
+    if not others:
+        return ""
+    days = "1 day" if len(others) == 1 else f"{len(others)} days"
+    return (
+        f"Friction is not compared with that of {days} up to {others[0].day:%Y-%m-%d}: the nameplate was another "
+        f"({_plate(others[0].judged_by)}; now {_plate(present)}). {2 * DAYS} days by the present one are "
+        "needed."
+    )
+
+
+def _plate(one: JudgedBy) -> str:
+    values = (("effective area", one.area_m2, "m2"), ("travel", one.travel_m, "m"))
+    return ", ".join(
+        f"{name} {'not known' if value is None else quantity(value, unit, UnitSystem.SI)}"
+        for name, value, unit in values
+    )
 
 
 def _sentence(days: Sequence[FrictionInService], today: date, limits: HealthLimits, valve: ValveFacts) -> str:

@@ -14,6 +14,7 @@ from drivers.motion.orders import MotionLostError
 from service.access.needs import needs
 from service.access.principal import Right
 from service.config.settings import PlantValve
+from service.health.watched import not_compared, present_nameplate
 from service.http.problems import PROBLEMS
 from service.model.run import file_words
 from service.model.watched_day import WatchedDay
@@ -48,6 +49,8 @@ class WatchedDayView(BaseModel):
         description="as `breakaway watch --json` writes it (breakaway/watch/1); null where nothing could be said"
     )
     reason: str = Field(description="why there is no result; empty where there is one")
+    travel_m: float | None = Field(description="of the nameplate by which the day was judged; null: not known")
+    area_m2: float | None = Field(description="its effective area")
 
 
 class WatchRulesView(BaseModel):
@@ -68,6 +71,9 @@ class WatchedPage(BaseModel):
         description="read, missed, failed; rows kept, and dropped as the disk was late: since the motion process "
         "started; null where that is not known"
     )
+    not_compared: str = Field(
+        description="why friction of some of these days is not held against that of others; empty where it is"
+    )
     days: list[WatchedDayView]
 
 
@@ -82,6 +88,8 @@ def day_view(found: WatchedDay) -> WatchedDayView:
         software=found.software,
         result=None if found.document is None else dict(found.document),
         reason=found.reason,
+        travel_m=found.judged_by.travel_m,
+        area_m2=found.judged_by.area_m2,
     )
 
 
@@ -108,6 +116,7 @@ async def get_watched(
         valve=tag,
         rules=_rules(valve),
         slots=None if slots is None else dict(slots),
+        not_compared=not_compared(days, present_nameplate(valve)),
         days=[day_view(day) for day in days],
     )
     return Response(shown.model_dump_json(), media_type="application/json", headers={"Vary": "Accept"})

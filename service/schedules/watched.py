@@ -15,7 +15,7 @@ from drivers.motion.watch_file import WatchDay, days_in
 from service.config.settings import Plant, PlantValve
 from service.health.judge import facts_of
 from service.health.staleness import Staleness
-from service.health.watched import HISTORY_DAYS, friction_changed
+from service.health.watched import HISTORY_DAYS, friction_changed, present_nameplate
 from service.model.watched_day import ChangedInService, DayJudged, WatchedDay
 from service.runs.tasks import Background
 from service.schedules.left_samples import tidy_left
@@ -89,7 +89,8 @@ class WatchedDays(Background):
                 continue
             baseline = self._store.figures.baseline(tag)
             since = date.min if baseline is None else baseline.test.at.astimezone(self._plant.zone).date()
-            of_now = [one for one in days if one.day >= since]
+            present = present_nameplate(valve)
+            of_now = [one for one in days if one.day >= since and one.judged_by.is_like(present)]
             changed = friction_changed(of_now, today, valve.health, facts_of(valve))
             if changed is not None:
                 said[tag] = changed
@@ -121,6 +122,7 @@ class WatchedDays(Background):
         """Return what a day says; None where nobody could judge it yet."""
         if self._judge is None:
             return None
+        present = present_nameplate(valve)  # the plant file may be read again meanwhile
         try:
             found = await self._judge.judge_day(day.path, valve.nameplate)
         except RecordingError as error:
@@ -145,6 +147,7 @@ class WatchedDays(Background):
             self._software,
             found.document,
             found.reason,
+            present,
         )
 
 

@@ -7,6 +7,7 @@ import contextlib
 import itertools
 import json
 from contextlib import AbstractAsyncContextManager
+from dataclasses import replace
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ from estimators.in_service.watch import watched
 from service.config.settings import Plant, load_plant
 from service.health.staleness import Staleness
 from service.model.health_figures import Figure
-from service.model.watched_day import DayJudged
+from service.model.watched_day import DayJudged, JudgedBy, WatchedDay
 from service.schedules.watched import WatchedDays
 from service.store.database import _config, _engine
 from service.store.store import Store
@@ -38,7 +39,7 @@ from tests.support.fake_rig import FakeAnalyst, FakeRig
 from tests.support.in_process import app_of
 from tests.support.processes import until
 from tests.support.running_service import running_application
-from tests.support.watched_days import DAY, NOON, document, said
+from tests.support.watched_days import DAY, JUDGED_BY, NOON, document, said
 from tests.support.watching import meanwhile
 from tests.support.wired_plant import TAG, wired_plant
 from valve.errors import InternalError, RecordingError
@@ -231,6 +232,7 @@ async def test_a_night_is_judged_once_it_is_over_and_not_again(watched_plant: Pl
     assert len(judge.asked) == 1
     (found,) = store.watched.newest("FV-101", 5)
     assert (found.day, found.rows, found.software) == (DAY, 9, "breakaway 0")
+    assert found.judged_by == JUDGED_BY
     assert found.figures == {"friction_mean_n": Figure(1100.0, (1070.0, 1130.0))}
     store.close()
 
@@ -325,6 +327,7 @@ def test_days_are_kept_by_valve_and_a_day_that_is_judged_again_stands_in_its_pla
     assert [one.friction.value for one in frictions["FV-101"]] == [1002.0, 1001.0]
     assert [one.friction.value for one in frictions["FV-102"]] == [900.0]
     assert {one.driven_by for one in frictions["FV-101"]} == {"pressure"}
+    assert {one.judged_by for one in frictions["FV-101"]} == {JUDGED_BY}
     store.close()
 
 
@@ -337,3 +340,23 @@ def test_the_table_comes_with_its_revision_and_goes_with_it(database_url: str) -
         command.downgrade(_config(connection), "0013")
     assert "watched_days" not in inspect(engine).get_table_names()
     engine.dispose()
+
+
+def test_days_that_were_judged_before_nameplates_were_stored_learn_theirs_from_what_they_said(
+    quick_path: Path, database_url: str
+) -> None:
+    store = Store(quick_path, database_url)
+    whole = document(1100.0)
+    whole["figures"]["friction_signal"] = {**whole["figures"]["friction"], "value": 1100.0 / 0.06452, "unit": "Pa"}
+    whole["travel"] = {"unit": "m", "histogram": {"edges": np.linspace(0.0, 0.1016, 11).tolist()}}
+    nothing = WatchedDay("FV-101", DAY - timedelta(days=2), NOON, NOON, 9, NOON, "x", None, "FV-101: 0 moves")
+    for one in (replace(said(DAY, 1100.0), document=whole), said(DAY - timedelta(days=1), 1100.0), nothing):
+        store.watched.add(replace(one, judged_by=JudgedBy()), "")
+    with store.engine.begin() as connection:
+        command.downgrade(_config(connection), "0014")
+    with store.engine.begin() as connection:
+        command.upgrade(_config(connection), "head")
+    by = [one.judged_by for one in store.watched.newest("FV-101", 3)]
+    assert by[0].is_like(JUDGED_BY)
+    assert by[1:] == [JudgedBy(), JudgedBy()]  # of these nobody can say it
+    store.close()

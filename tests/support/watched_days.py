@@ -5,10 +5,13 @@ from __future__ import annotations
 from datetime import UTC, date, datetime
 from typing import Any
 
-from service.model.watched_day import WatchedDay
+from service.model.watched_day import JudgedBy, WatchedDay
 
 DAY = date(2026, 11, 21)
 NOON = datetime(2026, 11, 22, 12, tzinfo=UTC)
+
+
+JUDGED_BY = JudgedBy(0.1016, 0.06452)  # the nameplate of tests.support.plants
 
 
 def document(friction_n: float | None, half_n: float = 30.0) -> dict[str, Any]:
@@ -18,5 +21,7 @@ def document(friction_n: float | None, half_n: float = 30.0) -> dict[str, Any]:
     return {"schema": "breakaway/watch/1", "recording": recording, "moves": 12, "figures": {"friction": figure}}
 
 
-def said(day: date, friction_n: float | None, *, half_n: float = 30.0, valve: str = "FV-101") -> WatchedDay:
-    return WatchedDay(valve, day, NOON, NOON, 10, NOON, "breakaway 0", document(friction_n, half_n))
+def said(
+    day: date, friction_n: float | None, *, half_n: float = 30.0, valve: str = "FV-101", by: JudgedBy = JUDGED_BY
+) -> WatchedDay:
+    return WatchedDay(valve, day, NOON, NOON, 10, NOON, "breakaway 0", document(friction_n, half_n), judged_by=by)
