@@ -136,19 +136,16 @@ class WatchFileWriter:
 
 
 def read_watch_file(path: Path) -> tuple[dict[str, Any], FloatArray]:
-    """Return the header and the rows of a file, shape (n, 4), whatever is torn or damaged left out.
+    """Return the header and the rows of a file, shape (n, 4), as they were written, what is torn or damaged left out.
 
-    Times are made to increase. Raises RecordingError where the header is missing or damaged, OSError.
+    Times go back where the clock was set back. Raises RecordingError where the header is missing or damaged, OSError.
     """
     data = path.read_bytes()
     header = _header(path, data)
     parts = [rows for _, rows in _blocks(data)]
     rows = np.concatenate(parts) if parts else np.empty(0, _ROW)
     columns = np.column_stack([rows[name].astype(np.float64) for name in _ROW.names or ()])
-    columns = columns[np.isfinite(columns[:, 0])]
-    columns = columns[np.argsort(columns[:, 0], kind="stable")]
-    later = np.diff(columns[:, 0], prepend=-np.inf) > 0.0
-    return header, columns[later]
+    return header, columns[np.isfinite(columns[:, 0])]
 
 
 def _header(path: Path, data: bytes) -> dict[str, Any]:

@@ -257,11 +257,11 @@ class _Valve:
 
     def _in_span(self, keeper: WatchKeeper) -> bool:
         now = datetime.now(UTC)
-        if self._span is not None and now < self._span.ends:
+        if self._span is not None and self._span.begins <= now < self._span.ends:
             return True
         self.hand_on(keeper)
         self._span = self.rules.span_at(now)
-        self._offset_s = time.time() - time.monotonic()  # a clock that is set within a night changes nothing
+        self._offset_s = now.timestamp() - time.monotonic()  # a clock that is set within a night changes nothing
         return self._span is not None
 
     async def _prove(self) -> None:

@@ -30,7 +30,8 @@ def friction_changed(
     ``days`` are those since the valve's baseline, oldest first. The first three are held against the last three by
     their medians. A change counts as that of a test does: beyond its 95 % interval and its limit. Days that were
     judged by another signal than the last one are left out: behind a command, friction holds the I/P's lag. The caller
-    leaves out those that were judged by another nameplate than the present one.
+    leaves out those that were judged by another nameplate than the present one, and those that have not come: the clock
+    was ahead.
     """
     days = [one for one in days if one.driven_by == days[-1].driven_by]
     sentence, first = _sentence(days, today, limits, valve), len(days)

@@ -90,7 +90,7 @@ class WatchedDays(Background):
             baseline = self._store.figures.baseline(tag)
             since = date.min if baseline is None else baseline.test.at.astimezone(self._plant.zone).date()
             present = present_nameplate(valve)
-            of_now = [one for one in days if one.day >= since and one.judged_by.is_like(present)]
+            of_now = [one for one in days if since <= one.day <= today and one.judged_by.is_like(present)]
             changed = friction_changed(of_now, today, valve.health, facts_of(valve))
             if changed is not None:
                 said[tag] = changed

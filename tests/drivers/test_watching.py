@@ -8,9 +8,9 @@ import pty
 import time
 import tty
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime, timedelta, tzinfo
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pytest
@@ -143,6 +143,33 @@ async def test_a_plant_file_that_is_read_again_is_taken_over(
         asked = len(slave.requests)
         await asyncio.sleep(0.1)
         assert len(slave.requests) == asked
+
+
+class SetClock(datetime):
+    """A clock that somebody sets: it is ``ahead`` of the true one."""
+
+    ahead = timedelta(days=3650)
+
+    @classmethod
+    def now(cls, tz: tzinfo | None = None) -> Self:
+        return super().now(tz) + cls.ahead
+
+
+async def test_a_clock_that_was_ahead_and_is_set_right_has_the_day_that_it_shows(
+    quick_path: Path, slave: RawSlave, device: ReferenceDevice, address: TcpAddress, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("drivers.motion.watching.datetime", SetClock)
+    swinging(device)
+    async with watching(quick_path, address) as watch:
+        await until(lambda: watch.slots["FV-101"].read >= 260, "a first block")
+        monkeypatch.setattr(SetClock, "ahead", timedelta())
+        read, began = watch.slots["FV-101"].read, datetime.now(UTC)
+        await until(lambda: watch.slots["FV-101"].read >= read + 260, "a further one")
+    right, ahead = days_in(quick_path)
+    assert ahead.day - right.day == timedelta(days=3650)
+    rows = read_watch_file(right.path)[1]
+    assert len(rows) >= 250
+    assert began.timestamp() - 1.0 <= rows[0, 0] <= rows[-1, 0] <= datetime.now(UTC).timestamp()
 
 
 class TalkingGauge:

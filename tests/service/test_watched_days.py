@@ -8,7 +8,7 @@ import itertools
 import json
 from contextlib import AbstractAsyncContextManager
 from dataclasses import replace
-from datetime import UTC, date, datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from sqlalchemy import inspect, make_url
 
 from drivers.motion.moved_windows import MovedWindows
 from drivers.motion.program import FilePlant, Moved
-from drivers.motion.watch_file import WatchFileWriter, day_of, days_in
+from drivers.motion.watch_file import days_in
 from drivers.motion.watching import Watching
 from estimators.in_service.result import Scale
 from estimators.in_service.watch import watched
@@ -39,7 +39,7 @@ from tests.support.fake_rig import FakeAnalyst, FakeRig
 from tests.support.in_process import app_of
 from tests.support.processes import until
 from tests.support.running_service import running_application
-from tests.support.watched_days import DAY, JUDGED_BY, NOON, document, said
+from tests.support.watched_days import DAY, JUDGED_BY, NOON, document, kept, said
 from tests.support.watching import meanwhile
 from tests.support.wired_plant import TAG, wired_plant
 from valve.errors import InternalError, RecordingError
@@ -135,14 +135,6 @@ def rows(count: int, *, pressure: bool = True, command: bool = True, seed: int =
             np.full(count, 4.1e4) if command else absent,
         )
     )
-
-
-def kept(folder: Path, found: np.ndarray[Any, Any], tag: str = "FV-101", day: date = DAY) -> Path:
-    place = day_of(folder, tag, day)
-    writer = WatchFileWriter(place, {})
-    writer.append(found)
-    writer.close()
-    return place.path
 
 
 @pytest.mark.parametrize(

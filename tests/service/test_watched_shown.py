@@ -160,6 +160,8 @@ async def test_days_by_another_nameplate_are_not_held_against_those_by_this_one_
     assert [one["area_m2"] for one in body["days"][4:6]] == [0.06452, 0.04]
     for back in range(5, 9):  # as the present nameplate would have judged them
         store.watched.add(said(DAY - timedelta(days=back), 1000.0), "")
+    for ahead in range(3):  # read while the clock was ahead
+        store.watched.add(said(date(2036, 1, 1 + ahead), 1000.0), "")
     days.note_states(DAY)
     changed = stale.watched("FV-101", NOON)
     assert changed is not None
