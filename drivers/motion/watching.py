@@ -23,6 +23,7 @@ import structlog
 from drivers.addresses import BusAddress, GaugeAddress, ValveWiring
 from drivers.eye import Eye
 from drivers.identity import require_identity
+from drivers.motion.orders import Unread
 from drivers.motion.watch_keeper import Row, WatchedValve, WatchKeeper
 from drivers.motion.watched_bus import LeftError, WatchedBus
 from drivers.watch_rules import WatchRules, WatchSpan
@@ -78,6 +79,7 @@ class Watching:
         self._software = software
         self._keeper = WatchKeeper(folder)
         self._changed = asyncio.Event()
+        self._valves: list[_Valve] = []
         self.slots: defaultdict[str, Slots] = defaultdict(Slots)
 
     def refresh(self) -> None:
@@ -89,6 +91,10 @@ class Watching:
         kept, dropped = self._keeper.kept, self._keeper.dropped
         rows = {tag: {"kept": kept.get(tag, 0), "dropped": dropped.get(tag, 0)} for tag in self.slots}
         return {tag: asdict(one) | rows[tag] for tag, one in self.slots.items()}
+
+    def unread(self) -> dict[str, Unread]:
+        """Return the valves that cannot be read now, by tag."""
+        return {one.tag: one.unread for one in self._valves if one.unread is not None}
 
     async def run(self) -> None:
         """Read until this is cancelled."""
@@ -112,7 +118,7 @@ class Watching:
 
     async def _read_all(self, wanted: Mapping[str, ValveWiring]) -> None:
         buses: dict[str, WatchedBus] = {}
-        valves: list[_Valve] = []
+        self._valves = valves = list[_Valve]()
         after_s = self._after_s()
 
         def bus_of(name: str) -> WatchedBus:
@@ -138,9 +144,9 @@ class Watching:
                 valve.hand_on(self._keeper)
             await asyncio.gather(*(bus.close() for bus in buses.values()), return_exceptions=True)
 
-    async def _start(self, buses: Iterable[WatchedBus]) -> None:
-        """Return when all of them are watched; why one cannot be is said once, and it is tried again."""
-        for bus in buses:
+    async def _start(self, valves: Iterable[_Valve]) -> None:
+        """Return when all of their buses are watched; why one cannot be is said once, and it is tried again."""
+        for bus in {bus.address.name: bus for one in valves for bus in one.buses}.values():
             is_said = False
             while True:
                 try:
@@ -150,13 +156,15 @@ class Watching:
                     if not is_said:
                         _LOG.error("bus not watched", bus=bus.address.name, reason=str(error))
                     is_said = True
+                    for one in valves:
+                        one.note(error)
                 await asyncio.sleep(_RAREST_S)
 
     async def _going_on(self, valves: list[_Valve]) -> None:
         """Go round the valves of one bus; a fault of ours ends no other bus, and this one for a minute."""
         while True:
             try:
-                await self._start({bus.address.name: bus for one in valves for bus in one.buses}.values())
+                await self._start(valves)
                 await self._round(valves)
             except Exception as error:  # noqa: BLE001  - whoever reads in service must not fall silent for good
                 _LOG.error("valves in service not read for a while", bus=valves[0].home, exc_info=error)
@@ -195,7 +203,8 @@ class _Valve:
         assert wiring.watch is not None
         self.rules: WatchRules = wiring.watch
         self._kept_by = WatchedValve(wiring.tag, wiring.watch, wiring.rest.travel_m, software)
-        self._tag = wiring.tag
+        self.tag = wiring.tag
+        self.unread: Unread | None = None
         self._slots = slots
         places = (wiring.command, wiring.position, wiring.pressure, *wiring.permissives.points)
         unopened: dict[str, Bus] = {}
@@ -239,8 +248,9 @@ class _Valve:
         except EquipmentError as error:
             return self._unanswered(error, due_s + (missed + 1) * period_s)
         if self._failures >= _PATIENCE:
-            _LOG.info("valve in service answers again", valve=self._tag)
+            _LOG.info("valve in service answers again", valve=self.tag)
         self._failures = 0
+        self.unread = None
         self._slots.read += 1
         self._slots.missed += missed
         at_s = 0.5 * (sample.sent_s + sample.received_s) + self._offset_s
@@ -254,6 +264,10 @@ class _Valve:
         rows, self._rows = self._rows, []
         if self._span is not None:
             keeper.take(self._kept_by, self._span, rows)
+
+    def note(self, error: Exception) -> None:
+        """Note why the valve cannot be read."""
+        self.unread = Unread(str(error), datetime.now(UTC) if self.unread is None else self.unread.since)
 
     def _in_span(self, keeper: WatchKeeper) -> bool:
         now = datetime.now(UTC)
@@ -269,7 +283,7 @@ class _Valve:
         if self._proven == (openings := tuple(bus.openings for bus in self.buses)) and all(openings):
             return
         for unit in self._units:
-            await require_identity(self._tag, unit, self._bus_of[unit.bus.name])
+            await require_identity(self.tag, unit, self._bus_of[unit.bus.name])
         self._proven = tuple(bus.openings for bus in self.buses)
 
     def _unanswered(self, error: EquipmentError, next_s: float) -> float:
@@ -277,8 +291,7 @@ class _Valve:
         self._slots.failed += 1
         if self._failures < _PATIENCE:
             return max(next_s, time.monotonic())
+        self.note(error)
         if self._failures == _PATIENCE:
-            _LOG.warning(
-                "valve in service does not answer: it is asked more rarely", valve=self._tag, reason=str(error)
-            )
+            _LOG.warning("valve in service does not answer: it is asked more rarely", valve=self.tag, reason=str(error))
         return time.monotonic() + min(_RAREST_S, 2.0 ** (self._failures - _PATIENCE))

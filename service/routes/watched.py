@@ -18,7 +18,7 @@ from service.health.watched import not_compared, present_nameplate
 from service.http.problems import PROBLEMS
 from service.model.run import file_words
 from service.model.watched_day import WatchedDay
-from service.parts import Parts, parts_of
+from service.parts import Parts, parts_of, unread_of
 from service.routes.lists import KNOWN_KEYS, OR_CSV, Form, csv_answer, dated, wants_csv
 
 router = APIRouter(prefix="/valves", tags=["health"], responses=PROBLEMS)
@@ -62,6 +62,13 @@ class WatchRulesView(BaseModel):
     keep_days: int = Field(description="how long samples are kept; what they gave is kept for ever")
 
 
+class UnreadView(BaseModel):
+    """Why a valve in service cannot be read now."""
+
+    since: datetime
+    reason: str = Field(description="with what to do")
+
+
 class WatchedPage(BaseModel):
     """What days in service said of a valve, newest first."""
 
@@ -71,6 +78,7 @@ class WatchedPage(BaseModel):
         description="read, missed, failed; rows kept, and dropped as the disk was late: since the motion process "
         "started; null where that is not known"
     )
+    unread: UnreadView | None = Field(description="null: the valve is read, or is not to be read now, or nobody knows")
     not_compared: str = Field(
         description="why friction of some of these days is not held against that of others; empty where it is"
     )
@@ -111,11 +119,12 @@ async def get_watched(
     days = await asyncio.to_thread(parts.store.watched.newest, tag, limit)
     if wants_csv(request, form):
         return csv_answer(_COLUMNS, (_line(day) for day in reversed(days)), dated(f"{file_words(tag)}_watched"))
-    slots = (await _slots(parts)).get(tag)
+    slots, unread = (await _slots(parts)).get(tag), await unread_of(parts, tag)
     shown = WatchedPage(
         valve=tag,
         rules=_rules(valve),
         slots=None if slots is None else dict(slots),
+        unread=None if unread is None else UnreadView(since=unread.since, reason=unread.reason),
         not_compared=not_compared(days, present_nameplate(valve)),
         days=[day_view(day) for day in days],
     )

@@ -156,6 +156,7 @@ async def test_one_process_alone_watches_a_bus_and_the_next_one_behind_it(
                 read = first.slots["FV-101"].read
                 await until(lambda: first.slots["FV-101"].read > read + 5, "the first goes on")
                 assert second.slots["FV-101"].read == 0
+                assert "another process watches it: watch each" in second.unread()["FV-101"].reason
             await until(lambda: second.slots["FV-101"].read >= 3, "the second, once the first has ended")
     assert sum(one["event"] == "bus not watched" for one in said) == 1
 

@@ -93,6 +93,23 @@ async def test_a_valve_that_does_not_answer_is_asked_more_rarely_and_said_once(
     assert sum("does not answer" in one["event"] for one in said) == 1
 
 
+async def test_a_register_that_is_not_there_is_why_a_valve_is_unread_until_it_is_there(
+    quick_path: Path, slave: RawSlave, device: ReferenceDevice, address: TcpAddress
+) -> None:
+    began = datetime.now(UTC)
+    async with watching(quick_path, address) as watch:
+        await until(lambda: watch.slots["FV-101"].read >= 3, "the first samples")
+        assert watch.unread() == {}
+        slave.always = Fault(exception=2)
+        await until(lambda: watch.slots["FV-101"].failed >= 5, "five refusals")
+        unread = watch.unread()["FV-101"]
+        slave.always = Fault()
+        await until(lambda: watch.unread() == {}, "it is there")
+    assert "device 1" in unread.reason
+    assert "has no such register: " in unread.reason
+    assert began <= unread.since <= datetime.now(UTC)
+
+
 async def test_another_device_behind_the_address_is_not_taken_for_the_valve(
     quick_path: Path, slave: RawSlave, device: ReferenceDevice, address: TcpAddress
 ) -> None:

@@ -8,6 +8,8 @@ from datetime import UTC, date, datetime, timedelta
 import numpy as np
 import pytest
 
+from drivers.motion.motion import Motion
+from drivers.motion.orders import MotionLostError, Unread
 from service.config.settings import Plant
 from service.figures.trend import Trend, TrendPoint, trends_picture
 from service.health.changes import ValveFacts
@@ -182,6 +184,31 @@ async def test_days_by_another_nameplate_are_not_held_against_those_by_this_one_
 )
 def test_a_nameplate_is_like_another_if_travel_and_area_are(other: JudgedBy, is_like: bool) -> None:
     assert other.is_like(JUDGED_BY) is JUDGED_BY.is_like(other) is is_like
+
+
+async def test_a_valve_that_cannot_be_read_is_shown_so_once_with_what_to_do(
+    watched_plant: Plant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    why = "bus plc-1: device 1 has no register 4123: correct the map"
+
+    async def unread(_: Motion) -> dict[str, Unread]:
+        return dict.fromkeys(("FV-101", "FV-102"), Unread(why, NOON))
+
+    async def nobody(_: Motion) -> dict[str, Unread]:
+        raise MotionLostError("it is not there")
+
+    async with running_application(app_of(watched_plant, rig=FakeRig(), analyst=FakeAnalyst())) as client:
+        assert (await client.get("/valves/FV-101/watched")).json()["unread"] is None
+        monkeypatch.setattr(Motion, "unread", unread)
+        body = (await client.get("/valves/FV-101/watched")).json()
+        assert body["unread"] == {"since": "2026-11-22T12:00:00Z", "reason": why}
+        page = " ".join((await client.get("/ui/valves/FV-101")).text.split())
+        assert page.count(why) == 1
+        assert "Not read since " in page
+        assert (await client.get("/valves/FV-102/watched")).json()["unread"] is None  # it is not watched
+        monkeypatch.setattr(Motion, "unread", nobody)
+        assert (await client.get("/valves/FV-101/watched")).json()["unread"] is None
+        assert (await client.get("/ui/valves/FV-101")).status_code == 200
 
 
 def full(day: date, friction_n: float | None) -> WatchedDay:
