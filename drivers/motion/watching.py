@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import heapq
+import math
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
@@ -157,7 +158,7 @@ class Watching:
                         _LOG.error("bus not watched", bus=bus.address.name, reason=str(error))
                     is_said = True
                     for one in valves:
-                        one.note(error)
+                        one.note(str(error))
                 await asyncio.sleep(_RAREST_S)
 
     async def _going_on(self, valves: list[_Valve]) -> None:
@@ -228,6 +229,7 @@ class _Valve:
         self._rows: list[Row] = []
         self._block = max(_LEAST_BLOCK, round(_BLOCK_S / self.rules.period_s))
         self._failures = 0
+        self._blind = 0  # answers in a row that had no position
         self._proven: tuple[int, ...] = ()
 
     async def slot(self, due_s: float, keeper: WatchKeeper) -> float:
@@ -250,7 +252,7 @@ class _Valve:
         if self._failures >= _PATIENCE:
             _LOG.info("valve in service answers again", valve=self.tag)
         self._failures = 0
-        self.unread = None
+        self._see(sample.position_m)
         self._slots.read += 1
         self._slots.missed += missed
         at_s = 0.5 * (sample.sent_s + sample.received_s) + self._offset_s
@@ -265,9 +267,19 @@ class _Valve:
         if self._span is not None:
             keeper.take(self._kept_by, self._span, rows)
 
-    def note(self, error: Exception) -> None:
+    def note(self, why: str) -> None:
         """Note why the valve cannot be read."""
-        self.unread = Unread(str(error), datetime.now(UTC) if self.unread is None else self.unread.since)
+        self.unread = Unread(why, datetime.now(UTC) if self.unread is None else self.unread.since)
+
+    def _see(self, position_m: float) -> None:
+        """Note whether an answer has a position: without one nothing is kept."""
+        self._blind = 0 if math.isfinite(position_m) else self._blind + 1
+        if not self._blind:
+            self.unread = None
+        elif self._blind >= _PATIENCE:
+            self.note(f"{self.tag}: its position is no valid value: look at its transmitter and wire")
+            if self._blind == _PATIENCE:
+                _LOG.warning("valve in service shows no position: nothing is kept", valve=self.tag)
 
     def _in_span(self, keeper: WatchKeeper) -> bool:
         now = datetime.now(UTC)
@@ -291,7 +303,7 @@ class _Valve:
         self._slots.failed += 1
         if self._failures < _PATIENCE:
             return max(next_s, time.monotonic())
-        self.note(error)
+        self.note(str(error))
         if self._failures == _PATIENCE:
             _LOG.warning("valve in service does not answer: it is asked more rarely", valve=self.tag, reason=str(error))
         return time.monotonic() + min(_RAREST_S, 2.0 ** (self._failures - _PATIENCE))

@@ -110,6 +110,21 @@ async def test_a_register_that_is_not_there_is_why_a_valve_is_unread_until_it_is
     assert began <= unread.since <= datetime.now(UTC)
 
 
+async def test_a_position_that_is_no_value_is_why_nothing_is_kept_and_is_said_once(
+    quick_path: Path, slave: RawSlave, device: ReferenceDevice, address: TcpAddress
+) -> None:
+    with structlog.testing.capture_logs() as said:
+        async with watching(quick_path, address) as watch:
+            device.position_m = lambda _: float("nan")
+            await until(lambda: bool(watch.unread()), "it is noted")
+            read = watch.slots["FV-101"].read
+            await until(lambda: watch.slots["FV-101"].read > read + 3, "more of the same")
+            assert "look at its transmitter" in watch.unread()["FV-101"].reason
+            device.position_m = lambda _: 0.05
+            await until(lambda: not watch.unread(), "there is a position")
+    assert sum("shows no position" in one["event"] for one in said) == 1
+
+
 async def test_another_device_behind_the_address_is_not_taken_for_the_valve(
     quick_path: Path, slave: RawSlave, device: ReferenceDevice, address: TcpAddress
 ) -> None:
