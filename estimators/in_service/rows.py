@@ -22,8 +22,9 @@ _LONGEST_PAUSE_S: Final = 7.0 * 86400.0
 _LONGEST_HELD_S: Final = 3600.0  # that both channels may hold one value, as coarse ones do where a loop is quiet
 _SPARSE: Final = 0.05  # of the rows of the position that have no signal: each channel was reported by itself
 _BEYOND_TRAVEL: Final = 0.25  # of the travel: overtravel and a shifted zero stay within
-_UNIT_RATIOS: Final = (1000.0, 100.0, 25.4, 14.50377, 6.894757, 39.37008, 68.94757)  # m to mm, % to share, bar to psi
-_LIKE_RATIO: Final = 0.1  # how near the levels' ratio is to one of these
+#: Between units of length and of pressure.
+UNIT_RATIOS: Final = (1000.0, 100.0, 25.4, 14.50377, 6.894757, 39.37008, 68.94757)  # m to mm, % to share, bar to psi
+LIKE_RATIO: Final = 0.1  # how near the levels' ratio is to one of these
 _WINDOW_ROWS: Final = 16
 _QUIET_SHARE: Final = 0.3  # of the windows: a valve in service rests that often
 
@@ -189,7 +190,7 @@ def _require_one_unit(name: str, values: FloatArray, other: FloatArray, time_s: 
     rows = np.flatnonzero(ratio > 5.0)
     span = float(np.ptp(other))
     for row in rows[:200].tolist():
-        near = [known for known in _UNIT_RATIOS if abs(ratio[row] / known - 1.0) <= _LIKE_RATIO]
+        near = [known for known in UNIT_RATIOS if abs(ratio[row] / known - 1.0) <= LIKE_RATIO]
         side = min(row + 1, values.size - row - 1, 200)
         if not near or side < 10:
             continue

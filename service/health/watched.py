@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from estimators.in_service.rows import LIKE_RATIO, UNIT_RATIOS
 from service.config.settings import PlantValve
 from service.health.changes import ValveFacts, allowed, change_of
 from service.model.health_figures import Figure
@@ -82,7 +83,19 @@ def _sentence(days: Sequence[FrictionInService], today: date, limits: HealthLimi
     moved, limit = (100.0 * abs(part) / was.value for part in (change.change, change.limit))
     return (
         f"Friction in service has {way} by {moved:.2g} % since {days[0].day:%Y-%m-%d}, from {from_n} to {to_n} "
-        f"(watched, not tested; {limit:.3g} % are allowed): test this valve."
+        f"(watched, not tested; {limit:.3g} % are allowed): {_remedy(was.value, now.value)}."
+    )
+
+
+def _remedy(was_n: float, now_n: float) -> str:
+    """Return what to do: a pressure in another unit changes friction by one factor, which is more than packings do."""
+    ratio = max(was_n / now_n, now_n / was_n) if min(was_n, now_n) > 0.0 else 0.0
+    units = [known for known in UNIT_RATIOS if abs(ratio / known - 1.0) <= LIKE_RATIO]
+    if not units:
+        return "test this valve"
+    return (
+        f"that is a factor of {units[0]:.4g} between units of pressure: compare the transmitter's unit with the map's, "
+        "and test this valve if they are the same"
     )
 
 

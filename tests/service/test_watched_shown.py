@@ -55,6 +55,17 @@ def test_friction_that_rises_in_service_is_a_reason_to_test() -> None:
     assert "fallen by 50 %" in fallen.sentence
 
 
+@pytest.mark.parametrize("factor", [6.894757, 1.0 / 14.50377, 100.0])
+def test_friction_that_changes_as_a_unit_does_asks_for_a_look_at_the_unit_first(factor: float) -> None:
+    now = 1000.0 * factor
+    changed = friction_changed(frictions(1000, 1000, 1000, now, 1.02 * now, now), DAY, HealthLimits(), FACTS)
+    assert changed is not None
+    assert changed.sentence.endswith(
+        "between units of pressure: compare the transmitter's unit with the map's, and test this valve if they are the "
+        "same."
+    )
+
+
 @pytest.mark.parametrize(
     "days",
     [
