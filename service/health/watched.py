@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import date
+from datetime import date, timedelta
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -20,6 +21,8 @@ from service.words.units import UnitSystem, measured, quantity
 DAYS: Final = 3
 OLDEST_DAYS: Final = 10  # that the newest day may be old
 HISTORY_DAYS: Final = 400
+_LONGEST_PAUSE: Final = timedelta(days=7)  # as that of a record that is watched
+_DAY: Final = timedelta(days=1)
 _FIGURE: Final = "friction_mean_n"
 
 
@@ -49,7 +52,27 @@ def present_nameplate(valve: PlantValve) -> JudgedBy:
     return JudgedBy(actuator.travel_m, actuator.diaphragm_area_m2)
 
 
-def not_compared(newest_first: Sequence[WatchedDay], present: JudgedBy) -> str:
+def notes_of(newest_first: Sequence[WatchedDay], present: JudgedBy) -> tuple[str, ...]:
+    """Return what a list of days does not show by itself, a sentence each: what is not compared, what is missing."""
+    return tuple(note for note in (_not_compared(newest_first, present), _missing(newest_first)) if note)
+
+
+def _missing(newest_first: Sequence[WatchedDay]) -> str:
+    """Return when nothing was kept for more than a week between two days."""
+    pauses = [
+        f"from {before.day + _DAY:%Y-%m-%d} to {after.day - _DAY:%Y-%m-%d}"
+        for after, before in pairwise(newest_first)
+        if after.day - before.day > _LONGEST_PAUSE
+    ]
+    if not pauses:
+        return ""
+    return (
+        f"Nothing was kept {', '.join(pauses)}: the stem did not move, or the valve was not read. The log of the "
+        "motion process says which; look at the transmitter and the bus if it was not read."
+    )
+
+
+def _not_compared(newest_first: Sequence[WatchedDay], present: JudgedBy) -> str:
     """Return why friction of some days is not held against that of others; "" where it is."""
     others = [one for one in newest_first if one.figure("friction") is not None and not one.judged_by.is_like(present)]
     if not others:

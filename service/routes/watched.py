@@ -14,7 +14,7 @@ from drivers.motion.orders import MotionLostError
 from service.access.needs import needs
 from service.access.principal import Right
 from service.config.settings import PlantValve
-from service.health.watched import not_compared, present_nameplate
+from service.health.watched import notes_of, present_nameplate
 from service.http.problems import PROBLEMS
 from service.model.run import file_words
 from service.model.watched_day import WatchedDay
@@ -79,8 +79,8 @@ class WatchedPage(BaseModel):
         "started; null where that is not known"
     )
     unread: UnreadView | None = Field(description="null: the valve is read, or is not to be read now, or nobody knows")
-    not_compared: str = Field(
-        description="why friction of some of these days is not held against that of others; empty where it is"
+    notes: list[str] = Field(
+        description="which of these days are not held against each other and why, and when nothing was kept"
     )
     days: list[WatchedDayView]
 
@@ -125,7 +125,7 @@ async def get_watched(
         rules=_rules(valve),
         slots=None if slots is None else dict(slots),
         unread=None if unread is None else UnreadView(since=unread.since, reason=unread.reason),
-        not_compared=not_compared(days, present_nameplate(valve)),
+        notes=list(notes_of(days, present_nameplate(valve))),
         days=[day_view(day) for day in days],
     )
     return Response(shown.model_dump_json(), media_type="application/json", headers={"Vary": "Accept"})

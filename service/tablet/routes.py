@@ -16,7 +16,7 @@ from drivers.addresses import Mode
 from service.figures.methods import all_estimates, can_compare
 from service.figures.signature import has_signature
 from service.health.judge import facts_of
-from service.health.watched import not_compared, present_nameplate
+from service.health.watched import notes_of, present_nameplate
 from service.model.acknowledgement import alarm_words, needs_acknowledgement
 from service.model.run import Run, RunState
 from service.model.stands_words import where_it_stands
@@ -162,7 +162,7 @@ async def valve_page(request: Request, tag: str, parts: PartsOf, visitor: Visito
         "trend_address": _trend_address(tag, past, system, parts.plant.zone),
         "in_service": in_service_of(valve.wiring.watch, past.watched),
         "unread": await unread_of(parts, tag),
-        "not_compared": not_compared(past.watched, present_nameplate(valve)),
+        "in_service_notes": notes_of(past.watched, present_nameplate(valve)),
         "trend_words": "Friction, spring rate, bench set and dead band over the tests; figures stand below.",
         "forecasts": [one.sentence(now, parts.plant.zone) for one in forecasts_of(health, now)],
         "next_check": due.get(tag),

@@ -14,7 +14,7 @@ from service.config.settings import Plant
 from service.figures.trend import Trend, TrendPoint, trends_picture
 from service.health.changes import ValveFacts
 from service.health.staleness import Oldest, Staleness
-from service.health.watched import friction_changed
+from service.health.watched import friction_changed, notes_of
 from service.model.health_figures import Figure
 from service.model.health_limits import HealthLimits
 from service.model.watched_day import ChangedInService, FrictionInService, JudgedBy, WatchedDay
@@ -168,7 +168,7 @@ async def test_days_by_another_nameplate_are_not_held_against_those_by_this_one_
         "400.0 cm², travel 101.6 mm; now effective area 645.2 cm², travel 101.6 mm). 6 days by the present one are "
         "needed."
     )
-    assert body["not_compared"] == why
+    assert body["notes"] == [why]
     assert page.count(why) == 1
     assert [one["area_m2"] for one in body["days"][4:6]] == [0.06452, 0.04]
     for back in range(5, 9):  # as the present nameplate would have judged them
@@ -195,6 +195,16 @@ async def test_days_by_another_nameplate_are_not_held_against_those_by_this_one_
 )
 def test_a_nameplate_is_like_another_if_travel_and_area_are(other: JudgedBy, is_like: bool) -> None:
     assert other.is_like(JUDGED_BY) is JUDGED_BY.is_like(other) is is_like
+
+
+@pytest.mark.parametrize(("missing", "is_said"), [(6, False), (7, True)])
+def test_a_week_without_a_day_is_said_once_between_the_days_that_there_are(missing: int, is_said: bool) -> None:
+    backs = [0, 1, 2, *(3 + missing + back for back in range(3))]
+    notes = notes_of([said(DAY - timedelta(days=back), 1000.0) for back in backs], JUDGED_BY)
+    assert bool(notes) is is_said
+    if is_said:
+        assert notes[0].startswith("Nothing was kept from 2026-11-12 to 2026-11-18: the stem did not move, or ")
+        assert len(notes) == 1
 
 
 async def test_a_valve_that_cannot_be_read_is_shown_so_once_with_what_to_do(
