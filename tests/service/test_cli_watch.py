@@ -62,23 +62,29 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ]
     (here / "backwards.csv").write_text("\n".join(backwards))
     write_csv(good.rows(slice(0, 30)), here / "short.csv")
+    write_changing(good, here)
+    days = Recording(
+        np.arange(0.0, 3.0 * 86400.0, 60.0), np.resize(good.position_m, 4320), pressure_pa=np.resize(pressure_pa, 4320)
+    )
+    write_csv(days, here / "days.csv")
+    return here
+
+
+def write_changing(good: Recording, here: Path) -> None:
+    """Write records whose clock, unit or source changes in the middle."""
+    assert good.pressure_pa is not None
     later = np.arange(good.samples) >= 1800
     paused_s, in_inch, in_psi = (
         good.time_s + 8.0 * 86400.0 * later,
         np.where(later, 25.4, 1.0),
         np.where(later, 1.0 / 14.50377, 1.0),
     )
-    write_csv(Recording(paused_s, good.position_m, pressure_pa=pressure_pa), here / "paused.csv")
-    write_csv(Recording(good.time_s, good.position_m / in_inch, pressure_pa=pressure_pa), here / "inch.csv")
-    write_csv(Recording(good.time_s, good.position_m, pressure_pa=pressure_pa * in_psi), here / "psi.csv")
+    write_csv(Recording(paused_s, good.position_m, pressure_pa=good.pressure_pa), here / "paused.csv")
+    write_csv(Recording(good.time_s, good.position_m / in_inch, pressure_pa=good.pressure_pa), here / "inch.csv")
+    write_csv(Recording(good.time_s, good.position_m, pressure_pa=good.pressure_pa * in_psi), here / "psi.csv")
     held = np.minimum(np.arange(good.samples + 7200), 1800) + np.maximum(np.arange(good.samples + 7200) - 9000, 0)
-    stopped = Recording(np.arange(float(held.size)), good.position_m[held], pressure_pa=pressure_pa[held])
+    stopped = Recording(np.arange(float(held.size)), good.position_m[held], pressure_pa=good.pressure_pa[held])
     write_csv(stopped, here / "stopped.csv")
-    days = Recording(
-        np.arange(0.0, 3.0 * 86400.0, 60.0), np.resize(good.position_m, 4320), pressure_pa=np.resize(pressure_pa, 4320)
-    )
-    write_csv(days, here / "days.csv")
-    return here
 
 
 def test_the_answer_comes_first_in_sentences_and_then_in_a_table(run: Run) -> None:
