@@ -15,7 +15,7 @@ from zipfile import BadZipFile
 import structlog
 
 from drivers.motion.local_socket import connected
-from drivers.motion.orders import Armed, Heard, Left, MotionEnd, MotionLostError, Order
+from drivers.motion.orders import Armed, Heard, Left, MotionEnd, MotionLostError, Order, Unread
 from drivers.motion.plant_read import PlantRead
 from drivers.motion.spool import Spool, end_of_json
 from drivers.motion.wire_format import PROTOCOL, error_of, line_of, of_json, to_json
@@ -227,6 +227,11 @@ class MotionClient:
         """Return what became of the slots of each valve that is read in service: read, missed, failed, kept."""
         said: dict[str, dict[str, int]] = await self._ask("watched", within_s=0.0)
         return said
+
+    async def unread(self) -> Mapping[str, Unread]:
+        """Return the valves in service that cannot be read now, by tag."""
+        said: dict[str, Any] = await self._ask("unread", within_s=0.0)
+        return {tag: of_json(Unread, one) for tag, one in said.items()}
 
 
 async def stopped_here(socket: Path, what: str, reason: str) -> tuple[tuple[Order, MotionEnd], ...]:

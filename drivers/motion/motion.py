@@ -19,7 +19,7 @@ from drivers.addresses import BusAddress, ValveWiring
 from drivers.motion.audit_log import AuditError, AuditLog
 from drivers.motion.bus_lock import BusLocks
 from drivers.motion.kept_samples import KeptSamples
-from drivers.motion.orders import Armed, Heard, Left, MotionEnd, Order
+from drivers.motion.orders import Armed, Heard, Left, MotionEnd, Order, Unread
 from drivers.motion.plant_read import PlantRead, plant_read, same_plant, valve_read
 from drivers.motion.rig import Rig, Watcher
 from drivers.motion.spool import Spool
@@ -283,6 +283,10 @@ class Motion:
     async def watched(self) -> dict[str, dict[str, int]]:
         """Return what became of the slots of each valve that is read in service, by tag."""
         return {} if self.watching is None else self.watching.counted()
+
+    async def unread(self) -> dict[str, Unread]:
+        """Return the valves in service that cannot be read now, by tag."""
+        return {} if self.watching is None else self.watching.unread()
 
     async def connect(self, within_s: float) -> None:
         """Connect: this is the same process."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Protocol
 
 from drivers.motion.plant_read import PlantRead
@@ -107,6 +108,14 @@ class Locks(Protocol):
         """Hold them for the length of a block. Raises BusyError."""
 
 
+@dataclass(frozen=True, slots=True)
+class Unread:
+    """Why a valve in service is not read, with what to do, and since when."""
+
+    reason: str
+    since: datetime
+
+
 class MotionLink(Locks, Protocol):
     """The way to the program that moves valves. Where it cannot be reached every method raises MotionLostError."""
 
@@ -168,3 +177,6 @@ class MotionLink(Locks, Protocol):
 
     async def watched(self) -> Mapping[str, Mapping[str, int]]:
         """Return what became of the slots of each valve that is read in service: read, missed, failed, kept."""
+
+    async def unread(self) -> Mapping[str, Unread]:
+        """Return the valves in service that cannot be read now, by tag."""

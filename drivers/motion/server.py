@@ -203,6 +203,9 @@ class MotionServer:
     async def _watched(self, _client: _Client) -> dict[str, dict[str, int]]:
         return await self.motion.watched()
 
+    async def _unread(self, _client: _Client) -> dict[str, Any]:
+        return {tag: to_json(one) for tag, one in (await self.motion.unread()).items()}
+
     async def _play(self, client: _Client, order: dict[str, Any]) -> Any:
         carried = self.motion.begin(of_json(Order, order))
         return await self._followed(client, carried.order.run_id)
@@ -291,6 +294,7 @@ _ASKED: Final[dict[str, _Ask]] = {
     "reload": MotionServer._reload,
     "settled": MotionServer._settled,
     "watched": MotionServer._watched,
+    "unread": MotionServer._unread,
     "play": MotionServer._play,
     "rejoin": MotionServer._rejoin,
 }

@@ -3,7 +3,8 @@
 The first line is text as in the journal: JSON, a space, its CRC-32, a line feed. Blocks of rows follow, each with a
 head of 12 bytes (``BWW1``, number of rows, CRC-32 of the rows; little endian) and 20 bytes a row: time (float64, s
 since 1970 in UTC), position (m), pressure and command (Pa), float32 each; NaN is a gap. A block that was torn or
-damaged is left out. Whoever goes on with a file cuts its torn end off first.
+damaged is left out. Whoever goes on with a file cuts its torn end off first; one whose header is damaged is kept beside
+the new one that is begun.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ MOST_ROWS: Final = 1_000_000  # of a file: 20 MB, a day that moves all the time 
 _HEAD: Final = struct.Struct("<4sII")
 _MAGIC: Final = b"BWW1"
 _ROW: Final = np.dtype([("time_s", "<f8"), ("position_m", "<f4"), ("pressure_pa", "<f4"), ("command_pa", "<f4")])
+_DAMAGED: Final = ".damaged"  # behind the name of a file that was put aside, and a number where there are more
 _LONGEST_NAME: Final = 120
 _LONGEST_LINE: Final = 65536
 
@@ -74,13 +76,34 @@ def days_in(folder: Path, tag: str | None = None) -> list[WatchDay]:
     return found
 
 
+def remove_day(day: WatchDay) -> None:
+    """Remove the file of a valve and day, and what was put aside of it. Raises OSError."""
+    for aside in day.path.parent.glob(f"{day.path.name}{_DAMAGED}*"):
+        aside.unlink(missing_ok=True)
+    day.path.unlink(missing_ok=True)
+
+
+def _put_aside(path: Path) -> Path:
+    """Rename a file whose header is damaged; what was put aside before stays."""
+    number, aside = 1, path.with_name(f"{path.name}{_DAMAGED}")
+    while aside.exists():
+        number += 1
+        aside = path.with_name(f"{path.name}{_DAMAGED}-{number}")
+    path.rename(aside)
+    return aside
+
+
 class WatchFileWriter:
-    """Goes on with the file of a valve and day, or begins it with ``header``. All methods block. Raises OSError."""
+    """Goes on with the file of a valve and day, or begins it with ``header``. All methods block. Raises OSError.
+
+    ``aside`` is where a file whose header is damaged was put; None where there was none.
+    """
 
     def __init__(self, day: WatchDay, header: Mapping[str, Any]) -> None:
         path = day.path
         path.parent.mkdir(parents=True, exist_ok=True)
         whole, self.rows = _whole(path) if path.exists() else (0, 0)
+        self.aside = _put_aside(path) if not whole and path.exists() and path.stat().st_size else None
         self._file = path.open("r+b" if whole else "wb", buffering=0)
         if whole:
             self._file.truncate(whole)
@@ -113,19 +136,16 @@ class WatchFileWriter:
 
 
 def read_watch_file(path: Path) -> tuple[dict[str, Any], FloatArray]:
-    """Return the header and the rows of a file, shape (n, 4), whatever is torn or damaged left out.
+    """Return the header and the rows of a file, shape (n, 4), as they were written, what is torn or damaged left out.
 
-    Times are made to increase. Raises RecordingError where the header is missing or damaged, OSError.
+    Times go back where the clock was set back. Raises RecordingError where the header is missing or damaged, OSError.
     """
     data = path.read_bytes()
     header = _header(path, data)
     parts = [rows for _, rows in _blocks(data)]
     rows = np.concatenate(parts) if parts else np.empty(0, _ROW)
     columns = np.column_stack([rows[name].astype(np.float64) for name in _ROW.names or ()])
-    columns = columns[np.isfinite(columns[:, 0])]
-    columns = columns[np.argsort(columns[:, 0], kind="stable")]
-    later = np.diff(columns[:, 0], prepend=-np.inf) > 0.0
-    return header, columns[later]
+    return header, columns[np.isfinite(columns[:, 0])]
 
 
 def _header(path: Path, data: bytes) -> dict[str, Any]:

@@ -16,7 +16,7 @@ import numpy as np
 import structlog
 
 from drivers.motion.moved_windows import FloatArray, MovedWindows
-from drivers.motion.watch_file import MOST_ROWS, WatchDay, WatchFileWriter, day_of, days_in
+from drivers.motion.watch_file import MOST_ROWS, WatchDay, WatchFileWriter, day_of, days_in, remove_day
 from drivers.watch_rules import WatchRules, WatchSpan
 
 _LOG = structlog.get_logger(__name__)
@@ -100,7 +100,7 @@ class WatchKeeper:
         try:
             for one in days_in(self._folder, valve.tag)[: -valve.rules.keep_days]:
                 if one.day < oldest:  # that of yesterday is judged while that of today is read
-                    one.path.unlink(missing_ok=True)
+                    remove_day(one)
         except OSError as error:
             _LOG.warning("old samples in service not removed", valve=valve.tag, error=str(error))
 
@@ -124,14 +124,7 @@ class _Day:
         try:
             disk.require()
             if self._writer is None:
-                rules = self.valve.rules
-                header = {
-                    "period_s": rules.period_s,
-                    "begins": self.span.begins.isoformat(),
-                    "ends": self.span.ends.isoformat(),
-                    "software": self.valve.software,
-                }
-                self._writer = WatchFileWriter(self._place, header)
+                self._writer = self._opened()
             if self._writer.rows + len(kept) > MOST_ROWS:
                 raise OSError(f"its file has {self._writer.rows} rows, {MOST_ROWS} are the most of a day")
             self._writer.append(kept)
@@ -143,6 +136,23 @@ class _Day:
                 )
         else:
             self._fresh += len(kept)
+
+    def _opened(self) -> WatchFileWriter:
+        header = {
+            "period_s": self.valve.rules.period_s,
+            "begins": self.span.begins.isoformat(),
+            "ends": self.span.ends.isoformat(),
+            "software": self.valve.software,
+        }
+        writer = WatchFileWriter(self._place, header)
+        if writer.aside is not None:
+            _LOG.error(
+                "file of samples in service damaged: it is kept beside the new one, and not judged: look at the disk",
+                valve=self.valve.tag,
+                day=str(self.span.day),
+                kept=writer.aside.name,
+            )
+        return writer
 
     def fresh(self) -> int:
         """Return how many rows were written since this was asked last."""

@@ -2,7 +2,8 @@
 
 Whoever reads valves in service listens at a name beside the bus's lock. Whoever has taken the lock connects there,
 waits for one byte, which says that the bus is free, and keeps the connection until the bus is given back. The watcher
-stays away for as long. Where the taker dies the kernel ends its connection. One process at most watches a bus.
+stays away for as long. Where the taker dies the kernel ends its connection. One process at most watches a bus: a name
+in the kernel can be had once, a socket in a folder belongs to whoever holds the lock file beside it.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
+import fcntl
 import os
 import socket
 from collections.abc import Awaitable, Callable, Iterator
@@ -23,6 +25,7 @@ from valve.errors import BusyError
 _LOG = structlog.get_logger(__name__)
 _LEFT: Final = b"."
 _ASKING: Final = 16
+_LOCK_SUFFIX: Final = ".lock"
 
 
 @contextlib.contextmanager
@@ -58,6 +61,17 @@ def ask_to_leave(name: str, within_s: float, bus: str = "") -> socket.socket | N
     return asking
 
 
+def _locked(path: str) -> int:
+    """Return the descriptor that holds a lock file until it is closed. Raises OSError (EWOULDBLOCK: it is held)."""
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise
+    return descriptor
+
+
 class WatchPost:
     """Where a watcher is asked to leave. Belongs to the event loop.
 
@@ -69,6 +83,8 @@ class WatchPost:
         self._name = name
         self._leave = leave
         self._on_free = on_free
+        self._is_file = not name.startswith("\0")
+        self._lock: int | None = None  # of the file beside a socket in a folder
         self._listener: asyncio.Server | None = None
         self._takers: set[asyncio.Task[None]] = set()
 
@@ -87,29 +103,28 @@ class WatchPost:
         listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         listener.setblocking(False)
         try:
+            if self._is_file:
+                self._lock = _locked(f"{self._name}{_LOCK_SUFFIX}")
             with _bindable(self._name) as address:
-                if not self._name.startswith("\0"):
-                    self._clear(address)
+                if self._is_file:
+                    with contextlib.suppress(FileNotFoundError):
+                        os.unlink(address)  # noqa: PTH108  - by its short name; a dead process left it
                 listener.bind(address)
-                if not self._name.startswith("\0"):
+                if self._is_file:
                     os.chmod(address, 0o666)  # noqa: PTH101  - a socket by its short name; takers may be other users
             listener.listen(_ASKING)
         except OSError as error:
             listener.close()
-            if error.errno == errno.EADDRINUSE:
+            self._unlock()
+            if error.errno in (errno.EADDRINUSE, errno.EWOULDBLOCK):
                 raise BusyError("another process watches it: watch each valve from one plant file") from error
             raise
         self._listener = await asyncio.start_unix_server(self._asked, sock=listener)
 
-    @staticmethod
-    def _clear(address: str) -> None:
-        """Remove the name that a dead process left. Raises OSError (EADDRINUSE) where its owner lives."""
-        with contextlib.suppress(ConnectionRefusedError, FileNotFoundError):
-            with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
-                asking.connect(address)
-            raise OSError(errno.EADDRINUSE, os.strerror(errno.EADDRINUSE))
-        with contextlib.suppress(FileNotFoundError):
-            os.unlink(address)  # noqa: PTH108  - by its short name
+    def _unlock(self) -> None:
+        lock, self._lock = self._lock, None
+        if lock is not None:
+            os.close(lock)
 
     async def close(self) -> None:
         """Listen no more."""
@@ -118,9 +133,10 @@ class WatchPost:
             for taker in tuple(self._takers):
                 taker.cancel()
             await asyncio.gather(*self._takers, return_exceptions=True)
-            if not self._name.startswith("\0"):
+            if self._is_file:
                 with contextlib.suppress(OSError), _bindable(self._name) as address:
                     os.unlink(address)  # noqa: PTH108  - by its short name
+            self._unlock()
 
     async def _asked(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()

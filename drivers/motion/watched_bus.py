@@ -154,12 +154,14 @@ class WatchedBus:
 
     async def _free(self) -> None:
         """Wait until nobody has had the bus for as long as it takes."""
-        free_from_s = time.monotonic()
+        free_from_s: float | None = None
         while True:
             if self._post.is_wanted or is_taken(self.address):
-                free_from_s, wait_s = time.monotonic(), _LOOK_AGAIN_S
+                free_from_s, wait_s = None, _LOOK_AGAIN_S
             else:
-                wait_s = min(_LOOK_AGAIN_S, free_from_s + self._after_s - time.monotonic())
+                now_s = time.monotonic()
+                free_from_s = now_s if free_from_s is None else free_from_s
+                wait_s = min(_LOOK_AGAIN_S, free_from_s + self._after_s - now_s)
             if wait_s <= 0.0:
                 break
             await asyncio.sleep(wait_s)

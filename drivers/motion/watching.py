@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import heapq
+import math
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
@@ -23,6 +24,7 @@ import structlog
 from drivers.addresses import BusAddress, GaugeAddress, ValveWiring
 from drivers.eye import Eye
 from drivers.identity import require_identity
+from drivers.motion.orders import Unread
 from drivers.motion.watch_keeper import Row, WatchedValve, WatchKeeper
 from drivers.motion.watched_bus import LeftError, WatchedBus
 from drivers.watch_rules import WatchRules, WatchSpan
@@ -78,6 +80,7 @@ class Watching:
         self._software = software
         self._keeper = WatchKeeper(folder)
         self._changed = asyncio.Event()
+        self._valves: list[_Valve] = []
         self.slots: defaultdict[str, Slots] = defaultdict(Slots)
 
     def refresh(self) -> None:
@@ -89,6 +92,10 @@ class Watching:
         kept, dropped = self._keeper.kept, self._keeper.dropped
         rows = {tag: {"kept": kept.get(tag, 0), "dropped": dropped.get(tag, 0)} for tag in self.slots}
         return {tag: asdict(one) | rows[tag] for tag, one in self.slots.items()}
+
+    def unread(self) -> dict[str, Unread]:
+        """Return the valves that cannot be read now, by tag."""
+        return {one.tag: one.unread for one in self._valves if one.unread is not None}
 
     async def run(self) -> None:
         """Read until this is cancelled."""
@@ -112,7 +119,7 @@ class Watching:
 
     async def _read_all(self, wanted: Mapping[str, ValveWiring]) -> None:
         buses: dict[str, WatchedBus] = {}
-        valves: list[_Valve] = []
+        self._valves = valves = list[_Valve]()
         after_s = self._after_s()
 
         def bus_of(name: str) -> WatchedBus:
@@ -138,9 +145,9 @@ class Watching:
                 valve.hand_on(self._keeper)
             await asyncio.gather(*(bus.close() for bus in buses.values()), return_exceptions=True)
 
-    async def _start(self, buses: Iterable[WatchedBus]) -> None:
-        """Return when all of them are watched; why one cannot be is said once, and it is tried again."""
-        for bus in buses:
+    async def _start(self, valves: Iterable[_Valve]) -> None:
+        """Return when all of their buses are watched; why one cannot be is said once, and it is tried again."""
+        for bus in {bus.address.name: bus for one in valves for bus in one.buses}.values():
             is_said = False
             while True:
                 try:
@@ -150,13 +157,15 @@ class Watching:
                     if not is_said:
                         _LOG.error("bus not watched", bus=bus.address.name, reason=str(error))
                     is_said = True
+                    for one in valves:
+                        one.note(str(error))
                 await asyncio.sleep(_RAREST_S)
 
     async def _going_on(self, valves: list[_Valve]) -> None:
         """Go round the valves of one bus; a fault of ours ends no other bus, and this one for a minute."""
         while True:
             try:
-                await self._start({bus.address.name: bus for one in valves for bus in one.buses}.values())
+                await self._start(valves)
                 await self._round(valves)
             except Exception as error:  # noqa: BLE001  - whoever reads in service must not fall silent for good
                 _LOG.error("valves in service not read for a while", bus=valves[0].home, exc_info=error)
@@ -195,7 +204,8 @@ class _Valve:
         assert wiring.watch is not None
         self.rules: WatchRules = wiring.watch
         self._kept_by = WatchedValve(wiring.tag, wiring.watch, wiring.rest.travel_m, software)
-        self._tag = wiring.tag
+        self.tag = wiring.tag
+        self.unread: Unread | None = None
         self._slots = slots
         places = (wiring.command, wiring.position, wiring.pressure, *wiring.permissives.points)
         unopened: dict[str, Bus] = {}
@@ -219,6 +229,7 @@ class _Valve:
         self._rows: list[Row] = []
         self._block = max(_LEAST_BLOCK, round(_BLOCK_S / self.rules.period_s))
         self._failures = 0
+        self._blind = 0  # answers in a row that had no position
         self._proven: tuple[int, ...] = ()
 
     async def slot(self, due_s: float, keeper: WatchKeeper) -> float:
@@ -239,8 +250,9 @@ class _Valve:
         except EquipmentError as error:
             return self._unanswered(error, due_s + (missed + 1) * period_s)
         if self._failures >= _PATIENCE:
-            _LOG.info("valve in service answers again", valve=self._tag)
+            _LOG.info("valve in service answers again", valve=self.tag)
         self._failures = 0
+        self._see(sample.position_m)
         self._slots.read += 1
         self._slots.missed += missed
         at_s = 0.5 * (sample.sent_s + sample.received_s) + self._offset_s
@@ -255,13 +267,27 @@ class _Valve:
         if self._span is not None:
             keeper.take(self._kept_by, self._span, rows)
 
+    def note(self, why: str) -> None:
+        """Note why the valve cannot be read."""
+        self.unread = Unread(why, datetime.now(UTC) if self.unread is None else self.unread.since)
+
+    def _see(self, position_m: float) -> None:
+        """Note whether an answer has a position: without one nothing is kept."""
+        self._blind = 0 if math.isfinite(position_m) else self._blind + 1
+        if not self._blind:
+            self.unread = None
+        elif self._blind >= _PATIENCE:
+            self.note(f"{self.tag}: its position is no valid value: look at its transmitter and wire")
+            if self._blind == _PATIENCE:
+                _LOG.warning("valve in service shows no position: nothing is kept", valve=self.tag)
+
     def _in_span(self, keeper: WatchKeeper) -> bool:
         now = datetime.now(UTC)
-        if self._span is not None and now < self._span.ends:
+        if self._span is not None and self._span.begins <= now < self._span.ends:
             return True
         self.hand_on(keeper)
         self._span = self.rules.span_at(now)
-        self._offset_s = time.time() - time.monotonic()  # a clock that is set within a night changes nothing
+        self._offset_s = now.timestamp() - time.monotonic()  # a clock that is set within a night changes nothing
         return self._span is not None
 
     async def _prove(self) -> None:
@@ -269,7 +295,7 @@ class _Valve:
         if self._proven == (openings := tuple(bus.openings for bus in self.buses)) and all(openings):
             return
         for unit in self._units:
-            await require_identity(self._tag, unit, self._bus_of[unit.bus.name])
+            await require_identity(self.tag, unit, self._bus_of[unit.bus.name])
         self._proven = tuple(bus.openings for bus in self.buses)
 
     def _unanswered(self, error: EquipmentError, next_s: float) -> float:
@@ -277,8 +303,7 @@ class _Valve:
         self._slots.failed += 1
         if self._failures < _PATIENCE:
             return max(next_s, time.monotonic())
+        self.note(str(error))
         if self._failures == _PATIENCE:
-            _LOG.warning(
-                "valve in service does not answer: it is asked more rarely", valve=self._tag, reason=str(error)
-            )
+            _LOG.warning("valve in service does not answer: it is asked more rarely", valve=self.tag, reason=str(error))
         return time.monotonic() + min(_RAREST_S, 2.0 ** (self._failures - _PATIENCE))

@@ -19,10 +19,12 @@ _LEAST_GAP_S: Final = 2.0
 _UNEVEN_GAP: Final = 20.0  # 90 % quantiles of the periods: an exception report is silent where nothing moves
 _LEAST_UNEVEN_GAP_S: Final = 600.0  # most historians report at least every ten minutes
 _LONGEST_PAUSE_S: Final = 7.0 * 86400.0
+_LONGEST_HELD_S: Final = 3600.0  # that both channels may hold one value, as coarse ones do where a loop is quiet
 _SPARSE: Final = 0.05  # of the rows of the position that have no signal: each channel was reported by itself
 _BEYOND_TRAVEL: Final = 0.25  # of the travel: overtravel and a shifted zero stay within
-_UNIT_RATIOS: Final = (1000.0, 100.0, 25.4, 14.50377, 6.894757, 39.37008, 68.94757)  # m to mm, % to share, bar to psi
-_LIKE_RATIO: Final = 0.1  # how near the levels' ratio is to one of these
+#: Between units of length and of pressure.
+UNIT_RATIOS: Final = (1000.0, 100.0, 25.4, 14.50377, 6.894757, 39.37008, 68.94757)  # m to mm, % to share, bar to psi
+LIKE_RATIO: Final = 0.1  # how near the levels' ratio is to one of these
 _WINDOW_ROWS: Final = 16
 _QUIET_SHARE: Final = 0.3  # of the windows: a valve in service rests that often
 
@@ -32,7 +34,8 @@ class Rows:
     """Arrays of shape (n,): s, share of travel or m, and the signal in its unit; all finite.
 
     ``run``: number of the run without a gap that the row is of. ``noise``: white noise of one row's position, at least
-    the resolution's; ``signal_noise`` the same of the signal. ``covered_s``: time without the gaps.
+    the resolution's; ``signal_noise`` the same of the signal. ``covered_s``: time without the gaps. ``held_s``: how
+    long the source gave one value again and again, first ``held_from_s``: those rows are left out, and a gap.
     """
 
     time_s: FloatArray
@@ -45,6 +48,8 @@ class Rows:
     signal_noise: float
     covered_s: float
     gaps: int
+    held_s: float = 0.0
+    held_from_s: float = 0.0
 
 
 def rows_of(
@@ -58,6 +63,9 @@ def rows_of(
     signal = _reported(time_s, signal, np.isfinite(position))
     both = np.isfinite(position) & np.isfinite(signal)
     time_s, position, signal = time_s[both], position[both], signal[both]
+    _require_one_clock(time_s, subject)
+    held, held_s, held_from_s = _held(time_s, position, signal)
+    time_s, position, signal = time_s[~held], position[~held], signal[~held]
     if time_s.size < _FEWEST:
         raise RecordingError(
             f"{subject}: {time_s.size} rows have a position and a signal, watching needs at least {_FEWEST}: "
@@ -69,7 +77,6 @@ def rows_of(
     gap_s = (
         max(_EVEN_GAP * period_s, _LEAST_GAP_S) if is_even else max(_UNEVEN_GAP * float(long_s), _LEAST_UNEVEN_GAP_S)
     )
-    _require_one_clock(time_s, subject)
     _require_inside(position, travel, subject)
     _require_one_unit("position", position, signal, time_s, subject)
     _require_one_unit("signal", signal, position, time_s, subject)
@@ -86,7 +93,26 @@ def rows_of(
         _noise(signal) if is_even else _reported_step(signal) / 2.0,
         float(periods_s[~is_gap].sum()),
         int(is_gap.sum()),
+        held_s,
+        held_from_s,
     )
+
+
+def _held(time_s: FloatArray, position: FloatArray, signal: FloatArray) -> tuple[BoolArray, float, float]:
+    """Rows that repeat both channels' values of the row before for too long, how long they do, and from when, s.
+
+    A source that has stopped is reported so: its noise is nought, and no stem's.
+    """
+    same = np.concatenate([[False], (np.diff(position) == 0.0) & (np.diff(signal) == 0.0)])
+    stretch = np.cumsum(~same)  # each row that differs begins one
+    first = np.flatnonzero(~same)
+    last = np.append(first[1:], same.size) - 1
+    lasts_s = time_s[last] - time_s[first] if same.size else np.empty(0)
+    is_long = (lasts_s > _LONGEST_HELD_S) & (last - first >= _FEWEST)
+    if not is_long.any():
+        return np.zeros(same.size, np.bool_), 0.0, 0.0
+    held = same & is_long[stretch - 1]
+    return held, float(lasts_s[is_long].sum()), float(time_s[first[is_long][0]])
 
 
 def _reported(time_s: FloatArray, signal: FloatArray, wanted: BoolArray) -> FloatArray:
@@ -129,6 +155,8 @@ def resolution(values: FloatArray) -> float:
 
 
 def _require_one_clock(time_s: FloatArray, subject: str) -> None:
+    if time_s.size < 2:
+        return
     pauses_s = np.diff(time_s)
     row = int(pauses_s.argmax())
     if pauses_s[row] > _LONGEST_PAUSE_S:
@@ -162,7 +190,7 @@ def _require_one_unit(name: str, values: FloatArray, other: FloatArray, time_s: 
     rows = np.flatnonzero(ratio > 5.0)
     span = float(np.ptp(other))
     for row in rows[:200].tolist():
-        near = [known for known in _UNIT_RATIOS if abs(ratio[row] / known - 1.0) <= _LIKE_RATIO]
+        near = [known for known in UNIT_RATIOS if abs(ratio[row] / known - 1.0) <= LIKE_RATIO]
         side = min(row + 1, values.size - row - 1, 200)
         if not near or side < 10:
             continue

@@ -21,6 +21,10 @@ from valve.errors import MeasurementError
 from valve.nameplate import Action, Nameplate
 from valve.recording import FloatArray, Recording
 
+_HELD: Final = (
+    "Position and signal hold one value for {:.3g} h, first after {:.7g} s: that time is left out. If the source had "
+    "stopped, look at the logger or transmitter."
+)
 _FOLLOWED: Final = (
     "The stem followed its signal all the time, {:.2g} s later: its noise cannot be told from its motion, and travel "
     "and cycles count all of it."
@@ -120,7 +124,7 @@ def _restless(recording: Recording, rows: Rows, kind: Input, scale: Scale, never
         breakaways=0,
         figures=figures,
         travel=way,
-        notes=(_FOLLOWED.format(stem_lag.value),),
+        notes=(_FOLLOWED.format(stem_lag.value), *_held(rows)),
     )
 
 
@@ -164,8 +168,12 @@ def _lag(recording: Recording) -> Figure:
     return lag_of(recording.time_s, recording.command_pa, recording.pressure_pa, names=("command", "pressure"))
 
 
+def _held(rows: Rows) -> list[str]:
+    return [_HELD.format(rows.held_s / 3600.0, rows.held_from_s)] if rows.held_s else []
+
+
 def _notes(kind: Input, nameplate: Nameplate | None, rows: Rows, is_reversed: bool) -> list[str]:
-    notes = []
+    notes = _held(rows)
     if kind is Input.COMMAND:
         notes.append(
             "There is a command and no pressure: the lag of I/P, positioner and air is in friction and bands. "

@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import date
+from datetime import date, timedelta
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
 
+from estimators.in_service.rows import LIKE_RATIO, UNIT_RATIOS
+from service.config.settings import PlantValve
 from service.health.changes import ValveFacts, allowed, change_of
 from service.model.health_figures import Figure
 from service.model.health_limits import HealthLimits
-from service.model.watched_day import ChangedInService, FrictionInService
-from service.words.units import UnitSystem, measured
+from service.model.watched_day import ChangedInService, FrictionInService, JudgedBy, WatchedDay
+from service.words.units import UnitSystem, measured, quantity
 
 #: Days whose median stands for what friction was, and for what it is.
 DAYS: Final = 3
 OLDEST_DAYS: Final = 10  # that the newest day may be old
 HISTORY_DAYS: Final = 400
+_LONGEST_PAUSE: Final = timedelta(days=7)  # as that of a record that is watched
+_DAY: Final = timedelta(days=1)
 _FIGURE: Final = "friction_mean_n"
 
 
@@ -28,7 +33,9 @@ def friction_changed(
 
     ``days`` are those since the valve's baseline, oldest first. The first three are held against the last three by
     their medians. A change counts as that of a test does: beyond its 95 % interval and its limit. Days that were
-    judged by another signal than the last one are left out: behind a command, friction holds the I/P's lag.
+    judged by another signal than the last one are left out: behind a command, friction holds the I/P's lag. The caller
+    leaves out those that were judged by another nameplate than the present one, and those that have not come: the clock
+    was ahead.
     """
     days = [one for one in days if one.driven_by == days[-1].driven_by]
     sentence, first = _sentence(days, today, limits, valve), len(days)
@@ -37,6 +44,53 @@ def friction_changed(
     while _sentence(days[: first - 1], days[first - 2].day, limits, valve):
         first -= 1
     return ChangedInService(sentence, days[first - 1].judged_at)
+
+
+def present_nameplate(valve: PlantValve) -> JudgedBy:
+    """Return by which nameplate a day of a valve would be judged now."""
+    actuator = valve.nameplate.actuator
+    return JudgedBy(actuator.travel_m, actuator.diaphragm_area_m2)
+
+
+def notes_of(newest_first: Sequence[WatchedDay], present: JudgedBy) -> tuple[str, ...]:
+    """Return what a list of days does not show by itself, a sentence each: what is not compared, what is missing."""
+    return tuple(note for note in (_not_compared(newest_first, present), _missing(newest_first)) if note)
+
+
+def _missing(newest_first: Sequence[WatchedDay]) -> str:
+    """Return when nothing was kept for more than a week between two days."""
+    pauses = [
+        f"from {before.day + _DAY:%Y-%m-%d} to {after.day - _DAY:%Y-%m-%d}"
+        for after, before in pairwise(newest_first)
+        if after.day - before.day > _LONGEST_PAUSE
+    ]
+    if not pauses:
+        return ""
+    return (
+        f"Nothing was kept {', '.join(pauses)}: the stem did not move, or the valve was not read. The log of the "
+        "motion process says which; look at the transmitter and the bus if it was not read."
+    )
+
+
+def _not_compared(newest_first: Sequence[WatchedDay], present: JudgedBy) -> str:
+    """Return why friction of some days is not held against that of others; "" where it is."""
+    others = [one for one in newest_first if one.figure("friction") is not None and not one.judged_by.is_like(present)]
+    if not others:
+        return ""
+    days = "1 day" if len(others) == 1 else f"{len(others)} days"
+    return (
+        f"Friction is not compared with that of {days} up to {others[0].day:%Y-%m-%d}: the nameplate was another "
+        f"({_plate(others[0].judged_by)}; now {_plate(present)}). {2 * DAYS} days by the present one are "
+        "needed."
+    )
+
+
+def _plate(one: JudgedBy) -> str:
+    values = (("effective area", one.area_m2, "m2"), ("travel", one.travel_m, "m"))
+    return ", ".join(
+        f"{name} {'not known' if value is None else quantity(value, unit, UnitSystem.SI)}"
+        for name, value, unit in values
+    )
 
 
 def _sentence(days: Sequence[FrictionInService], today: date, limits: HealthLimits, valve: ValveFacts) -> str:
@@ -52,7 +106,19 @@ def _sentence(days: Sequence[FrictionInService], today: date, limits: HealthLimi
     moved, limit = (100.0 * abs(part) / was.value for part in (change.change, change.limit))
     return (
         f"Friction in service has {way} by {moved:.2g} % since {days[0].day:%Y-%m-%d}, from {from_n} to {to_n} "
-        f"(watched, not tested; {limit:.3g} % are allowed): test this valve."
+        f"(watched, not tested; {limit:.3g} % are allowed): {_remedy(was.value, now.value)}."
+    )
+
+
+def _remedy(was_n: float, now_n: float) -> str:
+    """Return what to do: a pressure in another unit changes friction by one factor, which is more than packings do."""
+    ratio = max(was_n / now_n, now_n / was_n) if min(was_n, now_n) > 0.0 else 0.0
+    units = [known for known in UNIT_RATIOS if abs(ratio / known - 1.0) <= LIKE_RATIO]
+    if not units:
+        return "test this valve"
+    return (
+        f"that is a factor of {units[0]:.4g} between units of pressure: compare the transmitter's unit with the map's, "
+        "and test this valve if they are the same"
     )
 
 

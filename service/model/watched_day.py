@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date, datetime
@@ -15,6 +16,25 @@ BESIDE: Final = {
     "spring_rate_n_per_m": "spring_rate",
     "dead_band_percent": "dead_band_percent",
 }
+
+
+_SAME: Final = 1.0e-6  # relative: one number in other units
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedBy:
+    """The nameplate's travel, m, and effective area, m2, by which a day was judged; None where that is not known."""
+
+    travel_m: float | None = None
+    area_m2: float | None = None
+
+    def is_like(self, other: JudgedBy) -> bool:
+        """Whether figures by the one can be held against figures by the other."""
+        pairs = ((self.travel_m, other.travel_m), (self.area_m2, other.area_m2))
+        return all(
+            one == two or (one is not None and two is not None and math.isclose(one, two, rel_tol=_SAME))
+            for one, two in pairs
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +54,7 @@ class WatchedDay:
     software: str
     document: Mapping[str, Any] | None = None
     reason: str = ""
+    judged_by: JudgedBy = JudgedBy()
 
     def figure(self, name: str) -> Figure | None:
         """Return a figure of the document, SI, by its name there; None where it is not known."""
@@ -62,6 +83,7 @@ class FrictionInService:
     friction: Figure
     judged_at: datetime
     driven_by: str = ""
+    judged_by: JudgedBy = JudgedBy()
 
 
 @dataclass(frozen=True, slots=True)

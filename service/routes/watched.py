@@ -14,10 +14,11 @@ from drivers.motion.orders import MotionLostError
 from service.access.needs import needs
 from service.access.principal import Right
 from service.config.settings import PlantValve
+from service.health.watched import notes_of, present_nameplate
 from service.http.problems import PROBLEMS
 from service.model.run import file_words
 from service.model.watched_day import WatchedDay
-from service.parts import Parts, parts_of
+from service.parts import Parts, parts_of, unread_of
 from service.routes.lists import KNOWN_KEYS, OR_CSV, Form, csv_answer, dated, wants_csv
 
 router = APIRouter(prefix="/valves", tags=["health"], responses=PROBLEMS)
@@ -48,6 +49,8 @@ class WatchedDayView(BaseModel):
         description="as `breakaway watch --json` writes it (breakaway/watch/1); null where nothing could be said"
     )
     reason: str = Field(description="why there is no result; empty where there is one")
+    travel_m: float | None = Field(description="of the nameplate by which the day was judged; null: not known")
+    area_m2: float | None = Field(description="its effective area")
 
 
 class WatchRulesView(BaseModel):
@@ -59,6 +62,13 @@ class WatchRulesView(BaseModel):
     keep_days: int = Field(description="how long samples are kept; what they gave is kept for ever")
 
 
+class UnreadView(BaseModel):
+    """Why a valve in service cannot be read now."""
+
+    since: datetime
+    reason: str = Field(description="with what to do")
+
+
 class WatchedPage(BaseModel):
     """What days in service said of a valve, newest first."""
 
@@ -67,6 +77,10 @@ class WatchedPage(BaseModel):
     slots: dict[str, int] | None = Field(
         description="read, missed, failed; rows kept, and dropped as the disk was late: since the motion process "
         "started; null where that is not known"
+    )
+    unread: UnreadView | None = Field(description="null: the valve is read, or is not to be read now, or nobody knows")
+    notes: list[str] = Field(
+        description="which of these days are not held against each other and why, and when nothing was kept"
     )
     days: list[WatchedDayView]
 
@@ -82,6 +96,8 @@ def day_view(found: WatchedDay) -> WatchedDayView:
         software=found.software,
         result=None if found.document is None else dict(found.document),
         reason=found.reason,
+        travel_m=found.judged_by.travel_m,
+        area_m2=found.judged_by.area_m2,
     )
 
 
@@ -103,11 +119,13 @@ async def get_watched(
     days = await asyncio.to_thread(parts.store.watched.newest, tag, limit)
     if wants_csv(request, form):
         return csv_answer(_COLUMNS, (_line(day) for day in reversed(days)), dated(f"{file_words(tag)}_watched"))
-    slots = (await _slots(parts)).get(tag)
+    slots, unread = (await _slots(parts)).get(tag), await unread_of(parts, tag)
     shown = WatchedPage(
         valve=tag,
         rules=_rules(valve),
         slots=None if slots is None else dict(slots),
+        unread=None if unread is None else UnreadView(since=unread.since, reason=unread.reason),
+        notes=list(notes_of(days, present_nameplate(valve))),
         days=[day_view(day) for day in days],
     )
     return Response(shown.model_dump_json(), media_type="application/json", headers={"Vary": "Accept"})

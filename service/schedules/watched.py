@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 from typing import Final, Protocol
@@ -15,9 +15,10 @@ from drivers.motion.watch_file import WatchDay, days_in
 from service.config.settings import Plant, PlantValve
 from service.health.judge import facts_of
 from service.health.staleness import Staleness
-from service.health.watched import HISTORY_DAYS, friction_changed
+from service.health.watched import HISTORY_DAYS, friction_changed, present_nameplate
 from service.model.watched_day import ChangedInService, DayJudged, WatchedDay
 from service.runs.tasks import Background
+from service.schedules.left_samples import tidy_left
 from service.store.store import Store
 from valve.errors import InternalError, RecordingError, ValveError
 from valve.nameplate import Nameplate
@@ -28,7 +29,6 @@ _FIRST_S: Final = 30.0  # after the start: first of all the valves are looked at
 _PERIOD_S: Final = 300.0
 _SETTLED: Final = timedelta(minutes=1)  # what was read last is on disk by then
 _MOST_TRIES: Final = 3  # of a day whose worker dies
-_UNWATCHED_DAYS: Final = 7  # samples of a valve that is no longer watched
 
 
 class JudgesDays(Protocol):
@@ -67,11 +67,13 @@ class WatchedDays(Background):
     async def look(self, now: datetime | None = None) -> int:
         """Judge every day that is over and was not judged; return how many there were."""
         now, judged = now or datetime.now(UTC), 0
-        for valve, day in await asyncio.to_thread(self._open, now):
+        days = await asyncio.to_thread(self._open, now)
+        for valve, day in days:
             found = await self._judged(valve, day)
             if found is not None:
                 await asyncio.to_thread(self._store.watched.add, found, self._store.gateway)
                 judged += 1
+        await asyncio.to_thread(self._tidy, {day.path for _, day in days}, now)
         if judged or self._noted is None or abs(now - self._noted) >= _NOTED_AGAIN:
             self._noted = now  # it reads more than a year of all valves
             await asyncio.to_thread(self.note_states)
@@ -87,14 +89,15 @@ class WatchedDays(Background):
                 continue
             baseline = self._store.figures.baseline(tag)
             since = date.min if baseline is None else baseline.test.at.astimezone(self._plant.zone).date()
-            of_now = [one for one in days if one.day >= since]
+            present = present_nameplate(valve)
+            of_now = [one for one in days if since <= one.day <= today and one.judged_by.is_like(present)]
             changed = friction_changed(of_now, today, valve.health, facts_of(valve))
             if changed is not None:
                 said[tag] = changed
         self._stale.note_watched(said)
 
     def _open(self, now: datetime) -> list[tuple[PlantValve, WatchDay]]:
-        """Return the days that are over and were not judged, with their valves; samples that may go are removed."""
+        """Return the days that are over and were not judged, with their valves."""
         ours = {tag: valve for tag, valve in self._plant.valves.items() if self._plant.is_ours(tag)}
         folder = self._store.folder / "watched"
         if not folder.is_dir():
@@ -102,25 +105,24 @@ class WatchedDays(Background):
         there = {tag: days_in(folder, tag) for tag in ours}
         oldest = min((day.day for days in there.values() for day in days), default=now.date())
         known = self._store.watched.judged([tag for tag, days in there.items() if days], oldest)
-        found = []
-        for tag, days in there.items():
-            for day in days:
-                if day.day in known[tag]:
-                    self._tidy(ours[tag], day, now)
-                elif _is_over(ours[tag], day, now):
-                    found.append((ours[tag], day))
+        found = [
+            (ours[tag], day)
+            for tag, days in there.items()
+            for day in days
+            if day.day not in known[tag] and _is_over(ours[tag], day, now)
+        ]
         return sorted(found, key=lambda one: one[1].day)
 
-    @staticmethod
-    def _tidy(valve: PlantValve, day: WatchDay, now: datetime) -> None:
-        """Remove the samples of a valve that is no longer watched; those of others go as their rules say."""
-        if valve.wiring.watch is None and day.day < now.date() - timedelta(days=_UNWATCHED_DAYS):
-            day.path.unlink(missing_ok=True)
+    def _tidy(self, unjudged: Collection[Path], now: datetime) -> None:
+        """Remove samples of valves that are no longer watched; those of others go as their rules say."""
+        watched = [tag for tag, valve in self._plant.valves.items() if valve.wiring.watch and self._plant.is_ours(tag)]
+        tidy_left(self._store.folder / "watched", watched, unjudged, now.date())
 
     async def _judged(self, valve: PlantValve, day: WatchDay) -> WatchedDay | None:
         """Return what a day says; None where nobody could judge it yet."""
         if self._judge is None:
             return None
+        present = present_nameplate(valve)  # the plant file may be read again meanwhile
         try:
             found = await self._judge.judge_day(day.path, valve.nameplate)
         except RecordingError as error:
@@ -145,6 +147,7 @@ class WatchedDays(Background):
             self._software,
             found.document,
             found.reason,
+            present,
         )
 
 

@@ -9,7 +9,8 @@ from sqlalchemy import JSON, Column, Date, Float, Index, Integer, String, Table,
 from service.store.schema_base import METADATA, UtcDateTime
 
 # A row a valve and day. ``document`` is what ``breakaway watch`` says; null where it says nothing, for the ``reason``.
-# Its friction, with the signal that gave it, stands in columns of its own: the state of every valve is judged by it.
+# Its friction, with the signal that gave it and the nameplate's travel and area, stands in columns of its own: the
+# state of every valve is judged by it.
 WATCHED_DAYS: Final = Table(
     "watched_days",
     METADATA,
@@ -26,6 +27,7 @@ WATCHED_DAYS: Final = Table(
     Column("reason", Text, nullable=False),
     *(Column(f"friction_n{end}", Float) for end in ("", "_low", "_high")),
     Column("driven_by", String(16), nullable=False),
+    *(Column(name, Float) for name in ("travel_m", "area_m2")),
     UniqueConstraint("valve", "day"),
     Index("ix_watched_days_day", "day"),
 )

@@ -10,7 +10,7 @@ from typing import Any, Final
 from sqlalchemy import Engine, delete, insert, select
 
 from service.model.health_figures import Figure
-from service.model.watched_day import FrictionInService, WatchedDay
+from service.model.watched_day import FrictionInService, JudgedBy, WatchedDay
 from service.store.schema_watched import WATCHED_DAYS
 
 _FRICTION: Final = ("friction_n", "friction_n_low", "friction_n_high")
@@ -38,6 +38,8 @@ class WatchedTable:
             "document": None if found.document is None else dict(found.document),
             "reason": found.reason,
             "driven_by": found.driven_by,
+            "travel_m": found.judged_by.travel_m,
+            "area_m2": found.judged_by.area_m2,
             **dict(zip(_FRICTION, (None if friction is None else friction.value, low, high), strict=True)),
         }
         mine = (WATCHED_DAYS.c.valve == found.valve) & (WATCHED_DAYS.c.day == found.day)
@@ -63,14 +65,16 @@ class WatchedTable:
 
     def frictions(self, since: date) -> dict[str, list[FrictionInService]]:
         """Return the friction of each day since then that has one, by valve, oldest first."""
-        columns = (WATCHED_DAYS.c[name] for name in ("valve", "day", "judged_at", "driven_by", *_FRICTION))
+        names = ("valve", "day", "judged_at", "driven_by", "travel_m", "area_m2", *_FRICTION)
+        columns = (WATCHED_DAYS.c[name] for name in names)
         wanted = (WATCHED_DAYS.c.day >= since) & WATCHED_DAYS.c.friction_n.is_not(None)
         found: defaultdict[str, list[FrictionInService]] = defaultdict(list)
         with self._engine.connect() as connection:
             for row in connection.execute(select(*columns).where(wanted).order_by(WATCHED_DAYS.c.day)):
                 has_ends = row.friction_n_low is not None and row.friction_n_high is not None
                 figure = Figure(row.friction_n, (row.friction_n_low, row.friction_n_high) if has_ends else None)
-                found[row.valve].append(FrictionInService(row.day, figure, row.judged_at, row.driven_by))
+                by = JudgedBy(row.travel_m, row.area_m2)
+                found[row.valve].append(FrictionInService(row.day, figure, row.judged_at, row.driven_by, by))
         return dict(found)
 
 
@@ -85,4 +89,5 @@ def _day(row: Any) -> WatchedDay:
         row.software,
         row.document,
         row.reason,
+        JudgedBy(row.travel_m, row.area_m2),
     )

@@ -16,11 +16,12 @@ from drivers.addresses import Mode
 from service.figures.methods import all_estimates, can_compare
 from service.figures.signature import has_signature
 from service.health.judge import facts_of
+from service.health.watched import notes_of, present_nameplate
 from service.model.acknowledgement import alarm_words, needs_acknowledgement
 from service.model.run import Run, RunState
 from service.model.stands_words import where_it_stands
 from service.model.until import SYMBOLS, early_words
-from service.parts import Parts, parts_of
+from service.parts import Parts, parts_of, unread_of
 from service.report.before_after import BeforeAfter, before_after
 from service.report.of_run import repair_sentences
 from service.report.summary import key_figures
@@ -160,6 +161,8 @@ async def valve_page(request: Request, tag: str, parts: PartsOf, visitor: Visito
         + ("" if past.baseline is None or past.baseline.id == latest.id else f"&with={past.baseline.id}"),
         "trend_address": _trend_address(tag, past, system, parts.plant.zone),
         "in_service": in_service_of(valve.wiring.watch, past.watched),
+        "unread": await unread_of(parts, tag),
+        "in_service_notes": notes_of(past.watched, present_nameplate(valve)),
         "trend_words": "Friction, spring rate, bench set and dead band over the tests; figures stand below.",
         "forecasts": [one.sentence(now, parts.plant.zone) for one in forecasts_of(health, now)],
         "next_check": due.get(tag),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from valve.errors import MeasurementError, RecordingError
 from valve.nameplate import Nameplate
 from valve.recording import Acquisition, FloatArray, Provenance, Recording
 
+_CORRECTED_S: Final = 2.0  # a restart takes longer than a clock in order is corrected by
+
 
 def judge_day(path: Path, nameplate: Nameplate) -> DayJudged:
     """Judge a day as ``breakaway watch`` judges a file; what cannot be said has its reason, and is no error.
@@ -23,7 +25,7 @@ def judge_day(path: Path, nameplate: Nameplate) -> DayJudged:
     Raises RecordingError where the file cannot be read, OSError.
     """
     _, rows = read_watch_file(path)
-    ends = (float(rows[0, 0]), float(rows[-1, 0])) if len(rows) else (path.stat().st_mtime,) * 2
+    ends = (float(rows[:, 0].min()), float(rows[:, 0].max())) if len(rows) else (path.stat().st_mtime,) * 2
     began_at, ended_at = (datetime.fromtimestamp(at, UTC) for at in ends)
     try:
         document = to_json(_said(rows, nameplate))
@@ -41,8 +43,10 @@ def _said(rows: FloatArray, nameplate: Nameplate) -> Any:
 def recording_of(rows: FloatArray, tag: str) -> Recording:
     """Return the rows of a file, shape (n, 4), as a recording whose time begins with the first one.
 
-    Raises RecordingError where there are fewer than two, or neither a pressure nor a command.
+    Raises RecordingError where there are fewer than two, the clock was set back, or there is neither a pressure nor a
+    command.
     """
+    rows = _in_order(rows, tag)
     if len(rows) < 2:
         raise RecordingError(f"{tag}: {len(rows)} rows were kept of the day, 2 are needed: the stem did not move")
     time_s, position_m, pressure_pa, command_pa = rows.T
@@ -58,3 +62,18 @@ def recording_of(rows: FloatArray, tag: str) -> Recording:
             Acquisition.POLLED, tag, "in service", datetime.fromtimestamp(time_s[0], UTC).isoformat()
         ),
     )
+
+
+def _in_order(rows: FloatArray, tag: str) -> FloatArray:
+    """Rows whose times increase. Raises RecordingError where they go back by more than a clock is corrected by."""
+    latest_s = np.maximum.accumulate(rows[:, 0])
+    back_s = latest_s - rows[:, 0]
+    row = int(np.argmax(back_s > _CORRECTED_S)) if len(rows) else 0
+    if len(rows) and back_s[row] > _CORRECTED_S:
+        was, now = (datetime.fromtimestamp(at, UTC) for at in (latest_s[row], rows[row, 0]))
+        raise RecordingError(
+            f"{tag}: the clock goes back by {back_s[row]:.3g} s after row {row}, from {was:%Y-%m-%d %H:%M:%S} to "
+            f"{now:%Y-%m-%d %H:%M:%S} UTC, {_CORRECTED_S:g} s are allowed: two times cannot be told apart; have the "
+            "gateway's clock set by NTP before breakaway motion starts"
+        )
+    return rows[np.diff(latest_s, prepend=-np.inf) > 0.0]

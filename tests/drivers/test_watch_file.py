@@ -176,6 +176,31 @@ async def test_yesterday_is_there_to_be_judged_when_today_begins(quick_path: Pat
     assert [one.day for one in days_in(quick_path, "FV-101")] == [DAY + timedelta(days=1), DAY + timedelta(days=2)]
 
 
+async def test_a_file_whose_header_is_damaged_is_kept_beside_the_new_one_for_as_long(quick_path: Path) -> None:
+    path = written(quick_path)
+    damaged = b"nothing" + path.read_bytes()
+    rules = WatchRules(PERIOD_S, keep_days=2, zone=ZoneInfo("UTC"))
+    valve = WatchedValve("FV-101", rules, 0.1, "breakaway 0")
+    moving = [tuple(row) for row in rows(50, 90.0, 0.05 + np.linspace(0.0, 0.01, 50)).tolist()]
+    with structlog.testing.capture_logs() as said:
+        for _ in range(2):  # as whoever is started again finds it, and again
+            path.write_bytes(damaged)
+            keeper = WatchKeeper(quick_path)
+            for _ in range(3):
+                keeper.take(valve, rules.span_of(DAY), moving)
+            await keeper.close()
+    asides = sorted(path.parent.glob("*.damaged*"))
+    assert [one.name for one in asides] == ["2026-11-21.watch.damaged", "2026-11-21.watch.damaged-2"]
+    assert [one.read_bytes() for one in asides] == [damaged, damaged]
+    assert read_watch_file(path)[1][0, 0] == pytest.approx(90.0)
+    assert [one["kept"] for one in said if "damaged" in one["event"]] == [one.name for one in asides]
+    keeper = WatchKeeper(quick_path)
+    for later in (1, 2, 3):
+        keeper.take(valve, rules.span_of(DAY + timedelta(days=later)), moving)
+    await keeper.close()
+    assert not list(path.parent.glob("2026-11-21*"))
+
+
 BERLIN = ZoneInfo("Europe/Berlin")
 
 

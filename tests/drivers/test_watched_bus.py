@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import socket
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AsyncExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -12,11 +14,12 @@ from pathlib import Path
 import pytest
 import structlog
 
-from drivers.addresses import Parity, RtuAddress, TcpAddress
+from drivers.addresses import BusAddress, Parity, RtuAddress, TcpAddress
 from drivers.motion.bus_lock import FOLDER_VARIABLE, BusLocks, is_taken, watch_name
 from drivers.motion.motion import Motion
 from drivers.motion.orders import Order
 from drivers.motion.rig import WiredRig
+from drivers.motion.watch_post import WatchPost
 from drivers.motion.watched_bus import WatchedBus
 from drivers.outcome import Ended
 from tests.support.played_device import WIRING
@@ -153,6 +156,7 @@ async def test_one_process_alone_watches_a_bus_and_the_next_one_behind_it(
                 read = first.slots["FV-101"].read
                 await until(lambda: first.slots["FV-101"].read > read + 5, "the first goes on")
                 assert second.slots["FV-101"].read == 0
+                assert "another process watches it: watch each" in second.unread()["FV-101"].reason
             await until(lambda: second.slots["FV-101"].read >= 3, "the second, once the first has ended")
     assert sum(one["event"] == "bus not watched" for one in said) == 1
 
@@ -256,3 +260,69 @@ async def test_nothing_is_read_before_the_watchdog_of_a_valve_that_was_left_has_
         locks.give_back(["bus"])
         await until(lambda: len(slave.requests) > asked, "watching went on")
         assert slave.asked_s[asked] - given_back_s >= 0.4
+
+
+async def test_a_bus_that_was_taken_before_is_not_read_before_a_watchdog_could_act_since_it_is_free(
+    quick_path: Path, device: ReferenceDevice, address: TcpAddress, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its taker asked nobody: how long it is free counts from when that was seen, not from the look before."""
+    slave, looks_s = device.slave, list[float]()
+
+    def looked(place: BusAddress) -> bool:
+        looks_s.append(time.monotonic())
+        return is_taken(place)
+
+    monkeypatch.setattr("drivers.motion.watched_bus.is_taken", looked)
+    monkeypatch.setattr("drivers.motion.watched_bus._LOOK_AGAIN_S", 0.5)
+    others = BusLocks({"bus": address})
+    others.take(["bus"])
+    async with watching(quick_path, address, after_s=0.6):
+        await until(lambda: bool(looks_s), "a look")
+        others.give_back(["bus"])
+        await until(lambda: bool(slave.asked_s), "the first request")
+    assert slave.asked_s[0] - looks_s[1] >= 0.6
+
+
+async def test_whoever_takes_a_bus_waits_for_no_look_of_who_watches_it(
+    quick_path: Path, device: ReferenceDevice, address: TcpAddress, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A watcher looks now and then whether a bus is free that was taken before: that keeps only itself waiting."""
+    monkeypatch.setattr("drivers.motion.watched_bus._LOOK_AGAIN_S", 3600.0)
+    others, ours = BusLocks({"bus": address}), BusLocks({"bus": address})
+    others.take(["bus"])
+    async with watching(quick_path, address):
+        await until(lambda: is_watched(address), "somebody watches")
+        others.give_back(["bus"])
+        async with asyncio.timeout(1.0):
+            for _ in range(5):
+                await ours.take_aside(["bus"])
+                ours.give_back(["bus"])
+
+
+async def test_of_two_that_find_the_name_of_a_dead_process_one_alone_watches(address: TcpAddress) -> None:
+    """The second comes after the first has found that nobody answers, and before it has the name."""
+    name = watch_name(address)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as dead:
+        dead.bind(name)
+    first, second = (WatchPost(name, _left, lambda: None) for _ in range(2))
+    unlink = os.unlink
+    refused: list[BaseException | None] = []
+
+    def other_first(path: str) -> None:
+        patched.setattr("os.unlink", unlink)
+        with ThreadPoolExecutor(1) as other:
+            refused.append(other.submit(asyncio.run, second.open()).exception())
+        unlink(path)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("os.unlink", other_first)
+        await first.open()
+    assert "another process watches it" in str(refused[0])
+    assert is_watched(address)
+    await first.close()
+    await second.open()  # the lock is free again
+    await second.close()
+
+
+async def _left() -> None:
+    """Nothing is on the bus."""

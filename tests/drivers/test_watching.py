@@ -8,9 +8,9 @@ import pty
 import time
 import tty
 from dataclasses import replace
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime, timedelta, tzinfo
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pytest
@@ -93,6 +93,38 @@ async def test_a_valve_that_does_not_answer_is_asked_more_rarely_and_said_once(
     assert sum("does not answer" in one["event"] for one in said) == 1
 
 
+async def test_a_register_that_is_not_there_is_why_a_valve_is_unread_until_it_is_there(
+    quick_path: Path, slave: RawSlave, device: ReferenceDevice, address: TcpAddress
+) -> None:
+    began = datetime.now(UTC)
+    async with watching(quick_path, address) as watch:
+        await until(lambda: watch.slots["FV-101"].read >= 3, "the first samples")
+        assert watch.unread() == {}
+        slave.always = Fault(exception=2)
+        await until(lambda: watch.slots["FV-101"].failed >= 5, "five refusals")
+        unread = watch.unread()["FV-101"]
+        slave.always = Fault()
+        await until(lambda: watch.unread() == {}, "it is there")
+    assert "device 1" in unread.reason
+    assert "has no such register: " in unread.reason
+    assert began <= unread.since <= datetime.now(UTC)
+
+
+async def test_a_position_that_is_no_value_is_why_nothing_is_kept_and_is_said_once(
+    quick_path: Path, slave: RawSlave, device: ReferenceDevice, address: TcpAddress
+) -> None:
+    with structlog.testing.capture_logs() as said:
+        async with watching(quick_path, address) as watch:
+            device.position_m = lambda _: float("nan")
+            await until(lambda: bool(watch.unread()), "it is noted")
+            read = watch.slots["FV-101"].read
+            await until(lambda: watch.slots["FV-101"].read > read + 3, "more of the same")
+            assert "look at its transmitter" in watch.unread()["FV-101"].reason
+            device.position_m = lambda _: 0.05
+            await until(lambda: not watch.unread(), "there is a position")
+    assert sum("shows no position" in one["event"] for one in said) == 1
+
+
 async def test_another_device_behind_the_address_is_not_taken_for_the_valve(
     quick_path: Path, slave: RawSlave, device: ReferenceDevice, address: TcpAddress
 ) -> None:
@@ -143,6 +175,33 @@ async def test_a_plant_file_that_is_read_again_is_taken_over(
         asked = len(slave.requests)
         await asyncio.sleep(0.1)
         assert len(slave.requests) == asked
+
+
+class SetClock(datetime):
+    """A clock that somebody sets: it is ``ahead`` of the true one."""
+
+    ahead = timedelta(days=3650)
+
+    @classmethod
+    def now(cls, tz: tzinfo | None = None) -> Self:
+        return super().now(tz) + cls.ahead
+
+
+async def test_a_clock_that_was_ahead_and_is_set_right_has_the_day_that_it_shows(
+    quick_path: Path, slave: RawSlave, device: ReferenceDevice, address: TcpAddress, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("drivers.motion.watching.datetime", SetClock)
+    swinging(device)
+    async with watching(quick_path, address) as watch:
+        await until(lambda: watch.slots["FV-101"].read >= 260, "a first block")
+        monkeypatch.setattr(SetClock, "ahead", timedelta())
+        read, began = watch.slots["FV-101"].read, datetime.now(UTC)
+        await until(lambda: watch.slots["FV-101"].read >= read + 260, "a further one")
+    right, ahead = days_in(quick_path)
+    assert ahead.day - right.day == timedelta(days=3650)
+    rows = read_watch_file(right.path)[1]
+    assert len(rows) >= 250
+    assert began.timestamp() - 1.0 <= rows[0, 0] <= rows[-1, 0] <= datetime.now(UTC).timestamp()
 
 
 class TalkingGauge:

@@ -62,11 +62,29 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ]
     (here / "backwards.csv").write_text("\n".join(backwards))
     write_csv(good.rows(slice(0, 30)), here / "short.csv")
+    write_changing(good, here)
     days = Recording(
         np.arange(0.0, 3.0 * 86400.0, 60.0), np.resize(good.position_m, 4320), pressure_pa=np.resize(pressure_pa, 4320)
     )
     write_csv(days, here / "days.csv")
     return here
+
+
+def write_changing(good: Recording, here: Path) -> None:
+    """Write records whose clock, unit or source changes in the middle."""
+    assert good.pressure_pa is not None
+    later = np.arange(good.samples) >= 1800
+    paused_s, in_inch, in_psi = (
+        good.time_s + 8.0 * 86400.0 * later,
+        np.where(later, 25.4, 1.0),
+        np.where(later, 1.0 / 14.50377, 1.0),
+    )
+    write_csv(Recording(paused_s, good.position_m, pressure_pa=good.pressure_pa), here / "paused.csv")
+    write_csv(Recording(good.time_s, good.position_m / in_inch, pressure_pa=good.pressure_pa), here / "inch.csv")
+    write_csv(Recording(good.time_s, good.position_m, pressure_pa=good.pressure_pa * in_psi), here / "psi.csv")
+    held = np.minimum(np.arange(good.samples + 7200), 1800) + np.maximum(np.arange(good.samples + 7200) - 9000, 0)
+    stopped = Recording(np.arange(float(held.size)), good.position_m[held], pressure_pa=good.pressure_pa[held])
+    write_csv(stopped, here / "stopped.csv")
 
 
 def test_the_answer_comes_first_in_sentences_and_then_in_a_table(run: Run) -> None:
@@ -132,6 +150,10 @@ def test_days_of_slow_rows_are_no_milliseconds(run: Run) -> None:
             "30 rows have a position and a signal, watching needs at least 60",
         ),
         (["backwards.csv", "--nameplate", "fv-7.toml"], 1, "it must increase: put the rows in order"),
+        (["paused.csv", "--nameplate", "fv-7.toml"], 1, "the clock jumps by 8 days after row 1800"),
+        (["inch.csv", "--nameplate", "fv-7.toml"], 1, "the unit of the position changes after row 1800"),
+        (["psi.csv", "--nameplate", "fv-7.toml"], 1, "write one unit"),
+        (["loop.csv", "--map", "position_m=ZT-7"], 1, "the header 'ZT-7', the file has 'time_s', 'pressure_pa',"),
         (["missing.csv"], 1, "missing.csv: there is no such file"),
         (["loop.csv", "--nameplate", "none.toml"], 1, "there is no such nameplate file"),
         (["loop.csv", "--config", "plant.toml"], 2, "go together"),
@@ -144,6 +166,14 @@ def test_what_cannot_be_done_is_one_sentence_and_a_code(run: Run, arguments: lis
     assert outcome.returncode == code
     assert words in " ".join(outcome.stderr.split())
     assert "Traceback" not in outcome.stderr
+
+
+def test_a_source_that_stopped_is_said_once_and_changes_no_figure(run: Run) -> None:
+    whole, stopped = (run(name, "--nameplate", "fv-7.toml", "--json", "-") for name in ("loop.csv", "stopped.csv"))
+    assert stopped.returncode == 0, stopped.stderr
+    assert " ".join(stopped.stderr.split()).count("hold one value for 2 h, first after 1800 s") == 1
+    found, true = (json.loads(one.stdout)["figures"]["friction"]["value"] for one in (stopped, whole))
+    assert found == pytest.approx(true, rel=0.05)
 
 
 def test_the_example_says_what_the_documentation_shows() -> None:

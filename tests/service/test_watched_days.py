@@ -7,7 +7,8 @@ import contextlib
 import itertools
 import json
 from contextlib import AbstractAsyncContextManager
-from datetime import UTC, date, datetime, timedelta
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +19,14 @@ from sqlalchemy import inspect, make_url
 
 from drivers.motion.moved_windows import MovedWindows
 from drivers.motion.program import FilePlant, Moved
-from drivers.motion.watch_file import WatchFileWriter, day_of, days_in
+from drivers.motion.watch_file import days_in
 from drivers.motion.watching import Watching
 from estimators.in_service.result import Scale
 from estimators.in_service.watch import watched
 from service.config.settings import Plant, load_plant
 from service.health.staleness import Staleness
 from service.model.health_figures import Figure
-from service.model.watched_day import DayJudged
+from service.model.watched_day import DayJudged, JudgedBy, WatchedDay
 from service.schedules.watched import WatchedDays
 from service.store.database import _config, _engine
 from service.store.store import Store
@@ -38,7 +39,7 @@ from tests.support.fake_rig import FakeAnalyst, FakeRig
 from tests.support.in_process import app_of
 from tests.support.processes import until
 from tests.support.running_service import running_application
-from tests.support.watched_days import DAY, NOON, document, said
+from tests.support.watched_days import DAY, JUDGED_BY, NOON, document, kept, said
 from tests.support.watching import meanwhile
 from tests.support.wired_plant import TAG, wired_plant
 from valve.errors import InternalError, RecordingError
@@ -136,14 +137,6 @@ def rows(count: int, *, pressure: bool = True, command: bool = True, seed: int =
     )
 
 
-def kept(folder: Path, found: np.ndarray[Any, Any], tag: str = "FV-101", day: date = DAY) -> Path:
-    place = day_of(folder, tag, day)
-    writer = WatchFileWriter(place, {})
-    writer.append(found)
-    writer.close()
-    return place.path
-
-
 @pytest.mark.parametrize(
     ("found", "said"),
     [
@@ -231,6 +224,7 @@ async def test_a_night_is_judged_once_it_is_over_and_not_again(watched_plant: Pl
     assert len(judge.asked) == 1
     (found,) = store.watched.newest("FV-101", 5)
     assert (found.day, found.rows, found.software) == (DAY, 9, "breakaway 0")
+    assert found.judged_by == JUDGED_BY
     assert found.figures == {"friction_mean_n": Figure(1100.0, (1070.0, 1130.0))}
     store.close()
 
@@ -259,11 +253,47 @@ async def test_samples_of_a_valve_that_is_no_longer_watched_are_judged_and_go_af
     kept(folder, rows(100))
     later = datetime.now(UTC) + timedelta(minutes=2)
     assert await days.look(later) == 1
-    assert await days.look(datetime(2026, 11, 28, 12, tzinfo=UTC)) == 0
+    assert await days.look(later + timedelta(days=7)) == 0
     assert len(days_in(folder, "FV-101")) == 1
-    await days.look(datetime(2026, 11, 29, 12, tzinfo=UTC))
-    assert days_in(folder, "FV-101") == []
+    await days.look(later + timedelta(days=8))
+    assert list(folder.iterdir()) == []
     assert len(store.watched.newest("FV-101", 5)) == 1
+    store.close()
+
+
+async def test_samples_of_a_valve_that_has_left_the_plant_file_go_after_a_week_and_never_at_once(
+    watched_plant: Plant,
+) -> None:
+    store = Store(watched_plant.service.store)
+    days = WatchedDays(watched_plant, store, Staleness(watched_plant), FakeJudge(), "breakaway 0")
+    folder = store.folder / "watched"
+    for tag in ("FV-101", "FV-9", "FV-" + "9" * 200):
+        kept(folder, rows(100), tag)
+    gone = kept(folder, rows(100), "FV-9", DAY - timedelta(days=80))  # its keep_days were many
+    gone.with_name(f"{gone.name}.damaged").write_bytes(b"?")
+    await days.look(NOON + timedelta(days=300))  # a clock that was far ahead
+    for later in (0, 7):
+        await days.look(NOON + timedelta(days=later))
+        assert len(days_in(folder)) == 4
+    await days.look(NOON + timedelta(days=8))
+    assert [one.tag for one in days_in(folder)] == ["FV-101"]
+    assert [home.name for home in folder.iterdir()] == ["FV-101"]
+    store.close()
+
+
+async def test_a_valve_that_comes_back_into_the_plant_file_keeps_its_samples(
+    plant: Plant, watched_plant: Plant
+) -> None:
+    store = Store(plant.service.store)
+    without, with_it = (
+        WatchedDays(one, store, Staleness(one), FakeJudge(), "breakaway 0") for one in (plant, watched_plant)
+    )
+    folder = store.folder / "watched"
+    kept(folder, rows(100))
+    await without.look(NOON)
+    await with_it.look(NOON + timedelta(days=6))
+    await without.look(NOON + timedelta(days=9))
+    assert len(days_in(folder, "FV-101")) == 1
     store.close()
 
 
@@ -289,6 +319,7 @@ def test_days_are_kept_by_valve_and_a_day_that_is_judged_again_stands_in_its_pla
     assert [one.friction.value for one in frictions["FV-101"]] == [1002.0, 1001.0]
     assert [one.friction.value for one in frictions["FV-102"]] == [900.0]
     assert {one.driven_by for one in frictions["FV-101"]} == {"pressure"}
+    assert {one.judged_by for one in frictions["FV-101"]} == {JUDGED_BY}
     store.close()
 
 
@@ -301,3 +332,23 @@ def test_the_table_comes_with_its_revision_and_goes_with_it(database_url: str) -
         command.downgrade(_config(connection), "0013")
     assert "watched_days" not in inspect(engine).get_table_names()
     engine.dispose()
+
+
+def test_days_that_were_judged_before_nameplates_were_stored_learn_theirs_from_what_they_said(
+    quick_path: Path, database_url: str
+) -> None:
+    store = Store(quick_path, database_url)
+    whole = document(1100.0)
+    whole["figures"]["friction_signal"] = {**whole["figures"]["friction"], "value": 1100.0 / 0.06452, "unit": "Pa"}
+    whole["travel"] = {"unit": "m", "histogram": {"edges": np.linspace(0.0, 0.1016, 11).tolist()}}
+    nothing = WatchedDay("FV-101", DAY - timedelta(days=2), NOON, NOON, 9, NOON, "x", None, "FV-101: 0 moves")
+    for one in (replace(said(DAY, 1100.0), document=whole), said(DAY - timedelta(days=1), 1100.0), nothing):
+        store.watched.add(replace(one, judged_by=JudgedBy()), "")
+    with store.engine.begin() as connection:
+        command.downgrade(_config(connection), "0014")
+    with store.engine.begin() as connection:
+        command.upgrade(_config(connection), "head")
+    by = [one.judged_by for one in store.watched.newest("FV-101", 3)]
+    assert by[0].is_like(JUDGED_BY)
+    assert by[1:] == [JudgedBy(), JudgedBy()]  # of these nobody can say it
+    store.close()

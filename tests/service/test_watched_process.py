@@ -122,6 +122,7 @@ async def test_the_service_judges_a_day_that_is_over_by_itself(quick_path: Path)
         await until(is_judged, 240.0, "the day's judgement")
         body = (await client.get(f"/valves/{TAG}/watched")).json()
         metrics = (await client.get("/metrics")).text
+    assert "bus plc-1" in body["unread"]["reason"]  # nobody answers at its bus
     (day,) = body["days"]
     assert (day["day"], day["reason"], day["rows"]) == (yesterday.isoformat(), "", made.samples)
     figures = day["result"]["figures"]

@@ -8,21 +8,24 @@ from datetime import UTC, date, datetime, timedelta
 import numpy as np
 import pytest
 
+from drivers.motion.motion import Motion
+from drivers.motion.orders import MotionLostError, Unread
 from service.config.settings import Plant
 from service.figures.trend import Trend, TrendPoint, trends_picture
 from service.health.changes import ValveFacts
 from service.health.staleness import Oldest, Staleness
-from service.health.watched import friction_changed
+from service.health.watched import friction_changed, notes_of
 from service.model.health_figures import Figure
 from service.model.health_limits import HealthLimits
-from service.model.watched_day import ChangedInService, FrictionInService, WatchedDay
+from service.model.watched_day import ChangedInService, FrictionInService, JudgedBy, WatchedDay
+from service.schedules.watched import WatchedDays
 from service.store.store import Store
 from service.words.units import UnitSystem
 from tests.support.fake_rig import FakeAnalyst, FakeRig
 from tests.support.in_process import app_of
 from tests.support.processes import until
 from tests.support.running_service import running_application
-from tests.support.watched_days import DAY, NOON, document, said
+from tests.support.watched_days import DAY, JUDGED_BY, NOON, document, said
 
 FACTS = ValveFacts(0.1, 80_000.0, 80_000.0)
 
@@ -50,6 +53,17 @@ def test_friction_that_rises_in_service_is_a_reason_to_test() -> None:
     fallen = friction_changed(frictions(1000, 1000, 1000, 500, 500, 500), DAY, HealthLimits(), FACTS)
     assert fallen is not None
     assert "fallen by 50 %" in fallen.sentence
+
+
+@pytest.mark.parametrize("factor", [6.894757, 1.0 / 14.50377, 100.0])
+def test_friction_that_changes_as_a_unit_does_asks_for_a_look_at_the_unit_first(factor: float) -> None:
+    now = 1000.0 * factor
+    changed = friction_changed(frictions(1000, 1000, 1000, now, 1.02 * now, now), DAY, HealthLimits(), FACTS)
+    assert changed is not None
+    assert changed.sentence.endswith(
+        "between units of pressure: compare the transmitter's unit with the map's, and test this valve if they are the "
+        "same."
+    )
 
 
 @pytest.mark.parametrize(
@@ -135,6 +149,87 @@ async def test_a_valve_whose_friction_rose_in_service_is_shown_so_everywhere(pla
         assert 'breakaway_valve_ne107{state="M",valve="FV-101"} 1.0' in (await client.get("/metrics")).text
         assert "risen by 40 %" in (await client.get("/")).text
         assert "risen by 40 %" in (await client.get("/ui/valves/FV-101")).text
+
+
+async def test_days_by_another_nameplate_are_not_held_against_those_by_this_one_and_that_is_said(plant: Plant) -> None:
+    """A larger actuator raises every force that is computed; the pressures are as they were."""
+    store, stale = Store(plant.service.store), Staleness(plant)
+    days = WatchedDays(plant, store, stale, None, "breakaway 0")
+    smaller = replace(JUDGED_BY, area_m2=0.04)
+    for back, (friction_n, by) in enumerate([*[(1400.0, JUDGED_BY)] * 5, *[(1000.0, smaller)] * 4]):
+        store.watched.add(said(DAY - timedelta(days=back), friction_n, by=by), "")
+    days.note_states(DAY)
+    assert stale.watched("FV-101", NOON) is None
+    async with running_application(app_of(plant, store=store, rig=FakeRig(), analyst=FakeAnalyst())) as client:
+        body = (await client.get("/valves/FV-101/watched")).json()
+        page = (await client.get("/ui/valves/FV-101")).text
+    why = (
+        "Friction is not compared with that of 4 days up to 2026-11-16: the nameplate was another (effective area "
+        "400.0 cm², travel 101.6 mm; now effective area 645.2 cm², travel 101.6 mm). 6 days by the present one are "
+        "needed."
+    )
+    assert body["notes"] == [why]
+    assert page.count(why) == 1
+    assert [one["area_m2"] for one in body["days"][4:6]] == [0.06452, 0.04]
+    for back in range(5, 9):  # as the present nameplate would have judged them
+        store.watched.add(said(DAY - timedelta(days=back), 1000.0), "")
+    for ahead in range(3):  # read while the clock was ahead
+        store.watched.add(said(date(2036, 1, 1 + ahead), 1000.0), "")
+    days.note_states(DAY)
+    changed = stale.watched("FV-101", NOON)
+    assert changed is not None
+    assert "risen by 40 %" in changed.sentence
+    store.close()
+
+
+@pytest.mark.parametrize(
+    ("other", "is_like"),
+    [
+        (JudgedBy(0.1016, 0.06452), True),
+        (JudgedBy(4.0 * 0.0254, 100.0062 * 0.0254**2), True),  # the same in inches
+        (JudgedBy(0.1016, 0.0646), False),
+        (JudgedBy(0.102, 0.06452), False),
+        (JudgedBy(0.1016, None), False),
+        (JudgedBy(), False),
+    ],
+)
+def test_a_nameplate_is_like_another_if_travel_and_area_are(other: JudgedBy, is_like: bool) -> None:
+    assert other.is_like(JUDGED_BY) is JUDGED_BY.is_like(other) is is_like
+
+
+@pytest.mark.parametrize(("missing", "is_said"), [(6, False), (7, True)])
+def test_a_week_without_a_day_is_said_once_between_the_days_that_there_are(missing: int, is_said: bool) -> None:
+    backs = [0, 1, 2, *(3 + missing + back for back in range(3))]
+    notes = notes_of([said(DAY - timedelta(days=back), 1000.0) for back in backs], JUDGED_BY)
+    assert bool(notes) is is_said
+    if is_said:
+        assert notes[0].startswith("Nothing was kept from 2026-11-12 to 2026-11-18: the stem did not move, or ")
+        assert len(notes) == 1
+
+
+async def test_a_valve_that_cannot_be_read_is_shown_so_once_with_what_to_do(
+    watched_plant: Plant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    why = "bus plc-1: device 1 has no register 4123: correct the map"
+
+    async def unread(_: Motion) -> dict[str, Unread]:
+        return dict.fromkeys(("FV-101", "FV-102"), Unread(why, NOON))
+
+    async def nobody(_: Motion) -> dict[str, Unread]:
+        raise MotionLostError("it is not there")
+
+    async with running_application(app_of(watched_plant, rig=FakeRig(), analyst=FakeAnalyst())) as client:
+        assert (await client.get("/valves/FV-101/watched")).json()["unread"] is None
+        monkeypatch.setattr(Motion, "unread", unread)
+        body = (await client.get("/valves/FV-101/watched")).json()
+        assert body["unread"] == {"since": "2026-11-22T12:00:00Z", "reason": why}
+        page = " ".join((await client.get("/ui/valves/FV-101")).text.split())
+        assert page.count(why) == 1
+        assert "Not read since " in page
+        assert (await client.get("/valves/FV-102/watched")).json()["unread"] is None  # it is not watched
+        monkeypatch.setattr(Motion, "unread", nobody)
+        assert (await client.get("/valves/FV-101/watched")).json()["unread"] is None
+        assert (await client.get("/ui/valves/FV-101")).status_code == 200
 
 
 def full(day: date, friction_n: float | None) -> WatchedDay:

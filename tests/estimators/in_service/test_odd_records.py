@@ -179,6 +179,37 @@ def test_a_record_that_cannot_be_right_is_refused_with_value_limit_and_remedy(ch
         seen(Recording(time_s, position_m, pressure_pa=pressure_pa))
 
 
+@pytest.mark.parametrize(("hours", "period_s"), [(6.0, 1.0), (6.0, 60.0), (192.0, 60.0)])
+def test_a_source_that_stops_and_repeats_its_last_value_is_a_gap_and_said(hours: float, period_s: float) -> None:
+    """A historian goes on to report the last value, even for a week."""
+    recording = record(1.0, 1.0)
+    assert recording.pressure_pa is not None
+    count = round(hours * 3600.0 / period_s)
+    held_s = recording.time_s[1799] + period_s * np.arange(1, count + 1)
+    stopped = [
+        np.concatenate([channel[:1800], np.full(count, channel[1799]), channel[1800:]])
+        for channel in (recording.position_m, recording.pressure_pa)
+    ]
+    time_s = np.concatenate([recording.time_s[:1800], held_s, recording.time_s[1800:] + held_s[-1] - 1799.0])
+    found = seen(Recording(time_s, stopped[0], pressure_pa=stopped[1]))
+    assert near(found, "friction", AREA_M2 * FRICTION_PA)
+    assert found.gaps == 1
+    assert found.covered_s < 3700.0
+    (said,) = (note for note in found.notes if "hold one value" in note)
+    assert f"for {hours:g} h, first after 1799 s" in said
+    assert "look at the logger" in said
+
+
+def test_coarse_channels_that_rest_for_half_an_hour_are_no_source_that_stopped() -> None:
+    recording = record(1.0, 1.0)
+    assert recording.pressure_pa is not None
+    pressure_pa, position_m = np.array(recording.pressure_pa), np.array(recording.position_m)
+    pressure_pa[1000:2800], position_m[1000:2800] = pressure_pa[1000], position_m[1000]
+    found = seen(Recording(recording.time_s, position_m, pressure_pa=pressure_pa))
+    assert found.gaps == 0
+    assert not any("hold one value" in note for note in found.notes)
+
+
 def test_a_full_stroke_is_no_change_of_unit() -> None:
     time_s = np.arange(0.0, 600.0, 1.0)
     pressure_pa = np.where(np.floor(time_s / 60.0) % 2 == 0, 22.0e3, 110.0e3)
