@@ -16,6 +16,7 @@ from valve.effects.local_friction import LocalFriction as SpotEffect
 
 _WIDTHS: Final = (0.008, 0.014, 0.025, 0.045, 0.08)  # of the travel, standard widths
 _PLACES: Final = 60
+_BEYOND: Final = 0.02  # of the travel: a spot may stop the stem before its middle
 _HALF_RISE: Final = 1.1774  # standard widths from the centre to half of the rise
 
 
@@ -26,26 +27,31 @@ class LocalFriction(Cause):
     action: ClassVar[str] = "Look at stem and packing there: a bent stem, galling, a deposit."
 
     def natural(self) -> tuple[LawParameter, ...]:
-        """Up to 2.5 times F_c, anywhere in the travel swept but at the seat."""
+        """Up to 2.5 times F_c, anywhere in the travel swept, and a little beyond, but at the seat."""
         setting = self.setting
         return (
             parameter(
                 "rise_n", "N", -0.5 * setting.friction_n, 2.5 * setting.friction_n, spread=0.2 * setting.friction_n
             ),
-            parameter("centre_m", "m", self._lowest_m, setting.high_m),
+            parameter("centre_m", "m", self._lowest_m, self._highest_m),
             parameter("width_m", "m", 0.005 * setting.travel_m, 0.1 * setting.travel_m),
         )
 
     def shapes(self) -> list[Shape]:
         """Places along the travel swept, each with all widths."""
         setting = self.setting
-        places_m = self._lowest_m + (setting.high_m - self._lowest_m) * (np.arange(_PLACES) + 0.5) / _PLACES
+        places_m = self._lowest_m + (self._highest_m - self._lowest_m) * (np.arange(_PLACES) + 0.5) / _PLACES
         return [(float(place_m), width * setting.travel_m) for width in _WIDTHS for place_m in places_m]
 
     @property
     def _lowest_m(self) -> float:
         # nearer to the closed position it is the seat's
-        return min(max(self.setting.low_m, SEAT * self.setting.travel_m), self.setting.middle_m)
+        least_m = self.setting.low_m - _BEYOND * self.setting.travel_m
+        return min(max(least_m, SEAT * self.setting.travel_m), self.setting.middle_m)
+
+    @property
+    def _highest_m(self) -> float:
+        return self.setting.high_m + _BEYOND * self.setting.travel_m
 
     def friction_n(self, values: FloatArray, where: Where) -> FloatArray:
         """Return the rise at these places."""

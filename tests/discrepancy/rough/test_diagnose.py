@@ -67,6 +67,17 @@ def test_a_stem_that_creeps_through_a_tight_spot_in_steps_has_no_second_fault() 
     assert [one.cause for one in diagnose(made.recording, made.nameplate).causes] == ["local_friction"]
 
 
+@pytest.mark.parametrize("seed", [321, 324])
+def test_a_tight_spot_that_ends_the_stroke_before_its_middle_is_named(seed: int) -> None:
+    # the stem gets to 60 mm: all that shows is friction which rises up to there, told as a worn spot before
+    spot = LocalFriction(800.0, 0.0606, 2.1e-3)
+    made = case("nominal", "triangle", "usual", seed=seed, effects=[spot])
+    (found,) = diagnose(made.recording, made.nameplate).causes
+    assert found.cause == "local_friction"
+    assert found.parameters["rise_n"].value > 400.0
+    assert found.parameters["centre_m"].value == pytest.approx(spot.centre_m, abs=2.0e-3)
+
+
 def test_a_drift_is_named_and_predicts_another_recording_better_in_the_same_time() -> None:
     drift = FrictionDrift(-0.35 * _FRICTION_N, 25.0)
     held_out = case(_VALVE, HELD_OUT, "usual", seed=33, occasion=1, effects=[drift])
