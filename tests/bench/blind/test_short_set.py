@@ -52,6 +52,14 @@ def test_what_is_hidden_is_named_and_gains_what_can_be_gained(cause: str) -> Non
 
 
 @pytest.mark.usefixtures("coarser")
+def test_a_name_is_not_refused_for_one_breakaway_that_was_harder() -> None:
+    # the sine's first breakaway, after a long rest, is 600 N harder: until then the stem is simulated elsewhere
+    case = blind_case(7006, "triangle")
+    assert [one.cause for one in case.hidden] == ["flow_force"]
+    assert graded(case, product(case).discrepancy) is Grade.ALONE
+
+
+@pytest.mark.usefixtures("coarser")
 @pytest.mark.parametrize("seed", [24, 26])
 def test_a_healthy_valve_has_nothing_to_name(seed: int) -> None:
     case = blind_case(seed, "triangle", factor=0.0)
