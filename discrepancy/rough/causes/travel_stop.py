@@ -19,7 +19,7 @@ from valve.effects.travel_stop_high import TravelStopHigh as HighEffect
 from valve.effects.travel_stop_low import TravelStopLow as LowEffect
 
 _LEAST_S: Final = 0.12  # between the arrival and the turn of the force
-_LAGS: Final = 6.0
+_LAGS: Final = 1.5
 _DRIVEN_BANDS: Final = 6.0  # of the band of a rest that the force would have driven the stem on
 _LEAST_RISE: Final = 0.006  # of the full force: a hunting I/P does half of it by itself
 _SAME_PLACE: Final = 0.1  # of that way: how far arrivals at one stop may differ

@@ -60,6 +60,14 @@ def test_a_name_is_not_refused_for_one_breakaway_that_was_harder() -> None:
 
 
 @pytest.mark.usefixtures("coarser")
+def test_a_stop_is_seen_by_a_stem_that_follows_late() -> None:
+    # half a second of a force that went on, behind a stem that is 0.28 s late
+    case = blind_case(7004, "polled")
+    assert [one.cause for one in case.hidden] == ["travel_stop_low"]
+    assert graded(case, product(case).discrepancy) is Grade.ALONE
+
+
+@pytest.mark.usefixtures("coarser")
 @pytest.mark.parametrize("seed", [24, 26])
 def test_a_healthy_valve_has_nothing_to_name(seed: int) -> None:
     case = blind_case(seed, "triangle", factor=0.0)
