@@ -12,6 +12,7 @@ import numpy as np
 from discrepancy.rough.accepted import NOTHING_NEW, Accepted, accepted_in
 from discrepancy.rough.causes import SEEN_CAUSES
 from discrepancy.rough.causes.command_loop import command_loop
+from discrepancy.rough.causes.presliding import YIELDING, Presliding
 from discrepancy.rough.causes.seen import Seen, SeenCause, View
 from discrepancy.rough.evidence import Solved, fitted, problem_of
 from discrepancy.rough.findings import extended_model, findings
@@ -26,7 +27,7 @@ from discrepancy.rough.saved_model import SavedModel
 from discrepancy.rough.scale import wrong_scale
 from discrepancy.rough.selection import NAMED, Selection, selected
 from discrepancy.rough.separating import Undecided
-from discrepancy.rough.setting import setting_of
+from discrepancy.rough.setting import Setting, setting_of
 from estimators.base import Estimate, Outcome
 from estimators.engine.balance import lag_after_corners
 from estimators.engine.parameters import Known
@@ -93,14 +94,17 @@ def diagnose(
     if not is_settled(lag, late.value):
         # a heavily damped stem: its transients look like friction that falls with speed
         longer = Known(late.value, max(late.std_error, _LAG_ERROR * late.value))
-        null = _plain(reading, nameplate, longer, creeping_m_per_s, int(null.problem.rows.is_slide.sum())) or null
+        settled = _plain(reading, nameplate, longer, creeping_m_per_s, int(null.problem.rows.is_slide.sum()))
+        null, lag = (null, lag) if settled is None else (settled, longer)
+    setting = _setting(null, reading, nameplate, creeping_m_per_s)
+    soft = Presliding().seen(View(recording, nameplate, reading, setting, null, estimate))
+    if soft is not None:
+        # what a stem does on its bristles is neither sliding nor a breakaway
+        way_m = YIELDING * soft.fitted["deflection_m"].value
+        firm = _plain(reading, nameplate, lag, creeping_m_per_s, yields_m=way_m)
+        null, slips = (null, True) if firm is None else (firm, slips)
+        setting = _setting(null, reading, nameplate, creeping_m_per_s)
     rows = null.problem.rows
-    setting = setting_of(rows, reading, nameplate, creeping_m_per_s)
-    setting = replace(setting, late_s=max(null.known("lag").value, 0.0))
-    coulomb, static = null.known("F_c"), null.known("F_s")
-    if coulomb.std_error < _KNOWN * coulomb.value:
-        # least squares take what is viscous for dry friction
-        setting = replace(setting, friction_n=coulomb.value, static_n=max(coulomb.value, static.value))
     wrong = wrong_scale(null.known("k").value, nameplate) if rows.has_spring else ""
     if wrong:
         return RoughDiagnosis(Verdict.NOT_ASSESSED, wrong, latent=latent_friction(null))
@@ -121,14 +125,35 @@ def diagnose(
     return replace(found, message=f"{found.message} Other causes: {_NO_SLIDES}.") if slips else found
 
 
+def _setting(null: Solved, reading: Reading, nameplate: Nameplate, creeping_m_per_s: float) -> Setting:
+    """The sizes of this valve, friction by the plain fit where that knows it."""
+    setting = setting_of(null.problem.rows, reading, nameplate, creeping_m_per_s)
+    setting = replace(setting, late_s=max(null.known("lag").value, 0.0))
+    coulomb, static = null.known("F_c"), null.known("F_s")
+    if coulomb.std_error < _KNOWN * coulomb.value:
+        # least squares take what is viscous for dry friction
+        setting = replace(setting, friction_n=coulomb.value, static_n=max(coulomb.value, static.value))
+    return setting
+
+
 def _plain(
-    reading: Reading, nameplate: Nameplate, lag: Known, creeping_m_per_s: float, of: int = 0, *, by_slips: bool = False
+    reading: Reading,
+    nameplate: Nameplate,
+    lag: Known,
+    creeping_m_per_s: float,
+    of: int = 0,
+    *,
+    by_slips: bool = False,
+    yields_m: float = 0.0,
 ) -> Solved | None:
     """The plain valve whose stem follows that late; None with too little motion, as such and of so many blocks.
 
-    ``by_slips``: it may slide one way only, where breakaways both ways show the rest.
+    ``by_slips``: it may slide one way only, where breakaways both ways show the rest. ``yields_m``: so far from where
+    the force turned the stem moves without sliding.
     """
     rows = observations(reading, lag).above(creeping_m_per_s)
+    if yields_m > 0.0:
+        rows = rows.beyond(reading, yields_m)
     slide = rows.is_slide
     fewest = max(_FEWEST_BLOCKS, _KEPT * of)
     shown = slide if not by_slips else np.ones(rows.count, np.bool_)

@@ -40,6 +40,7 @@ _TURNING: Final = 0.12  # of a stroke
 _HUNTING_S: Final = 0.15
 _NOISE_S: Final = 0.02  # how long a gauge's noise stays alike, both ways
 _NOISE_GROWS: Final = 3.0  # a coloured noise's size over its steps' from row to row
+_AS_DRIVEN: Final = 0.6  # of the driven speed, or the other way: a stem that slides
 _FIRST_SHARE: Final = 0.5  # of F_s: by how much the first breakaway after an unknown rest may differ
 
 
@@ -102,6 +103,24 @@ class Observations:
         enough = int((quick & self.is_slide).sum()) > _ENOUGH * int(self.is_slide.sum())
         both = np.unique(self.direction[quick & self.is_slide]).size == 2
         return self.rows(quick | ~self.is_slide) if enough and both else self
+
+    def beyond(self, reading: Reading, way_m: float) -> Observations:
+        """Return the motion of a stem on bristles that slides, and no breakaway.
+
+        It is further than ``way_m`` from where the force turned last, and about as fast as the force drives it: slower
+        on its bristles, faster when they give way.
+        """
+        time_s, position_m = reading.time_s, reading.position_m
+        turned = np.concatenate([[time_s[0]], reading.path.corners_s])
+        last_s = turned[np.maximum(np.searchsorted(turned, self.time_s) - 1, 0)]
+        far = np.abs(self.travel_m - np.interp(last_s, time_s, position_m)) > way_m
+        half_s = 0.5 * np.maximum(self.duration_s, _SHORTEST_S)
+        passed_m = np.interp(self.time_s + half_s, time_s, position_m) - np.interp(
+            self.time_s - half_s, time_s, position_m
+        )
+        driven_m = 2.0 * half_s * np.abs(self.speed_m_per_s)
+        slides = (np.abs(passed_m) > _AS_DRIVEN * driven_m) & (_AS_DRIVEN * np.abs(passed_m) < driven_m)
+        return self.rows(self.is_slide & far & slides)
 
     def added_n(self, law: Law, values: FloatArray, share: float) -> FloatArray:
         """What a law adds to the actuator's force of each row, N, shape (n,); ``share`` is F_s over F_c."""

@@ -19,6 +19,7 @@ from discrepancy.rough.causes.position_backlash import PositionBacklash
 from discrepancy.rough.causes.position_lag import PositionLag
 from discrepancy.rough.causes.position_nonlinearity import PositionNonlinearity
 from discrepancy.rough.causes.positioner_dead_band import PositionerDeadBand
+from discrepancy.rough.causes.presliding import Presliding
 from discrepancy.rough.causes.pressure_dependent_friction import PressureDependentFriction
 from discrepancy.rough.causes.seat_friction import SeatFriction
 from discrepancy.rough.causes.seen import SeenCause
@@ -53,6 +54,7 @@ SEEN_CAUSES: Final[tuple[SeenCause, ...]] = (
     TravelStopLow(),
     TravelStopHigh(),
     SupplySaturation(),
+    Presliding(),
     ActuatorLeak(),
     PositionerDeadBand(),
     TransducerHysteresis(),
