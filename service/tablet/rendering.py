@@ -25,6 +25,7 @@ from service.tablet.visitor import Visitor
 from service.words.plant_clock import by_the_plants_clock, instant_words
 from service.words.sentences import as_sentence, in_units
 from service.words.units import UnitSystem, measured, quantity, shown_unit
+from valve.errors import NotFoundError
 
 _HERE: Final = Path(__file__).parent
 STATIC: Final = _HERE / "static"
@@ -135,6 +136,10 @@ class Pages:
         if chosen in list(UnitSystem):
             response.set_cookie(UNITS_COOKIE, chosen, max_age=365 * 86400, samesite="strict", path="/")
         return response
+
+    def missing(self, visitor: Visitor, error: NotFoundError) -> HTMLResponse:
+        """Return the page for what is not there."""
+        return self.show("missing.html", visitor, {"reason": str(error)}, HTTPStatus.NOT_FOUND)
 
 
 async def _pages(request: Request, plant: Given[Plant], watch: Given[MotionWatch]) -> Pages:

@@ -4,40 +4,28 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Mapping
-from dataclasses import dataclass
 from datetime import UTC, datetime
-from http import HTTPStatus
 from typing import Annotated, Any, Final
-from urllib.parse import quote
-from zoneinfo import ZoneInfo
 
-from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi import APIRouter, Query, Response
 
 from drivers.addresses import Mode
-from drivers.motion.orders import MotionLink
 from service.config.settings import Plant
 from service.figures.methods import all_estimates, can_compare
 from service.figures.signature import has_signature
 from service.health.earlier import EarlierResults
 from service.health.judge import facts_of
-from service.health.staleness import Staleness
-from service.health.watched import notes_of, present_nameplate
 from service.http.given import Given
-from service.model.acknowledgement import alarm_words, needs_acknowledgement
+from service.model.acknowledgement import needs_acknowledgement
 from service.model.run import Run, RunState
-from service.model.stands_words import where_it_stands
-from service.model.until import SYMBOLS, early_words
+from service.model.until import early_words
 from service.report.before_after import BeforeAfter, before_after
 from service.report.of_run import repair_sentences
 from service.report.summary import key_figures
-from service.report.valve_facts import class_facts, identity_facts, safe_position_words, safe_value_words
 from service.runs.again import can_be_analysed
 from service.runs.service import Runs
-from service.runs.unread import unread_of
 from service.shown.ending import ending_of
-from service.shown.forecast import forecasts_of
-from service.shown.history import ValvePast, history_row, past_of
-from service.shown.in_service import in_service_of
+from service.shown.history import ValvePast, past_of
 from service.shown.next_step import next_step
 from service.shown.overlays import before_of, overlays_of, words_of
 from service.shown.results import (
@@ -51,23 +39,22 @@ from service.shown.results import (
     recording_facts,
     told_once,
 )
-from service.shown.words import NE107, STATES, alarm_condition, condition_of
+from service.shown.words import NE107, STATES, alarm_condition
 from service.store.store import Store
+from service.tablet.figure_addresses import figure_query
 from service.tablet.night import NightWish, due_checks, night_of
-from service.tablet.plans import AROUND_S, approved_plans, planned_line, plans_of, waveform_of
-from service.tablet.rendering import Pages, PagesOf
+from service.tablet.plans import planned_line, waveform_of
+from service.tablet.rendering import PagesOf
 from service.tablet.since import since_yesterday
 from service.tablet.valve_list import ValveList, Wish
+from service.tablet.valve_pages import standing_at
 from service.tablet.valve_rows import ValveSource, ValveSourceOf, valve_rows, valve_stands
-from service.tablet.visitor import Visitor, VisitorOf
+from service.tablet.visitor import VisitorOf
 from service.words.units import UnitSystem, shown_unit
 from valve.errors import NotFoundError, ValveError
 
 router = APIRouter(include_in_schema=False)
 
-_HISTORY: Final = 20
-#: By what a polled test can be asked to end early, in the words of its form.
-_UNTIL_WORDS: Final = dict(zip(SYMBOLS, ("breakaway F_s", "friction F_c", "spring rate k"), strict=True))
 _SOON: Final = "The first estimate comes at the first turning point."
 _NO_ESTIMATES: Final = "The device samples by itself: the estimates come when its samples are fetched."
 
@@ -124,112 +111,6 @@ async def sign_in_page(
     return pages.show("sign_in.html", None, {"next": next_path if inside else "/"})
 
 
-@router.get("/ui/valves/{tag:path}/start")
-async def start_page(
-    request: Request,
-    pages: PagesOf,
-    tag: str,
-    *,
-    plant: Given[Plant],
-    store: Given[Store],
-    runs: Given[Runs],
-    visitor: VisitorOf,
-) -> Response:
-    """Show what a test would do, and the two steps that start it."""
-    try:
-        valve = runs.valve(tag)
-    except NotFoundError as error:
-        return _missing(pages, visitor, error)
-    system = pages.system
-    approved = None if visitor.may_configure else plant.service.access.approved_sequences
-    values = {
-        "tag": tag,
-        "busy_with": runs.user_of(tag),
-        "travel_m": valve.nameplate.actuator.travel_m,
-        "needs_permit": valve.wiring.permissives.permit,
-        "plans": approved_plans(await asyncio.to_thread(plans_of, valve, store), approved),
-        "wanted": request.query_params.get("sequence"),
-        "around_s": AROUND_S,
-        "until": _UNTIL_WORDS if valve.wiring.acquisition.mode is Mode.POLLED else {},
-        "safe_words": safe_value_words(valve.wiring.safe_value_pa, system),
-    }
-    return pages.show("start.html", visitor, values)
-
-
-@dataclass(frozen=True, slots=True)
-class _OneValve:
-    """What the page of one valve is made from."""
-
-    plant: Plant
-    store: Store
-    runs: Runs
-    staleness: Staleness
-    motion: MotionLink
-
-
-async def _one_valve(
-    plant: Given[Plant],
-    store: Given[Store],
-    runs: Given[Runs],
-    staleness: Given[Staleness],
-    motion: Given[MotionLink],
-) -> _OneValve:
-    return _OneValve(plant, store, runs, staleness, motion)
-
-
-@router.get("/ui/valves/{tag:path}")
-async def valve_page(
-    pages: PagesOf, tag: str, source: Annotated[_OneValve, Depends(_one_valve)], visitor: VisitorOf
-) -> Response:
-    """Show one valve."""
-    try:
-        valve = source.runs.valve(tag)
-    except NotFoundError as error:
-        return _missing(pages, visitor, error)
-    system, due, now = pages.system, due_checks(source.plant), datetime.now(UTC)
-    past = await asyncio.to_thread(past_of, source.store, tag, valve)
-    last = source.runs.as_it_stands(past.newest[0]) if past.newest else None
-    latest, figures = past.latest, {test.test_id: test for test in past.figures}
-    health = _standing(source.staleness, latest, tag)
-    values = {
-        "tag": tag,
-        "busy_with": source.runs.user_of(tag),
-        "condition_now": condition_of(
-            last, health.get("ne107"), is_busy=source.runs.user_of(tag) is not None, is_tested=last is not None
-        ),
-        "unacknowledged": last if last is not None and needs_acknowledgement(last) else None,
-        "reasons": health.get("reasons") or () if health.get("ne107") else (),
-        "latest": latest,
-        "baseline": past.baseline,
-        "baseline_is_other": latest is not None and past.baseline is not None and past.baseline.id != latest.id,
-        "signature_address": None
-        if latest is None or not has_signature((latest.analysis or {}).get("signature"))
-        else f"/ui/figures/tests/{latest.id}/signature.svg?{_query(past, latest, system, source.plant.zone)}"
-        + ("" if past.baseline is None or past.baseline.id == latest.id else f"&with={past.baseline.id}"),
-        "trend_address": _trend_address(tag, past, system, source.plant.zone),
-        "in_service": in_service_of(valve.wiring.watch, past.watched),
-        "unread": await unread_of(source.motion, tag, valve),
-        "in_service_notes": notes_of(past.watched, present_nameplate(valve)),
-        "trend_words": "Friction, spring rate, bench set and dead band over the tests; figures stand below.",
-        "forecasts": [one.sentence(now, source.plant.zone) for one in forecasts_of(health, now)],
-        "next_check": due.get(tag),
-        "description": valve.identity.description,
-        "identity": [
-            *(one for one in identity_facts(valve.identity) if one[0] != "Description"),
-            *class_facts(valve),
-        ],
-        "travel_m": valve.nameplate.actuator.travel_m,
-        "limits": valve.wiring.limits,
-        "safe_words": safe_value_words(valve.wiring.safe_value_pa, system),
-        "safe_position": safe_position_words(valve.wiring.rest, system),
-        **_standing_at(last),
-        "acquisition": f"{valve.wiring.acquisition.mode.value}, every {1e3 * valve.wiring.acquisition.period_s:g} ms",
-        "buses": ", ".join(sorted(valve.buses)),
-        "history": [history_row(source.runs.as_it_stands(run), figures.get(run.id)) for run in past.newest[:_HISTORY]],
-    }
-    return pages.show("valve.html", visitor, values)
-
-
 @router.get("/ui/tests/{test_id}")
 async def test_page(
     pages: PagesOf, test_id: str, *, plant: Given[Plant], store: Given[Store], runs: Given[Runs], visitor: VisitorOf
@@ -238,8 +119,8 @@ async def test_page(
     try:
         run = await runs.get(test_id)
     except NotFoundError as error:
-        return _missing(pages, visitor, error)
-    shared = {"tag": run.valve, "run": run, "state_words": STATES[run.state], **_standing_at(run)}
+        return pages.missing(visitor, error)
+    shared = {"tag": run.valve, "run": run, "state_words": STATES[run.state], **standing_at(run)}
     if not run.state.finished:
         live = await asyncio.to_thread(_live, plant, store, run, pages.system)
         return pages.show("running.html", visitor, {**shared, "live": live})
@@ -266,7 +147,7 @@ async def compared_part(
         past = await asyncio.to_thread(past_of, store, run.valve, plant.valves.get(run.valve), run)
         compared = await asyncio.to_thread(_compared, plant, store, run, past, pages.system, before=before)
     except NotFoundError as error:
-        return _missing(pages, visitor, error)
+        return pages.missing(visitor, error)
     return pages.show("compared.html", visitor, compared)
 
 
@@ -296,50 +177,8 @@ def _compared(
     }
 
 
-def _missing(pages: Pages, visitor: Visitor, error: NotFoundError) -> Response:
-    return pages.show("missing.html", visitor, {"reason": str(error)}, HTTPStatus.NOT_FOUND)
-
-
-def _standing_at(run: Run | None) -> dict[str, Any]:
-    """Return where a test left its valve, what is wrong with that, and what a page compares to see it change."""
-    if run is None:
-        return {"stands": "", "alarm": "", "verdict": ""}
-    verdict = "" if run.stands is None else run.stands.verdict.value
-    return {"stands": where_it_stands(run), "alarm": alarm_words(run), "verdict": verdict}
-
-
 def _health(run: Run | None) -> dict[str, Any]:
     return {} if run is None or run.analysis is None else dict(run.analysis.get("health") or {})
-
-
-def _standing(staleness: Staleness, latest: Run | None, tag: str) -> Mapping[str, Any]:
-    """Return health as it stands today, of the last completed test and of days in service."""
-    now = datetime.now(UTC)
-    oldest = staleness.oldest(tag, now)
-    if latest is None:
-        return oldest.health(None, None, now) or {}
-    return oldest.health(_health(latest), latest.created_at, now) or {}
-
-
-def _trend_address(tag: str, past: ValvePast, system: UnitSystem, zone: ZoneInfo | None) -> str | None:
-    """Return where the trend's picture is; None where neither a test nor a day in service has a figure for it."""
-    has_days = any(day.figures for day in past.watched)
-    if past.latest is None and not has_days:
-        return None
-    tests = f"units={system.value}" if past.latest is None else _query(past, past.latest, system, zone)
-    days = f"&watched={past.watched[0].judged_at:%Y%m%dT%H%M%S%f}" if has_days else ""
-    to = "" if past.latest is None else f"to={past.latest.id}&"
-    return f"/ui/figures/valves/{quote(tag)}/trend.svg?{to}{tests}{days}"
-
-
-def _query(past: ValvePast, run: Run, system: UnitSystem, zone: ZoneInfo | None) -> str:
-    """Return what else a picture of a test depends on, so that its address changes with it."""
-    analysed = "" if run.finished_at is None else f"&of={run.finished_at:%Y%m%dT%H%M%S%f}"
-    label = "" if run.label is None else f"&as={run.label.value}"
-    clock = "" if zone is None else f"&zone={quote(zone.key)}"
-    return f"units={system.value}{clock}{analysed}{label}" + (
-        "" if past.baseline is None else f"&baseline={past.baseline.id}"
-    )
 
 
 def _live(plant: Plant, store: Store, run: Run, system: UnitSystem) -> dict[str, Any]:
@@ -385,7 +224,7 @@ def _result(plant: Plant, store: Store, run: Run, past: ValvePast, system: UnitS
         "recording_facts": recording_facts(run, system, plant.zone),
         "may_be_analysed": can_be_analysed(run),
         "figures": f"/ui/figures/tests/{run.id}",
-        "figure_query": _query(past, run, system, plant.zone),
+        "figure_query": figure_query(past, run, system, plant.zone),
     }
     if analysis is None:
         later = past.newest[0] if past.newest and past.newest[0].id != run.id else None
