@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import partial
 from importlib.metadata import version
 from typing import Any, Final
 from urllib.parse import urlsplit
@@ -16,21 +17,23 @@ from pydantic import BaseModel
 from drivers.addresses import Mode
 from drivers.motion.audit_log import AuditLog
 from drivers.motion.orders import MotionLink
-from service.access.access import access_of
+from service.access.access import Access, access_of
 from service.access.gate import Gate
 from service.access.needs import OPEN_TO_ALL, rights
 from service.access.stop_grants import stoppers_known
 from service.audit.service_life import note_end, note_start
 from service.config.settings import Plant
+from service.figures.drawer import Drawer
+from service.health.earlier import EarlierResults
 from service.health.staleness import Staleness
 from service.http.body_limits import BodyLimits
 from service.http.errors import install_error_handlers
+from service.http.given import give
 from service.http.head_requests import HeadRequests
 from service.http.hosts import Hosts
 from service.http.read_turns import ReadTurns
 from service.meters import Meters
-from service.mqtt.publisher import mqtt_of
-from service.parts import Parts
+from service.mqtt.publisher import MqttPublisher, mqtt_of
 from service.recordings.conversion import Converter
 from service.reload import Reloader
 from service.routes.access import router as access_routes
@@ -120,21 +123,27 @@ def create_app(
         at_once = pool.most_behind if pool is not None else 1
         reanalyses = Reanalyses(plant, opened, runs, software=software, audit=audit, at_once=at_once)
         watch = MotionWatch(plant, motion)
-        app.state.parts = Parts(
-            plant,
-            opened,
-            runs,
-            chosen,
-            converter,
-            VERSION,
-            access,
-            audit,
-            nightly,
-            stale,
-            meters,
-            motion,
-            reanalyses,
-            watch,
+        drawer = Drawer()
+        reloader: Reloader | None = None
+        give(
+            app,
+            {
+                Plant: plant,
+                Store: opened,
+                Runs: runs,
+                Analyst: chosen,
+                Converter: converter,
+                Access: access,
+                AuditLog: audit,
+                Nightly: nightly,
+                Staleness: stale,
+                EarlierResults: EarlierResults(),
+                Meters: meters,
+                MotionLink: motion,
+                Reanalyses: reanalyses,
+                MotionWatch: watch,
+                Drawer: drawer,
+            },
         )
         try:
             await asyncio.to_thread(note_start, audit, plant, software)
@@ -143,14 +152,18 @@ def create_app(
                     await so_far.start()  # a second of a core, before anything moves
                 pool.start()
             await runs.recover()
-            app.state.reloader = Reloader(app.state.parts)
+            tell = (partial(stale.read, plant), partial(meters.read, plant), nightly.schedules_changed)
+            reloader = Reloader(plant, runs, motion, audit, tell)
+            give(app, {Reloader: reloader})
             renewal = Renewal(plant, opened, runs)
             watched = WatchedDays(plant, opened, stale, pool, software)
             async with (
-                mqtt_of(plant, opened, stale) as app.state.mqtt,
+                mqtt_of(plant, opened, stale) as broker,
                 nights(nightly, reanalyses, plant, opened, runs),
                 stoppers_known(runs.any_under_way, access.note_known),
             ):
+                if broker is not None:
+                    give(app, {MqttPublisher: broker})
                 renewal.start()
                 watch.start()
                 watched.start()
@@ -163,12 +176,12 @@ def create_app(
         finally:
             await runs.shut_down()
             await motion.close()
-            if isinstance(getattr(app.state, "reloader", None), Reloader):
-                await app.state.reloader.close()
+            if reloader is not None:
+                await reloader.close()
             await converter.close()
             access.close()
             await asyncio.to_thread(note_end, audit)
-            await app.state.parts.drawer.close()
+            await drawer.close()
             if pool is not None and so_far is not None:
                 await so_far.close()
                 await pool.close()

@@ -7,16 +7,17 @@ its broker, the address of a bus that it has) stays as it is until the next star
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Final, TypeVar
 
 import structlog
 from pydantic import BaseModel, Field
 
-from drivers.motion.orders import MotionLostError
+from drivers.motion.audit_log import AuditLog
+from drivers.motion.orders import MotionLink, MotionLostError
 from service.config.settings import Plant, PlantValve, faults_of
-from service.parts import Parts
+from service.runs.service import Runs
 from valve.errors import ConfigurationError, RequestError, ValveError
 
 _LOG = structlog.get_logger(__name__)
@@ -44,10 +45,16 @@ class Reloaded(BaseModel):
 
 
 class Reloader:
-    """Takes a changed plant file over. All methods belong to the event loop."""
+    """Takes a changed plant file over. All methods belong to the event loop.
 
-    def __init__(self, parts: Parts) -> None:
-        self._parts = parts
+    ``tell`` are called after each change: those who made something of the plant read it anew.
+    """
+
+    def __init__(
+        self, plant: Plant, runs: Runs, motion: MotionLink, audit: AuditLog, tell: Sequence[Callable[[], None]]
+    ) -> None:
+        self._plant, self._runs, self._motion, self._audit = plant, runs, motion, audit
+        self._tell_each = tell
         self._one_at_a_time = asyncio.Lock()
         self._waiting: dict[str, PlantValve | None] = {}  # what a valve under test will be; None: it goes
         self._settling: asyncio.Task[None] | None = None
@@ -55,7 +62,7 @@ class Reloader:
 
     async def reload(self, who: str) -> Reloaded:
         """Read the file again and take it over. Raises RequestError with every fault; then nothing has changed."""
-        parts, plant = self._parts, self._parts.plant
+        plant = self._plant
         async with self._one_at_a_time:
             fresh, faults = await asyncio.to_thread(faults_of, plant.file)
             refused = [str(fault) for fault in faults]
@@ -63,24 +70,24 @@ class Reloader:
                 refused += _moved_buses(plant, fresh)
             if refused or fresh is None:
                 note = {"faults": refused[:100]}
-                await asyncio.to_thread(parts.audit.append, "plant.reload_refused", who=who, details=note)
+                await asyncio.to_thread(self._audit.append, "plant.reload_refused", who=who, details=note)
                 _LOG.warning("plant file not taken over: nothing has changed", faults=refused)
                 raise RequestError("; ".join([*refused, "nothing has changed: correct the file and reload it again"]))
             told = self._told(fresh)
-            await asyncio.to_thread(parts.audit.append, "plant.reloaded", who=who, details=told.model_dump())
+            await asyncio.to_thread(self._audit.append, "plant.reloaded", who=who, details=told.model_dump())
             told.waiting = self._take_over(fresh)
             await self._tell_motion()
         _LOG.info("plant file taken over", **told.model_dump())
         return told
 
     def _told(self, fresh: Plant) -> Reloaded:
-        plant = self._parts.plant
+        plant = self._plant
         standing = {**plant.valves, **{tag: valve for tag, valve in self._waiting.items() if valve is not None}}
         for tag in [tag for tag, valve in self._waiting.items() if valve is None]:
             standing.pop(tag, None)
         valves = _changed(standing, fresh.valves)
         schedules = _changed({one.name: one for one in plant.schedules}, {one.name: one for one in fresh.schedules})
-        waiting = [tag for tag in (*valves.changed, *valves.removed) if self._parts.runs.user_of(tag) is not None]
+        waiting = [tag for tag in (*valves.changed, *valves.removed) if self._runs.user_of(tag) is not None]
         added = sorted(set(fresh.buses) - set(plant.buses))
         kept = _kept(plant, fresh)
         if fresh.schedules and not plant.schedules:
@@ -90,12 +97,12 @@ class Reloader:
 
     def _take_over(self, fresh: Plant) -> list[str]:
         """Change the plant in one go: nothing else runs on the event loop meanwhile. Return the valves that wait."""
-        parts, plant = self._parts, self._parts.plant
-        under_test = {tag: valve for tag, valve in plant.valves.items() if parts.runs.user_of(tag) is not None}
+        plant = self._plant
+        under_test = {tag: valve for tag, valve in plant.valves.items() if self._runs.user_of(tag) is not None}
         self._waiting = {
             tag: fresh.valves.get(tag) for tag, valve in under_test.items() if fresh.valves.get(tag) != valve
         }
-        parts.runs.add_buses({name: one for name, one in fresh.buses.items() if name not in plant.buses})
+        self._runs.add_buses({name: one for name, one in fresh.buses.items() if name not in plant.buses})
         plant.take_over(fresh, {tag: under_test[tag] for tag in self._waiting})
         self._tell()
         if self._waiting and (self._settling is None or self._settling.done()):
@@ -106,8 +113,8 @@ class Reloader:
         """Give each valve its new configuration as soon as its test has ended."""
         while self._waiting:
             await asyncio.sleep(_LOOK_S)
-            for tag in [tag for tag in self._waiting if self._parts.runs.user_of(tag) is None]:
-                self._parts.plant.set_valve(tag, self._waiting.pop(tag))
+            for tag in [tag for tag in self._waiting if self._runs.user_of(tag) is None]:
+                self._plant.set_valve(tag, self._waiting.pop(tag))
                 self._tell()
                 await self._settle_in_motion(tag)
                 _LOG.info("valve has its new configuration", valve=tag)
@@ -115,22 +122,20 @@ class Reloader:
     async def _tell_motion(self) -> None:
         """Have the motion process read the file, too, but for the valves that wait; one that starts later reads it."""
         try:
-            await self._parts.motion.reload(self._waiting)
+            await self._motion.reload(self._waiting)
         except (MotionLostError, ConfigurationError) as error:
             _LOG.error("motion process has not read the plant file: reload it again", reason=str(error))
 
     async def _settle_in_motion(self, tag: str) -> None:
         try:
-            await self._parts.motion.settled(tag)
+            await self._motion.settled(tag)
         except MotionLostError as error:
             _LOG.warning("motion process has not read the plant file", reason=str(error))
 
     def _tell(self) -> None:
         """Have those read the plant anew who made something of it."""
-        plant = self._parts.plant
-        self._parts.staleness.read(plant)
-        self._parts.meters.read(plant)
-        self._parts.nightly.schedules_changed()
+        for tell in self._tell_each:
+            tell()
 
     async def close(self) -> None:
         """Wait for no test any more: the next start reads the file."""

@@ -29,6 +29,7 @@ from service.access.access import Access
 from service.access.principal import LOCAL_PRINCIPAL, Principal
 from service.access.sessions import csrf_token, sha256
 from service.http.errors import NO_DATABASE, problem
+from service.http.given import part_of
 from service.model.requester import RequesterKind
 from service.runs.service import Runs
 
@@ -82,10 +83,9 @@ class Gate:
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
-        parts = scope["app"].state.parts
-        access: Access = parts.access
+        access = part_of(scope["app"], Access)
         guarded = _with_headers(send, access.settings.tls_certificate is not None)
-        began_s = _stopped_test_began_s(parts.runs, scope)
+        began_s = _stopped_test_began_s(part_of(scope["app"], Runs), scope)
         try:
             async with asyncio.timeout(None if began_s is None else _STOP_ASKS_S):
                 principal = await _principal(access, scope, began_s)

@@ -7,7 +7,7 @@ from datetime import datetime, timedelta
 from http import HTTPStatus
 from typing import Annotated, Any, Final
 
-from fastapi import APIRouter, Depends, Request, Response
+from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.access.access import Access
@@ -17,10 +17,11 @@ from service.access.passwords import LONGEST as LONGEST_PASSWORD
 from service.access.principal import RIGHTS, Principal, Right, Role
 from service.access.tokens import Token
 from service.access.users import User
+from service.config.settings import Plant
+from service.http.given import Given
 from service.http.problems import PROBLEMS
 from service.model.refusals import ForbiddenError
 from service.model.requester import RequesterKind
-from service.parts import parts_of
 from service.routes.json_body import JsonRoute
 from service.routes.lists import KNOWN_KEYS
 from valve.errors import NotFoundError
@@ -31,14 +32,6 @@ _STRICT: Final = ConfigDict(extra="forbid", strict=True)
 _Name = Annotated[str, Field(min_length=1, max_length=64)]
 _Password = Annotated[str, Field(min_length=1, max_length=LONGEST_PASSWORD)]
 _RoleName = Annotated[Role, Field(strict=False)]
-
-
-async def access_of_request(request: Request) -> Access:
-    """Return the access to the service that got this request."""
-    return (await parts_of(request)).access
-
-
-AccessOf = Annotated[Access, Depends(access_of_request)]
 
 
 class SignIn(BaseModel):
@@ -154,7 +147,7 @@ def _address(request: Request) -> str:
 
 
 @session_router.post("", dependencies=[OPEN_TO_ALL])
-async def sign_in(request: Request, response: Response, who: SignIn, access: AccessOf) -> SessionView:
+async def sign_in(request: Request, response: Response, who: SignIn, access: Given[Access]) -> SessionView:
     """Sign in: the answer sets the session's cookie. It locks after 15 idle minutes and ends after 12 hours."""
     session = await access.sign_in(who.name, who.password, _address(request))
     encrypted = access.settings.encrypted
@@ -171,7 +164,7 @@ async def who_am_i(asks: Asks) -> SessionView:
 
 
 @session_router.delete("", status_code=HTTPStatus.NO_CONTENT, response_class=Response, dependencies=[needs(Right.VIEW)])
-async def sign_out(request: Request, asks: Asks, access: AccessOf) -> Response:
+async def sign_out(request: Request, asks: Asks, access: Given[Access]) -> Response:
     """End the session of the cookie at once; without one nothing happens."""
     secret = session_secret(request.headers, access.settings.encrypted)
     if asks.kind is RequesterKind.PERSON:
@@ -185,7 +178,7 @@ async def sign_out(request: Request, asks: Asks, access: AccessOf) -> Response:
 @session_router.post(
     "/password", status_code=HTTPStatus.NO_CONTENT, response_class=Response, dependencies=[needs(Right.VIEW)]
 )
-async def change_own_password(wanted: NewPassword, asks: Asks, access: AccessOf, request: Request) -> Response:
+async def change_own_password(wanted: NewPassword, asks: Asks, access: Given[Access], request: Request) -> Response:
     """Change one's own password; all of one's sessions end, this one too."""
     if asks.kind is not RequesterKind.PERSON:
         raise NotFoundError(f"{asks.name} is no user, it has no password: sign in as one")
@@ -205,19 +198,19 @@ def _user(user: User) -> UserView:
 
 
 @router.get("/users", dependencies=[KNOWN_KEYS])
-async def list_users(access: AccessOf) -> UserList:
+async def list_users(access: Given[Access]) -> UserList:
     """List all users."""
     return UserList(users=[_user(user) for user in await asyncio.to_thread(access.users.all)])
 
 
 @router.post("/users", status_code=HTTPStatus.CREATED)
-async def add_user(wanted: UserRequest, asks: Asks, access: AccessOf) -> UserView:
+async def add_user(wanted: UserRequest, asks: Asks, access: Given[Access]) -> UserView:
     """Add a user."""
     return _user(await asyncio.to_thread(access.add_user, wanted.name, wanted.role, wanted.password, by=asks.name))
 
 
 @router.patch("/users/{name}")
-async def change_user(name: str, wanted: UserChange, asks: Asks, access: AccessOf) -> UserView:
+async def change_user(name: str, wanted: UserChange, asks: Asks, access: Given[Access]) -> UserView:
     """Change another user's role or password, disable or enable them; their sessions end at once."""
     if name == asks.name:
         raise ForbiddenError(f"{name}: nobody changes themselves here: POST /session/password, or ask another admin")
@@ -234,7 +227,7 @@ async def change_user(name: str, wanted: UserChange, asks: Asks, access: AccessO
 
 
 @router.delete("/users/{name}", status_code=HTTPStatus.NO_CONTENT, response_class=Response)
-async def remove_user(name: str, asks: Asks, access: AccessOf) -> Response:
+async def remove_user(name: str, asks: Asks, access: Given[Access]) -> Response:
     """Remove another user: their sessions end at once, the audit log goes on naming them."""
     if name == asks.name:
         raise ForbiddenError(f"{name}: nobody removes themselves: ask another admin")
@@ -252,15 +245,15 @@ def _token_fields(token: Token) -> dict[str, Any]:
 
 
 @router.get("/tokens", dependencies=[KNOWN_KEYS])
-async def list_tokens(access: AccessOf) -> TokenList:
+async def list_tokens(access: Given[Access]) -> TokenList:
     """List all tokens, those that are over too."""
     return TokenList(tokens=[_token(token) for token in await asyncio.to_thread(access.tokens.all)])
 
 
 @router.post("/tokens", status_code=HTTPStatus.CREATED)
-async def create_token(request: Request, wanted: TokenRequest, asks: Asks, access: AccessOf) -> NewToken:
+async def create_token(wanted: TokenRequest, asks: Asks, access: Given[Access], plant: Given[Plant]) -> NewToken:
     """Create a machine token. Its secret is in this answer and nowhere else."""
-    unknown = sorted(set(wanted.valves or ()) - set((await parts_of(request)).plant.valves))
+    unknown = sorted(set(wanted.valves or ()) - set(plant.valves))
     if unknown:
         raise NotFoundError(f"valve {unknown[0]!r} is unknown: GET /valves lists all")
     token, secret = await asyncio.to_thread(
@@ -275,6 +268,6 @@ async def create_token(request: Request, wanted: TokenRequest, asks: Asks, acces
 
 
 @router.delete("/tokens/{token_id}")
-async def revoke_token(token_id: str, asks: Asks, access: AccessOf) -> TokenView:
+async def revoke_token(token_id: str, asks: Asks, access: Given[Access]) -> TokenView:
     """End a token at once."""
     return _token(await asyncio.to_thread(access.revoke_token, token_id, by=asks.name))

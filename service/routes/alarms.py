@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import asyncio
 from datetime import datetime
-from typing import Annotated
 
-from fastapi import APIRouter, Depends
+from fastapi import APIRouter
 from pydantic import BaseModel, Field
 
 from service.access.needs import needs
 from service.access.principal import Right
+from service.config.settings import Plant
+from service.http.given import Given
 from service.http.problems import PROBLEMS
 from service.model.acknowledgement import alarm_of
-from service.parts import Parts, parts_of
+from service.runs.motion_watch import MotionWatch
+from service.runs.service import Runs
 from service.store.conditions import valve_standings
 from service.store.run_table import ValveHead
+from service.store.store import Store
 
 router = APIRouter(prefix="/alarms", tags=["valves"], responses=PROBLEMS)
 _OF_A_VALVE = "valve"
@@ -41,27 +44,29 @@ class AlarmList(BaseModel):
 
 
 @router.get("", dependencies=[needs(Right.VIEW)])
-async def list_alarms(parts: Annotated[Parts, Depends(parts_of)]) -> AlarmList:
+async def list_alarms(
+    plant: Given[Plant], store: Given[Store], runs: Given[Runs], watch: Given[MotionWatch]
+) -> AlarmList:
     """List the alarms that stand: of the plant until their cause is gone, of a valve until somebody acknowledges."""
-    heads = await asyncio.to_thread(_in_doubt, parts)
+    heads = await asyncio.to_thread(_in_doubt, plant, store)
     of_plant = [
         AlarmView(
             alarm=one.kind.value, since=one.since, sentence=one.sentence, remedy=one.remedy, valves=list(one.valves)
         )
-        for one in parts.motion_watch.alarms
+        for one in watch.alarms
     ]
-    return AlarmList(alarms=[*of_plant, *(view for tag in sorted(heads) if (view := _of_valve(parts, heads[tag])))])
+    return AlarmList(alarms=[*of_plant, *(view for tag in sorted(heads) if (view := _of_valve(runs, heads[tag])))])
 
 
-def _in_doubt(parts: Parts) -> dict[str, ValveHead]:
+def _in_doubt(plant: Plant, store: Store) -> dict[str, ValveHead]:
     """Return the valves whose last test may be an alarm, with that test; reads the database."""
-    standings = valve_standings(parts.store.engine)
-    tags = [tag for tag in parts.plant.valves if tag in standings and standings[tag].may_be_bad]
-    return parts.store.runs.valve_heads(tags) if tags else {}
+    standings = valve_standings(store.engine)
+    tags = [tag for tag in plant.valves if tag in standings and standings[tag].may_be_bad]
+    return store.runs.valve_heads(tags) if tags else {}
 
 
-def _of_valve(parts: Parts, head: ValveHead) -> AlarmView | None:
-    last = parts.runs.as_it_stands(head.last)
+def _of_valve(runs: Runs, head: ValveHead) -> AlarmView | None:
+    last = runs.as_it_stands(head.last)
     sentence = alarm_of(last)
     if not sentence:
         return None

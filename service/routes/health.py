@@ -6,26 +6,28 @@ import asyncio
 from datetime import datetime
 from typing import Annotated, Any, Final
 
-from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, ConfigDict, Field
 
+from drivers.motion.audit_log import AuditLog
 from service.access.needs import Asks, needs, require_covers
 from service.access.principal import Right
 from service.health.comparison import compare
 from service.health.judge import facts_of
+from service.http.given import Given
 from service.http.problems import PROBLEMS
 from service.model.health_figures import FIGURE_KINDS
 from service.model.past_test import Baseline, PastTest
 from service.model.run import Label, file_words
-from service.parts import Parts, parts_of
 from service.routes.json_body import JsonRoute
 from service.routes.lists import KNOWN_KEYS, OR_CSV, Form, csv_answer, dated, wants_csv
 from service.routes.trend_view import TrendView, trends_of
 from service.runs.own_test import completed_test_of
+from service.runs.service import Runs
+from service.store.store import Store
 from valve.errors import NotFoundError, RequestError
 
 router = APIRouter(prefix="/valves", tags=["health"], responses=PROBLEMS, route_class=JsonRoute)
-PartsOf = Annotated[Parts, Depends(parts_of)]
 TestId = Annotated[str | None, Query(max_length=40, pattern=r"^[^\x00]*$")]
 
 _MOST_TESTS: Final = 1000
@@ -84,10 +86,10 @@ def _view(tag: str, baseline: Baseline) -> BaselineView:
 
 
 @router.get("/{tag:path}/baseline", dependencies=[needs(Right.VIEW)])
-async def get_baseline(tag: str, parts: PartsOf) -> BaselineView:
+async def get_baseline(tag: str, runs: Given[Runs], store: Given[Store]) -> BaselineView:
     """Return the baseline of a valve, the one that was set last."""
-    parts.runs.valve(tag)
-    baseline = await asyncio.to_thread(parts.store.figures.baseline, tag)
+    runs.valve(tag)
+    baseline = await asyncio.to_thread(store.figures.baseline, tag)
     if baseline is None:
         raise NotFoundError(
             f"{tag}: there is no baseline yet: the first test that passes acceptance becomes it, or one that a person "
@@ -97,25 +99,29 @@ async def get_baseline(tag: str, parts: PartsOf) -> BaselineView:
 
 
 @router.post("/{tag:path}/baseline", dependencies=[needs(Right.CONFIGURE)])
-async def set_baseline(tag: str, wanted: BaselineRequest, parts: PartsOf, asks: Asks) -> BaselineView:
+async def set_baseline(
+    tag: str, wanted: BaselineRequest, runs: Given[Runs], store: Given[Store], *, audit: Given[AuditLog], asks: Asks
+) -> BaselineView:
     """Make a completed test the baseline: what it shows is how this valve is; later tests are held against it."""
-    parts.runs.valve(tag)
+    runs.valve(tag)
     require_covers(asks, tag)
-    run = await completed_test_of(parts.runs, tag, wanted.test)
-    if await asyncio.to_thread(parts.store.figures.get, run.id) is None:
+    run = await completed_test_of(runs, tag, wanted.test)
+    if await asyncio.to_thread(store.figures.get, run.id) is None:
         raise RequestError(f"test {run.id} has no figures: choose another completed test")
-    await asyncio.to_thread(parts.audit.append, "baseline.set", who=asks.name, valve=tag, test=run.id)
-    baseline = await asyncio.to_thread(parts.store.figures.set_baseline, run, asks.name)
+    await asyncio.to_thread(audit.append, "baseline.set", who=asks.name, valve=tag, test=run.id)
+    baseline = await asyncio.to_thread(store.figures.set_baseline, run, asks.name)
     assert baseline is not None, "its figures were just read"
     return _view(tag, baseline)
 
 
 @router.get("/{tag:path}/comparison", dependencies=[needs(Right.VIEW), KNOWN_KEYS])
-async def get_comparison(tag: str, parts: PartsOf, as_found: TestId = None, as_left: TestId = None) -> ComparisonView:
+async def get_comparison(
+    tag: str, runs: Given[Runs], store: Given[Store], as_found: TestId = None, as_left: TestId = None
+) -> ComparisonView:
     """Compare a valve as found and as left: two tests by id, or the newest that carry these labels."""
-    valve = parts.runs.valve(tag)
-    after = await asyncio.to_thread(_test, parts, tag, as_left, Label.AS_LEFT, None)
-    before = await asyncio.to_thread(_test, parts, tag, as_found, Label.AS_FOUND, after)
+    valve = runs.valve(tag)
+    after = await asyncio.to_thread(_test, store, tag, as_left, Label.AS_LEFT, None)
+    before = await asyncio.to_thread(_test, store, tag, as_found, Label.AS_FOUND, after)
     found = compare(before, after, valve.health, facts_of(valve)).to_json()
     return ComparisonView(valve=tag, **found)
 
@@ -126,7 +132,9 @@ async def get_comparison(tag: str, parts: PartsOf, as_found: TestId = None, as_l
 async def get_trend(
     request: Request,
     tag: str,
-    parts: PartsOf,
+    runs: Given[Runs],
+    store: Given[Store],
+    *,
     limit: Annotated[int, Query(ge=1, le=_MOST_TESTS)] = 100,
     form: Form = None,
 ) -> Response:
@@ -134,11 +142,11 @@ async def get_trend(
 
     JSON has the newest days in service beside them, under `watched`.
     """
-    parts.runs.valve(tag)
-    tests = await asyncio.to_thread(parts.store.figures.newest, tag, limit)
+    runs.valve(tag)
+    tests = await asyncio.to_thread(store.figures.newest, tag, limit)
     if wants_csv(request, form):
         return csv_answer(_COLUMNS, (_line(test) for test in reversed(tests)), dated(f"{file_words(tag)}_trend"))
-    days = await asyncio.to_thread(parts.store.watched.newest, tag, limit)
+    days = await asyncio.to_thread(store.watched.newest, tag, limit)
     shown = TrendPage(valve=tag, trends=trends_of(tests, days))
     return Response(shown.model_dump_json(), media_type="application/json", headers={"Vary": "Accept"})
 
@@ -151,14 +159,14 @@ def _line(test: PastTest) -> list[object]:
     return row
 
 
-def _test(parts: Parts, tag: str, test_id: str | None, label: Label, after: PastTest | None) -> PastTest:
+def _test(store: Store, tag: str, test_id: str | None, label: Label, after: PastTest | None) -> PastTest:
     """Return the test of this id, or the newest with this label; of the latter, none that is later than ``after``."""
     if test_id is not None:
-        found = parts.store.figures.get(test_id)
-        if found is None or parts.store.runs.get(test_id).valve != tag:
+        found = store.figures.get(test_id)
+        if found is None or store.runs.get(test_id).valve != tag:
             raise NotFoundError(f"{tag}: test {test_id[:64]} is no completed one of it: GET /tests lists all")
         return found
-    labelled = parts.store.figures.newest(tag, _MOST_TESTS, label=label)
+    labelled = store.figures.newest(tag, _MOST_TESTS, label=label)
     fitting = [one for one in labelled if after is None or one.at <= after.at]
     if not fitting:
         word = label.value.replace("_", " ")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Annotated, Final
 
@@ -14,16 +15,24 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.exposition import CONTENT_TYPE_LATEST
 from prometheus_client.registry import Collector
 
-from drivers.motion.orders import MotionLostError
+from drivers.motion.audit_log import AuditLog
+from drivers.motion.orders import MotionLink, MotionLostError
 from service.access.needs import needs
 from service.access.principal import Right
+from service.config.settings import Plant
+from service.health.staleness import Staleness
+from service.http.given import Given, part_if_given
 from service.http.problems import PROBLEMS
+from service.meters import Meters
 from service.model.health_figures import MAIN_FIGURES
 from service.model.plant_alarm import AlarmKind
 from service.model.run import RunState
 from service.mqtt.metrics import BrokerCollector
-from service.parts import Parts, parts_of
+from service.mqtt.publisher import MqttPublisher
+from service.runs.motion_watch import MotionWatch
+from service.runs.service import Runs
 from service.store.conditions import valve_standings
+from service.store.store import Store
 
 router = APIRouter(tags=["service"], responses=PROBLEMS)
 _NE107: Final = ("N", "C", "S", "M", "F")
@@ -35,35 +44,41 @@ _FIGURES: Final = {
 }
 
 
+@dataclass(frozen=True, eq=False, slots=True)
 class PlantCollector(Collector):
     """The plant at one moment. Reads the store, so it may block."""
 
-    def __init__(self, parts: Parts) -> None:
-        self._parts = parts
+    version: str
+    plant: Plant
+    store: Store
+    runs: Runs
+    staleness: Staleness
+    audit: AuditLog
+    watch: MotionWatch
 
     def collect(self) -> Iterator[Metric]:
         """Yield every family."""
         info = GaugeMetricFamily("breakaway_build", "1; the label is the version", labels=["version"])
-        info.add_metric([self._parts.version], 1.0)
+        info.add_metric([self.version], 1.0)
         yield info
         yield self._alarms()
         yield from self._tests()
         yield from self._valves()
         yield from self._figures()
         entries = CounterMetricFamily("breakaway_audit_entries", "entries of this gateway's audit log")
-        entries.add_metric([], self._parts.audit.head[0])
+        entries.add_metric([], self.audit.head[0])
         yield entries
 
     def _alarms(self) -> Metric:
-        standing = {alarm.kind for alarm in self._parts.motion_watch.alarms}
+        standing = {alarm.kind for alarm in self.watch.alarms}
         alarms = GaugeMetricFamily("breakaway_plant_alarm", "1 while this alarm of the plant stands", labels=["alarm"])
         for kind in AlarmKind:
             alarms.add_metric([kind.value], float(kind in standing))
         return alarms
 
     def _tests(self) -> Iterator[Metric]:
-        counted = self._parts.store.state_counts.now()
-        unsafe = self._parts.store.runs.count_in_doubt()
+        counted = self.store.state_counts.now()
+        unsafe = self.store.runs.count_in_doubt()
         tests = GaugeMetricFamily("breakaway_tests", "tests in the store by state", labels=["state"])
         for state in RunState:
             tests.add_metric([state.value], counted.get(state, 0))
@@ -78,11 +93,11 @@ class PlantCollector(Collector):
             "breakaway_stem_not_at_safe_position",
             "tests that left a stem not seen at its declared safe position, not acknowledged",
         )
-        astray.add_metric([], self._parts.store.runs.count_stems_astray())
+        astray.add_metric([], self.store.runs.count_stems_astray())
         yield astray
 
     def _valves(self) -> Iterator[Metric]:
-        standings, now = valve_standings(self._parts.store.engine), datetime.now(UTC)
+        standings, now = valve_standings(self.store.engine), datetime.now(UTC)
         busy = GaugeMetricFamily("breakaway_valve_under_test", "1 while a test uses the valve", labels=["valve"])
         health = GaugeMetricFamily(
             "breakaway_valve_ne107",
@@ -105,9 +120,9 @@ class PlantCollector(Collector):
             "when the last test that completed was asked for",
             labels=["valve"],
         )
-        for tag in sorted(self._parts.plant.valves):
-            busy.add_metric([tag], float(self._parts.runs.user_of(tag) is not None))
-            standing, oldest = standings.get(tag), self._parts.staleness.oldest(tag, now)
+        for tag in sorted(self.plant.valves):
+            busy.add_metric([tag], float(self.runs.user_of(tag) is not None))
+            standing, oldest = standings.get(tag), self.staleness.oldest(tag, now)
             untested.add_metric([tag], float(standing is None))
             stale.add_metric([tag], float(standing is not None and oldest.is_stale(standing.completed_at)))
             known = (
@@ -123,11 +138,11 @@ class PlantCollector(Collector):
         yield from (busy, stale, untested, last, result, health)
 
     def _figures(self) -> Iterator[Metric]:
-        found = self._parts.store.figures.of_last_results(MAIN_FIGURES)
+        found = self.store.figures.of_last_results(MAIN_FIGURES)
         for kind in MAIN_FIGURES:
             name, words = _FIGURES[kind]
             family = GaugeMetricFamily(name, words, labels=["valve"])
-            for tag in sorted(self._parts.plant.valves):
+            for tag in sorted(self.plant.valves):
                 value = found.get(tag, {}).get(kind)
                 if value is not None:
                     family.add_metric([tag], value)
@@ -169,23 +184,46 @@ class WatchCollector(Collector):
         yield family
 
 
+async def _of_plant(
+    request: Request,
+    plant: Given[Plant],
+    store: Given[Store],
+    runs: Given[Runs],
+    *,
+    staleness: Given[Staleness],
+    audit: Given[AuditLog],
+    watch: Given[MotionWatch],
+) -> PlantCollector:
+    return PlantCollector(request.app.version, plant, store, runs, staleness, audit, watch)
+
+
+async def _broker(request: Request) -> MqttPublisher | None:
+    return part_if_given(request.app, MqttPublisher)
+
+
 @router.get(
     "/metrics",
     response_class=Response,
     dependencies=[needs(Right.VIEW)],
     responses={200: {"content": {"text/plain": {}}, "description": "Prometheus' text format"}},
 )
-async def metrics(request: Request, parts: Annotated[Parts, Depends(parts_of)]) -> Response:
+async def metrics(
+    of_plant: Annotated[PlantCollector, Depends(_of_plant)],
+    broker: Annotated[MqttPublisher | None, Depends(_broker)],
+    plant: Given[Plant],
+    motion: Given[MotionLink],
+    meters: Given[Meters],
+) -> Response:
     """Return the plant's metrics. Prometheus sends a viewer's token where sign-in is on."""
     registry = CollectorRegistry(auto_describe=False)
     registry.register(PROCESS_COLLECTOR)
-    registry.register(PlantCollector(parts))
-    if parts.motion.precedence is not None:
-        registry.register(PrecedenceCollector(parts.motion.precedence))
-    if any(valve.wiring.watch is not None for valve in parts.plant.valves.values()):
+    registry.register(of_plant)
+    if motion.precedence is not None:
+        registry.register(PrecedenceCollector(motion.precedence))
+    if any(valve.wiring.watch is not None for valve in plant.valves.values()):
         with contextlib.suppress(MotionLostError):
-            registry.register(WatchCollector(await parts.motion.watched()))
-    if request.app.state.mqtt is not None:
-        registry.register(BrokerCollector(request.app.state.mqtt))
+            registry.register(WatchCollector(await motion.watched()))
+    if broker is not None:
+        registry.register(BrokerCollector(broker))
     counted = await asyncio.to_thread(generate_latest, registry)
-    return Response(counted + parts.meters.text(), media_type=CONTENT_TYPE_LATEST)
+    return Response(counted + meters.text(), media_type=CONTENT_TYPE_LATEST)

@@ -5,22 +5,24 @@ from __future__ import annotations
 import asyncio
 from datetime import datetime
 from http import HTTPStatus
-from typing import Annotated, Any
+from typing import Any
 
-from fastapi import APIRouter, Depends, Response
+from fastapi import APIRouter, Response
 from pydantic import BaseModel, ConfigDict, Field
 
+from drivers.motion.audit_log import AuditLog
 from service.access.needs import Asks, needs, require_covers
 from service.access.principal import Right
+from service.http.given import Given
 from service.http.problems import PROBLEMS
-from service.parts import Parts, parts_of
 from service.routes.json_body import JsonRoute
 from service.runs.own_test import completed_test_of
+from service.runs.service import Runs
 from service.store.model_table import AcceptedModel
+from service.store.store import Store
 from valve.errors import NotFoundError, RequestError
 
 router = APIRouter(prefix="/valves", tags=["models"], responses=PROBLEMS, route_class=JsonRoute)
-PartsOf = Annotated[Parts, Depends(parts_of)]
 
 
 class ModelRequest(BaseModel):
@@ -51,21 +53,23 @@ def _view(accepted: AcceptedModel) -> ModelView:
 
 
 @router.get("/{tag:path}/model", dependencies=[needs(Right.VIEW)])
-async def get_model(tag: str, parts: PartsOf) -> ModelView:
+async def get_model(tag: str, runs: Given[Runs], store: Given[Store]) -> ModelView:
     """Return the extended model that was accepted for a valve."""
-    parts.runs.valve(tag)
-    accepted = await asyncio.to_thread(parts.store.models.current, tag)
+    runs.valve(tag)
+    accepted = await asyncio.to_thread(store.models.current, tag)
     if accepted is None:
         raise NotFoundError(f"{tag}: no model was accepted: accept that of a test by POST /valves/{tag}/model")
     return _view(accepted)
 
 
 @router.post("/{tag:path}/model", dependencies=[needs(Right.CONFIGURE)])
-async def accept_model(tag: str, wanted: ModelRequest, parts: PartsOf, asks: Asks) -> ModelView:
+async def accept_model(
+    tag: str, wanted: ModelRequest, runs: Given[Runs], store: Given[Store], *, audit: Given[AuditLog], asks: Asks
+) -> ModelView:
     """Accept the extended model of a completed test: later tests of the valve are judged against it."""
-    parts.runs.valve(tag)
+    runs.valve(tag)
     require_covers(asks, tag)
-    run = await completed_test_of(parts.runs, tag, wanted.test)
+    run = await completed_test_of(runs, tag, wanted.test)
     discrepancy = (run.analysis or {}).get("discrepancy") or {}
     model = discrepancy.get("extended_model")
     if model is None:
@@ -79,20 +83,20 @@ async def accept_model(tag: str, wanted: ModelRequest, parts: PartsOf, asks: Ask
             "run the sequence separating first, and accept the model of a test with a named cause"
         )
     details = {"test": run.id, "causes": sorted(model["causes"])}
-    await asyncio.to_thread(
-        parts.audit.append, "model.accepted", who=asks.name, valve=tag, test=run.id, details=details
-    )
-    return _view(await asyncio.to_thread(parts.store.models.accept, tag, run.id, model, asks.name))
+    await asyncio.to_thread(audit.append, "model.accepted", who=asks.name, valve=tag, test=run.id, details=details)
+    return _view(await asyncio.to_thread(store.models.accept, tag, run.id, model, asks.name))
 
 
 @router.delete("/{tag:path}/model", status_code=HTTPStatus.NO_CONTENT, dependencies=[needs(Right.CONFIGURE)])
-async def withdraw_model(tag: str, parts: PartsOf, asks: Asks) -> Response:
+async def withdraw_model(
+    tag: str, runs: Given[Runs], store: Given[Store], audit: Given[AuditLog], asks: Asks
+) -> Response:
     """Take the accepted model back: later tests are judged against the plain valve again."""
-    parts.runs.valve(tag)
+    runs.valve(tag)
     require_covers(asks, tag)
-    accepted = await asyncio.to_thread(parts.store.models.current, tag)
+    accepted = await asyncio.to_thread(store.models.current, tag)
     if accepted is None:
         raise NotFoundError(f"{tag}: no model was accepted, so there is none to take back")
-    await asyncio.to_thread(parts.audit.append, "model.withdrawn", who=asks.name, valve=tag, test=accepted.test)
-    await asyncio.to_thread(parts.store.models.withdraw, tag, asks.name)
+    await asyncio.to_thread(audit.append, "model.withdrawn", who=asks.name, valve=tag, test=accepted.test)
+    await asyncio.to_thread(store.models.withdraw, tag, asks.name)
     return Response(status_code=HTTPStatus.NO_CONTENT)

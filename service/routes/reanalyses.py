@@ -6,21 +6,21 @@ from datetime import datetime
 from http import HTTPStatus
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Path, Response
+from fastapi import APIRouter, Path, Response
 from fastapi.responses import JSONResponse
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from service.access.needs import Asks, needs, require_covers
 from service.access.principal import Principal, Right
+from service.http.given import Given
 from service.http.problems import PROBLEMS
 from service.model.reanalysis import ReanalysisProgress, ReanalysisState, RepeatState, Wanted
 from service.model.refusals import ForbiddenError
-from service.parts import Parts, parts_of
 from service.routes.json_body import JsonRoute
 from service.routes.lists import KNOWN_KEYS, in_utc
+from service.runs.reanalyses import Reanalyses
 
 router = APIRouter(prefix="/reanalyses", tags=["re-analyses"], responses=PROBLEMS, route_class=JsonRoute)
-PartsOf = Annotated[Parts, Depends(parts_of)]
 Number = Annotated[int, Path(ge=1, lt=2**31)]
 _Instant = Annotated[datetime, Field(strict=False), AfterValidator(in_utc)]
 _LISTED = 20
@@ -126,7 +126,7 @@ def _require_covers(asks: Principal, valve: str | None) -> None:
     dependencies=[needs(Right.ANALYZE)],
     responses={200: {"model": ReanalysisPlan, "description": "With dry_run: what there would be to do"}},
 )
-async def reanalyze(asked: ReanalysisRequest, parts: PartsOf, asks: Asks) -> Response:
+async def reanalyze(asked: ReanalysisRequest, reanalyses: Given[Reanalyses], asks: Asks) -> Response:
     """Analyse stored tests anew, one after the other, behind all else; nothing moves. 202 at once.
 
     Asked again in the same words while it goes on, it is the same. A result stands until the new one is there, and if
@@ -134,7 +134,7 @@ async def reanalyze(asked: ReanalysisRequest, parts: PartsOf, asks: Asks) -> Res
     """
     _require_covers(asks, asked.valve)
     wanted = Wanted(asked.since, asked.until, asked.valve, asked.older_only)
-    found = await parts.reanalyses.find(wanted)
+    found = await reanalyses.find(wanted)
     if asked.dry_run:
         plan = ReanalysisPlan(
             tests=found.here,
@@ -143,25 +143,25 @@ async def reanalyze(asked: ReanalysisRequest, parts: PartsOf, asks: Asks) -> Res
             queued_already=found.queued_already,
         )
         return JSONResponse(plan.model_dump(mode="json"))
-    view = _view(await parts.reanalyses.ask(wanted, asks.requester), dict(found.elsewhere))
+    view = _view(await reanalyses.ask(wanted, asks.requester), dict(found.elsewhere))
     headers = {"Location": view.href}
     return JSONResponse(view.model_dump(mode="json"), status_code=HTTPStatus.ACCEPTED, headers=headers)
 
 
 @router.get("", dependencies=[needs(Right.VIEW), KNOWN_KEYS])
-async def list_reanalyses(parts: PartsOf) -> ReanalysisList:
+async def list_reanalyses(reanalyses: Given[Reanalyses]) -> ReanalysisList:
     """List the newest re-analyses of all gateways, newest first."""
-    return ReanalysisList(reanalyses=[_view(one) for one in await parts.reanalyses.newest(_LISTED)])
+    return ReanalysisList(reanalyses=[_view(one) for one in await reanalyses.newest(_LISTED)])
 
 
 @router.get("/{number}", dependencies=[needs(Right.VIEW)])
-async def get_reanalysis(number: Number, parts: PartsOf) -> ReanalysisView:
+async def get_reanalysis(number: Number, reanalyses: Given[Reanalyses]) -> ReanalysisView:
     """Return how far a re-analysis is."""
-    return _view(await parts.reanalyses.progress(number))
+    return _view(await reanalyses.progress(number))
 
 
 @router.post("/{number}/stop", dependencies=[needs(Right.ANALYZE)])
-async def stop_reanalysis(number: Number, parts: PartsOf, asks: Asks) -> ReanalysisView:
+async def stop_reanalysis(number: Number, reanalyses: Given[Reanalyses], asks: Asks) -> ReanalysisView:
     """Take what is queued out of a re-analysis; tests under way end, and new results stay."""
-    _require_covers(asks, (await parts.reanalyses.progress(number)).reanalysis.wanted.valve)
-    return _view(await parts.reanalyses.stop(number, asks.requester))
+    _require_covers(asks, (await reanalyses.progress(number)).reanalysis.wanted.valve)
+    return _view(await reanalyses.stop(number, asks.requester))

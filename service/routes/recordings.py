@@ -10,19 +10,22 @@ from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from http import HTTPStatus
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
-from fastapi import APIRouter, Depends, Request
+from fastapi import APIRouter, Request
 from starlette.datastructures import FormData, UploadFile
 from starlette.exceptions import HTTPException
 
 from service.access.needs import needs
 from service.access.principal import Right
 from service.config.nameplates import nameplate_from_mapping, nameplate_from_toml
+from service.config.settings import Plant
+from service.http.given import Given
 from service.http.problems import PROBLEMS
 from service.own_files.mapping import parse_mapping
-from service.parts import Parts, parts_of
+from service.runs.analyst import Analyst
 from service.shown.analysis_summary import summary_of
+from service.store.store import Store
 from valve.errors import RecordingError, RequestError
 from valve.nameplate import Nameplate
 
@@ -61,7 +64,9 @@ _PARTS: Final = "one or more recording, any held_out, one nameplate or valve, an
 
 
 @router.post("/analyze", dependencies=[needs(Right.ANALYZE)], openapi_extra={"requestBody": _BODY})
-async def analyze_recording(request: Request, parts: Annotated[Parts, Depends(parts_of)]) -> dict[str, Any]:
+async def analyze_recording(
+    request: Request, plant: Given[Plant], store: Given[Store], analyst: Given[Analyst]
+) -> dict[str, Any]:
     """Analyse uploaded recordings of one valve: the analysis object. Nothing is kept.
 
     Uploads wait behind the tests of this plant; 429 where eight wait already. All files of one together may have
@@ -76,12 +81,12 @@ async def analyze_recording(request: Request, parts: Annotated[Parts, Depends(pa
         unknown = sorted(set(form) - {"recording", "held_out", *_SINGLE})
         if unknown or any(len(form.getlist(name)) > 1 for name in _SINGLE):
             raise RequestError(f"the parts {unknown or sorted(form)} are not {_PARTS}: send these")
-        nameplate, mapping = await _nameplate(form, parts), _mapping(form)
+        nameplate, mapping = await _nameplate(form, plant), _mapping(form)
         recordings, held_out = (_uploads(form, name) for name in ("recording", "held_out"))
         if not recordings:
             raise RequestError("part recording is missing or no file: attach the CSV or Parquet file")
         token = secrets.token_hex(16)
-        kept = {parts.store.uploads / f"{token}.{number}": one for number, one in enumerate([*recordings, *held_out])}
+        kept = {store.uploads / f"{token}.{number}": one for number, one in enumerate([*recordings, *held_out])}
         names = {path: _name(upload) for path, upload in kept.items()}
         paths = list(kept)
         own, tried = paths[: len(recordings)], [(names[path], path) for path in paths[len(recordings) :]]
@@ -89,7 +94,7 @@ async def analyze_recording(request: Request, parts: Annotated[Parts, Depends(pa
             names[own[0]] = "recording"
         try:
             await asyncio.to_thread(_keep, kept)
-            analysis = await parts.analyst.analyze(
+            analysis = await analyst.analyze(
                 own[0], nameplate, together=own[1:], held_out=tried, upload=True, mapping=mapping
             )
             sent = {path.name: _name(upload) for path, upload in kept.items()}
@@ -149,12 +154,12 @@ def _mapping(form: FormData) -> dict[str, str]:
     return parse_mapping(text)
 
 
-async def _nameplate(form: FormData, parts: Parts) -> Nameplate:
+async def _nameplate(form: FormData, plant: Plant) -> Nameplate:
     part, tag = form.get("nameplate"), form.get("valve")
     if isinstance(tag, str) and tag and not part:
-        if tag not in parts.plant.valves:
+        if tag not in plant.valves:
             raise RequestError(f"valve {tag[:_LONGEST_NAME]!r}: this plant has none of this tag: send a nameplate")
-        return parts.plant.valves[tag].nameplate
+        return plant.valves[tag].nameplate
     if tag and part:
         raise RequestError("parts nameplate and valve are both there: send one of them")
     if part is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Annotated, Final, Literal
 
@@ -11,20 +12,23 @@ from starlette.exceptions import HTTPException
 
 from service.access.needs import needs
 from service.access.principal import Right
+from service.config.settings import Plant
+from service.figures.drawer import Drawer
+from service.http.given import Given
 from service.http.problems import PROBLEMS
 from service.model.run import Run
-from service.parts import Parts, parts_of
 from service.report.ended import EndedSource
 from service.report.of_run import ended_source_of, source_of
 from service.report.source import ReportSource
 from service.report.written import report_html, report_pdf
 from service.routes.recording_formats import qualities
+from service.runs.service import Runs
+from service.store.store import Store
 from service.tablet.rendering import units_of
 from service.words.units import UnitSystem
 from valve.errors import NotFoundError
 
 router = APIRouter(prefix="/tests", tags=["tests"], responses=PROBLEMS)
-PartsOf = Annotated[Parts, Depends(parts_of)]
 
 _PDF: Final = "application/pdf"
 _HTML: Final = "text/html"
@@ -36,6 +40,24 @@ _HEADERS: Final = {
 }
 
 
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """What a report is written from."""
+
+    plant: Plant
+    store: Store
+
+    def of(self, run: Run, system: UnitSystem) -> ReportSource | EndedSource:
+        """Return what the report of a test says; reads the database and blocks."""
+        if run.analysis is None:
+            return ended_source_of(self.plant, self.store, run, system)
+        return source_of(self.plant, self.store, run, system)
+
+
+async def _source(plant: Given[Plant], store: Given[Store]) -> _Source:
+    return _Source(plant, store)
+
+
 @router.get(
     "/{test_id}/report",
     response_class=Response,
@@ -45,29 +67,26 @@ _HEADERS: Final = {
 async def get_report(
     request: Request,
     test_id: str,
-    parts: PartsOf,
+    runs: Given[Runs],
+    source: Annotated[_Source, Depends(_source)],
+    drawer: Given[Drawer],
+    *,
     wanted: Annotated[Literal["pdf", "html"] | None, Query(alias="format", description="stands above Accept")] = None,
     units: Annotated[UnitSystem | None, Query(description="what it is read in; SI by default")] = None,
 ) -> Response:
     """Return the report of a test that has ended, with a result or without: PDF, or HTML where `Accept` prefers it."""
     kind = wanted or _preferred(request.headers.get("accept", "*/*"))
-    run = await parts.runs.get(test_id)
+    run = await runs.get(test_id)
     if not run.state.finished:
         raise NotFoundError(f"test {run.id} has no report yet (it is {run.state.value}): ask again when it has ended")
     system = units or units_of(request)
-    source = await asyncio.to_thread(_source, parts, run, system)
+    found = await asyncio.to_thread(source.of, run, system)
     if kind == "html":
         address = f"/tests/{run.id}/report?format=pdf&units={system.value}"
-        return Response(await parts.drawer.document(report_html, source, address), headers=_HEADERS, media_type=_HTML)
-    data = await parts.drawer.document(report_pdf, source)
+        return Response(await drawer.document(report_html, found, address), headers=_HEADERS, media_type=_HTML)
+    data = await drawer.document(report_pdf, found)
     disposition = {"Content-Disposition": f'inline; filename="{run.file_stem}.pdf"'}
     return Response(data, headers=_HEADERS | disposition, media_type=_PDF)
-
-
-def _source(parts: Parts, run: Run, system: UnitSystem) -> ReportSource | EndedSource:
-    if run.analysis is None:
-        return ended_source_of(parts.plant, parts.store, run, system)
-    return source_of(parts.plant, parts.store, run, system)
 
 
 def _preferred(accept: str) -> Literal["pdf", "html"]:

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Query
+from fastapi import APIRouter, Query
 from pydantic import BaseModel, ConfigDict, Field
 
 from service.access.needs import Asks, needs, require_covers
 from service.access.principal import Right
+from service.http.given import Given
 from service.http.problems import PROBLEMS
-from service.parts import Parts, parts_of
 from service.routes.json_body import JsonRoute
 from service.routes.run_views import Permit, RunView, view
+from service.runs.service import Runs
 from service.words.sentences import all_in_units
 from service.words.units import UnitSystem
 
 router = APIRouter(responses=PROBLEMS, route_class=JsonRoute)
-PartsOf = Annotated[Parts, Depends(parts_of)]
 
 
 class PermissiveView(BaseModel):
@@ -50,7 +50,7 @@ class Acknowledgement(BaseModel):
 @router.get("/valves/{tag:path}/permissives", tags=["valves"], dependencies=[needs(Right.VIEW)])
 async def get_permissives(
     tag: str,
-    parts: PartsOf,
+    runs: Given[Runs],
     permit: Annotated[Permit | None, Query()] = None,
     units: UnitSystem = UnitSystem.SI,
 ) -> PermissionView:
@@ -58,7 +58,7 @@ async def get_permissives(
 
     `permit` is the work permit that the test will name; `units` are those of the texts.
     """
-    permission, reason = await parts.runs.permission(tag, permit)
+    permission, reason = await runs.permission(tag, permit)
     shown = {"read_at": None, "permissives": []} if permission is None else permission.to_json()
     shown["permissives"] = all_in_units(shown["permissives"], units)
     may_start = permission is not None and permission.may_start and not reason
@@ -66,14 +66,14 @@ async def get_permissives(
 
 
 @router.post("/valves/{tag:path}/stop", tags=["valves"], dependencies=[needs(Right.STOP)])
-async def stop_valve(tag: str, parts: PartsOf, asks: Asks) -> RunView:
+async def stop_valve(tag: str, runs: Given[Runs], asks: Asks) -> RunView:
     """Stop whatever test uses this valve: it goes to its safe value at once."""
-    run_id = await parts.runs.running_test_of(tag)
-    return view(await parts.runs.stop(run_id, asks.requester))
+    run_id = await runs.running_test_of(tag)
+    return view(await runs.stop(run_id, asks.requester))
 
 
 @router.post("/tests/{test_id}/acknowledge", tags=["tests"], dependencies=[needs(Right.ACKNOWLEDGE)])
-async def acknowledge_test(test_id: str, body: Acknowledgement, parts: PartsOf, asks: Asks) -> RunView:
+async def acknowledge_test(test_id: str, body: Acknowledgement, runs: Given[Runs], asks: Asks) -> RunView:
     """Say that somebody looked at the valve after a test that ended badly; then its next test may start."""
-    require_covers(asks, (await parts.runs.get(test_id)).valve)
-    return view(await parts.runs.acknowledge(test_id, asks.requester, body.note))
+    require_covers(asks, (await runs.get(test_id)).valve)
+    return view(await runs.acknowledge(test_id, asks.requester, body.note))

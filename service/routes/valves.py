@@ -15,7 +15,10 @@ from pydantic import BaseModel, Field
 
 from service.access.needs import needs
 from service.access.principal import Right
+from service.config.settings import Plant
 from service.health.results import Ne107
+from service.health.staleness import Staleness
+from service.http.given import Given
 from service.http.problems import PROBLEMS
 from service.model.acknowledgement import alarm_of
 from service.model.health_figures import MAIN_FIGURES
@@ -23,7 +26,6 @@ from service.model.past_test import PastTest
 from service.model.run import Label, Run, RunState
 from service.model.sequences import SEQUENCES, default_of
 from service.model.watched_day import WatchedDay
-from service.parts import Parts, parts_of
 from service.routes.lists import (
     KNOWN_KEYS,
     OR_CSV,
@@ -40,12 +42,12 @@ from service.routes.lists import (
 from service.routes.run_views import RunSummary, RunView, summary, view
 from service.routes.trend_view import HEALTH_SCHEMA, TrendView, trends_of
 from service.routes.watched import WatchedDayView, day_view
+from service.runs.service import Runs
 from service.store.conditions import ValveStanding, last_labelled, valve_standings
 from service.store.run_table import ValveHead
 from service.store.store import Store
 
 router = APIRouter(prefix="/valves", tags=["valves"], responses=PROBLEMS)
-PartsOf = Annotated[Parts, Depends(parts_of)]
 
 _TREND_TESTS: Final = 40
 _COLUMNS: Final = (
@@ -102,10 +104,27 @@ class ValveList(BaseModel):
     next: str | None
 
 
-def _summary(parts: Parts, tag: str, head: ValveHead | None) -> dict[str, Any]:
-    valve, now = parts.plant.valves[tag], datetime.now(UTC)
-    oldest = parts.staleness.oldest(tag, now)
-    last = None if head is None else parts.runs.as_it_stands(head.last)
+@dataclass(frozen=True, slots=True)
+class _Source:
+    """What valves and how they stand are read from."""
+
+    plant: Plant
+    store: Store
+    runs: Runs
+    staleness: Staleness
+
+
+async def _source(plant: Given[Plant], store: Given[Store], runs: Given[Runs], staleness: Given[Staleness]) -> _Source:
+    return _Source(plant, store, runs, staleness)
+
+
+SourceOf = Annotated[_Source, Depends(_source)]
+
+
+def _summary(source: _Source, tag: str, head: ValveHead | None) -> dict[str, Any]:
+    valve, now = source.plant.valves[tag], datetime.now(UTC)
+    oldest = source.staleness.oldest(tag, now)
+    last = None if head is None else source.runs.as_it_stands(head.last)
     alarm = alarm_of(last)
     health, completed_at = (None, None) if head is None else (head.health, head.completed_at)
     return {
@@ -115,7 +134,7 @@ def _summary(parts: Parts, tag: str, head: ValveHead | None) -> dict[str, Any]:
         "area": valve.identity.area,
         "buses": sorted(valve.buses),
         "acquisition": valve.wiring.acquisition.mode.value,
-        "busy_with": parts.runs.user_of(tag),
+        "busy_with": source.runs.user_of(tag),
         "last_test": None if last is None else summary(last),
         "alarms": [alarm] if alarm else [],
         "health": oldest.health(health, completed_at, now),
@@ -133,19 +152,19 @@ class _Asked:
     since: datetime | None
     until: datetime | None
 
-    def tags(self, parts: Parts) -> list[str]:
+    def tags(self, source: _Source) -> list[str]:
         """Return their tags, sorted. Reads the database.
 
         One that was never tested has no last test to be asked for; its state is known where days in service give it.
         """
-        tags = tags_of_areas(parts.plant, self.areas)
+        tags = tags_of_areas(source.plant, self.areas)
         if not any((self.states, self.ne107, self.labels, self.since, self.until)):
             return tags
-        standings, now = valve_standings(parts.store.engine), datetime.now(UTC)
-        labelled = last_labelled(parts.store.engine, self.labels) if self.labels else None
+        standings, now = valve_standings(source.store.engine), datetime.now(UTC)
+        labelled = last_labelled(source.store.engine, self.labels) if self.labels else None
         found = []
         for tag in tags:
-            standing, oldest = standings.get(tag), parts.staleness.oldest(tag, now)
+            standing, oldest = standings.get(tag), source.staleness.oldest(tag, now)
             if standing is None:
                 if self._asks_for_state_alone and oldest.state(None, None) in self.ne107:
                     found.append(tag)
@@ -172,7 +191,7 @@ class _Asked:
 @router.get("", dependencies=[needs(Right.VIEW), KNOWN_KEYS], response_model=ValveList, responses=OR_CSV)
 async def list_valves(  # noqa: PLR0917 - each is a query key
     request: Request,
-    parts: PartsOf,
+    source: SourceOf,
     limit: Annotated[int, Query(ge=1, le=5000)] = 200,
     after: Annotated[
         str | None, Query(max_length=64, pattern=r"^[^\x00]*$", description="a tag: list what comes after it")
@@ -191,19 +210,19 @@ async def list_valves(  # noqa: PLR0917 - each is a query key
     one whose `ne107` comes from days in service.
     """
     asked = _Asked(area or (), state or (), ne107 or (), label or (), since, until)
-    tags = await asyncio.to_thread(asked.tags, parts)
+    tags = await asyncio.to_thread(asked.tags, source)
     tags = tags if after is None else tags[bisect_right(tags, after) :]
     page = tags[:limit]
-    heads = await asyncio.to_thread(parts.store.runs.valve_heads, page)
+    heads = await asyncio.to_thread(source.store.runs.valve_heads, page)
     following = None
     if len(tags) > limit:
         filters = {"area": area, "state": state, "ne107": ne107, "label": label, "since": since, "until": until}
         following = next_page("/valves", {"limit": limit, "after": page[-1], **filters, "format": form})
     if wants_csv(request, form):
-        figures = await asyncio.to_thread(parts.store.figures.of_last_results, MAIN_FIGURES)
-        rows = (_line(_summary(parts, tag, heads.get(tag)), figures.get(tag, {}), heads.get(tag)) for tag in page)
+        figures = await asyncio.to_thread(source.store.figures.of_last_results, MAIN_FIGURES)
+        rows = (_line(_summary(source, tag, heads.get(tag)), figures.get(tag, {}), heads.get(tag)) for tag in page)
         return csv_answer(_COLUMNS, rows, dated("valves"), following)
-    listed = ValveList(valves=[ValveSummary(**_summary(parts, tag, heads.get(tag))) for tag in page], next=following)
+    listed = ValveList(valves=[ValveSummary(**_summary(source, tag, heads.get(tag))) for tag in page], next=following)
     headers = {"Vary": "Accept"}
     return Response(listed.model_dump_json(), media_type="application/json", headers=headers)  # it was validated
 
@@ -224,14 +243,14 @@ def _line(shown: Mapping[str, Any], figures: Mapping[str, float], head: ValveHea
 
 
 @router.get("/{tag:path}", dependencies=[needs(Right.VIEW)], response_model=ValveView)
-async def get_valve(tag: str, parts: PartsOf) -> Response:
+async def get_valve(tag: str, source: SourceOf) -> Response:
     """Return one valve with its last completed test."""
-    valve = parts.runs.valve(tag)
-    head, result, past, days = await asyncio.to_thread(_stored, parts.store, tag)
+    valve = source.runs.valve(tag)
+    head, result, past, days = await asyncio.to_thread(_stored, source.store, tag)
     default, reason = default_of(valve.nameplate, valve.wiring.limits)
     rest = valve.wiring.rest
     shown = ValveView(
-        **_summary(parts, tag, head),
+        **_summary(source, tag, head),
         service=valve.identity.service,
         manufacturer=valve.identity.manufacturer,
         model=valve.identity.model,

@@ -7,22 +7,24 @@ from collections.abc import Mapping
 from datetime import date, datetime
 from typing import Annotated, Any, Final, Literal
 
-from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from pydantic import BaseModel, Field
 
-from drivers.motion.orders import MotionLostError
+from drivers.motion.orders import MotionLink, MotionLostError
 from service.access.needs import needs
 from service.access.principal import Right
 from service.config.settings import PlantValve
 from service.health.watched import notes_of, present_nameplate
+from service.http.given import Given
 from service.http.problems import PROBLEMS
 from service.model.run import file_words
 from service.model.watched_day import WatchedDay
-from service.parts import Parts, parts_of, unread_of
 from service.routes.lists import KNOWN_KEYS, OR_CSV, Form, csv_answer, dated, wants_csv
+from service.runs.service import Runs
+from service.runs.unread import unread_of
+from service.store.store import Store
 
 router = APIRouter(prefix="/valves", tags=["health"], responses=PROBLEMS)
-PartsOf = Annotated[Parts, Depends(parts_of)]
 
 _MOST_DAYS: Final = 1000
 _FIGURES: Final = (
@@ -107,7 +109,10 @@ def day_view(found: WatchedDay) -> WatchedDayView:
 async def get_watched(
     request: Request,
     tag: str,
-    parts: PartsOf,
+    runs: Given[Runs],
+    store: Given[Store],
+    motion: Given[MotionLink],
+    *,
     limit: Annotated[int, Query(ge=1, le=_MOST_DAYS)] = 30,
     form: Form = None,
 ) -> Response:
@@ -115,11 +120,11 @@ async def get_watched(
 
     A day is judged when it is over. Nothing was written to the valve for it.
     """
-    valve = parts.runs.valve(tag)
-    days = await asyncio.to_thread(parts.store.watched.newest, tag, limit)
+    valve = runs.valve(tag)
+    days = await asyncio.to_thread(store.watched.newest, tag, limit)
     if wants_csv(request, form):
         return csv_answer(_COLUMNS, (_line(day) for day in reversed(days)), dated(f"{file_words(tag)}_watched"))
-    slots, unread = (await _slots(parts)).get(tag), await unread_of(parts, tag)
+    slots, unread = (await _slots(motion)).get(tag), await unread_of(motion, tag, valve)
     shown = WatchedPage(
         valve=tag,
         rules=_rules(valve),
@@ -131,9 +136,9 @@ async def get_watched(
     return Response(shown.model_dump_json(), media_type="application/json", headers={"Vary": "Accept"})
 
 
-async def _slots(parts: Parts) -> Mapping[str, Mapping[str, int]]:
+async def _slots(motion: MotionLink) -> Mapping[str, Mapping[str, int]]:
     try:
-        return await parts.motion.watched()
+        return await motion.watched()
     except MotionLostError:
         return {}
 

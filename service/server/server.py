@@ -21,9 +21,10 @@ from drivers.motion.client import MotionClient
 from drivers.motion.service_manager import ServiceManager
 from service.app import create_app
 from service.config.settings import Plant, ServiceSettings
+from service.http.given import part_if_given
 from service.http.http_protocol import BoundedHttp, provide_files
-from service.parts import Parts
 from service.reload import Reloader
+from service.runs.service import Runs
 from service.server.certificates import Certificates
 from service.server.first_use import use_once
 from service.store.store import open_store
@@ -101,15 +102,15 @@ class _Server(uvicorn.Server):
         then the service ends.
         """
         if sig == signal.SIGHUP and self._manager.listens and not self.should_exit:
-            reloader = getattr(self._application.state, "reloader", None)
-            if isinstance(reloader, Reloader) and self._loop is not None and not self._loop.is_closed():
+            reloader = part_if_given(self._application, Reloader)
+            if reloader is not None and self._loop is not None and not self._loop.is_closed():
                 self._loop.call_soon_threadsafe(reloader.on_signal)
             return
         self.force_exit = self.should_exit and sig == signal.SIGINT
         self.should_exit = True
-        parts = getattr(self._application.state, "parts", None)
-        if isinstance(parts, Parts) and self._loop is not None and not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(parts.runs.begin_shutdown)
+        runs = part_if_given(self._application, Runs)
+        if runs is not None and self._loop is not None and not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(runs.begin_shutdown)
 
 
 def settle_memory() -> None:

@@ -13,6 +13,7 @@ from service.tablet.figure_routes import router as figure_routes
 from service.tablet.rendering import STATIC
 from service.tablet.routes import router
 from service.tablet.script import NAME, script
+from service.tablet.valve_pages import router as valve_pages
 from service.tablet.visitor import SignInNeededError, to_sign_in
 
 _KEEP: Final = "public, max-age=31536000, immutable"  # an address carries the hash of what is behind it
@@ -35,4 +36,5 @@ def install_tablet(app: FastAPI) -> None:
     app.add_exception_handler(SignInNeededError, to_sign_in)
     app.include_router(figure_routes)
     app.include_router(router)
+    app.include_router(valve_pages)
     app.mount("/ui/static", _Static(directory=STATIC), name="static")

@@ -12,14 +12,15 @@ from urllib.parse import urlencode
 
 from pydantic import BaseModel, Field
 
+from service.config.settings import Plant
 from service.model.check import CheckState
 from service.model.past_test import PastTest
 from service.model.schedule import next_occurrence
-from service.parts import Parts
 from service.schedules.nightly import wall_clock
 from service.schedules.views import NightEntry, night
 from service.shown.history import diagnosis_words
 from service.shown.words import BAD_END, NE107, NOT_ASSESSED, Condition
+from service.store.store import Store
 from service.tablet.valve_list import Chip, found_by
 
 _ROWS: Final = 50  # of each list on one page
@@ -97,33 +98,33 @@ class Nights:
     schedules: Sequence[NightSchedule]
 
 
-async def night_of(parts: Parts, wish: NightWish) -> Nights:
+async def night_of(plant: Plant, store: Store, wish: NightWish) -> Nights:
     """Return the last and the coming night valve by valve, and the schedules; all empty where none is planned."""
     now = wall_clock()
-    entries = await asyncio.to_thread(night, parts.plant, parts.store.schedule_runs, now)
+    entries = await asyncio.to_thread(night, plant, store.schedule_runs, now)
     ids = [one.test_id for one in entries if one.test_id is not None]
-    figures = await asyncio.to_thread(parts.store.figures.of_ids, ids)
+    figures = await asyncio.to_thread(store.figures.of_ids, ids)
     checks = [_check(one, figures.get(one.test_id or "")) for one in entries]
     last = sorted((one for one in checks if one.state != CheckState.PLANNED), key=lambda one: (one.rank, one.due_at))
     coming = [one for one in checks if one.state == CheckState.PLANNED]
-    named = [one for one in last if _is_named(parts, wish, one.valve)]
+    named = [one for one in last if _is_named(plant, wish, one.valve)]
     chosen = [one for one in named if not wish.found or one.words in wish.found]
     schedules = []
-    for schedule in parts.plant.schedules:
+    for schedule in plant.schedules:
         due = next_occurrence(schedule, now)
         due_at = None if due is None else due.due_at
         schedules.append(NightSchedule(schedule.name, due_at, schedule.zone.key, schedule.sequence, schedule.valves))
     return Nights(
         _paged(chosen, len(last), wish.page),
-        _paged([one for one in coming if _is_named(parts, wish, one.valve)], len(coming), wish.coming),
+        _paged([one for one in coming if _is_named(plant, wish, one.valve)], len(coming), wish.coming),
         _chips(named, wish),
         schedules,
     )
 
 
-def _is_named(parts: Parts, wish: NightWish, tag: str) -> bool:
+def _is_named(plant: Plant, wish: NightWish, tag: str) -> bool:
     """Whether a valve is found by the words that are looked for, in what the list of valves finds it by."""
-    valve = parts.plant.valves.get(tag)
+    valve = plant.valves.get(tag)
     text = tag.lower() if valve is None else found_by(tag, valve)
     return all(word in text for word in wish.find.lower().split())
 
@@ -159,11 +160,11 @@ def _check(entry: NightEntry, test: PastTest | None) -> NightCheck:
     return NightCheck(entry.valve, entry.due_at, entry.state.value, entry.reason, entry.test_id, found, diagnosis)
 
 
-def due_checks(parts: Parts) -> dict[str, datetime]:
+def due_checks(plant: Plant) -> dict[str, datetime]:
     """Return when each valve is due next; valves without a schedule are left out."""
     now = wall_clock()
     due: dict[str, datetime] = {}
-    for schedule in parts.plant.schedules:
+    for schedule in plant.schedules:
         coming = next_occurrence(schedule, now)
         if coming is not None:
             for tag in schedule.valves:

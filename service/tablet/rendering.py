@@ -5,24 +5,27 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
 from http import HTTPStatus
 from pathlib import Path
-from typing import Any, Final
-from zoneinfo import ZoneInfo
+from typing import Annotated, Any, Final
 
-from fastapi import Request
+from fastapi import Depends, Request
 from fastapi.responses import HTMLResponse
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_context
 
+from service.config.settings import Plant
+from service.http.given import Given
 from service.model.requester import person_of
-from service.parts import Parts
+from service.runs.motion_watch import MotionWatch
 from service.tablet.script import NAME, script
 from service.tablet.visitor import Visitor
 from service.words.plant_clock import by_the_plants_clock, instant_words
 from service.words.sentences import as_sentence, in_units
 from service.words.units import UnitSystem, measured, quantity, shown_unit
+from valve.errors import NotFoundError
 
 _HERE: Final = Path(__file__).parent
 STATIC: Final = _HERE / "static"
@@ -78,13 +81,6 @@ def units_of(request: Request) -> UnitSystem:
     return UnitSystem.of(request.query_params.get("units") or request.cookies.get(UNITS_COOKIE))
 
 
-def zone_of(request: Request) -> ZoneInfo | None:
-    """Return the plant's time zone; None for the gateway's own."""
-    parts = request.app.state.parts
-    assert isinstance(parts, Parts)
-    return parts.plant.zone
-
-
 @pass_context
 def moment(context: Mapping[str, Any], at: datetime | None) -> str:
     """Return an instant by the plant's clock, with its zone; a dash for none."""
@@ -103,31 +99,51 @@ def duration(seconds: float | None) -> str:
     return f"{minutes} min {rest} s" if minutes else f"{rest} s"
 
 
-def page(
-    request: Request,
-    template: str,
-    visitor: Visitor | None,
-    values: Mapping[str, Any],
-    status: int = HTTPStatus.OK,
-) -> HTMLResponse:
-    """Return a page. The units stand in a cookie, so that the switch is kept in the browser."""
-    system, zone = units_of(request), zone_of(request)
-    shown = {
-        "visitor": visitor,
-        "units": system,
-        "unit_systems": list(UnitSystem),
-        "q": lambda value, unit, digits=4: quantity(value, unit, system, digits),
-        "m": lambda value, ci95, unit: measured(value, ci95, unit, system),
-        "u": lambda unit: shown_unit(unit, system),
-        "s": lambda sentence: by_the_plants_clock(in_units(str(sentence), system), zone),
-        "zone": zone,
-        "plant_alarms": () if visitor is None else request.app.state.parts.motion_watch.alarms,
-        "now": datetime.now(UTC),
-        "path": request.url.path,
-        **values,
-    }
-    response = HTMLResponse(_environment().get_template(template).render(shown), status, dict(_HEADERS))
-    chosen = request.query_params.get("units")
-    if chosen in list(UnitSystem):
-        response.set_cookie(UNITS_COOKIE, chosen, max_age=365 * 86400, samesite="strict", path="/")
-    return response
+@dataclass(frozen=True, slots=True)
+class Pages:
+    """Shows pages to the browser of one request, with what stands on every page of its plant."""
+
+    request: Request
+    plant: Plant
+    watch: MotionWatch
+
+    @property
+    def system(self) -> UnitSystem:
+        """The units that the browser keeps."""
+        return units_of(self.request)
+
+    def show(
+        self, template: str, visitor: Visitor | None, values: Mapping[str, Any], status: int = HTTPStatus.OK
+    ) -> HTMLResponse:
+        """Return a page. The units stand in a cookie, so that the switch is kept in the browser."""
+        system, zone = self.system, self.plant.zone
+        shown = {
+            "visitor": visitor,
+            "units": system,
+            "unit_systems": list(UnitSystem),
+            "q": lambda value, unit, digits=4: quantity(value, unit, system, digits),
+            "m": lambda value, ci95, unit: measured(value, ci95, unit, system),
+            "u": lambda unit: shown_unit(unit, system),
+            "s": lambda sentence: by_the_plants_clock(in_units(str(sentence), system), zone),
+            "zone": zone,
+            "plant_alarms": () if visitor is None else self.watch.alarms,
+            "now": datetime.now(UTC),
+            "path": self.request.url.path,
+            **values,
+        }
+        response = HTMLResponse(_environment().get_template(template).render(shown), status, dict(_HEADERS))
+        chosen = self.request.query_params.get("units")
+        if chosen in list(UnitSystem):
+            response.set_cookie(UNITS_COOKIE, chosen, max_age=365 * 86400, samesite="strict", path="/")
+        return response
+
+    def missing(self, visitor: Visitor, error: NotFoundError) -> HTMLResponse:
+        """Return the page for what is not there."""
+        return self.show("missing.html", visitor, {"reason": str(error)}, HTTPStatus.NOT_FOUND)
+
+
+async def _pages(request: Request, plant: Given[Plant], watch: Given[MotionWatch]) -> Pages:
+    return Pages(request, plant, watch)
+
+
+PagesOf = Annotated[Pages, Depends(_pages)]

@@ -9,11 +9,11 @@ from enum import StrEnum
 from typing import Final
 from zoneinfo import ZoneInfo
 
+from service.health.earlier import EarlierResults
 from service.health.staleness import Oldest
-from service.parts import Parts
 from service.shown.words import Condition, condition_of
 from service.store.conditions import not_carried_out
-from service.tablet.valve_rows import Stand
+from service.tablet.valve_rows import Stand, ValveSource
 
 _NOON: Final = time(12)
 _NOTES: Final = 4  # of the first screen; the chips lead to all
@@ -56,12 +56,12 @@ def yesterday_noon(now: datetime, zone: ZoneInfo | None) -> datetime:
     return noon.astimezone(UTC)
 
 
-def since_yesterday(parts: Parts, stands: Mapping[str, Stand], now: datetime) -> Since:
+def since_yesterday(source: ValveSource, earlier: EarlierResults, stands: Mapping[str, Stand], now: datetime) -> Since:
     """Return what changed since yesterday noon; reads the database, so callers use a thread."""
-    at = yesterday_noon(now, parts.plant.zone)
-    engine, plant = parts.store.engine, parts.plant
+    at = yesterday_noon(now, source.plant.zone)
+    engine, plant = source.store.engine, source.plant
     tested = [tag for tag, one in stands.items() if one.standing is not None and one.standing.last_at >= at]
-    results = parts.earlier.states(engine, plant, at, tested)
+    results = earlier.states(engine, plant, at, tested)
 
     def before_of(tag: str, stand: Stand) -> Condition | None:
         """A bad end that stands bars the next test: one that is older than ``at`` stood then as it does now."""
@@ -71,9 +71,9 @@ def since_yesterday(parts: Parts, stands: Mapping[str, Stand], now: datetime) ->
         result = results.get(tag, (standing.ne107, standing.completed_at))
         if result is None:
             return None
-        state = parts.earlier.as_it_stood(plant, at, tag, result)
+        state = earlier.as_it_stood(plant, at, tag, result)
         result_at = result[1] or at
-        state = Oldest(result_at, "").with_watched(parts.staleness.watched(tag, at)).state(state, result_at)
+        state = Oldest(result_at, "").with_watched(source.staleness.watched(tag, at)).state(state, result_at)
         return condition_of(None, state, is_busy=False, is_tested=True)
 
     ended = not_carried_out(engine, at, now)

@@ -5,15 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
+from fastapi import Depends
+
+from service.config.settings import Plant
+from service.health.staleness import Staleness
+from service.http.given import Given
 from service.model.run import Run
 from service.model.stands_words import NOT_CONFIRMED, where_it_stands
-from service.parts import Parts
+from service.runs.service import Runs
 from service.shown.forecast import forecasts_of
 from service.shown.words import STATES, Condition, condition_of
 from service.store.conditions import ValveStanding, valve_standings
 from service.store.run_table import ValveHead
+from service.store.store import Store
 
 _ARROWS: Final = {"up": ("▲", "rising"), "down": ("▼", "falling"), "steady": ("▬", "steady"), "": ("", "")}
 
@@ -46,20 +52,39 @@ class Stand:
     standing: ValveStanding | None
 
 
-def valve_stands(parts: Parts) -> dict[str, Stand]:
+@dataclass(frozen=True, slots=True)
+class ValveSource:
+    """What the list of valves is made from."""
+
+    plant: Plant
+    store: Store
+    runs: Runs
+    staleness: Staleness
+
+
+async def _valve_source(
+    plant: Given[Plant], store: Given[Store], runs: Given[Runs], staleness: Given[Staleness]
+) -> ValveSource:
+    return ValveSource(plant, store, runs, staleness)
+
+
+ValveSourceOf = Annotated[ValveSource, Depends(_valve_source)]
+
+
+def valve_stands(source: ValveSource) -> dict[str, Stand]:
     """Return how each valve stands: worst first, then by what was found does to the stem, then by tag.
 
     Reads the database, so callers use a thread.
     """
-    standings = valve_standings(parts.store.engine)
-    doubtful = [tag for tag, one in standings.items() if one.may_be_bad and tag in parts.plant.valves]
-    heads = parts.store.runs.valve_heads(doubtful) if doubtful else {}
+    standings = valve_standings(source.store.engine)
+    doubtful = [tag for tag, one in standings.items() if one.may_be_bad and tag in source.plant.valves]
+    heads = source.store.runs.valve_heads(doubtful) if doubtful else {}
     stands, now = {}, datetime.now(UTC)
-    for tag in parts.plant.valves:
+    for tag in source.plant.valves:
         standing = standings.get(tag)
         tested = (None, None) if standing is None else (standing.ne107, standing.completed_at)
-        ne107 = parts.staleness.oldest(tag, now).state(*tested)
-        is_busy = parts.runs.user_of(tag) is not None
+        ne107 = source.staleness.oldest(tag, now).state(*tested)
+        is_busy = source.runs.user_of(tag) is not None
         last = heads[tag].last if tag in heads else None
         at_rest = condition_of(last, ne107, is_busy=False, is_tested=standing is not None)
         condition = condition_of(last, ne107, is_busy=True, is_tested=True) if is_busy else at_rest
@@ -73,26 +98,26 @@ def valve_stands(parts: Parts) -> dict[str, Stand]:
     return dict(sorted(stands.items(), key=place))
 
 
-def valve_rows(parts: Parts, tags: Sequence[str], due: Mapping[str, datetime]) -> list[ValveRow]:
+def valve_rows(source: ValveSource, tags: Sequence[str], due: Mapping[str, datetime]) -> list[ValveRow]:
     """Return a row a valve, in this order; reads the database, so callers use a thread."""
-    heads = parts.store.runs.valve_heads(tags)
-    rows = [_row(parts, tag, heads.get(tag), due.get(tag)) for tag in tags]
+    heads = source.store.runs.valve_heads(tags)
+    rows = [_row(source, tag, heads.get(tag), due.get(tag)) for tag in tags]
     completed = {tag: head.completed_number for tag, head in heads.items() if head.completed_number is not None}
     asked = [completed[row.tag] for row in rows if row.friction_n is None and row.tag in completed]
-    measured_n = parts.store.figures.friction_mean_n(asked) if asked else {}
+    measured_n = source.store.figures.friction_mean_n(asked) if asked else {}
     return [
         row if row.friction_n is not None else replace(row, friction_n=measured_n.get(completed.get(row.tag, 0)))
         for row in rows
     ]
 
 
-def _row(parts: Parts, tag: str, head: ValveHead | None, due: datetime | None) -> ValveRow:
-    last = None if head is None else parts.runs.as_it_stands(head.last)
-    identity, now = parts.plant.valves[tag].identity, datetime.now(UTC)
-    oldest = parts.staleness.oldest(tag, now)
+def _row(source: ValveSource, tag: str, head: ValveHead | None, due: datetime | None) -> ValveRow:
+    last = None if head is None else source.runs.as_it_stands(head.last)
+    identity, now = source.plant.valves[tag].identity, datetime.now(UTC)
+    oldest = source.staleness.oldest(tag, now)
     tested = (None, None) if head is None else (head.health, head.completed_at)
     health = oldest.health(*tested, now) or {}
-    busy_with = parts.runs.user_of(tag)
+    busy_with = source.runs.user_of(tag)
     condition = condition_of(last, health.get("ne107"), is_busy=busy_with is not None, is_tested=last is not None)
     friction = _friction_change(health)
     arrow, trend = _ARROWS[friction_trend(friction)]

@@ -10,6 +10,7 @@ import pytest
 
 from service.model.run import Run, RunState, new_run_id
 from service.model.watched_day import WatchedDay
+from service.store.store import Store
 from tests.support.gateway import Gateway, gateway
 from tests.support.made_analysis import FRICTION_N, made_analysis
 from tests.support.tablets import Tablet, tablet
@@ -86,8 +87,8 @@ def store_test(running: Gateway, days: float, friction_n: float, *, state: RunSt
         software="breakaway 0",
         requested_by="nightly",
     )
-    stored = running.parts.store.runs.insert(run)
-    running.parts.store.runs.save(stored)
+    stored = running.part(Store).runs.insert(run)
+    running.part(Store).runs.save(stored)
     return stored
 
 
@@ -101,4 +102,4 @@ def store_watched_day(running: Gateway, days: int, friction_n: float) -> None:
     document = {"schema": "breakaway/watch/1", "moves": 39, "figures": figures, "travel": travel}
     began_at = ended_at - timedelta(hours=7)
     day = WatchedDay(TAG, began_at.date(), began_at, ended_at, 9000, ended_at, "breakaway 0", document)
-    running.parts.store.watched.add(day, "")
+    running.part(Store).watched.add(day, "")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from service.runs.service import Runs
 from tests.support.gateway import Gateway
 from tests.support.tablets import LANDSCAPE, PHONE, Tablet
 from tests.support.wired_plant import TAG
@@ -27,7 +28,7 @@ def test_intervals_narrow_on_the_page_and_a_breakaway_twice_the_last_is_a_warnin
     test_id = answer.json()["id"]
 
     def tell(kind: str, data: dict[str, Any]) -> None:
-        live = service.parts.runs._live.find(test_id)
+        live = service.part(Runs)._live.find(test_id)
         assert live is not None
         service.call(lambda: live.events.append(kind, data))
 

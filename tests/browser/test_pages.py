@@ -10,6 +10,7 @@ import httpx
 import pytest
 
 from service.model.run import RunState
+from service.store.store import Store
 from service.tablet import script
 from tests.browser.conftest import store_test
 from tests.support.gateway import Gateway
@@ -90,7 +91,7 @@ def test_no_sentence_keeps_units_that_were_not_chosen(service: Gateway, page: st
 def test_a_bad_end_is_told_in_the_chosen_units_on_its_page_and_in_its_report(service: Gateway) -> None:
     run = store_test(service, 46.0, 0.0, state=RunState.FAILED)
     error = f"{TAG}: the pressure changed by 8.049e+04 Pa and the stem stood at 2.0e-06 m: look at packing and seat"
-    service.parts.store.runs.save(replace(run, error=error, acknowledged_at=run.created_at, acknowledgement="eased"))
+    service.part(Store).runs.save(replace(run, error=error, acknowledged_at=run.created_at, acknowledgement="eased"))
     for address in (f"/ui/tests/{run.id}", f"/tests/{run.id}/report?format=html"):
         with httpx.Client(base_url=service.url, cookies={"breakaway-units": "psi"}, timeout=60.0) as client:
             said = re.sub(r"<style.*?</style>|<[^>]+>", " ", client.get(address).text, flags=re.DOTALL)
@@ -138,7 +139,7 @@ def test_a_tag_or_a_reason_never_becomes_markup(service: Gateway) -> None:
 def test_an_analysis_of_another_version_is_shown_as_far_as_it_goes(service: Gateway) -> None:
     old = {"schema": "breakaway/analysis/0", "recording": {"samples": 7}, "estimates": [], "health": {"reasons": []}}
     run = store_test(service, 40.0, 0.0)
-    service.parts.store.runs.save(replace(run, analysis=old))
+    service.part(Store).runs.save(replace(run, analysis=old))
     assert "Causes were not looked for" in service.client.get(f"/ui/tests/{run.id}").text
     assert service.client.get(f"/ui/figures/tests/{run.id}/signature.svg").status_code == 404
     assert service.client.get(f"/ui/valves/{TAG}").status_code == 200
@@ -148,7 +149,7 @@ def test_a_test_that_nothing_explains_leads_to_the_next_one(service: Gateway) ->
     run = store_test(service, 41.0, 612.0)
     assert run.analysis is not None
     found = {**run.analysis["discrepancy"], "verdict": "unexplained", "causes": [], "gain": None}
-    service.parts.store.runs.save(replace(run, analysis={**run.analysis, "discrepancy": found}))
+    service.part(Store).runs.save(replace(run, analysis={**run.analysis, "discrepancy": found}))
     page = service.client.get(f"/ui/tests/{run.id}").text
     assert "Repeat with the sequence diagnostic" in page
     assert f'href="/ui/valves/{TAG}/start?sequence=diagnostic"' in page
@@ -167,7 +168,7 @@ def test_figures_with_their_limits_stand_above_the_misfit_of_a_test_that_nothing
         "discrepancy": found,
         "health": {"ne107": "N", "reasons": ["nothing is wrong"], "changes": [kept]},
     }
-    service.parts.store.runs.save(replace(run, analysis=made))
+    service.part(Store).runs.save(replace(run, analysis=made))
     page = service.client.get(f"/ui/tests/{run.id}").text
     order = [
         "Normal",
@@ -189,7 +190,7 @@ def test_a_named_cause_is_told_once_with_its_pictures_behind_it(service: Gateway
     analysis = run.analysis or {}
     (cause,) = analysis["discrepancy"]["causes"]
     health = {"ne107": "M", "reasons": [f"{cause['sentence']} {cause['action']}", "Friction is up."], "changes": []}
-    service.parts.store.runs.save(replace(run, analysis={**analysis, "health": health}))
+    service.part(Store).runs.save(replace(run, analysis={**analysis, "health": health}))
     page = service.client.get(f"/ui/tests/{run.id}").text
     assert page.count(cause["sentence"]) == 1
     places = [page.index(words) for words in ("Friction is up.", cause["sentence"], "signature.svg", "coordinate.svg")]
@@ -199,7 +200,7 @@ def test_a_named_cause_is_told_once_with_its_pictures_behind_it(service: Gateway
 def test_the_notes_of_an_analysis_stand_beside_its_diagnosis(service: Gateway) -> None:
     run = store_test(service, 42.0, 612.0)
     note = "The moving mass is 2 times the nameplate's 1.36 kg."
-    service.parts.store.runs.save(replace(run, analysis={**(run.analysis or {}), "notes": [note]}))
+    service.part(Store).runs.save(replace(run, analysis={**(run.analysis or {}), "notes": [note]}))
     assert "The moving mass is 2 times" in service.client.get(f"/ui/tests/{run.id}").text
     assert "The moving mass is 2 times" in service.client.get(f"/tests/{run.id}/report?format=html").text
 
@@ -209,7 +210,7 @@ def test_a_reason_that_several_figures_share_is_told_once(service: Gateway) -> N
     reason, analysis = "the branches share too little travel", run.analysis or {}
     not_given = dict.fromkeys(("friction_mean_n", "friction_max_n", "spring_rate_n_per_m"))
     signature = {**analysis["signature"], **not_given, "notes": dict.fromkeys(not_given, reason), "curve": None}
-    service.parts.store.runs.save(replace(run, analysis={**analysis, "signature": signature}))
+    service.part(Store).runs.save(replace(run, analysis={**analysis, "signature": signature}))
     page = service.client.get(f"/ui/tests/{run.id}").text
     assert page.count(reason) == 1
     assert "<strong>Friction, mean; Friction, highest; Spring rate:</strong>" in page

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from service.model.run import Run
+from service.store.store import Store
 from tests.browser.conftest import store_test
 from tests.support.gateway import Gateway, MadeAnalyst
 from tests.support.made_analysis import FRICTION_N, made_analysis
@@ -118,7 +119,7 @@ def test_tests_without_a_loop_are_not_offered(service: Gateway) -> None:
     bare = store_test(service, 49.0, FRICTION_N)
     assert bare.analysis is not None
     bare.analysis["signature"]["curve"] = {"up": {"travel_m": [0.0]}, "down": None}
-    service.parts.store.runs.save(bare)
+    service.part(Store).runs.save(bare)
     text = service.client.get(f"/ui/tests/{run.id}").text
     assert f'<option value="{drawn.id}">' in text
     assert bare.id not in text

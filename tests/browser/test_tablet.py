@@ -10,9 +10,12 @@ from typing import Any
 import pytest
 from sqlalchemy import update
 
+from service.access.access import Access
 from service.access.principal import Role
 from service.model.run import RunState
+from service.runs.service import Runs
 from service.store.schema_access import SESSIONS
+from service.store.store import Store
 from tests.browser.conftest import store_test
 from tests.support.gateway import Gateway
 from tests.support.made_analysis import ACTION, MISSING
@@ -231,7 +234,7 @@ def test_the_live_view_draws_ten_positions_a_second_writes_four_and_takes_little
 
 def test_a_person_signs_in_and_out_and_a_lost_session_stops_no_test(guarded_service: Gateway, browser: Tablet) -> None:
     service = guarded_service
-    service.parts.access.add_user("anna", Role.OPERATOR, "a long enough password", by="test")
+    service.part(Access).add_user("anna", Role.OPERATOR, "a long enough password", by="test")
     browser.open(service.url)
     browser.write("[name=name]", "anna")
     browser.write("[name=password]", "not this one at all")
@@ -251,7 +254,7 @@ def test_a_person_signs_in_and_out_and_a_lost_session_stops_no_test(guarded_serv
     browser.write("[name=password]", "a long enough password")
     browser.press("[type=submit]")
     browser.until(lambda: browser.driver.current_url.endswith(f"{service.url}/ui/tests/{test_id}"), "back at the test")
-    run = service.call(lambda: service.parts.runs.as_it_stands(service.parts.store.runs.get(test_id)))
+    run = service.call(lambda: service.part(Runs).as_it_stands(service.part(Store).runs.get(test_id)))
     assert run.state in (RunState.RUNNING, RunState.ANALYZING, RunState.COMPLETED)
     assert run.requested_by == "anna"
     if run.state is RunState.RUNNING:
@@ -266,7 +269,7 @@ def test_an_idle_tablet_locks_its_pages_and_keeps_its_stop(
     guarded_service: Gateway, browser: Tablet, where: str
 ) -> None:
     service, name = guarded_service, f"idle-{where}"
-    service.parts.access.add_user(name, Role.OPERATOR, "a long enough password", by="test")
+    service.part(Access).add_user(name, Role.OPERATOR, "a long enough password", by="test")
     browser.driver.delete_all_cookies()
     browser.open(service.url)
     browser.write("[name=name]", name)
@@ -277,14 +280,14 @@ def test_an_idle_tablet_locks_its_pages_and_keeps_its_stop(
     browser.until_reads("#phase", "Moving")
     if where == "valves":
         browser.open(f"{service.url}/ui/valves/{TAG}")
-    with service.parts.store.engine.begin() as connection:
+    with service.part(Store).engine.begin() as connection:
         connection.execute(update(SESSIONS).values(last_seen_at=datetime.now(UTC) - timedelta(minutes=16)))
     browser.run("document.dispatchEvent(new Event('visibilitychange'))")  # as when somebody wakes the tablet
     browser.until_reads("#trouble", "this page is locked. The test goes on, and STOP still works. Sign in")
     assert not browser.see("main").is_displayed()
     browser.press("#stop")
     browser.until_reads("#stop-words", "Stopped. Signal 20 kPa, read back.")
-    assert service.parts.store.runs.get(test_id).error == f"stopped by {name}"
+    assert service.part(Store).runs.get(test_id).error == f"stopped by {name}"
 
 
 def test_a_valve_that_needs_a_permit_is_started_with_its_number(permit_service: Gateway, browser: Tablet) -> None:

@@ -17,11 +17,11 @@ from service.health.earlier import EarlierResults
 from service.health.staleness import Staleness
 from service.model.check import Check, CheckState
 from service.model.run import Run, RunState, new_run_id
-from service.parts import Parts
+from service.runs.service import Runs
 from service.store.store import Store
 from service.tablet.since import Change, Since, since_yesterday, yesterday_noon
 from service.tablet.valve_list import ValveList, Wish
-from service.tablet.valve_rows import friction_trend, valve_rows, valve_stands
+from service.tablet.valve_rows import ValveSource, friction_trend, valve_rows, valve_stands
 from tests.service.conftest import PLANT
 from tests.support.made_analysis import FRICTION_N, made_analysis
 
@@ -29,7 +29,7 @@ NOW: Final = datetime.now(UTC)
 
 
 @pytest.fixture
-def parts(tmp_path: Path) -> Iterator[Parts]:
+def source(tmp_path: Path) -> Iterator[ValveSource]:
     """Return a plant of seven valves with an empty store, one of them under test."""
     file = tmp_path / "plant.toml"
     file.write_text(PLANT, encoding="utf-8")
@@ -38,33 +38,30 @@ def parts(tmp_path: Path) -> Iterator[Parts]:
     plant = replace(plant, valves={f"XV-{number}": valve for number in range(1, 8)})
     store = Store(plant.service.store)
     runs = SimpleNamespace(as_it_stands=lambda run: run, user_of=lambda tag: "a test" if tag == "XV-7" else None)
-    yield cast(
-        Parts,
-        SimpleNamespace(plant=plant, store=store, runs=runs, staleness=Staleness(plant), earlier=EarlierResults()),
-    )
+    yield ValveSource(plant, store, cast(Runs, runs), Staleness(plant))
     store.close()
 
 
-def _tested(parts: Parts, tag: str, ne107: str | None, **changes: Any) -> None:
+def _tested(source: ValveSource, tag: str, ne107: str | None, **changes: Any) -> None:
     at = changes.get("created_at", datetime.now(UTC))
     analysis = made_analysis(ne107=ne107) if "state" not in changes else None
     if analysis is not None:
         analysis["health"]["effect_percent_of_span"] = changes.pop("effect_percent", None)
     run = Run(id=new_run_id(at), valve=tag, sequence="triangle", state=RunState.COMPLETED, started_at=at)
     defaults: dict[str, Any] = {"quality": {}, "safe_confirmed": True, "analysis": analysis}
-    parts.store.runs.insert(replace(run, **(defaults | changes)))
+    source.store.runs.insert(replace(run, **(defaults | changes)))
 
 
-def test_valves_are_listed_worst_first(parts: Parts) -> None:
-    _tested(parts, "XV-1", "N")
-    _tested(parts, "XV-2", "M")
-    _tested(parts, "XV-3", "F")
-    _tested(parts, "XV-4", "N")
-    _tested(parts, "XV-4", None, state=RunState.FAILED, error="the stem is stuck")
-    _tested(parts, "XV-5", None)
-    _tested(parts, "XV-6", "N")
-    _tested(parts, "XV-6", None, state=RunState.STOPPED)
-    conditions = {tag: one.condition for tag, one in valve_stands(parts).items()}
+def test_valves_are_listed_worst_first(source: ValveSource) -> None:
+    _tested(source, "XV-1", "N")
+    _tested(source, "XV-2", "M")
+    _tested(source, "XV-3", "F")
+    _tested(source, "XV-4", "N")
+    _tested(source, "XV-4", None, state=RunState.FAILED, error="the stem is stuck")
+    _tested(source, "XV-5", None)
+    _tested(source, "XV-6", "N")
+    _tested(source, "XV-6", None, state=RunState.STOPPED)
+    conditions = {tag: one.condition for tag, one in valve_stands(source).items()}
     assert [(tag, one.code) for tag, one in conditions.items()] == [
         ("XV-3", "F"),
         ("XV-4", "bad"),
@@ -74,13 +71,13 @@ def test_valves_are_listed_worst_first(parts: Parts) -> None:
         ("XV-1", "N"),
         ("XV-6", "N"),
     ]
-    rows = valve_rows(parts, list(conditions), {})
+    rows = valve_rows(source, list(conditions), {})
     assert [row.condition for row in rows] == list(conditions.values())
     assert rows[1].reason == "the stem is stuck"
     assert {row.tag: row.friction_n for row in rows}["XV-1"] == FRICTION_N
 
 
-def test_valves_of_one_state_are_listed_by_what_was_found_does_to_the_stem(parts: Parts) -> None:
+def test_valves_of_one_state_are_listed_by_what_was_found_does_to_the_stem(source: ValveSource) -> None:
     for tag, state, effect_percent in (
         ("XV-1", "M", 1.5),
         ("XV-2", "M", None),
@@ -89,50 +86,50 @@ def test_valves_of_one_state_are_listed_by_what_was_found_does_to_the_stem(parts
         ("XV-5", "M", 1.5),
         ("XV-6", "N", None),
     ):
-        _tested(parts, tag, state, effect_percent=effect_percent)
-    assert list(valve_stands(parts))[:5] == ["XV-4", "XV-3", "XV-1", "XV-5", "XV-2"]
-    _tested(parts, "XV-3", "M", effect_percent=1.2)
-    assert list(valve_stands(parts))[:5] == ["XV-4", "XV-1", "XV-5", "XV-3", "XV-2"]
+        _tested(source, tag, state, effect_percent=effect_percent)
+    assert list(valve_stands(source))[:5] == ["XV-4", "XV-3", "XV-1", "XV-5", "XV-2"]
+    _tested(source, "XV-3", "M", effect_percent=1.2)
+    assert list(valve_stands(source))[:5] == ["XV-4", "XV-1", "XV-5", "XV-3", "XV-2"]
 
 
-def test_a_valve_that_could_not_be_judged_says_why_and_one_under_test_does_not(parts: Parts) -> None:
+def test_a_valve_that_could_not_be_judged_says_why_and_one_under_test_does_not(source: ValveSource) -> None:
     for tag in ("XV-6", "XV-7"):  # XV-7 is under test now
-        _tested(parts, tag, "C")
-    rows = valve_rows(parts, ["XV-6", "XV-7"], {})
+        _tested(source, tag, "C")
+    rows = valve_rows(source, ["XV-6", "XV-7"], {})
     assert [row.condition.code for row in rows] == ["C", "C"]
     assert rows[0].reason.startswith("Friction rose")
-    _tested(parts, "XV-7", "N")
-    assert valve_rows(parts, ["XV-7"], {})[0].reason == ""
+    _tested(source, "XV-7", "N")
+    assert valve_rows(source, ["XV-7"], {})[0].reason == ""
 
 
-def test_a_longer_list_asks_the_database_no_more_often(parts: Parts) -> None:
+def test_a_longer_list_asks_the_database_no_more_often(source: ValveSource) -> None:
     for number in range(1, 7):
-        _tested(parts, f"XV-{number}", "N")
+        _tested(source, f"XV-{number}", "N")
     asked: list[str] = []
-    event.listen(parts.store.engine, "before_cursor_execute", lambda *given: asked.append(given[2]))
+    event.listen(source.store.engine, "before_cursor_execute", lambda *given: asked.append(given[2]))
     counts = []
-    for tags in (["XV-1"], list(parts.plant.valves)):
+    for tags in (["XV-1"], list(source.plant.valves)):
         asked.clear()
-        valve_rows(parts, tags, {})
+        valve_rows(source, tags, {})
         counts.append(len(asked))
     assert counts[0] == counts[1]
 
 
-def _since(parts: Parts) -> Since:
-    return since_yesterday(parts, valve_stands(parts), NOW)
+def _since(source: ValveSource) -> Since:
+    return since_yesterday(source, EarlierResults(), valve_stands(source), NOW)
 
 
-def test_since_yesterday_each_valve_is_counted_once_with_the_reason(parts: Parts) -> None:
+def test_since_yesterday_each_valve_is_counted_once_with_the_reason(source: ValveSource) -> None:
     before, night = NOW - timedelta(days=2), NOW - timedelta(hours=6)
     for number in range(1, 6):
-        _tested(parts, f"XV-{number}", "M" if number == 3 else "N", created_at=before)
-    _tested(parts, "XV-1", "M", created_at=night)
-    _tested(parts, "XV-2", "N", created_at=night)
-    _tested(parts, "XV-3", "N", created_at=night)
-    _tested(parts, "XV-6", "N", created_at=night)
-    _skipped(parts, "XV-4", night, "XV-4: its line is under pressure")
-    _skipped(parts, "XV-2", night - timedelta(hours=1), "its turn did not come")  # it was tested later
-    since = _since(parts)
+        _tested(source, f"XV-{number}", "M" if number == 3 else "N", created_at=before)
+    _tested(source, "XV-1", "M", created_at=night)
+    _tested(source, "XV-2", "N", created_at=night)
+    _tested(source, "XV-3", "N", created_at=night)
+    _tested(source, "XV-6", "N", created_at=night)
+    _skipped(source, "XV-4", night, "XV-4: its line is under pressure")
+    _skipped(source, "XV-2", night - timedelta(hours=1), "its turn did not come")  # it was tested later
+    since = _since(source)
     assert dict(since.changes) == {
         "XV-1": Change.WORSE,
         "XV-2": Change.UNCHANGED,
@@ -148,18 +145,18 @@ def test_since_yesterday_each_valve_is_counted_once_with_the_reason(parts: Parts
     ]
 
 
-def test_a_bad_end_of_the_night_is_worse_and_one_that_stood_before_is_not(parts: Parts) -> None:
+def test_a_bad_end_of_the_night_is_worse_and_one_that_stood_before_is_not(source: ValveSource) -> None:
     for tag, at in (("XV-1", NOW - timedelta(hours=6)), ("XV-2", NOW - timedelta(days=3))):
-        _tested(parts, tag, "N", created_at=NOW - timedelta(days=4))
-        _tested(parts, tag, None, state=RunState.FAILED, error="the stem is stuck", created_at=at)
-    changes = _since(parts).changes
+        _tested(source, tag, "N", created_at=NOW - timedelta(days=4))
+        _tested(source, tag, None, state=RunState.FAILED, error="the stem is stuck", created_at=at)
+    changes = _since(source).changes
     assert (changes["XV-1"], changes["XV-2"]) == (Change.WORSE, Change.UNCHANGED)
 
 
-def test_reasons_that_many_valves_share_are_told_once(parts: Parts) -> None:
+def test_reasons_that_many_valves_share_are_told_once(source: ValveSource) -> None:
     for number in range(1, 6):
-        _skipped(parts, f"XV-{number}", NOW - timedelta(hours=6), f"XV-{number}: its bus was busy")
-    (note,) = _since(parts).notes
+        _skipped(source, f"XV-{number}", NOW - timedelta(hours=6), f"XV-{number}: its bus was busy")
+    (note,) = _since(source).notes
     assert (note.tags, note.more, note.words) == (("XV-1", "XV-2", "XV-3"), 2, "its bus was busy")
 
 
@@ -176,9 +173,11 @@ def test_yesterday_is_the_plants_own(now: str, noon: str) -> None:
     assert found == datetime.fromisoformat(noon)
 
 
-def _listed(parts: Parts, **wish: Any) -> ValveList:
-    stands = valve_stands(parts)
-    return ValveList(parts.plant.valves, stands, since_yesterday(parts, stands, NOW).changes, Wish(**wish))
+def _listed(source: ValveSource, **wish: Any) -> ValveList:
+    stands = valve_stands(source)
+    return ValveList(
+        source.plant.valves, stands, since_yesterday(source, EarlierResults(), stands, NOW).changes, Wish(**wish)
+    )
 
 
 @pytest.mark.parametrize(
@@ -192,12 +191,12 @@ def _listed(parts: Parts, **wish: Any) -> ValveList:
         ("steam naphtha", []),
     ],
 )
-def test_a_valve_is_found_by_all_that_people_know_it_by(parts: Parts, find: str, tags: list[str]) -> None:
-    assert sorted(_listed(_known(parts), find=find).tags) == tags
+def test_a_valve_is_found_by_all_that_people_know_it_by(source: ValveSource, find: str, tags: list[str]) -> None:
+    assert sorted(_listed(_known(source), find=find).tags) == tags
 
 
-def test_chips_count_what_they_would_show_beside_the_other_choices(parts: Parts) -> None:
-    known = _known(parts)
+def test_chips_count_what_they_would_show_beside_the_other_choices(source: ValveSource) -> None:
+    known = _known(source)
     _tested(known, "XV-1", "M")
     _tested(known, "XV-2", "N")
     _tested(known, "XV-3", "M")
@@ -214,46 +213,47 @@ def test_chips_count_what_they_would_show_beside_the_other_choices(parts: Parts)
     assert area.address == "/?find=reflux&state=M&state=N&area=Column&area=Tank+farm"
 
 
-def test_a_longer_past_is_read_once_for_each_day(parts: Parts) -> None:
+def test_a_longer_past_is_read_once_for_each_day(source: ValveSource) -> None:
     for days in (3, 2, 0.1):
         for number in range(1, 7):
-            _tested(parts, f"XV-{number}", "N", created_at=NOW - timedelta(days=days))
+            _tested(source, f"XV-{number}", "N", created_at=NOW - timedelta(days=days))
     asked: list[str] = []
-    event.listen(parts.store.engine, "before_cursor_execute", lambda *given: asked.append(given[2]))
-    stands = valve_stands(parts)
-    counts = []
+    event.listen(source.store.engine, "before_cursor_execute", lambda *given: asked.append(given[2]))
+    stands = valve_stands(source)
+    counts, earlier = [], EarlierResults()
     for _ in range(2):
         asked.clear()
-        since_yesterday(parts, stands, NOW)
+        since_yesterday(source, earlier, stands, NOW)
         counts.append(len(asked))
     assert counts == [2, 1]
 
 
-def _known(parts: Parts) -> Parts:
+def _known(source: ValveSource) -> ValveSource:
     """Return the plant with what people know three of its valves by."""
     known = {
         "XV-1": Identity("Reflux control", "Column", "steam", serial_number="SN-77"),
         "XV-2": Identity("Reflux bypass", "Column", "naphtha"),
         "XV-3": Identity("Inlet", "Tank farm", "naphtha"),
     }
-    valves = {tag: replace(valve, identity=known.get(tag, valve.identity)) for tag, valve in parts.plant.valves.items()}
-    parts.plant = replace(parts.plant, valves=valves)  # type: ignore[misc]
-    return parts
+    valves = {
+        tag: replace(valve, identity=known.get(tag, valve.identity)) for tag, valve in source.plant.valves.items()
+    }
+    return replace(source, plant=replace(source.plant, valves=valves))
 
 
-def _skipped(parts: Parts, tag: str, due_at: datetime, reason: str) -> None:
+def _skipped(source: ValveSource, tag: str, due_at: datetime, reason: str) -> None:
     check = Check("nightly", f"{due_at:%Y-%m-%dT%H:%M}", tag, due_at, 3600.0, "triangle", "plc-1")
-    stored = parts.store.schedule_runs.insert(check)
+    stored = source.store.schedule_runs.insert(check)
     assert stored is not None
-    parts.store.schedule_runs.end(stored.id, CheckState.SKIPPED, reason, due_at)
+    source.store.schedule_runs.end(stored.id, CheckState.SKIPPED, reason, due_at)
 
 
-def test_an_unconfirmed_safe_state_stands_above_everything_until_it_is_acknowledged(parts: Parts) -> None:
-    _tested(parts, "XV-1", "F")
-    _tested(parts, "XV-2", None, state=RunState.STOPPED, safe_confirmed=False)
-    assert next(iter(valve_stands(parts).values())).condition.code == "alarm"
-    _tested(parts, "XV-2", None, state=RunState.STOPPED, safe_confirmed=False, acknowledged_at=datetime.now(UTC))
-    assert next(iter(valve_stands(parts).values())).condition.code == "F"
+def test_an_unconfirmed_safe_state_stands_above_everything_until_it_is_acknowledged(source: ValveSource) -> None:
+    _tested(source, "XV-1", "F")
+    _tested(source, "XV-2", None, state=RunState.STOPPED, safe_confirmed=False)
+    assert next(iter(valve_stands(source).values())).condition.code == "alarm"
+    _tested(source, "XV-2", None, state=RunState.STOPPED, safe_confirmed=False, acknowledged_at=datetime.now(UTC))
+    assert next(iter(valve_stands(source).values())).condition.code == "F"
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ import httpx
 import pytest
 
 from service.config.settings import load_plant
+from service.schedules.nightly import Nightly
 from service.store.store import Store
 from tests.service.nights import NIGHTLY, Clock, night, night_plant, plant_text
 from tests.support.fake_rig import FakeAnalyst, FakeRig
@@ -71,7 +72,7 @@ async def test_valves_come_change_and_go_without_a_restart(quick_path: Path) -> 
         run = await one.client.post("/tests/run", json={"valve": "B1", "sequence": "triangle"}, headers=wait)
         assert run.json()["state"] == "completed"
         assert (await one.client.get("/")).status_code == 200
-        assert (await one.client.get("/metrics")).status_code == 200
+        assert 'breakaway_motions_total{bus="b",' in (await one.client.get("/metrics")).text
     (entry,) = one.audited()
     assert (entry["event"], entry["who"]) == ("plant.reloaded", "local")
     assert entry["details"]["valves"]["removed"] == ["A2"]
@@ -169,6 +170,17 @@ async def test_a_schedule_that_was_moved_counts_from_the_reload_on(quick_path: P
         await nightly.look()
         assert len(store.schedule_runs.between(clock.now - timedelta(days=1), clock.now)) == 3
     store.close()
+
+
+async def test_the_nights_hear_of_a_reload(quick_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    heard: list[tuple[str, ...]] = []
+    monkeypatch.setattr(
+        Nightly, "schedules_changed", lambda self: heard.append(tuple(one.name for one in self._plant.schedules))
+    )
+    async with served(quick_path, plant_text(NIGHTLY)) as one:
+        assert heard == []
+        await one.reload(plant_text(NIGHTLY + NIGHTLY.split("[[groups]]")[0].replace("nightly", "second")))
+        assert heard == [("nightly", "second")]
 
 
 async def test_the_first_schedule_needs_a_restart(quick_path: Path) -> None:

@@ -16,7 +16,7 @@ import uvicorn
 from fastapi import FastAPI
 
 from service.config.settings import load_plant
-from service.parts import Parts
+from service.http.given import part_of
 from simulator.assembly import SimulatedPlant
 from tests.support.in_process import app_of
 from tests.support.made_analysis import made_analysis
@@ -59,12 +59,9 @@ class Gateway:
     def __post_init__(self) -> None:
         self.client = httpx.Client(base_url=self.url, timeout=20.0)
 
-    @property
-    def parts(self) -> Parts:
-        """The parts of the service."""
-        parts = self.app.state.parts
-        assert isinstance(parts, Parts)
-        return parts
+    def part(self, kind: type[Value]) -> Value:
+        """Return a part of the service."""
+        return part_of(self.app, kind)
 
     def call(self, work: Callable[[], Value]) -> Value:
         """Return what ``work`` returns in the service's own thread."""

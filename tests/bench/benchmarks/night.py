@@ -32,7 +32,9 @@ from sqlalchemy import Engine, text
 from service.analysis.analysis import analyze_recordings
 from service.cli.demo_plant import free_ports
 from service.config.settings import load_plant
+from service.http.given import part_of
 from service.model.check import Check, CheckState
+from service.schedules.nightly import Nightly
 from service.store.database import open_database
 from service.store.run_table import RunTable
 from service.store.schedule_run_table import ScheduleRunTable
@@ -296,7 +298,7 @@ async def _serve(file: Path, *, begin: bool) -> None:
     app = app_of(load_plant(file), analyst=FakeAnalyst())
     async with app.router.lifespan_context(app):
         if begin:
-            await app.state.parts.nightly.run_now("nightly", "bench")
+            await part_of(app, Nightly).run_now("nightly", "bench")
         sys.stdout.write("ready\n")
         sys.stdout.flush()
         await asyncio.Event().wait()

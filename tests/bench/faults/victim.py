@@ -30,6 +30,7 @@ from service.app import create_app
 from service.cli.accounts import accounts
 from service.cli.signals import ENDING_SIGNALS
 from service.config.settings import load_plant
+from service.http.given import part_of
 from service.model.run import Run, RunState
 from service.runs.service import Runs
 from service.store.store import open_store
@@ -136,7 +137,7 @@ async def _run_watched_test(plant_file: Path, told_file: Path, order: Mapping[st
         run_id = answer.json()["id"]
         told.say(kind="accepted", id=run_id)
         stopping = asyncio.create_task(_stop_in_idle_session(client, f"/tests/{run_id}", headers, idle))
-        await _follow(app.state.parts.runs, run_id, told)
+        await _follow(part_of(app, Runs), run_id, told)
         stopping.cancel()
 
 

@@ -20,13 +20,16 @@ import time_machine
 from fastapi import FastAPI
 
 from service.access import gate
+from service.access.access import Access
 from service.access.principal import Principal, Role
 from service.access.stop_grants import JUST_BEFORE_S, StopGrants
 from service.audit.verify import Verdict, entries_of, verify
 from service.cli.accounts import accounts
 from service.config.settings import load_plant
+from service.http.given import part_of
 from service.model.requester import RequesterKind
-from service.parts import Parts
+from service.runs.service import Runs
+from service.store.store import Store
 from simulator.assembly import SimulatedPlant
 from simulator.record import Event, Happening
 from tests.service.access.signed_in import PASSWORD, body_of, signed_in
@@ -126,10 +129,16 @@ class Moving:
     csrf: str
 
     @property
-    def parts(self) -> Parts:
-        parts = self.app.state.parts
-        assert isinstance(parts, Parts)
-        return parts
+    def runs(self) -> Runs:
+        return part_of(self.app, Runs)
+
+    @property
+    def access(self) -> Access:
+        return part_of(self.app, Access)
+
+    @property
+    def store(self) -> Store:
+        return part_of(self.app, Store)
 
     async def stopped(self, **request: Any) -> tuple[httpx.Response, float]:
         """Return the answer to a Stop, and after how many seconds of ours the safe value was on the wire."""
@@ -185,7 +194,7 @@ async def test_a_stop_reaches_the_bus_while_postgresql_is_a_black_hole_and_no_th
         async with black_hole((place.host, place.port or 5432)) as hole:
             through = url.replace(f":{place.port or 5432}", f":{hole.port}")
             async with moving(quick_path, through) as one:
-                await one.parts.access.note_known()  # as it is done every few seconds
+                await one.access.note_known()  # as it is done every few seconds
                 hole.black.set()
                 reads = [asyncio.create_task(one.client.get("/valves")) for _ in range(6)]
                 await asyncio.sleep(0.2)
@@ -206,7 +215,7 @@ async def test_a_store_whose_every_call_blocks_holds_no_stop_up(
 ) -> None:
     async with moving(quick_path) as one:
         answers = threading.Event()
-        engine = one.parts.store.engine
+        engine = one.store.engine
         connect, begin = engine.connect, engine.begin
 
         def blocked(call: Any) -> Any:
@@ -235,10 +244,10 @@ async def test_the_command_stops_with_a_token_that_this_service_has_not_seen_and
     async with moving(quick_path) as one:
         with accounts(one.config) as (access, _):
             _, secret = access.create_token("console", Role.VIEWER, by="test", lasts=timedelta(days=1), valves=None)
-        await one.parts.access.note_known()  # as it is done every few seconds
+        await one.access.note_known()  # as it is done every few seconds
         answers = threading.Event()
-        monkeypatch.setattr(one.parts.store.engine, "connect", lambda *_, **__: answers.wait())
-        monkeypatch.setattr(one.parts.store.engine, "begin", lambda *_, **__: answers.wait())
+        monkeypatch.setattr(one.store.engine, "connect", lambda *_, **__: answers.wait())
+        monkeypatch.setattr(one.store.engine, "begin", lambda *_, **__: answers.wait())
         try:
             process = await asyncio.create_subprocess_exec(
                 *(sys.executable, "-m", "service.cli", "stop", TAG, "--url", str(one.client.base_url)),
@@ -264,10 +273,10 @@ async def test_an_idle_session_is_locked_and_keeps_the_stop_of_the_test_that_ran
             assert_problem(await one.client.post(f"/tests/{one.test['id']}/stop"), 403, "X-CSRF-Token")
             foreign = {**csrf, "Origin": "http://evil.example"}
             assert_problem(await one.client.post(f"/tests/{one.test['id']}/stop", headers=foreign), 403, "another site")
-            assert not one.parts.runs.at_rest(one.test["id"])
+            assert not one.runs.at_rest(one.test["id"])
             answer, _ = await one.stopped(headers=csrf)
             assert body_of(answer)["error"] == "stopped by anna"
-            await until(lambda: not one.parts.runs.any_under_way())
+            await until(lambda: not one.runs.any_under_way())
             assert_problem(await one.client.post(f"/tests/{one.test['id']}/stop", headers=csrf), 401)
 
 
@@ -302,8 +311,8 @@ async def test_who_is_not_known_is_told_so_where_the_database_does_not_answer(
 ) -> None:
     async with moving(quick_path) as one:
         answers = threading.Event()
-        connect = one.parts.store.engine.connect
-        monkeypatch.setattr(one.parts.store.engine, "connect", lambda: (answers.wait(), connect())[1])
+        connect = one.store.engine.connect
+        monkeypatch.setattr(one.store.engine, "connect", lambda: (answers.wait(), connect())[1])
         try:
             one.client.cookies.clear()
             began_s = time.monotonic()
@@ -318,7 +327,7 @@ async def test_who_is_not_known_is_told_so_where_the_database_does_not_answer(
 async def test_who_is_told_to_go_stops_nothing_any_more(quick_path: Path, how: str) -> None:
     async with moving(quick_path) as one:
         headers = {"X-CSRF-Token": one.csrf}
-        access = one.parts.access
+        access = one.access
         cookies = dict(one.client.cookies)
         if how == "signed out":
             assert (await one.client.delete("/session", headers=headers)).status_code == 204
