@@ -22,6 +22,7 @@ _SHORTEST_S: Final = 4.0
 _SLOW_S: Final = 0.1  # whole periods of 50 and of 60 Hz: what moves more slowly is the stem
 _OUTLYING: Final = 4.0  # standard deviations: a stem that slips
 _SURE: Final = 14.0  # times the mean power of the band: chance does it once in a thousand recordings
+_LEAST: Final = 0.05  # of the noise: less moves no estimate, and a few slips can look like it
 _KNOT_S: Final = 10.0  # over which the mains' phase may drift
 _STIFFNESS: Final = 0.02  # of the rows a knot has: how much the hum of neighbouring knots is held together
 
@@ -44,7 +45,8 @@ def without_hum(time_s: FloatArray, position_m: FloatArray) -> FloatArray:
     # where the stem slips the hum goes on as it was before
     held = _STIFFNESS * float(kept.sum()) / knots * np.kron(np.eye(2), _differences(knots))
     normal = waves[kept].T @ waves[kept] + held
-    return np.asarray(position_m - waves @ np.linalg.solve(normal, waves[kept].T @ away_m[kept]))
+    hum_m = waves @ np.linalg.solve(normal, waves[kept].T @ away_m[kept])
+    return np.asarray(position_m - hum_m) if float(np.std(hum_m)) > _LEAST * usual_m else position_m
 
 
 def _frequency(time_s: FloatArray, away_m: FloatArray, period_s: float) -> float:
