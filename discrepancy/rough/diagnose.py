@@ -12,7 +12,7 @@ import numpy as np
 from discrepancy.rough.accepted import NOTHING_NEW, Accepted, accepted_in
 from discrepancy.rough.causes import SEEN_CAUSES
 from discrepancy.rough.causes.command_loop import command_loop
-from discrepancy.rough.causes.presliding import YIELDING, Presliding
+from discrepancy.rough.causes.presliding import Presliding
 from discrepancy.rough.causes.seen import Seen, SeenCause, View
 from discrepancy.rough.evidence import Solved, fitted, problem_of
 from discrepancy.rough.findings import extended_model, findings
@@ -33,6 +33,7 @@ from estimators.engine.balance import lag_after_corners
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading, read
 from estimators.engine.rows import measured_rows
+from estimators.engine.yielding import WAY
 from valve.nameplate import Nameplate
 from valve.recording import Recording
 
@@ -100,7 +101,7 @@ def diagnose(
     soft = Presliding().seen(View(recording, nameplate, reading, setting, null, estimate))
     if soft is not None:
         # what a stem does on its bristles is neither sliding nor a breakaway
-        way_m = YIELDING * soft.fitted["deflection_m"].value
+        way_m = WAY * soft.fitted["deflection_m"].value
         firm = _plain(reading, nameplate, lag, creeping_m_per_s, yields_m=way_m)
         null, slips = (null, True) if firm is None else (firm, slips)
         setting = _setting(null, reading, nameplate, creeping_m_per_s)

@@ -17,6 +17,7 @@ from estimators.engine.breakaways import breakaways
 from estimators.engine.laws import Law, Where
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading
+from estimators.engine.yielding import slides
 
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
@@ -40,7 +41,6 @@ _TURNING: Final = 0.12  # of a stroke
 _HUNTING_S: Final = 0.15
 _NOISE_S: Final = 0.02  # how long a gauge's noise stays alike, both ways
 _NOISE_GROWS: Final = 3.0  # a coloured noise's size over its steps' from row to row
-_AS_DRIVEN: Final = 0.6  # of the driven speed, or the other way: a stem that slides
 _FIRST_SHARE: Final = 0.5  # of F_s: by how much the first breakaway after an unknown rest may differ
 
 
@@ -105,22 +105,10 @@ class Observations:
         return self.rows(quick | ~self.is_slide) if enough and both else self
 
     def beyond(self, reading: Reading, way_m: float) -> Observations:
-        """Return the motion of a stem on bristles that slides, and no breakaway.
-
-        It is further than ``way_m`` from where the force turned last, and about as fast as the force drives it: slower
-        on its bristles, faster when they give way.
-        """
-        time_s, position_m = reading.time_s, reading.position_m
-        turned = np.concatenate([[time_s[0]], reading.path.corners_s])
-        last_s = turned[np.maximum(np.searchsorted(turned, self.time_s) - 1, 0)]
-        far = np.abs(self.travel_m - np.interp(last_s, time_s, position_m)) > way_m
-        half_s = 0.5 * np.maximum(self.duration_s, _SHORTEST_S)
-        passed_m = np.interp(self.time_s + half_s, time_s, position_m) - np.interp(
-            self.time_s - half_s, time_s, position_m
-        )
-        driven_m = 2.0 * half_s * np.abs(self.speed_m_per_s)
-        slides = (np.abs(passed_m) > _AS_DRIVEN * driven_m) & (_AS_DRIVEN * np.abs(passed_m) < driven_m)
-        return self.rows(self.is_slide & far & slides)
+        """Return the motion of a stem on bristles that slides, further than this from a turn, and no breakaway."""
+        times_s, places_m, lengths_s, speed = self.time_s, self.travel_m, self.duration_s, self.speed_m_per_s
+        slid = slides(reading, way_m, time_s=times_s, travel_m=places_m, duration_s=lengths_s, speed=speed)
+        return self.rows(self.is_slide & slid)
 
     def added_n(self, law: Law, values: FloatArray, share: float) -> FloatArray:
         """What a law adds to the actuator's force of each row, N, shape (n,); ``share`` is F_s over F_c."""

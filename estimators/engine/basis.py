@@ -10,7 +10,7 @@ from typing import Final
 from estimators.base import (
     Outcome,
 )
-from estimators.engine.balance import Balance, balance, driven_blocks, lag_after_corners
+from estimators.engine.balance import Balance, Blocks, balance, driven_blocks, lag_after_corners
 from estimators.engine.brackets import brackets, static_friction_between
 from estimators.engine.breakaways import StaticFriction, breakaways, static_friction
 from estimators.engine.commanded import command_path, is_commanded, with_likely_path
@@ -20,8 +20,11 @@ from estimators.engine.reading import Reading
 from estimators.engine.rests import balance_of_rests
 from estimators.engine.slips import balance_of_slips, lag_of_slips
 from estimators.engine.stepped import Stepped
+from estimators.engine.yielding import WAY, sliding_blocks, yielding
 from estimators.samples import resolution
 
+_YIELDS: Final = 1.0e-4  # of the travel: what a stem that yields by less does to a fit, rough friction does too
+_LEFT_OF_BRISTLES: Final = 0.004  # of F_c: what they leave in the rows of a stem that slides
 _LAG_SHARE: Final = 0.5  # how well the stem's lag is known by how late it slides
 
 
@@ -38,12 +41,15 @@ class Basis:
     leaps: bool = False
     on_stop: bool = False
     unsure_n: Mapping[str, float] = field(default_factory=dict)  # what neither balance nor motion knows, by symbol
+    yields_m: float = 0.0  # before it breaks away
 
 
 def of_slides(reading: Reading) -> Basis | Outcome:
     """Return the balance of a stem that slides or slips under a force that ramps."""
     reading, lag, path = _with_path(reading, lag_after_corners(reading))
-    found = _balance(reading, lag)
+    found = _balance(reading, lag, driven_blocks(reading, lag))
+    if found is not None and path is None and (soft := _on_bristles(reading, lag, found)) is not None:
+        return soft
     if found is None:
         found, lag = balance_of_slips(reading), lag_of_slips(reading)
     if found is None:
@@ -79,8 +85,21 @@ def _with_path(reading: Reading, lag: Known) -> tuple[Reading, Known, PathToFit 
     return likely, left, command_path(reading, likely, lag)
 
 
-def _balance(reading: Reading, lag: Known) -> Balance | None:
-    blocks = driven_blocks(reading, lag)
+def _on_bristles(reading: Reading, lag: Known, found: Balance) -> Basis | None:
+    """What a stem gives that yields before it breaks away; None for one that does not."""
+    if "k" not in found.symbols or found.known("k").value <= 0.0:
+        return None
+    spring, preload_n, coulomb_n = (found.known(symbol).value for symbol in ("k", "F_0", "F_c"))
+    soft = yielding(reading, spring, preload_n, coulomb_n, lag.value)
+    if soft is None or soft.value < _YIELDS * reading.travel_m:
+        return None
+    way_m = WAY * soft.value
+    slid = _balance(reading, lag, sliding_blocks(reading, driven_blocks(reading, lag), found, way_m))
+    unsure = {"F_c": _LEFT_OF_BRISTLES * coulomb_n}
+    return Basis(reading, lag, None, slid or found, None, unsure_n=unsure, yields_m=soft.value)
+
+
+def _balance(reading: Reading, lag: Known, blocks: Blocks) -> Balance | None:
     return balance(
         blocks,
         noise_m=reading.noise_m,

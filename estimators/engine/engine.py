@@ -223,7 +223,7 @@ def _concluded(basis: Basis, whole: Dynamic | None, said: str) -> Estimate:
             parameters[symbol] = replace(parameters[symbol], scatter=scatter)
     if whole is None:
         for symbol in ("m", "F_v", "DV"):
-            parameters[symbol] = absent(_LEAPS if basis.leaps else _NO_MOTION)
+            parameters[symbol] = absent(_without_motion(basis))
     commanded = is_commanded(reading)
     if (commanded or basis.stepped) and whole is not None and whole.best.model.fields.count:
         for symbol in ("m", "F_v", "DV"):
@@ -239,7 +239,8 @@ def _concluded(basis: Basis, whole: Dynamic | None, said: str) -> Estimate:
         mass = f"{quantities['m'].value:.3g} kg"
         parameters["m"] = absent(f"the motion looks like that of {mass}: something else moves the stem so")
     if "F_s" not in parameters:
-        parameters["F_s"] = absent("fewer than two breakaways from rest were seen")
+        few = "fewer than two breakaways from rest were seen"
+        parameters["F_s"] = absent(_without_motion(basis) if basis.yields_m else few)
     hidden = _hidden_jumps(reading, quantities)
     if hidden and parameters.get("F_c") is not None and parameters["F_c"].value is not None:
         parameters["F_c"] = replace(parameters["F_c"], note=hidden)
@@ -262,6 +263,13 @@ def _concluded(basis: Basis, whole: Dynamic | None, said: str) -> Estimate:
     }
     residual_m = None if whole is None else whole.residual_rms_m
     return Estimate(METHOD, status, message, residual_m, parameters, diagnostics)
+
+
+def _without_motion(basis: Basis) -> str:
+    """Why the balance of forces alone is given."""
+    if basis.yields_m:
+        return f"the stem yields by {1.0e3 * basis.yields_m:.2g} mm before it breaks away: how it starts shows it not"
+    return _LEAPS if basis.leaps else _NO_MOTION
 
 
 def _hidden_jumps(reading: Reading, quantities: dict[str, Quantity]) -> str:
