@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import io
+import sys
 import threading
+import traceback
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
@@ -26,6 +29,7 @@ Value = TypeVar("Value")
 
 # Steps fill the time that they have, so the one sequence that needs no overrides takes 9 s.
 LIMITS = "longest_test_s = 9.0\nsteps_allowed = true"
+_FRAMES = 4  # of a thread that are told where it waits
 # Once a year: no schedule comes in between a test. In one service alone: a process has one engine of jobs.
 NIGHTLY = """
 [[schedules]]
@@ -104,7 +108,17 @@ def gateway(folder: Path, *, access: str = "open", needs_permit: bool = False, s
         running.client.close()
         ended.set()
         thread.join(30.0)
-        assert not thread.is_alive(), "the service did not end"
+        assert not thread.is_alive(), f"the service did not end: {_what_goes_on(running.loop)}"
+
+
+def _what_goes_on(loop: asyncio.AbstractEventLoop) -> str:
+    """Where each task of this loop and each thread of this process waits."""
+    said = io.StringIO()
+    for task in asyncio.all_tasks(loop):
+        task.print_stack(file=said)
+    for number, frame in sys._current_frames().items():
+        said.write(f"thread {number}:\n{''.join(traceback.format_stack(frame)[-_FRAMES:])}")
+    return said.getvalue()
 
 
 async def _serve(folder: Path, edited: Callable[[str], str], started: Future[Gateway], ended: threading.Event) -> None:
