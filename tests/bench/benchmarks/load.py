@@ -184,6 +184,8 @@ async def _phase(
         async with _accounted(processes, looked), _called(ports, tests, looked, loaded=loaded):
             for test in tests:  # one after the other: who measures must cost little
                 await asyncio.wait_for(_moved(client, test), _MOVED_S + motion_s)
+        for test in tests:  # the next ones begin when their stems have been looked at
+            await asyncio.wait_for(_looked_at(client, test), _MOVED_S)
         parquet = {"Accept": "application/vnd.apache.parquet"}
         taken, in_time = await _counted(client) - before
         looked.beyond = 1.0 - in_time / taken
@@ -236,5 +238,13 @@ async def _moved(client: httpx.AsyncClient, test: str) -> None:
         state = (await client.get(test)).json()
         assert state["state"] in {"queued", "running", "analyzing", "completed"}, state["error"]
         if state["motion_ended_at"] is not None:
+            return
+        await asyncio.sleep(1.0)
+
+
+async def _looked_at(client: httpx.AsyncClient, test: str) -> None:
+    while True:
+        stands = (await client.get(test)).json()["stands"]
+        if stands is not None and stands["verdict"] != "moving":
             return
         await asyncio.sleep(1.0)
