@@ -121,6 +121,11 @@ async def _source(plant: Given[Plant], store: Given[Store], runs: Given[Runs], s
 SourceOf = Annotated[_Source, Depends(_source)]
 
 
+def _summaries(source: _Source, tags: Sequence[str], heads: Mapping[str, ValveHead]) -> list[dict[str, Any]]:
+    """What the list shows of each valve that the plant has: a reload may have taken some since they were asked for."""
+    return [_summary(source, tag, heads.get(tag)) for tag in tags if tag in source.plant.valves]
+
+
 def _summary(source: _Source, tag: str, head: ValveHead | None) -> dict[str, Any]:
     valve, now = source.plant.valves[tag], datetime.now(UTC)
     oldest = source.staleness.oldest(tag, now)
@@ -220,9 +225,10 @@ async def list_valves(  # noqa: PLR0917 - each is a query key
         following = next_page("/valves", {"limit": limit, "after": page[-1], **filters, "format": form})
     if wants_csv(request, form):
         figures = await asyncio.to_thread(source.store.figures.of_last_results, MAIN_FIGURES)
-        rows = (_line(_summary(source, tag, heads.get(tag)), figures.get(tag, {}), heads.get(tag)) for tag in page)
+        shown = _summaries(source, page, heads)
+        rows = [_line(one, figures.get(one["tag"], {}), heads.get(one["tag"])) for one in shown]
         return csv_answer(_COLUMNS, rows, dated("valves"), following)
-    listed = ValveList(valves=[ValveSummary(**_summary(source, tag, heads.get(tag))) for tag in page], next=following)
+    listed = ValveList(valves=[ValveSummary(**one) for one in _summaries(source, page, heads)], next=following)
     headers = {"Vary": "Accept"}
     return Response(listed.model_dump_json(), media_type="application/json", headers=headers)  # it was validated
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Final
 
 from fastapi import Depends
 
-from service.config.settings import Plant
+from service.config.settings import Plant, PlantValve
 from service.health.staleness import Staleness
 from service.http.given import Given
 from service.model.run import Run
@@ -99,9 +99,11 @@ def valve_stands(source: ValveSource) -> dict[str, Stand]:
 
 
 def valve_rows(source: ValveSource, tags: Sequence[str], due: Mapping[str, datetime]) -> list[ValveRow]:
-    """Return a row a valve, in this order; reads the database, so callers use a thread."""
+    """Return a row a valve that the plant has, in this order; reads the database, so callers use a thread."""
     heads = source.store.runs.valve_heads(tags)
-    rows = [_row(source, tag, heads.get(tag), due.get(tag)) for tag in tags]
+    # a reload may take valves meanwhile
+    valves = dict(source.plant.valves)
+    rows = [_row(source, tag, valves[tag], heads.get(tag), due.get(tag)) for tag in tags if tag in valves]
     completed = {tag: head.completed_number for tag, head in heads.items() if head.completed_number is not None}
     asked = [completed[row.tag] for row in rows if row.friction_n is None and row.tag in completed]
     measured_n = source.store.figures.friction_mean_n(asked) if asked else {}
@@ -111,9 +113,9 @@ def valve_rows(source: ValveSource, tags: Sequence[str], due: Mapping[str, datet
     ]
 
 
-def _row(source: ValveSource, tag: str, head: ValveHead | None, due: datetime | None) -> ValveRow:
+def _row(source: ValveSource, tag: str, valve: PlantValve, head: ValveHead | None, due: datetime | None) -> ValveRow:
     last = None if head is None else source.runs.as_it_stands(head.last)
-    identity, now = source.plant.valves[tag].identity, datetime.now(UTC)
+    identity, now = valve.identity, datetime.now(UTC)
     oldest = source.staleness.oldest(tag, now)
     tested = (None, None) if head is None else (head.health, head.completed_at)
     health = oldest.health(*tested, now) or {}

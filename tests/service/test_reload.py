@@ -8,7 +8,7 @@ import os
 import signal
 import socket
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
@@ -20,6 +20,7 @@ import pytest
 
 from service.config.settings import load_plant
 from service.schedules.nightly import Nightly
+from service.store.run_table import RunTable, ValveHead
 from service.store.store import Store
 from tests.service.nights import NIGHTLY, Clock, night, night_plant, plant_text
 from tests.support.fake_rig import FakeAnalyst, FakeRig
@@ -97,6 +98,26 @@ async def test_a_valve_under_test_keeps_its_configuration_until_its_test_ends(qu
                 await asyncio.sleep(0.05)
         assert one.rig.orders[0].tag == "A1"
         assert (await one.client.get("/")).status_code == 200
+
+
+@pytest.mark.parametrize("asked", ["/valves", "/valves?format=csv", "/"])
+async def test_a_list_that_a_reload_overtakes_has_the_valves_that_are_left(
+    quick_path: Path, monkeypatch: pytest.MonkeyPatch, asked: str
+) -> None:
+    async with served(quick_path, TWO) as one:
+        loop, heads = asyncio.get_running_loop(), RunTable.valve_heads
+
+        def overtaken(table: RunTable, valves: Sequence[str] | None = None) -> dict[str, ValveHead]:
+            text = service_text() + bus_text("a", 5020) + valve_text("A2", "a", 2)
+            if valves and "A1" in valves:
+                assert asyncio.run_coroutine_threadsafe(one.reload(text), loop).result(20.0).status_code == 200
+            return heads(table, valves)
+
+        monkeypatch.setattr(RunTable, "valve_heads", overtaken)
+        answer = await one.client.get(asked)
+        assert answer.status_code == 200
+        assert "A2" in answer.text
+        assert await one.tags() == ["A2"]
 
 
 async def test_a_changed_valve_under_test_is_its_new_self_at_its_next_test(quick_path: Path) -> None:

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import pytest
 from selenium import webdriver
+from selenium.common.exceptions import JavascriptException, StaleElementReferenceException
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.by import By
@@ -54,9 +55,18 @@ class Tablet:
         return str(self.run("return document.querySelector(arguments[0])?.innerText ?? ''", css))
 
     def press(self, css: str) -> None:
-        self.until(lambda: self.see(css).is_enabled(), f"{css} can be pressed")
-        self.run("document.querySelector(arguments[0]).scrollIntoView({block: 'center'})", css)  # as a hand does
-        self.see(css).click()
+        self.until(lambda: self._pressed(css), f"{css} is pressed")
+
+    def _pressed(self, css: str) -> bool:
+        """Whether it was pressed: it can be, and the page was not drawn anew under the finger."""
+        try:
+            if not self.see(css).is_enabled():
+                return False
+            self.run("document.querySelector(arguments[0]).scrollIntoView({block: 'center'})", css)  # as a hand does
+            self.see(css).click()
+        except (StaleElementReferenceException, JavascriptException):
+            return False
+        return True
 
     def write(self, css: str, words: str) -> None:
         self.see(css).clear()
