@@ -23,7 +23,7 @@ from estimators.engine.stepped import Stepped
 from estimators.engine.yielding import WAY, sliding_blocks, yielding
 from estimators.samples import resolution
 
-_YIELDS: Final = 1.0e-4  # of the travel: what a stem that yields by less does to a fit, rough friction does too
+_YIELDS: Final = 1.0e-4  # of the travel: of less the turns are not sure, though m and F_v suffer from half of it
 _LEFT_OF_BRISTLES: Final = 0.004  # of F_c: what they leave in the rows of a stem that slides
 _LAG_SHARE: Final = 0.5  # how well the stem's lag is known by how late it slides
 
