@@ -9,6 +9,7 @@ import numpy as np
 
 from estimators.base import Outcome
 from estimators.samples import FloatArray
+from valve.messages import Message, say
 from valve.nameplate import Nameplate
 from valve.recording import Recording
 
@@ -41,7 +42,7 @@ def doubt(recordings: Sequence[Recording], nameplate: Nameplate) -> str:
     least_m = _LEAST_TRAVEL * nameplate.actuator.travel_m
     if recordings and all(_goes_one_way(one.position_m, least_m) for one in recordings):
         is_held = any(_is_turned_back(one) for one in recordings)
-        return str(Outcome.HELD_ON_THE_WAY_BACK if is_held else Outcome.ONE_DIRECTION_ONLY)
+        return (Outcome.HELD_ON_THE_WAY_BACK if is_held else Outcome.ONE_DIRECTION_ONLY).message
     return ""
 
 
@@ -80,8 +81,8 @@ def _doubt(recording: Recording, nameplate: Nameplate) -> str:
     swept_m = _span(position_m)
     pressure_pa = recording.pressure_pa
     return (
-        _pegged("position", position_m)
-        or ("" if pressure_pa is None else _pegged("pressure", pressure_pa[np.isfinite(pressure_pa)]))
+        _pegged(say("position", "position"), position_m)
+        or ("" if pressure_pa is None else _pegged(say("pressure", "pressure"), pressure_pa[np.isfinite(pressure_pa)]))
         or _swapped(recording, nameplate, swept_m)
         or _leading(recording)
         or _too_little(swept_m, travel_m, position_m)
@@ -94,7 +95,7 @@ def _span(values: FloatArray) -> float:
     return float(high - low)
 
 
-def _pegged(name: str, values: FloatArray) -> str:
+def _pegged(name: Message, values: FloatArray) -> str:
     """Return that a channel stands at one end of what it shows for most of the time, as a saturated one does."""
     if values.size < _LEAST_SAMPLES:
         return ""
@@ -102,13 +103,18 @@ def _pegged(name: str, values: FloatArray) -> str:
     margin = _NEAR_END * (high - low)
     if not high > low:
         return ""
-    for end, word in ((high, "highest"), (low, "lowest")):
+    for end, word in ((high, say("highest", "highest")), (low, say("lowest", "lowest"))):
         share = float(np.mean(np.abs(values - end) <= margin))
         if share > _STUCK_AT_END:
-            return (
-                f"The {name} reads exactly its {word} value, {end:.4g}, in {100.0 * share:.0f} % of the samples: "
-                "its channel is saturated, or the stem stands at a stop. Correct the channel's range, or repeat with a "
-                "smaller amplitude."
+            return say(
+                "channel_saturated",
+                "The {channel} reads exactly its {end} value, {value:.4g}, in {share:.0f %} of the samples: its "
+                "channel is saturated, or the stem stands at a stop. Correct the channel's range, or repeat with a "
+                "smaller amplitude.",
+                channel=name,
+                end=word,
+                value=end,
+                share=share,
             )
     return ""
 
@@ -118,18 +124,23 @@ def _swapped(recording: Recording, nameplate: Nameplate, swept_m: float) -> str:
     if pressure_pa is None or not np.isfinite(pressure_pa).any():
         return ""
     if swept_m > 10.0 * travel_m and float(np.nanmax(np.abs(pressure_pa))) < 10.0 * travel_m:
-        return (
-            f"The position spans {swept_m:.4g} m and the pressure reaches {float(np.nanmax(np.abs(pressure_pa))):.3g} "
-            f"Pa on a valve with {travel_m:g} m of travel: the two channels are swapped. Exchange them."
+        return say(
+            "channels_swapped",
+            "The position spans {swept:.4g m} and the pressure reaches {pressure:.3g Pa} on a valve with {travel:g m} "
+            "of travel: the two channels are swapped. Exchange them.",
+            swept=swept_m,
+            pressure=float(np.nanmax(np.abs(pressure_pa))),
+            travel=travel_m,
         )
     both = np.isfinite(pressure_pa) & np.isfinite(recording.position_m)
     own_m, own_pa = recording.position_m[both], pressure_pa[both]
     if own_m.size >= _LEAST_SAMPLES and swept_m > _LEAST_TRAVEL * travel_m and _span(own_pa) > 0.0:
         related = float(np.corrcoef(own_m, own_pa)[0, 1])
         if related < _TURNED:
-            return (
+            return say(
+                "position_turned_round",
                 "The position falls where the pressure rises: the position's sign or zero is turned round. Record the "
-                "travel so that it grows with the pressure."
+                "travel so that it grows with the pressure.",
             )
     return ""
 
@@ -160,9 +171,11 @@ def _leading(recording: Recording) -> str:
     at_once_or_later = min(left(0.0), *(left(-lead_s) for lead_s in leads_s))
     if not early[best] < _LEFT_BY_LEADING * at_once_or_later:
         return ""
-    return (
-        f"The pressure comes {leads_s[best]:.2g} s before the command that it follows: the columns command_pa and "
-        "pressure_pa are swapped, or the command was recorded late. Exchange them, or leave the command out."
+    return say(
+        "pressure_leads",
+        "The pressure comes {lead:.2g} s before the command that it follows: the columns command_pa and pressure_pa "
+        "are swapped, or the command was recorded late. Exchange them, or leave the command out.",
+        lead=float(leads_s[best]),
     )
 
 
@@ -170,9 +183,11 @@ def _too_little(swept_m: float, travel_m: float, position_m: FloatArray) -> str:
     noise_m = float(np.median(np.abs(np.diff(position_m)))) * 1.05  # of white noise, one standard deviation
     if swept_m >= _LEAST_TRAVEL * travel_m or swept_m <= 8.0 * noise_m:
         return ""  # what never moved is told as such
-    return (
-        f"The travel spans {100.0 * swept_m / travel_m:.2g} %, the diagnosis needs {100.0 * _LEAST_TRAVEL:g} %: "
-        "repeat with a larger amplitude."
+    return say(
+        "travel_too_small",
+        "The travel spans {share:.2g %}, the diagnosis needs {needed:g %}: repeat with a larger amplitude.",
+        share=swept_m / travel_m,
+        needed=_LEAST_TRAVEL,
     )
 
 
@@ -187,7 +202,11 @@ def _area(recording: Recording, nameplate: Nameplate) -> str:
     slope_m2 = float(np.polyfit(pressure_pa[both], force_n[both], 1)[0])
     if abs(slope_m2 / area_m2 - 1.0) < _SCALES_APART:
         return ""
-    return (
-        f"The recorded force is {slope_m2 / area_m2:.3g} times the pressure on the nameplate's area: the misfit is a "
-        f"scale. Correct actuator.diaphragm_area_m2 ({area_m2:g}, the recording says {slope_m2:.4g})."
+    return say(
+        "force_off_area",
+        "The recorded force is {times:.3g} times the pressure on the nameplate's area: the misfit is a scale. Correct "
+        "actuator.diaphragm_area_m2 ({area:g}, the recording says {recorded:.4g}).",
+        times=slope_m2 / area_m2,
+        area=area_m2,
+        recorded=slope_m2,
     )

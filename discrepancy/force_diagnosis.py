@@ -21,6 +21,7 @@ from discrepancy.force_shapes import refined, with_shape_errors, with_shape_inte
 from discrepancy.force_steadiness import comes_and_goes
 from discrepancy.rough.result import Verdict
 from estimators.base import Outcome
+from valve.messages import Message, say
 from valve.nameplate import Nameplate
 from valve.recording import Recording
 
@@ -35,13 +36,15 @@ _SURE_FORCE: Final = 4.0  # standard errors of a constant force
 _SURE_SIZE: Final = 3.0  # standard errors of a cause's size
 _LEAST_FORCE: Final = 0.02  # of F_c
 _LOAD: Final = "spring_preload"  # what a constant force is called on a valve
-_NO_FORCE: Final = (
+_NO_FORCE: Final = say(
+    "drive_needs_force",
     "A drive without a spring is assessed by its balance of forces, and a recording has no force_n: record the force, "
-    "or pressure_pa as the difference of both chambers' pressures."
+    "or pressure_pa as the difference of both chambers' pressures.",
 )
-_TURNED_ROUND: Final = (
+_TURNED_ROUND: Final = say(
+    "friction_drives_stem",
     "Friction comes out below zero, as if it drove the stem: the sign of the force or of the position is turned round. "
-    "Record the force positive where it drives towards larger positions."
+    "Record the force positive where it drives towards larger positions.",
 )
 
 
@@ -77,7 +80,7 @@ def diagnose_forces(
     rivals: tuple[str, ...] = ()
     details: dict[str, Any] = {"force_error_before_percent": 100.0 * baseline.rms_n / baseline.force_rms_n}
     for number in range(_MOST_CAUSES):
-        tell(0.1 + 0.6 * number / _MOST_CAUSES, "trying one cause after the other")
+        tell(0.1 + 0.6 * number / _MOST_CAUSES, say("trying_causes", "trying one cause after the other"))
         tried = _tried(records, best)
         if number == 0:
             details["tried"] = [{"cause": one.start.cause.name, "gain": one.gain} for one in tried]
@@ -92,7 +95,7 @@ def diagnose_forces(
         best = first.fit
         chosen.append(first)
     details["force_error_after_percent"] = 100.0 * best.rms_n / best.force_rms_n
-    tell(0.8, "measuring the gain")
+    tell(0.8, say("measuring_gain", "measuring the gain"))
     pictures = force_pictures(records, baseline, best if chosen else None)
     return _concluded(_Choice(baseline, best, chosen, rivals), held_out, nameplate, details, pictures)
 
@@ -120,16 +123,20 @@ def _concluded(
     best, records = choice.best, choice.best.records
     where, share = share_along(records, best)
     structure = share > _CURVED
-    left = 100.0 * best.rms_n / best.force_rms_n
+    left = best.rms_n / best.force_rms_n
     if not choice.chosen or choice.share < _EXPLAINED:
         offset = _constant_force(best) if not structure and not choice.chosen else None
         if offset is not None:
             return ForceDiagnosis(Verdict.AMBIGUOUS, "", (offset,), (_LOAD,), details=details, pictures=pictures)
         if not structure and not choice.chosen:
             return ForceDiagnosis(Verdict.NONE, details=details, pictures=pictures)
-        message = (
-            f"The balance of forces misses {left:.1f} % of the force, {100.0 * share:.0f} % of that along {where}, and "
-            "no cause of the catalogue explains it."
+        message = say(
+            "balance_unexplained",
+            "The balance of forces misses {left:.1f %} of the force, {share:.0f %} of that along {where}, and no cause "
+            "of the catalogue explains it.",
+            left=left,
+            share=share,
+            where=where,
         )
         return ForceDiagnosis(Verdict.UNEXPLAINED, message, details=details, pictures=pictures)
     gains: list[ForceGain] = []
@@ -138,16 +145,31 @@ def _concluded(
         if not isinstance(record, Outcome):
             gains.append(force_gain(name, record, choice.baseline, best))
     gains.append(left_out_force_gain(records, best))
-    names = " and ".join(one.start.cause.name for one in choice.chosen)
+    names = tuple(one.start.cause.name for one in choice.chosen)
     if any(gain.is_worse for gain in gains):
-        message = f"{names} would explain the misfit and predicts other data worse than the plain drive: none is named."
+        message = say(
+            "predicts_worse",
+            "{causes: and } would explain the misfit and predicts other data worse than the plain drive: none is "
+            "named.",
+            causes=names,
+        )
         return ForceDiagnosis(Verdict.UNEXPLAINED, message, gains=tuple(gains), details=details, pictures=pictures)
     told, shape_errors = with_shape_errors(records, best)
     refuted = _refuted(records, best, told)
-    if refuted:
-        message = f"{refuted}: none is named. The balance of forces misses {left:.1f} % of the force with it."
+    if refuted is not None:
+        message = say(
+            "cause_refuted",
+            "{why}: none is named. The balance of forces misses {left:.1f %} of the force with it.",
+            why=refuted,
+            left=left,
+        )
         return ForceDiagnosis(Verdict.UNEXPLAINED, message, gains=tuple(gains), details=details, pictures=pictures)
-    rest = f"What is left, {left:.1f} % of the force, goes in part with {where}."
+    rest = say(
+        "rest_goes_with",
+        "What is left, {left:.1f %} of the force, goes in part with {where}.",
+        left=left,
+        where=where,
+    )
     return ForceDiagnosis(
         Verdict.AMBIGUOUS if choice.rivals else Verdict.NAMED,
         rest if structure else "",
@@ -181,15 +203,23 @@ def _tried(records: Sequence[ForceRecord], best: ForceModelFit) -> list[_Tried]:
     return sorted(found, key=lambda one: -one.share)
 
 
-def _refuted(records: Sequence[ForceRecord], best: ForceModelFit, told: ForceModelFit) -> str:
-    """Return why a cause of the fit is not to be named, as a clause; empty where each is steady and of a known size."""
+def _refuted(records: Sequence[ForceRecord], best: ForceModelFit, told: ForceModelFit) -> Message | None:
+    """Return why a cause of the fit is not to be named, as a clause; None where each is steady and of a known size."""
     for start, found in zip(told.starts, told.of_causes, strict=True):
         name = start.cause.name
         if found and all(abs(value) < _SURE_SIZE * error for value, error in found):
-            return f"{name} would explain a part of the misfit, and how much of it is not known with its shape open"
+            return say(
+                "size_unknown_with_shape",
+                "{cause} would explain a part of the misfit, and how much of it is not known with its shape open",
+                cause=name,
+            )
         if comes_and_goes(records, best, start):
-            return f"{name} would explain a part of the misfit at times only, so something comes and goes"
-    return ""
+            return say(
+                "comes_and_goes",
+                "{cause} would explain a part of the misfit at times only, so something comes and goes",
+                cause=name,
+            )
+    return None
 
 
 def _finding(
@@ -217,10 +247,25 @@ def _constant_force(best: ForceModelFit) -> ForceFinding | None:
     if abs(force_n) < max(_SURE_FORCE * error_n, _LEAST_FORCE * coulomb_n):
         return None
     share = fitted_value(force_n / coulomb_n, error_n / coulomb_n, "1")
-    sentence = (
-        f"The drive needs {2.0 * abs(force_n):.2f} N more {'towards larger positions' if force_n > 0.0 else 'back'} "
-        f"than the other way, at any speed: friction that differs by direction, or a constant load of "
-        f"{abs(force_n):.2f} N."
+    if force_n > 0.0:
+        sentence = say(
+            "drive_needs_more_up",
+            "The drive needs {more:.2f N} more towards larger positions than the other way, at any speed: friction "
+            "that differs by direction, or a constant load of {load:.2f N}.",
+            more=2.0 * force_n,
+            load=force_n,
+        )
+    else:
+        sentence = say(
+            "drive_needs_more_back",
+            "The drive needs {more:.2f N} more back than the other way, at any speed: friction that differs by "
+            "direction, or a constant load of {load:.2f N}.",
+            more=-2.0 * force_n,
+            load=-force_n,
+        )
+    action = say(
+        "compare_with_load",
+        "Compare it with the load that the drive carries (a weight, the process). Else: {else_}",
+        else_=SIDE_LOAD,
     )
-    action = f"Compare it with the load that the drive carries (a weight, the process). Else: {SIDE_LOAD}"
     return ForceFinding("friction_asymmetry", sentence, action, {"asymmetry": share}, 0.0)

@@ -10,8 +10,9 @@ import numpy as np
 
 from discrepancy.force_fit import ForceModelFit, fit_forces
 from discrepancy.force_record import ForceRecord
+from valve.messages import say
 
-LEFT_OUT: Final = "the part of the recording that was left out of the fit"
+LEFT_OUT: Final = say("part_left_out", "the part of the recording that was left out of the fit")
 _FITTED_SHARE: Final = 0.65  # of the rows, where nothing was held out
 _WORSE: Final = 1.02
 

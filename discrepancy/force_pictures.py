@@ -11,6 +11,7 @@ from discrepancy.force_fit import ForceModelFit
 from discrepancy.force_record import ForceRecord
 from discrepancy.force_residuals import Along, along
 from estimators.samples import FloatArray
+from valve.messages import Message, say
 
 _MOST_POINTS: Final = 500
 _FEWEST: Final = 100
@@ -21,18 +22,26 @@ _LEAST_BURST: Final = 0.05  # of F_c
 _FEW: Final = 0.15  # of all stretches: turns of the motion are more
 _MOSTLY: Final = 0.5  # of the misfit
 _WAYS: Final = {1: "opening", -1: "closing", 0: "both"}
+_NOWHERE: Final = say("nowhere", "")
+_ALONG: Final = {
+    ("speed", 1): say("speed_opening", "the speed while opening"),
+    ("speed", -1): say("speed_closing", "the speed while closing"),
+    ("travel", 1): say("travel_opening", "the travel while opening"),
+    ("travel", -1): say("travel_closing", "the travel while closing"),
+    ("time", 0): say("along_time", "the time"),
+}
 
 
-def share_along(records: Sequence[ForceRecord], fit: ForceModelFit) -> tuple[str, float]:
+def share_along(records: Sequence[ForceRecord], fit: ForceModelFit) -> tuple[Message, float]:
     """Return the coordinate that explains most of what a fit leaves, in words, and that share of it."""
     curves = [curve for curve, _ in _curves(records, fit)]
     if not curves:
-        return "", 0.0
+        return _NOWHERE, 0.0
     most = max(curves, key=lambda curve: curve.share)
     worst_s, in_bursts = _bursts(records, fit)
     if in_bursts > max(most.share, _MOSTLY):
-        return f"a few stretches of time, most about {worst_s:.0f} s", in_bursts
-    return f"the {most.coordinate}{'' if most.direction == 0 else f' while {_WAYS[most.direction]}'}", most.share
+        return say("few_stretches", "a few stretches of time, most about {time:.0f} s", time=worst_s), in_bursts
+    return _ALONG[most.coordinate, most.direction], most.share
 
 
 def force_pictures(

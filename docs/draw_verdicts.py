@@ -21,7 +21,7 @@ from service.figures.friction import friction_picture
 from service.figures.misfit import coordinate_picture
 from service.own_files.reader import read_own
 from service.shown.analysis_summary import verdict_lines
-from service.words.units import UnitSystem
+from service.words.reader import Reader
 from tests.support.rough_valves import VALVES, case
 from valve.effects.base import Effect
 from valve.effects.local_friction import LocalFriction
@@ -68,9 +68,9 @@ def draw(name: str, analysis: Mapping[str, Any]) -> None:
     """Draw friction along the travel where nothing was found, else the misfit and what the cause makes of it."""
     found = analysis["discrepancy"]
     if found["causes"]:
-        picture = coordinate_picture(found["pictures"], UnitSystem.SI)
+        picture = coordinate_picture(found["pictures"], Reader())
     else:
-        picture = friction_picture(found["latent_friction"], UnitSystem.SI)
+        picture = friction_picture(found["latent_friction"], Reader())
     assert picture is not None
     (PICTURES / f"{name}.svg").write_text(svg_text(picture, text_as_paths=True), encoding="utf-8")
 

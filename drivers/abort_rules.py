@@ -14,6 +14,7 @@ from drivers.permissive_watch import PermissiveWatch
 from drivers.recent import Recent, RecentLooks, window_s
 from drivers.stem_rules import StemRules
 from valve.errors import DeviceError, EquipmentError, MeasurementError, WireError
+from valve.messages import message_of, say
 
 _FAILURES: Final = 5  # at least, and half of the looks; fewer would end a test for one disturbance on the line
 _FAILURES_WITHIN: Final = 2.0  # windows
@@ -110,7 +111,14 @@ class AbortRules:
         """Return why the test must end now, or None. ``follows``: whether the output is commanded by us."""
         tag, now_s = self._device.tag, time.monotonic()
         if now_s - self._started_s > self._longest_s:
-            return MeasurementError(f"{tag}: the test lasts longer than {self._longest_s:.3g} s, it is ended")
+            return MeasurementError(
+                say(
+                    "test_too_long",
+                    "{tag}: the test lasts longer than {longest:.3g s}, it is ended",
+                    tag=tag,
+                    longest=self._longest_s,
+                )
+            )
         lost = self.permissive_lost()
         if lost is not None:
             return lost
@@ -119,11 +127,24 @@ class AbortRules:
             self._looks.note(now_s, failed=False)
         silent = self._failures > 1 and now_s - self._answered_s > self._silence_s
         if silent or self._looks.too_many_failed:
-            return WireError(f"{tag}: communication is lost, too many looks failed: {self._last_error}")
+            return WireError(
+                say(
+                    "communication_lost",
+                    "{tag}: communication is lost, too many looks failed: {why}",
+                    tag=tag,
+                    why="None" if self._last_error is None else message_of(self._last_error),
+                )
+            )
         if sample is None:
             return None
         if self._device.drives_safe_itself(sample):
-            return DeviceError(f"{tag}: the device went to its safe value by itself: its watchdog tripped")
+            return DeviceError(
+                say(
+                    "watchdog_tripped",
+                    "{tag}: the device went to its safe value by itself: its watchdog tripped",
+                    tag=tag,
+                )
+            )
         blind = self._blind(sample, now_s)
         if blind is not None:
             return blind
@@ -141,11 +162,24 @@ class AbortRules:
             unseen_s, began_s = now_s - self._seen_s[name], now_s - self._started_s
             said = ""
             if unseen_s > self._blind_s:
-                said = f"no valid {name} for {unseen_s:.2g} s"
+                said = say("unseen_for", "no valid {quantity} for {time:.2g s}", quantity=name, time=unseen_s)
             elif began_s > self._blind_s and seen.too_many_failed:
-                said = f"no valid {name} in half of the looks within {2.0 * self._blind_s:.2g} s"
+                said = say(
+                    "unseen_half_of_looks",
+                    "no valid {quantity} in half of the looks within {time:.2g s}",
+                    quantity=name,
+                    time=2.0 * self._blind_s,
+                )
             if said:
-                return DeviceError(f"{self._device.tag}: {said}: check the {name} sensor, its cable and its range")
+                return DeviceError(
+                    say(
+                        "value_not_seen",
+                        "{tag}: {why}: check the {quantity} sensor, its cable and its range",
+                        tag=self._device.tag,
+                        why=said,
+                        quantity=name,
+                    )
+                )
         return None
 
     def _beyond_limits(self, sample: Sample) -> EquipmentError | None:
@@ -153,14 +187,28 @@ class AbortRules:
         slack_pa = _PRESSURE_SLACK * (high_pa - low_pa)
         broken = ""
         if sample.pressure_pa < low_pa - slack_pa or sample.pressure_pa > high_pa + slack_pa:
-            broken = f"pressure {sample.pressure_pa:g} Pa is outside {low_pa:g} to {high_pa:g} Pa"
+            broken = say(
+                "pressure_beyond_limits",
+                "pressure {pressure:g Pa} is outside {low:g in Pa} to {high:g Pa}",
+                pressure=sample.pressure_pa,
+                low=low_pa,
+                high=high_pa,
+            )
         if self._limits.position_m is not None:
             low_m, high_m = self._limits.position_m
             if sample.position_m < low_m or sample.position_m > high_m:
-                broken = f"position {sample.position_m:g} m is outside {low_m:g} to {high_m:g} m"
+                broken = say(
+                    "position_beyond_limits",
+                    "position {position:g m} is outside {low:g in m} to {high:g m}",
+                    position=sample.position_m,
+                    low=low_m,
+                    high=high_m,
+                )
         if not (broken and self._beyond.note(sample.sent_s)):
             return None
-        return DeviceError(f"{self._device.tag}: {broken}: check the valve and its limits")
+        return DeviceError(
+            say("limit_passed", "{tag}: {what}: check the valve and its limits", tag=self._device.tag, what=broken)
+        )
 
     def foreign(self, output_pa: float) -> DeviceError | None:
         """Return why the test must end where an output is, for the third time lately, outside of what it asked for.
@@ -176,8 +224,16 @@ class AbortRules:
         if len(self._foreign_s) < _FOREIGN or now_s - self._foreign_s[0] > _FOREIGN_WITHIN_S:
             return None
         return DeviceError(
-            f"{self._device.tag}: {self._commands[-1][1]:g} Pa are commanded and the device shows {output_pa:g} Pa, "
-            f"{_FOREIGN} times within {_FOREIGN_WITHIN_S:g} s: check that nobody else commands it, by another master"
+            say(
+                "command_of_another",
+                "{tag}: {commanded:g Pa} are commanded and the device shows {shown:g Pa}, {times} times "
+                "within {time:g s}: check that nobody else commands it, by another master",
+                tag=self._device.tag,
+                commanded=self._commands[-1][1],
+                shown=output_pa,
+                times=_FOREIGN,
+                time=_FOREIGN_WITHIN_S,
+            )
         )
 
     def _is_asked_for(self, sample: Sample) -> bool:
@@ -215,6 +271,12 @@ class AbortRules:
         if now_s - self._followed_s <= _FOLLOWING_S:
             return self.foreign(sample.output_pa)
         return DeviceError(
-            f"{self._device.tag}: {self._commands[-1][1]:g} Pa are commanded and the device shows "
-            f"{sample.output_pa:g} Pa: check that it is in automatic and nobody else commands it"
+            say(
+                "output_does_not_follow",
+                "{tag}: {commanded:g Pa} are commanded and the device shows {shown:g Pa}: check that it is "
+                "in automatic and nobody else commands it",
+                tag=self._device.tag,
+                commanded=self._commands[-1][1],
+                shown=sample.output_pa,
+            )
         )

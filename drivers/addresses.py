@@ -14,30 +14,52 @@ from drivers.register_map import RegisterMap
 from drivers.stands_at import RestRules
 from drivers.watch_rules import WatchRules
 from valve.errors import ConfigurationError, refuse
+from valve.messages import say
 from valve.units import SI_FACTORS
+
+
+def _timeout_of(bus: str) -> str:
+    return say("timeout_of_bus", "bus {bus}: timeout_s", bus=bus)
 
 
 def _not_positive(subject: str, value: float, unit: str) -> str:
     if math.isfinite(value) and value > 0.0:
         return ""
-    return f"{subject} is {value:g} {unit}, it must be above 0: correct it"
+    return say(
+        "number_not_positive",
+        "{subject} is {value:g} {unit}, it must be above 0: correct it",
+        subject=subject,
+        value=value,
+        unit=unit,
+    )
 
 
 def _no_port(bus: str, port: int) -> str:
-    return "" if 1 <= port <= 65535 else f"bus {bus}: port {port} is outside 1 to 65535, correct it"
+    if 1 <= port <= 65535:
+        return ""
+    return say("port_outside", "bus {bus}: port {port} is outside 1 to 65535, correct it", bus=bus, port=port)
 
 
 def _network_device_id_fault(device_id: int) -> str:
     # 248 to 254 are reserved; 0 and 255 are the device at the address itself (Messaging on TCP/IP 1.0b, 4.4.1.2).
     if 0 <= device_id <= 247 or device_id == 255:
         return ""
-    return f"device_id {device_id} is none of 0 to 247 and 255, which a network address has: correct it"
+    return say(
+        "network_device_id_outside",
+        "device_id {device_id} is none of 0 to 247 and 255, which a network address has: correct it",
+        device_id=device_id,
+    )
 
 
 def _no_baud_rate(bus: str, baud_rate: int) -> str:
     if 300 <= baud_rate <= 4_000_000:
         return ""
-    return f"bus {bus}: baud_rate {baud_rate} is outside 300 to 4000000, correct it"
+    return say(
+        "baud_rate_outside",
+        "bus {bus}: baud_rate {baud_rate} is outside 300 to 4000000, correct it",
+        bus=bus,
+        baud_rate=baud_rate,
+    )
 
 
 class Parity(StrEnum):
@@ -63,7 +85,7 @@ class TcpAddress:
         return _network_device_id_fault(device_id)
 
     def __post_init__(self) -> None:
-        faults = _no_port(self.name, self.port), _not_positive(f"bus {self.name}: timeout_s", self.timeout_s, "s")
+        faults = _no_port(self.name, self.port), _not_positive(_timeout_of(self.name), self.timeout_s, "s")
         refuse(ConfigurationError, faults)
 
 
@@ -90,9 +112,15 @@ class TlsAddress:
         return _network_device_id_fault(device_id)
 
     def __post_init__(self) -> None:
-        faults = [_no_port(self.name, self.port), _not_positive(f"bus {self.name}: timeout_s", self.timeout_s, "s")]
+        faults = [_no_port(self.name, self.port), _not_positive(_timeout_of(self.name), self.timeout_s, "s")]
         if (self.certificate_file is None) != (self.key_file is None):
-            faults.append(f"bus {self.name}: certificate_file and key_file belong together, give both")
+            faults.append(
+                say(
+                    "certificate_without_key",
+                    "bus {bus}: certificate_file and key_file belong together, give both",
+                    bus=self.name,
+                )
+            )
         refuse(ConfigurationError, faults)
 
 
@@ -120,13 +148,19 @@ class RtuAddress:
         # 0 is a broadcast: every device on the line obeys and none answers.
         if 1 <= device_id <= 247:
             return ""
-        return f"device_id {device_id} is outside 1 to 247, which a serial line has: correct it"
+        return say(
+            "serial_device_id_outside",
+            "device_id {device_id} is outside 1 to 247, which a serial line has: correct it",
+            device_id=device_id,
+        )
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "parity", Parity(self.parity))
         faults = [_no_baud_rate(self.name, self.baud_rate)]
-        faults.append(_not_positive(f"bus {self.name}: timeout_s", self.timeout_s, "s"))
-        faults.append(_not_positive(f"bus {self.name}: worst_latency_s", self.worst_latency_s, "s"))
+        faults.append(_not_positive(_timeout_of(self.name), self.timeout_s, "s"))
+        faults.append(
+            _not_positive(say("latency_of_bus", "bus {bus}: worst_latency_s", bus=self.name), self.worst_latency_s, "s")
+        )
         refuse(ConfigurationError, faults)
 
 
@@ -152,13 +186,32 @@ class GaugeAddress:
     def __post_init__(self) -> None:
         object.__setattr__(self, "parity", Parity(self.parity))
         faults = [_no_baud_rate(self.name, self.baud_rate)]
-        faults.append(_not_positive(f"bus {self.name}: timeout_s", self.timeout_s, "s"))
+        faults.append(_not_positive(_timeout_of(self.name), self.timeout_s, "s"))
         if not self.terminator:
-            faults.append(f'bus {self.name}: terminator is empty, give the end of an answer such as "\\r\\n"')
+            faults.append(
+                say(
+                    "gauge_terminator_empty",
+                    'bus {bus}: terminator is empty, give the end of an answer such as "\\r\\n"',
+                    bus=self.name,
+                )
+            )
         if not self.request.isascii() or not self.terminator.isascii():
-            faults.append(f"bus {self.name}: request and terminator go over the line as ASCII, remove other characters")
+            faults.append(
+                say(
+                    "gauge_text_not_ascii",
+                    "bus {bus}: request and terminator go over the line as ASCII, remove other characters",
+                    bus=self.name,
+                )
+            )
         if SI_FACTORS.get(self.unit, ("", 0.0))[0] != "m":
-            faults.append(f"bus {self.name}: unit {self.unit!r} is no length, give m, mm, um or inch")
+            faults.append(
+                say(
+                    "gauge_unit_unknown",
+                    "bus {bus}: unit {unit} is no length, give m, mm, um or inch",
+                    bus=self.name,
+                    unit=repr(self.unit),
+                )
+            )
         refuse(ConfigurationError, faults)
 
 
@@ -191,10 +244,17 @@ class MotionLimits:
         ]
         if not self.pressure_pa[0] < self.pressure_pa[1]:
             faults.append(
-                f"limits.pressure_pa is {self.pressure_pa[0]:g} to {self.pressure_pa[1]:g} Pa, it must rise: correct it"
+                say(
+                    "pressure_limits_do_not_rise",
+                    "limits.pressure_pa is {low:g in Pa} to {high:g Pa}, it must rise: correct it",
+                    low=self.pressure_pa[0],
+                    high=self.pressure_pa[1],
+                )
             )
         if self.position_m is not None and not self.position_m[0] < self.position_m[1]:
-            faults.append("limits.position_m must rise: give the lower position first")
+            faults.append(
+                say("position_limits_do_not_rise", "limits.position_m must rise: give the lower position first")
+            )
         refuse(ConfigurationError, faults)
 
 
@@ -227,7 +287,12 @@ class WatchdogChoice:
     def __post_init__(self) -> None:
         faults = ["" if self.timeout_s is None else _not_positive("watchdog.timeout_s", self.timeout_s, "s")]
         if (self.timeout_s is None) == (self.waived == ""):
-            faults.append("watchdog: give either timeout_s or, for a device that has none, waived = a reason")
+            faults.append(
+                say(
+                    "watchdog_and_waiver",
+                    "watchdog: give either timeout_s or, for a device that has none, waived = a reason",
+                )
+            )
         refuse(ConfigurationError, faults)
 
 
@@ -267,7 +332,12 @@ def safe_value_fault(tag: str, safe_value_pa: float | Literal["entry"], limits: 
     low_pa, high_pa = limits.pressure_pa
     if safe_value_pa == "entry" or low_pa <= safe_value_pa <= high_pa:
         return ""
-    return (
-        f"{tag}: safe_value_pa {safe_value_pa:g} Pa is outside limits.pressure_pa {low_pa:g} to {high_pa:g} Pa, "
-        "correct one of them"
+    return say(
+        "safe_value_outside_limits",
+        "{tag}: safe_value_pa {value:g Pa} is outside limits.pressure_pa {low:g in Pa} to "
+        "{high:g Pa}, correct one of them",
+        tag=tag,
+        value=safe_value_pa,
+        low=low_pa,
+        high=high_pa,
     )

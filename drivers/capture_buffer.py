@@ -17,6 +17,7 @@ from drivers.registers import Kind, Register, Table
 from drivers.transport import Exchange
 from drivers.wiring import Unit
 from valve.errors import DeviceError, WaveformError, WireError
+from valve.messages import say
 
 AfterEach = Callable[[], None]
 FloatArray = npt.NDArray[np.float64]
@@ -70,13 +71,25 @@ class CaptureBuffer:
         shown = await self._unit.values(capture.capacity, capture.corner_capacity)
         if course.samples > shown[capture.capacity]:
             raise WaveformError(
-                f"{self._tag}: {course.samples} samples, {self._unit.subject} keeps {shown[capture.capacity]:.0f}: "
-                "make the test shorter or its period longer"
+                say(
+                    "capture_too_many_samples",
+                    "{tag}: {samples} samples, {device} keeps {kept:.0f}: make the test shorter or its period longer",
+                    tag=self._tag,
+                    samples=course.samples,
+                    device=self._unit.subject,
+                    kept=shown[capture.capacity],
+                )
             )
         if course.waveform.time_s.size > shown[capture.corner_capacity]:
             raise WaveformError(
-                f"{self._tag}: {course.waveform.time_s.size} corners, {self._unit.subject} keeps "
-                f"{shown[capture.corner_capacity]:.0f}: choose a waveform with fewer"
+                say(
+                    "capture_too_many_corners",
+                    "{tag}: {corners} corners, {device} keeps {kept:.0f}: choose a waveform with fewer",
+                    tag=self._tag,
+                    corners=course.waveform.time_s.size,
+                    device=self._unit.subject,
+                    kept=shown[capture.corner_capacity],
+                )
             )
 
     async def hand_over(self, course: Course, run_number: int) -> AsyncIterator[None]:
@@ -96,7 +109,14 @@ class CaptureBuffer:
             await unit.bus.write(unit.device_id, address, part)
             shown = await unit.bus.read_words(unit.device_id, Table.HOLDING, address, len(part))
             if list(shown.words) != part:
-                raise DeviceError(f"{self._tag}: {unit.subject} holds other corners than were written: check the map")
+                raise DeviceError(
+                    say(
+                        "capture_other_corners",
+                        "{tag}: {device} holds other corners than were written: check the map",
+                        tag=self._tag,
+                        device=unit.subject,
+                    )
+                )
             yield
         await self._prepare(run_number, words_crc16(words), course)
         yield
@@ -121,8 +141,16 @@ class CaptureBuffer:
         for name, value in self._settings.items():
             if abs(held[name] - value) > 0.5 * unit.map.register(name).resolution:
                 raise DeviceError(
-                    f"{self._tag}: {value:g} was written to {name} of {unit.subject} and it holds {held[name]:g}: "
-                    "check the device and its map"
+                    say(
+                        "capture_written_otherwise",
+                        "{tag}: {written:g} was written to {register} of {device} and it holds {held:g}: check the "
+                        "device and its map",
+                        tag=self._tag,
+                        written=value,
+                        register=name,
+                        device=unit.subject,
+                        held=held[name],
+                    )
                 )
 
     async def start(self) -> None:
@@ -132,7 +160,14 @@ class CaptureBuffer:
         await self._require_settings()
         progress = await self.progress()
         if not (progress.running or progress.done):
-            raise DeviceError(f"{self._tag}: {self._unit.subject} does not start its capture: look at its state")
+            raise DeviceError(
+                say(
+                    "capture_not_started",
+                    "{tag}: {device} does not start its capture: look at its state",
+                    tag=self._tag,
+                    device=self._unit.subject,
+                )
+            )
 
     async def progress(self, *, agreed: bool = False, after_each: AfterEach = lambda: None) -> Progress:
         """How far the capture is; ``agreed``: as two looks in a row show it, for one that has ended.
@@ -165,7 +200,15 @@ class CaptureBuffer:
             if after == before:
                 return after
             before = after
-        raise CorruptBlockError(f"{self._tag}: {self._unit.subject} shows {names[0]} otherwise at every look")
+        raise CorruptBlockError(
+            say(
+                "capture_shows_otherwise",
+                "{tag}: {device} shows {register} otherwise at every look",
+                tag=self._tag,
+                device=self._unit.subject,
+                register=names[0],
+            )
+        )
 
     async def windows(self, samples: int, after_each: AfterEach = lambda: None) -> AsyncIterator[Window]:
         """Fetch the first ``samples`` samples, window by window. Raises WireError where one cannot be had.
@@ -192,7 +235,14 @@ class CaptureBuffer:
                 words = (await self._ask_window(first, after_each)).words
                 if words_crc16(words[:-1]) == words[-1] and (words[0] << 16 | words[1]) == first:
                     return words
-                raise CorruptBlockError(f"{self._tag}: the window of sample {first} came with a wrong check or index")
+                raise CorruptBlockError(
+                    say(
+                        "capture_window_damaged",
+                        "{tag}: the window of sample {sample} came with a wrong check or index",
+                        tag=self._tag,
+                        sample=first,
+                    )
+                )
             except WireError:
                 if attempt == _READS_A_WINDOW:
                     raise

@@ -15,6 +15,7 @@ from drivers.mover import Mover, StopAskedError
 from drivers.outcome import Sample, SampleBlock
 from drivers.rows import CapturedRows
 from valve.errors import DeviceError, EquipmentError
+from valve.messages import say
 from valve.recording import Provenance, Recording
 
 _WATCH_PERIOD_S: Final = 0.1
@@ -78,7 +79,12 @@ class CapturedPlay:
                 return
             if not progress.running:
                 raise DeviceError(
-                    f"{device.tag}: the device ended its capture after {progress.taken} samples by itself"
+                    say(
+                        "capture_ended_by_device",
+                        "{tag}: the device ended its capture after {samples} samples by itself",
+                        tag=device.tag,
+                        samples=progress.taken,
+                    )
                 )
 
     async def fetch(self, mover: Mover) -> str:
@@ -113,7 +119,12 @@ class CapturedPlay:
                     await mover.device.feed_watchdog()  # on a slow line a window takes a good part of a second
         except StopAskedError:
             self._hand_on(ready, 1.0)
-            return f"{fetched} of {wanted} samples were fetched when the stop ended the upload"
+            return say(
+                "upload_stopped",
+                "{fetched} of {wanted} samples were fetched when the stop ended the upload",
+                fetched=fetched,
+                wanted=wanted,
+            )
         return ""
 
     def _hand_on(self, ready: list[SampleBlock], share: float) -> None:

@@ -39,6 +39,7 @@ from drivers.frames import (
 )
 from drivers.serial_port import refusal_of, why_not_opened
 from valve.errors import ConfigurationError, WireError
+from valve.messages import message_of, say
 
 _CHARACTER_BITS: Final = 11  # start, eight data, parity or second stop, stop (Modbus over Serial Line 1.02, 2.5.1)
 _LONGEST_SILENCE_S: Final = 1.75e-3  # the gap above 19200 baud (the same, 2.5.1.1)
@@ -80,7 +81,12 @@ def _tls_context(address: TlsAddress) -> ssl.SSLContext:
             context.load_cert_chain(address.certificate_file, address.key_file)
     except (OSError, ssl.SSLError) as error:
         raise ConfigurationError(
-            f"bus {address.name}: its certificates cannot be used ({error}): check the files"
+            say(
+                "certificates_unusable",
+                "bus {bus}: its certificates cannot be used ({why}): check the files",
+                bus=address.name,
+                why=message_of(error),
+            )
         ) from error
     return context
 
@@ -132,7 +138,7 @@ class Connection:
 
     @property
     def _subject(self) -> str:
-        return f"bus {self.address.name}"
+        return say("bus_named", "bus {bus}", bus=self.address.name)
 
     @property
     def _place(self) -> str:
@@ -169,12 +175,19 @@ class Connection:
         """
         fault = self.address.device_id_fault(request.device_id)
         if fault:
-            raise ConfigurationError(f"{self._subject}: {fault}")
+            raise ConfigurationError(self._of_bus(fault))
         client = self._client
         if client is None:
-            raise ConnectionLostError(f"{self._subject}: it is not connected")
+            raise ConnectionLostError(say("bus_not_connected", "{subject}: it is not connected", subject=self._subject))
         if not client.connected:
-            raise ConnectionLostError(f"{self._subject}: {request.subject}: the connection broke: check the wire")
+            raise ConnectionLostError(
+                say(
+                    "connection_broke",
+                    "{subject}: {asked}: the connection broke: check the wire",
+                    subject=self._subject,
+                    asked=request.subject,
+                )
+            )
         loop = asyncio.get_running_loop()
         answered: asyncio.Future[bytes] = loop.create_future()
         waits_s = self.deadline_s(request) if within_s is None else within_s
@@ -189,12 +202,26 @@ class Connection:
         except ModbusException as error:
             lost = not self.is_open
             raise (ConnectionLostError if lost else BadAnswerError)(
-                f"{self._subject}: {request.subject}: {error}"
+                say(
+                    "transaction_failed",
+                    "{subject}: {asked}: {why}",
+                    subject=self._subject,
+                    asked=request.subject,
+                    why=message_of(error),
+                )
             ) from error
         except (OSError, termios.error, AttributeError) as error:
             # AttributeError: pymodbus writes to a serial port that it closed itself when the line was pulled.
             self.close()
-            raise ConnectionLostError(f"{self._subject}: {request.subject}: {error}: check the line") from error
+            raise ConnectionLostError(
+                say(
+                    "line_failed",
+                    "{subject}: {asked}: {why}: check the line",
+                    subject=self._subject,
+                    asked=request.subject,
+                    why=message_of(error),
+                )
+            ) from error
         finally:
             late.cancel()
             self._forget_quiet()
@@ -205,10 +232,17 @@ class Connection:
             return
         is_serial = isinstance(self.address, RtuAddress)
         came = instead_of_answer(request, None if is_serial else self._transaction_id, self._pieces)
-        late = f"{self._subject}: {request.subject}: no answer within {self.deadline_s(request):.3g} s"
-        answered.set_exception(
-            OtherAnswerError(f"{late}, but {came}") if came else NoAnswerError(f"{late}: check the device and the wire")
+        late = say(
+            "no_answer_within",
+            "{subject}: {asked}: no answer within {time:.3g s}",
+            subject=self._subject,
+            asked=request.subject,
+            time=self.deadline_s(request),
         )
+        if came:
+            answered.set_exception(OtherAnswerError(say("late_but_came", "{late}, but {came}", late=late, came=came)))
+            return
+        answered.set_exception(NoAnswerError(say("no_answer", "{late}: check the device and the wire", late=late)))
 
     def _believed(self, request: Request, frame: bytes) -> tuple[int, ...]:
         is_serial = isinstance(self.address, RtuAddress)
@@ -216,7 +250,10 @@ class Connection:
             answer = rtu_answer(request, frame) if is_serial else mbap_answer(request, self._transaction_id, frame)
             return checked_words(request, answer)
         except BadAnswerError as error:
-            raise BadAnswerError(f"{self._subject}: {error}") from None
+            raise BadAnswerError(self._of_bus(message_of(error))) from None
+
+    def _of_bus(self, what: str) -> str:
+        return say("of_bus", "{subject}: {what}", subject=self._subject, what=what)
 
     def deadline_s(self, request: Request) -> float:
         """Longest time from a request to its answer, s, the time on the line included."""
@@ -263,9 +300,14 @@ class Connection:
             if echo:
                 heard = without_echo(self._sent, line)
             elif request.function != WRITE_ONE and is_echo(self._sent, line):
-                raise EchoError("the line returns what is sent: switch off the adapter's echo, or say echo = true")
+                raise EchoError(
+                    say(
+                        "line_echoes",
+                        "the line returns what is sent: switch off the adapter's echo, or say echo = true",
+                    )
+                )
         except EchoError as error:
-            self._fail(EchoError(f"{self._subject}: {error}"))
+            self._fail(EchoError(self._of_bus(message_of(error))))
             return b""
         if not heard:
             return b""
@@ -281,7 +323,7 @@ class Connection:
         """End a request whose answer came damaged: no more of it is under way."""
         damage = rtu_damage(request, heard)
         if damage is not None:
-            self._fail(type(damage)(f"{self._subject}: {damage}"))
+            self._fail(type(damage)(self._of_bus(message_of(damage))))
 
     def _forget_quiet(self) -> None:
         if self._quiet is not None:
@@ -291,7 +333,15 @@ class Connection:
     def _connection(self, connected: bool) -> None:
         if not connected:
             self._gone.set()
-            self._fail(ConnectionLostError(f"{self._subject}: the connection broke: check the device and the wire"))
+            self._fail(
+                ConnectionLostError(
+                    say(
+                        "device_connection_broke",
+                        "{subject}: the connection broke: check the device and the wire",
+                        subject=self._subject,
+                    )
+                )
+            )
 
     def _fail(self, error: WireError) -> None:
         if self._answered is not None and not self._answered.done():
@@ -350,21 +400,41 @@ class Connection:
                     connected = await client.connect()
         except termios.error as error:
             raise ConnectionLostError(
-                f"{self._subject}: the port refuses its settings ({error}): check baud_rate, parity and stop_bits; "
-                'pseudo-terminals and some adapters know no parity, then say parity = "N"'
+                say(
+                    "port_refuses_settings",
+                    "{subject}: the port refuses its settings ({why}): check baud_rate, parity and stop_bits; "
+                    'pseudo-terminals and some adapters know no parity, then say parity = "N"',
+                    subject=self._subject,
+                    why=message_of(error),
+                )
             ) from error
         except (OSError, ModbusException) as error:
-            raise ConnectionLostError(f"{self._subject}: it cannot be opened ({error}): check the address") from error
+            raise ConnectionLostError(
+                say(
+                    "bus_cannot_be_opened",
+                    "{subject}: it cannot be opened ({why}): check the address",
+                    subject=self._subject,
+                    why=message_of(error),
+                )
+            ) from error
         finally:
             if not connected:  # also one that came about as the time was over
                 client.close()
         if not connected:
-            reason = "check the address and the wire"
+            reason: str = say("check_address_and_wire", "check the address and the wire")
             if isinstance(self.address, RtuAddress):
                 with contextlib.suppress(TimeoutError):
                     async with asyncio.timeout(_WHY_S):
                         reason = await asyncio.to_thread(self._why_not_opened)
-            raise ConnectionLostError(f"{self._subject}: {self._place} cannot be opened: {reason}")
+            raise ConnectionLostError(
+                say(
+                    "place_cannot_be_opened",
+                    "{subject}: {place} cannot be opened: {reason}",
+                    subject=self._subject,
+                    place=self._place,
+                    reason=reason,
+                )
+            )
         self._client = client
         self.unasked, self.answers = False, 0
 

@@ -20,6 +20,7 @@ from drivers.registers import Block
 from drivers.transport import Exchange
 from drivers.wiring import Bus, Signal, Unit, Wired, WiredContact, wire
 from valve.errors import BusyError, ConfigurationError, DeviceError, EquipmentError, ValveError
+from valve.messages import fault_words, joined, message_of, say
 
 _SAFE_ATTEMPTS: Final = 3
 _APART_SHARE: Final = 0.1  # of the limits' span, by which a gauge and an I/P may differ
@@ -87,7 +88,7 @@ class ValveDevice:
         """Return where a condition elsewhere is read, in words: contact or register, device and bus."""
         place = self._elsewhere[condition]
         name = place.contact.register if isinstance(place, WiredContact) else place.register.name
-        return f"{name} of {place.unit.subject}"
+        return say("place_on_device", "{register} of {device}", register=name, device=place.unit.subject)
 
     def unread_s(self, condition: str) -> float:
         """Return for how long a condition elsewhere may stay unread, s: as the rules say, or as its bus needs.
@@ -111,11 +112,19 @@ class ValveDevice:
         """
         if self.wiring.watchdog.timeout_s is not None and self.unit.map.watchdog is None:
             raise ConfigurationError(
-                f"{self.tag}: map {self.unit.map.name} has no watchdog: say watchdog.waived = the reason to go without"
+                say(
+                    "map_without_watchdog",
+                    "{tag}: map {map} has no watchdog: say watchdog.waived = the reason to go without",
+                    tag=self.tag,
+                    map=self.unit.map.name,
+                )
             )
         for unit in self._wired.units:
             await require_identity(self.tag, unit)
-        return ", ".join(f"{unit.map.name} ({unit.subject})" for unit in self._wired.units)
+        units = self._wired.units
+        return joined(
+            ", ", [say("map_on_device", "{map} ({unit})", map=one.map.name, unit=one.subject) for one in units]
+        )
 
     async def identify_commanded(self) -> None:
         """Make sure that the device that is commanded is the one that is configured. Raises as ``identify`` does."""
@@ -127,7 +136,14 @@ class ValveDevice:
         Raises BusyError where another run owns it.
         """
         if not 0 < run_number <= 0xFFFFFFFF:
-            raise ConfigurationError(f"{self.tag}: run number {run_number} is outside 1 to 4294967295")
+            raise ConfigurationError(
+                say(
+                    "run_number_outside",
+                    "{tag}: run number {run_number} is outside 1 to 4294967295",
+                    tag=self.tag,
+                    run_number=run_number,
+                )
+            )
         fence = self.unit.map.fence
         if fence is not None:
             owner = round(await self.unit.value(fence.owner))
@@ -136,8 +152,15 @@ class ValveDevice:
                 owner = round(await self.unit.value(fence.owner))
             if owner != run_number:
                 raise BusyError(
-                    f"{self.tag}: run {owner} owns {self.unit.subject}, run {run_number} cannot have it: wait for "
-                    "its end or for the device's watchdog, or restart the device where that run is dead"
+                    say(
+                        "device_owned_by_run",
+                        "{tag}: run {owner} owns {device}, run {run_number} cannot have it: wait for its end or for "
+                        "the device's watchdog, or restart the device where that run is dead",
+                        tag=self.tag,
+                        owner=owner,
+                        device=self.unit.subject,
+                        run_number=run_number,
+                    )
                 )
         self.run_number = run_number
         self.in_force_pa = self._asked_pa = math.nan  # what an earlier run wrote may have been undone since
@@ -155,9 +178,24 @@ class ValveDevice:
         await self._claim(fence, number, fence.release)
         watchdog = self.unit.map.watchdog
         if round(await self.unit.value(fence.owner)) == number:
-            raise DeviceError(f"{self.tag}: {self.unit.subject} stays with run {number} after it was released")
+            raise DeviceError(
+                say(
+                    "device_stays_owned",
+                    "{tag}: {device} stays with run {run} after it was released",
+                    tag=self.tag,
+                    device=self.unit.subject,
+                    run=number,
+                )
+            )
         if watchdog is not None and await self.unit.value(watchdog.state) == watchdog.armed:
-            raise DeviceError(f"{self.tag}: the watchdog of {self.unit.subject} stays armed after the release")
+            raise DeviceError(
+                say(
+                    "watchdog_stays_armed",
+                    "{tag}: the watchdog of {device} stays armed after the release",
+                    tag=self.tag,
+                    device=self.unit.subject,
+                )
+            )
 
     async def _claim(self, fence: Fence, run_number: int, claim: int) -> None:
         await self.unit.write({fence.claim_run: run_number, fence.claim: claim})
@@ -200,7 +238,14 @@ class ValveDevice:
         await self.identify_commanded()
         output_pa = await self._eye.output()
         if not math.isfinite(output_pa):
-            raise DeviceError(f"{self.tag}: {self.unit.subject} does not show its output: look at the device")
+            raise DeviceError(
+                say(
+                    "output_not_shown",
+                    "{tag}: {device} does not show its output: look at the device",
+                    tag=self.tag,
+                    device=self.unit.subject,
+                )
+            )
         return output_pa
 
     async def position_m(self) -> float:
@@ -302,8 +347,15 @@ class ValveDevice:
         after_each()
         if not (await self.confirmation(pressure_pa, reads=1, after_each=after_each)).confirmed:
             raise DeviceError(
-                f"{self.tag}: {pressure_pa:g} Pa were commanded and {self.unit.subject} does not show them within "
-                f"{_SETTLING_S:g} s: check that it is in automatic and the map fits"
+                say(
+                    "command_not_shown",
+                    "{tag}: {commanded:g Pa} were commanded and {device} does not show them within "
+                    "{time:g s}: check that it is in automatic and the map fits",
+                    tag=self.tag,
+                    commanded=pressure_pa,
+                    device=self.unit.subject,
+                    time=_SETTLING_S,
+                )
             )
 
     async def go_safe(self) -> SafeOutcome:
@@ -312,9 +364,12 @@ class ValveDevice:
         It raises nothing, whatever fails. A further attempt is made only where reading back shows that the one before
         did not take effect.
         """
-        found = SafeOutcome(False, reason="it was not reached in time")
+        found = SafeOutcome(False, reason=say("safe_not_reached_in_time", "it was not reached in time"))
         if not math.isfinite(self.safe_value_pa):
-            return replace(found, reason="its safe value is not known, as the output at entry was never read")
+            return replace(
+                found,
+                reason=say("safe_value_unknown", "its safe value is not known, as the output at entry was never read"),
+            )
         try:
             async with asyncio.timeout(_SAFE_DEADLINE_S):
                 for _ in range(_SAFE_ATTEMPTS):
@@ -322,9 +377,17 @@ class ValveDevice:
                     if found.confirmed:
                         break
         except TimeoutError:
-            return replace(found, reason=f"{found.reason}; given up after {_SAFE_DEADLINE_S:g} s")
+            return replace(
+                found,
+                reason=say(
+                    "safe_given_up",
+                    "{why}; given up after {time:g s}",
+                    why=found.reason,
+                    time=_SAFE_DEADLINE_S,
+                ),
+            )
         except Exception as error:  # noqa: BLE001  - whoever makes a valve safe must hear how it stands, whatever fails
-            return replace(found, confirmed=False, reason=f"{type(error).__name__}: {error}")
+            return replace(found, confirmed=False, reason=fault_words(error))
         return found
 
     async def _safe_now(self) -> SafeOutcome:
@@ -334,11 +397,11 @@ class ValveDevice:
         try:
             await self.drive(self.safe_value_pa, priority=True)
         except ValveError as error:
-            refused = str(error)
+            refused = message_of(error)
         found = await self.confirmation(self.safe_value_pa, priority=True)
         if found.confirmed or not refused:
             return found
-        return replace(found, reason=f"{refused}; {found.reason}")
+        return replace(found, reason=say("safe_refused", "{refused}; {why}", refused=refused, why=found.reason))
 
     async def confirmation(
         self,
@@ -360,14 +423,19 @@ class ValveDevice:
                 output_pa = await self._eye.output(priority=priority)
             except EquipmentError as error:
                 unseen += 1  # a look that failed says nothing, neither yes nor no
-                problem = str(error)
+                problem = message_of(error)
             else:
                 fits = abs(output_pa - pressure_pa) <= self.tolerance_pa
                 fitting, unseen, shown_pa = (fitting + 1 if fits else 0), 0, output_pa
             after_each()
             if fitting < reads:
                 if time.monotonic() > until_s and (fitting == unseen == 0 or unseen >= _UNSEEN_READS):
-                    shows = f"the device shows {shown_pa:g} Pa and not {pressure_pa:g} Pa"
+                    shows = say(
+                        "shows_another_output",
+                        "the device shows {shown:g Pa} and not {wanted:g Pa}",
+                        shown=shown_pa,
+                        wanted=pressure_pa,
+                    )
                     return SafeOutcome(False, shown_pa, problem if unseen else shows)
                 await asyncio.sleep(_READ_PAUSE_S)
         return SafeOutcome(True, shown_pa)

@@ -8,6 +8,7 @@ import time
 from drivers.capabilities import Watchdog
 from drivers.wiring import Unit
 from valve.errors import DeviceError
+from valve.messages import say
 
 
 class DeviceWatchdog:
@@ -44,8 +45,15 @@ class DeviceWatchdog:
             or not abs(shown[watchdog.safe_value] - safe_value_pa) <= self._tolerance_pa
         ):
             raise DeviceError(
-                f"{self._tag}: {timeout_s:g} s and {safe_value_pa:g} Pa were written to the watchdog of "
-                f"{self._unit.subject} and it is not armed with them: check the device"
+                say(
+                    "watchdog_not_armed",
+                    "{tag}: {time:g s} and {safe:g Pa} were written to the watchdog of {device} and it is not "
+                    "armed with them: check the device",
+                    tag=self._tag,
+                    time=timeout_s,
+                    safe=safe_value_pa,
+                    device=self._unit.subject,
+                )
             )
 
     async def disarm(self, run_number: int, safe_value_pa: float) -> None:
@@ -56,7 +64,12 @@ class DeviceWatchdog:
         await self._write(watchdog, 0.0, run_number, safe_value_pa)
         if await self._unit.value(watchdog.state) == watchdog.armed:
             raise DeviceError(
-                f"{self._tag}: the watchdog of {self._unit.subject} stays armed after it was switched off"
+                say(
+                    "watchdog_not_switched_off",
+                    "{tag}: the watchdog of {device} stays armed after it was switched off",
+                    tag=self._tag,
+                    device=self._unit.subject,
+                )
             )
 
     async def feed(self, run_number: int, safe_value_pa: float) -> None:

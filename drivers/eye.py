@@ -15,6 +15,7 @@ from drivers.registers import Block
 from drivers.serial_gauge import SerialGauge
 from drivers.transport import Exchange
 from drivers.wiring import Signal, Unit, Wired, read_blocks
+from valve.messages import say
 
 _GAUGE: Final = "gauge"
 
@@ -164,9 +165,23 @@ class Eye:
         return reading
 
     def _check_live(self, part: _Part, exchange: Exchange) -> None:
-        words, subject = exchange.words, part.unit.subject
+        words = exchange.words
         if words_crc16(words[:-1]) != words[-1]:
-            raise CorruptBlockError(f"{self._tag}: {subject}: the live block's check does not fit its words")
+            raise CorruptBlockError(
+                say(
+                    "live_block_damaged",
+                    "{tag}: {device}: the live block's check does not fit its words",
+                    tag=self._tag,
+                    device=part.unit.subject,
+                )
+            )
         if words == part.last_live:
-            raise StaleSampleError(f"{self._tag}: {subject} showed the same sample twice: its clock stands still")
+            raise StaleSampleError(
+                say(
+                    "sample_twice",
+                    "{tag}: {device} showed the same sample twice: its clock stands still",
+                    tag=self._tag,
+                    device=part.unit.subject,
+                )
+            )
         part.last_live = words

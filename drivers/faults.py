@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from valve.errors import DeviceError, ValveError, WireError
+from valve.messages import say
 
 
 class NoAnswerError(WireError):
@@ -88,20 +89,44 @@ class FrozenSensorError(StandstillError):
 
 
 _EXCEPTIONS: Final[dict[int, tuple[type[ValveError], str]]] = {
-    1: (IllegalFunctionError, "it does not know this function: check the register map"),
-    2: (IllegalAddressError, "it has no such register: check the register map"),
-    3: (IllegalValueError, "it does not take this value: check ranges and signal in plant.toml"),
-    4: (DeviceFailureError, "it failed at it: look at the device"),
-    5: (AcknowledgedError, "it needs longer and has not done it yet: look at the device"),
-    6: (DeviceBusyError, "it is busy: try again later"),
-    0x0A: (GatewayPathError, "the gateway has no path to it: check the gateway's configuration"),
-    0x0B: (GatewayTargetError, "it does not answer the gateway: check the line behind the gateway"),
+    1: (IllegalFunctionError, say("unknown_function", "it does not know this function: check the register map")),
+    2: (IllegalAddressError, say("unknown_register", "it has no such register: check the register map")),
+    3: (
+        IllegalValueError,
+        say("value_not_taken", "it does not take this value: check ranges and signal in plant.toml"),
+    ),
+    4: (DeviceFailureError, say("device_failed", "it failed at it: look at the device")),
+    5: (AcknowledgedError, say("not_done_yet", "it needs longer and has not done it yet: look at the device")),
+    6: (DeviceBusyError, say("device_busy", "it is busy: try again later")),
+    0x0A: (
+        GatewayPathError,
+        say("gateway_without_path", "the gateway has no path to it: check the gateway's configuration"),
+    ),
+    0x0B: (
+        GatewayTargetError,
+        say("silent_behind_gateway", "it does not answer the gateway: check the line behind the gateway"),
+    ),
 }
 
 
 def refusal(subject: str, function: int, code: int) -> ValveError:
     """Return the error that stands for a Modbus exception (Application Protocol 1.1b3, 7)."""
-    kind, sentence = _EXCEPTIONS.get(code, (RefusedError, "the code is not in the standard: see the device's manual"))
+    kind, sentence = _EXCEPTIONS.get(
+        code,
+        (RefusedError, say("exception_not_in_standard", "the code is not in the standard: see the device's manual")),
+    )
     if (function, code) == (16, 1):
-        sentence = "it does not know this function: where it knows function 6, say write_function = 6 in its [[maps]]"
-    return kind(f"{subject}: exception {code} to function {function}: {sentence}")
+        sentence = say(
+            "unknown_function_16",
+            "it does not know this function: where it knows function 6, say write_function = 6 in its [[maps]]",
+        )
+    return kind(
+        say(
+            "modbus_exception",
+            "{subject}: exception {exception} to function {function}: {why}",
+            subject=subject,
+            exception=code,
+            function=function,
+            why=sentence,
+        )
+    )

@@ -11,6 +11,7 @@ from drivers.crc import crc16
 from drivers.faults import BadAnswerError, EchoError, GarbledError, refusal
 from drivers.registers import MAX_READ_WORDS, MAX_WRITE_WORDS, Table, bytes_to_words
 from valve.errors import ConfigurationError, ValveError
+from valve.messages import say
 
 READ_HOLDING: Final = 3
 READ_INPUT: Final = 4
@@ -36,19 +37,41 @@ class Request:
 
     def __post_init__(self) -> None:
         if not 0 <= self.device_id <= 0xFF:  # which of them a line has, its address says
-            raise ConfigurationError(f"device id {self.device_id} is outside 0 to 255: correct it in plant.toml")
+            raise ConfigurationError(
+                say(
+                    "device_id_outside",
+                    "device id {device_id} is outside 0 to 255: correct it in plant.toml",
+                    device_id=self.device_id,
+                )
+            )
         if not 0 <= self.read_count <= MAX_READ_WORDS or len(self.words) > MAX_WRITE_WORDS:
             raise ConfigurationError(
-                f"device {self.device_id}: {self.read_count} words to read and {len(self.words)} to write, one "
-                f"transaction carries {MAX_READ_WORDS} and {MAX_WRITE_WORDS}"
+                say(
+                    "transaction_too_long",
+                    "device {device}: {read} words to read and {written} to write, one transaction carries "
+                    "{most_read} and {most_written}",
+                    device=self.device_id,
+                    read=self.read_count,
+                    written=len(self.words),
+                    most_read=MAX_READ_WORDS,
+                    most_written=MAX_WRITE_WORDS,
+                )
             )
         if self.function == WRITE_ONE and len(self.words) != 1:
             raise ConfigurationError(
-                f"device {self.device_id}: {len(self.words)} words to write at {self.write_address}, function 6 "
-                "carries one: use function 16, or registers of 16 bits"
+                say(
+                    "function_6_of_many_words",
+                    "device {device}: {words} words to write at {address}, function 6 carries one: use function "
+                    "16, or registers of 16 bits",
+                    device=self.device_id,
+                    words=len(self.words),
+                    address=self.write_address,
+                )
             )
         if self.read_count == 0 and not self.words:
-            raise ConfigurationError(f"device {self.device_id}: a transaction of no words")
+            raise ConfigurationError(
+                say("transaction_empty", "device {device}: a transaction of no words", device=self.device_id)
+            )
 
     @property
     def is_read(self) -> bool:
@@ -70,8 +93,21 @@ class Request:
     def subject(self) -> str:
         """Words for errors: which device, which registers."""
         address, count = (self.read_address, self.read_count) if self.is_read else (self.write_address, len(self.words))
-        verb = "reading" if self.is_read else "writing"
-        return f"device {self.device_id}, {verb} {count} words at {address}"
+        if self.is_read:
+            return say(
+                "reading_words",
+                "device {device}, reading {count} words at {address}",
+                device=self.device_id,
+                count=count,
+                address=address,
+            )
+        return say(
+            "writing_words",
+            "device {device}, writing {count} words at {address}",
+            device=self.device_id,
+            count=count,
+            address=address,
+        )
 
 
 @lru_cache(maxsize=512)  # a test asks for the same registers thousands of times
@@ -84,9 +120,16 @@ def read_request(device_id: int, table: Table, address: int, count: int) -> Requ
 def rtu_answer(request: Request, heard: bytes) -> bytes:
     """Function and data of a serial answer. Raises BadAnswerError unless ``heard`` is that frame and nothing else."""
     if not _is_rtu_frame(heard):
-        raise BadAnswerError(f"{request.subject}: {len(heard)} bytes came whose CRC is wrong: check the line")
+        raise BadAnswerError(
+            say(
+                "crc_wrong",
+                "{asked}: {bytes} bytes came whose CRC is wrong: check the line",
+                asked=request.subject,
+                bytes=len(heard),
+            )
+        )
     if heard[0] != request.device_id:
-        raise BadAnswerError(f"{request.subject}: {_other_device(request, heard[0])}")
+        raise BadAnswerError(_asked(request, _other_device(request, heard[0])))
     return heard[1:-2]
 
 
@@ -121,7 +164,14 @@ def rtu_damage(request: Request, heard: bytes) -> BadAnswerError | None:
     due = request.answer_bytes + _RTU_OVERHEAD
     if len(heard) > due and rtu_answer_in(request, heard[:due]):
         more = len(heard) - due
-        return BadAnswerError(f"{request.subject}: {more} bytes came behind the answer: check for a second master")
+        return BadAnswerError(
+            say(
+                "bytes_behind_answer",
+                "{asked}: {bytes} bytes came behind the answer: check for a second master",
+                asked=request.subject,
+                bytes=more,
+            )
+        )
     if not due <= len(heard) <= due + STRAY_BYTES:
         return None
     head = bytes((request.device_id, request.function)) + bytes((2 * request.read_count,) if request.is_read else ())
@@ -131,8 +181,13 @@ def rtu_damage(request: Request, heard: bytes) -> BadAnswerError | None:
     for frame in frames:
         if sum(one != other for one, other in zip(head, frame, strict=False)) <= 1:
             return GarbledError(
-                f"{request.subject}: {len(heard)} bytes came and no frame whose CRC is right: check baud_rate, parity "
-                "and stop_bits, the line and its ends"
+                say(
+                    "no_frame_with_crc",
+                    "{asked}: {bytes} bytes came and no frame whose CRC is right: check baud_rate, parity and "
+                    "stop_bits, the line and its ends",
+                    asked=request.subject,
+                    bytes=len(heard),
+                )
             )
     return None
 
@@ -155,8 +210,11 @@ def without_echo(sent: bytes, heard: bytes) -> bytes | None:
     if len(heard) < len(sent) + STRAY_BYTES and any(sent.startswith(heard[k:]) for k in range(1, STRAY_BYTES + 1)):
         return None
     raise EchoError(
-        "the line did not return what was sent, and echo = true says that it does: remove echo where the adapter "
-        "suppresses it, otherwise check the line and look for a second master"
+        say(
+            "echo_missing",
+            "the line did not return what was sent, and echo = true says that it does: remove echo where "
+            "the adapter suppresses it, otherwise check the line and look for a second master",
+        )
     )
 
 
@@ -167,10 +225,12 @@ def mbap_answer(request: Request, transaction_id: int, heard: bytes) -> bytes:
         if int.from_bytes(frame[:2], "big") != transaction_id:
             continue
         if frame[6] != request.device_id:
-            raise BadAnswerError(f"{request.subject}: {_other_device(request, frame[6])}")
+            raise BadAnswerError(_asked(request, _other_device(request, frame[6])))
         return frame[_MBAP_BYTES:]
-    came = _other_frame(request, transaction_id, frames[0]) if frames else f"{len(heard)} bytes came and no whole frame"
-    raise BadAnswerError(f"{request.subject}: {came}")
+    if frames:
+        raise BadAnswerError(_asked(request, _other_frame(request, transaction_id, frames[0])))
+    came = say("no_whole_frame", "{bytes} bytes came and no whole frame", bytes=len(heard))
+    raise BadAnswerError(_asked(request, came))
 
 
 def mbap_answer_in(request: Request, transaction_id: int, heard: bytes) -> tuple[bytes, int]:
@@ -198,15 +258,31 @@ def instead_of_answer(request: Request, transaction_id: int | None, pieces: Sequ
                 return _other_device(request, piece[0]) if piece[0] != request.device_id else _strange(piece[1:-2])
         due = request.answer_bytes + _RTU_OVERHEAD
         if 0 < len(whole) < due and whole[0] == request.device_id:
-            return f"{len(whole)} of {due} bytes came: check the line"
-        remedy = "check baud_rate, parity and stop_bits, the line and its ends"
-        return f"{len(whole)} bytes came and no frame whose CRC is right: {remedy}" if whole else ""
+            return say("bytes_came_on_line", "{bytes} of {due} bytes came: check the line", bytes=len(whole), due=due)
+        remedy = say("check_line_settings", "check baud_rate, parity and stop_bits, the line and its ends")
+        if not whole:
+            return ""
+        return say(
+            "bytes_without_crc",
+            "{bytes} bytes came and no frame whose CRC is right: {remedy}",
+            bytes=len(whole),
+            remedy=remedy,
+        )
     for piece in pieces:
         for frame in _mbap_frames(piece):
             return _other_frame(request, transaction_id, frame)
     if len(whole) > _MBAP_BYTES and whole[2:4] != b"\x00\x00":
-        return f"{len(whole)} bytes came that are no Modbus/TCP: check host and port, another service may listen there"
-    return f"{len(whole)} of {_MBAP_BYTES + request.answer_bytes} bytes came: check device and network" if whole else ""
+        return say(
+            "bytes_of_no_modbus",
+            "{bytes} bytes came that are no Modbus/TCP: check host and port, another service may listen there",
+            bytes=len(whole),
+        )
+    if not whole:
+        return ""
+    due = _MBAP_BYTES + request.answer_bytes
+    return say(
+        "bytes_came_on_network", "{bytes} of {due} bytes came: check device and network", bytes=len(whole), due=due
+    )
 
 
 def _is_rtu_frame(heard: bytes) -> bool:
@@ -229,24 +305,38 @@ def _mbap_frames(heard: bytes) -> list[bytes]:
 def _other_frame(request: Request, transaction_id: int, frame: bytes) -> str:
     transaction, device_id = int.from_bytes(frame[:2], "big"), frame[6]
     if transaction != transaction_id:
-        return (
-            f"an answer to transaction {transaction} came, {transaction_id} was asked: the device or gateway gives "
-            "answers to other requests, or a late one: check for a second client, and the firmware"
+        return say(
+            "other_transaction",
+            "an answer to transaction {came} came, {asked} was asked: the device or gateway gives "
+            "answers to other requests, or a late one: check for a second client, and the firmware",
+            came=transaction,
+            asked=transaction_id,
         )
     if device_id != request.device_id:
         return _other_device(request, device_id)
     return _strange(frame[_MBAP_BYTES:])
 
 
+def _asked(request: Request, came: str) -> str:
+    return say("asked_and_came", "{asked}: {came}", asked=request.subject, came=came)
+
+
 def _other_device(request: Request, device_id: int) -> str:
-    return (
-        f"device {device_id} answered, {request.device_id} was asked: correct device_id, or let the device or its "
-        f"gateway answer as {request.device_id}; on a serial line check for a second master"
+    return say(
+        "other_device",
+        "device {came} answered, {asked} was asked: correct device_id, or let the device or its "
+        "gateway answer as {asked}; on a serial line check for a second master",
+        came=device_id,
+        asked=request.device_id,
     )
 
 
 def _strange(answer: bytes) -> str:
-    return f"an answer to function {answer[0]} came that cannot be read: check that the device speaks Modbus"
+    return say(
+        "unreadable_answer",
+        "an answer to function {function} came that cannot be read: check that the device speaks Modbus",
+        function=answer[0],
+    )
 
 
 def checked_words(request: Request, answer: bytes) -> tuple[int, ...]:
@@ -258,18 +348,49 @@ def checked_words(request: Request, answer: bytes) -> tuple[int, ...]:
         raise refusal(request.subject, request.function, answer[1])
     if answer[:1] != bytes((request.function,)) or len(answer) != request.answer_bytes:
         raise BadAnswerError(
-            f"{request.subject}: an answer of {len(answer)} bytes to function {answer[0]} came, "
-            f"{request.answer_bytes} bytes to function {request.function} were due"
+            say(
+                "answer_of_other_length",
+                "{asked}: an answer of {bytes} bytes to function {function_came} came, {due} bytes to "
+                "function {function} were due",
+                asked=request.subject,
+                bytes=len(answer),
+                function_came=answer[0],
+                due=request.answer_bytes,
+                function=request.function,
+            )
         )
     if request.is_read:
         if answer[1] != 2 * request.read_count:
-            raise BadAnswerError(f"{request.subject}: the answer counts {answer[1]} bytes")
+            raise BadAnswerError(
+                say(
+                    "answer_counts_otherwise",
+                    "{asked}: the answer counts {bytes} bytes",
+                    asked=request.subject,
+                    bytes=answer[1],
+                )
+            )
         return bytes_to_words(answer[2:])
     address, count = int.from_bytes(answer[1:3], "big"), int.from_bytes(answer[3:5], "big")
     if request.function == WRITE_ONE:
         if (address, count) != (request.write_address, request.words[0]):
-            raise BadAnswerError(f"{request.subject}: the device confirms the word {count} at {address}")
+            raise BadAnswerError(
+                say(
+                    "confirms_other_word",
+                    "{asked}: the device confirms the word {word} at {address}",
+                    asked=request.subject,
+                    word=count,
+                    address=address,
+                )
+            )
         return ()
     if (address, count) != (request.write_address, len(request.words)):
-        raise BadAnswerError(f"{request.subject}: the device confirms {count} words at {address}")
+        raise BadAnswerError(
+            say(
+                "confirms_other_words",
+                "{asked}: the device confirms {count} words at {address}",
+                asked=request.subject,
+                count=count,
+                address=address,
+            )
+        )
     return ()

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from drivers.eye import Reads
+from drivers.register_map import Canary
 from drivers.registers import Block
 from drivers.wiring import Unit
 from valve.errors import DeviceError
+from valve.messages import say
 
 
 class Proves(Reads, Protocol):
@@ -31,10 +33,32 @@ async def require_identity(tag: str, unit: Unit, bus: Proves | None = None) -> N
         words = (await bus.read(unit.device_id, block)).words
         value = block.decode(words)[check.register]
         if not check.accepts(value):
-            rule = "excludes" if check.differs else "expects"
-            raise DeviceError(
-                f"{tag}: {unit.subject} shows {value:.12g} in {check.register}, map {unit.map.name} "
-                f"{rule} {check.expected:.12g}: another device answers, correct device_id or map"
-            )
+            raise DeviceError(_other(tag, unit, check, value))
         if check is unit.map.canary and not check.differs:
             bus.set_canary(unit.device_id, block, words)
+
+
+def _other(tag: str, unit: Unit, check: Canary, value: float) -> str:
+    if check.differs:
+        return say(
+            "excluded_number_shown",
+            "{tag}: {device} shows {shown:.12g} in {register}, map {map} excludes {number:.12g}: another device "
+            "answers, correct device_id or map",
+            tag=tag,
+            device=unit.subject,
+            shown=value,
+            register=check.register,
+            map=unit.map.name,
+            number=check.expected,
+        )
+    return say(
+        "other_number_shown",
+        "{tag}: {device} shows {shown:.12g} in {register}, map {map} expects {number:.12g}: another device answers, "
+        "correct device_id or map",
+        tag=tag,
+        device=unit.subject,
+        shown=value,
+        register=check.register,
+        map=unit.map.name,
+        number=check.expected,
+    )

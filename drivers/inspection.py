@@ -14,19 +14,20 @@ from drivers.course import Course
 from drivers.crc import words_crc16
 from drivers.device import ValveDevice
 from drivers.identity import require_identity
-from drivers.permissive import Permissive
+from drivers.permissive import Permissive, missing_words
 from drivers.permissives import read_permissives
 from drivers.registers import Block
 from drivers.serial_gauge import SerialGauge
 from drivers.transport import Transport
 from drivers.wiring import Bus, Signal, Unit, Wired, WiredContact, read_blocks, wire
 from valve.errors import EquipmentError, InternalError, WaveformError
+from valve.messages import message_of, say
 from valve.waveform import Waveform
 
 _Value = TypeVar("_Value")
 _Key: TypeAlias = tuple[str, int, str]  # bus, device id, map
 #: Stands for the number that whoever starts a test will name.
-_PERMIT = "named at the start of each test"
+_PERMIT = say("named_at_each_start", "named at the start of each test")
 
 
 class ReadOnlyTransport(Transport):
@@ -34,7 +35,13 @@ class ReadOnlyTransport(Transport):
 
     async def write(self, *_: object, **__: object) -> NoReturn:
         """Refuse."""
-        raise InternalError(f"bus {self.name}: a check wanted to write, which it never may: report it")
+        raise InternalError(
+            say(
+                "check_wanted_to_write",
+                "bus {bus}: a check wanted to write, which it never may: report it",
+                bus=self.name,
+            )
+        )
 
     read_write = write
 
@@ -107,13 +114,13 @@ class Inspector:
         fault = self._unopened.get(unit.bus.name, "")
         try:
             if not fault:
-                await require_identity(f"bus {unit.bus.name}", unit)
+                await require_identity(say("bus_named", "bus {bus}", bus=unit.bus.name), unit)
                 if unit.map.canary is None:  # nothing proves who it is; any register shows that it answers
                     await unit.value(unit.map.registers[0].name)
                 if unit.map.number is not None:
                     number = round(await unit.value(unit.map.number))
         except EquipmentError as error:
-            fault = str(error)
+            fault = message_of(error)
         return DeviceSeen(subject, name, number, fault)
 
 
@@ -149,7 +156,7 @@ class _Look:
         try:
             return await reading()
         except EquipmentError as error:
-            self._faults.append(str(error))
+            self._faults.append(message_of(error))
             return None
 
     async def at_gauge(self, gauge: SerialGauge, closed: str) -> None:
@@ -159,8 +166,8 @@ class _Look:
             if not fault:
                 self._position_m = (await gauge.read()).value_m
         except EquipmentError as error:
-            fault = str(error)
-        self._devices.append(DeviceSeen(f"gauge {gauge.name}", None, fault=fault))
+            fault = message_of(error)
+        self._devices.append(DeviceSeen(say("gauge_named", "gauge {gauge}", gauge=gauge.name), None, fault=fault))
         if fault:
             self._faults.append(fault)
 
@@ -182,8 +189,16 @@ class _Look:
             if status:
                 register = unit.map.register(unit.map.statuses[name])
                 self._faults.append(
-                    f"{unit.subject}: {register.name} shows {status:g} ({register.meaning}): {name} is no measurement: "
-                    "check the transmitter, its wire and the channel's range"
+                    say(
+                        "signal_beyond_range",
+                        "{device}: {signal} shows {status:g} ({meaning}): {quantity} is no measurement: check the "
+                        "transmitter, its wire and the channel's range",
+                        device=unit.subject,
+                        signal=register.name,
+                        status=status,
+                        meaning=register.meaning,
+                        quantity=name,
+                    )
                 )
 
     def _measured(self) -> list[tuple[Unit, str]]:
@@ -199,7 +214,12 @@ class _Look:
         live = unit.map.live
         if live is not None and block.registers[-1].name == live.check and words_crc16(words[:-1]) != words[-1]:
             self._faults.append(
-                f"{unit.subject}: {live.check} does not fit the words before it: check the device's map"
+                say(
+                    "live_check_wrong",
+                    "{device}: {check} does not fit the words before it: check the device's map",
+                    device=unit.subject,
+                    check=live.check,
+                )
             )
 
     def _shown(self, name: str, signal: Signal | None) -> float | None:
@@ -210,8 +230,13 @@ class _Look:
         is_optional = signal is self._wired.pressure and self._wiring.pressure is None
         if not is_optional:  # a device of the reference map may have no pressure sensor
             self._faults.append(
-                f"{signal.unit.subject}: {signal.register.name} shows no valid {name}: check the sensor, its wire and "
-                "its scaling"
+                say(
+                    "signal_not_valid",
+                    "{device}: {signal} shows no valid {quantity}: check the sensor, its wire and its scaling",
+                    device=signal.unit.subject,
+                    signal=signal.register.name,
+                    quantity=name,
+                )
             )
         return None
 
@@ -248,7 +273,9 @@ class _Look:
         if live is None or status is None:
             return None
         if round(status) & live.sensor_fault_mask:
-            self._faults.append(f"{unit.subject} says that its sensor is bad: look at it")
+            self._faults.append(
+                say("sensor_bad", "{device} says that its sensor is bad: look at it", device=unit.subject)
+            )
         return round(status)
 
     def _supply_pa(self, unit: Unit) -> float | None:
@@ -270,14 +297,19 @@ class _Look:
         device = ValveDevice(self._wiring, self._wired)
         permit = _PERMIT if self._wiring.permissives.permit else None
         permissives = (await read_permissives(device, permit)).permissives
-        self._faults += [
-            f"{one.name}: {one.value}, {one.limit} is needed: {one.remedy}" for one in permissives if one.met is False
-        ]
+        self._faults += [missing_words([one]) for one in permissives if one.met is False]
         if self._wiring.acquisition.mode is Mode.CAPTURED and device.buffer is not None:
             period_s = device.buffer.kept_period_s(self._wiring.acquisition.period_s)
             for waveform in waveforms:
                 try:
                     await device.buffer.check(Course(waveform, period_s))
                 except (EquipmentError, WaveformError) as error:
-                    self._faults.append(f"sequence {waveform.name}: {error}")
+                    self._faults.append(
+                        say(
+                            "sequence_refused",
+                            "sequence {sequence}: {why}",
+                            sequence=waveform.name,
+                            why=message_of(error),
+                        )
+                    )
         return permissives

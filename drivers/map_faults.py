@@ -9,6 +9,7 @@ from drivers.capabilities import Capture, Fence, LiveBlock, Watchdog
 from drivers.frames import WRITE_ONE
 from drivers.register_map import RegisterMap
 from valve.errors import ConfigurationError, ParameterError
+from valve.messages import message_of, say
 
 _RUNS: Final = (1, 0xFFFFFFFF)  # what ValveDevice.take_ownership allows
 _WORD: Final = (0, 1, 0xFFFF)  # a heartbeat, a CRC
@@ -39,20 +40,34 @@ def _one_at_a_time(device: RegisterMap) -> Iterator[str]:
     """Values that function 6 would have to write in pieces: a device could be caught between two of them."""
     for register in device.registers:
         if register.writable and register.words > 1:
-            yield (
-                f"{register.name} has {register.words} registers ({register.kind}), and write_function 6 writes one at "
-                "a time: use write_function = 16, or a register of one word (u16, i16)"
+            yield say(
+                "register_of_many_words",
+                "{register} has {words} registers ({kind}), and write_function 6 writes one at a time: use "
+                "write_function = 16, or a register of one word (u16, i16)",
+                register=register.name,
+                words=register.words,
+                kind=register.kind,
             )
     for name, part in (("fence", device.fence), ("watchdog", device.watchdog), ("capture", device.capture)):
         if part is not None:
-            yield f"its {name} is written as a whole, and write_function 6 writes one register at a time: use 16"
+            yield say(
+                "block_written_whole",
+                "its {block} is written as a whole, and write_function 6 writes one register at a time: use 16",
+                block=name,
+            )
 
 
 def _exact(device: RegisterMap, name: str, *numbers: float) -> Iterator[str]:
     register = device.register(name)
     missing = [one for one in numbers if not register.holds(one) or register.nearest(one) != one]
     if missing:
-        yield f"{name} must hold {', '.join(f'{one:.12g}' for one in missing)} exactly and takes {register.span}"
+        yield say(
+            "register_must_hold",
+            "{register} must hold {numbers:, } exactly and takes {span}",
+            register=name,
+            numbers=tuple(f"{one:.12g}" for one in missing),
+            span=register.span.words,
+        )
 
 
 def _together(device: RegisterMap, *names: str) -> Iterator[str]:
@@ -60,7 +75,7 @@ def _together(device: RegisterMap, *names: str) -> Iterator[str]:
     try:
         device.block(*names).encode({name: device.register(name).span.greatest for name in names})
     except (ConfigurationError, ParameterError) as error:
-        yield f"{', '.join(names)} are written together: {error}"
+        yield say("written_together", "{names:, } are written together: {why}", names=names, why=message_of(error))
 
 
 def _fence(device: RegisterMap, fence: Fence) -> Iterator[str]:

@@ -10,6 +10,7 @@ from drivers.addresses import ValveWiring
 from drivers.permissive_rules import Contact
 from drivers.registers import Kind, Register
 from drivers.wiring import Signal, Unit, Wired
+from valve.messages import say
 
 Ends = tuple[float, float]
 
@@ -29,7 +30,26 @@ class Misfit:
 
 def takes(register: Register, unit: Unit) -> str:
     """Return what a register can hold, in words."""
-    return f"{register.name} of {unit.map.name} ({unit.subject}) takes {register.span}"
+    return say(
+        "register_takes",
+        "{register} of {map} ({device}) takes {span}",
+        register=register.name,
+        map=unit.map.name,
+        device=unit.subject,
+        span=register.span.words,
+    )
+
+
+def shows(register: Register, unit: Unit) -> str:
+    """Return what a register can show, in words."""
+    return say(
+        "register_shows",
+        "{register} of {map} ({device}) shows {span}",
+        register=register.name,
+        map=unit.map.name,
+        device=unit.subject,
+        span=register.span.words,
+    )
 
 
 def unobservable(wiring: ValveWiring, wired: Wired) -> Iterator[Misfit]:
@@ -42,7 +62,7 @@ def unobservable(wiring: ValveWiring, wired: Wired) -> Iterator[Misfit]:
                 ("permissives", "device_number"),
                 rules.device_number,
                 takes(register, unit),
-                "correct it: no device could ever show it",
+                say("correct_no_device_shows", "correct it: no device could ever show it"),
             )
     for name, contact in (("manual", wired.manual), ("interlock", wired.interlock)):
         if contact is not None:
@@ -56,25 +76,61 @@ def _contact(key: tuple[str, ...], unit: Unit, contact: Contact) -> Iterator[Mis
     if contact.bit is not None:
         counts = register.kind is not Kind.F32 and (register.scale, register.offset) == (1.0, 0.0)
         if not counts:
-            reason = f"{register.name} of {unit.map.name} is a measurement in {register.unit}, it has no bits"
-            yield Misfit((*key, "bit"), contact.bit, reason, "give above or below, or the register of the contact")
+            reason = say(
+                "measurement_without_bits",
+                "{register} of {map} is a measurement in {unit}, it has no bits",
+                register=register.name,
+                map=unit.map.name,
+                unit=register.unit,
+            )
+            yield Misfit(
+                (*key, "bit"),
+                contact.bit,
+                reason,
+                say("give_above_or_below", "give above or below, or the register of the contact"),
+            )
         elif contact.bit >= 16 * register.words:
-            reason = f"{register.name} of {unit.map.name} has bits 0 to {16 * register.words - 1}"
-            yield Misfit((*key, "bit"), contact.bit, reason, "choose one of them")
+            reason = say(
+                "register_has_bits",
+                "{register} of {map} has bits 0 to {words}",
+                register=register.name,
+                map=unit.map.name,
+                words=16 * register.words - 1,
+            )
+            yield Misfit((*key, "bit"), contact.bit, reason, say("choose_one_of_them", "choose one of them"))
         return
     span = register.span
     greatest = min(span.greatest, _LARGEST_CURRENT_A) if register.unit == "A" else span.greatest
-    shown = f"{register.name} of {unit.map.name} ({unit.subject}) shows {span.least:.6g} to {greatest:.6g} {span.unit}"
+    shown = say(
+        "register_shows_between",
+        "{register} of {map} ({device}) shows {least:.6g} to {most:.6g} {unit}",
+        register=register.name,
+        map=unit.map.name,
+        device=unit.subject,
+        least=span.least,
+        most=greatest,
+        unit=span.unit,
+    )
     if contact.above is not None and not span.least <= contact.above < greatest:
         never = "no" if contact.above < span.least else "yes"
-        yield Misfit((*key, "above"), contact.above, f"{shown}: it would never say {never}", _threshold(register))
+        yield Misfit(
+            (*key, "above"),
+            contact.above,
+            say("would_never_say", "{shown}: it would never say {never}", shown=shown, never=never),
+            _threshold(register),
+        )
     if contact.below is not None and not span.least < contact.below <= greatest:
         never = "no" if contact.below > greatest else "yes"
-        yield Misfit((*key, "below"), contact.below, f"{shown}: it would never say {never}", _threshold(register))
+        yield Misfit(
+            (*key, "below"),
+            contact.below,
+            say("would_never_say", "{shown}: it would never say {never}", shown=shown, never=never),
+            _threshold(register),
+        )
 
 
 def _threshold(register: Register) -> str:
-    return f"give a value inside that, in {register.unit}"
+    return say("give_value_inside", "give a value inside that, in {unit}", unit=register.unit)
 
 
 def _spans(wiring: ValveWiring, wired: Wired) -> Iterator[Misfit]:
@@ -98,8 +154,14 @@ def _spans(wiring: ValveWiring, wired: Wired) -> Iterator[Misfit]:
             yield Misfit(
                 ("pressure", "quantity"),
                 None if quantity is None else list(quantity),
-                f"{register}, next to nothing of limits.pressure_pa, {low_pa:g} to {high_pa:g} Pa",
-                "write quantity in Pa",
+                say(
+                    "next_to_nothing_of_limits",
+                    "{register}, next to nothing of limits.pressure_pa, {low:g in Pa} to {high:g Pa}",
+                    register=register,
+                    low=low_pa,
+                    high=high_pa,
+                ),
+                say("write_quantity_in_pa", "write quantity in Pa"),
             )
     if rules.supply_pa is None:
         return
@@ -110,8 +172,8 @@ def _spans(wiring: ValveWiring, wired: Wired) -> Iterator[Misfit]:
         yield Misfit(
             ("permissives", "supply_pa"),
             list(rules.supply_pa),
-            f"map {unit.map.name} shows no air supply",
-            "say by permissives.supply where it is measured, or remove the limits",
+            say("map_shows_no_supply", "map {map} shows no air supply", map=unit.map.name),
+            say("name_supply_or_remove_limits", "say by permissives.supply where it is measured, or remove the limits"),
         )
 
 
@@ -126,8 +188,14 @@ def _steps(wiring: ValveWiring, position: Signal) -> Iterator[Misfit]:
     )
     for key, distance_m in named:
         if distance_m is not None and distance_m < step_m:
-            reason = f"{position.register.name} of {position.unit.map.name} shows {position.register.span}"
-            yield Misfit(key, distance_m, f"{reason}: one step is more", "give a step or more")
+            reason = say(
+                "one_step_is_more",
+                "{register} of {map} shows {span}: one step is more",
+                register=position.register.name,
+                map=position.unit.map.name,
+                span=position.register.span.words,
+            )
+            yield Misfit(key, distance_m, reason, say("give_a_step_or_more", "give a step or more"))
 
 
 def _kept(key: tuple[str, ...], span: Ends | None, register: Register, unit: Unit) -> Iterator[Misfit]:
@@ -135,5 +203,10 @@ def _kept(key: tuple[str, ...], span: Ends | None, register: Register, unit: Uni
         return
     shown = register.span
     if span[1] < shown.least or span[0] > shown.greatest:
-        reason = f"{register.name} of {unit.map.name} ({unit.subject}) shows {shown}"
-        yield Misfit(key, list(span), reason, "correct the limits, or signal and quantity of that register")
+        reason = shows(register, unit)
+        yield Misfit(
+            key,
+            list(span),
+            reason,
+            say("correct_limits_or_scaling", "correct the limits, or signal and quantity of that register"),
+        )

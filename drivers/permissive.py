@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from valve.errors import PermissiveError
+from valve.messages import joined, say
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,10 +29,21 @@ def require_met(tag: str, permissives: Iterable[Permissive]) -> None:
     """Raise PermissiveError that names every missing one with its remedy."""
     missing = missing_words(permissives)
     if missing:
-        raise PermissiveError(f"{tag}: nothing was moved: {missing}")
+        raise PermissiveError(say("nothing_was_moved", "{tag}: nothing was moved: {why}", tag=tag, why=missing))
 
 
 def missing_words(permissives: Iterable[Permissive]) -> str:
     """Return every missing one with its value, its limit and its remedy; "" where none is missing."""
-    missing = [one for one in permissives if one.met is False]
-    return "; ".join(f"{one.name}: {one.value}, {one.limit} is needed: {one.remedy}" for one in missing)
+    missing = [
+        say(
+            "permissive_missing",
+            "{name}: {value}, {limit} is needed: {remedy}",
+            name=one.name,
+            value=one.value,
+            limit=one.limit,
+            remedy=one.remedy,
+        )
+        for one in permissives
+        if one.met is False
+    ]
+    return joined("; ", missing) if missing else ""

@@ -8,6 +8,7 @@ from typing import Final
 
 from drivers.points import Point
 from valve.errors import ConfigurationError, refuse
+from valve.messages import say
 
 _UNREAD_S: Final = (0.2, 10.0)  # less is one slow answer, and more is no interlock
 
@@ -28,13 +29,27 @@ class Contact:
     below: float | None = None
 
     def __post_init__(self) -> None:
-        faults, subject = [], f"contact {self.register} on bus {self.bus}"
+        faults, subject = (
+            [],
+            say("contact_on_bus", "contact {register} on bus {bus}", register=self.register, bus=self.bus),
+        )
         if not 0 <= self.device_id <= 255:
-            faults.append(f"bus {self.bus}: device_id {self.device_id} is outside 0 to 255, correct it")
+            faults.append(
+                say(
+                    "bus_device_id_outside",
+                    "bus {bus}: device_id {device_id} is outside 0 to 255, correct it",
+                    bus=self.bus,
+                    device_id=self.device_id,
+                )
+            )
         if sum(one is not None for one in (self.bit, self.above, self.below)) != 1:
-            faults.append(f"{subject}: give exactly one of bit, above and below")
+            faults.append(
+                say("contact_needs_one", "{subject}: give exactly one of bit, above and below", subject=subject)
+            )
         if self.bit is not None and not 0 <= self.bit <= 31:
-            faults.append(f"{subject}: bit {self.bit} is outside 0 to 31")
+            faults.append(
+                say("contact_bit_outside", "{subject}: bit {bit} is outside 0 to 31", subject=subject, bit=self.bit)
+            )
         refuse(ConfigurationError, faults)
 
     def says(self, value: float) -> bool | None:
@@ -71,21 +86,36 @@ class PermissiveRules:
 
     def __post_init__(self) -> None:
         faults = [
-            f"permissives.{name} must rise: give the lower value first"
+            say("permissive_limits_do_not_rise", "permissives.{name} must rise: give the lower value first", name=name)
             for name, span in (("supply_pa", self.supply_pa), ("position_m", self.position_m))
             if span is not None and not span[0] < span[1]
         ]
         if self.still_m is not None and not (math.isfinite(self.still_m) and self.still_m > 0.0):
-            faults.append(f"permissives.still_m is {self.still_m:g} m, it must be above 0: correct it")
+            faults.append(
+                say(
+                    "still_not_positive",
+                    "permissives.still_m is {still:g m}, it must be above 0: correct it",
+                    still=self.still_m,
+                )
+            )
         if not _UNREAD_S[0] <= self.unread_s <= _UNREAD_S[1]:
             faults.append(
-                f"permissives.unread_s is {self.unread_s:g} s, it must be {_UNREAD_S[0]:g} to {_UNREAD_S[1]:g} s: "
-                "correct it"
+                say(
+                    "unread_time_outside",
+                    "permissives.unread_s is {unread:g s}, it must be {least:g in s} to {most:g s}: correct it",
+                    unread=self.unread_s,
+                    least=_UNREAD_S[0],
+                    most=_UNREAD_S[1],
+                )
             )
         if self.manual is not None and self.manual_waived:
-            faults.append("permissives: manual and manual_waived exclude each other, remove one")
+            faults.append(
+                say("manual_and_waiver", "permissives: manual and manual_waived exclude each other, remove one")
+            )
         if self.supply is not None and self.supply_pa is None:
-            faults.append("permissives.supply is measured and supply_pa says no limits: give both")
+            faults.append(
+                say("supply_without_limits", "permissives.supply is measured and supply_pa says no limits: give both")
+            )
         refuse(ConfigurationError, faults)
 
     @property

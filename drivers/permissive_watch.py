@@ -16,6 +16,7 @@ from drivers.device import ValveDevice
 from drivers.outcome import Sample
 from drivers.recent import WINDOW_S, Recent
 from valve.errors import DeviceError, EquipmentError
+from valve.messages import message_of, say
 
 _LOST: Final = 2  # looks within the window: a scan may catch a contact while it bounces
 _READS: Final = 4.0  # of a place elsewhere within the time that it may stay unread: one may be lost
@@ -23,9 +24,9 @@ _AGAIN_S: Final = 0.05  # until it is read again where it was not read or does n
 _HANGS: Final = 3.0  # times the time that it may stay unread, without even a failure: then reading itself hangs
 _OWNER_PERIOD_S: Final = 1.0
 _REASONS: Final = {
-    "manual": "the loop is no longer in manual: somebody else commands the valve",
-    "interlock": "an interlock became active",
-    "supply": "the air supply left its limits: check it",
+    "manual": say("loop_left_manual", "the loop is no longer in manual: somebody else commands the valve"),
+    "interlock": say("interlock_became_active", "an interlock became active"),
+    "supply": say("supply_left_limits", "the air supply left its limits: check it"),
 }
 
 
@@ -85,9 +86,17 @@ class PermissiveWatch:
             unread_s, may_s = now_s - held_s, self._device.unread_s(name)
             if unread_s > may_s and (name in self._unread or unread_s > _HANGS * may_s):
                 return DeviceError(
-                    f"{self._device.tag}: permissive lost: {name}: {self._device.place_of(name)} could not be read for "
-                    f"{unread_s:.2g} s, {may_s:.2g} s are allowed ({self._unread.get(name, 'no answer')}): "
-                    "check that bus and its device"
+                    say(
+                        "permissive_unread",
+                        "{tag}: permissive lost: {name}: {place} could not be read for {unread:.2g s}, {may:.2g s} "
+                        "are allowed ({why}): check that bus and its device",
+                        tag=self._device.tag,
+                        name=name,
+                        place=self._device.place_of(name),
+                        unread=unread_s,
+                        may=may_s,
+                        why=self._unread.get(name, say("unanswered", "no answer")),
+                    )
                 )
         return None
 
@@ -118,10 +127,10 @@ class PermissiveWatch:
             try:
                 holds = await self._holds(name)
             except EquipmentError as error:
-                self._unread[name] = str(error)
+                self._unread[name] = message_of(error)
                 continue
             if holds is None:
-                self._unread[name] = "it shows no valid value"
+                self._unread[name] = say("no_valid_value", "it shows no valid value")
             elif holds:
                 self._unread.pop(name, None)
                 self._held_s[name], pause_s = asked_s, self._device.unread_s(name) / _READS
@@ -167,14 +176,29 @@ class PermissiveWatch:
         device = self._device
         if owner == 0:
             return DeviceError(
-                f"{device.tag}: {device.unit.subject} is no longer ours: its watchdog tripped, it restarted or "
-                "another master released it"
+                say(
+                    "device_no_longer_ours",
+                    "{tag}: {device} is no longer ours: its watchdog tripped, it restarted or another master "
+                    "released it",
+                    tag=device.tag,
+                    device=device.unit.subject,
+                )
             )
-        return DeviceError(f"{device.tag}: run {owner} took {device.unit.subject}: another master is on the bus")
+        return DeviceError(
+            say(
+                "device_taken_by_run",
+                "{tag}: run {run} took {device}: another master is on the bus",
+                tag=device.tag,
+                run=owner,
+                device=device.unit.subject,
+            )
+        )
 
     def _bad_supply(self, supply_pa: float) -> bool:
         limits = self._device.wiring.permissives.supply_pa
         return limits is not None and not limits[0] <= supply_pa <= limits[1]  # an unknown supply is a bad one too
 
     def _error(self, lost: str) -> DeviceError:
-        return DeviceError(f"{self._device.tag}: permissive lost: {_REASONS[lost]}")
+        return DeviceError(
+            say("permissive_lost", "{tag}: permissive lost: {reasons}", tag=self._device.tag, reasons=_REASONS[lost])
+        )

@@ -17,9 +17,13 @@ from drivers.device import ValveDevice
 from drivers.outcome import Sample
 from drivers.permissive import Permissive, require_met
 from valve.errors import ConfigurationError, DeviceError, EquipmentError
+from valve.messages import Message, message_of, say
 
+_NOBODY: Final = say("nobody", "nobody")
+_NONE: Final = say("none_there", "none")
+_ACTIVE: Final = say("contact_active", "active")
 #: What to do where a device cannot be read at all.
-UNREACHABLE: Final = "look at the device and its wire"
+UNREACHABLE: Final = say("look_at_device_and_wire", "look at the device and its wire")
 _LOOKS: Final = 4  # a sample may be lost and the stem must still be seen at rest
 _LOOK_PERIOD_S: Final = 0.05
 _STILL_M: Final = 1.0e-3  # where the plant file and the nameplate say nothing
@@ -64,13 +68,23 @@ async def read_permissives(device: ValveDevice, permit: str | None = None, *, ow
         identity = await device.identify()
         samples = await _looks(device)
         judged = (
-            Permissive("device", True, identity, "the device that plant.toml names"),
+            Permissive("device", True, identity, say("device_of_plant_file", "the device that plant.toml names")),
             *await _free(device, owner),
             *await _judged(device, samples, permit),
         )
     except (EquipmentError, ConfigurationError) as error:
-        remedy = UNREACHABLE if isinstance(error, EquipmentError) else "correct plant.toml"
-        return Readiness((Permissive("device", False, str(error), "the device that plant.toml names", remedy),))
+        remedy = UNREACHABLE if isinstance(error, EquipmentError) else say("correct_plant_file", "correct plant.toml")
+        return Readiness(
+            (
+                Permissive(
+                    "device",
+                    False,
+                    message_of(error),
+                    say("device_of_plant_file", "the device that plant.toml names"),
+                    remedy,
+                ),
+            )
+        )
     return Readiness(judged, samples[-1], _unrest_m(samples))
 
 
@@ -82,9 +96,22 @@ async def judge_entry(device: ValveDevice, permit: str | None, *, feed: bool = F
     begun_s = time.monotonic()
     samples = await _looks(device, feed=feed)
     if not math.isfinite(samples[-1].output_pa):
-        raise DeviceError(f"{device.tag}: {device.unit.subject} does not show its output: nothing is moved from there")
+        raise DeviceError(
+            say(
+                "output_not_shown_at_start",
+                "{tag}: {device} does not show its output: nothing is moved from there",
+                tag=device.tag,
+                device=device.unit.subject,
+            )
+        )
     if not math.isfinite(samples[-1].position_m):
-        raise DeviceError(f"{device.tag}: there is no valid position before the test: check the position sensor")
+        raise DeviceError(
+            say(
+                "position_not_valid_at_start",
+                "{tag}: there is no valid position before the test: check the position sensor",
+                tag=device.tag,
+            )
+        )
     judged = await _judged(device, samples, permit)
     return Readiness(judged, samples[-1], _unrest_m(samples), time.monotonic() - begun_s)
 
@@ -119,12 +146,16 @@ async def _looks(device: ValveDevice, *, feed: bool = False) -> list[Sample]:
     return samples
 
 
-def _mm(length_m: float) -> str:
-    return f"{1.0e3 * length_m:.3f} mm"
+def _mm(length_m: float) -> Message:
+    return say("length", "{length:.3f mm}", length=length_m)
 
 
-def _kpa(pressure_pa: float) -> str:
-    return f"{1.0e-3 * pressure_pa:.2f} kPa"
+def _kpa(pressure_pa: float) -> Message:
+    return say("pressure_read", "{pressure:.2f kPa}", pressure=pressure_pa)
+
+
+def _between(low: Message, high: Message) -> Message:
+    return say("between", "{low} to {high}", low=low, high=high)
 
 
 def _unrest_m(samples: Sequence[Sample]) -> float:
@@ -137,14 +168,17 @@ async def _own_number(device: ValveDevice) -> list[Permissive]:
     if wanted is None:
         return []
     number = await device.number()
-    value = "it shows no number" if number is None else f"{number}"
+    value = say("shows_no_number", "it shows no number") if number is None else str(number)
     return [
         Permissive(
             "device_number",
             number == wanted,
             value,
-            f"{wanted}",
-            "another device answers: correct the bus, device_id or permissives.device_number",
+            str(wanted),
+            say(
+                "another_device_answers",
+                "another device answers: correct the bus, device_id or permissives.device_number",
+            ),
         )
     ]
 
@@ -153,31 +187,50 @@ async def _free(device: ValveDevice, allowed: int) -> list[Permissive]:
     owner = await device.owner()
     if owner is None:
         return []
-    value = "nobody" if owner == 0 else f"run {owner}"
-    remedy = "wait for the end of that run or for the device's watchdog, or restart the device where that run is dead"
-    return [Permissive("owner", owner in (0, allowed), value, "nobody", remedy)]
+    value = _NOBODY if owner == 0 else say("owned_by_run", "run {run}", run=owner)
+    remedy = say(
+        "wait_for_run",
+        "wait for the end of that run or for the device's watchdog, or restart the device where that run is dead",
+    )
+    return [Permissive("owner", owner in (0, allowed), value, _NOBODY, remedy)]
 
 
 async def _manual(device: ValveDevice, sample: Sample, permit: str | None) -> Permissive:
     rules = device.wiring.permissives
     shown = await device.loop_in_manual(sample)
-    wanted = "the loop in manual"
+    wanted = say("loop_in_manual", "the loop in manual")
     if shown:
-        return Permissive("loop_in_manual", True, "in manual", wanted)
+        return Permissive("loop_in_manual", True, say("in_manual", "in manual"), wanted)
     if rules.permit and permit:
-        return Permissive("loop_in_manual", True, f"permit {permit}", wanted + " or a permit")
+        return Permissive(
+            "loop_in_manual",
+            True,
+            say("permit_named", "permit {permit}", permit=permit),
+            say("loop_in_manual_or_permit", "the loop in manual or a permit"),
+        )
     if rules.manual_waived:
-        return Permissive("loop_in_manual", True, f"waived: {rules.manual_waived}", wanted)
+        return Permissive("loop_in_manual", True, say("waived", "waived: {why}", why=rules.manual_waived), wanted)
     if shown is None and rules.manual is None:
         return Permissive(
             "loop_in_manual",
             False,
-            "nothing shows it",
+            say("nothing_shows_it", "nothing shows it"),
             wanted,
-            "name permissives.manual, demand a permit (permissives.permit = true) or say permissives.manual_waived",
+            say(
+                "name_manual_or_permit",
+                "name permissives.manual, demand a permit (permissives.permit = true) or say permissives.manual_waived",
+            ),
         )
-    value = "its contact is not valid" if shown is None else "not in manual"
-    return Permissive("loop_in_manual", False, value, wanted, "put the valve's loop in manual, then start again")
+    value = (
+        say("contact_not_valid", "its contact is not valid") if shown is None else say("not_in_manual", "not in manual")
+    )
+    return Permissive(
+        "loop_in_manual",
+        False,
+        value,
+        wanted,
+        say("put_loop_in_manual", "put the valve's loop in manual, then start again"),
+    )
 
 
 def _permit(device: ValveDevice, permit: str | None) -> list[Permissive]:
@@ -185,7 +238,11 @@ def _permit(device: ValveDevice, permit: str | None) -> list[Permissive]:
         return []
     return [
         Permissive(
-            "permit", bool(permit), permit or "none", "a permit number", "start the test with the work permit's number"
+            "permit",
+            bool(permit),
+            permit or _NONE,
+            say("permit_number", "a permit number"),
+            say("start_with_permit", "start the test with the work permit's number"),
         )
     ]
 
@@ -193,9 +250,17 @@ def _permit(device: ValveDevice, permit: str | None) -> list[Permissive]:
 async def _interlock(device: ValveDevice, sample: Sample) -> Permissive:
     active = await device.interlocked(sample)
     if active is None and device.wiring.permissives.interlock is None:
-        return Permissive("no_interlock", None, "nothing shows it", "no interlock")
-    value = "its contact is not valid" if active is None else "active" if active else "none"
-    return Permissive("no_interlock", active is False, value, "no interlock", "clear the interlock in the control room")
+        return Permissive(
+            "no_interlock", None, say("nothing_shows_it", "nothing shows it"), say("no_interlock", "no interlock")
+        )
+    value = say("contact_not_valid", "its contact is not valid") if active is None else _ACTIVE if active else _NONE
+    return Permissive(
+        "no_interlock",
+        active is False,
+        value,
+        say("no_interlock", "no interlock"),
+        say("clear_interlock", "clear the interlock in the control room"),
+    )
 
 
 def _position(device: ValveDevice, samples: Sequence[Sample]) -> list[Permissive]:
@@ -203,16 +268,22 @@ def _position(device: ValveDevice, samples: Sequence[Sample]) -> list[Permissive
     span = rules.position_m or limits.position_m
     position_m, unrest_m = samples[-1].position_m, _unrest_m(samples)
     still_m = _STILL_M if rules.still_m is None else rules.still_m
-    limit = "a valid position" if span is None else f"{_mm(span[0])} to {_mm(span[1])}"
+    limit = say("valid_position", "a valid position") if span is None else _between(_mm(span[0]), _mm(span[1]))
     plausible = math.isfinite(position_m) and (span is None or span[0] <= position_m <= span[1])
     return [
-        Permissive("position", plausible, _mm(position_m), limit, "check the position sensor and its scaling"),
+        Permissive(
+            "position",
+            plausible,
+            _mm(position_m),
+            limit,
+            say("check_position_sensor_scaling", "check the position sensor and its scaling"),
+        ),
         Permissive(
             "stem_at_rest",
             unrest_m <= still_m * (1.0 + 1.0e-9),  # one step of a coarse sensor may be all that is allowed
-            f"{_mm(unrest_m)} between looks",
-            f"at most {_mm(still_m)}",
-            "wait until the stem rests, and check who moves it",
+            say("between_looks", "{moved} between looks", moved=_mm(unrest_m)),
+            say("at_most", "at most {most}", most=_mm(still_m)),
+            say("wait_until_stem_rests", "wait until the stem rests, and check who moves it"),
         ),
     ]
 
@@ -222,8 +293,8 @@ def _output(device: ValveDevice, sample: Sample) -> Permissive:
     slack_pa = 0.05 * (high_pa - low_pa)
     # A read-back may show what cannot be commanded: then no ramp could begin there, and no "entry" be gone back to.
     fits = low_pa - slack_pa <= sample.output_pa <= high_pa + slack_pa and device.takes(sample.output_pa)
-    limit = f"{_kpa(low_pa)} to {_kpa(high_pa)}"
-    remedy = "bring the output inside limits.pressure_pa, or correct the limits"
+    limit = _between(_kpa(low_pa), _kpa(high_pa))
+    remedy = say("bring_output_inside", "bring the output inside limits.pressure_pa, or correct the limits")
     return Permissive("output", fits, _kpa(sample.output_pa), limit, remedy)
 
 
@@ -231,20 +302,35 @@ async def _supply(device: ValveDevice, sample: Sample) -> list[Permissive]:
     rules, live = device.wiring.permissives, device.unit.map.live
     supply_pa = await device.supply_pa(sample)
     low = live is not None and bool(sample.status & live.supply_low_mask)
-    remedy = "check the air supply and its regulator"
+    remedy = say("check_air_supply", "check the air supply and its regulator")
     if rules.supply_pa is None:
         if live is None or not live.supply_low_mask:
             return []
-        value = "low" if low else "not low"
-        return [Permissive(Role.SUPPLY.value, not low, value, "the device does not call it low", remedy)]
+        value = "low" if low else say("supply_not_low", "not low")
+        return [
+            Permissive(
+                Role.SUPPLY.value,
+                not low,
+                value,
+                say("supply_should_not_be_low", "the device does not call it low"),
+                remedy,
+            )
+        ]
     low_pa, high_pa = rules.supply_pa
     fits = low_pa <= supply_pa <= high_pa and not low
-    return [Permissive(Role.SUPPLY.value, fits, _kpa(supply_pa), f"{_kpa(low_pa)} to {_kpa(high_pa)}", remedy)]
+    return [Permissive(Role.SUPPLY.value, fits, _kpa(supply_pa), _between(_kpa(low_pa), _kpa(high_pa)), remedy)]
 
 
 def _watchdog(device: ValveDevice) -> Permissive:
     choice = device.wiring.watchdog
     if choice.timeout_s is None:
-        return Permissive("watchdog", True, f"waived: {choice.waived}", "a watchdog in the device, or a waiver")
-    value = f"{choice.timeout_s:g} s, armed and read back before the first move"
-    return Permissive("watchdog", True, value, "a watchdog in the device, or a waiver")
+        return Permissive(
+            "watchdog",
+            True,
+            say("waived", "waived: {why}", why=choice.waived),
+            say("watchdog_or_waiver", "a watchdog in the device, or a waiver"),
+        )
+    value = say(
+        "watchdog_will_be_armed", "{time:g s}, armed and read back before the first move", time=choice.timeout_s
+    )
+    return Permissive("watchdog", True, value, say("watchdog_or_waiver", "a watchdog in the device, or a waiver"))

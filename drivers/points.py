@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from valve.errors import ConfigurationError, refuse
+from valve.messages import say
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,12 +28,40 @@ class Point:
     def __post_init__(self) -> None:
         faults = []
         if self.device_id is not None and not 0 <= self.device_id <= 255:  # which of them a bus has, its kind says
-            faults.append(f"bus {self.bus}: device_id {self.device_id} is outside 0 to 255, correct it")
+            faults.append(
+                say(
+                    "bus_device_id_outside",
+                    "bus {bus}: device_id {device_id} is outside 0 to 255, correct it",
+                    bus=self.bus,
+                    device_id=self.device_id,
+                )
+            )
         if (self.device_id is None) != (self.map is None):
-            faults.append(f"bus {self.bus}: device_id and map belong together, give both or (gauge) none")
+            faults.append(
+                say(
+                    "device_id_and_map",
+                    "bus {bus}: device_id and map belong together, give both or (gauge) none",
+                    bus=self.bus,
+                )
+            )
         if (self.signal is None) != (self.quantity is None):
-            faults.append(f"bus {self.bus}: signal and quantity belong together, give both or none")
+            faults.append(
+                say(
+                    "signal_and_quantity",
+                    "bus {bus}: signal and quantity belong together, give both or none",
+                    bus=self.bus,
+                )
+            )
         for name, ends in (("signal", self.signal), ("quantity", self.quantity)):
             if ends is not None and ends[0] == ends[1]:
-                faults.append(f"bus {self.bus}: {name} is {ends[0]:g} to {ends[1]:g}, its ends must differ: correct it")
+                faults.append(
+                    say(
+                        "ends_equal",
+                        "bus {bus}: {name} is {low:g} to {high:g}, its ends must differ: correct it",
+                        bus=self.bus,
+                        name=name,
+                        low=ends[0],
+                        high=ends[1],
+                    )
+                )
         refuse(ConfigurationError, faults)

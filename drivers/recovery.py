@@ -12,13 +12,18 @@ from drivers.outcome import Recovered, SafeOutcome
 from drivers.permissive import missing_words
 from drivers.permissives import judge_entry, read_permissives
 from valve.errors import EquipmentError
+from valve.messages import message_of, say
 
 _STEADY_S: Final = 0.5  # a waveform that a device plays by itself may pass its safe value
 _FRESH_READS: Final = 3
 _NOT_SENT: Final = {
-    False: "the test commanded nothing",
-    None: "its journal is damaged, or of an earlier version, and does not show whether the test commanded the valve: "
-    "look at the valve, and bring it to its safe value by hand where it is not there",
+    False: say("nothing_commanded", "the test commanded nothing"),
+    None: say(
+        "commanded_unknown",
+        "its journal is damaged, or of an earlier version, and does not show whether the test "
+        "commanded the valve: look at the valve, and bring it to its safe value by hand where it is "
+        "not there",
+    ),
 }
 
 
@@ -53,12 +58,14 @@ async def recover_valve(device: ValveDevice, run_number: int, *, commanded: bool
         try:
             await device.release()
         except EquipmentError as error:
-            found = replace(found, reason=f"the device was not released: {error}")
+            found = replace(
+                found, reason=say("not_released", "the device was not released: {why}", why=message_of(error))
+            )
     return Recovered(found, sent=True)
 
 
 def _withheld(shown: SafeOutcome, missing: str) -> str:
-    return f"{shown.reason}; it was not sent there, as {missing}"
+    return say("not_sent_to_safe", "{found}; it was not sent there, as {why}", found=shown.reason, why=missing)
 
 
 async def _missing_now(device: ValveDevice) -> str:
@@ -68,7 +75,9 @@ async def _missing_now(device: ValveDevice) -> str:
         missing = missing_words(readiness.permissives)
         if missing or readiness.is_fresh:
             return missing
-    return "the permissives could not be read freshly: this machine or the bus is too busy"
+    return say(
+        "permissives_not_fresh", "the permissives could not be read freshly: this machine or the bus is too busy"
+    )
 
 
 async def _steadily_safe(device: ValveDevice) -> SafeOutcome:

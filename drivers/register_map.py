@@ -9,6 +9,7 @@ from typing import Literal
 from drivers.capabilities import Capture, Fence, LiveBlock, Role, Watchdog
 from drivers.registers import MAX_READ_WORDS, Block, Register, Table
 from valve.errors import ConfigurationError
+from valve.messages import say
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,14 +68,28 @@ class RegisterMap:
         names: set[str] = set()
         for register in self.registers:
             if register.name in names:
-                raise ConfigurationError(f"register map {self.name}: {register.name} stands in it twice, rename one")
+                raise ConfigurationError(
+                    say(
+                        "register_twice",
+                        "register map {map}: {register} stands in it twice, rename one",
+                        map=self.name,
+                        register=register.name,
+                    )
+                )
             names.add(register.name)
             for address in range(register.address, register.address + register.words):
                 other = taken.setdefault((register.table, address), register.name)
                 if other != register.name:
                     raise ConfigurationError(
-                        f"register map {self.name}: {other} and {register.name} overlap at {register.table} "
-                        f"address {address}, move one"
+                        say(
+                            "registers_overlap",
+                            "register map {map}: {other} and {register} overlap at {table} address {address}, move one",
+                            map=self.name,
+                            other=other,
+                            register=register.name,
+                            table=register.table,
+                            address=address,
+                        )
                     )
         mentioned = [check.register for check in (self.canary, self.version) if check is not None]
         mentioned += [] if self.number is None else [self.number]
@@ -88,8 +103,16 @@ class RegisterMap:
         for register in self.registers:
             if register.name == name:
                 return register
-        known = ", ".join(register.name for register in self.registers)
-        raise ConfigurationError(f"register map {self.name}: no register {name!r}; there are {known}")
+        known = tuple(register.name for register in self.registers)
+        raise ConfigurationError(
+            say(
+                "register_unknown",
+                "register map {map}: no register {register}; there are {known:, }",
+                map=self.name,
+                register=repr(name),
+                known=known,
+            )
+        )
 
     @property
     def own_pressure(self) -> Register | None:
@@ -106,11 +129,25 @@ class RegisterMap:
         chosen = tuple(self.register(name) for name in names)
         tables = {register.table for register in chosen}
         if len(tables) != 1:
-            raise ConfigurationError(f"register map {self.name}: {', '.join(names)} stand in different tables")
+            raise ConfigurationError(
+                say(
+                    "registers_of_tables",
+                    "register map {map}: {registers:, } stand in different tables",
+                    map=self.name,
+                    registers=tuple(names),
+                )
+            )
         start = min(register.address for register in chosen)
         words = max(register.address + register.words for register in chosen) - start
         if words > MAX_READ_WORDS:
             raise ConfigurationError(
-                f"register map {self.name}: {', '.join(names)} span {words} words, one read carries {MAX_READ_WORDS}"
+                say(
+                    "registers_too_far_apart",
+                    "register map {map}: {registers:, } span {words} words, one read carries {most}",
+                    map=self.name,
+                    registers=tuple(names),
+                    words=words,
+                    most=MAX_READ_WORDS,
+                )
             )
         return Block(chosen, start, words, tables.pop())

@@ -10,6 +10,7 @@ from enum import StrEnum
 from typing import Final
 
 from valve.errors import ConfigurationError, DeviceError, ParameterError
+from valve.messages import Message, say
 
 MAX_READ_WORDS: Final = 125  # Modbus Application Protocol 1.1b3, 6.3
 MAX_WRITE_WORDS: Final = 123  # the same, 6.12
@@ -91,10 +92,19 @@ class Span:
     step: float
     unit: str
 
-    def __str__(self) -> str:
+    @property
+    def words(self) -> Message:
         """Return it in words."""
-        steps = f" in steps of {self.step:.4g}" if self.step > 0.0 else ""
-        return f"{self.least:.12g} to {self.greatest:.12g} {self.unit}{steps}"
+        if self.step > 0.0:
+            return say(
+                "span_in_steps",
+                "{least:.12g} to {most:.12g} {unit} in steps of {step:.4g}",
+                least=self.least,
+                most=self.greatest,
+                unit=self.unit,
+                step=self.step,
+            )
+        return say("span", "{least:.12g} to {most:.12g} {unit}", least=self.least, most=self.greatest, unit=self.unit)
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,11 +130,31 @@ class Register:
 
     def __post_init__(self) -> None:
         if not 0 <= self.address <= 0x10000 - self.words:
-            raise ConfigurationError(f"register {self.name}: address {self.address} is outside 0 to 65535")
+            raise ConfigurationError(
+                say(
+                    "register_address_outside",
+                    "register {register}: address {address} is outside 0 to 65535",
+                    register=self.name,
+                    address=self.address,
+                )
+            )
         if self.scale == 0.0 or not (math.isfinite(self.scale) and math.isfinite(self.offset)):
-            raise ConfigurationError(f"register {self.name}: scale {self.scale:g}, it must be finite and not 0")
+            raise ConfigurationError(
+                say(
+                    "register_scale_bad",
+                    "register {register}: scale {scale:g}, it must be finite and not 0",
+                    register=self.name,
+                    scale=self.scale,
+                )
+            )
         if self.writable and self.table is Table.INPUT:
-            raise ConfigurationError(f"register {self.name}: input registers cannot be written, use a holding register")
+            raise ConfigurationError(
+                say(
+                    "register_not_writable",
+                    "register {register}: input registers cannot be written, use a holding register",
+                    register=self.name,
+                )
+            )
 
     @property
     def words(self) -> int:
@@ -134,7 +164,15 @@ class Register:
     def decode(self, words: Sequence[int]) -> float:
         """Value in ``unit`` from its words; NaN where the raw value is no measurement."""
         if len(words) != self.words:
-            raise DeviceError(f"register {self.name}: {len(words)} words came, {self.words} were asked for: try again")
+            raise DeviceError(
+                say(
+                    "register_words_missing",
+                    "register {register}: {came} words came, {asked} were asked for: try again",
+                    register=self.name,
+                    came=len(words),
+                    asked=self.words,
+                )
+            )
         return self.decode_bytes(words_to_bytes(words))
 
     def decode_bytes(self, data: bytes) -> float:
@@ -153,13 +191,36 @@ class Register:
         """
         raw = (value - self.offset) / self.scale
         if not math.isfinite(raw):
-            raise ParameterError(f"register {self.name}: {value} is not a finite number, give one in {self.unit}")
+            raise ParameterError(
+                say(
+                    "register_value_not_finite",
+                    "register {register}: {value} is not a finite number, give one in {unit}",
+                    register=self.name,
+                    value=value,
+                    unit=self.unit,
+                )
+            )
         low, high = self._raw_ends
         number = raw if self.kind is Kind.F32 else round(raw)
         if not low <= number <= high:
             span = self.span
-            ends = f"{span.least:g} to {span.greatest:g} {self.unit}"
-            raise ParameterError(f"register {self.name}: {value:g} {self.unit} is outside {ends}")
+            ends = say(
+                "span_in_unit",
+                "{least:g} to {greatest:g} {unit}",
+                least=span.least,
+                greatest=span.greatest,
+                unit=self.unit,
+            )
+            raise ParameterError(
+                say(
+                    "register_value_outside",
+                    "register {register}: {value:g} {unit} is outside {ends}",
+                    register=self.name,
+                    value=value,
+                    unit=self.unit,
+                    ends=ends,
+                )
+            )
         return bytes_to_words(_ordered(_STRUCT[self.kind].pack(number), self.word_order))
 
     def nearest(self, value: float) -> float:
@@ -205,7 +266,13 @@ class Register:
         A 4-20 mA input that carries 0 to 0.1 m: ``spanning((0.004, 0.020), (0.0, 0.1), "m")``.
         """
         if signal[0] == signal[1] or quantity[0] == quantity[1]:
-            raise ConfigurationError(f"register {self.name}: a range whose ends are equal carries no signal")
+            raise ConfigurationError(
+                say(
+                    "register_range_empty",
+                    "register {register}: a range whose ends are equal carries no signal",
+                    register=self.name,
+                )
+            )
         gain = (quantity[1] - quantity[0]) / (signal[1] - signal[0])
         return replace(
             self,
@@ -227,7 +294,15 @@ class Block:
     def decode(self, words: Sequence[int]) -> dict[str, float]:
         """Values by register name."""
         if len(words) != self.words:
-            raise DeviceError(f"block at {self.address}: {len(words)} words came, {self.words} were asked for")
+            raise DeviceError(
+                say(
+                    "block_words_missing",
+                    "block at {address}: {came} words came, {asked} were asked for",
+                    address=self.address,
+                    came=len(words),
+                    asked=self.words,
+                )
+            )
         data = words_to_bytes(words)
         values = {}
         for register in self.registers:
@@ -242,5 +317,11 @@ class Block:
             start = register.address - self.address
             words[start : start + register.words] = list(register.encode(values[register.name]))
         if any(word is None for word in words):
-            raise ConfigurationError(f"block at {self.address}: a register between them is missing, write it too")
+            raise ConfigurationError(
+                say(
+                    "block_gap",
+                    "block at {address}: a register between them is missing, write it too",
+                    address=self.address,
+                )
+            )
         return [word for word in words if word is not None]

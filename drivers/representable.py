@@ -12,9 +12,10 @@ from drivers.addresses import Mode, ValveWiring
 from drivers.capture_buffer import CORNER_PRESSURE, CORNER_TIME
 from drivers.course import Course
 from drivers.map_faults import map_faults
-from drivers.observable import Misfit, takes, unobservable
+from drivers.observable import Misfit, shows, takes, unobservable
 from drivers.registers import Register
 from drivers.wiring import Unit, Wired
+from valve.messages import say
 from valve.waveform import Waveform
 
 _FEWEST_STEPS: Final = 20  # of the output between the limits: reading back allows two, a tenth of all there is
@@ -25,7 +26,9 @@ def misfits(wiring: ValveWiring, wired: Wired) -> tuple[Misfit, ...]:
     """Return everything that a test of this valve would write, or compare, and that its devices cannot hold."""
     unit = wired.command.unit
     found = [
-        Misfit(("command", "map"), unit.map.name, fault, "correct the map, or choose another")
+        Misfit(
+            ("command", "map"), unit.map.name, fault, say("correct_map_or_choose", "correct the map, or choose another")
+        )
         for fault in map_faults(unit.map)
     ]
     found += _pressures(wiring, wired)
@@ -48,7 +51,13 @@ def waveform_misfit(wiring: ValveWiring, wired: Wired, waveform: Waveform) -> st
     for count, name in ((course.waveform.time_s.size, capture.corner_count), (course.samples, capture.wanted)):
         register = unit.map.register(name)
         if not register.holds(float(count)):
-            return f"it has {count:g} for {name}, {takes(register, unit)}"
+            return say(
+                "count_and_takes",
+                "it has {count:g} for {what}, {takes}",
+                count=count,
+                what=name,
+                takes=takes(register, unit),
+            )
     return ""
 
 
@@ -58,16 +67,21 @@ def waveform_misfit(wiring: ValveWiring, wired: Wired, waveform: Waveform) -> st
 def _pressures(wiring: ValveWiring, wired: Wired) -> Iterator[Misfit]:
     limits, safe_pa = wiring.limits, wiring.safe_value_pa
     command = wired.command.register
-    scaling = "correct signal and quantity of the command"
+    scaling = say("correct_scaling_of_command", "correct signal and quantity of the command")
     reason = next(filter(None, (_output_fault(value_pa, wiring, wired) for value_pa in limits.pressure_pa)), "")
     if reason:
         yield Misfit(
-            ("limits", "pressure_pa"), list(limits.pressure_pa), reason, f"keep the limits inside that, or {scaling}"
+            ("limits", "pressure_pa"),
+            list(limits.pressure_pa),
+            reason,
+            say("keep_limits_inside", "keep the limits inside that, or {scaling}", scaling=scaling),
         )
     if safe_pa != "entry":
         reason = _output_fault(safe_pa, wiring, wired)
         if reason:
-            remedy = f'choose a safe value inside that or "entry", or {scaling}'
+            remedy = say(
+                "choose_safe_value_inside", 'choose a safe value inside that or "entry", or {scaling}', scaling=scaling
+            )
             yield Misfit(("safe_value_pa",), safe_pa, reason, remedy)
     span_pa = limits.pressure_pa[1] - limits.pressure_pa[0]
     step_pa = max(command.resolution, wired.readback.register.resolution)
@@ -75,9 +89,14 @@ def _pressures(wiring: ValveWiring, wired: Wired) -> Iterator[Misfit]:
         yield Misfit(
             ("limits", "pressure_pa"),
             list(limits.pressure_pa),
-            f"the output has {span_pa / step_pa:.3g} steps of {step_pa:.4g} Pa between them, reading it back needs "
-            f"{_FEWEST_STEPS}",
-            f"widen the limits, or {scaling}",
+            say(
+                "output_too_coarse",
+                "the output has {steps:.3g} steps of {step:.4g Pa} between them, reading it back needs {fewest}",
+                steps=span_pa / step_pa,
+                step=step_pa,
+                fewest=_FEWEST_STEPS,
+            ),
+            say("widen_limits", "widen the limits, or {scaling}", scaling=scaling),
         )
 
 
@@ -85,15 +104,18 @@ def _output_fault(value_pa: float, wiring: ValveWiring, wired: Wired) -> str:
     """Return why the output cannot be sent to a pressure and seen there."""
     for signal in (wired.command, wired.readback):
         if not signal.register.holds(value_pa):
-            verb = "takes" if signal is wired.command else "shows"
-            place = f"{signal.register.name} of {signal.unit.map.name} ({signal.unit.subject})"
-            return f"{place} {verb} {signal.register.span}"
+            return (takes if signal is wired.command else shows)(signal.register, signal.unit)
     shown_pa = wired.readback.register.nearest(wired.command.register.nearest(value_pa))
     tolerance_pa = wired.tolerance_pa(wiring.limits)
     if abs(shown_pa - value_pa) > tolerance_pa:
-        return (
-            f"{wired.readback.register.name} of {wired.readback.unit.map.name} would show {shown_pa:.9g} Pa, which is "
-            f"further off than the {tolerance_pa:.3g} Pa that are believed"
+        return say(
+            "readback_too_coarse",
+            "{register} of {map} would show {shown:.9g Pa}, which is further off than the "
+            "{tolerance:.3g Pa} that are believed",
+            register=wired.readback.register.name,
+            map=wired.readback.unit.map.name,
+            shown=shown_pa,
+            tolerance=tolerance_pa,
         )
     return ""
 
@@ -108,22 +130,37 @@ def _place_of_command(wired: Wired) -> Iterator[Misfit]:
             yield Misfit(
                 ("command", "register"),
                 register.name,
-                f"map {unit.map.name} takes a command only directly behind {number.name}, in {_behind(unit, number)}",
-                "leave register out",
+                say(
+                    "command_not_behind_number",
+                    "map {map} takes a command only directly behind {register}, in {wanted}",
+                    map=unit.map.name,
+                    register=number.name,
+                    wanted=_behind(unit, number),
+                ),
+                say("leave_register_out", "leave register out"),
             )
     if (own.scale, own.offset) != (register.scale, register.offset) and (unit.map.watchdog or unit.map.capture):
         yield Misfit(
             ("command", "quantity"),
             None,
-            f"map {unit.map.name} has {own.name} in {own.unit} as its watchdog's safe value and its capture, which "
-            "would not be scaled with it",
-            "leave signal and quantity out, and let the device count Pa",
+            say(
+                "own_command_not_scaled",
+                "map {map} has {register} in {unit} as its watchdog's safe value and its capture, which "
+                "would not be scaled with it",
+                map=unit.map.name,
+                register=own.name,
+                unit=own.unit,
+            ),
+            say("leave_signal_out", "leave signal and quantity out, and let the device count Pa"),
         )
 
 
 def _behind(unit: Unit, number: Register) -> str:
     wanted = (number.table, number.address + number.words)
-    return next((one.name for one in unit.map.registers if (one.table, one.address) == wanted), "no register")
+    return next(
+        (one.name for one in unit.map.registers if (one.table, one.address) == wanted),
+        say("no_register", "no register"),
+    )
 
 
 # ---- watchdog and capture
@@ -135,15 +172,17 @@ def _watchdog(wiring: ValveWiring, wired: Wired) -> Iterator[Misfit]:
         return
     key, watchdog = ("watchdog", "timeout_s"), unit.map.watchdog
     if watchdog is None:
-        reason = f"map {unit.map.name} has no watchdog"
-        yield Misfit(key, timeout_s, reason, 'say watchdog.waived = "why" to go without')
+        reason = say("no_watchdog_in_map", "map {map} has no watchdog", map=unit.map.name)
+        yield Misfit(key, timeout_s, reason, say("say_waived", 'say watchdog.waived = "why" to go without'))
         return
     register = unit.map.register(watchdog.timeout)
     if not register.holds(timeout_s):
-        yield Misfit(key, timeout_s, takes(register, unit), "choose a time inside that")
+        yield Misfit(key, timeout_s, takes(register, unit), say("choose_time_inside", "choose a time inside that"))
     elif register.nearest(timeout_s) <= 0.0:
-        reason = f"{takes(register, unit)}, and 0 is off"
-        yield Misfit(key, timeout_s, reason, f"choose {register.resolution:g} s or more")
+        reason = say("takes_and_zero_is_off", "{takes}, and 0 is off", takes=takes(register, unit))
+        yield Misfit(
+            key, timeout_s, reason, say("choose_or_more", "choose {least:g s} or more", least=register.resolution)
+        )
     else:
         yield from _feeding(wiring, timeout_s)
     yield from _driven_by_device(wiring, wired, unit.map.register(watchdog.safe_value))
@@ -154,12 +193,21 @@ def _feeding(wiring: ValveWiring, timeout_s: float) -> Iterator[Misfit]:
     is_polled = sampling.mode is Mode.POLLED
     apart_s = sampling.period_s if is_polled else _WATCH_PERIOD_S
     if timeout_s <= apart_s:
-        named = "acquisition.period_s" if is_polled else "the look at a device that captures"
+        named = (
+            "acquisition.period_s"
+            if is_polled
+            else say("look_of_capturing_device", "the look at a device that captures")
+        )
         yield Misfit(
             ("watchdog", "timeout_s"),
             timeout_s,
-            f"it is fed every {apart_s:g} s ({named}) and would trip in between",
-            "choose a longer time; a lost answer or two must fit into it",
+            say(
+                "watchdog_would_trip",
+                "it is fed every {time:g s} ({what}) and would trip in between",
+                time=apart_s,
+                what=named,
+            ),
+            say("choose_longer_time", "choose a longer time; a lost answer or two must fit into it"),
         )
 
 
@@ -171,30 +219,53 @@ def _driven_by_device(wiring: ValveWiring, wired: Wired, register: Register) -> 
     for value_pa in pressures:
         if not register.holds(value_pa) or abs(register.nearest(value_pa) - value_pa) > tolerance_pa:
             key = ("safe_value_pa",) if value_pa == safe_pa else ("limits", "pressure_pa")
-            yield Misfit(key, value_pa, takes(register, unit), "choose a pressure inside that")
+            yield Misfit(
+                key, value_pa, takes(register, unit), say("choose_pressure_inside", "choose a pressure inside that")
+            )
 
 
 def _capture(wiring: ValveWiring, wired: Wired) -> Iterator[Misfit]:
     unit, period_s = wired.command.unit, wiring.acquisition.period_s
     capture = unit.map.capture
     if capture is None:
-        reason = f"map {unit.map.name} has no capture buffer"
-        yield Misfit(("acquisition", "mode"), str(Mode.CAPTURED), reason, f'say mode = "{Mode.POLLED}"')
+        reason = say("no_capture_in_map", "map {map} has no capture buffer", map=unit.map.name)
+        yield Misfit(
+            ("acquisition", "mode"),
+            str(Mode.CAPTURED),
+            reason,
+            say("say_mode", 'say mode = "{polled}"', polled=Mode.POLLED),
+        )
         return
     period, key = unit.map.register(capture.period), ("acquisition", "period_s")
     if not period.holds(period_s) or period.nearest(period_s) <= 0.0:
-        yield Misfit(key, period_s, takes(period, unit), "choose a period of at least one step, inside that")
+        yield Misfit(
+            key,
+            period_s,
+            takes(period, unit),
+            say("choose_period_inside", "choose a period of at least one step, inside that"),
+        )
     else:
         wanted = unit.map.register(capture.wanted)
         samples = wiring.limits.longest_test_s / period.nearest(period_s) + 1.0
         if not wanted.holds(samples):
-            reason = f"a test of limits.longest_test_s would have {samples:.4g} samples, {takes(wanted, unit)}"
-            yield Misfit(key, period_s, reason, "choose a longer period, or a shorter longest test")
+            reason = say(
+                "longest_test_samples",
+                "a test of limits.longest_test_s would have {samples:.4g} samples, {takes}",
+                samples=samples,
+                takes=takes(wanted, unit),
+            )
+            yield Misfit(
+                key, period_s, reason, say("choose_longer_period", "choose a longer period, or a shorter longest test")
+            )
     if not CORNER_TIME.holds(wiring.limits.longest_test_s):
         yield Misfit(
             ("limits", "longest_test_s"),
             wiring.limits.longest_test_s,
-            f"a device that captures counts {CORNER_TIME.span} from the start of a test",
-            "choose a time inside that",
+            say(
+                "corner_times_count",
+                "a device that captures counts {span} from the start of a test",
+                span=CORNER_TIME.span.words,
+            ),
+            say("choose_time_inside", "choose a time inside that"),
         )
     yield from _driven_by_device(wiring, wired, CORNER_PRESSURE)

@@ -11,10 +11,12 @@ from typing import Final
 from drivers.device import ValveDevice
 from drivers.stands_at import StandsAt, stands_at
 from valve.errors import DeviceError, EquipmentError
+from valve.messages import Message, left_out, message_of, say
 
 _LOOKS: Final = 2  # a device whose clock stands still shows the same sample twice
 _LOOK_PAUSE_S: Final = 0.1
 _LOOK_S: Final = 3.0  # one answer that is lost and the recovery of a serial line fit in
+_TAGGED: Final = "{tag}: "
 _FRESH_S: Final = 2.0  # an older sample does not show where a motion that just ended left the valve
 
 
@@ -25,7 +27,8 @@ async def look_at_rest(device: ValveDevice, *, confirmed: bool | None, after_s: 
     bus hides nothing of the others.
     """
     (signal_pa, signal_unread), (stem_m, stem_unread) = await asyncio.gather(
-        _within(device, "the output", device.checked_output_pa), _within(device, "the position", lambda: _stem(device))
+        _within(device, say("the_output", "the output"), device.checked_output_pa),
+        _within(device, say("the_position", "the position"), lambda: _stem(device)),
     )
     safe_pa = device.safe_value_pa
     return stands_at(
@@ -63,9 +66,21 @@ async def _within(device: ValveDevice, what: str, read: Callable[[], Awaitable[f
         async with asyncio.timeout(_LOOK_S):
             return await read(), ""
     except EquipmentError as error:
-        return None, str(error).removeprefix(f"{device.tag}: ")
+        return None, _untagged(message_of(error), device.tag)
     except TimeoutError:
-        return None, f"{what} was not read within {_LOOK_S:g} s: look at the device and its wire"
+        return None, say(
+            "not_read_in_time",
+            "{what} was not read within {time:g s}: look at the device and its wire",
+            what=what,
+            time=_LOOK_S,
+        )
+
+
+def _untagged(text: str, tag: str) -> str:
+    """Return what an error of a valve says without the valve, where it is known anyhow whose it is."""
+    if not isinstance(text, Message) or text.values.get("tag") != tag or not text.template.startswith(_TAGGED):
+        return text
+    return left_out(text, ("tag",))
 
 
 async def _stem(device: ValveDevice) -> float:
@@ -76,12 +91,20 @@ async def _stem(device: ValveDevice) -> float:
             await asyncio.sleep(_LOOK_PAUSE_S)
         position_m = await device.position_m()
     if not math.isfinite(position_m):
-        raise DeviceError(f"{device.tag}: the position is not valid: check the position sensor")
+        raise DeviceError(
+            say("position_not_valid", "{tag}: the position is not valid: check the position sensor", tag=device.tag)
+        )
     span_m = device.wiring.permissives.position_m
     if span_m is not None and not span_m[0] <= position_m <= span_m[1]:
-        low, high = (f"{1.0e3 * end_m:.4g}" for end_m in span_m)
         raise DeviceError(
-            f"{device.tag}: {1.0e3 * position_m:.4g} mm is shown, and the stem can only be at {low} to {high} mm: "
-            "check the position sensor and its scaling"
+            say(
+                "position_where_no_stem_is",
+                "{tag}: {position:.4g mm} is shown, and the stem can only be at {low:.4g in mm} to {high:.4g mm}: "
+                "check the position sensor and its scaling",
+                tag=device.tag,
+                position=position_m,
+                low=span_m[0],
+                high=span_m[1],
+            )
         )
     return position_m

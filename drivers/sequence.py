@@ -27,6 +27,7 @@ from drivers.recent import window_s
 from drivers.rest_look import seen_last
 from drivers.waveform_check import check_waveform
 from valve.errors import BusyError, ConfigurationError, DeviceError, EquipmentError, PermissiveError, ValveError
+from valve.messages import message_of, say
 from valve.recording import Provenance
 from valve.waveform import Waveform
 
@@ -81,12 +82,21 @@ async def play_sequence(
     if Mode(mode) is Mode.CAPTURED:
         if enough is not None:
             raise ConfigurationError(
-                f"{device.tag}: a captured test is played by the device to its end: to end it once enough is known, "
-                "say acquisition.mode = polled"
+                say(
+                    "captured_cannot_end_early",
+                    "{tag}: a captured test is played by the device to its end: to end it once enough is known, "
+                    "say acquisition.mode = polled",
+                    tag=device.tag,
+                )
             )
         if device.buffer is None:
             raise ConfigurationError(
-                f"{device.tag}: map {device.unit.map.name} cannot capture: say acquisition.mode = polled"
+                say(
+                    "map_cannot_capture",
+                    "{tag}: map {map} cannot capture: say acquisition.mode = polled",
+                    tag=device.tag,
+                    map=device.unit.map.name,
+                )
             )
         buffer = device.buffer
         period_s = buffer.kept_period_s(period_s)
@@ -138,7 +148,16 @@ async def _take(device: ValveDevice, run_number: int, on_intent: OnIntent | None
         # Also a take whose answer was lost may have been carried out: nobody else could have the device then.
         kept = await _to_the_end(_released(device, run_number))
         if kept and isinstance(error, ValveError):
-            raise DeviceError(f"{error}; {device.unit.subject} may stay with run {run_number}: {kept}") from error
+            raise DeviceError(
+                say(
+                    "may_stay_owned",
+                    "{why}; {device} may stay with run {run}: {not_released}",
+                    why=message_of(error),
+                    device=device.unit.subject,
+                    run=run_number,
+                    not_released=kept,
+                )
+            ) from error
         raise
 
 
@@ -149,7 +168,7 @@ async def _released(device: ValveDevice, run_number: int) -> str:
         try:
             await device.release(run_number)
         except EquipmentError as error:
-            reason = str(error)
+            reason = message_of(error)
         else:
             return ""
     _LOG.error("%s: the device was not released: %s", device.tag, reason)
@@ -288,8 +307,14 @@ class _Play:
             stays_pa = await device.pressure_apart(_FOLLOWED_S)
             if math.isfinite(stays_pa):
                 return DeviceError(
-                    f"{error}; the device shows its safe value of {device.safe_value_pa:.4g} Pa, and the actuator's "
-                    f"pressure stays at {stays_pa:.4g} Pa: keep away from the valve, and look at its I/P and air supply"
+                    say(
+                        "pressure_stays",
+                        "{why}; the device shows its safe value of {safe:.4g Pa}, and the actuator's pressure stays "
+                        "at {pressure:.4g Pa}: keep away from the valve, and look at its I/P and air supply",
+                        why="" if error is None else message_of(error),
+                        safe=device.safe_value_pa,
+                        pressure=stays_pa,
+                    )
                 )
         return error
 
@@ -312,19 +337,29 @@ class _Play:
         """
         device = self._device
         if not safe.confirmed:
-            self._notes.append(f"the safe value was not read back ({safe.reason}): the device's watchdog stays armed")
+            self._notes.append(
+                say(
+                    "safe_not_read_back",
+                    "the safe value was not read back ({why}): the device's watchdog stays armed",
+                    why=safe.reason,
+                )
+            )
             return safe
         kept = await _released(device, device.run_number)
         if kept:
-            self._notes.append(f"the device was not released: {kept}")
+            self._notes.append(say("not_released", "the device was not released: {why}", why=kept))
             return safe
         if device.unit.map.fence is None:
             return safe
         final = await device.confirmation(device.safe_value_pa, reads=1)
         if not final.confirmed:
             self._notes.append(
-                "after the release the device no longer shows the safe value, as where a late write reached it: "
-                f"{final.reason}"
+                say(
+                    "safe_left_after_release",
+                    "after the release the device no longer shows the safe value, as where a late write reached "
+                    "it: {why}",
+                    why=final.reason,
+                )
             )
         return final
 
@@ -342,8 +377,14 @@ class _Play:
         away_pa = abs(now.output_pa - entry.output_pa)
         if device.wiring.safe_value_pa == "entry" and away_pa > device.tolerance_pa:
             raise PermissiveError(
-                f"{device.tag}: nothing was moved: the output at entry is the safe value, and it went from "
-                f"{entry.output_pa:g} to {now.output_pa:g} Pa meanwhile: check who commands the valve, then start again"
+                say(
+                    "output_moved_meanwhile",
+                    "{tag}: nothing was moved: the output at entry is the safe value, and it went from "
+                    "{entry:g in Pa} to {now:g Pa} meanwhile: check who commands the valve, then start again",
+                    tag=device.tag,
+                    entry=entry.output_pa,
+                    now=now.output_pa,
+                )
             )
         self._mover.require_no_stop()
         self._rules.begin(now, readiness.unrest_m, self._watch)
@@ -364,8 +405,14 @@ class _Play:
                 continue
             return
         raise PermissiveError(
-            f"{self._device.tag}: nothing was moved: the permissives were older than {FRESH_S:g} s before the first "
-            f"write, {_FRESH_READS} times: this machine or the bus is too busy, start again"
+            say(
+                "permissives_too_old",
+                "{tag}: nothing was moved: the permissives were older than {time:g s} before the first "
+                "write, {times} times: this machine or the bus is too busy, start again",
+                tag=self._device.tag,
+                time=FRESH_S,
+                times=_FRESH_READS,
+            )
         )
 
     async def _move(self, entry: Sample, permit: str | None) -> tuple[Ended, ValveError | None]:
@@ -404,5 +451,7 @@ class _Play:
         except EquipmentError as fault:
             if ended is Ended.COMPLETED:
                 return Ended.FAILED, fault
-            self._notes.append(f"the samples were not all fetched: {fault}")
+            self._notes.append(
+                say("samples_not_fetched", "the samples were not all fetched: {why}", why=message_of(fault))
+            )
         return ended, error

@@ -19,6 +19,7 @@ from drivers.faults import BadAnswerError, ConnectionLostError, NoAnswerError
 from drivers.gate import Gate
 from drivers.serial_port import why_not_opened
 from valve.errors import ConfigurationError, WireError
+from valve.messages import message_of, say
 from valve.units import SI_FACTORS
 
 _Result = TypeVar("_Result")
@@ -44,11 +45,21 @@ class SerialGauge:
             self._pattern = re.compile(address.pattern)
         except re.error as error:
             raise ConfigurationError(
-                f"bus {address.name}: pattern {address.pattern!r} is no regular expression ({error}), correct it"
+                say(
+                    "gauge_pattern_bad",
+                    "bus {bus}: pattern {pattern} is no regular expression ({why}), correct it",
+                    bus=address.name,
+                    pattern=repr(address.pattern),
+                    why=message_of(error),
+                )
             ) from error
         if "value" not in self._pattern.groupindex:
             raise ConfigurationError(
-                f"bus {address.name}: pattern has no group (?P<value>...), put it round the number"
+                say(
+                    "gauge_pattern_without_group",
+                    "bus {bus}: pattern has no group (?P<value>...), put it round the number",
+                    bus=address.name,
+                )
             )
         self.address = address
         self._gate = Gate()
@@ -82,7 +93,7 @@ class SerialGauge:
         """Ask once. Raises WireError where no answer came in time or it is no position."""
         async with self._gate.hold(priority=priority):
             if not self._wanted:
-                raise ConnectionLostError(f"bus {self.name}: it is closed, open it first")
+                raise ConnectionLostError(say("bus_closed", "bus {bus}: it is closed, open it first", bus=self.name))
             return await self._in_thread(self._ask)
 
     async def _in_thread(self, work: Callable[[], _Result]) -> _Result:
@@ -105,7 +116,15 @@ class SerialGauge:
             )
         except (OSError, ValueError, termios.error) as error:
             reason = why_not_opened(address.serial_port, error)
-            raise ConnectionLostError(f"bus {self.name}: {address.serial_port} cannot be opened: {reason}") from error
+            raise ConnectionLostError(
+                say(
+                    "gauge_cannot_be_opened",
+                    "bus {bus}: {port} cannot be opened: {why}",
+                    bus=self.name,
+                    port=address.serial_port,
+                    why=reason,
+                )
+            ) from error
 
     def _close(self) -> None:
         line, self._line = self._line, None
@@ -122,14 +141,21 @@ class SerialGauge:
         except (OSError, termios.error, TypeError) as error:
             # TypeError: pyserial reads from a line that was closed under it.
             self._close()
-            raise ConnectionLostError(f"bus {self.name}: the line broke ({error}): check the gauge") from error
+            raise ConnectionLostError(
+                say(
+                    "gauge_line_broke",
+                    "bus {bus}: the line broke ({why}): check the gauge",
+                    bus=self.name,
+                    why=message_of(error),
+                )
+            ) from error
 
     def _asked(self) -> Reading:
         if self._line is None:
             self._open()
         line = self._line
         if line is None:
-            raise ConnectionLostError(f"bus {self.name}: it is not open")
+            raise ConnectionLostError(say("gauge_not_open", "bus {bus}: it is not open", bus=self.name))
         while time.monotonic() < self._quiet_until_s:
             line.read(_LONGEST_ANSWER_BYTES)
         line.reset_input_buffer()
@@ -144,8 +170,14 @@ class SerialGauge:
         while not heard.endswith(terminator):
             if time.monotonic() >= deadline_s or len(heard) > _LONGEST_ANSWER_BYTES:
                 raise NoAnswerError(
-                    f"bus {self.name}: {len(heard)} bytes and no whole answer within {self.address.timeout_s:g} s: "
-                    "check the gauge, its request and its terminator"
+                    say(
+                        "gauge_no_answer",
+                        "bus {bus}: {bytes} bytes and no whole answer within {time:g s}: check the gauge, its "
+                        "request and its terminator",
+                        bus=self.name,
+                        bytes=len(heard),
+                        time=self.address.timeout_s,
+                    )
                 )
             heard += line.read(1)
         return heard.removesuffix(terminator)
@@ -158,5 +190,12 @@ class SerialGauge:
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
-            raise BadAnswerError(f"bus {self.name}: the answer {text!r} does not hold a position: check the pattern")
+            raise BadAnswerError(
+                say(
+                    "gauge_answer_without_position",
+                    "bus {bus}: the answer {answer} does not hold a position: check the pattern",
+                    bus=self.name,
+                    answer=repr(text),
+                )
+            )
         return value * SI_FACTORS[self.address.unit][1]

@@ -10,6 +10,8 @@ from typing import Final
 
 import serial
 
+from valve.messages import message_of, say
+
 _PROC: Final = Path("/proc")
 _HELD: Final = (errno.EBUSY, errno.EAGAIN)  # opened for one alone (TIOCEXCL), or locked
 
@@ -29,12 +31,22 @@ def why_not_opened(port: str, error: Exception | None) -> str:
     """Return the reason and what to do about it. It looks through /proc where somebody else has the port."""
     number = error.errno if isinstance(error, OSError) else None
     if number in _HELD:
-        return f"it is in use by {_holder(port) or 'another program'}: end that, or name another port"
+        return say(
+            "port_in_use",
+            "it is in use by {holder}: end that, or name another port",
+            holder=_holder(port) or say("another_program", "another program"),
+        )
     if number == errno.ENOENT:
-        return "there is no such port: check serial_port, and that the adapter is plugged in"
+        return say("no_such_port", "there is no such port: check serial_port, and that the adapter is plugged in")
     if number in (errno.EACCES, errno.EPERM):
-        return "this account may not use it: add the account to the port's group (dialout, as a rule)"
-    return f"check the port and its settings ({error})" if error is not None else "check the port and the line"
+        return say(
+            "port_not_allowed", "this account may not use it: add the account to the port's group (dialout, as a rule)"
+        )
+    return (
+        say("check_port_settings", "check the port and its settings ({why})", why=message_of(error))
+        if error is not None
+        else say("check_port_and_line", "check the port and the line")
+    )
 
 
 def _holder(port: str) -> str:
@@ -45,11 +57,16 @@ def _holder(port: str) -> str:
     if not processes:
         return ""
     if processes[0] == own:
-        return f"this process ({own}) itself"
+        return say("this_process", "this process ({process}) itself", process=own)
     try:
-        return f"process {processes[0]} ({(_PROC / str(processes[0]) / 'comm').read_text().strip()})"
+        return say(
+            "process_named",
+            "process {processes_low} ({strip})",
+            processes_low=processes[0],
+            strip=(_PROC / str(processes[0]) / "comm").read_text().strip(),
+        )
     except OSError:
-        return f"process {processes[0]}"
+        return say("process", "process {processes_low}", processes_low=processes[0])
 
 
 def _locking(path: Path) -> list[int]:

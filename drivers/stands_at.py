@@ -9,6 +9,7 @@ from enum import StrEnum
 from typing import Any
 
 from valve.errors import ConfigurationError
+from valve.messages import say
 
 _LONGEST_S = 600.0  # a stem that needs longer is not judged by a look; no test of its valve starts until then
 
@@ -29,11 +30,20 @@ class RestRules:
     def __post_init__(self) -> None:
         if not 0.0 <= self.after_s <= _LONGEST_S:
             raise ConfigurationError(
-                f"stem_read_after_s is {self.after_s:g} s, it must be from 0 to {_LONGEST_S:g} s: correct it"
+                say(
+                    "stem_read_time_outside",
+                    "stem_read_after_s is {time:g s}, it must be from 0 to {most:g s}: correct it",
+                    time=self.after_s,
+                    most=_LONGEST_S,
+                )
             )
         if self.position_m is not None and not self.tolerance_m > 0.0:
             raise ConfigurationError(
-                f"safe_position_tolerance_m is {self.tolerance_m:g} m, it must be above 0: correct it"
+                say(
+                    "safe_tolerance_not_positive",
+                    "safe_position_tolerance_m is {tolerance:g m}, it must be above 0: correct it",
+                    tolerance=self.tolerance_m,
+                )
             )
 
 

@@ -11,6 +11,7 @@ from drivers.faults import FrozenSensorError, NoBreakawayError
 from drivers.outcome import Sample
 from drivers.recent import WINDOW_S, Recent
 from valve.errors import DeviceError
+from valve.messages import say
 
 _BREAKAWAY_SHARE: Final = 0.95  # of the limits' span; a stem with 90 % of dead band still moves in a whole stroke
 # Where the pressure is not measured: no I/P should be slower (the slowest published one has 0.93 s), and what
@@ -91,15 +92,28 @@ class StemRules:
             outside = not self._range_m[0] <= position_m <= self._range_m[1]
             if outside and self._outside.note(sample.sent_s):
                 return DeviceError(
-                    f"{self._tag}: position {position_m:g} m is outside {self._range_m[0]:g} to {self._range_m[1]:g} m,"
-                    " where no stem can be: check the position sensor and its scaling"
+                    say(
+                        "position_impossible",
+                        "{tag}: position {position:g m} is outside {low:g in m} to {high:g m}, where no stem can be: "
+                        "check the position sensor and its scaling",
+                        tag=self._tag,
+                        position=position_m,
+                        low=self._range_m[0],
+                        high=self._range_m[1],
+                    )
                 )
         if self._band_m is not None and math.isfinite(self._entry_m):
             away_m = abs(position_m - self._entry_m)
             if away_m > self._band_m and self._off_band.note(sample.sent_s):
                 return DeviceError(
-                    f"{self._tag}: the stem is {away_m:g} m from where it stood before the test, limits.band_m allows "
-                    f"{self._band_m:g} m: choose a smaller range"
+                    say(
+                        "stem_left_band",
+                        "{tag}: the stem is {away:g m} from where it stood before the test, limits.band_m allows "
+                        "{allowed:g m}: choose a smaller range",
+                        tag=self._tag,
+                        away=away_m,
+                        allowed=self._band_m,
+                    )
                 )
         return self._spiking(sample)
 
@@ -124,8 +138,14 @@ class StemRules:
         if len(self._spikes_s) < _SPIKES or self._spikes_s[-1] - self._spikes_s[0] > _SPIKES_WITHIN_S:
             return None
         return DeviceError(
-            f"{self._tag}: the position jumped to and fro {_SPIKES} times within {_SPIKES_WITHIN_S:g} s, as no stem "
-            "can: check the position sensor and its cable"
+            say(
+                "position_jumps",
+                "{tag}: the position jumped to and fro {times} times within {time:g s}, as no stem can: "
+                "check the position sensor and its cable",
+                tag=self._tag,
+                times=_SPIKES,
+                time=_SPIKES_WITHIN_S,
+            )
         )
 
     def _ip_stuck(self, sample: Sample) -> DeviceError | None:
@@ -143,8 +163,14 @@ class StemRules:
         if sample.sent_s - self._unfollowed_s < _STANDS_S:
             return None
         return DeviceError(
-            f"{self._tag}: the output changed by {change_pa:.4g} Pa and the actuator's pressure stayed at "
-            f"{sample.pressure_pa:.4g} Pa: check the I/P, its air supply and the pressure sensor"
+            say(
+                "pressure_does_not_follow",
+                "{tag}: the output changed by {change:.4g Pa} and the actuator's pressure stayed at "
+                "{pressure:.4g Pa}: check the I/P, its air supply and the pressure sensor",
+                tag=self._tag,
+                change=change_pa,
+                pressure=sample.pressure_pa,
+            )
         )
 
     def _behind_ip(self, sample: Sample) -> float:
@@ -180,15 +206,29 @@ class StemRules:
         self._enough_s = min(self._enough_s, sample.sent_s)
         if sample.sent_s - self._enough_s < _STANDS_S:
             return None
-        swept = f"the pressure changed by {change_pa:.4g} Pa"
+        swept = say("pressure_changed", "the pressure changed by {change:.4g Pa}", change=change_pa)
         if self._noisy and self._same >= _SAME_BITS:
             return FrozenSensorError(
-                f"{self._tag}: {swept} and the position shows the very same {position_m:g} m for {self._same} looks, "
-                "without the noise that it had before: the position sensor is frozen, check it"
+                say(
+                    "sensor_frozen",
+                    "{tag}: {swept} and the position shows the very same {position:g m} for {looks} looks, "
+                    "without the noise that it had before: the position sensor is frozen, check it",
+                    tag=self._tag,
+                    swept=swept,
+                    position=position_m,
+                    looks=self._same,
+                )
             )
         return NoBreakawayError(
-            f"{self._tag}: {swept} and the stem did not break away from {position_m:g} m, a healthy one moves within "
-            f"{self._breakaway_pa:.4g} Pa: the stem is stuck, look at packing, seat and actuator"
+            say(
+                "no_breakaway",
+                "{tag}: {swept} and the stem did not break away from {position:g m}, a healthy one moves "
+                "within {healthy:.4g Pa}: the stem is stuck, look at packing, seat and actuator",
+                tag=self._tag,
+                swept=swept,
+                position=position_m,
+                healthy=self._breakaway_pa,
+            )
         )
 
 

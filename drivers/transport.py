@@ -33,6 +33,7 @@ from drivers.frames import (
 from drivers.gate import Gate
 from drivers.registers import Block, Table
 from valve.errors import DeviceError, WireError
+from valve.messages import say
 
 _HANGS_UP_S: Final = 0.05  # a device that closes after each answer does so at once; a network's way back is shorter
 _LEAST_LEFT: Final = 0.5  # of a read's deadline must be left to ask again: a slow answer must not come after it
@@ -128,7 +129,7 @@ class ReadTransport:
     async def _transact(self, request: Request, priority: bool) -> Exchange:
         async with self._gate.hold(priority=priority):
             if not self._wanted:
-                raise ConnectionLostError(f"bus {self.name}: it is closed, open it first")
+                raise ConnectionLostError(say("bus_closed", "bus {bus}: it is closed, open it first", bus=self.name))
             await self._line_silence()
             await self._hang_up()
             if not self._is_clean(request):
@@ -212,7 +213,11 @@ class ReadTransport:
             await self._drain(doubt.sent_s + self.address.worst_latency_s)
         if not await self._canary_sings(request, doubt.request):
             raise BadAnswerError(
-                f"bus {self.name}: an answer came that nobody asked for: check for a second master, and device_id"
+                say(
+                    "answer_unasked",
+                    "bus {bus}: an answer came that nobody asked for: check for a second master, and device_id",
+                    bus=self.name,
+                )
             )
         self._doubt = None
 
@@ -247,7 +252,13 @@ class ReadTransport:
         latest_s = max(until_s, time.monotonic()) + 1.0
         while (now_s := time.monotonic()) < max(until_s, self._connection.quiet_from_s + self._connection.silence_s):
             if now_s > latest_s:
-                raise BadAnswerError(f"bus {self.name}: the line does not fall silent: check for a second master")
+                raise BadAnswerError(
+                    say(
+                        "line_not_silent",
+                        "bus {bus}: the line does not fall silent: check for a second master",
+                        bus=self.name,
+                    )
+                )
             await asyncio.sleep(max(until_s, self._connection.quiet_from_s + self._connection.silence_s) - now_s)
 
     async def _line_silence(self) -> None:

@@ -9,6 +9,7 @@ from typing import Final
 from zoneinfo import ZoneInfo
 
 from valve.errors import ConfigurationError, refuse
+from valve.messages import say
 
 SHORTEST_PERIOD_S: Final = 0.02
 LONGEST_PERIOD_S: Final = 10.0
@@ -39,20 +40,42 @@ class WatchRules:
     zone: ZoneInfo | None = None
 
     def __post_init__(self) -> None:
-        faults = []
+        faults: list[str] = []
         if not (math.isfinite(self.period_s) and SHORTEST_PERIOD_S <= self.period_s <= LONGEST_PERIOD_S):
             faults.append(
-                f"watch.period_s is {self.period_s:g} s, it must be from {SHORTEST_PERIOD_S:g} to "
-                f"{LONGEST_PERIOD_S:g} s: 0.1 s shows each slip of a stem"
+                say(
+                    "watch_period_outside",
+                    "watch.period_s is {period:g s}, it must be from {least:g in s} to {most:g s}: 0.1 s shows "
+                    "each slip of a stem",
+                    period=self.period_s,
+                    least=SHORTEST_PERIOD_S,
+                    most=LONGEST_PERIOD_S,
+                )
             )
         if (self.begins is None) != (self.ends is None):
-            faults.append("watch.from and watch.until belong together: give both, or neither for all day")
+            faults.append(
+                say(
+                    "watch_times_incomplete",
+                    "watch.from and watch.until belong together: give both, or neither for all day",
+                )
+            )
         if self.begins is not None and self.begins == self.ends:
             faults.append(
-                f"watch.from and watch.until are both {self.begins:%H:%M}: give two times, or neither for all day"
+                say(
+                    "watch_times_equal",
+                    "watch.from and watch.until are both {time}: give two times, or neither for all day",
+                    time=f"{self.begins:%H:%M}",
+                )
             )
         if not 1 <= self.keep_days <= MOST_DAYS:
-            faults.append(f"watch.keep_days is {self.keep_days}, it must be from 1 to {MOST_DAYS}: correct it")
+            faults.append(
+                say(
+                    "watch_days_outside",
+                    "watch.keep_days is {days}, it must be from 1 to {most}: correct it",
+                    days=self.keep_days,
+                    most=MOST_DAYS,
+                )
+            )
         refuse(ConfigurationError, faults)
 
     def span_of(self, day: date) -> WatchSpan:

@@ -6,6 +6,7 @@ import math
 
 from drivers.addresses import MotionLimits
 from valve.errors import WaveformError
+from valve.messages import say
 from valve.waveform import Waveform
 
 
@@ -15,19 +16,52 @@ def check_waveform(tag: str, waveform: Waveform, limits: MotionLimits) -> None:
     slack_pa = 1.0e-9 * (most_pa - least_pa)
     if low_pa < least_pa - slack_pa or high_pa > most_pa + slack_pa:
         raise WaveformError(
-            f"{tag}: waveform {waveform.name} goes from {low_pa:g} to {high_pa:g} Pa, limits.pressure_pa allows "
-            f"{least_pa:g} to {most_pa:g} Pa: choose a smaller range"
+            say(
+                "waveform_beyond_limits",
+                "{tag}: waveform {sequence} goes from {low:g in Pa} to {high:g Pa}, limits.pressure_pa "
+                "allows {allowed_low:g in Pa} to {allowed_high:g Pa}: choose a smaller range",
+                tag=tag,
+                sequence=waveform.name,
+                low=low_pa,
+                high=high_pa,
+                allowed_low=least_pa,
+                allowed_high=most_pa,
+            )
         )
     rate = waveform.fastest_rate_pa_per_s
     if rate > limits.pressure_rate_pa_per_s * (1.0 + 1.0e-9) and not limits.steps_allowed:
-        said = "jumps" if math.isinf(rate) else f"changes by {rate:g} Pa/s"
-        other = "another sequence" if math.isinf(rate) else "a longer period"
+        allowed = limits.pressure_rate_pa_per_s
+        if math.isinf(rate):
+            raise WaveformError(
+                say(
+                    "waveform_jumps",
+                    "{tag}: waveform {sequence} jumps, limits.pressure_rate_pa_per_s allows {allowed:g Pa/s}: choose "
+                    "another sequence, or allow steps by limits.steps_allowed",
+                    tag=tag,
+                    sequence=waveform.name,
+                    allowed=allowed,
+                )
+            )
         raise WaveformError(
-            f"{tag}: waveform {waveform.name} {said}, limits.pressure_rate_pa_per_s allows "
-            f"{limits.pressure_rate_pa_per_s:g} Pa/s: choose {other}, or allow steps by limits.steps_allowed"
+            say(
+                "waveform_too_fast",
+                "{tag}: waveform {sequence} changes by {rate:g Pa/s}, limits.pressure_rate_pa_per_s allows "
+                "{allowed:g Pa/s}: choose a longer period, or allow steps by limits.steps_allowed",
+                tag=tag,
+                sequence=waveform.name,
+                rate=float(rate),
+                allowed=allowed,
+            )
         )
     if waveform.duration_s > limits.longest_test_s:
         raise WaveformError(
-            f"{tag}: waveform {waveform.name} lasts {waveform.duration_s:g} s, limits.longest_test_s allows "
-            f"{limits.longest_test_s:g} s: choose fewer cycles or a shorter period"
+            say(
+                "waveform_too_long",
+                "{tag}: waveform {sequence} lasts {time:g s}, limits.longest_test_s allows {most:g s}: "
+                "choose fewer cycles or a shorter period",
+                tag=tag,
+                sequence=waveform.name,
+                time=waveform.duration_s,
+                most=limits.longest_test_s,
+            )
         )

@@ -16,6 +16,7 @@ from drivers.registers import MAX_READ_WORDS, Block, Register, Table
 from drivers.serial_gauge import SerialGauge
 from drivers.transport import Exchange, Transport
 from valve.errors import ConfigurationError, refuse
+from valve.messages import message_of, say
 
 Bus = Transport | SerialGauge
 _Found = TypeVar("_Found")
@@ -39,7 +40,7 @@ class Unit:
     @property
     def subject(self) -> str:
         """Words for errors."""
-        return f"device {self.device_id} on {self.bus.name}"
+        return say("device_on_bus", "device {device} on {bus}", device=self.device_id, bus=self.bus.name)
 
     async def values(self, *names: str) -> dict[str, float]:
         """Read registers in one transaction. Raises as ``Transport.read`` does."""
@@ -122,14 +123,29 @@ def _unit(tag: str, point: Point, places: _Places) -> Unit | SerialGauge:
     buses = places.buses
     bus = buses.get(point.bus)
     if bus is None:
-        raise ConfigurationError(f"{tag}: no bus is called {point.bus!r}, choose one of {', '.join(buses)}")
+        raise ConfigurationError(
+            say(
+                "no_such_bus",
+                "{tag}: no bus is called {bus}, choose one of {buses:, }",
+                tag=tag,
+                bus=repr(point.bus),
+                buses=tuple(buses),
+            )
+        )
     if isinstance(bus, SerialGauge):
         return bus
     if point.device_id is None or point.map is None:
-        raise ConfigurationError(f"{tag}: bus {point.bus} is Modbus, give device_id and map of the device")
+        raise ConfigurationError(
+            say(
+                "modbus_point_incomplete",
+                "{tag}: bus {bus} is Modbus, give device_id and map of the device",
+                tag=tag,
+                bus=point.bus,
+            )
+        )
     fault = bus.address.device_id_fault(point.device_id)
     if fault:
-        raise ConfigurationError(f"{tag}: bus {point.bus}: {fault}")
+        raise ConfigurationError(say("of_valves_bus", "{tag}: bus {bus}: {what}", tag=tag, bus=point.bus, what=fault))
     return Unit(bus, point.device_id, register_map(point.map, places.maps))
 
 
@@ -138,8 +154,16 @@ def _as_quantity(tag: str, role: str, register: Register, point: Point, si_unit:
         return register.spanning(point.signal, point.quantity, si_unit)
     if register.unit != si_unit:
         raise ConfigurationError(
-            f"{tag}: the {role} stands in {register.name} in {register.unit}, not in {si_unit}: "
-            "say by signal and quantity what it means"
+            say(
+                "role_in_other_unit",
+                "{tag}: the {role} stands in {register} in {unit}, not in {si_unit}: say by signal and "
+                "quantity what it means",
+                tag=tag,
+                role=role,
+                register=register.name,
+                unit=register.unit,
+                si_unit=si_unit,
+            )
         )
     return register
 
@@ -147,7 +171,15 @@ def _as_quantity(tag: str, role: str, register: Register, point: Point, si_unit:
 def _measured(tag: str, role: Role, unit: Unit, point: Point, si_unit: str) -> Signal:
     name = point.register or unit.map.roles.get(role)
     if name is None:
-        raise ConfigurationError(f"{tag}: map {unit.map.name} has no {role} of its own, name the register")
+        raise ConfigurationError(
+            say(
+                "map_without_role",
+                "{tag}: map {map} has no {role} of its own, name the register",
+                tag=tag,
+                map=unit.map.name,
+                role=role,
+            )
+        )
     register = unit.map.register(name).within_standard_signal()
     return Signal(unit, _as_quantity(tag, role, register, point, si_unit))
 
@@ -155,19 +187,49 @@ def _measured(tag: str, role: Role, unit: Unit, point: Point, si_unit: str) -> S
 def _commanded(tag: str, unit: Unit, point: Point) -> tuple[Signal, Signal]:
     name = point.register or unit.map.roles.get(Role.COMMAND)
     if name is None:
-        raise ConfigurationError(f"{tag}: map {unit.map.name} has no command of its own, name the register")
+        raise ConfigurationError(
+            say(
+                "map_without_command",
+                "{tag}: map {map} has no command of its own, name the register",
+                tag=tag,
+                map=unit.map.name,
+            )
+        )
     if unit.map.is_positioner:
         raise ConfigurationError(
-            f"{tag}: map {unit.map.name} is a positioner, its {name} is a position, and friction is found from the "
-            "pressure that moves the stem: command an I/P in pressure, the positioner may show the position"
+            say(
+                "map_is_positioner",
+                "{tag}: map {map} is a positioner, its {register} is a position, and friction is found from "
+                "the pressure that moves the stem: command an I/P in pressure, the positioner may show the "
+                "position",
+                tag=tag,
+                map=unit.map.name,
+                register=name,
+            )
         )
     register = unit.map.register(name)
     if not register.writable:
-        raise ConfigurationError(f"{tag}: {name} of map {unit.map.name} cannot be written, name another register")
+        raise ConfigurationError(
+            say(
+                "register_cannot_be_written",
+                "{tag}: {register} of map {map} cannot be written, name another register",
+                tag=tag,
+                register=name,
+                map=unit.map.name,
+            )
+        )
     shown = unit.map.register(point.readback_register or unit.map.readbacks.get(name, name))
     if shown.unit != register.unit:
         raise ConfigurationError(
-            f"{tag}: {name} is in {register.unit} and its read-back {shown.name} in {shown.unit}, name another"
+            say(
+                "readback_in_other_unit",
+                "{tag}: {register} is in {unit} and its read-back {readback} in {readback_unit}, name another",
+                tag=tag,
+                register=name,
+                unit=register.unit,
+                readback=shown.name,
+                readback_unit=shown.unit,
+            )
         )
     command = Signal(unit, _as_quantity(tag, "command", register, point, "Pa"))
     return command, Signal(unit, _as_quantity(tag, "read-back", shown, point, "Pa"))
@@ -185,7 +247,7 @@ def wire(wiring: ValveWiring, buses: Mapping[str, Bus]) -> Wired:
         try:
             return make()
         except ConfigurationError as error:
-            faults.append(str(error))
+            faults.append(message_of(error))
             return None
 
     command = found(lambda: _command(tag, wiring.command, places))
@@ -204,12 +266,14 @@ def wire(wiring: ValveWiring, buses: Mapping[str, Bus]) -> Wired:
 def _modbus(tag: str, point: Point, places: _Places, lacks: str) -> Unit:
     unit = _unit(tag, point, places)
     if isinstance(unit, SerialGauge):
-        raise ConfigurationError(f"{tag}: bus {unit.name} is a gauge, it {lacks}")
+        raise ConfigurationError(
+            say("bus_is_a_gauge", "{tag}: bus {bus} is a gauge, it {why}", tag=tag, bus=unit.name, why=lacks)
+        )
     return unit
 
 
 def _command(tag: str, point: Point, places: _Places) -> tuple[Signal, Signal]:
-    return _commanded(tag, _modbus(tag, point, places, "commands nothing"), point)
+    return _commanded(tag, _modbus(tag, point, places, say("commands_nothing", "commands nothing")), point)
 
 
 def _position(wiring: ValveWiring, own: Unit | None, places: _Places) -> Signal | SerialGauge | None:
@@ -224,7 +288,7 @@ def _position(wiring: ValveWiring, own: Unit | None, places: _Places) -> Signal 
 
 def _pressure(wiring: ValveWiring, own: Unit | None, places: _Places) -> Signal | None:
     if wiring.pressure is not None:
-        unit = _modbus(wiring.tag, wiring.pressure, places, "measures no pressure")
+        unit = _modbus(wiring.tag, wiring.pressure, places, say("measures_no_pressure", "measures no pressure"))
         return _measured(wiring.tag, Role.PRESSURE, unit, wiring.pressure, "Pa")
     register = None if own is None else own.map.own_pressure
     return None if own is None or register is None else Signal(own, register)
@@ -233,14 +297,16 @@ def _pressure(wiring: ValveWiring, own: Unit | None, places: _Places) -> Signal 
 def _supply(tag: str, rules: PermissiveRules, places: _Places) -> Signal | None:
     if rules.supply is None:
         return None
-    unit = _modbus(tag, rules.supply, places, "measures no pressure")
+    unit = _modbus(tag, rules.supply, places, say("measures_no_pressure", "measures no pressure"))
     return _measured(tag, Role.SUPPLY, unit, rules.supply, "Pa")
 
 
 def _contact(tag: str, contact: Contact | None, places: _Places) -> WiredContact | None:
     if contact is None:
         return None
-    unit = _modbus(tag, Point(contact.bus, contact.device_id, contact.map), places, "has no contact")
+    unit = _modbus(
+        tag, Point(contact.bus, contact.device_id, contact.map), places, say("has_no_contact", "has no contact")
+    )
     unit.map.register(contact.register)
     return WiredContact(unit, contact)
 

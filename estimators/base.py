@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from enum import StrEnum
+from enum import Enum, StrEnum
 from typing import Any, Final, Protocol
 
+from scipy.special import stdtrit
+
+from valve.messages import Message, joined, say
 from valve.nameplate import Nameplate
 from valve.parameters import PARAMETER_SYMBOLS, ValveParameters, parameters_from_symbols
 from valve.recording import Recording
@@ -15,11 +18,24 @@ from valve.recording import Recording
 _FEWEST_DIGITS: Final = 3
 _MOST_DIGITS: Final = 7
 NORMAL_95: Final = 1.959964  # two-sided 95 % of the normal distribution
+_AS_NORMAL: Final = 1.0e6  # degrees of freedom
 # A 95 % interval wider than +-30 % of the value is no knowledge of it (the contract's limit of identifiability).
 LARGEST_RELATIVE_HALF_WIDTH: Final = 0.30
 # Own choices: the fewest complete rows that can hold a cycle, and that a noise can be told by.
 FEWEST_SAMPLES: Final = 40
 FEWEST_TOGETHER: Final = 8
+
+
+def student_95(freedom: float) -> float:
+    """Two-sided 95 % of Student's t with that many degrees of freedom, of one where there are fewer."""
+    return NORMAL_95 if freedom > _AS_NORMAL else float(stdtrit(max(freedom, 1.0), 0.975))
+
+
+UNDETERMINED: Final = say("undetermined", "the data do not determine it")
+NOT_BETTER: Final = say("not_determined_better", "the data do not determine it better")
+NOT_GIVEN: Final = say("method_gives_none", "the method does not give it")
+NO_SPRING: Final = say("no_spring", "taken as 0: the nameplate says that no spring opposes the stem")
+MOVED_TOO_LITTLE: Final = say("moved_too_little", "the stem moved too little")
 
 
 class Status(StrEnum):
@@ -38,78 +54,115 @@ class Form(StrEnum):
     ROBUST = "robust"  # the equation of motion integrated over the slips: no differences; corrected without noise
 
 
-class Outcome(StrEnum):
-    """What a recording can be instead of a source of numbers; each value is a sentence with the remedy."""
+class Outcome(Enum):
+    """What a recording can be instead of a source of numbers; each value is a message with the remedy."""
 
-    NEVER_MOVED = "The stem never moved: repeat with a larger amplitude, or look for a stuck stem."
-    ONE_DIRECTION_ONLY = (
+    NEVER_MOVED = say("never_moved", "The stem never moved: repeat with a larger amplitude, or look for a stuck stem.")
+    ONE_DIRECTION_ONLY = say(
+        "one_direction_only",
         "The stem moved in one direction only, so friction and preload cannot be told apart: "
-        "repeat with a full cycle, up and down."
+        "repeat with a full cycle, up and down.",
     )
-    HELD_ON_THE_WAY_BACK = (
+    HELD_ON_THE_WAY_BACK = say(
+        "held_on_the_way_back",
         "The stem moved in one direction only: the force turned back as well, by less than twice the static friction "
-        "that held the stem, so that friction and preload cannot be told apart: repeat over a larger range."
+        "that held the stem, so that friction and preload cannot be told apart: repeat over a larger range.",
     )
-    STOP_INSIDE_SWEEP = "The stem ran into a travel stop inside the sweep; what was measured on the stop is left out."
-    TOO_FEW_SAMPLES = (
-        f"The recording has too few complete samples, at least {FEWEST_SAMPLES} are needed and {FEWEST_TOGETHER} of "
-        "them without a gap between: repeat with a longer test or a higher rate."
+    STOP_INSIDE_SWEEP = say(
+        "stop_inside_sweep",
+        "The stem ran into a travel stop inside the sweep; what was measured on the stop is left out.",
     )
-    RATE_TOO_LOW = "The sampling rate is too low to follow the stem: sample faster, or capture in the device."
-    TRANSIENTS_NOT_RESOLVED = (
+    TOO_FEW_SAMPLES = say(
+        "too_few_samples",
+        "The recording has too few complete samples, at least {fewest} are needed and {together} of them without a gap "
+        "between: repeat with a longer test or a higher rate.",
+        fewest=FEWEST_SAMPLES,
+        together=FEWEST_TOGETHER,
+    )
+    RATE_TOO_LOW = say(
+        "rate_too_low", "The sampling rate is too low to follow the stem: sample faster, or capture in the device."
+    )
+    TRANSIENTS_NOT_RESOLVED = say(
+        "transients_not_resolved",
         "The sampling rate is too low to follow the stem from breakaway to steady motion: "
-        "capture in the device at 1 ms for m and F_v."
+        "capture in the device at 1 ms for m and F_v.",
     )
-    NOISE_TOO_HIGH = (
+    NOISE_TOO_HIGH = say(
+        "noise_too_high",
         "The noise of the position swamps its differences: "
-        "use a quieter position sensor, or an estimator that does without differences."
+        "use a quieter position sensor, or an estimator that does without differences.",
     )
-    MASS_HIDDEN = "The stem is damped so strongly that its mass does not show in its motion."
-    NO_BREAKAWAY = "No breakaway from rest was seen: repeat with a slower sequence that lets the stem come to rest."
-    NO_UNIFORM_MOTION = (
-        "The stem never moved uniformly, it slipped or was forced unevenly: repeat with a triangular wave, faster."
+    MASS_HIDDEN = say("mass_hidden", "The stem is damped so strongly that its mass does not show in its motion.")
+    NO_BREAKAWAY = say(
+        "no_breakaway_seen",
+        "No breakaway from rest was seen: repeat with a slower sequence that lets the stem come to rest.",
     )
-    TOO_FEW_STEPS = (
+    NO_UNIFORM_MOTION = say(
+        "no_uniform_motion",
+        "The stem never moved uniformly, it slipped or was forced unevenly: repeat with a triangular wave, faster.",
+    )
+    TOO_FEW_STEPS = say(
+        "too_few_steps",
         "The force moved in steps, and the stem slid to rest after too few of them, both ways, for a balance: "
-        "repeat with more steps, or with a triangular wave."
+        "repeat with more steps, or with a triangular wave.",
     )
-    PRELOAD_IGNORED = (
-        "The stem has a preload, and the published form of the methods assumes none: use the corrected form."
+    PRELOAD_IGNORED = say(
+        "preload_ignored",
+        "The stem has a preload, and the published form of the methods assumes none: use the corrected form.",
     )
-    COMMAND_ONLY = (
+    COMMAND_ONLY = say(
+        "command_only",
         "The pressure was not measured and the command stands in for it: the transducer's lag, times the ramp's force "
-        "rate, adds to F_c and F_s. Measure the pressure at the actuator."
+        "rate, adds to F_c and F_s. Measure the pressure at the actuator.",
     )
-    ONE_SPEED = (
+    ONE_SPEED = say(
+        "one_speed",
         "The drive moved at one speed, so that F_c holds what of the friction grows with speed: "
-        "repeat at several speeds."
+        "repeat at several speeds.",
     )
-    MAY_CREEP = (
+    MAY_CREEP = say(
+        "may_creep",
         "No slip jump is seen, and a stem that creeps below DV feels F_s alone: F_c rests on its having moved faster "
-        "than that. Repeat with faster ramps."
+        "than that. Repeat with faster ramps.",
     )
-    OVERSHOOT_ASSUMED = (
-        "The stem only stuck and slipped, and F_c rests on how far a jump may overshoot: repeat with a faster ramp."
+    OVERSHOOT_ASSUMED = say(
+        "overshoot_assumed",
+        "The stem only stuck and slipped, and F_c rests on how far a jump may overshoot: repeat with a faster ramp.",
     )
-    NO_FORCE_CHANGE = "The actuator's force did not change: check the pressure channel and repeat the test."
-    ONE_CHAMBER = (
+    NO_FORCE_CHANGE = say(
+        "no_force_change", "The actuator's force did not change: check the pressure channel and repeat the test."
+    )
+    ONE_CHAMBER = say(
+        "one_chamber",
         "The actuator has no spring and its pressure does not take both signs: give pressure_pa as the difference of "
-        'both chambers\' pressures, or force_n (an actuator with a spring has action = "spring").'
+        'both chambers\' pressures, or force_n (an actuator with a spring has action = "spring").',
     )
-    NO_DIAPHRAGM_AREA = (
-        "The recording has a pressure and the nameplate no diaphragm area: add actuator.diaphragm_area_m2."
+    NO_DIAPHRAGM_AREA = say(
+        "no_diaphragm_area",
+        "The recording has a pressure and the nameplate no diaphragm area: add actuator.diaphragm_area_m2.",
     )
-    NOT_EXPLAINED = (
+    NOT_EXPLAINED = say(
+        "not_explained",
         "The motion of a valve with these values misses what was recorded by more than the noise: "
-        "look for what else moves or holds the stem, or let maximum likelihood search further."
+        "look for what else moves or holds the stem, or let maximum likelihood search further.",
     )
-    UNPHYSICAL = (
+    UNPHYSICAL = say(
+        "unphysical",
         "What was fitted is no valve (spring rate or friction below 0): "
-        "check the channels' signs and units, the diaphragm area and the action."
+        "check the channels' signs and units, the diaphragm area and the action.",
     )
-    NOT_COMPUTABLE = (
-        "The recording's numbers lead the fit beyond what can be computed: check the channels' units and ranges."
+    NOT_COMPUTABLE = say(
+        "not_computable",
+        "The recording's numbers lead the fit beyond what can be computed: check the channels' units and ranges.",
     )
+
+    @property
+    def message(self) -> Message:
+        """What it is, with the remedy."""
+        return self.value
+
+    def __str__(self) -> str:
+        return self.value
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +212,21 @@ def digits_within(error: float, product: float) -> int:
     return math.ceil(min(max(_FEWEST_DIGITS, needed), _MOST_DIGITS))
 
 
+def known_badly(value: float, half_width: float, why: str) -> Message:
+    """Return that an interval is wider than the limit, and why."""
+    if value == 0.0:
+        return say(
+            "known_about_zero", "known to +-{half:.3g} about 0 only, the limit is 30 %: {why}", half=half_width, why=why
+        )
+    return say(
+        "known_badly",
+        "known to +-{share:.0f %} only, the limit is {limit:.0f %}: {why}",
+        share=half_width / abs(value),
+        limit=LARGEST_RELATIVE_HALF_WIDTH,
+        why=why,
+    )
+
+
 def absent(note: str) -> ParameterEstimate:
     """Return a parameter that the data cannot give, and why."""
     return ParameterEstimate(None, identifiable=False, note=note)
@@ -170,22 +238,22 @@ def measured(value: float, std_error: float, *, note: str = "", reason: str = ""
     ``reason`` says where the width comes from; ``note`` stays with a value that is given.
     """
     if not (math.isfinite(value) and math.isfinite(std_error)):
-        return absent(reason or "the data do not determine it")
+        return absent(reason or UNDETERMINED)
     half_width = NORMAL_95 * std_error
     if half_width > LARGEST_RELATIVE_HALF_WIDTH * abs(value):
-        share = f"+-{100.0 * half_width / abs(value):.0f} %" if value != 0.0 else f"+-{half_width:.3g} about 0"
-        why = reason or "the data do not determine it better"
-        return absent(f"known to {share} only, the limit is 30 %: {why}")
+        return absent(known_badly(value, half_width, reason or NOT_BETTER))
     return ParameterEstimate(value, std_error, (value - half_width, value + half_width), True, note)
 
 
 def offset_estimate(value: float, std_error: float, scale: float, *, reason: str = "") -> ParameterEstimate:
     """As ``measured`` for a quantity that may be zero: its interval is judged against ``scale``."""
     if not (math.isfinite(value) and math.isfinite(std_error)):
-        return absent(reason or "the data do not determine it")
+        return absent(reason or UNDETERMINED)
     half_width = NORMAL_95 * std_error
     if half_width > LARGEST_RELATIVE_HALF_WIDTH * max(abs(value), scale):
-        return absent(f"known to +-{half_width:.3g} only: {reason or 'the data do not determine it better'}")
+        return absent(
+            say("known_to_only", "known to +-{half:.3g} only: {why}", half=half_width, why=reason or NOT_BETTER)
+        )
     return ParameterEstimate(value, std_error, (value - half_width, value + half_width))
 
 
@@ -245,20 +313,25 @@ class Estimate:
 
 def failed(method: str, outcome: Outcome, diagnostics: dict[str, Any] | None = None) -> Estimate:
     """Return the estimate of a recording that tells nothing, by its outcome."""
-    parameters = {symbol: absent(str(outcome)) for symbol in PARAMETER_SYMBOLS}
+    parameters = {symbol: absent(outcome.message) for symbol in PARAMETER_SYMBOLS}
     return Estimate(
-        method, Status.FAILED, str(outcome), None, parameters, {"outcomes": [outcome.name], **(diagnostics or {})}
+        method, Status.FAILED, outcome.message, None, parameters, {"outcomes": [outcome.name], **(diagnostics or {})}
     )
 
 
 def in_order(parameters: dict[str, ParameterEstimate]) -> dict[str, ParameterEstimate]:
     """Return the parameters in the contract's order; one that is not there is marked as not given by the method."""
-    return {symbol: parameters.get(symbol, absent("the method does not give it")) for symbol in PARAMETER_SYMBOLS}
+    return {symbol: parameters.get(symbol, absent(NOT_GIVEN)) for symbol in PARAMETER_SYMBOLS}
+
+
+def not_given(missing: Iterable[str]) -> Message:
+    """Return which symbols are not given."""
+    return say("not_given", "Not given: {symbols:, }.", symbols=tuple(missing))
 
 
 def sentences(outcomes: Iterable[Outcome]) -> str:
     """Return the outcomes' sentences, each once, in order."""
-    return " ".join(dict.fromkeys(str(outcome) for outcome in outcomes))
+    return joined(" ", dict.fromkeys(outcome.message for outcome in outcomes))
 
 
 ONE_WAY: Final = frozenset({Outcome.ONE_DIRECTION_ONLY, Outcome.HELD_ON_THE_WAY_BACK})

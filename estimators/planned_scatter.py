@@ -15,10 +15,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.stats import t as student
 
-from estimators.base import NORMAL_95
+from estimators.base import NORMAL_95, student_95
 from estimators.samples import FloatArray
+from valve.messages import say
 from valve.nameplate import Actuator
 from valve.packing import packing_preset
 from valve.parameters import ValveParameters
@@ -33,6 +33,8 @@ _SLOPE: Final = 3.0
 _LATE_S: Final = 3.0e-4
 _MEAN_OF_BOTH: Final = math.sqrt(0.5 + 0.5 * _USUAL.roughness_common)  # of two directions with a part in common
 
+_SOURCE: Final = say("usual_packing", "a usual packing")
+
 
 @dataclass(frozen=True, slots=True)
 class PackingScatter:
@@ -41,7 +43,7 @@ class PackingScatter:
     breakaway: float = _USUAL.breakaway_scatter
     roughness: float = _USUAL.roughness
     wander: float = _USUAL.wander
-    source: str = "a usual packing"  # "Friction varies as that of ..."
+    source: str = _SOURCE  # "Friction varies as that of ..."
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +118,7 @@ def packing_half_widths(
     # what differs between the directions acts on the stem as a force that changes along the travel
     own_n = 0.5 * rough_n * math.sqrt(min(1.0, apart_m / range_m))
     slope_n_per_m = _SLOPE * own_n / range_m
-    students = float(student.ppf(0.975, count - 1))
+    students = student_95(count - 1)
     breakaway_n = students * scatter.breakaway * static_n / math.sqrt(count)
     times = max(1.0, damping**2 / (spring * parameters.mass_kg))
     # F_s + sqrt(2 m DV r) is what a breakaway at a force rate r needs

@@ -13,6 +13,7 @@ from estimators.identifiability.sensitivities import SENSITIVITY_SYMBOLS, positi
 from estimators.motion.lagged_lines import lagged
 from estimators.samples import FloatArray
 from valve.errors import WaveformError
+from valve.messages import say
 from valve.motion import simulate_motion
 from valve.parameters import TravelStops, ValveParameters
 from valve.stem import StemState
@@ -48,11 +49,22 @@ class PlannedTest:
         for name in ("area_m2", "sample_period_s", "noise_m", "delay_periods"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
-                raise WaveformError(f"planned test: {name} is {value:g}, it must be above 0: correct it")
+                raise WaveformError(
+                    say(
+                        "planned_value_not_positive",
+                        "planned test: {name} is {value:g}, it must be above 0: correct it",
+                        name=name,
+                        value=value,
+                    )
+                )
         if not (math.isfinite(self.lag_s) and self.lag_s >= 0.0) or (self.lag_s == 0.0 and not self.pressure_measured):
             raise WaveformError(
-                f"planned test: the transducer's lag is {self.lag_s:g} s, it must not be negative, nor 0 where the "
-                "pressure is not measured: correct it"
+                say(
+                    "planned_lag",
+                    "planned test: the transducer's lag is {lag:g} s, it must not be negative, nor 0 where the "
+                    "pressure is not measured: correct it",
+                    lag=self.lag_s,
+                )
             )
 
     @property

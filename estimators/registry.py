@@ -11,6 +11,7 @@ from estimators.classic.regression import RegressionEstimator
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from estimators.motion.recorded_motion import MotionEstimator, RecordedMotion, read_motion
 from valve.errors import NotFoundError
+from valve.messages import say
 from valve.nameplate import Nameplate
 from valve.recording import Recording
 
@@ -25,7 +26,14 @@ ESTIMATORS: Final[dict[str, Callable[[], Estimator]]] = {
 def estimator(name: str) -> Estimator:
     """Return the estimator of this name with its usual settings. Raises NotFoundError for another name."""
     if name not in ESTIMATORS:
-        raise NotFoundError(f"estimator {name!r} is unknown: choose one of {', '.join(ESTIMATORS)}")
+        raise NotFoundError(
+            say(
+                "estimator_unknown",
+                "estimator {name} is unknown: choose one of {all:, }",
+                name=repr(name),
+                all=tuple(ESTIMATORS),
+            )
+        )
     return ESTIMATORS[name]()
 
 

@@ -54,7 +54,7 @@ from service.routes.schedules import router as schedule_routes
 from service.routes.valves import router as valve_routes
 from service.routes.watched import router as watched_routes
 from service.runs.analyst import Analyst
-from service.runs.estimate_worker import EstimateWorker
+from service.runs.live_estimates import EstimateWorker
 from service.runs.motion_watch import MotionWatch
 from service.runs.reanalyses import Reanalyses
 from service.runs.renewal import Renewal

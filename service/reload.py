@@ -19,8 +19,10 @@ from drivers.motion.orders import MotionLink, MotionLostError
 from service.config.settings import Plant, PlantValve, faults_of
 from service.runs.service import Runs
 from valve.errors import ConfigurationError, RequestError, ValveError
+from valve.messages import Message, joined, say
 
 _LOG = structlog.get_logger(__name__)
+_NOTHING_CHANGED: Final = say("file_has_not_changed", "nothing has changed: correct the file and reload it again")
 _LOOK_S: Final = 0.1  # how often it is looked whether a test has ended whose valve was changed
 _LIVE: Final = ("zone",)  # of [service]
 _Value = TypeVar("_Value")
@@ -65,14 +67,14 @@ class Reloader:
         plant = self._plant
         async with self._one_at_a_time:
             fresh, faults = await asyncio.to_thread(faults_of, plant.file)
-            refused = [str(fault) for fault in faults]
+            refused: list[str] = [fault.message for fault in faults]
             if fresh is not None:
                 refused += _moved_buses(plant, fresh)
             if refused or fresh is None:
                 note = {"faults": refused[:100]}
                 await asyncio.to_thread(self._audit.append, "plant.reload_refused", who=who, details=note)
                 _LOG.warning("plant file not taken over: nothing has changed", faults=refused)
-                raise RequestError("; ".join([*refused, "nothing has changed: correct the file and reload it again"]))
+                raise RequestError(joined("; ", [*refused, _NOTHING_CHANGED]))
             told = self._told(fresh)
             await asyncio.to_thread(self._audit.append, "plant.reloaded", who=who, details=told.model_dump())
             told.waiting = self._take_over(fresh)
@@ -164,7 +166,7 @@ def _changed(was: Mapping[str, _Value], now: Mapping[str, _Value]) -> Changed:
     )
 
 
-def _moved_buses(plant: Plant, fresh: Plant) -> list[str]:
+def _moved_buses(plant: Plant, fresh: Plant) -> list[Message]:
     """Say which buses have another address or gateway: a device id means another device there, so nothing is mixed."""
     moved = [
         name
@@ -172,7 +174,15 @@ def _moved_buses(plant: Plant, fresh: Plant) -> list[str]:
         if name in plant.buses
         and (address != plant.buses[name] or fresh.bus_gateways.get(name) != plant.bus_gateways.get(name))
     ]
-    return [f"{plant.file.name}: bus {name} was changed: that needs a restart, or another name" for name in moved]
+    return [
+        say(
+            "bus_was_changed",
+            "{file}: bus {bus} was changed: that needs a restart, or another name",
+            file=plant.file.name,
+            bus=name,
+        )
+        for name in moved
+    ]
 
 
 def _kept(plant: Plant, fresh: Plant) -> list[str]:

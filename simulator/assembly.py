@@ -24,6 +24,7 @@ from simulator.simulated_valve import SimulatedValve
 from simulator.slave import Slave
 from simulator.unit import Channel, MapUnit, Quantity, Unit
 from valve.errors import ConfigurationError, NotFoundError
+from valve.messages import joined, say
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +80,13 @@ class SimulatedPlant:
         self._valves: dict[str, SoftwareValve] = {}
         for settings in valves:
             if settings.tag in self._valves:
-                raise ConfigurationError(f"valve {settings.tag} stands in the simulated plant twice, rename one")
+                raise ConfigurationError(
+                    say(
+                        "simulated_twice",
+                        "valve {tag} stands in the simulated plant twice, rename one",
+                        tag=settings.tag,
+                    )
+                )
             self._valves[settings.tag] = SoftwareValve(settings, self.clock.now_s())
         self.valves: Mapping[str, SoftwareValve] = MappingProxyType(self._valves)
         self.slaves = [
@@ -87,9 +94,18 @@ class SimulatedPlant:
             for listener, units in listeners.items()
         ]
         self._described = [
-            "; ".join(
-                f"unit {unit.device_id} ({unit.map.name}) {', '.join(dict.fromkeys(c.tag for c in unit.channels))}"
-                for unit in units
+            joined(
+                "; ",
+                [
+                    say(
+                        "unit_of_valves",
+                        "unit {unit} ({map}) {valves:, }",
+                        unit=unit.device_id,
+                        map=unit.map.name,
+                        valves=tuple(dict.fromkeys(channel.tag for channel in unit.channels)),
+                    )
+                    for unit in units
+                ],
             )
             for units in listeners.values()
         ]
@@ -109,7 +125,7 @@ class SimulatedPlant:
     @property
     def descriptions(self) -> list[str]:
         """What is served, in words: one entry a listener, in the order of ``addresses``."""
-        return [*self._described, *(f"gauge of {gauge.tag}" for gauge in self.gauges)]
+        return [*self._described, *(say("gauge_of_valve", "gauge of {tag}", tag=gauge.tag) for gauge in self.gauges)]
 
     async def start(self, look_every_s: float | None = None) -> None:
         """Serve every listener; ``addresses`` then has one entry a listener, in their order, gauges last.
@@ -147,7 +163,14 @@ class SimulatedPlant:
     def inject(self, tag: str, fault: Fault) -> None:
         """Add a fault to a valve or its device. Raises NotFoundError, or ParameterError for one in the past."""
         if tag not in self._valves:
-            raise NotFoundError(f"valve {tag} is not in the simulated plant; there are {', '.join(self._valves)}")
+            raise NotFoundError(
+                say(
+                    "not_simulated",
+                    "valve {tag} is not in the simulated plant; there are {valves:, }",
+                    tag=tag,
+                    valves=tuple(self._valves),
+                )
+            )
         self._valves[tag].inject(fault)
 
     async def _watch(self, every_s: float) -> None:
@@ -164,11 +187,18 @@ class SimulatedPlant:
 
     def _known(self, tag: str, subject: str) -> SoftwareValve:
         if tag not in self._valves:
-            raise ConfigurationError(f"{subject}: valve {tag} is not in the simulated plant")
+            raise ConfigurationError(
+                say(
+                    "unit_of_unsimulated_valve",
+                    "{subject}: valve {tag} is not in the simulated plant",
+                    subject=subject,
+                    tag=tag,
+                )
+            )
         return self._valves[tag]
 
     def _unit(self, unit: SimulatedUnit) -> Unit:
-        subject = f"unit {unit.device_id}"
+        subject = say("unit_named", "unit {unit}", unit=unit.device_id)
         if unit.map.name != reference.MAP.name:
             channels = [Channel(c.register, c.quantity, self._known(c.tag, subject)) for c in unit.channels]
             return MapUnit(unit.device_id, unit.map, channels)
@@ -176,12 +206,23 @@ class SimulatedPlant:
         for channel in unit.channels:
             if channel.quantity in by_quantity:
                 raise ConfigurationError(
-                    f"unit {unit.device_id}: two valves have their {channel.quantity} there, the reference map has "
-                    "one: give each valve a device id of its own"
+                    say(
+                        "unit_quantity_twice",
+                        "unit {unit}: two valves have their {quantity} there, the reference map has one: give each "
+                        "valve a device id of its own",
+                        unit=unit.device_id,
+                        quantity=channel.quantity,
+                    )
                 )
             by_quantity[channel.quantity] = self._known(channel.tag, subject)
         if Quantity.COMMAND not in by_quantity:
-            raise ConfigurationError(f"unit {unit.device_id}: no valve is commanded there, the reference map needs one")
+            raise ConfigurationError(
+                say(
+                    "unit_without_command",
+                    "unit {unit}: no valve is commanded there, the reference map needs one",
+                    unit=unit.device_id,
+                )
+            )
         return ReferenceUnit(
             unit.device_id,
             by_quantity[Quantity.COMMAND],

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from drivers.registers import MAX_READ_WORDS, MAX_WRITE_WORDS, Table
 from simulator.unit import ExceptionCode, Refusal, Unit
 from valve.errors import ConfigurationError
+from valve.messages import say
 
 
 class NoSuchUnit(Exception):  # noqa: N818 (an answer of the wire, not a fault of the program)
@@ -21,9 +22,21 @@ class Bus:
         self._now_s = now_s
         for unit in units:
             if not (0 <= unit.device_id <= 247 or unit.device_id == 255):  # 0 and 255: the one at a network address
-                raise ConfigurationError(f"device id {unit.device_id} is none of 0 to 247 and 255, correct it")
+                raise ConfigurationError(
+                    say(
+                        "simulated_device_id_outside",
+                        "device id {device_id} is none of 0 to 247 and 255, correct it",
+                        device_id=unit.device_id,
+                    )
+                )
             if unit.device_id in self._units:
-                raise ConfigurationError(f"device id {unit.device_id} stands on one bus twice, change one")
+                raise ConfigurationError(
+                    say(
+                        "simulated_device_id_twice",
+                        "device id {device_id} stands on one bus twice, change one",
+                        device_id=unit.device_id,
+                    )
+                )
             self._units[unit.device_id] = unit
 
     def read(self, device_id: int, table: Table, address: int, count: int) -> list[int]:
@@ -47,5 +60,5 @@ class Bus:
     def _unit(self, device_id: int) -> Unit:
         unit = self._units.get(device_id)
         if unit is None:
-            raise NoSuchUnit(f"no unit {device_id}")
+            raise NoSuchUnit(device_id)
         return unit

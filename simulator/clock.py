@@ -7,6 +7,7 @@ import time
 from typing import Protocol
 
 from valve.errors import ParameterError
+from valve.messages import say
 
 
 class Clock(Protocol):
@@ -30,7 +31,13 @@ class RunningClock:
 
     def __init__(self, speed: float = 1.0) -> None:
         if not (math.isfinite(speed) and speed > 0.0):
-            raise ParameterError(f"the clock's speed is {speed:g}, it must be above 0: 1 is real time")
+            raise ParameterError(
+                say(
+                    "clock_speed_not_positive",
+                    "the clock's speed is {speed:g}, it must be above 0: 1 is real time",
+                    speed=speed,
+                )
+            )
         self.speed = speed
         self._start_s = time.monotonic()
 
@@ -53,5 +60,11 @@ class ManualClock:
     def advance(self, duration_s: float) -> None:
         """Let ``duration_s`` pass. Raises ParameterError where it is negative."""
         if not duration_s >= 0.0:
-            raise ParameterError(f"the clock was to advance by {duration_s:g} s, time does not run backwards")
+            raise ParameterError(
+                say(
+                    "clock_runs_backwards",
+                    "the clock was to advance by {time:g s}, time does not run backwards",
+                    time=duration_s,
+                )
+            )
         self._now_s += duration_s

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from valve.errors import ParameterError
+from valve.messages import say
 
 
 class FaultKind(StrEnum):
@@ -48,11 +49,33 @@ class Fault:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.start_s) and self.end_s > self.start_s):
-            raise ParameterError(f"fault {self.kind}: it lasts from {self.start_s:g} to {self.end_s:g} s, give a rise")
+            raise ParameterError(
+                say(
+                    "fault_ends_before_start",
+                    "fault {fault}: it lasts from {start:g in s} to {end:g s}, give a rise",
+                    fault=self.kind,
+                    start=self.start_s,
+                    end=self.end_s,
+                )
+            )
         if not math.isfinite(self.amount):
-            raise ParameterError(f"fault {self.kind}: its amount is {self.amount}, give a finite number")
+            raise ParameterError(
+                say(
+                    "fault_amount_not_finite",
+                    "fault {fault}: its amount is {amount}, give a finite number",
+                    fault=self.kind,
+                    amount=self.amount,
+                )
+            )
         if self.kind is FaultKind.REFUSAL and not 1 <= self.amount <= 255:
-            raise ParameterError(f"fault {self.kind}: exception code {self.amount:g} is outside 1 to 255")
+            raise ParameterError(
+                say(
+                    "fault_code_outside",
+                    "fault {fault}: exception code {exception:g} is outside 1 to 255",
+                    fault=self.kind,
+                    exception=self.amount,
+                )
+            )
 
     def active(self, at_s: float) -> bool:
         """Whether it is there at this time."""

@@ -16,6 +16,7 @@ from simulator.faults import FaultKind
 from simulator.plant import SoftwareValve
 from simulator.serial_line import SerialLine
 from valve.errors import ConfigurationError
+from valve.messages import say
 from valve.units import SI_FACTORS
 
 # What gauges print; the first form that the configured pattern reads back is used.
@@ -41,8 +42,13 @@ def answer_form(listener: GaugeListener) -> str:
         if found is not None and float(found["value"]) == 12.3456:
             return form
     raise ConfigurationError(
-        f"{listener.link_path}: pattern {listener.pattern!r} reads no answer of the simulated gauge as 12.3456: "
-        f"use one for {_FORMS[0].format(value=12.3456, unit=listener.unit)!r}"
+        say(
+            "gauge_pattern_unmatched",
+            "{link}: pattern {pattern} reads no answer of the simulated gauge as 12.3456: use one for {format}",
+            link=str(listener.link_path),
+            pattern=repr(listener.pattern),
+            format=repr(_FORMS[0].format(value=12.3456, unit=listener.unit)),
+        )
     )
 
 

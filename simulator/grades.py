@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from valve.errors import NotFoundError
+from valve.messages import say
 
 # Shares of the span, but for what ends in _s, _hz or bits.
 _POSITION: Final[dict[str, dict[str, float]]] = {
@@ -41,7 +42,14 @@ def _settings(sizes: dict[str, float], size: float) -> dict[str, Any]:
 
 def _known(name: str) -> str:
     if name not in GRADES:
-        raise NotFoundError(f"grade {name!r} is unknown: choose one of {', '.join(GRADES)}")
+        raise NotFoundError(
+            say(
+                "grade_unknown",
+                "grade {grade} is unknown: choose one of {grades:, }",
+                grade=repr(name),
+                grades=tuple(GRADES),
+            )
+        )
     return name
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from valve.errors import ConfigurationError
+from valve.messages import message_of, say
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +46,11 @@ def tls_context(listener: TcpListener) -> ssl.SSLContext:
             context.verify_mode = ssl.CERT_REQUIRED
     except (OSError, ssl.SSLError) as error:
         raise ConfigurationError(
-            f"{listener.certificate_file}: the TLS certificate, its key or the authority cannot be read ({error}): "
-            "correct the file names"
+            say(
+                "simulator_certificate_unreadable",
+                "{file}: the TLS certificate, its key or the authority cannot be read ({why}): correct the file names",
+                file=str(listener.certificate_file),
+                why=message_of(error),
+            )
         ) from error
     return context

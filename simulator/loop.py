@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from valve.errors import ParameterError
+from valve.messages import say
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -36,7 +37,13 @@ class Loop:
         for name, size_pa in (("dead_band_pa", self.dead_band_pa), ("hysteresis_pa", self.hysteresis_pa)):
             if not 0.0 <= size_pa <= _WIDEST * self.span_pa:
                 raise ParameterError(
-                    f"the transducer's {name} is {size_pa:g} Pa, give 0 to {_WIDEST * self.span_pa:g} Pa"
+                    say(
+                        "transducer_nonlinearity_outside",
+                        "the transducer's {name} is {size:g Pa}, give 0 to {most:g Pa}",
+                        name=name,
+                        size=size_pa,
+                        most=_WIDEST * self.span_pa,
+                    )
                 )
 
     @property

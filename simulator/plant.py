@@ -23,6 +23,7 @@ from simulator.stem import FollowedStem, PlainStem, StemWithEffects
 from simulator.trajectory import Trajectory
 from valve.errors import ParameterError
 from valve.extended_valve import ExtendedValve
+from valve.messages import say
 from valve.motion import StemState
 from valve.packing import NO_ROUGHNESS, PACKINGS
 from valve.parameters import TravelStops, ValveParameters
@@ -137,8 +138,15 @@ class SoftwareValve:
         """Add a fault. Raises ParameterError where it would have begun in the past, which is computed already."""
         if fault.start_s <= self.time_s:
             raise ParameterError(
-                f"{self.settings.tag}: fault {fault.kind} was to begin at {fault.start_s:g} s, "
-                f"the valve is known up to {self.time_s:g} s already: choose a later time"
+                say(
+                    "fault_in_the_past",
+                    "{tag}: fault {fault} was to begin at {start:g s}, the valve is known up to {known:g s} "
+                    "already: choose a later time",
+                    tag=self.settings.tag,
+                    fault=fault.kind,
+                    start=fault.start_s,
+                    known=self.time_s,
+                )
             )
         self.faults = (*self.faults, fault)
 

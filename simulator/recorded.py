@@ -12,6 +12,7 @@ from simulator.plant import SoftwareValve
 from simulator.samples import EndedRecord
 from simulator.simulated_valve import SimulatedValve
 from valve.errors import WaveformError
+from valve.messages import say
 from valve.recording import Acquisition, Provenance, Recording
 from valve.waveform import Waveform
 
@@ -27,9 +28,21 @@ def recorded(
     that is not above 0 or a jitter that is not below it, and what simulating the valve raises.
     """
     if not (math.isfinite(period_s) and period_s > 0.0):
-        raise WaveformError(f"sample period is {period_s:g} s, it must be above 0: correct it")
+        raise WaveformError(
+            say(
+                "replay_period_not_positive",
+                "sample period is {period:g s}, it must be above 0: correct it",
+                period=period_s,
+            )
+        )
     if not 0.0 <= jitter_s < period_s:
-        raise WaveformError(f"jitter is {jitter_s:g} s, it must be 0 or above and below the period: correct it")
+        raise WaveformError(
+            say(
+                "jitter_outside",
+                "jitter is {jitter:g s}, it must be 0 or above and below the period: correct it",
+                jitter=jitter_s,
+            )
+        )
     valve = SoftwareValve(replace(settings, start_pa=float(waveform.pressure_pa[0])))
     valve.look(settling_s)
     valve.play(waveform.time_s, waveform.pressure_pa)

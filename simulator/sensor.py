@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from simulator.kernel.random_numbers import KNOTS_A_TIME, coloured_values
 from valve.errors import ParameterError
+from valve.messages import say
 
 FloatArray = npt.NDArray[np.float64]
 CodeArray = npt.NDArray[np.uint32]
@@ -118,22 +119,54 @@ class Sensor:
     def __post_init__(self) -> None:
         low, high = self.span
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
-            raise ParameterError(f"the sensor's range is {low:g} to {high:g}, it must rise")
+            raise ParameterError(
+                say(
+                    "sensor_range_does_not_rise",
+                    "the sensor's range is {low:g} to {high:g}, it must rise",
+                    low=low,
+                    high=high,
+                )
+            )
         if not (math.isfinite(self.noise_rms) and self.noise_rms >= 0.0):
-            raise ParameterError(f"the sensor's noise is {self.noise_rms:g}, it must not be negative")
+            raise ParameterError(
+                say(
+                    "sensor_noise_negative",
+                    "the sensor's noise is {noise:g}, it must not be negative",
+                    noise=self.noise_rms,
+                )
+            )
         if not 4 <= self.adc_bits <= 24:
-            raise ParameterError(f"adc_bits is {self.adc_bits}, give 4 to 24")
+            raise ParameterError(say("adc_bits_outside", "adc_bits is {bits}, give 4 to 24", bits=self.adc_bits))
         for name in ("filter_s", "coloured_rms", "hum_rms", "delay_s", "rate_ppm", "refresh_s", "dropouts_per_s"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
-                raise ParameterError(f"the sensor's {name} is {getattr(self, name):g}, it must not be negative")
+                raise ParameterError(
+                    say(
+                        "sensor_setting_negative",
+                        "the sensor's {name} is {value:g}, it must not be negative",
+                        name=name,
+                        value=getattr(self, name),
+                    )
+                )
         for name in ("coloured_s", "hum_hz", "dropout_s"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
-                raise ParameterError(f"the sensor's {name} is {getattr(self, name):g}, it must be above 0")
+                raise ParameterError(
+                    say(
+                        "sensor_setting_not_positive",
+                        "the sensor's {name} is {value:g}, it must be above 0",
+                        name=name,
+                        value=getattr(self, name),
+                    )
+                )
         try:
             object.__setattr__(self, "dropout_to", DropOut(self.dropout_to))
         except ValueError:
             raise ParameterError(
-                f"the sensor's dropout_to is {self.dropout_to!r}, choose one of {', '.join(DropOut)}"
+                say(
+                    "dropout_unknown",
+                    "the sensor's dropout_to is {dropout}, choose one of {known:, }",
+                    dropout=repr(self.dropout_to),
+                    known=tuple(DropOut),
+                )
             ) from None
 
     @property

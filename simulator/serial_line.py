@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Final
 
 from valve.errors import ConfigurationError
+from valve.messages import message_of, say
 
 _PSEUDO_TERMINALS: Final = Path("/dev/pts")
 _CHUNK: Final = 4096
@@ -87,7 +88,14 @@ class SerialLine:
             self.link.symlink_to(master.port)
         except OSError as error:
             master.close()
-            raise ConfigurationError(f"{self.link}: the serial link cannot be made there ({error.strerror})") from error
+            raise ConfigurationError(
+                say(
+                    "serial_link_not_made",
+                    "{link}: the serial link cannot be made there ({why})",
+                    link=str(self.link),
+                    why=error.strerror or message_of(error),
+                )
+            ) from error
         self._master = master
         self._loop.add_reader(master.bridge, self._carry_to_device)
 
@@ -113,16 +121,32 @@ class SerialLine:
             if target.parent == _PSEUDO_TERMINALS and not target.exists():
                 return
             raise ConfigurationError(
-                f"{self.link}: it is a link to {target} already, and only a dead link of the simulator's own may be "
-                "replaced: stop what serves it, remove the link or choose another serial_port"
+                say(
+                    "serial_link_taken",
+                    "{link}: it is a link to {target} already, and only a dead link of the simulator's own may "
+                    "be replaced: stop what serves it, remove the link or choose another serial_port",
+                    link=str(self.link),
+                    target=str(target),
+                )
             )
         if self.link.exists():
             raise ConfigurationError(
-                f"{self.link}: it exists and is no link of the simulator, which never opens a real serial port: "
-                "choose another serial_port"
+                say(
+                    "serial_link_is_no_link",
+                    "{link}: it exists and is no link of the simulator, which never opens a real serial port: "
+                    "choose another serial_port",
+                    link=str(self.link),
+                )
             )
         if not self.link.parent.is_dir():
-            raise ConfigurationError(f"{self.link}: the folder {self.link.parent} is not there, make it first")
+            raise ConfigurationError(
+                say(
+                    "serial_link_without_folder",
+                    "{link}: the folder {folder} is not there, make it first",
+                    link=str(self.link),
+                    folder=str(self.link.parent),
+                )
+            )
 
     def _carry_to_master(self) -> None:
         data = self._take(self._device.bridge)

@@ -13,6 +13,7 @@ from simulator.transducer import Transducer
 from valve.effects import Effect, with_effects
 from valve.errors import ParameterError
 from valve.extended_valve import ExtendedValve, StopSlots
+from valve.messages import say
 from valve.nameplate import Nameplate
 from valve.packing import Packing, drawn_roughness
 from valve.parameters import TravelStops, ValveParameters
@@ -48,7 +49,13 @@ class SimulatedValve:
 
     def __post_init__(self) -> None:
         if self.nameplate.actuator.diaphragm_area_m2 is None:
-            raise ParameterError(f"{self.tag}: actuator.diaphragm_area_m2 is missing, a simulated valve needs it")
+            raise ParameterError(
+                say(
+                    "simulated_area_missing",
+                    "{tag}: actuator.diaphragm_area_m2 is missing, a simulated valve needs it",
+                    tag=self.tag,
+                )
+            )
         stops = StopSlots(self.stops.low_m, self.stops.high_m)
         extended = with_effects(ExtendedValve(self.parameters, stops=stops), self.effects)
         object.__setattr__(self, "extended", extended)

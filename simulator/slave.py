@@ -21,6 +21,7 @@ from simulator.listeners import Listener, TcpListener, tls_context
 from simulator.requests import answer, serial_length
 from simulator.serial_line import SerialLine
 from valve.errors import ConfigurationError
+from valve.messages import say
 
 _TARGET_SILENT: Final = 0x0B  # gateway target device failed to respond (Modbus Application Protocol 1.1b3, 7)
 _LONGEST_FRAME: Final = 260  # the same on every carrier (Messaging on TCP/IP 1.0b, 3.1.3)
@@ -154,8 +155,13 @@ class Slave:
             )
         except OSError as error:
             raise ConfigurationError(
-                f"{listener.host}:{listener.port}: the simulator cannot listen there, the port is taken or not "
-                "allowed: choose another one"
+                say(
+                    "simulator_cannot_listen",
+                    "{host}:{port}: the simulator cannot listen there, the port is taken or not allowed: choose "
+                    "another one",
+                    host=listener.host,
+                    port=listener.port,
+                )
             ) from error
         host, port = self._server.sockets[0].getsockname()[:2]
         return f"{host}:{port}"

@@ -18,6 +18,7 @@ from simulator.loop import Loop
 from simulator.sensor import noise
 from valve.errors import ParameterError
 from valve.extended_valve import InputPath
+from valve.messages import say
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -39,9 +40,17 @@ class Hunting:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.swing_pa) and self.swing_pa >= 0.0):
-            raise ParameterError(f"the I/P hunts by {self.swing_pa:g} Pa, it must not be negative")
+            raise ParameterError(
+                say("hunting_negative", "the I/P hunts by {swing:g Pa}, it must not be negative", swing=self.swing_pa)
+            )
         if not (math.isfinite(self.period_s) and self.period_s >= 0.01):
-            raise ParameterError(f"the I/P hunts with a period of {self.period_s:g} s, give at least 0.01")
+            raise ParameterError(
+                say(
+                    "hunting_period_too_short",
+                    "the I/P hunts with a period of {period:g s}, give at least 0.01",
+                    period=self.period_s,
+                )
+            )
 
     def turns(self, from_s: float, to_s: float) -> tuple[FloatArray, FloatArray]:
         """Times of the turns from before ``from_s`` to after ``to_s``, and the pressure that each adds, Pa."""
@@ -95,16 +104,39 @@ class Transducer:
     def __post_init__(self) -> None:
         low_pa, high_pa = self.range_pa
         if not (math.isfinite(low_pa) and math.isfinite(high_pa) and low_pa < high_pa):
-            raise ParameterError(f"the transducer's range is {low_pa:g} to {high_pa:g} Pa, it must rise")
+            raise ParameterError(
+                say(
+                    "transducer_range_does_not_rise",
+                    "the transducer's range is {low:g in Pa} to {high:g Pa}, it must rise",
+                    low=low_pa,
+                    high=high_pa,
+                )
+            )
         for name, value_s in (("lag_s", self.lag_s), ("dead_time_s", self.dead_time_s)):
             if not (math.isfinite(value_s) and value_s >= 0.0):
-                raise ParameterError(f"the transducer's {name} is {value_s:g} s, it must not be negative")
+                raise ParameterError(
+                    say(
+                        "transducer_time_negative",
+                        "the transducer's {name} is {value:g s}, it must not be negative",
+                        name=name,
+                        value=value_s,
+                    )
+                )
         if not self.supply_pa > low_pa:
-            raise ParameterError(f"supply_pa is {self.supply_pa:g} Pa, it must be above the range's {low_pa:g} Pa")
+            raise ParameterError(
+                say(
+                    "supply_below_range",
+                    "supply_pa is {supply:g Pa}, it must be above the range's {low:g Pa}",
+                    supply=self.supply_pa,
+                    low=low_pa,
+                )
+            )
         if not 4 <= self.dac_bits <= 32:
-            raise ParameterError(f"dac_bits is {self.dac_bits}, give 4 to 32")
+            raise ParameterError(say("dac_bits_outside", "dac_bits is {bits}, give 4 to 32", bits=self.dac_bits))
         if not 0.0 <= self.leak < 1.0:
-            raise ParameterError(f"the transducer's leak is {self.leak:g}, give 0 to below 1")
+            raise ParameterError(
+                say("leak_outside", "the transducer's leak is {leak:g}, give 0 to below 1", leak=self.leak)
+            )
         _ = self.loop
 
     def with_path(self, path: InputPath, area_m2: float) -> Transducer:
@@ -116,8 +148,13 @@ class Transducer:
             return self
         if self.lag_s > 0.0 and path.lag_s > 0.0:
             raise ParameterError(
-                f"the transducer's lag_s is {self.lag_s:g} s already and transducer_lag gives {path.lag_s:g} s: "
-                "leave one out"
+                say(
+                    "transducer_lag_twice",
+                    "the transducer's lag_s is {lag:g s} already and transducer_lag gives {path_lag:g s}: leave "
+                    "one out",
+                    lag=self.lag_s,
+                    path_lag=path.lag_s,
+                )
             )
         return replace(
             self,

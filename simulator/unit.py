@@ -19,6 +19,7 @@ from simulator.faults import FaultKind
 from simulator.plant import SoftwareValve
 from simulator.record import Event, Happening
 from valve.errors import ConfigurationError
+from valve.messages import say
 
 _WHOLE_RANGE: Final[dict[Kind, tuple[float, float]]] = {
     Kind.U16: (0, 0xFFFF),
@@ -157,8 +158,14 @@ class MapUnit:
             own = register_map.register(channel.register.name)
             if channel.quantity is Quantity.COMMAND and not own.writable:
                 raise ConfigurationError(
-                    f"unit {device_id}: register {own.name} of map {register_map.name} cannot be written and was to "
-                    "carry a command: choose a writable register"
+                    say(
+                        "unit_command_not_writable",
+                        "unit {unit}: register {register} of map {map} cannot be written and was to carry a command: "
+                        "choose a writable register",
+                        unit=device_id,
+                        register=own.name,
+                        map=register_map.name,
+                    )
                 )
         self._registers = {table: registers_by_address(register_map.registers, table) for table in Table}
         self._words: dict[str, tuple[int, ...]] = {

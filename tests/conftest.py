@@ -6,6 +6,7 @@ workers tests/order.py says what runs beside what; ``--quick`` leaves out what t
 
 from __future__ import annotations
 
+import logging
 import os
 import tempfile
 from collections.abc import Iterator
@@ -15,11 +16,21 @@ from typing import Any
 import pytest
 
 from drivers.motion.bus_lock import FOLDER_VARIABLE
-from tests.order import WaitingBeside, is_slow
+from tests.order import WaitingBeside, give_way, is_slow
 
 _locks = tempfile.TemporaryDirectory(prefix="breakaway-locks-")  # removed as the process ends
 os.environ[FOLDER_VARIABLE] = _locks.name
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+class _Unfit(logging.Handler):
+    """Where a message's template does not fit its values a test fails; a service only logs it."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        raise AssertionError(record.getMessage())
+
+
+logging.getLogger("valve.messages").addHandler(_Unfit())
 
 
 @pytest.fixture
@@ -36,6 +47,13 @@ def quick_path(tmp_path: Path) -> Iterator[Path]:
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add what ``make quick`` asks for."""
     parser.addoption("--quick", action="store_true", help="leave out the files that tests/slow.txt names")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Let tests that only compute do so at a lower priority than those that wait."""
+    if (own := getattr(item.config, "workerinput", None)) is not None:
+        give_way(item.nodeid, own["workercount"])
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

@@ -1,13 +1,17 @@
 """Which worker runs which file of tests, and what ``make quick`` leaves out.
 
 What waits for motions in real time has workers of its own beside the others, and hardly computes; as many others as
-there are cores compute all the while. xdist's ``xdist_group`` lays files on workers and does not say which wait (beside
-pytest 9.2 it has no effect at all, pytest-xdist issue 1386): with files in turn on three workers the suite took
-716 s, on four 618 s.
+there are cores compute all the while. These have a lower priority: who keeps time, and a worker of a service, which
+stands back itself, have a core when they need one.
+
+xdist's ``xdist_group`` lays files on workers and does not say which wait (beside pytest 9.2 it has no effect at all,
+pytest-xdist issue 1386): with files in turn on three workers the suite took 716 s, on four 618 s.
 """
 
 from __future__ import annotations
 
+import os
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Final
@@ -40,6 +44,7 @@ WAITING: Final = (
 HALF_WAITING: Final = ("tests/service/", "tests/browser/", "tests/end_to_end/")
 _COMPUTE: Final = ("gw0", "gw1")
 _WORKERS: Final = 3  # of fewer none stands aside
+_COMPUTING: Final = 10  # niceness: as that of a service's analyses
 
 
 class WaitingBeside(LoadFileScheduling):  # type: ignore[misc]  # it has no types
@@ -63,6 +68,17 @@ class WaitingBeside(LoadFileScheduling):  # type: ignore[misc]  # it has no type
             return next(iter((*waiting, *half)), None)
         computing = [file for file in self.workqueue if not file.startswith((*WAITING, *HALF_WAITING))]
         return next(iter((*computing, *half, *waiting)), None)
+
+
+def give_way(file: str, workers: int) -> None:
+    """Lower the priority of this process for tests of a file that only compute, where others that wait run beside.
+
+    For what waits it is as high as any again, where the system lets a process raise its own.
+    """
+    if workers >= _WORKERS:
+        computes = not file.startswith((*WAITING, *HALF_WAITING))
+        with suppress(PermissionError):
+            os.setpriority(os.PRIO_PROCESS, 0, _COMPUTING if computes else 0)
 
 
 def _name(path: Path) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+from valve.messages import say
 from valve.units import PASCAL_PER_BAR, PASCAL_PER_PSI
 
 # by the first word of a name the column that it becomes, and its usual other units with what a value is multiplied by
@@ -19,13 +20,19 @@ _QUANTITIES: Final[dict[str, tuple[str, dict[str, float]]]] = {
 _PERCENT: Final = ("percent", "pct", "%")
 _ANGLE: Final = ("deg", "degree", "degrees", "rad")
 _PERCENT_REMEDY: Final = {
-    "position_m": "write it as position_m, percent / 100 times the travel in m",
-    "command_pa": "write it as command_ma, 4 + 0.16 times percent, and give [signal] of the nameplate",
-    "pressure_pa": "write it as pressure_pa, percent / 100 times the pressure's range in Pa",
+    "position_m": say("write_position_from_percent", "write it as position_m, percent / 100 times the travel in m"),
+    "command_pa": say(
+        "write_current_from_percent",
+        "write it as command_ma, 4 + 0.16 times percent, and give [signal] of the nameplate",
+    ),
+    "pressure_pa": say(
+        "write_pressure_from_percent", "write it as pressure_pa, percent / 100 times the pressure's range in Pa"
+    ),
 }
-_ANGLE_REMEDY: Final = (
+_ANGLE_REMEDY: Final = say(
+    "write_position_from_angle",
     "write it as position_m, the way of the actuator's stem or the angle in rad times the lever in m, "
-    "and actuator.travel_m likewise"
+    "and actuator.travel_m likewise",
 )
 
 
@@ -41,5 +48,10 @@ def remedy(name: str) -> str:
         if unit in _ANGLE and column == "position_m":
             return _ANGLE_REMEDY
         if unit in factors:
-            return f"multiply it by {factors[unit]:.9g} and call it {column}"
-    return "rename it or leave it out"
+            return say(
+                "multiply_and_rename",
+                "multiply it by {factor:.9g} and call it {column}",
+                factor=float(factors[unit]),
+                column=column,
+            )
+    return say("rename_or_leave_out", "rename it or leave it out")

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from valve.errors import WaveformError
+from valve.messages import say
 from valve.waveform import LEAST_RATIO, Waveform, joined, multi_rate_triangle, require_positive
 
 # The diagnostic sequence: one ramp up and down with rests, one small loop, and the way to the loops' middle, s.
@@ -28,12 +29,27 @@ def small_loops(
     ``lead_s`` is the way from ``low_pa`` to the middle, and from there back at the end. A stem that turns within the
     range shows lost motion and what comes before it breaks away, on both sides.
     """
-    require_positive(name, "the time of a loop in s", loop_s)
-    require_positive(name, "the way to the middle in s", lead_s)
+    require_positive(name, say("loop_time_in_s", "the time of a loop in s"), loop_s)
+    require_positive(name, say("way_to_middle_in_s", "the way to the middle in s"), lead_s)
     if not low_pa < high_pa:
-        raise WaveformError(f"waveform {name}: it goes from {low_pa:g} to {high_pa:g} Pa, the second must be higher")
+        raise WaveformError(
+            say(
+                "waveform_falls",
+                "waveform {name}: it goes from {low:g in Pa} to {high:g Pa}, the second must be higher",
+                name=name,
+                low=low_pa,
+                high=high_pa,
+            )
+        )
     if not swings or not all(0.0 < share <= 0.5 for share in swings):
-        raise WaveformError(f"waveform {name}: its swings are {list(swings)}, give shares of the range up to 0.5")
+        raise WaveformError(
+            say(
+                "swings_outside",
+                "waveform {name}: its swings are [{swings:, }], give shares of the range up to 0.5",
+                name=name,
+                swings=tuple(swings),
+            )
+        )
     middle_pa, range_pa = (low_pa + high_pa) / 2.0, high_pa - low_pa
     legs = [(0.0, low_pa), (lead_s, middle_pa)]
     for share in swings:
@@ -70,8 +86,15 @@ def one_after_the_other(name: str, waves: Sequence[Waveform]) -> Waveform:
     for wave in waves[1:]:
         if wave.pressure_pa[0] != pressure_pa[-1][-1]:
             raise WaveformError(
-                f"waveform {name}: {wave.name} begins at {wave.pressure_pa[0]:g} Pa and what comes before ends at "
-                f"{pressure_pa[-1][-1]:g} Pa: let them meet"
+                say(
+                    "waveforms_do_not_meet",
+                    "waveform {name}: {wave} begins at {begin:g Pa} and what comes before ends at {end:g Pa}: let them "
+                    "meet",
+                    name=name,
+                    wave=wave.name,
+                    begin=float(wave.pressure_pa[0]),
+                    end=float(pressure_pa[-1][-1]),
+                )
             )
         time_s.append(time_s[-1][-1] + wave.time_s[1:])
         pressure_pa.append(wave.pressure_pa[1:])
@@ -96,8 +119,8 @@ def diagnostic(
     faster than ``rate_pa_per_s``, and all is made shorter where ``longest_s`` asks for it.
     """
     name = "diagnostic"
-    require_positive(name, "the pressure's rate in Pa/s", rate_pa_per_s)
-    require_positive(name, "the longest time in s", longest_s)
+    require_positive(name, say("pressure_rate_in_pa_per_s", "the pressure's rate in Pa/s"), rate_pa_per_s)
+    require_positive(name, say("longest_time_in_s", "the longest time in s"), longest_s)
     # 1e-6 longer, so that rounding does not make it too fast
     allowed_s = 2.0 * (high_pa - low_pa) / rate_pa_per_s * (1.0 + 1.0e-6)
 
@@ -129,6 +152,12 @@ def diagnostic(
             high = share
     if shortest is None:
         raise WaveformError(
-            f"waveform {name}: it takes more than {longest_s:g} s at {rate_pa_per_s:g} Pa/s: allow more time"
+            say(
+                "waveform_takes_longer",
+                "waveform {name}: it takes more than {longest:g} s at {rate:g Pa/s}: allow more time",
+                name=name,
+                longest=longest_s,
+                rate=rate_pa_per_s,
+            )
         )
     return shortest

@@ -24,6 +24,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from valve.messages import joined, say
+
 
 class ValveError(Exception):
     """Root of all errors that breakaway raises on purpose.
@@ -61,7 +63,7 @@ class ElsewhereError(RequestError):
     """Another gateway of the plant has what is asked for: ask that one."""
 
     def __init__(self, reason: str, gateway: str, url: str) -> None:
-        super().__init__(f"{reason}: repeat the request at {url}")
+        super().__init__(say("elsewhere", "{reason}: repeat the request at {url}", reason=reason, url=url))
         self.gateway = gateway
         self.url = url
 
@@ -102,4 +104,4 @@ def refuse(kind: type[ValveError], faults: Iterable[str]) -> None:
     """Raise ``kind`` with every fault, one a line; nothing happens where all of them are "" or there is none."""
     found = [fault for fault in faults if fault]
     if found:
-        raise kind("\n".join(found))
+        raise kind(joined("\n", found))

@@ -20,6 +20,7 @@ from valve.extended_valve import ExtendedValve, InputPath
 from valve.kernel.follow_extended import follow_extended
 from valve.kernel.input_path import lagged_corners, transformed
 from valve.kernel.modes import FOLLOWED
+from valve.messages import say
 from valve.motion_inputs import MOST_EVENTS, checked_corners, checked_outputs, motion_error
 from valve.stem import FloatArray, ModeArray, ModeChanges, StemState
 
@@ -184,7 +185,13 @@ class ExtendedStem:
         return ModeChanges(event_time_s[:events].copy(), event_mode[:events].copy()), int(passes)
 
     def _error(self, status: int, events: int) -> MotionError:
-        return motion_error(tuple(self._slots[:9]), status, events, self.most_events, subject="the extended stem")
+        return motion_error(
+            tuple(self._slots[:9]),
+            status,
+            events,
+            self.most_events,
+            subject=say("the_extended_stem", "the extended stem"),
+        )
 
 
 def simulate_extended(
@@ -221,6 +228,12 @@ def _require_within_stops(valve: ExtendedValve, stem: StemState) -> None:
     high_m = stops.high_m if math.isinf(stops.high_rate_n_per_m) else math.inf
     if not low_m <= stem.position_m <= high_m:
         raise ParameterError(
-            f"stem state: position {stem.position_m:g} m lies outside the travel stops of {low_m:g} to {high_m:g} m: "
-            "start between them"
+            say(
+                "stem_outside_stops",
+                "stem state: position {position:g m} lies outside the travel stops of {low:g in m} to {high:g m}: "
+                "start between them",
+                position=stem.position_m,
+                low=low_m,
+                high=high_m,
+            )
         )

@@ -22,6 +22,7 @@ from valve.kernel.slots import (
     SHOWN,
     STATES,
 )
+from valve.messages import say
 from valve.motion_inputs import float_array
 from valve.stem import FloatArray, Mode, StemState
 
@@ -42,9 +43,11 @@ class Rests:
         since_s = self.time_s if self.since_s is None else self.since_s
         arrays = [float_array(values) for values in (self.time_s, self.position_m, since_s)]
         if any(array.ndim != 1 or array.shape != arrays[0].shape for array in arrays):
-            raise WaveformError("rests: give as many positions as times")
+            raise WaveformError(say("rests_unequal", "rests: give as many positions as times"))
         if not all(np.isfinite(array).all() for array in arrays) or (np.diff(arrays[0]) < 0.0).any():
-            raise WaveformError("rests: their times must rise and all numbers be finite: sort and correct them")
+            raise WaveformError(
+                say("rests_fall", "rests: their times must rise and all numbers be finite: sort and correct them")
+            )
         for name, array in zip(("time_s", "position_m", "since_s"), arrays, strict=True):
             object.__setattr__(self, name, array)
 
@@ -68,7 +71,12 @@ class ExtendedState:
     def __post_init__(self) -> None:
         values = (self.elapsed_s, self.rest_since_s, self.bristle_n or 0.0, self.extra_static_n, *(self.sensor_m or ()))
         if not all(math.isfinite(value) for value in values):
-            raise ParameterError("state of an extended valve: all its numbers must be finite: correct them")
+            raise ParameterError(
+                say(
+                    "extended_state_not_finite",
+                    "state of an extended valve: all its numbers must be finite: correct them",
+                )
+            )
 
     @property
     def sensed_m(self) -> float:

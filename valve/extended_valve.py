@@ -22,21 +22,41 @@ import numpy.typing as npt
 
 from valve.errors import ParameterError
 from valve.kernel.slots import AREA_CURVE, FRICTION_CURVE, SLOTS, SPRING_CURVE
+from valve.messages import say
 from valve.parameters import PARAMETER_SYMBOLS, TravelStops, ValveParameters
 
 FloatArray = npt.NDArray[np.float64]
+
+_NUMBER_OF_CURVE: Final = say("number_of_curve", "a curve over travel: a number")
 
 
 def require_finite(subject: str, value: float, *, least: float = -math.inf, most: float = math.inf) -> None:
     """Raise ParameterError unless the value is a finite number from ``least`` to ``most``."""
     if not (math.isfinite(value) and least <= value <= most):
-        raise ParameterError(f"{subject} is {value:g}, it must be a finite number from {least:g} to {most:g}")
+        raise ParameterError(
+            say(
+                "value_outside",
+                "{subject} is {value:g}, it must be a finite number from {least:g} to {most:g}",
+                subject=subject,
+                value=value,
+                least=least,
+                most=most,
+            )
+        )
 
 
 def require_above(subject: str, value: float, limit: float = 0.0) -> None:
     """Raise ParameterError unless the value is a finite number above ``limit``."""
     if not (math.isfinite(value) and value > limit):
-        raise ParameterError(f"{subject} is {value:g}, it must be a finite number above {limit:g}")
+        raise ParameterError(
+            say(
+                "value_not_above",
+                "{subject} is {value:g}, it must be a finite number above {limit:g}",
+                subject=subject,
+                value=value,
+                limit=limit,
+            )
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,11 +69,24 @@ class Curve:
 
     def __post_init__(self) -> None:
         if len(self.values) < 2:
-            raise ParameterError(f"a curve over travel has {len(self.values)} values, it needs at least 2")
+            raise ParameterError(
+                say(
+                    "curve_too_short",
+                    "a curve over travel has {count} values, it needs at least 2",
+                    count=len(self.values),
+                )
+            )
         for value in (self.start_m, self.end_m, *self.values):
-            require_finite("a curve over travel: a number", value)
+            require_finite(_NUMBER_OF_CURVE, value)
         if not self.start_m < self.end_m:
-            raise ParameterError(f"a curve over travel goes from {self.start_m:g} to {self.end_m:g} m, it must rise")
+            raise ParameterError(
+                say(
+                    "curve_falls",
+                    "a curve over travel goes from {start:g in m} to {end:g m}, it must rise",
+                    start=self.start_m,
+                    end=self.end_m,
+                )
+            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +172,14 @@ class StopSlots:
         TravelStops(self.low_m, self.high_m)
         for name in ("low_rate_n_per_m", "high_rate_n_per_m"):
             if not getattr(self, name) > 0.0:
-                raise ParameterError(f"{name} is {getattr(self, name):g} N/m, it must be above 0")
+                raise ParameterError(
+                    say(
+                        "stop_rate_not_positive",
+                        "{name} is {value:g N/m}, it must be above 0",
+                        name=name,
+                        value=getattr(self, name),
+                    )
+                )
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +213,7 @@ class InputPath:
         for name in ("lag_s", "dead_time_s"):
             require_finite(name, getattr(self, name), least=0.0)
         if math.isnan(self.limit_n):
-            raise ParameterError("limit_n is not a number: correct it")
+            raise ParameterError(say("limit_no_number", "limit_n is not a number: correct it"))
 
     @property
     def is_neutral(self) -> bool:

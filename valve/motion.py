@@ -17,6 +17,7 @@ from valve.errors import RecordingError, WaveformError
 from valve.kernel.follow import follow
 from valve.kernel.modes import FOLLOWED
 from valve.kernel.sampling import even_period
+from valve.messages import say
 from valve.motion_batch import BatchMotion, simulate_batch
 from valve.motion_inputs import (
     MOST_EVENTS,
@@ -124,7 +125,13 @@ def simulate_waveform(
     Raises WaveformError for a sample period that is not above 0, and as ``simulate_motion``.
     """
     if not (math.isfinite(sample_period_s) and sample_period_s > 0.0):
-        raise WaveformError(f"sample period is {sample_period_s:g} s, it must be above 0: correct it")
+        raise WaveformError(
+            say(
+                "sample_period_not_positive",
+                "sample period is {sample_period:g} s, it must be above 0: correct it",
+                sample_period=sample_period_s,
+            )
+        )
     state = StemState() if initial is None else initial
     require_within_stops(state, stops)
     corners = checked_corners(waveform.time_s, area_m2 * waveform.pressure_pa)
@@ -152,8 +159,15 @@ def simulate_recording(
     missing = np.flatnonzero(~np.isfinite(force_n))
     if missing.size:
         raise RecordingError(
-            f"{nameplate.tag}: the recorded input is missing in {missing.size} of {recording.samples} samples, first "
-            f"at {recording.time_s[missing[0]]:g} s, and the motion needs all of them: cut the recording at its gaps"
+            say(
+                "input_missing_in",
+                "{tag}: the recorded input is missing in {count} of {samples} samples, first at {first:g} s, and the "
+                "motion needs all of them: cut the recording at its gaps",
+                tag=nameplate.tag,
+                count=int(missing.size),
+                samples=recording.samples,
+                first=float(recording.time_s[missing[0]]),
+            )
         )
     if initial is None:
         present = recording.position_m[np.isfinite(recording.position_m)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +13,7 @@ from valve.errors import WaveformError
 from valve.kernel.follow import follow_many
 from valve.kernel.modes import FOLLOWED
 from valve.kernel.sampling import even_period
+from valve.messages import say
 from valve.motion_inputs import (
     MOST_EVENTS,
     checked_corners,
@@ -23,6 +25,9 @@ from valve.motion_inputs import (
 )
 from valve.parameters import TravelStops, ValveParameters
 from valve.stem import FloatArray, Mode, StemState
+
+_STOPS: Final = say("travel_stops", "travel stops")
+_STATES: Final = say("initial_states", "initial states")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,14 +60,29 @@ def simulate_batch(
     count = len(parameters)
     stops_each = [None] * count if stops is None else stops
     states = [StemState()] * count if initial is None else initial
-    for values, what in ((stops_each, "travel stops"), (states, "initial states")):
+    for values, what in ((stops_each, _STOPS), (states, _STATES)):
         if len(values) != count:
-            raise WaveformError(f"batch: {len(values)} {what} for {count} valves, give one each")
+            raise WaveformError(
+                say(
+                    "batch_one_each",
+                    "batch: {count} {what} for {valves} valves, give one each",
+                    count=len(values),
+                    what=what,
+                    valves=count,
+                )
+            )
     for state, limits in zip(states, stops_each, strict=True):
         require_within_stops(state, limits)
     force = np.atleast_2d(float_array(force_n))
     if count == 0 or force.shape[0] not in {1, count}:
-        raise WaveformError(f"batch: {force.shape[0]} forces for {count} valves, give one for all or one each")
+        raise WaveformError(
+            say(
+                "batch_forces",
+                "batch: {forces} forces for {valves} valves, give one for all or one each",
+                forces=int(force.shape[0]),
+                valves=count,
+            )
+        )
     corner_time_s, _ = checked_corners(force_time_s, force[0])
     for row in force[1:]:
         checked_corners(corner_time_s, row)
@@ -90,7 +110,7 @@ def simulate_batch(
         events,
     )
     for valve in np.flatnonzero(status != FOLLOWED):
-        subject = f"valve {valve + 1} of {count}"
+        subject = say("valve_of_batch", "valve {number} of {all}", number=int(valve) + 1, all=count)
         raise motion_error(arguments[valve], int(status[valve]), int(events[valve]), most_events, subject=subject)
     final = tuple(
         StemState(float(x), float(v), Mode(int(mode))) for x, v, mode in zip(final_x, final_v, final_mode, strict=True)

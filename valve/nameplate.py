@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from valve.errors import ParameterError, refuse
+from valve.messages import say
 from valve.units import linear
 
 
@@ -21,23 +22,48 @@ class Action(StrEnum):
 def _not_positive(subject: str, value: float | None, unit: str) -> str:
     if value is None or (math.isfinite(value) and value > 0.0):
         return ""
-    return f"{subject} is {value:g} {unit}, it must be above 0: correct the nameplate"
+    return say(
+        "nameplate_not_positive",
+        "{subject} is {value:g} {unit}, it must be above 0: correct the nameplate",
+        subject=subject,
+        value=value,
+        unit=unit,
+    )
 
 
 def _no_range(subject: str, span: Sequence[float], unit: str) -> str:
     if len(span) != 2:
-        return f"{subject} has {len(span)} values, it needs 2: give its lower and its upper end"
+        return say(
+            "range_of_two",
+            "{subject} has {count} values, it needs 2: give its lower and its upper end",
+            subject=subject,
+            count=len(span),
+        )
     low, high = span
     if math.isfinite(low) and math.isfinite(high) and low < high:
         return ""
-    return f"{subject} is {low:g} to {high:g} {unit}, it must rise: give the lower value first"
+    return say(
+        "range_must_rise",
+        "{subject} is {low:g} to {high:g} {unit}, it must rise: give the lower value first",
+        subject=subject,
+        low=low,
+        high=high,
+        unit=unit,
+    )
 
 
 def _action(value: str) -> Action:
     try:
         return Action(value)
     except ValueError:
-        raise ParameterError(f"actuator.action is {value!r}, there are {', '.join(Action)}: choose one") from None
+        raise ParameterError(
+            say(
+                "action_unknown",
+                "actuator.action is {value}, there are {actions:, }: choose one",
+                value=repr(value),
+                actions=tuple(Action),
+            )
+        ) from None
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +91,11 @@ class Actuator:
             faults.append(_no_range("actuator.bench_set_pa", self.bench_set_pa, "Pa"))
             if self.action is Action.DOUBLE:
                 faults.append(
-                    "actuator.bench_set_pa is given for a double-acting actuator, which has no spring: leave it out"
+                    say(
+                        "bench_set_without_spring",
+                        "actuator.bench_set_pa is given for a double-acting actuator, which has no spring: leave it "
+                        "out",
+                    )
                 )
         refuse(ParameterError, faults)
 
@@ -108,7 +138,9 @@ class Nameplate:
 
     def __post_init__(self) -> None:
         if not self.tag or len(self.tag) > 64 or not self.tag.isprintable():
-            raise ParameterError(f"tag {self.tag!r}: give 1 to 64 printable characters")
+            raise ParameterError(
+                say("tag_not_printable", "tag {tag}: give 1 to 64 printable characters", tag=repr(self.tag))
+            )
 
     @property
     def nominal_preload_n(self) -> float | None:

@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from valve.errors import NotFoundError, ParameterError
+from valve.messages import say
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -57,7 +58,12 @@ class Packing:
             object.__setattr__(self, "roughness_law", RoughnessLaw(self.roughness_law))
         except ValueError:
             raise ParameterError(
-                f"packing: roughness_law is {self.roughness_law!r}, choose one of {', '.join(RoughnessLaw)}"
+                say(
+                    "roughness_law_unknown",
+                    "packing: roughness_law is {law}, choose one of {choices:, }",
+                    law=repr(self.roughness_law),
+                    choices=tuple(RoughnessLaw),
+                )
             ) from None
         limits = {
             "breakaway_scatter": (0.0, 0.3),
@@ -72,7 +78,16 @@ class Packing:
         for name, (least, most) in limits.items():
             value = getattr(self, name)
             if not (math.isfinite(value) and least <= value <= most):
-                raise ParameterError(f"packing: {name} is {value:g}, give {least:g} to {most:g}")
+                raise ParameterError(
+                    say(
+                        "packing_outside",
+                        "packing: {name} is {value:g}, give {least:g} to {most:g}",
+                        name=name,
+                        value=value,
+                        least=least,
+                        most=most,
+                    )
+                )
 
     @property
     def is_ideal(self) -> bool:
@@ -92,7 +107,14 @@ PACKINGS: Final[dict[str, Packing]] = {
 def packing_preset(name: str) -> Packing:
     """Return the packing of this name. Raises NotFoundError for another name."""
     if name not in PACKINGS:
-        raise NotFoundError(f"packing {name!r} is unknown: choose one of {', '.join(PACKINGS)}")
+        raise NotFoundError(
+            say(
+                "packing_unknown",
+                "packing {name} is unknown: choose one of {choices:, }",
+                name=repr(name),
+                choices=tuple(PACKINGS),
+            )
+        )
     return PACKINGS[name]
 
 
@@ -136,7 +158,13 @@ def drawn_roughness(
     if packing.roughness == 0.0 or coulomb_friction_n == 0.0:
         return NO_ROUGHNESS
     if count > _LONGEST_TABLE:
-        raise ParameterError(f"packing: roughness_length {packing.roughness_length:g} is too short, raise it")
+        raise ParameterError(
+            say(
+                "roughness_too_short",
+                "packing: roughness_length {length:g} is too short, raise it",
+                length=packing.roughness_length,
+            )
+        )
     rng = np.random.default_rng([seed, 0x57])
     common, opening, closing = (_drawn_process(packing.roughness_law, count, rng) for _ in range(3))
     alike, own = math.sqrt(packing.roughness_common), math.sqrt(1.0 - packing.roughness_common)

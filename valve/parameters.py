@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from valve.errors import ParameterError
+from valve.messages import say
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,17 +55,43 @@ class ValveParameters:
         for entry in PARAMETER_SYMBOLS.values():
             value = getattr(self, entry.field)
             if not math.isfinite(value):
-                raise ParameterError(f"{entry.field} is {value}, it must be a finite number: correct it")
+                raise ParameterError(
+                    say(
+                        "parameter_not_finite",
+                        "{name} is {value}, it must be a finite number: correct it",
+                        name=entry.field,
+                        value=value,
+                    )
+                )
         for field in ("mass_kg", "limit_velocity_m_per_s"):
             if getattr(self, field) <= 0.0:
-                raise ParameterError(f"{field} is {getattr(self, field):g}, it must be above 0: correct it")
+                raise ParameterError(
+                    say(
+                        "value_not_positive",
+                        "{name} is {value:g}, it must be above 0: correct it",
+                        name=field,
+                        value=getattr(self, field),
+                    )
+                )
         for field in ("spring_rate_n_per_m", "viscous_friction_n_s_per_m", "coulomb_friction_n"):
             if getattr(self, field) < 0.0:
-                raise ParameterError(f"{field} is {getattr(self, field):g}, it must not be negative: correct it")
+                raise ParameterError(
+                    say(
+                        "value_negative",
+                        "{name} is {value:g}, it must not be negative: correct it",
+                        name=field,
+                        value=getattr(self, field),
+                    )
+                )
         if self.static_friction_n < self.coulomb_friction_n:
             raise ParameterError(
-                f"static_friction_n is {self.static_friction_n:g} N, below the Coulomb friction of "
-                f"{self.coulomb_friction_n:g} N: raise it to at least that"
+                say(
+                    "static_below_coulomb",
+                    "static_friction_n is {static:g N}, below the Coulomb friction of {coulomb:g N}: raise it to at "
+                    "least that",
+                    static=self.static_friction_n,
+                    coulomb=self.coulomb_friction_n,
+                )
             )
 
     def by_symbol(self) -> dict[str, float]:
@@ -79,10 +106,23 @@ def parameters_from_symbols(values: dict[str, float]) -> ValveParameters:
     """
     unknown = sorted(set(values) - set(PARAMETER_SYMBOLS))
     if unknown:
-        raise ParameterError(f"{unknown[0]}: no such parameter; there are {', '.join(PARAMETER_SYMBOLS)}")
+        raise ParameterError(
+            say(
+                "parameter_unknown",
+                "{parameter}: no such parameter; there are {known:, }",
+                parameter=unknown[0],
+                known=tuple(PARAMETER_SYMBOLS),
+            )
+        )
     missing = [symbol for symbol in PARAMETER_SYMBOLS if symbol not in values and symbol != "F_0"]
     if missing:
-        raise ParameterError(f"{', '.join(missing)}: missing; only F_0 may be left out: add them")
+        raise ParameterError(
+            say(
+                "parameters_missing",
+                "{missing:, }: missing; only F_0 may be left out: add them",
+                missing=tuple(missing),
+            )
+        )
     return ValveParameters(**{PARAMETER_SYMBOLS[symbol].field: value for symbol, value in values.items()})
 
 
@@ -96,5 +136,10 @@ class TravelStops:
     def __post_init__(self) -> None:
         if not self.low_m < self.high_m:
             raise ParameterError(
-                f"travel stops are {self.low_m:g} and {self.high_m:g} m, the low one must lie below the high one"
+                say(
+                    "travel_stops_crossed",
+                    "travel stops are {low:g in m} and {high:g m}, the low one must lie below the high one",
+                    low=self.low_m,
+                    high=self.high_m,
+                )
             )

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
 
 from valve.errors import RecordingError
+from valve.messages import Message, say
 from valve.nameplate import Action, Nameplate
 from valve.recording import FloatArray
 from valve.units import METRE_PER_INCH, PASCAL_PER_BAR, PASCAL_PER_PSI
@@ -50,8 +51,16 @@ def require_channels_in_place(
     reached_m, reached_pa = _largest(position_m), _largest(pressure_pa)
     if reached_m >= _LOWEST_FULL_PRESSURE_PA and 0.0 < reached_pa <= _MOST_TRAVELS * travel_m:
         raise RecordingError(
-            f"{source}: position_m reaches {reached_m:.4g}, pressure_pa {reached_pa:.4g}, and the travel of "
-            f"{nameplate.tag} is {travel_m:g} m: the two channels are swapped: exchange their names"
+            say(
+                "channels_in_each_others_column",
+                "{source}: position_m reaches {position:.4g}, pressure_pa {pressure:.4g}, and the travel of {tag} is "
+                "{travel:g m}: the two channels are swapped: exchange their names",
+                source=source,
+                position=reached_m,
+                pressure=reached_pa,
+                tag=nameplate.tag,
+                travel=travel_m,
+            )
         )
 
 
@@ -65,7 +74,13 @@ def require_plausible_time(time_s: FloatArray, source: str, *, in_service: bool 
     period_s, duration_s = float(np.median(np.diff(time_s))), float(time_s[-1] - time_s[0])
     if 0.0 < period_s < _SHORTEST_PERIOD_S:
         raise RecordingError(
-            f"{source}: the rows are {period_s:.2g} s apart in time_s: it looks like days or hours: write it in seconds"
+            say(
+                "time_in_days",
+                "{source}: the rows are {period:.2g} s apart in time_s: it looks like days or hours: write it in "
+                "seconds",
+                source=source,
+                period=period_s,
+            )
         )
     if period_s < _SLOW_PERIOD_S or (period_s < _SLOWEST_PERIOD_S and duration_s <= _LONGEST_SLOW_S):
         return
@@ -73,17 +88,31 @@ def require_plausible_time(time_s: FloatArray, source: str, *, in_service: bool 
         if duration_s <= _LONGEST_SERVICE_S:
             return
         raise RecordingError(
-            f"{source}: the rows are {period_s:.3g} s apart in time_s and span {duration_s / 86400.0:.3g} days, the "
-            f"most is {_LONGEST_SERVICE_S / 86400.0:g}: if it is in milliseconds, write it in seconds, or cut the file"
+            say(
+                "time_in_milliseconds_or_long",
+                "{source}: the rows are {period:.3g} s apart in time_s and span {days:.3g} days, the most is "
+                "{most:g}: if it is in milliseconds, write it in seconds, or cut the file",
+                source=source,
+                period=period_s,
+                days=duration_s / 86400.0,
+                most=_LONGEST_SERVICE_S / 86400.0,
+            )
         )
     slow = (
-        f"record faster, at {_SLOW_PERIOD_S:g} s or less"
+        say("record_faster", "record faster, at {period:g} s or less", period=_SLOW_PERIOD_S)
         if period_s >= _SLOWEST_PERIOD_S
-        else f"cut a record that is as slow to {_LONGEST_SLOW_S / 3600.0:g} h"
+        else say("cut_slow_record", "cut a record that is as slow to {hours:g} h", hours=_LONGEST_SLOW_S / 3600.0)
     )
     raise RecordingError(
-        f"{source}: the rows are {period_s:.3g} s apart in time_s and span {duration_s / 3600.0:.3g} h: it looks like "
-        f"milliseconds: write it in seconds, or {slow}"
+        say(
+            "time_in_milliseconds",
+            "{source}: the rows are {period:.3g} s apart in time_s and span {hours:.3g} h: it looks like "
+            "milliseconds: write it in seconds, or {slow}",
+            source=source,
+            period=period_s,
+            hours=duration_s / 3600.0,
+            slow=slow,
+        )
     )
 
 
@@ -96,15 +125,26 @@ def require_plausible_position(position_m: FloatArray, nameplate: Nameplate, sou
     _require_no_stand_ins("position_m", position_m, most_m, source)
     likely = _likely_units(reached, travel_m, _LENGTHS)
     if 20.0 <= reached <= 120.0:
-        likely.append("percent of travel")
+        likely.append(say("percent_of_travel", "percent of travel"))
     if 0.2 <= reached <= 1.2:
-        likely.append("a share of travel")
-    remedy = "write it in metres"
+        likely.append(say("share_of_travel", "a share of travel"))
+    remedy = say("write_in_metres", "write it in metres")
     if float(np.nanmin(np.abs(position_m))) > travel_m and 0.2 * travel_m <= _span(position_m) <= travel_m:
-        remedy += ", or subtract what it reads with the valve closed"
+        remedy = say(
+            "write_in_metres_or_subtract", "write it in metres, or subtract what it reads with the valve closed"
+        )
     raise RecordingError(
-        f"{source}: position_m reaches {reached:.4g} and the travel of {nameplate.tag} is {travel_m:g} m: "
-        f"{_guess(likely)}{remedy}, or correct actuator.travel_m"
+        say(
+            "position_beyond_travel",
+            "{source}: position_m reaches {reached:.4g} and the travel of {tag} is {travel:g m}: "
+            "{guess}{remedy}, or correct actuator.travel_m",
+            source=source,
+            reached=reached,
+            tag=nameplate.tag,
+            travel=travel_m,
+            guess=_guess(likely),
+            remedy=remedy,
+        )
     )
 
 
@@ -125,22 +165,47 @@ def require_plausible_pressure(
     full_pa = _full_pressure_pa(nameplate)
     expected_pa = _LOWEST_FULL_PRESSURE_PA if full_pa is None else full_pa
     moved = np.ptp(position_m[np.isfinite(position_m)]) >= _LEAST_MOVED * nameplate.actuator.travel_m
-    known = f"the pressure range of {nameplate.tag} ends at {expected_pa:g} Pa"
+    known = say(
+        "pressure_range_ends",
+        "the pressure range of {tag} ends at {expected:g Pa}",
+        tag=nameplate.tag,
+        expected=expected_pa,
+    )
     if 0.0 < reached < _LEAST_PRESSURE * expected_pa or (full_pa is None and 0.0 < reached < 0.2 * expected_pa):
         if not moved:
             return
         likely = _likely_pressures(reached, full_pa, 0.0 if command_pa is None else _largest(command_pa))
-        about = known if full_pa is not None else "the stem moves"
+        about = known if full_pa is not None else say("the_stem_moves", "the stem moves")
         percent = name == "command_pa" and _NEARLY_PERCENT < reached <= _MOST_PERCENT
-        also = ", or percent as command_ma (4 + 0.16 times percent)" if percent else ""
+        how = (
+            say("write_in_pa_or_percent", "write it in Pa, or percent as command_ma (4 + 0.16 times percent)")
+            if percent
+            else say("write_in_pa", "write it in Pa")
+        )
         raise RecordingError(
-            f"{source}: {name} reaches {reached:.4g} and {about}: {_guess(likely)}write it in Pa{also}"
+            say(
+                "pressure_too_small",
+                "{source}: {name} reaches {reached:.4g} and {about}: {guess}{how}",
+                source=source,
+                name=name,
+                reached=reached,
+                about=about,
+                guess=_guess(likely),
+                how=how,
+            )
         )
     if full_pa is not None and reached > _MOST_PRESSURES * full_pa:
         _require_no_stand_ins(name, pressure_pa, _MOST_PRESSURES * full_pa, source)
         raise RecordingError(
-            f"{source}: {name} reaches {reached:.4g} and {known}: "
-            "write it in Pa, or correct the nameplate's signal.range_pa and actuator.bench_set_pa"
+            say(
+                "pressure_too_large",
+                "{source}: {name} reaches {reached:.4g} and {known}: write it in Pa, or correct the nameplate's "
+                "signal.range_pa and actuator.bench_set_pa",
+                source=source,
+                name=name,
+                reached=reached,
+                known=known,
+            )
         )
 
 
@@ -158,10 +223,20 @@ def require_moving_input(
     spans_pa = {name: _span(values_pa) for name, values_pa in inputs_pa.items()}
     if went_m < _SURELY_MOVED * nameplate.actuator.travel_m or max(spans_pa.values()) >= _LEAST_PRESSURE * full_pa:
         return
-    stays = " and ".join(f"{name} stays within {span_pa:.3g} Pa" for name, span_pa in spans_pa.items())
+    stays = tuple(
+        say("stays_within", "{name} stays within {span:.3g Pa}", name=name, span=span_pa)
+        for name, span_pa in spans_pa.items()
+    )
     raise RecordingError(
-        f"{source}: {stays} while the stem goes {1.0e3 * went_m:.3g} mm: something else moves it (a handwheel, a "
-        "bypass), or it is another valve's channel or a gauge that is shut off: record the pressure that moves the stem"
+        say(
+            "moved_by_something_else",
+            "{source}: {stays: and } while the stem goes {went:.3g mm}: something else moves it (a handwheel, a "
+            "bypass), or it is another valve's channel or a gauge that is shut off: record the pressure that "
+            "moves the stem",
+            source=source,
+            stays=stays,
+            went=went_m,
+        )
     )
 
 
@@ -174,12 +249,23 @@ def require_plausible_current(command_ma: FloatArray, source: str) -> None:
     if present.min() < low or present.max() > high:
         worst = present.max() if present.max() > high else present.min()
         raise RecordingError(
-            f"{source}: command_ma is {worst:.4g} and a current loop carries 0 to {high:g} mA: "
-            "it looks like percent or a pressure: write it in mA, or a pressure as command_pa"
+            say(
+                "current_beyond_loop",
+                "{source}: command_ma is {worst:.4g} and a current loop carries 0 to {high:g} mA: it looks like "
+                "percent or a pressure: write it in mA, or a pressure as command_pa",
+                source=source,
+                worst=worst,
+                high=high,
+            )
         )
     if 0.0 < present.max() < 0.1:
         raise RecordingError(
-            f"{source}: command_ma reaches {present.max():.4g} mA, it looks like amperes: write it in mA"
+            say(
+                "current_in_amperes",
+                "{source}: command_ma reaches {current:.4g} mA, it looks like amperes: write it in mA",
+                source=source,
+                current=float(present.max()),
+            )
         )
 
 
@@ -197,8 +283,17 @@ def require_no_stand_ins(name: str, values: FloatArray, source: str) -> None:
         return
     row = int(np.argmax(odd)) + 1
     raise RecordingError(
-        f"{source}: row {row}, column {name}: it is {values[row - 1]:.7g}, which loggers write for no value, and the "
-        f"others are {low:.4g} to {high:.4g}: leave the cell empty where there was no value"
+        say(
+            "no_value_number",
+            "{source}: row {row}, column {name}: it is {value:.7g}, which loggers write for no value, and the "
+            "others are {low:.4g} to {high:.4g}: leave the cell empty where there was no value",
+            source=source,
+            row=row,
+            name=name,
+            value=float(values[row - 1]),
+            low=low,
+            high=high,
+        )
     )
 
 
@@ -210,10 +305,23 @@ def _require_no_stand_ins(name: str, values: FloatArray, most: float, source: st
     if count > _MOST_STAND_INS * present.size or np.unique(present[beyond]).size > _MOST_KINDS:
         return
     row = int(np.flatnonzero(np.isfinite(values))[int(np.argmax(beyond))]) + 1
-    others = "the other values stay" if count == 1 else f"all but {count} values stay"
+    others = (
+        say("other_values_stay", "the other values stay")
+        if count == 1
+        else say("all_but_stay", "all but {count} values stay", count=count)
+    )
     raise RecordingError(
-        f"{source}: row {row}, column {name}: it is {values[row - 1]:.4g}, and {others} within "
-        f"{_largest(present[~beyond]):.4g}: leave the cell empty where there was no value"
+        say(
+            "value_beyond_others",
+            "{source}: row {row}, column {name}: it is {value:.4g}, and {others} within {most:.4g}: leave the "
+            "cell empty where there was no value",
+            source=source,
+            row=row,
+            name=name,
+            value=float(values[row - 1]),
+            others=others,
+            most=float(_largest(present[~beyond])),
+        )
     )
 
 
@@ -249,5 +357,7 @@ def _likely_pressures(reached: float, full_pa: float | None, commanded_pa: float
     return [unit for unit, _ in _PRESSURES]
 
 
-def _guess(units: list[str]) -> str:
-    return f"it looks like {' or '.join(units)}: " if units else ""
+def _guess(units: Sequence[str]) -> Message:
+    if not units:
+        return say("nothing_guessed", "")
+    return say("looks_like", "it looks like {units: or }: ", units=tuple(units))

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from valve.errors import RecordingError
+from valve.messages import say
 from valve.nameplate import Nameplate
 
 FloatArray = npt.NDArray[np.float64]
@@ -80,7 +81,7 @@ class Recording:
     def __post_init__(self) -> None:
         time_s = np.asarray(self.time_s, dtype=np.float64)
         if time_s.ndim != 1 or time_s.size == 0:
-            raise RecordingError("recording: it has no sample, give one with at least 2")
+            raise RecordingError(say("no_sample", "recording: it has no sample, give one with at least 2"))
         for name in ("time_s", *CHANNELS, *INTERVAL_CHANNELS):
             channel = getattr(self, name)
             if channel is None:
@@ -88,23 +89,53 @@ class Recording:
             column = np.array(channel, dtype=np.float64)
             if column.shape != time_s.shape:
                 raise RecordingError(
-                    f"recording: {name} has {column.size} values and time_s has {time_s.size}, they must be as many"
+                    say(
+                        "column_unequal",
+                        "recording: {name} has {count} values and time_s has {times}, they must be as many",
+                        name=name,
+                        count=int(column.size),
+                        times=int(time_s.size),
+                    )
                 )
             if np.isinf(column).any():
-                raise RecordingError(f"recording: {name} is infinite at row {int(np.isinf(column).argmax()) + 1}")
+                raise RecordingError(
+                    say(
+                        "infinite_at_row",
+                        "recording: {name} is infinite at row {row}",
+                        name=name,
+                        row=int(np.isinf(column).argmax()) + 1,
+                    )
+                )
             column.setflags(write=False)
             object.__setattr__(self, name, column)
         if not np.isfinite(time_s).all():
-            raise RecordingError(f"recording: time_s is missing at row {int(np.isnan(time_s).argmax()) + 1}")
+            raise RecordingError(
+                say(
+                    "time_missing_at_row",
+                    "recording: time_s is missing at row {row}",
+                    row=int(np.isnan(time_s).argmax()) + 1,
+                )
+            )
         falling = np.flatnonzero(np.diff(time_s) <= 0.0)
         if falling.size:
             row = int(falling[0]) + 1
             raise RecordingError(
-                f"recording: time_s goes from {time_s[row - 1]:g} to {time_s[row]:g} s at row {row + 1}, "
-                "it must increase: put the rows in order and remove doubled ones"
+                say(
+                    "time_falls_at_row",
+                    "recording: time_s goes from {before:g} to {after:g} s at row {number}, it must increase: put the "
+                    "rows in order and remove doubled ones",
+                    before=float(time_s[row - 1]),
+                    after=float(time_s[row]),
+                    number=row + 1,
+                )
             )
         if all(getattr(self, name) is None for name in CHANNELS[:3]):
-            raise RecordingError("recording: it has a position and no command, pressure or force: add one of these")
+            raise RecordingError(
+                say(
+                    "position_without_input",
+                    "recording: it has a position and no command, pressure or force: add one of these",
+                )
+            )
 
     @property
     def samples(self) -> int:
@@ -162,8 +193,12 @@ class Recording:
         area_m2 = nameplate.actuator.diaphragm_area_m2
         if area_m2 is None or pressure_pa is None:
             raise RecordingError(
-                f"{nameplate.tag}: the recording has a pressure and the nameplate no actuator.diaphragm_area_m2, "
-                "the force is their product: add the area"
+                say(
+                    "no_area_for_force",
+                    "{tag}: the recording has a pressure and the nameplate no actuator.diaphragm_area_m2, the force is "
+                    "their product: add the area",
+                    tag=nameplate.tag,
+                )
             )
         return np.asarray(pressure_pa * area_m2)
 
@@ -173,7 +208,13 @@ class Recording:
         Raises RecordingError with fewer than two rows.
         """
         if self.samples < 2:
-            raise RecordingError(f"recording: {self.samples} sample, the sampling rate needs at least 2")
+            raise RecordingError(
+                say(
+                    "one_sample_no_rate",
+                    "recording: {count} sample, the sampling rate needs at least 2",
+                    count=self.samples,
+                )
+            )
         periods_s = np.diff(self.time_s)
         median_s = float(np.median(periods_s))
         slot_s = self.provenance.requested_period_s or median_s

@@ -12,6 +12,7 @@ import numpy as np
 
 from valve import recording_csv, recording_parquet
 from valve.errors import RecordingError
+from valve.messages import say
 from valve.nameplate import Nameplate
 from valve.plausibility import (
     require_channels_in_place,
@@ -62,7 +63,13 @@ def recording_from_bytes(
     if data.startswith(_PARQUET_MAGIC):
         columns, provenance = recording_parquet.read_columns(data, source, most_rows=most_rows)
     elif says_parquet:
-        raise RecordingError(f"{source}: it does not start as a Parquet file does: give it the suffix of what it is")
+        raise RecordingError(
+            say(
+                "not_as_parquet_starts",
+                "{source}: it does not start as a Parquet file does: give it the suffix of what it is",
+                source=source,
+            )
+        )
     else:
         columns = recording_csv.read_columns(data, source, most_rows=most_rows)
     return recording_from_columns(columns, provenance, source, nameplate, in_service=in_service)
@@ -91,7 +98,9 @@ def file_sha256(path: Path | str) -> str:
         with Path(path).open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
-        raise RecordingError(f"{path}: it cannot be read: {error.strerror}") from None
+        raise RecordingError(
+            say("file_unreadable", "{path}: it cannot be read: {why}", path=str(path), why=error.strerror or "")
+        ) from None
 
 
 def recording_columns(recording: Recording) -> dict[str, FloatArray]:
@@ -108,18 +117,30 @@ def file_content(path: Path) -> bytes:
     """Return a file's bytes. Raises RecordingError where it cannot be read or is too large for a recording."""
     try:
         if path.is_dir():
-            raise RecordingError(f"{path}: it is a folder, give a CSV or Parquet file")
+            raise RecordingError(
+                say("path_is_folder", "{path}: it is a folder, give a CSV or Parquet file", path=str(path))
+            )
         size = path.stat().st_size
         if size > _LARGEST_FILE_BYTES:
             raise RecordingError(
-                f"{path}: it has {size} bytes, a recording may have {_LARGEST_FILE_BYTES}: cut it into parts"
+                say(
+                    "file_too_large",
+                    "{path}: it has {size} bytes, a recording may have {largest_file_bytes}: cut it into parts",
+                    path=str(path),
+                    size=size,
+                    largest_file_bytes=_LARGEST_FILE_BYTES,
+                )
             )
         return path.read_bytes()
     except FileNotFoundError:
-        raise RecordingError(f"{path}: there is no such file, check its name") from None
+        raise RecordingError(
+            say("no_such_file", "{path}: there is no such file, check its name", path=str(path))
+        ) from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise RecordingError(f"{path}: it cannot be read: {reason}") from None
+        raise RecordingError(
+            say("file_unreadable", "{path}: it cannot be read: {why}", path=str(path), why=reason or "")
+        ) from None
 
 
 def _write_durably(data: bytes, path: Path) -> None:
@@ -138,7 +159,9 @@ def _write_durably(data: bytes, path: Path) -> None:
             os.close(folder)
     except OSError as error:
         partial.unlink(missing_ok=True)
-        raise RecordingError(f"{path}: it cannot be written: {error.strerror}") from error
+        raise RecordingError(
+            say("file_unwritable", "{path}: it cannot be written: {why}", path=str(path), why=error.strerror or "")
+        ) from error
 
 
 def recording_from_columns(
@@ -158,9 +181,25 @@ def recording_from_columns(
     for name, column in columns.items():
         if np.isinf(column).any():
             row = int(np.isinf(column).argmax()) + 1
-            raise RecordingError(f"{source}: row {row}, column {name}: it is infinite, leave a gap empty")
+            raise RecordingError(
+                say(
+                    "infinite_in_column",
+                    "{source}: row {row}, column {column}: it is infinite, leave a gap empty",
+                    source=source,
+                    row=row,
+                    column=name,
+                )
+            )
         if np.isnan(column).all() and name in ("position_m", "force_n", "pressure_pa"):
-            raise RecordingError(f"{source}: column {name} holds no value, {_remedy(name)}")
+            raise RecordingError(
+                say(
+                    "column_without_value",
+                    "{source}: column {column} holds no value, {remedy}",
+                    source=source,
+                    column=name,
+                    remedy=_remedy(name),
+                )
+            )
     if nameplate is not None:
         _require_plausible(columns, nameplate, source, in_service=in_service)
     for name in ("position_m", "pressure_pa", "command_pa", "force_n"):
@@ -174,39 +213,76 @@ def recording_from_columns(
 
 
 def _remedy(name: str) -> str:
-    return "give its samples" if name == "position_m" else "remove it or give its samples"
+    if name == "position_m":
+        return say("give_samples", "give its samples")
+    return say("remove_or_give_samples", "remove it or give its samples")
 
 
 def _require_columns(columns: dict[str, FloatArray], source: str) -> None:
     for name in ("time_s", "position_m"):
         if name not in columns:
-            raise RecordingError(f"{source}: column {name} is missing, a recording needs it: add it")
+            raise RecordingError(
+                say(
+                    "column_missing",
+                    "{source}: column {column} is missing, a recording needs it: add it",
+                    source=source,
+                    column=name,
+                )
+            )
     if columns["time_s"].size == 0:
-        raise RecordingError(f"{source}: it has columns and no row, give one row a sample")
+        raise RecordingError(
+            say("columns_without_rows", "{source}: it has columns and no row, give one row a sample", source=source)
+        )
     if not columns.keys() & {"command_pa", "command_ma", "pressure_pa", "force_n"}:
         raise RecordingError(
-            f"{source}: none of the columns command_pa, command_ma, pressure_pa and force_n is there: add one"
+            say(
+                "no_input_column",
+                "{source}: none of the columns command_pa, command_ma, pressure_pa and force_n is there: add one",
+                source=source,
+            )
         )
     if {"command_pa", "command_ma"} <= columns.keys():
-        raise RecordingError(f"{source}: command_pa and command_ma are both there, remove one")
+        raise RecordingError(
+            say("two_commands", "{source}: command_pa and command_ma are both there, remove one", source=source)
+        )
 
 
 def _require_rising_time(time_s: FloatArray, source: str) -> None:
     if np.isnan(time_s).any():
         row = int(np.isnan(time_s).argmax()) + 1
-        raise RecordingError(f"{source}: row {row}, column time_s: it is missing, every row needs a time")
+        raise RecordingError(
+            say(
+                "time_missing_in_row",
+                "{source}: row {row}, column time_s: it is missing, every row needs a time",
+                source=source,
+                row=row,
+            )
+        )
     falling = np.flatnonzero(np.diff(time_s) <= 0.0)
     if falling.size > 1 and falling.size == time_s.size - 1 and np.diff(time_s).max() < 0.0:
         raise RecordingError(
-            f"{source}: column time_s: the newest row stands first, from {float(time_s[0])!r} down to "
-            f"{float(time_s[-1])!r} s, it must increase: sort the rows by time"
+            say(
+                "newest_row_first",
+                "{source}: column time_s: the newest row stands first, from {first} down to {last} s, it must "
+                "increase: sort the rows by time",
+                source=source,
+                first=float(time_s[0]),
+                last=float(time_s[-1]),
+            )
         )
     if falling.size:
         row = int(falling[0]) + 2
         before_s, after_s = float(time_s[row - 2]), float(time_s[row - 1])
         raise RecordingError(
-            f"{source}: row {row}, column time_s: time goes from {before_s!r} to {after_s!r} s, "
-            "it must increase: put the rows in order and remove doubled ones"
+            say(
+                "time_falls_in_row",
+                "{source}: row {row}, column time_s: time goes from {before} to {after} s, it must increase: put the "
+                "rows in order and remove doubled ones",
+                source=source,
+                row=row,
+                before=before_s,
+                after=after_s,
+            )
         )
 
 
@@ -233,9 +309,18 @@ def _require_plausible(columns: dict[str, FloatArray], nameplate: Nameplate, sou
 
 def _command_pa(command_ma: FloatArray, nameplate: Nameplate | None, source: str) -> FloatArray:
     if nameplate is None or nameplate.signal is None:
-        subject = "no nameplate is given" if nameplate is None else f"the nameplate of {nameplate.tag} has no [signal]"
+        subject = (
+            say("no_nameplate_given", "no nameplate is given")
+            if nameplate is None
+            else say("nameplate_without_signal", "the nameplate of {tag} has no [signal]", tag=nameplate.tag)
+        )
         raise RecordingError(
-            f"{source}: the command is in mA and {subject}: give signal.range_ma and signal.range_pa, or command_pa"
+            say(
+                "current_needs_signal",
+                "{source}: the command is in mA and {subject}: give signal.range_ma and signal.range_pa, or command_pa",
+                source=source,
+                subject=subject,
+            )
         )
     (low_ma, high_ma), (low_pa, high_pa) = nameplate.signal.range_ma, nameplate.signal.range_pa
     return np.asarray(low_pa + (command_ma - low_ma) * ((high_pa - low_pa) / (high_ma - low_ma)))

@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 
 from valve.column_names import remedy
 from valve.errors import RecordingError
+from valve.messages import say
 from valve.quantisation import Grid, find_grid
 from valve.recording import Acquisition, FloatArray, Provenance
 from valve.recording_csv import COLUMNS, too_many_rows
@@ -80,11 +81,22 @@ def read_columns(data: bytes, source: str, *, most_rows: int) -> tuple[dict[str,
         table = whole_table(data)
     except (pa.ArrowInvalid, OSError) as error:
         reason = str(error).partition(".")[0]
-        raise RecordingError(f"{source}: it cannot be read as a Parquet file ({reason}): write it again") from None
+        raise RecordingError(
+            say(
+                "no_parquet_file",
+                "{source}: it cannot be read as a Parquet file ({why}): write it again",
+                source=source,
+                why=reason,
+            )
+        ) from None
     metadata = _metadata(table.schema, source)
     columns: dict[str, FloatArray] = {}
     for name in table.column_names:
-        columns[name] = _values(table[name], metadata.get("columns", {}).get(name, {}), f"{source}: column {name}")
+        columns[name] = _values(
+            table[name],
+            metadata.get("columns", {}).get(name, {}),
+            say("column_of_file", "{source}: column {column}", source=source, column=name),
+        )
     return columns, _provenance(metadata, source)
 
 
@@ -99,9 +111,25 @@ def whole_table(data: bytes) -> pa.Table:
 def _require_known(names: Sequence[str], source: str) -> None:
     for number, name in enumerate(names):
         if name not in COLUMNS:
-            raise RecordingError(f"{source}: unknown column {name!r}; there are {', '.join(COLUMNS)}: {remedy(name)}")
+            raise RecordingError(
+                say(
+                    "column_unknown",
+                    "{source}: unknown column {column}; there are {known:, }: {remedy}",
+                    source=source,
+                    column=repr(name),
+                    known=tuple(COLUMNS),
+                    remedy=remedy(name),
+                )
+            )
         if name in names[:number]:
-            raise RecordingError(f"{source}: column {name!r} stands in it twice, remove one")
+            raise RecordingError(
+                say(
+                    "column_twice",
+                    "{source}: column {column} stands in it twice, remove one",
+                    source=source,
+                    column=repr(name),
+                )
+            )
 
 
 def _require_modest(described: pq.FileMetaData, most_rows: int, source: str) -> None:
@@ -109,7 +137,15 @@ def _require_modest(described: pq.FileMetaData, most_rows: int, source: str) -> 
     unpacked = sum(described.row_group(number).total_byte_size for number in range(described.num_row_groups))
     most = _BYTES_A_NUMBER * described.num_columns * most_rows
     if unpacked > most:
-        raise RecordingError(f"{source}: it unpacks to {unpacked} bytes, the most is {most}: write numbers alone")
+        raise RecordingError(
+            say(
+                "unpacks_to_much",
+                "{source}: it unpacks to {unpacked} bytes, the most is {most}: write numbers alone",
+                source=source,
+                unpacked=unpacked,
+                most=most,
+            )
+        )
 
 
 def _metadata(schema: pa.Schema, source: str) -> dict[str, Any]:
@@ -121,7 +157,14 @@ def _metadata(schema: pa.Schema, source: str) -> dict[str, Any]:
     except ValueError:
         metadata = None
     if not isinstance(metadata, dict) or metadata.get("schema") != SCHEMA:
-        raise RecordingError(f"{source}: its metadata is not {SCHEMA}: read it with the version that wrote it")
+        raise RecordingError(
+            say(
+                "metadata_schema",
+                "{source}: its metadata is not {schema}: read it with the version that wrote it",
+                source=source,
+                schema=SCHEMA,
+            )
+        )
     return metadata
 
 
@@ -129,13 +172,22 @@ def _values(column: pa.ChunkedArray, described: Mapping[str, Any], where: str) -
     try:
         numbers = np.array(pc.cast(column, pa.float64()).to_numpy(), dtype=np.float64)
     except (pa.ArrowInvalid, pa.ArrowNotImplementedError):
-        raise RecordingError(f"{where} holds {column.type}, it must hold numbers: convert it") from None
+        raise RecordingError(
+            say(
+                "column_no_numbers",
+                "{where} holds {kind}, it must hold numbers: convert it",
+                where=where,
+                kind=str(column.type),
+            )
+        ) from None
     if "scale" not in described:
         return numbers
     try:
         return Grid(described["scale"], described["offset"], described["divisor"]).values(numbers)
     except (KeyError, TypeError):
-        raise RecordingError(f"{where}: scale, offset and divisor in its metadata must be numbers") from None
+        raise RecordingError(
+            say("grid_no_numbers", "{where}: scale, offset and divisor in its metadata must be numbers", where=where)
+        ) from None
 
 
 def _provenance(metadata: Mapping[str, Any], source: str) -> Provenance:
@@ -145,4 +197,6 @@ def _provenance(metadata: Mapping[str, Any], source: str) -> Provenance:
         kept = {name: value for name, value in given.items() if name in known}
         return Provenance(**kept | {"acquisition": Acquisition(kept.get("acquisition", Acquisition.FILE))})
     except (AttributeError, ValueError):
-        raise RecordingError(f"{source}: its metadata says no known provenance, write it again") from None
+        raise RecordingError(
+            say("provenance_unknown", "{source}: its metadata says no known provenance, write it again", source=source)
+        ) from None

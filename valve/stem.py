@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from valve.errors import ParameterError
+from valve.messages import say
 
 FloatArray = npt.NDArray[np.float64]
 ModeArray = npt.NDArray[np.int8]
@@ -40,8 +41,13 @@ class StemState:
     def __post_init__(self) -> None:
         if not (math.isfinite(self.position_m) and math.isfinite(self.velocity_m_per_s)):
             raise ParameterError(
-                f"stem state: position {self.position_m} m and velocity {self.velocity_m_per_s} m/s "
-                "must be finite numbers: correct them"
+                say(
+                    "stem_state_not_finite",
+                    "stem state: position {position} m and velocity {velocity} m/s must be finite numbers: correct "
+                    "them",
+                    position=self.position_m,
+                    velocity=self.velocity_m_per_s,
+                )
             )
 
 

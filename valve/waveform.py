@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from valve.errors import WaveformError
+from valve.messages import say
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -39,13 +40,31 @@ class Waveform:
         pressure_pa = np.array(self.pressure_pa, dtype=np.float64)
         if time_s.ndim != 1 or time_s.shape != pressure_pa.shape or time_s.size < 2:
             raise WaveformError(
-                f"waveform {self.name}: {time_s.size} times and {pressure_pa.size} pressures, "
-                "it needs at least 2 of each and as many of one as of the other"
+                say(
+                    "waveform_unequal",
+                    "waveform {name}: {times} times and {pressures} pressures, it needs at least 2 of each and as many "
+                    "of one as of the other",
+                    name=self.name,
+                    times=int(time_s.size),
+                    pressures=int(pressure_pa.size),
+                )
             )
         if not (np.isfinite(time_s).all() and np.isfinite(pressure_pa).all()):
-            raise WaveformError(f"waveform {self.name}: a corner is not a finite number, correct it")
+            raise WaveformError(
+                say(
+                    "waveform_not_finite",
+                    "waveform {name}: a corner is not a finite number, correct it",
+                    name=self.name,
+                )
+            )
         if time_s[0] != 0.0 or (np.diff(time_s) < 0.0).any() or time_s[-1] <= 0.0:
-            raise WaveformError(f"waveform {self.name}: its times must start at 0 s and rise, correct them")
+            raise WaveformError(
+                say(
+                    "waveform_times_fall",
+                    "waveform {name}: its times must start at 0 s and rise, correct them",
+                    name=self.name,
+                )
+            )
         time_s.setflags(write=False)
         pressure_pa.setflags(write=False)
         object.__setattr__(self, "time_s", time_s)
@@ -98,12 +117,28 @@ def joined(name: str, corners: Sequence[tuple[float, float]]) -> Waveform:
 def require_positive(name: str, subject: str, value: float) -> None:
     """Raise WaveformError where the value of this subject is not above 0."""
     if not (math.isfinite(value) and value > 0.0):
-        raise WaveformError(f"waveform {name}: {subject} is {value:g}, it must be above 0: correct it")
+        raise WaveformError(
+            say(
+                "waveform_value_not_positive",
+                "waveform {name}: {subject} is {value:g}, it must be above 0: correct it",
+                name=name,
+                subject=subject,
+                value=value,
+            )
+        )
 
 
 def _require_not_negative(name: str, subject: str, value: float) -> None:
     if not (math.isfinite(value) and value >= 0.0):
-        raise WaveformError(f"waveform {name}: {subject} is {value:g}, it must not be negative: correct it")
+        raise WaveformError(
+            say(
+                "waveform_value_negative",
+                "waveform {name}: {subject} is {value:g}, it must not be negative: correct it",
+                name=name,
+                subject=subject,
+                value=value,
+            )
+        )
 
 
 def triangle(
@@ -139,12 +174,22 @@ def multi_rate_triangle(
     all of it, and where the stem comes to rest is seen many times over. The holds come on top of the periods.
     """
     if not periods_s:
-        raise WaveformError(f"waveform {name}: it has no cycle, give at least 1")
+        raise WaveformError(
+            say("waveform_without_cycle", "waveform {name}: it has no cycle, give at least 1", name=name)
+        )
     for period_s in periods_s:
-        require_positive(name, "the period in s", period_s)
+        require_positive(name, say("period_in_s", "the period in s"), period_s)
     if not low_pa < high_pa:
-        raise WaveformError(f"waveform {name}: it goes from {low_pa:g} to {high_pa:g} Pa, the second must be higher")
-    _require_not_negative(name, "the hold at a turn in s", turn_s)
+        raise WaveformError(
+            say(
+                "waveform_falls",
+                "waveform {name}: it goes from {low:g in Pa} to {high:g Pa}, the second must be higher",
+                name=name,
+                low=low_pa,
+                high=high_pa,
+            )
+        )
+    _require_not_negative(name, say("hold_at_turn_in_s", "the hold at a turn in s"), turn_s)
     turns = [turn_s] if turn_s > 0.0 else []
     legs = [(0.0, low_pa)]
     for period_s in periods_s:
@@ -155,7 +200,7 @@ def multi_rate_triangle(
         last_slope = (high_pa - low_pa) / (periods_s[-1] / 2.0)
         legs = [(0.0, rest_pa), (abs(low_pa - rest_pa) / first_slope, low_pa), *legs[1:]]
         legs.append((abs(low_pa - rest_pa) / last_slope, rest_pa))
-    _require_not_negative(name, "the rest in s", rest_s)
+    _require_not_negative(name, say("rest_in_s", "the rest in s"), rest_s)
     if rest_s > 0.0:
         legs.append((rest_s, legs[-1][1]))
     return joined(name, legs)
@@ -172,17 +217,27 @@ def multi_rate_periods(
     by a half, or fewer than two fast ones fit.
     """
     name = "multi_rate_triangle"
-    for subject, value in (("the fastest period", fastest_s), ("the slowest", slowest_s), ("the duration", duration_s)):
-        require_positive(name, f"{subject} in s", value)
+    for subject, value in (
+        (say("the_fastest_period", "the fastest period"), fastest_s),
+        (say("the_slowest", "the slowest"), slowest_s),
+        (say("the_duration", "the duration"), duration_s),
+    ):
+        require_positive(name, say("subject_in_s", "{subject} in s", subject=subject), value)
     if fastest_s * LEAST_RATIO > slowest_s:
         raise WaveformError(
-            f"waveform {name}: its fastest period is {fastest_s:.4g} s and its slowest {slowest_s:g} s, hardly "
-            "another rate: allow a higher rate, or choose sequence triangle"
+            say(
+                "hardly_another_rate",
+                "waveform {name}: its fastest period is {fastest:.4g} s and its slowest {slowest:g} s, hardly "
+                "another rate: allow a higher rate, or choose sequence triangle",
+                name=name,
+                fastest=fastest_s,
+                slowest=slowest_s,
+            )
         )
     periods_s = [slowest_s]
     if fastest_s * _LEAST_RATIO_BETWEEN <= slowest_s:
         periods_s.append(math.sqrt(slowest_s * fastest_s))
-    _require_not_negative(name, "the hold at a turn in s", turn_s)
+    _require_not_negative(name, say("hold_at_turn_in_s", "the hold at a turn in s"), turn_s)
     slow_ones, left_s = len(periods_s), duration_s - sum(periods_s) - 2.0 * turn_s * len(periods_s)
     number = 1
     while (period_s := fastest_s * (1.0 + _PERIOD_SPREAD * (number * _GOLDEN % 1.0))) + 2.0 * turn_s <= left_s:
@@ -191,8 +246,15 @@ def multi_rate_periods(
         number += 1
     if len(periods_s) < slow_ones + 2:
         raise WaveformError(
-            f"waveform {name}: beside a period of {slowest_s:g} s fewer than two of {fastest_s:.4g} s fit into "
-            f"{duration_s:g} s: allow more time, or choose sequence triangle"
+            say(
+                "fewer_than_two_fast",
+                "waveform {name}: beside a period of {slowest:g} s fewer than two of {fastest:.4g} s fit into "
+                "{duration:g} s: allow more time, or choose sequence triangle",
+                name=name,
+                slowest=slowest_s,
+                fastest=fastest_s,
+                duration=duration_s,
+            )
         )
     return tuple(periods_s)
 
@@ -202,12 +264,26 @@ def sine(period_s: float, cycles: float, low_pa: float, high_pa: float, *, corne
 
     The lines leave the sine by at most (pi / corners_per_period)^2 / 4 of the swing: 6e-7 of it by default.
     """
-    require_positive("sine", "the period in s", period_s)
-    require_positive("sine", "the number of cycles", cycles)
+    require_positive("sine", say("period_in_s", "the period in s"), period_s)
+    require_positive("sine", say("number_of_cycles", "the number of cycles"), cycles)
     if corners_per_period < 8:
-        raise WaveformError(f"waveform sine: {corners_per_period} corners a period, it needs at least 8: raise them")
+        raise WaveformError(
+            say(
+                "few_corners",
+                "waveform sine: {corners} corners a period, it needs at least 8: raise them",
+                corners=corners_per_period,
+            )
+        )
     if not low_pa < high_pa:
-        raise WaveformError(f"waveform sine: it goes from {low_pa:g} to {high_pa:g} Pa, the second must be higher")
+        raise WaveformError(
+            say(
+                "waveform_falls",
+                "waveform {name}: it goes from {low:g in Pa} to {high:g Pa}, the second must be higher",
+                name="sine",
+                low=low_pa,
+                high=high_pa,
+            )
+        )
     time_s = np.linspace(0.0, cycles * period_s, max(2, math.ceil(cycles * corners_per_period) + 1))
     middle_pa, swing_pa = (low_pa + high_pa) / 2.0, (high_pa - low_pa) / 2.0
     return Waveform("sine", time_s, middle_pa - swing_pa * np.cos(2.0 * np.pi * time_s / period_s))
@@ -215,9 +291,11 @@ def sine(period_s: float, cycles: float, low_pa: float, high_pa: float, *, corne
 
 def steps(levels_pa: Sequence[float], hold_s: float) -> Waveform:
     """Hold each level for ``hold_s``; the change between two is instantaneous."""
-    require_positive("steps", "the hold in s", hold_s)
+    require_positive("steps", say("hold_in_s", "the hold in s"), hold_s)
     if len(levels_pa) < 2:
-        raise WaveformError(f"waveform steps: {len(levels_pa)} level, it needs at least 2")
+        raise WaveformError(
+            say("one_level", "waveform steps: {count} level, it needs at least 2", count=len(levels_pa))
+        )
     legs: list[tuple[float, float]] = []
     for level_pa in levels_pa:
         legs += [(0.0, level_pa), (hold_s, level_pa)]
@@ -226,15 +304,23 @@ def steps(levels_pa: Sequence[float], hold_s: float) -> Waveform:
 
 def dwell(period_s: float, low_pa: float, high_pa: float, dwells_s: Sequence[float]) -> Waveform:
     """Triangles that rest at the middle of each ramp for one of ``dwells_s`` in turn, going up and going down."""
-    require_positive("dwell", "the period in s", period_s)
+    require_positive("dwell", say("period_in_s", "the period in s"), period_s)
     if not dwells_s:
-        raise WaveformError("waveform dwell: it has no dwell, give at least 1")
+        raise WaveformError(say("waveform_without_dwell", "waveform dwell: it has no dwell, give at least 1"))
     if not low_pa < high_pa:
-        raise WaveformError(f"waveform dwell: it goes from {low_pa:g} to {high_pa:g} Pa, the second must be higher")
+        raise WaveformError(
+            say(
+                "waveform_falls",
+                "waveform {name}: it goes from {low:g in Pa} to {high:g Pa}, the second must be higher",
+                name="dwell",
+                low=low_pa,
+                high=high_pa,
+            )
+        )
     middle_pa, quarter_s = (low_pa + high_pa) / 2.0, period_s / 4.0
     legs = [(0.0, low_pa)]
     for dwell_s in dwells_s:
-        require_positive("dwell", "a dwell in s", dwell_s)
+        require_positive("dwell", say("dwell_in_s", "a dwell in s"), dwell_s)
         for end_pa in (high_pa, low_pa):
             legs += [(quarter_s, middle_pa), (dwell_s, middle_pa), (quarter_s, end_pa)]
     return joined("dwell", legs)

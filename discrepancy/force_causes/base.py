@@ -10,6 +10,7 @@ import numpy as np
 from discrepancy.force_causes.fitted import Fitted
 from discrepancy.force_record import ForceRecord
 from estimators.samples import FloatArray
+from valve.messages import Message
 
 Shape = Mapping[str, float]  # what of a cause is not linear, by name, SI
 Values = Mapping[str, tuple[float, float]]  # value and standard error
@@ -30,8 +31,8 @@ class ForceCause:
     shapes: Callable[[ForceRecord, FloatArray], Iterator[Shape]]
     columns: Callable[[ForceRecord, Shape], FloatArray]
     read: Callable[[Values, Found, Shape], dict[str, Fitted] | None]
-    sentence: Callable[[Mapping[str, Fitted], Values], str]
-    action: str
+    sentence: Callable[[Mapping[str, Fitted], Values], Message]
+    action: Message
     free: Mapping[str, str] = field(default_factory=dict)
 
 

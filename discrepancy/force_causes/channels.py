@@ -11,6 +11,7 @@ from discrepancy.force_causes.base import ForceCause, Found, Shape, Values, fitt
 from discrepancy.force_causes.fitted import Fitted, with_interval
 from discrepancy.force_record import ForceRecord
 from estimators.samples import FloatArray
+from valve.messages import Message, say
 
 _SLOWEST_HZ: Final = 1.5  # slower than that it is the motion itself
 _FREQUENCIES: Final = 6
@@ -33,8 +34,10 @@ def _read_lag(values: Values, _found: Found, shape: Shape) -> dict[str, Fitted] 
     return {"lag_s": fitted_value(jerk / mass, error / mass, "s")}
 
 
-def _say_lag(parameters: Mapping[str, Fitted], _values: Values) -> str:
-    return f"The position reading lags by {with_interval(parameters['lag_s'], 1.0e3, 'ms')}."
+def _say_lag(parameters: Mapping[str, Fitted], _values: Values) -> Message:
+    return say(
+        "position_reading_lags", "The position reading lags by {lag}.", lag=with_interval(parameters["lag_s"], "ms")
+    )
 
 
 LAG: Final = ForceCause(
@@ -43,7 +46,7 @@ LAG: Final = ForceCause(
     _no_column,
     _read_lag,
     _say_lag,
-    "Take the filter out of the position transmitter, or tell its time constant.",
+    say("take_filter_out", "Take the filter out of the position transmitter, or tell its time constant."),
 )
 
 
@@ -69,9 +72,13 @@ def _read_vibration(_values: Values, found: Found, shape: Shape) -> dict[str, Fi
     }
 
 
-def _say_vibration(parameters: Mapping[str, Fitted], _values: Values) -> str:
-    force = with_interval(parameters["force_n"], 1.0, "N")
-    return f"A periodic force of {force} shakes the drive at {parameters['frequency_hz'].value:.2f} Hz."
+def _say_vibration(parameters: Mapping[str, Fitted], _values: Values) -> Message:
+    return say(
+        "periodic_force",
+        "A periodic force of {force} shakes the drive at {frequency:.2f} Hz.",
+        force=with_interval(parameters["force_n"], "N"),
+        frequency=parameters["frequency_hz"].value,
+    )
 
 
 def _strongest_frequencies(time_s: FloatArray, residual: FloatArray, most: int) -> list[float]:
@@ -102,7 +109,7 @@ VIBRATION: Final = ForceCause(
     _vibration_columns,
     _read_vibration,
     _say_vibration,
-    "Look for what shakes at this frequency: a pump, flow past the plug, a loose bracket.",
+    say("look_what_shakes", "Look for what shakes at this frequency: a pump, flow past the plug, a loose bracket."),
 )
 
 CHANNELS: Final = (LAG, VIBRATION)

@@ -6,6 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Any, Final
 
+from valve.messages import UNITS, Message, say
+
+_HUGE: Final = 1.0e6  # in the unit that is told
 _MOST_FURTHER_DIGITS: Final = 4  # a narrower interval, below a millionth of its value, is of no use to anybody
 
 
@@ -28,24 +31,29 @@ class Fitted:
         return {"value": self.value, "ci95": [self.low, self.high], "unit": self.unit}
 
 
-def with_interval(entry: Fitted, factor: float, unit: str) -> str:
-    """Return a value times ``factor`` with its interval and unit; without sign.
+def with_interval(entry: Fitted, unit: str, scale: float = 1.0) -> Message:
+    """Return ``scale`` times a value in this unit with its interval; without sign.
 
     The interval's ends have as many digits as tell them apart. Where the most digits do not, the value stands alone.
     """
-    factor = -factor if entry.value < 0.0 else factor
-    value = factor * entry.value
-    low, high = sorted((factor * entry.low, factor * entry.high))
+    scale = -scale if entry.value < 0.0 else scale
+    value, (low, high) = scale * entry.value, sorted((scale * entry.low, scale * entry.high))
+    shown, least, most = (one / UNITS[unit][1] for one in (value, low, high))
     # a fitter needs three digits; an interval that is wider needs fewer
-    width = max(0.5 * (high - low), 1.0e-2 * abs(value), 1.0e-12)
+    width = max(0.5 * (most - least), 1.0e-2 * abs(shown), 1.0e-12)
     digits = min(max(0, 1 - math.floor(math.log10(width))), 6)
+    is_huge = max(abs(shown), abs(least), abs(most)) >= _HUGE
     for more in range(_MOST_FURTHER_DIGITS + 1):
-        shown, least, most = (_number(one, digits + more, 3 + more) for one in (value, low, high))
-        if least != most:
-            return f"{shown} {unit} ({least} to {most})"
-    return f"{_number(value, digits, 3)} {unit}"
-
-
-def _number(value: float, places: int, digits: int) -> str:
-    """Return a number with ``places`` after its point, or with ``digits`` in all where it is very large."""
-    return f"{value:.{places}f}" if abs(value) < 1.0e6 else f"{value:.{digits}g}"
+        number = f".{3 + more}g" if is_huge else f".{digits + more}f"
+        if format(least, number) != format(most, number):
+            return say(
+                "fitted_from_to",
+                "{value:{number} {unit}} ({low:{number} in {unit}} to {high:{number} in {unit}})",
+                value=value,
+                number=number,
+                unit=unit,
+                low=low,
+                high=high,
+            )
+    number = ".3g" if is_huge else f".{digits}f"
+    return say("fitted_value", "{value:{number} {unit}}", value=value, number=number, unit=unit)

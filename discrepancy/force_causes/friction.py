@@ -13,8 +13,9 @@ from discrepancy.force_causes.base import ForceCause, Found, Shape, Values, fitt
 from discrepancy.force_causes.fitted import Fitted, with_interval
 from discrepancy.force_record import ForceRecord
 from estimators.samples import FloatArray
+from valve.messages import Message, say
 
-SIDE_LOAD: Final = "Look at packing and stem guide for a side load or a lip that points one way."
+SIDE_LOAD: Final = say("side_load", "Look at packing and stem guide for a side load or a lip that points one way.")
 _SPEEDS: Final = (0.02, 0.05, 0.12, 0.3)  # of the usual speed
 _SPOT_WIDTHS: Final = (0.012, 0.03, 0.08)  # of the swept range
 _SPOT_STEP: Final = 1.25  # widths from one centre to the next
@@ -40,12 +41,16 @@ def _read_asymmetry(values: Values, found: Found, _shape: Shape) -> dict[str, Fi
     return {"viscous_asymmetry": fitted_value(change / viscous, error / viscous, "1")}
 
 
-def _say_asymmetry(parameters: Mapping[str, Fitted], values: Values) -> str:
+def _say_asymmetry(parameters: Mapping[str, Fitted], values: Values) -> Message:
     entry, viscous = parameters["viscous_asymmetry"], values["F_v"][0]
     opening, closing = (viscous * (1.0 + sense * entry.value) for sense in (1.0, -1.0))
-    return (
-        f"Friction differs by direction: viscous friction is {opening:.1f} N s/m towards larger positions and "
-        f"{closing:.1f} N s/m back, {with_interval(entry, 200.0, '%')} apart."
+    return say(
+        "viscous_by_direction",
+        "Friction differs by direction: viscous friction is {up:.1f N*s/m} towards larger positions and "
+        "{down:.1f N*s/m} back, {apart} apart.",
+        up=opening,
+        down=closing,
+        apart=with_interval(entry, "%", 2.0),
     )
 
 
@@ -75,10 +80,12 @@ def _read_stribeck(_values: Values, found: Found, shape: Shape) -> dict[str, Fit
     }
 
 
-def _say_stribeck(parameters: Mapping[str, Fitted], _values: Values) -> str:
-    return (
-        f"Friction falls with speed, by {with_interval(parameters['excess_n'], 1.0, 'N')} over about "
-        f"{1.0e3 * parameters['speed_m_per_s'].value:.1f} mm/s."
+def _say_stribeck(parameters: Mapping[str, Fitted], _values: Values) -> Message:
+    return say(
+        "drive_friction_falls_with_speed",
+        "Friction falls with speed, by {excess} over about {speed:.1f mm/s}.",
+        excess=with_interval(parameters["excess_n"], "N"),
+        speed=parameters["speed_m_per_s"].value,
     )
 
 
@@ -88,7 +95,7 @@ STRIBECK: Final = ForceCause(
     _stribeck_column,
     _read_stribeck,
     _say_stribeck,
-    "The stem will stick and slip at low speed: lubricate or change the packing.",
+    say("look_at_lubrication", "The stem will stick and slip at low speed: lubricate or change the packing."),
     {"speed_m_per_s": ""},
 )
 
@@ -124,10 +131,12 @@ def _read_presliding(values: Values, found: Found, shape: Shape) -> dict[str, Fi
     return {"deflection_m": Fitted(deflection_m, 0.5 * deflection_m, 2.0 * deflection_m, "m")}
 
 
-def _say_presliding(parameters: Mapping[str, Fitted], _values: Values) -> str:
-    return (
+def _say_presliding(parameters: Mapping[str, Fitted], _values: Values) -> Message:
+    return say(
+        "friction_builds_up",
         "After a turn friction does not jump to the other side but builds up elastically, over about "
-        f"{1.0e6 * parameters['deflection_m'].value:.0f} um."
+        "{deflection:.0f um}.",
+        deflection=parameters["deflection_m"].value,
     )
 
 
@@ -137,7 +146,7 @@ PRESLIDING: Final = ForceCause(
     _presliding_column,
     _read_presliding,
     _say_presliding,
-    "Look at the packing's and the coupling's give: a soft packing or a loose yoke.",
+    say("look_at_give", "Look at the packing's and the coupling's give: a soft packing or a loose yoke."),
     {"deflection_m": ""},
 )
 
@@ -164,10 +173,11 @@ def _read_spot(_values: Values, found: Found, shape: Shape) -> dict[str, Fitted]
     }
 
 
-def _say_spot(parameters: Mapping[str, Fitted], _values: Values) -> str:
-    sense = "higher" if parameters["rise_n"].value > 0.0 else "lower"
-    at = 1.0e3 * parameters["centre_m"].value
-    return f"Friction is {with_interval(parameters['rise_n'], 1.0, 'N')} {sense} about {at:.0f} mm, both ways."
+def _say_spot(parameters: Mapping[str, Fitted], _values: Values) -> Message:
+    rise, at_m = with_interval(parameters["rise_n"], "N"), parameters["centre_m"].value
+    if parameters["rise_n"].value > 0.0:
+        return say("friction_higher_at", "Friction is {rise} higher about {at:.0f mm}, both ways.", rise=rise, at=at_m)
+    return say("friction_lower_at", "Friction is {rise} lower about {at:.0f mm}, both ways.", rise=rise, at=at_m)
 
 
 SPOT: Final = ForceCause(
@@ -176,7 +186,7 @@ SPOT: Final = ForceCause(
     _spot_column,
     _read_spot,
     _say_spot,
-    "Look at stem and packing there: a bent stem, galling, a deposit.",
+    say("look_at_stem_there", "Look at stem and packing there: a bent stem, galling, a deposit."),
     {"centre_m": "width_m", "width_m": ""},
 )
 
@@ -195,9 +205,11 @@ def _read_gradient(_values: Values, found: Found, shape: Shape) -> dict[str, Fit
     return {"gradient_n_per_m": fitted_value(*found[0], "N/m"), "reference_m": Fitted(middle, middle, middle, "m")}
 
 
-def _say_gradient(parameters: Mapping[str, Fitted], _values: Values) -> str:
-    sense = "grows" if parameters["gradient_n_per_m"].value > 0.0 else "falls"
-    return f"Friction {sense} along the travel, by {with_interval(parameters['gradient_n_per_m'], 0.01, 'N')} a cm."
+def _say_gradient(parameters: Mapping[str, Fitted], _values: Values) -> Message:
+    a_cm = with_interval(parameters["gradient_n_per_m"], "N", 0.01)
+    if parameters["gradient_n_per_m"].value > 0.0:
+        return say("friction_grows_a_cm", "Friction grows along the travel, by {change} a cm.", change=a_cm)
+    return say("friction_falls_a_cm", "Friction falls along the travel, by {change} a cm.", change=a_cm)
 
 
 GRADIENT: Final = ForceCause(
@@ -206,7 +218,7 @@ GRADIENT: Final = ForceCause(
     _gradient_column,
     _read_gradient,
     _say_gradient,
-    "Look at the guide: out of line, or worn at one end.",
+    say("look_at_guide", "Look at the guide: out of line, or worn at one end."),
 )
 
 
@@ -227,11 +239,20 @@ def _read_drift(_values: Values, found: Found, shape: Shape) -> dict[str, Fitted
     }
 
 
-def _say_drift(parameters: Mapping[str, Fitted], _values: Values) -> str:
-    sense = "rose" if parameters["change_n"].value > 0.0 else "fell"
-    return (
-        f"Friction {sense} by up to {with_interval(parameters['change_n'], 1.0, 'N')}, with a time constant of about "
-        f"{parameters['time_constant_s'].value:.0f} s."
+def _say_drift(parameters: Mapping[str, Fitted], _values: Values) -> Message:
+    change, constant_s = with_interval(parameters["change_n"], "N"), parameters["time_constant_s"].value
+    if parameters["change_n"].value > 0.0:
+        return say(
+            "friction_rose",
+            "Friction rose by up to {change}, with a time constant of about {time:.0f} s.",
+            change=change,
+            time=constant_s,
+        )
+    return say(
+        "friction_fell",
+        "Friction fell by up to {change}, with a time constant of about {time:.0f} s.",
+        change=change,
+        time=constant_s,
     )
 
 
@@ -241,7 +262,7 @@ DRIFT: Final = ForceCause(
     _drift_column,
     _read_drift,
     _say_drift,
-    "Exercise the valve and test again; if it goes on, look at packing and lubrication.",
+    say("exercise_and_repeat", "Exercise the valve and test again; if it goes on, look at packing and lubrication."),
     {"time_constant_s": ""},
 )
 

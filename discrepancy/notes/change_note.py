@@ -16,7 +16,10 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from estimators.data_faults.fault import place_of
+from estimators.data_faults.found import recording_number
 from estimators.samples import FloatArray
+from valve.messages import Message, say
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
 
@@ -82,7 +85,7 @@ def change_note(recordings: Sequence[Recording], nameplate: Nameplate) -> str:
         found = _found(recording)
         if found is not None:
             change, slope = found
-            place = f" of recording {number}" if len(recordings) > 1 else ""
+            place = place_of(recording_number(number) if len(recordings) > 1 else "")
             return _told(change, slope, recording, nameplate, place)
     return ""
 
@@ -255,28 +258,59 @@ def _is_alike(passages: _Passages, change: _Change) -> bool:
     return max(abs(size - change.size) for size in sizes) < _ALIKE * abs(change.size)
 
 
-def _told(change: _Change, slope: float, recording: Recording, nameplate: Nameplate, place: str) -> str:
+def _told(change: _Change, slope: float, recording: Recording, nameplate: Nameplate, place: Message) -> Message:
     first_s, last_s = change.between_s
     area_m2 = 1.0 if recording.force_n is not None else nameplate.actuator.diaphragm_area_m2
-    size, unit = (abs(change.size) / 1.0e3, "kPa") if area_m2 is None else (abs(change.size) * area_m2, "N")
-    amount = f"{float(f'{size:.2g}'):g} {unit}"
+    size, unit = (abs(change.size), "kPa") if area_m2 is None else (abs(change.size) * area_m2, "N")
+    amount = say("about", "{amount:g {unit}}", amount=float(f"{size:.2g}"), unit=unit)
     begun = (
-        f"The recording{place} drifts: from its beginning to its end "
+        say("recording_drifts", "The recording{place} drifts: from its beginning to its end", place=place)
         if change.steady
-        else f"The recording{place} changes between {first_s:.3g} and {last_s:.3g} s: from then on "
+        else say(
+            "recording_changes",
+            "The recording{place} changes between {first:.3g} and {last:.3g} s: from then on",
+            place=place,
+            first=first_s,
+            last=last_s,
+        )
     )
     if change.friction:
-        grown = "larger" if change.size > 0.0 else "smaller"
-        becomes = "becomes" if change.steady else "is"
-        return (
-            f"{begun}friction {becomes} about {amount} {grown}, opening and closing alike. It is part of what the "
-            "simulation misses: look at the packing and at what touches the stem, and repeat the test."
+        return say(
+            "friction_changed",
+            "{begun} {change}, opening and closing alike. It is part of what the simulation misses: look at the "
+            "packing and at what touches the stem, and repeat the test.",
+            begun=begun,
+            change=_friction_words(change, amount),
         )
-    moved = f"{1.0e3 * abs(change.size) / slope:.2g} mm {'smaller' if change.size > 0.0 else 'larger'}"
-    zero = "the signal" if recording.force_n is None and recording.pressure_pa is None else "the gauge"
-    return (
-        f"{begun}the position {'becomes' if change.steady else 'is'} {moved} at the same input, opening and closing "
-        f"alike. A load of the process that changes by {amount} does that, and so does a zero that moves, of the "
-        f"position sensor or of {zero}. It is part of what the simulation misses: ask what the process did "
-        f"meanwhile, look at the sensor's bracket and at {zero}, and repeat the test under a steady load."
+    by_command = recording.force_n is None and recording.pressure_pa is None
+    return say(
+        "position_changed",
+        "{begun} {change} at the same input, opening and closing alike. A load of the process that changes by {amount} "
+        "does that, and so does a zero that moves, of the position sensor or of {zero}. It is part of what the "
+        "simulation misses: ask what the process did meanwhile, look at the sensor's bracket and at {zero}, and repeat "
+        "the test under a steady load.",
+        begun=begun,
+        change=_position_words(change, abs(change.size) / slope),
+        amount=amount,
+        zero=say("the_signal", "the signal") if by_command else say("the_gauge", "the gauge"),
     )
+
+
+def _friction_words(change: _Change, amount: Message) -> Message:
+    if change.steady:
+        if change.size > 0.0:
+            return say("friction_becomes_larger", "friction becomes about {amount} larger", amount=amount)
+        return say("friction_becomes_smaller", "friction becomes about {amount} smaller", amount=amount)
+    if change.size > 0.0:
+        return say("friction_is_larger", "friction is about {amount} larger", amount=amount)
+    return say("friction_is_smaller", "friction is about {amount} smaller", amount=amount)
+
+
+def _position_words(change: _Change, moved_m: float) -> Message:
+    if change.steady:
+        if change.size > 0.0:
+            return say("position_becomes_smaller", "the position becomes {moved:.2g mm} smaller", moved=moved_m)
+        return say("position_becomes_larger", "the position becomes {moved:.2g mm} larger", moved=moved_m)
+    if change.size > 0.0:
+        return say("position_is_smaller", "the position is {moved:.2g mm} smaller", moved=moved_m)
+    return say("position_is_larger", "the position is {moved:.2g mm} larger", moved=moved_m)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
+from valve.messages import say
 from valve.nameplate import Nameplate
 
 _METHOD: Final = "maximum_likelihood"
@@ -42,16 +43,23 @@ def scale_note(analysis: Mapping[str, Any], nameplate: Nameplate) -> str:
     if 1.0 / _AGREES < spring_times < _AGREES:
         if low <= _MASS_OFF and high >= 1.0 / _MASS_OFF:
             return ""
-        return (
-            f"The moving mass is {times:.2g} ({low:.2g} to {high:.2g}) times the nameplate's {mass_kg:g} kg, and the "
+        return say(
+            "mass_is_off",
+            "The moving mass is {times:.2g} ({low:.2g} to {high:.2g}) times the nameplate's {mass:g kg}, and the "
             "spring rate is what the bench set says: the nameplate's mass is wrong, or its diaphragm area is as many "
-            "times the true one, and every force here with it. Check both."
+            "times the true one, and every force here with it. Check both.",
+            times=times,
+            low=low,
+            high=high,
+            mass=mass_kg,
         )
     beyond = low > _AGREES or high < 1.0 / _AGREES
     if beyond and low / _AGREES <= spring_times <= high * _AGREES:
-        return (
-            f"Spring rate and moving mass are both {spring_times:.2g} times what the nameplate says, as a wrong range "
-            "of the pressure or of the position makes them: check both ranges, then the nameplate."
+        return say(
+            "mass_and_spring_off",
+            "Spring rate and moving mass are both {times:.2g} times what the nameplate says, as a wrong range of the "
+            "pressure or of the position makes them: check both ranges, then the nameplate.",
+            times=spring_times,
         )
     return ""
 

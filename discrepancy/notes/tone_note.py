@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from estimators.samples import FloatArray, position_noise
+from valve.messages import say
 from valve.recording import Recording
 
 # Own choices; tests/discrepancy/notes/test_tone_note.py has a rest, a vibration and a slow poll without a tone.
@@ -31,13 +32,19 @@ def tone_note(recordings: Sequence[Recording]) -> str:
     frequency_hz, amplitude_m = max(tones, key=lambda tone: tone[1])
     is_mains = min(abs(frequency_hz - mains_hz) for mains_hz in _MAINS_HZ) < _NEAR_HZ
     source = (
-        "the sensor picks up the mains: look at its cable's screen and earth"
+        say("picks_up_mains", "the sensor picks up the mains: look at its cable's screen and earth")
         if is_mains
-        else "the sensor picks it up or its bracket shakes: look at bracket, cable and supply"
+        else say(
+            "picks_up_or_shakes", "the sensor picks it up or its bracket shakes: look at bracket, cable and supply"
+        )
     )
-    return (
-        f"The position swings by {1.0e6 * amplitude_m:.2g} um to either side at {frequency_hz:.3g} Hz while the stem "
-        f"rests, where no friction lets it move: {source}. It is part of what the simulation misses."
+    return say(
+        "tone_at_rest",
+        "The position swings by {amplitude:.2g um} to either side at {frequency:.3g} Hz while the stem rests, where no "
+        "friction lets it move: {source}. It is part of what the simulation misses.",
+        amplitude=amplitude_m,
+        frequency=frequency_hz,
+        source=source,
     )
 
 

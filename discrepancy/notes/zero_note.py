@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
+from valve.messages import say
 from valve.nameplate import Nameplate
 
 _METHOD: Final = "maximum_likelihood"
@@ -36,10 +37,21 @@ def zero_doubt(analysis: Mapping[str, Any], nameplate: Nameplate) -> str:
     if low_pa <= _NO_SPRING * full_pa and high_pa >= -_NO_SPRING * full_pa:
         return ""
     off_pa = 0.5 * (low_pa + high_pa)
-    said = (
-        f"The bench set begins at {(own_pa + off_pa) / 1.0e3:.4g} kPa by this recording and at {own_pa / 1.0e3:.4g} "
-        "kPa by the nameplate, further apart than a spring can be adjusted"
+    apart = say(
+        "bench_set_apart",
+        "The bench set begins at {own:.4g kPa} by this recording and at {nameplate:.4g kPa} by the nameplate, further "
+        "apart than a spring can be adjusted",
+        own=own_pa + off_pa,
+        nameplate=own_pa,
     )
     if _ATMOSPHERE_PA[0] < off_pa < _ATMOSPHERE_PA[1]:
-        return f"{said}: the pressure is recorded from vacuum. Take the atmosphere off: write it as gauge pressure."
-    return f"{said}: check the zero and the unit of the pressure, then actuator.bench_set_pa."
+        return say(
+            "recorded_from_vacuum",
+            "{apart}: the pressure is recorded from vacuum. Take the atmosphere off: write it as gauge pressure.",
+            apart=apart,
+        )
+    return say(
+        "check_zero_of_pressure",
+        "{apart}: check the zero and the unit of the pressure, then actuator.bench_set_pa.",
+        apart=apart,
+    )

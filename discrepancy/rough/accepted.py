@@ -19,11 +19,12 @@ from discrepancy.rough.evidence import Columns, Problem
 from discrepancy.rough.saved_model import SavedModel
 from discrepancy.rough.selection import column_of
 from discrepancy.rough.setting import Setting
+from valve.messages import UNITS, Message, say
 
 #: Own choice: a strength that moved by less than this share has not changed, whatever its interval.
 TOLERANCE: Final = 0.1
 _SURE: Final = 3.0  # standard errors
-NOTHING_NEW: Final = "Nothing beyond the model that was accepted for this valve."
+NOTHING_NEW: Final = say("nothing_new", "Nothing beyond the model that was accepted for this valve.")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,10 +78,28 @@ class Accepted:
         if was is None:
             return sentence
         if name == SpringPreload.name:
-            return f"{sentence} That is beside the {_number(was)} that were accepted."
+            return say(
+                "beside_accepted",
+                "{finding} That is beside the {was} that were accepted.",
+                finding=sentence,
+                was=_number(was),
+            )
         if abs(now.value) < max(TOLERANCE * abs(was.value), _SURE * now.std_error):
-            return f"What was accepted as {name} is gone: {key} was {_number(was)}."
-        return f"{sentence} Since its model was accepted {key} went from {_number(was)} to {_number(now)}."
+            return say(
+                "accepted_is_gone",
+                "What was accepted as {cause} is gone: {key} was {was}.",
+                cause=name,
+                key=key,
+                was=_number(was),
+            )
+        return say(
+            "changed_since_accepted",
+            "{finding} Since its model was accepted {key} went from {was} to {now}.",
+            finding=sentence,
+            key=key,
+            was=_number(was),
+            now=_number(now),
+        )
 
 
 def accepted_in(model: SavedModel | None, setting: Setting) -> Accepted:
@@ -101,5 +120,9 @@ def accepted_in(model: SavedModel | None, setting: Setting) -> Accepted:
     return Accepted(model, tuple(laws), tuple(sizes))
 
 
-def _number(entry: Fitted) -> str:
-    return f"{entry.value:.3g}" if entry.unit == "1" else f"{entry.value:.3g} {entry.unit}"
+def _number(entry: Fitted) -> Message:
+    if entry.unit == "1":
+        return say("parameter_of_no_unit", "{value:.3g}", value=entry.value)
+    if entry.unit in UNITS:
+        return say("parameter_value", "{value:.3g {unit}}", value=entry.value, unit=entry.unit)
+    return say("parameter_of_other_unit", "{value:.3g} {unit}", value=entry.value, unit=entry.unit)

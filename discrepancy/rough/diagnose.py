@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from scipy.special import chdtri
 
 from discrepancy.rough.accepted import NOTHING_NEW, Accepted, accepted_in
 from discrepancy.rough.causes import SEEN_CAUSES
@@ -16,7 +17,7 @@ from discrepancy.rough.causes.presliding import Presliding
 from discrepancy.rough.causes.seen import Seen, SeenCause, View
 from discrepancy.rough.evidence import Solved, fitted, problem_of
 from discrepancy.rough.findings import extended_model, findings
-from discrepancy.rough.latent import latent_friction, strongest
+from discrepancy.rough.latent import latent_friction, strongest, way_words
 from discrepancy.rough.misfit import misfit
 from discrepancy.rough.observations import is_settled, observations
 from discrepancy.rough.pictures import pictures
@@ -29,18 +30,29 @@ from discrepancy.rough.selection import NAMED, Selection, selected
 from discrepancy.rough.separating import Undecided
 from discrepancy.rough.setting import Setting, setting_of
 from estimators.base import Estimate, Outcome
-from estimators.engine.balance import lag_after_corners
+from estimators.engine.lateness import lag_after_corners
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading, read
 from estimators.engine.rows import measured_rows
 from estimators.engine.yielding import WAY
+from valve.messages import Message, joined, say
 from valve.nameplate import Nameplate
 from valve.recording import Recording
 
 Named = tuple[str, Recording]
 
 _FEWEST_BLOCKS: Final = 6
-_NO_SLIDES: Final = "the stem hardly slides in this test: repeat it with a larger amplitude or a faster ramp"
+_NO_SLIDES: Final = say(
+    "stem_hardly_slides", "the stem hardly slides in this test: repeat it with a larger amplitude or a faster ramp"
+)
+_NO_FRICTION: Final = say(
+    "friction_not_seen", "what the forces leave has no friction in it: check sensors and nameplate"
+)
+_ONE_WAY: Final = say("judged_one_way", "the stem moved in one direction only: repeat the test with both")
+_LOOSE_PACKING: Final = say(
+    "measure_bench_set",
+    "Measure the bench set: the pressures at which the stem starts and ends, with the packing loose.",
+)
 _SLOW_S: Final = 0.1  # a lag that quick sweeps leave rows for
 _LAG_ERROR: Final = 0.1  # of a lag that the balance found with too short a settling
 _KNOWN: Final = 0.05  # of F_c: its error
@@ -54,6 +66,8 @@ _SOMETHING: Final = 25.0  # nats of a cause that is not believed: something is t
 _ALIKE: Final = 0.05  # percent
 _CREEPS: Final = 2.5  # limit velocities
 _FEWEST_TO_SCATTER: Final = 6
+_FEWEST_BESIDE_CAUSE: Final = 3  # that a cause which fits one of them cannot take up
+_ONE_END: Final = 0.975  # of the chance
 
 
 def diagnose(
@@ -76,9 +90,11 @@ def diagnose(
     followed = recording if command_loop(recording) is None else replace(recording, command_pa=None)
     reading = read(measured_rows(followed).recording, nameplate)
     if isinstance(reading, Outcome):
-        return _not_assessed(f"the recording shows no motion that could be judged: {reading}")
+        return _not_assessed(
+            say("no_motion_to_judge", "the recording shows no motion that could be judged: {why}", why=reading.message)
+        )
     if len(reading.segmentation.directions) < 2:
-        return _not_assessed("the stem moved in one direction only: repeat the test with both")
+        return _not_assessed(_ONE_WAY)
     creeping_m_per_s = _CREEPS * _limit_velocity(estimate)
     lag = lag_after_corners(reading)
     null = _plain(reading, nameplate, lag, creeping_m_per_s)
@@ -106,8 +122,8 @@ def diagnose(
         null, slips = (null, True) if firm is None else (firm, slips)
         setting = _setting(null, reading, nameplate, creeping_m_per_s)
     rows = null.problem.rows
-    wrong = wrong_scale(null.known("k").value, nameplate) if rows.has_spring else ""
-    if wrong:
+    wrong = wrong_scale(null.known("k").value, nameplate) if rows.has_spring else None
+    if wrong is not None:
         return RoughDiagnosis(Verdict.NOT_ASSESSED, wrong, latent=latent_friction(null))
     accepted = accepted_in(model, setting)
     if accepted.laws:
@@ -122,8 +138,13 @@ def diagnose(
             seen.append((other, shown))
     if slips and not seen:
         return _not_assessed(_NO_SLIDES)
+    if null.known("F_c").value <= 0.0 and not any(cause.is_last for cause, _ in seen):
+        return _not_assessed(_NO_FRICTION)
     found = _concluded(view, selection, seen, held_out, accepted)
-    return replace(found, message=f"{found.message} Other causes: {_NO_SLIDES}.") if slips else found
+    if not slips:
+        return found
+    others = say("other_causes", "{finding} Other causes: {why}.", finding=found.message, why=_NO_SLIDES)
+    return replace(found, message=others)
 
 
 def _setting(null: Solved, reading: Reading, nameplate: Nameplate, creeping_m_per_s: float) -> Setting:
@@ -172,8 +193,8 @@ def _limit_velocity(estimate: Estimate | None) -> float:
     return estimate.parameters["DV"].value or 0.0
 
 
-def _not_assessed(reason: str) -> RoughDiagnosis:
-    return RoughDiagnosis(Verdict.NOT_ASSESSED, f"Cannot tell: {reason}.")
+def _not_assessed(reason: Message) -> RoughDiagnosis:
+    return RoughDiagnosis(Verdict.NOT_ASSESSED, say("cannot_tell", "Cannot tell: {why}.", why=reason))
 
 
 def _concluded(
@@ -198,7 +219,7 @@ def _concluded(
     found = findings(view, selection, seen, accepted)
     verdict, message, rivals = _verdict(view, selection, seen, found, gains)
     if verdict is Verdict.NONE and accepted.model is not None:
-        message = f"{message} {NOTHING_NEW}"
+        message = joined(" ", (message, NOTHING_NEW))
     told = tuple(found) if verdict in {Verdict.NAMED, Verdict.LIKELY, Verdict.AMBIGUOUS} else ()
     with_causes = model if told else None
     missed = misfit(null, with_causes, view.reading.noise_m)
@@ -207,7 +228,7 @@ def _concluded(
         message,
         causes=told,
         not_told_apart_from=rivals,
-        remarks=remarks(view),
+        remarks=remarks(view, is_plain=not told),
         gain=gains[0] if gains else None,
         gains=tuple(gains),
         latent=latent_friction(null),
@@ -248,26 +269,54 @@ def _verdict(
     gains: Sequence[Gain],
 ) -> tuple[Verdict, str, tuple[str, ...]]:
     rivals = tuple(one.cause.name for part in selection.rounds for one in part.rivals)
-    refused = bool(found) and bool(gains) and all(gain.is_worse for gain in gains) and not seen
-    if found and not refused:
-        said = " ".join(one.sentence for one in found)
+    refused = bool(gains) and all(gain.is_far_worse if seen else gain.is_worse for gain in gains)
+    # a cause beside which so much changes in time stands in for what is in no catalogue
+    beyond: Message | None = None
+    if selection.causes and not seen:
+        beyond = _unsteady(view, selection.model, _FEWEST_BESIDE_CAUSE)
+    elif seen and all(cause.is_last for cause, _ in seen):
+        beyond = _wanders(view, selection.null)
+    if found and not refused and beyond is None:
+        said = joined(" ", [one.sentence for one in found])
         if rivals:
-            return Verdict.AMBIGUOUS, f"{said} This test does not tell it apart from {', '.join(rivals)}.", rivals
+            apart = say(
+                "not_told_apart",
+                "{finding} This test does not tell it apart from {rivals:, }.",
+                finding=said,
+                rivals=rivals,
+            )
+            return Verdict.AMBIGUOUS, apart, rivals
         weak = [one for one in selection.causes if one.evidence < NAMED]
         if weak and len(weak) == len(selection.causes) and not seen:
-            return Verdict.LIKELY, f"Probably: {said} A second test would prove it.", ()
+            return (
+                Verdict.LIKELY,
+                say("probably", "Probably: {finding} A second test would prove it.", finding=said),
+                (),
+            )
         return Verdict.NAMED, said, ()
-    beyond = _beyond_class(view, selection.null)
+    if beyond is None and seen and found:
+        said = joined(" ", [one.sentence for one in found])
+        return (
+            Verdict.UNEXPLAINED,
+            say(
+                "seen_predicts_worse",
+                "{finding} But with it what was left out of the fit is predicted worse than without: repeat the test.",
+                finding=said,
+            ),
+            (),
+        )
+    if beyond is None:
+        beyond = _beyond_class(view, selection.null)
     nearly = max([*selection.tried], key=lambda one: one.evidence, default=None)
-    if beyond:
-        return Verdict.UNEXPLAINED, f"{beyond} {_unexplained(selection)}", ()
+    if beyond is not None:
+        return Verdict.UNEXPLAINED, joined(" ", (beyond, _unexplained(selection))), ()
     if nearly is not None and nearly.evidence > _SOMETHING and nearly.swing_n > _ROUGHEST * view.setting.friction_n:
         return Verdict.UNEXPLAINED, _unexplained(selection), ()
-    percent = 100.0 * _variation(selection.null)
-    varies = f"Friction varies by {percent:.1f} % along the travel, as packings do."
-    if percent < _ALIKE:
-        varies = "Friction is alike all along the travel."
-    return Verdict.NONE, f"No fault found. {varies}", ()
+    share = _variation(selection.null)
+    varies = say("friction_varies", "Friction varies by {share:.1f %} along the travel, as packings do.", share=share)
+    if 100.0 * share < _ALIKE:
+        varies = say("friction_alike", "Friction is alike all along the travel.")
+    return Verdict.NONE, say("no_fault", "No fault found. {how}", how=varies), ()
 
 
 def _variation(null: Solved) -> float:
@@ -276,37 +325,75 @@ def _variation(null: Solved) -> float:
     return whole_n / max(null.known("F_c").value, 1.0e-9)
 
 
-def _beyond_class(view: View, null: Solved) -> str:
-    """What of the friction's variation no packing in good order does; empty where there is nothing."""
+def _beyond_class(view: View, null: Solved) -> Message | None:
+    """What of the friction's variation no packing in good order does; None where there is nothing."""
     setting = view.setting
     least_n = _OF_FULL_FORCE * setting.full_force_n
     rough_n = float(np.hypot(null.hyperparameter("common"), null.hyperparameter("own")))
     if rough_n > max(_ROUGHEST * setting.friction_n, least_n):
-        return f"Friction varies by {100.0 * _variation(null):.0f} % along the travel, more than packings do."
-    wander_n = null.hyperparameter("wander")
-    if wander_n > max(_WANDERS * setting.friction_n, least_n):
-        return f"Friction changes by {100.0 * wander_n / setting.friction_n:.0f} % in time, more than packings do."
-    scatter_n = null.hyperparameter("scatter")
-    enough = int((~null.problem.rows.is_slide).sum()) >= _FEWEST_TO_SCATTER
-    if enough and scatter_n > max(_SCATTERS * setting.static_n, least_n):
-        share = 100.0 * scatter_n / setting.static_n
-        return f"The force at which the stem breaks away differs by {share:.0f} % from one to the next."
-    return ""
+        return say(
+            "friction_varies_much",
+            "Friction varies by {share:.0f %} along the travel, more than packings do.",
+            share=_variation(null),
+        )
+    return _unsteady(view, null, _FEWEST_TO_SCATTER)
 
 
-def _unexplained(selection: Selection) -> str:
+def _unsteady(view: View, model: Solved, fewest: int) -> Message | None:
+    """What no packing in good order does from time to time; None where there is nothing.
+
+    So few breakaways show by how much they differ: their scatter counts by the low end of its interval.
+    """
+    wanders = _wanders(view, model)
+    if wanders is not None:
+        return wanders
+    setting = view.setting
+    scatter_n, count = model.hyperparameter("scatter"), int((~model.problem.rows.is_slide).sum())
+    sure_n = scatter_n
+    if count < _FEWEST_TO_SCATTER:
+        sure_n = scatter_n * math.sqrt(count / float(chdtri(count, 1.0 - _ONE_END)))
+    if count >= fewest and sure_n > max(_SCATTERS * setting.static_n, _OF_FULL_FORCE * setting.full_force_n):
+        return say(
+            "breakaway_differs_much",
+            "The force at which the stem breaks away differs by {share:.0f %} from one to the next.",
+            share=scatter_n / setting.static_n,
+        )
+    return None
+
+
+def _wanders(view: View, model: Solved) -> Message | None:
+    """What of the friction changes in time by more than packings in good order do; None where it does not."""
+    setting = view.setting
+    wander_n = model.hyperparameter("wander")
+    if wander_n > max(_WANDERS * setting.friction_n, _OF_FULL_FORCE * setting.full_force_n):
+        return say(
+            "friction_changes_much",
+            "Friction changes by {share:.0f %} in time, more than packings do.",
+            share=wander_n / setting.friction_n,
+        )
+    return None
+
+
+def _unexplained(selection: Selection) -> Message:
     """Where the latent friction is strongest."""
     curve, at = strongest(selection.null)
     force_n, half_n = float(curve.force_n[at]), float(curve.half_n[at])
     if curve.coordinate == "travel_m":
-        place = f"at {1.0e3 * float(curve.at[at]):.1f} mm, {curve.direction}"
+        way = way_words(curve.direction)
+        place = say("at_place_going", "at {at:.1f mm}, {way}", at=float(curve.at[at]), way=way)
     else:
-        place = f"{float(curve.at[at]):.0f} s after the start"
-    return f"Friction is {force_n:+.3g} N (+-{half_n:.2g}) off its mean {place}; no known cause explains it."
+        place = say("after_start", "{time:.0f} s after the start", time=float(curve.at[at]))
+    return say(
+        "friction_off_mean",
+        "Friction is {force:+.3g N} (+-{half:.2g in N}) off its mean {place}; no known cause explains it.",
+        force=force_n,
+        half=half_n,
+        place=place,
+    )
 
 
 def _separating(rivals: Sequence[str]) -> str | None:
     """Which test separates the causes; None where none is known."""
     if "spring_preload" in rivals or "friction_asymmetry" in rivals:
-        return "Measure the bench set: the pressures at which the stem starts and ends, with the packing loose."
+        return _LOOSE_PACKING
     return None

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from discrepancy.rough.evidence import Solved
 from estimators.base import NORMAL_95
 from estimators.engine.roughness import ROUGH, field_covariance, roughness_of
+from valve.messages import Message, say
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -86,3 +87,8 @@ def strongest(model: Solved) -> tuple[LatentCurve, int]:
     beyond = [np.abs(one.force_n) - one.half_n for one in curves]
     number = int(np.argmax([float(one.max()) for one in beyond]))
     return curves[number], int(np.argmax(beyond[number]))
+
+
+def way_words(direction: str | None) -> Message:
+    """Return a curve's direction in words."""
+    return say("opening", "opening") if direction == "opening" else say("closing", "closing")

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from discrepancy.rough.evidence import Solved
-from discrepancy.rough.latent import strongest
+from discrepancy.rough.latent import strongest, way_words
+from valve.messages import Message, say
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,11 +47,18 @@ def _rms_m(model: Solved) -> float:
     return float(np.sqrt(weight @ left_n**2 / weight.sum())) / max(model.known("k").value, 1.0e-9)
 
 
-def _in_words(null: Solved, rms_m: float) -> str:
+def _in_words(null: Solved, rms_m: float) -> Message:
     curve, place = strongest(null)
     at, force_n = float(curve.at[place]), float(curve.force_n[place])
-    where = f"{1.0e3 * at:.1f} mm {curve.direction}" if curve.coordinate == "travel_m" else f"{at:.0f} s"
-    return (
-        f"The mean law misses by {1.0e6 * rms_m:.0f} um rms in motion, most at {where}, "
-        f"where friction is {force_n:+.3g} N off its mean."
+    if curve.coordinate == "travel_m":
+        where = say("at_travel_going", "{at:.1f mm} {way}", at=at, way=way_words(curve.direction))
+    else:
+        where = say("at_time", "{at:.0f} s", at=at)
+    return say(
+        "mean_law_misses",
+        "The mean law misses by {misfit:.0f um} rms in motion, most at {where}, where friction is {force:+.3g N} off "
+        "its mean.",
+        misfit=rms_m,
+        where=where,
+        force=force_n,
     )

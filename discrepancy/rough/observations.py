@@ -189,7 +189,8 @@ def _spans(reading: Reading, settled_s: float) -> list[tuple[int, int, int]]:
     has_spring = reading.spring_n_per_m > 0.0
     spans = []
     for move in reading.segmentation.moves:
-        begin_s = (move.began_s if move.rest >= 0 else float(time_s[move.first])) + settled_s
+        began_s = move.began_s if move.rest >= 0 else float(time_s[move.first])
+        begin_s = began_s + settled_s
         # without a spring the force does not turn with the stem
         inside = corners_s[(corners_s > begin_s) & (corners_s < time_s[move.last])] if has_spring else corners_s[:0]
         for left_s, right_s in pairwise([begin_s, *inside.tolist(), float(time_s[move.last])]):
@@ -203,7 +204,8 @@ def _spans(reading: Reading, settled_s: float) -> list[tuple[int, int, int]]:
             if not has_spring:
                 spans.append((first, last, move.direction))
             elif move.direction * (force_n[last] - force_n[first]) > 0.0:
-                spans += [(*part, move.direction) for part in ramps(reading, first, last, settled_s)]
+                driven_s = began_s if left_s == begin_s else left_s
+                spans += [(*part, move.direction) for part in ramps(reading, first, last, settled_s, driven_s)]
 
     def speed(span: tuple[int, int, int]) -> float:
         way_m = abs(float(reading.position_m[span[1]] - reading.position_m[span[0]]))

@@ -17,7 +17,7 @@ from discrepancy.rough.observations import Observations, observations
 from discrepancy.rough.selection import column_of
 from discrepancy.rough.setting import Setting
 from estimators.base import NORMAL_95, Estimate, Outcome
-from estimators.engine.balance import lag_after_corners
+from estimators.engine.lateness import lag_after_corners
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading, read
 from estimators.engine.roughness import ROUGH, field_covariance, roughness_of
@@ -27,14 +27,15 @@ from valve.errors import ParameterError, ValveError
 from valve.extended_motion import ExtendedStem
 from valve.extended_state import ExtendedState
 from valve.extended_valve import ExtendedValve
+from valve.messages import say
 from valve.nameplate import Nameplate
-from valve.parameters import ValveParameters
+from valve.parameters import ValveParameters, parameters_from_symbols
 from valve.recording import Recording
 from valve.stem import StemState
 
 FloatArray = npt.NDArray[np.float64]
 
-LEFT_OUT: Final = "the last third of the recording, which was left out of the fit"
+LEFT_OUT: Final = say("last_third_left_out", "the last third of the recording, which was left out of the fit")
 _KEPT: Final = 0.66
 _ROW_S: Final = 0.01
 _MASS_KG: Final = 2.0
@@ -42,6 +43,7 @@ _LIMIT_M_PER_S: Final = 2.0e-4
 _LEAST_DAMPING: Final = 1.0
 _ANOTHER_DAY_S: Final = 1.0e7  # the wander of another recording is another one
 _WORSE: Final = 1.1  # times the error before: by chance a right cause predicts this much worse
+_FAR_WORSE: Final = 2.0
 _BETTER: Final = 0.9  # times the balance's error before
 _FEWEST_ROWS: Final = 20
 
@@ -78,6 +80,11 @@ class Gain:
         whole = self.with_map
         better = whole is not None and whole.rmse_after_m < _BETTER * whole.rmse_before_m
         return self.rmse_after_m > _WORSE * self.rmse_before_m and not better
+
+    @property
+    def is_far_worse(self) -> bool:
+        """Whether it predicts so much worse that not even what the recording shows directly can be the cause."""
+        return self.rmse_after_m > _FAR_WORSE * max(self.rmse_before_m, self.noise_floor_m)
 
     def to_json(self) -> dict[str, Any]:
         """Return the gain as in the analysis object."""
@@ -206,8 +213,8 @@ class Predictor:
             effects.append(cause.effect(cause.values(model.total(of_law).value, shape), short_n))
         for one in seen:
             effects += [] if one.effect is None else [one.effect]
-            if one.damping_n_s_per_m is not None:
-                parameters = replace(parameters, viscous_friction_n_s_per_m=one.damping_n_s_per_m)
+            if one.stem:
+                parameters = parameters_from_symbols({**parameters.by_symbol(), **one.stem})
         return with_effects(parameters, effects)
 
     def elsewhere(self, name: str, recording: Recording) -> Gain | None:

@@ -11,6 +11,7 @@ from discrepancy.rough.causes import CAUSES, SEEN_CAUSES
 from discrepancy.rough.causes.base import Fitted
 from discrepancy.rough.causes.spring_preload import SpringPreload
 from valve.errors import RequestError
+from valve.messages import say
 from valve.nameplate import Nameplate
 
 SCHEMA: Final = "breakaway/valve-model/2"
@@ -34,17 +35,35 @@ class SavedModel:
     def from_json(cls, saved: Mapping[str, Any]) -> Self:
         """Read a model back. Raises RequestError where it is none of this version, or names an unknown cause."""
         if saved.get("schema") != SCHEMA:
-            raise RequestError(f"the model's schema is {saved.get('schema')!r}, it must be {SCHEMA}: repeat the test")
+            raise RequestError(
+                say(
+                    "model_schema",
+                    "the model's schema is {schema}, it must be {needed}: repeat the test",
+                    schema=repr(saved.get("schema")),
+                    needed=SCHEMA,
+                )
+            )
         try:
             parameters = _from_json(saved["parameters"])
             causes = {str(cause): _from_json(entries) for cause, entries in saved["causes"].items()}
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise RequestError(
-                f"the model cannot be read ({type(error).__name__}: {error}): repeat the test"
+                say(
+                    "model_unreadable",
+                    "the model cannot be read ({kind}: {why}): repeat the test",
+                    kind=type(error).__name__,
+                    why=str(error),
+                )
             ) from error
         unknown = sorted(set(causes) - _KNOWN)
         if unknown:
-            raise RequestError(f"the model has the cause {unknown[0]!r}, which this version does not know: repeat it")
+            raise RequestError(
+                say(
+                    "model_cause_unknown",
+                    "the model has the cause {cause}, which this version does not know: repeat it",
+                    cause=repr(unknown[0]),
+                )
+            )
         return cls(parameters, causes)
 
     @property

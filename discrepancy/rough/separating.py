@@ -18,13 +18,14 @@ from discrepancy.rough.observations import Observations, observations
 from discrepancy.rough.selection import LIKELY, Candidate, column_of
 from discrepancy.rough.setting import Setting, setting_of
 from estimators.base import Outcome
-from estimators.engine.balance import lag_after_corners
+from estimators.engine.lateness import lag_after_corners
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading, read
 from valve.errors import ValveError
 from valve.extended_motion import ExtendedStem
 from valve.extended_state import ExtendedState
 from valve.extended_valve import ExtendedValve
+from valve.messages import Message, say
 from valve.recording import Recording
 from valve.stem import StemState
 from valve.waveform import Waveform
@@ -59,12 +60,19 @@ class SeparatingTest:
     discrimination: float
 
     @property
-    def sentence(self) -> str:
+    def sentence(self) -> Message:
         """What to do, for a person."""
         one, *others = (name.replace("_", " ") for name in self.separates)
-        return (
-            f"run the sequence {self.sequence} ({self.duration_s:.0f} s): if it is {one}, evidence against "
-            f"{' and '.join(others)} of {self.discrimination:.0f} nats is expected, and {ENOUGH:.0f} tell them apart."
+        return say(
+            "run_separating_test",
+            "run the sequence {sequence} ({duration:.0f} s): if it is {cause}, evidence against {others: and } of "
+            "{nats:.0f} nats is expected, and {enough:.0f} tell them apart.",
+            sequence=self.sequence,
+            duration=self.duration_s,
+            cause=one,
+            others=tuple(others),
+            nats=self.discrimination,
+            enough=ENOUGH,
         )
 
     def to_json(self) -> dict[str, Any]:

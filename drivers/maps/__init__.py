@@ -11,6 +11,7 @@ from typing import Final
 from drivers.maps import advantech_adam_6024, fisher_easy_drive, moxa_iologik, reference
 from drivers.register_map import RegisterMap
 from valve.errors import ConfigurationError
+from valve.messages import say
 
 REGISTER_MAPS: Final[dict[str, RegisterMap]] = {
     entry.name: entry
@@ -29,5 +30,12 @@ def register_map(name: str, own: Mapping[str, RegisterMap] | None = None) -> Reg
     """Return the map of this name, one of a plant's ``own`` included. Raises ConfigurationError for another name."""
     known = REGISTER_MAPS | dict(own or {})
     if name not in known:
-        raise ConfigurationError(f"register map {name!r} is unknown: choose one of {', '.join(known)}")
+        raise ConfigurationError(
+            say(
+                "map_unknown",
+                "register map {map} is unknown: choose one of {known:, }",
+                map=repr(name),
+                known=tuple(known),
+            )
+        )
     return known[name]

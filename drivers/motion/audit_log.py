@@ -21,6 +21,7 @@ from typing import Any, Final
 from drivers.motion.audit_entries import Entry, chain_start, read_entry
 from drivers.motion.synced import sync_folder
 from valve.errors import InternalError
+from valve.messages import message_of, say
 
 TORN: Final = "audit.torn"
 SUFFIX: Final = ".audit"
@@ -41,7 +42,13 @@ class AuditLog:
 
     def __init__(self, folder: Path, gateway: str = "gateway") -> None:
         if _NAME.fullmatch(gateway) is None:
-            raise AuditError(f"the gateway's name {gateway[:80]!r} makes no file name: use letters, digits, . _ -")
+            raise AuditError(
+                say(
+                    "gateway_makes_no_file_name",
+                    "the gateway's name {gateway} makes no file name: use letters, digits, . _ -",
+                    gateway=repr(gateway[:80]),
+                )
+            )
         self.path = folder / f"{gateway}{SUFFIX}"
         self._start = chain_start(gateway)
         self._lock = threading.Lock()
@@ -113,10 +120,15 @@ class AuditLog:
         return self._end
 
     def _unwritable(self, error: Exception) -> AuditError:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else message_of(error)
         return AuditError(
-            f"{self.path}: the audit log cannot be written ({reason}), nothing moves without it: "
-            "free disk space and make the folder writable; breakaway audit verify tells what stands in it"
+            say(
+                "audit_log_not_written",
+                "{file}: the audit log cannot be written ({why}), nothing moves without it: free disk space "
+                "and make the folder writable; breakaway audit verify tells what stands in it",
+                file=str(self.path),
+                why=reason,
+            )
         )
 
 

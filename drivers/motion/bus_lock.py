@@ -28,6 +28,7 @@ from typing import Final
 from drivers.addresses import BusAddress, GaugeAddress, RtuAddress
 from drivers.motion.watch_post import ask_to_leave
 from valve.errors import BusyError, InternalError
+from valve.messages import message_of, say
 
 #: Names a folder for lock files instead, for containers; every service that may use the same buses must share it.
 FOLDER_VARIABLE: Final = "BREAKAWAY_LOCK_FOLDER"
@@ -179,8 +180,14 @@ def _named(kind: str, place: str, suffix: str) -> str:
 
 def _busy(bus: str, place: str, holder: str) -> BusyError:
     return BusyError(
-        f"bus {bus} ({place}) is used by another process (process {holder or 'unknown'}): wait for the end of its "
-        "test, or stop it"
+        say(
+            "bus_in_use",
+            "bus {bus} ({place}) is used by another process (process {process}): wait for the end of its "
+            "test, or stop it",
+            bus=bus,
+            place=place,
+            process=holder or "unknown",
+        )
     )
 
 
@@ -196,8 +203,14 @@ def _name_taken(bus: str, place: str, name: str) -> int:
         if error.errno == errno.EADDRINUSE:
             raise _busy(bus, place, _holder(name)) from None
         raise InternalError(
-            f"bus {bus}: its lock cannot be taken ({error.strerror}), nothing moves without it: allow this service "
-            f"Unix sockets (RestrictAddressFamilies), or name a folder for lock files by {FOLDER_VARIABLE}"
+            say(
+                "bus_lock_not_taken",
+                "bus {bus}: its lock cannot be taken ({why}), nothing moves without it: allow this service "
+                "Unix sockets (RestrictAddressFamilies), or name a folder for lock files by {variable}",
+                bus=bus,
+                why=error.strerror or message_of(error),
+                variable=FOLDER_VARIABLE,
+            )
         ) from error
     return taken.detach()
 
@@ -217,8 +230,15 @@ def _file_locked(bus: str, place: str, path: Path) -> int:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
     except OSError as error:
         raise InternalError(
-            f"bus {bus}: its lock {path} cannot be made ({error.strerror}), nothing moves without it: make the folder "
-            f"writable, or name another one by {FOLDER_VARIABLE} for every service that uses this bus"
+            say(
+                "bus_lock_not_made",
+                "bus {bus}: its lock {file} cannot be made ({why}), nothing moves without it: make the "
+                "folder writable, or name another one by {variable} for every service that uses this bus",
+                bus=bus,
+                file=str(path),
+                why=error.strerror or message_of(error),
+                variable=FOLDER_VARIABLE,
+            )
         ) from error
     try:
         try:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import itertools
-import json
 from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -18,11 +17,12 @@ from drivers.motion.local_socket import connected
 from drivers.motion.orders import Armed, Heard, Left, MotionEnd, MotionLostError, Order, Unread
 from drivers.motion.plant_read import PlantRead
 from drivers.motion.spool import Spool, end_of_json
-from drivers.motion.wire_format import PROTOCOL, error_of, line_of, of_json, to_json
+from drivers.motion.wire_format import PROTOCOL, error_of, line_of, of_json, said_in, to_json
 from drivers.outcome import Recovered, SafeOutcome, SampleBlock
 from drivers.permissive import Permissive
 from drivers.stands_at import StandsAt
 from valve.errors import NotFoundError
+from valve.messages import message_of, say
 
 _AGAIN_S: Final = 0.2
 _QUICK_S: Final = 0.5
@@ -65,22 +65,27 @@ class MotionClient:
 
     async def _connected(self, within_s: float) -> _Line:
         """Return a line that stands. Raises MotionLostError where there is none in time, BusyError."""
-        why = "it does not answer"
+        why: str = say("does_not_answer", "it does not answer")
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(within_s or _QUICK_S), self._opening:
                 while self._line is None or not self._line.is_open:
                     if self._closed:
-                        raise MotionLostError("the service is ending")
+                        raise MotionLostError(say("service_ending", "the service is ending"))
                     try:
                         self._line = await self._opened()
                     except (OSError, MotionLostError) as error:
-                        why = str((error.strerror if isinstance(error, OSError) else error) or why)
+                        why = (error.strerror if isinstance(error, OSError) else message_of(error)) or why
                         await asyncio.sleep(_AGAIN_S)
                 return self._line
         raise MotionLostError(
-            f"the motion process does not answer at {self._socket} ({why}): start it "
-            "(breakaway motion --config plant.toml); until then no valve can be moved",
-            f"{self._socket.name}: {why}",
+            say(
+                "motion_process_missing",
+                "the motion process does not answer at {socket} ({why}): start it (breakaway motion --config "
+                "plant.toml); until then no valve can be moved",
+                socket=str(self._socket),
+                why=why,
+            ),
+            say("socket_and_why", "{socket}: {why}", socket=self._socket.name, why=why),
         )
 
     async def _opened(self) -> _Line:
@@ -175,7 +180,13 @@ class MotionClient:
             try:
                 recording = await asyncio.to_thread(self._spool.recording, test, end)
             except (OSError, ValueError, EOFError, BadZipFile) as error:  # the journal has what was sampled
-                end["faults"].append(f"the recording could not be fetched from the motion process ({error})")
+                end["faults"].append(
+                    say(
+                        "recording_not_fetched",
+                        "the recording could not be fetched from the motion process ({why})",
+                        why=message_of(error),
+                    )
+                )
         return end_of_json(end, recording)
 
     def stop(self, run_id: str, reason: str) -> None:
@@ -247,10 +258,15 @@ async def stopped_here(socket: Path, what: str, reason: str) -> tuple[tuple[Orde
             finally:
                 await line.close()
     except OSError as error:  # a timeout is one
-        why = error.strerror or f"not within {_STOPPED_S:g} s"
+        why = error.strerror or say("not_within", "not within {stopped_s:g s}", stopped_s=_STOPPED_S)
         raise MotionLostError(
-            f"the motion process does not answer at {socket} ({why}): a valve whose motion process is gone goes to its "
-            "safe value by the watchdog of its device"
+            say(
+                "motion_process_silent",
+                "the motion process does not answer at {socket} ({why}): a valve whose motion process is "
+                "gone goes to its safe value by the watchdog of its device",
+                socket=str(socket),
+                why=why,
+            )
         ) from error
 
 
@@ -260,7 +276,8 @@ async def _stopped(line: _Line, what: str, reason: str) -> tuple[tuple[Order, Mo
     ends = []
     for number, order in enumerate((one for one in going if what in (one.tag, one.run_id)), 2):
         with contextlib.suppress(NotFoundError):  # it came to its end meanwhile
-            said = await line.ask(number, "stop_and_wait", run_id=order.run_id, reason=reason)
+            # A plain text: a motion process of an earlier version takes no ``messages`` with a question.
+            said = await line.ask(number, "stop_and_wait", run_id=order.run_id, reason=str(reason))
             ends.append((order, end_of_json(said, None)))
     return tuple(ends)
 
@@ -306,7 +323,7 @@ class _Line:
     async def _listen(self) -> None:
         try:
             async for text in self._reader:
-                self._take(json.loads(text))
+                self._take(said_in(text))
         except (OSError, ValueError, KeyError) as error:
             _LOG.warning("connection to the motion process broke", reason=str(error))
         finally:
@@ -333,8 +350,11 @@ class _Line:
             waiting.set_result(said["answer"])
 
 
-_BROKE: Final = "the motion process ended, or its connection broke: until it is back the device's watchdog alone acts"
-_BROKEN: Final = "its connection broke"
+_BROKE: Final = say(
+    "motion_process_gone",
+    "the motion process ended, or its connection broke: until it is back the device's watchdog alone acts",
+)
+_BROKEN: Final = say("its_connection_broke", "its connection broke")
 
 
 def _armed(heard: Heard, value: dict[str, Any]) -> None:

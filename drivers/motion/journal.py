@@ -34,6 +34,7 @@ import numpy.typing as npt
 from drivers.motion.synced import sync_folder
 from drivers.outcome import SampleBlock
 from valve.errors import RecordingError
+from valve.messages import message_of, say
 from valve.recording import Acquisition, Provenance, Recording
 
 FloatArray = npt.NDArray[np.float64]
@@ -147,7 +148,15 @@ def _header(path: Path, lines: Iterator[str]) -> dict[str, Any]:
         if header.get("schema") not in tuple(_FIELDS_OF):
             raise ValueError(f"schema {header.get('schema')!r}")
     except (ValueError, AttributeError) as error:
-        raise RecordingError(f"{path.name}: it has no header of {SCHEMA} ({error}), nothing can be read") from error
+        raise RecordingError(
+            say(
+                "journal_without_header",
+                "{file}: it has no header of {schema} ({why}), nothing can be read",
+                file=path.name,
+                schema=SCHEMA,
+                why=message_of(error),
+            )
+        ) from error
     return header
 
 
@@ -205,6 +214,6 @@ def recording_from_journal(path: Path) -> Recording | None:
             started_at=str(header.get("started_at", "")),
             software=str(header.get("software", "")),
             device=str(header.get("device", "")),
-            notes="what the journal of an interrupted test holds",
+            notes=say("from_journal", "what the journal of an interrupted test holds"),
         ),
     )

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 from drivers.motion.journal import JournalWriter
 from drivers.outcome import SampleBlock
+from valve.messages import say
 
 _SYNC_PERIOD_S: Final = 1.0
 _LONGEST_S: Final = 5.0  # that samples may wait for the disk; then it counts as broken
@@ -48,7 +49,15 @@ class KeptSamples:
         """Hand samples on to the thread; returns at once."""
         now_s = time.monotonic()
         if self._waiting_s and now_s - self._waiting_s[0] > _LONGEST_S:
-            self._on_error(TimeoutError(f"the disk has not taken them for {now_s - self._waiting_s[0]:.2g} s"))
+            self._on_error(
+                TimeoutError(
+                    say(
+                        "disk_has_not_taken",
+                        "the disk has not taken them for {time:.2g s}",
+                        time=now_s - self._waiting_s[0],
+                    )
+                )
+            )
             return
         assert self._journal is not None
         self._waiting_s.append(now_s)
@@ -61,7 +70,9 @@ class KeptSamples:
             async with asyncio.timeout(_LONGEST_S):
                 await self._loop.run_in_executor(self._thread, self._sync, self._journal)
         except TimeoutError:
-            self._on_error(TimeoutError(f"the disk has not taken them within {_LONGEST_S:g} s"))
+            self._on_error(
+                TimeoutError(say("disk_did_not_take", "the disk has not taken them within {time:g s}", time=_LONGEST_S))
+            )
         except OSError as error:
             self._on_error(error)
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from valve.errors import ConfigurationError
+from valve.messages import message_of, say
 
 NAME: Final = "motion.sock"
 LONGEST_LINE: Final = 64 * 1024 * 1024  # a test of 300 s at 1 kHz is fetched in blocks of a fraction of that
@@ -42,7 +43,13 @@ def listening(path: Path) -> socket.socket:
         with short_name(path) as address:
             with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as asking:
                 asking.connect(address)
-                raise ConfigurationError(f"{path}: a motion process answers there already: end it, or use that one")
+                raise ConfigurationError(
+                    say(
+                        "motion_process_there",
+                        "{socket}: a motion process answers there already: end it, or use that one",
+                        socket=str(path),
+                    )
+                )
             path.unlink(missing_ok=True)
             former = os.umask(0o177)
             try:
@@ -53,7 +60,12 @@ def listening(path: Path) -> socket.socket:
     except OSError as error:
         listener.close()
         raise ConfigurationError(
-            f"{path}: the motion process cannot listen there ({error.strerror}): make its folder writable"
+            say(
+                "socket_cannot_listen",
+                "{socket}: the motion process cannot listen there ({why}): make its folder writable",
+                socket=str(path),
+                why=error.strerror or message_of(error),
+            )
         ) from error
     except BaseException:
         listener.close()

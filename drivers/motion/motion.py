@@ -29,6 +29,7 @@ from drivers.permissive import Permissive, require_met
 from drivers.stands_at import StandsAt
 from drivers.waveform_check import check_waveform
 from valve.errors import BusyError, InternalError, MeasurementError, NotFoundError, ValveError
+from valve.messages import joined, message_of, report_it, say
 
 _LOG = structlog.get_logger(__name__)
 _CANCELLED_S: Final = 5.0
@@ -93,7 +94,13 @@ class Motion:
     def _wiring(self, tag: str) -> ValveWiring:
         wiring = self._plant.wirings.get(tag)
         if wiring is None:
-            raise NotFoundError(f"valve {tag[:64]!r} is unknown to the motion process: breakaway reload")
+            raise NotFoundError(
+                say(
+                    "valve_unknown_to_motion",
+                    "valve {valve} is unknown to the motion process: breakaway reload",
+                    valve=repr(tag[:64]),
+                )
+            )
         return wiring
 
     # ---- buses
@@ -149,7 +156,13 @@ class Motion:
         for one in self._carried.values():
             if not one.is_over and (one.order.tag == tag or wiring.buses & one.wiring.buses):
                 raise BusyError(
-                    f"{tag}: test {one.order.run_id} of {one.order.tag} moves: wait for its end, or stop it"
+                    say(
+                        "other_test_moves",
+                        "{tag}: test {test} of {valve} moves: wait for its end, or stop it",
+                        tag=tag,
+                        test=one.order.run_id,
+                        valve=one.order.tag,
+                    )
                 )
         return wiring
 
@@ -180,7 +193,13 @@ class Motion:
             require_met(order.tag, [same_plant(order.tag, order.read, valve_read(wiring, self._plant.buses))])
         check_waveform(order.tag, order.waveform, wiring.limits)
         if self._closing:
-            raise BusyError(f"{order.tag}: the motion process is ending: repeat the request when it is back")
+            raise BusyError(
+                say(
+                    "motion_process_ending",
+                    "{tag}: the motion process is ending: repeat the request when it is back",
+                    tag=order.tag,
+                )
+            )
         carried = _Carried(order, wiring, self._rig, self._spool, audit=self._audit)
         if order.run_id in self._stopped_before:
             carried.request_stop(self._stopped_before.pop(order.run_id))
@@ -247,7 +266,7 @@ class Motion:
         """
         for one in self._carried.values():
             if one.order.tag == tag and not one.is_over:
-                one.request_stop("stopped: whoever asked for it lost it")
+                one.request_stop(say("stopped_asker_lost_it", "stopped: whoever asked for it lost it"))
                 await asyncio.wait({one.task})
         wiring = self._free(tag)
         task = asyncio.create_task(self._recovered(wiring, run_number, entry_pa, commanded))
@@ -308,7 +327,9 @@ class Motion:
         """Wait for the end of a motion beside whoever asked for it. Raises NotFoundError, as ``play``."""
         carried = self._carried.get(run_id)
         if carried is None:
-            raise NotFoundError(f"test {run_id}: the motion process knows nothing of it")
+            raise NotFoundError(
+                say("motion_of_test_unknown", "test {test}: the motion process knows nothing of it", test=run_id)
+            )
         return await asyncio.shield(carried.task)
 
     def begin_shutdown(self, reason: str) -> None:
@@ -381,7 +402,7 @@ class _Carried:
 
     def cancel(self) -> None:
         """End the motion in the hardest way that still sends the valve to its safe value."""
-        self.request_stop("stopped: whoever asked for it ended")
+        self.request_stop(say("stopped_asker_ended", "stopped: whoever asked for it ended"))
         self.task.cancel()
 
     async def _on_its_buses(self, locks: BusLocks) -> MotionEnd:
@@ -408,7 +429,9 @@ class _Carried:
             if not self._commanded:
                 self._close()
                 raise
-            outcome = await self._rescued("the test was cancelled as the service ended")
+            outcome = await self._rescued(
+                say("cancelled_as_service_ended", "the test was cancelled as the service ended")
+            )
         except Exception as error:
             _LOG.error("motion failed unexpectedly", test=self.order.run_id, valve=self.order.tag, exc_info=error)
             if not self._commanded:
@@ -424,7 +447,7 @@ class _Carried:
         """Send a valve to safe that a fault left alone; return that as the end of its motion."""
         found = await self._rig.go_safe(self.wiring, self.order.run_number, self._entry_pa)
         why = "" if found.confirmed else found.reason
-        told = MeasurementError("; ".join(text for text in (reason, found.reason) if text))
+        told = MeasurementError(joined("; ", [text for text in (reason, found.reason) if text]))
         return PlayOutcome(None, Ended.FAILED, found.confirmed, told, why_unsafe=why)
 
     async def _ended(self, outcome: PlayOutcome) -> MotionEnd:
@@ -484,7 +507,12 @@ class _Carried:
 
     def _without_journal(self, error: OSError) -> MeasurementError:
         return MeasurementError(
-            f"{self.order.tag}: the journal cannot be written ({error}), nothing moves without it: free some disk space"
+            say(
+                "journal_not_written",
+                "{tag}: the journal cannot be written ({why}), nothing moves without it: free some disk space",
+                tag=self.order.tag,
+                why=message_of(error),
+            )
         )
 
     def _on_commanded(self) -> None:
@@ -510,7 +538,11 @@ class _Carried:
     def _abort_for_disk(self, error: OSError) -> None:
         if not self._disk_error:
             _LOG.error("samples not written", test=self.order.run_id, valve=self.order.tag, error=str(error))
-        self._disk_error = f"samples can no longer be written ({error.strerror or error}): the test was stopped"
+        self._disk_error = say(
+            "samples_not_written",
+            "samples can no longer be written ({why}): the test was stopped",
+            why=error.strerror or message_of(error),
+        )
         self.request_stop("")
 
     # ---- the audit log
@@ -532,11 +564,13 @@ class _Carried:
         try:
             await self._in_audit("motion.ended", {**details, **early, **reason})
         except AuditError as error:
-            return f"the end of the motion is not in the audit log: {error}"
+            return say(
+                "end_not_in_audit_log", "the end of the motion is not in the audit log: {why}", why=message_of(error)
+            )
         return ""
 
 
 def _reason(error: Exception) -> str:
     if isinstance(error, ValveError):
-        return str(error)
-    return f"{type(error).__name__}: {error}: report it"
+        return message_of(error)
+    return report_it(error)

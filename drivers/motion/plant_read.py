@@ -13,6 +13,7 @@ from typing import Any, Final
 
 from drivers.addresses import BusAddress, ValveWiring
 from drivers.permissive import Permissive
+from valve.messages import say
 
 #: The permissive that says whether service and motion process have read the same of a valve.
 SAME_PLANT: Final = "plant_file"
@@ -71,9 +72,14 @@ def same_plant(tag: str, ours: str, theirs: str) -> Permissive:
     return Permissive(
         SAME_PLANT,
         is_same,
-        "the same for service and motion process" if is_same else "service and motion process have read different ones",
-        f"one plant.toml for the wiring and the limits of {tag}",
-        "breakaway reload; if that does not do, restart service and motion process while no valve moves",
+        say("plant_read_alike", "the same for service and motion process")
+        if is_same
+        else say("plant_read_differently", "service and motion process have read different ones"),
+        say("one_plant_file", "one plant.toml for the wiring and the limits of {tag}", tag=tag),
+        say(
+            "reload_or_restart",
+            "breakaway reload; if that does not do, restart service and motion process while no valve moves",
+        ),
     )
 
 

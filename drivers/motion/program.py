@@ -25,6 +25,7 @@ from drivers.motion.server import MotionServer
 from drivers.motion.service_manager import ServiceManager
 from drivers.motion.spool import Spool
 from drivers.motion.watching import Watching
+from valve.messages import say
 
 _LOG = structlog.get_logger(__name__)
 # A closed terminal, and Ctrl-\, too: each would end the process at once, and leave a valve where it stands.
@@ -144,7 +145,7 @@ async def _serve(motion: Motion, watching: Watching, place: Place, software: str
     _LOG.info("motion process ended")
 
 
-_STOPPED: Final = "stopped: the motion process was shut down"
+_STOPPED: Final = say("stopped_motion_shut_down", "stopped: the motion process was shut down")
 
 
 def _end(motion: Motion, ending: asyncio.Event) -> None:

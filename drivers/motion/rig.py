@@ -25,6 +25,7 @@ from drivers.sequence import play_sequence
 from drivers.stands_at import StandsAt
 from drivers.wiring import Bus, make_bus
 from valve.errors import BusyError, EquipmentError
+from valve.messages import fault_words, message_of, report_it, say
 from valve.recording import Provenance
 
 _LOG = structlog.get_logger(__name__)
@@ -119,7 +120,11 @@ class WiredRig:
             async with self._connected(wiring) as device:
                 return (await read_permissives(device, permit)).permissives
         except EquipmentError as error:
-            return (Permissive("device", False, str(error), "a device that answers", UNREACHABLE),)
+            return (
+                Permissive(
+                    "device", False, message_of(error), say("device_that_answers", "a device that answers"), UNREACHABLE
+                ),
+            )
 
     async def play(
         self,
@@ -202,34 +207,43 @@ class WiredRig:
         safe = wiring.safe_value_pa
         safe_pa = entry_pa if isinstance(safe, str) else safe
         if commanded and (safe_pa is None or not math.isfinite(safe_pa)):
-            return Recovered(SafeOutcome(False, reason="its safe value is the one at entry, which was not kept"))
+            return Recovered(
+                SafeOutcome(
+                    False, reason=say("entry_value_lost", "its safe value is the one at entry, which was not kept")
+                )
+            )
         try:
             async with self._connected(wiring, where_possible=True) as device:
                 device.safe_value_pa = math.nan if safe_pa is None else safe_pa
                 return await recover_valve(device, run_number, commanded=commanded)
         except (EquipmentError, BusyError) as error:
-            return Recovered(SafeOutcome(False, reason=str(error)))
+            return Recovered(SafeOutcome(False, reason=message_of(error)))
         except Exception as error:  # noqa: BLE001  - whoever recovers a valve must hear how it stands
             _LOG.error("valve not recovered", valve=wiring.tag, exc_info=error)
-            return Recovered(SafeOutcome(False, reason=f"{type(error).__name__}: {error}: report it"))
+            return Recovered(SafeOutcome(False, reason=report_it(error)))
 
     async def go_safe(self, wiring: ValveWiring, run_number: int, entry_pa: float | None) -> SafeOutcome:
         """Send a valve that was left alone to its safe value; return what it reached and why not. Raises nothing."""
         tag, found = wiring.tag, SafeOutcome(False)
         if wiring.safe_value_pa == "entry":
             if entry_pa is None or not math.isfinite(entry_pa):
-                return _logged(tag, SafeOutcome(False, reason="its safe value is the one at entry, which was not kept"))
+                return _logged(
+                    tag,
+                    SafeOutcome(
+                        False, reason=say("entry_value_lost", "its safe value is the one at entry, which was not kept")
+                    ),
+                )
             wiring = replace(wiring, safe_value_pa=entry_pa)
         for attempt in range(1, _SAFE_ATTEMPTS + 1):
             try:
                 return _logged(tag, await self._safe_once(wiring, run_number))
             except (EquipmentError, BusyError) as error:
                 _LOG.warning("valve not reached", valve=tag, attempt=attempt, error=str(error))
-                found = SafeOutcome(False, reason=str(error))
+                found = SafeOutcome(False, reason=message_of(error))
                 await asyncio.sleep(_SAFE_PAUSE_S)
             except Exception as error:  # noqa: BLE001  - whoever makes a valve safe must hear how it stands
                 _LOG.error("valve not sent to safe", valve=tag, exc_info=error)
-                return SafeOutcome(False, reason=f"{type(error).__name__}: {error}")
+                return SafeOutcome(False, reason=fault_words(error))
         return _logged(tag, found)
 
     async def _safe_once(self, wiring: ValveWiring, run_number: int) -> SafeOutcome:
@@ -243,7 +257,9 @@ class WiredRig:
             try:
                 await device.release()
             except EquipmentError as error:
-                return replace(found, reason=f"the device was not released: {error}")
+                return replace(
+                    found, reason=say("not_released", "the device was not released: {why}", why=message_of(error))
+                )
             return found
 
 

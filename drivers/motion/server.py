@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 from collections.abc import Awaitable, Callable, Iterable
 from typing import Any, Final
 
@@ -17,9 +16,10 @@ from drivers.motion.motion import Motion
 from drivers.motion.orders import Armed, Heard, MotionEnd, Order
 from drivers.motion.precedence import Precedence
 from drivers.motion.spool import end_to_json
-from drivers.motion.wire_format import PROTOCOL, line_of, of_json, to_json
+from drivers.motion.wire_format import PROTOCOL, line_of, of_json, said_in, to_json
 from drivers.outcome import SampleBlock
 from valve.errors import BusyError, InternalError, RequestError, ValveError
+from valve.messages import message_of, report_it, say
 
 _MOST_UNREAD: Final = 64 * 1024 * 1024  # bytes that somebody has not fetched: then it hangs, and is let go
 _END_S: Final = 1.0  # for answers that are under way when the process ends
@@ -51,7 +51,7 @@ class MotionServer:
         self._clients.add(client)
         try:
             async for line in reader:
-                self._hear(client, json.loads(line))
+                self._hear(client, said_in(line))
         except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
             _LOG.warning("connection to the motion process broke", reason=str(error))
         finally:
@@ -108,17 +108,43 @@ class MotionServer:
         try:
             ask = _ASKED.get(name)
             if ask is None:
-                raise InternalError(f"motion process: {name!r} is unknown: it and the service differ in version")
+                raise InternalError(
+                    say(
+                        "question_unknown",
+                        "motion process: {question} is unknown: it and the service differ in version",
+                        question=repr(name),
+                    )
+                )
             if client is not self._owner and name not in _FOR_ALL:
-                raise RequestError(f"motion process: {name} is asked by the service alone")
+                raise RequestError(
+                    say(
+                        "question_for_service_alone",
+                        "motion process: {question} is asked by the service alone",
+                        question=name,
+                    )
+                )
             answer = await ask(self, client, **said)
         except ValveError as error:
             client.send({"id": number, **to_json(error)})
         except (TypeError, KeyError) as error:
-            client.send({"id": number, **to_json(InternalError(f"motion process: {name}: {error}"))})
+            client.send(
+                {
+                    "id": number,
+                    **to_json(
+                        InternalError(
+                            say(
+                                "question_not_understood",
+                                "motion process: {question}: {why}",
+                                question=name,
+                                why=message_of(error),
+                            )
+                        )
+                    ),
+                }
+            )
         except Exception as error:  # noqa: BLE001  - whoever asked must hear something
             _LOG.error("question not answered", asked=name, exc_info=error)
-            client.send({"id": number, **to_json(InternalError(f"{type(error).__name__}: {error}: report it"))})
+            client.send({"id": number, **to_json(InternalError(report_it(error)))})
         else:
             client.send({"id": number, "answer": answer})
 
@@ -127,11 +153,18 @@ class MotionServer:
     async def _own(self, client: _Client, protocol: int) -> dict[str, Any]:
         if protocol != PROTOCOL:
             raise BusyError(
-                f"motion process: it speaks version {PROTOCOL} and the service version {protocol}: "
-                "install the same version of both, and restart the motion process when no valve moves"
+                say(
+                    "other_protocol",
+                    "motion process: it speaks version {spoken} and the service version {heard}: install the "
+                    "same version of both, and restart the motion process when no valve moves",
+                    spoken=PROTOCOL,
+                    heard=protocol,
+                )
             )
         if self._owner is not None:
-            raise BusyError("motion process: another service is connected to it: end that one")
+            raise BusyError(
+                say("other_service_connected", "motion process: another service is connected to it: end that one")
+            )
         self._owner = client
         allowed = None if self._precedence is None else self._precedence.allowed
         return {"software": self._software, "precedence": allowed}

@@ -1,6 +1,7 @@
 """The ends of motions on disk, until whoever asked for them has stored them.
 
-``ID.end`` is JSON: the order, and how the motion ended. ``ID.npz`` holds the recording's channels.
+``ID.end`` is JSON: the order, how the motion ended, and what its texts were made of. ``ID.npz`` holds the channels of
+its recording.
 Both are whole and forced onto the disk when ``write`` returns.
 """
 
@@ -23,6 +24,7 @@ from drivers.motion.wire_format import error_of, of_json, to_json
 from drivers.outcome import Ended, PlayOutcome
 from drivers.stands_at import StandsAt
 from valve.errors import InternalError, NotFoundError
+from valve.messages import message_of, restored, say, with_table
 from valve.recording import Provenance, Recording
 
 _LOG = structlog.get_logger(__name__)
@@ -47,7 +49,7 @@ class Spool:
             np.savez(data, **{name: channel for name, channel in channels.items() if channel is not None})
             self._keep(self.path(order.run_id, ".npz"), data.getvalue())
         about = {"order": to_json(order), **end_to_json(end)}
-        self._keep(self.path(order.run_id, _SUFFIX), json.dumps(about).encode())
+        self._keep(self.path(order.run_id, _SUFFIX), json.dumps(with_table(about)).encode())
 
     def path(self, run_id: str, suffix: str) -> Path:
         """Return where something of a motion is kept."""
@@ -65,12 +67,21 @@ class Spool:
     def read(self, run_id: str) -> MotionEnd:
         """Return how a motion ended. Raises NotFoundError where nothing is kept of it, InternalError."""
         try:
-            said = json.loads(self.path(run_id, _SUFFIX).read_bytes())
+            said = restored(json.loads(self.path(run_id, _SUFFIX).read_bytes()))
             recording = self.recording(run_id, said) if said["recording"] is not None else None
         except FileNotFoundError:
-            raise NotFoundError(f"test {run_id}: the motion process knows nothing of it") from None
+            raise NotFoundError(
+                say("motion_of_test_unknown", "test {test}: the motion process knows nothing of it", test=run_id)
+            ) from None
         except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-            raise InternalError(f"test {run_id}: the end of its motion cannot be read ({error})") from error
+            raise InternalError(
+                say(
+                    "end_of_motion_unreadable",
+                    "test {test}: the end of its motion cannot be read ({why})",
+                    test=run_id,
+                    why=message_of(error),
+                )
+            ) from error
         return end_of_json(said, recording)
 
     def recording(self, run_id: str, said: dict[str, Any]) -> Recording:

@@ -27,6 +27,7 @@ import numpy.typing as npt
 
 from drivers.motion.synced import sync_folder
 from valve.errors import RecordingError
+from valve.messages import message_of, say
 
 FloatArray = npt.NDArray[np.float64]
 SCHEMA: Final = "breakaway/watched/1"
@@ -158,7 +159,13 @@ def _header(path: Path, data: bytes) -> dict[str, Any]:
             raise ValueError(f"schema {header.get('schema')!r}")
     except (ValueError, AttributeError) as error:
         raise RecordingError(
-            f"{path.name}: it has no header of {SCHEMA} ({error}), nothing can be read: remove the file"
+            say(
+                "watch_file_without_header",
+                "{file}: it has no header of {schema} ({why}), nothing can be read: remove the file",
+                file=path.name,
+                schema=SCHEMA,
+                why=message_of(error),
+            )
         ) from error
     return header
 

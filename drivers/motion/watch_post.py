@@ -21,11 +21,13 @@ import structlog
 
 from drivers.motion.local_socket import short_name
 from valve.errors import BusyError
+from valve.messages import say
 
 _LOG = structlog.get_logger(__name__)
 _LEFT: Final = b"."
 _ASKING: Final = 16
 _LOCK_SUFFIX: Final = ".lock"
+_LISTEN_AGAIN_S: Final = 1.0
 
 
 @contextlib.contextmanager
@@ -85,7 +87,7 @@ class WatchPost:
         self._on_free = on_free
         self._is_file = not name.startswith("\0")
         self._lock: int | None = None  # of the file beside a socket in a folder
-        self._listener: asyncio.Server | None = None
+        self._listener: socket.socket | None = None
         self._takers: set[asyncio.Task[None]] = set()
 
     @property
@@ -117,9 +119,17 @@ class WatchPost:
             listener.close()
             self._unlock()
             if error.errno in (errno.EADDRINUSE, errno.EWOULDBLOCK):
-                raise BusyError("another process watches it: watch each valve from one plant file") from error
+                raise BusyError(
+                    say("bus_watched_elsewhere", "another process watches it: watch each valve from one plant file")
+                ) from error
             raise
-        self._listener = await asyncio.start_unix_server(self._asked, sock=listener)
+        self._listener = listener
+        self._listen()
+
+    def _listen(self) -> None:
+        """Take whoever connects in the loop's own turn: what a task accepts is lost where it is cancelled."""
+        if self._listener is not None:
+            asyncio.get_running_loop().add_reader(self._listener, self._accept, self._listener)
 
     def _unlock(self) -> None:
         lock, self._lock = self._lock, None
@@ -128,8 +138,10 @@ class WatchPost:
 
     async def close(self) -> None:
         """Listen no more."""
-        if self._listener is not None:
-            self._listener.close()
+        listener, self._listener = self._listener, None
+        if listener is not None:
+            asyncio.get_running_loop().remove_reader(listener)
+            listener.close()
             for taker in tuple(self._takers):
                 taker.cancel()
             await asyncio.gather(*self._takers, return_exceptions=True)
@@ -138,18 +150,34 @@ class WatchPost:
                     os.unlink(address)  # noqa: PTH108  - by its short name
             self._unlock()
 
-    async def _asked(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        self._takers.add(task)
+    def _accept(self, listener: socket.socket) -> None:
         try:
+            taker, _ = listener.accept()
+        except BlockingIOError:  # it went again
+            return
+        except OSError as error:  # this process has no descriptor left: whoever asks waits, and takes the bus anyway
+            _LOG.error("nobody can ask to leave a bus for a while", exc_info=error)
+            loop = asyncio.get_running_loop()
+            loop.remove_reader(listener)
+            loop.call_later(_LISTEN_AGAIN_S, self._listen)
+            return
+        taker.setblocking(False)
+        staying = asyncio.ensure_future(self._stay_away(taker))
+        self._takers.add(staying)
+        staying.add_done_callback(lambda staying: self._gone(staying, taker))
+
+    async def _stay_away(self, taker: socket.socket) -> None:
+        loop = asyncio.get_running_loop()
+        with contextlib.suppress(OSError):
             await self._leave()
-            writer.write(_LEFT)
-            await reader.read()  # to its end: then the bus was given back, or its taker died
-        except (OSError, asyncio.CancelledError):
-            pass
-        finally:
-            writer.close()
-            self._takers.discard(task)
-            if not self._takers:
-                self._on_free()
+            await loop.sock_sendall(taker, _LEFT)
+            while await loop.sock_recv(taker, 1):  # to its end: then the bus was given back, or its taker died
+                pass
+
+    def _gone(self, staying: asyncio.Task[None], taker: socket.socket) -> None:
+        taker.close()
+        self._takers.discard(staying)
+        if not staying.cancelled() and (error := staying.exception()) is not None:
+            _LOG.error("a bus was not left as asked", exc_info=error)
+        if not self._takers:
+            self._on_free()

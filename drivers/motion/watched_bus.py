@@ -16,6 +16,7 @@ from drivers.registers import Block
 from drivers.serial_gauge import Reading, SerialGauge
 from drivers.transport import Exchange, ReadTransport
 from valve.errors import BusyError, WireError
+from valve.messages import message_of, say
 
 _LOOK_AGAIN_S: Final = 2.0  # whether a bus is free that was taken before anybody watched it
 
@@ -61,7 +62,9 @@ class WatchedBus:
             try:
                 await self._post.open()
             except BusyError as error:
-                raise BusyError(f"bus {self.address.name}: {error}") from error
+                raise BusyError(
+                    say("bus_and_why", "bus {bus}: {why}", bus=self.address.name, why=message_of(error))
+                ) from error
         self._come_back()
 
     async def close(self) -> None:
@@ -126,7 +129,7 @@ class WatchedBus:
 
     def _require_at_hand(self) -> None:
         if not self._at_hand:
-            raise LeftError(f"bus {self.address.name}: it is left for somebody else")
+            raise LeftError(say("bus_left", "bus {bus}: it is left for somebody else", bus=self.address.name))
 
     async def _hang_up(self) -> None:
         transport, self._transport, self._is_open = self._transport, None, False

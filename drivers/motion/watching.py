@@ -30,6 +30,7 @@ from drivers.motion.watched_bus import LeftError, WatchedBus
 from drivers.watch_rules import WatchRules, WatchSpan
 from drivers.wiring import Bus, Signal, Unit, make_bus, wire
 from valve.errors import BusyError, ConfigurationError, EquipmentError
+from valve.messages import message_of, say
 
 _LOG = structlog.get_logger(__name__)
 _BLOCK_S: Final = 5.0  # of samples that go to the disk together
@@ -158,7 +159,7 @@ class Watching:
                         _LOG.error("bus not watched", bus=bus.address.name, reason=str(error))
                     is_said = True
                     for one in valves:
-                        one.note(str(error))
+                        one.note(message_of(error))
                 await asyncio.sleep(_RAREST_S)
 
     async def _going_on(self, valves: list[_Valve]) -> None:
@@ -277,7 +278,13 @@ class _Valve:
         if not self._blind:
             self.unread = None
         elif self._blind >= _PATIENCE:
-            self.note(f"{self.tag}: its position is no valid value: look at its transmitter and wire")
+            self.note(
+                say(
+                    "watched_position_not_valid",
+                    "{tag}: its position is no valid value: look at its transmitter and wire",
+                    tag=self.tag,
+                )
+            )
             if self._blind == _PATIENCE:
                 _LOG.warning("valve in service shows no position: nothing is kept", valve=self.tag)
 
@@ -303,7 +310,7 @@ class _Valve:
         self._slots.failed += 1
         if self._failures < _PATIENCE:
             return max(next_s, time.monotonic())
-        self.note(str(error))
+        self.note(message_of(error))
         if self._failures == _PATIENCE:
             _LOG.warning("valve in service does not answer: it is asked more rarely", valve=self.tag, reason=str(error))
         return time.monotonic() + min(_RAREST_S, 2.0 ** (self._failures - _PATIENCE))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
 
 from estimators.base import (
     NORMAL_95,
@@ -14,18 +14,29 @@ from estimators.base import (
     Status,
     absent,
     in_order,
-    sentences,
+    not_given,
 )
 from estimators.classic.friction_parameters import AT_BREAKAWAY
 from estimators.classic.misfit import Fallback, with_stand_ins
 from estimators.classic.transients import Transients
 from estimators.motion.recorded_motion import RecordedMotion
+from valve.messages import joined, say
 from valve.nameplate import Action
 
 _LARGE_BIAS = 0.05  # own choice: from here on a published value's bias makes the estimate poor
 _ASKED = ("k", "F_c", "F_s")
 _ASSUMED = frozenset({Outcome.COMMAND_ONLY, Outcome.MAY_CREEP, Outcome.ONE_SPEED, Outcome.OVERSHOOT_ASSUMED})
 _NO_JUMP = 0.06  # own choice, of the friction in motion: what creeping valves with a wrong F_c showed
+_LAG_HIDES: Final = say(
+    "lag_hides_transients", "the pressure was not measured: a transducer's lag reads as F_v and hides m"
+)
+_LAG_AT_BREAKAWAY: Final = say(
+    "lag_at_breakaway",
+    "no slip jump is seen, and the force at breakaway is that of the transducer's lag and dead time as well: "
+    "measure the pressure at the actuator",
+)
+_LAG_IN_IT: Final = say("lag_in_it", "the transducer's lag is in it, the pressure was not measured")
+_BELOW_ZERO: Final = say("below_zero", "it comes out below 0: the data do not determine it")
 _KNOWN_WITHOUT_LAG = 0.1  # own choice, half width of 95 %: what is given without an interval is known to that at least
 
 
@@ -52,24 +63,30 @@ def conclude(
         found.append(Outcome.COMMAND_ONLY)
         parameters = {symbol: _with_lag(symbol, parameter) for symbol, parameter in parameters.items()}
         for symbol in ("m", "F_v"):
-            parameters[symbol] = absent("the pressure was not measured: a transducer's lag reads as F_v and hides m")
+            parameters[symbol] = absent(_LAG_HIDES)
     viscous = parameters["F_v"].value
     if viscous is not None and viscous < 0.0:
-        parameters["F_v"] = absent("it comes out below 0: the data do not determine it")
+        parameters["F_v"] = absent(_BELOW_ZERO)
     complete = in_order(parameters)
     if _may_creep(complete, motion, diagnostics, transients):
         found.append(Outcome.MAY_CREEP)
     missing = [symbol for symbol in _ASKED if complete[symbol].value is None]
-    message = sentences(found)
     biased = [
-        f"{symbol} by about {100.0 * share:+.0f} %"
+        say("biased_by", "{symbol} by about {share:+.0f %}", symbol=symbol, share=share)
         for symbol, share in zip(("m", "F_v"), transients.published_bias or (), strict=False)
         if abs(share) > _LARGE_BIAS
     ]
+    said = [outcome.message for outcome in dict.fromkeys(found)]
     if missing:
-        message = f"{message} Not given: {', '.join(missing)}.".strip()
+        said.append(not_given(missing))
     if biased:
-        message = f"{message} Backward differences bias {' and '.join(biased)}: use the corrected form.".strip()
+        said.append(
+            say(
+                "differences_bias",
+                "Backward differences bias {symbols: and }: use the corrected form.",
+                symbols=tuple(biased),
+            )
+        )
     poor = (ONE_WAY | _ASSUMED) & set(found)
     status = Status.POOR if missing or biased or poor else Status.OK
     if complete["k"].value is None and complete["F_c"].value is None:
@@ -82,7 +99,7 @@ def conclude(
         "moving_speed_m_per_s": motion.phases.moving_speed,
         "stops_m": None if motion.stops is None else [motion.stops.low_m, motion.stops.high_m],
     }
-    return with_stand_ins(Estimate(method, status, message, None, complete, information), fallback)
+    return with_stand_ins(Estimate(method, status, joined(" ", said), None, complete, information), fallback)
 
 
 def _may_creep(
@@ -113,18 +130,16 @@ def _with_lag(symbol: str, parameter: ParameterEstimate) -> ParameterEstimate:
     if symbol not in ("k", "F_c", "F_s", "F_0") or parameter.value is None:
         return parameter
     if symbol == "F_s" and parameter.note == AT_BREAKAWAY:
-        return absent(
-            "no slip jump is seen, and the force at breakaway is that of the transducer's lag and dead time as well: "
-            "measure the pressure at the actuator"
-        )
+        return absent(_LAG_AT_BREAKAWAY)
     half = NORMAL_95 * (parameter.std_error or 0.0)
     if symbol == "F_s" and half > _KNOWN_WITHOUT_LAG * parameter.value:
-        share = 100.0 * half / parameter.value
         return absent(
-            f"the breakaways tell it to +-{share:.0f} % only, and the transducer's lag is in it besides: "
-            "measure the pressure at the actuator"
+            say(
+                "breakaways_tell_badly",
+                "the breakaways tell it to +-{share:.0f %} only, and the transducer's lag is in it besides: measure "
+                "the pressure at the actuator",
+                share=half / parameter.value,
+            )
         )
-    note = f"{parameter.note}; " if parameter.note else ""
-    return replace(
-        parameter, std_error=None, ci95=None, note=f"{note}the transducer's lag is in it, the pressure was not measured"
-    )
+    note = joined("; ", [one for one in (parameter.note, _LAG_IN_IT) if one])
+    return replace(parameter, std_error=None, ci95=None, note=note)

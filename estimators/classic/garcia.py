@@ -19,8 +19,11 @@ from estimators.motion.recorded_motion import RecordedMotion
 from estimators.motion.settling import viscous_from_settling
 from estimators.motion.static_friction import BreakawayForces, breakaway_forces
 from estimators.motion.uniform_motion import UniformMotion
+from valve.messages import say
 
-_NO_LIMIT_VELOCITY = "the method does not give it; on ramps of one speed it cannot be told from F_s"
+_NO_LIMIT_VELOCITY = say(
+    "no_limit_velocity", "the method does not give it; on ramps of one speed it cannot be told from F_s"
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,11 @@ from typing import Final
 import numpy as np
 
 from estimators.classic.threshold_sweep import ThresholdSweep
+from valve.messages import say
 
 _CLOSE_TO_ZERO: Final = 1.0e-3  # of F_c: what Eq. (8) calls close to zero
-_TIED: Final = "on ramps of one speed DV cannot be told from F_s"
+_TIED: Final = say("limit_velocity_tied", "on ramps of one speed DV cannot be told from F_s")
+_NONE: Final = say("limit_velocity_none", "Eq. (8) finds none; {why}", why=_TIED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,17 +34,21 @@ def limit_velocity(
     backward differences begin to hold.
     """
     if coulomb_n is None or viscous_n_s_per_m is None:
-        return LimitVelocity(None, None, f"Eq. (8) finds none; {_TIED}")
+        return LimitVelocity(None, None, _NONE)
     limits = sweep.thresholds_m_per_s
     viscous = sweep.coefficients[:, 1]
     coulomb = sweep.coefficients[:, 2] - viscous * speed
     error = np.abs((coulomb - coulomb_n) + (viscous - viscous_n_s_per_m) * limits)
     close = np.flatnonzero((error <= _CLOSE_TO_ZERO * abs(coulomb_n)) & np.isfinite(sweep.std_error[:, 0]))
     if close.size == 0:
-        return LimitVelocity(None, None, f"Eq. (8) finds none; {_TIED}")
+        return LimitVelocity(None, None, _NONE)
     found = float(limits[close[0]])
-    note = (
-        f"Eq. (8) gives {found:.3g} m/s on a grid of {sweep.step_m_per_s:.2g} m/s, which is where differences "
-        f"begin to hold and not where the stem comes to rest; {_TIED}"
+    note = say(
+        "limit_velocity_on_grid",
+        "Eq. (8) gives {found:.3g m/s} on a grid of {step:.2g m/s}, which is where differences "
+        "begin to hold and not where the stem comes to rest; {why}",
+        found=found,
+        step=float(sweep.step_m_per_s),
+        why=_TIED,
     )
     return LimitVelocity(found, int(close[0]) + 1, note)

@@ -24,6 +24,7 @@ from estimators.motion.settling import viscous_from_settling
 from estimators.motion.static_friction import BreakawayForces, breakaway_forces, published_breakaway_forces
 from estimators.motion.uniform_motion import UniformMotion
 from valve.errors import ParameterError
+from valve.messages import say
 from valve.nameplate import Action
 
 _TRIFLE: Final = 1.0e-3  # own choice, of the travel: F_s and DV stand in
@@ -71,12 +72,21 @@ class RegressionEstimator(ClassicEstimator):
     def __post_init__(self) -> None:
         if not 1 <= self.thresholds <= self.parts:
             raise ParameterError(
-                f"regression: thresholds is {self.thresholds}, it must lie between 1 and parts ({self.parts}): "
-                "correct it"
+                say(
+                    "thresholds_outside_parts",
+                    "regression: thresholds is {thresholds}, it must lie between 1 and parts ({parts}): correct it",
+                    thresholds=self.thresholds,
+                    parts=self.parts,
+                )
             )
         if self.threshold is not None and not 1 <= self.threshold <= self.thresholds:
             raise ParameterError(
-                f"regression: threshold is {self.threshold}, it must lie between 1 and {self.thresholds}: correct it"
+                say(
+                    "threshold_outside",
+                    "regression: threshold is {threshold}, it must lie between 1 and {thresholds}: correct it",
+                    threshold=self.threshold,
+                    thresholds=self.thresholds,
+                )
             )
 
     @property

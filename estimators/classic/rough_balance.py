@@ -10,7 +10,8 @@ import numpy as np
 
 from estimators.base import LARGEST_RELATIVE_HALF_WIDTH
 from estimators.classic.breakaway_law import BreakawayLaw, breakaway_law, late_s, law_of_jumps
-from estimators.classic.force_windows import COAST, SLIDE, SLIP, ForceWindows, RoughMotion, rough_motion
+from estimators.classic.bristles import leaving_of_bristles
+from estimators.classic.force_windows import COAST, SLIDE, SLIP, ForceWindows, Leaving, RoughMotion, rough_motion
 from estimators.classic.window_fit import (
     Known,
     Lag,
@@ -21,6 +22,7 @@ from estimators.classic.window_fit import (
     jackknife,
     wandering_mean,
 )
+from estimators.engine.yielding import Held
 from estimators.motion.channels import channels_apart_s
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import BoolArray, FloatArray, Samples
@@ -257,7 +259,7 @@ class _Slides:
         coulomb = self._wandering(coulomb, fit, chosen).with_more(_LEAST_ERROR * friction.value)
         spring = known["k"] if self.sprung else Known(0.0, 0.0)
         law = breakaway_law(
-            self.rough.leaving,
+            self._leaving(spring.value, known["F_0"].value, coulomb.value, viscous),
             spring=spring.value,
             preload=known["F_0"],
             lag=self.lag,
@@ -279,6 +281,14 @@ class _Slides:
             jumps_only=False,
             is_assumed=is_assumed,
         )
+
+    def _leaving(self, spring: float, preload_n: float, coulomb_n: float, viscous: Known | None) -> Leaving:
+        """Where the stem broke away: on bristles it leaves its rest long before."""
+        if not self.sprung or spring <= 0.0 or coulomb_n <= 0.0:
+            return self.rough.leaving
+        late_s = self.lag.late_s + (0.0 if viscous is None else max(0.0, viscous.value) / spring)
+        soft = leaving_of_bristles(self.samples, Held(spring, preload_n, coulomb_n, late_s))
+        return self.rough.leaving if soft is None else soft
 
     def _steady(self) -> tuple[FloatArray, FloatArray]:
         """Regressors of steady motion and their instruments: the force for the position, which friction moves."""

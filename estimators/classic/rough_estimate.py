@@ -8,22 +8,39 @@ from typing import Any, Final
 
 from estimators.base import (
     LARGEST_RELATIVE_HALF_WIDTH,
+    NO_SPRING,
     Estimate,
     Outcome,
     ParameterEstimate,
     absent,
+    known_badly,
 )
 from estimators.classic.conclusion import conclude
+from estimators.classic.friction_parameters import AT_BREAKAWAY
 from estimators.classic.misfit import Fallback
 from estimators.classic.rough_balance import RoughBalance, rough_balance
 from estimators.classic.transients import Transients
 from estimators.classic.window_fit import Known
 from estimators.motion.recorded_motion import RecordedMotion
+from valve.messages import joined, say
 from valve.nameplate import Action
 
 FRICTION: Final = ("k", "F_c", "F_s", "F_0")
-_NO_MASS: Final = "friction that varies hides it in the slips: maximum likelihood tells it where anything does"
-_NO_LIMIT: Final = "on ramps of one speed DV cannot be told from F_s, and friction that varies hides it on others"
+_NO_MASS: Final = say(
+    "rough_hides_mass",
+    "friction that varies hides it in the slips: maximum likelihood tells it where anything does",
+)
+_NO_LIMIT: Final = say(
+    "rough_hides_limit_velocity",
+    "on ramps of one speed DV cannot be told from F_s, and friction that varies hides it on others",
+)
+_ONE_SPEED: Final = say("ramps_of_one_speed", "the ramps have one speed, and no transient shows it")
+_HIDDEN: Final = say("rough_and_late", "friction that varies, and what a sensor may be late by, hide it")
+_JUMPS_ONLY: Final = say(
+    "sticks_and_slips_only",
+    "the stem only sticks and slips: between where its jumps end and what an overshoot of them may hide",
+)
+_ONE_BREAKAWAY: Final = say("one_breakaway", "from one breakaway: the next one may differ by some percent")
 _NO_JUMP: Final = 0.02  # of the friction: so little above it no slip jump is seen
 _OPEN: Final = 1.2  # half widths by value: nothing is known but the sign
 
@@ -84,10 +101,8 @@ def _parameters(balance: RoughBalance, motion: RecordedMotion) -> dict[str, Para
         _given(balance.coulomb, note=_coulomb_note(balance), scatter=_seen(balance.roughness_n, balance, motion)),
         balance,
     )
-    if motion.action is Action.DOUBLE:
-        spring = ParameterEstimate(0.0, note="taken as 0: the nameplate says that no spring opposes the stem")
-    else:
-        spring = _given(balance.spring)
+    has_spring = motion.action is not Action.DOUBLE
+    spring = _given(balance.spring) if has_spring else ParameterEstimate(0.0, note=NO_SPRING)
     return {
         "m": absent(_NO_MASS),
         "k": spring,
@@ -103,8 +118,21 @@ def _given(known: Known, *, note: str = "", scatter: float | None = None) -> Par
     """The value with its interval, however wide that is, unless it leaves the sign open."""
     half = known.half_width
     if not (math.isfinite(known.value) and math.isfinite(half)) or half > _OPEN * abs(known.value):
-        share = f"+-{100.0 * half / abs(known.value):.0f} %" if known.value else f"+-{half:.3g}"
-        return absent(f"the recording tells it to {share} only: repeat with a larger amplitude or more cycles")
+        if not known.value:
+            return absent(
+                say(
+                    "recording_tells_to",
+                    "the recording tells it to +-{half:.3g} only: repeat with a larger amplitude or more cycles",
+                    half=half,
+                )
+            )
+        return absent(
+            say(
+                "recording_tells_badly",
+                "the recording tells it to +-{share:.0f %} only: repeat with a larger amplitude or more cycles",
+                share=half / abs(known.value),
+            )
+        )
     low, high = known.value - half, known.value + half
     return ParameterEstimate(known.value, known.error, (low, high), True, note, scatter)
 
@@ -126,37 +154,43 @@ def _offset(known: Known) -> ParameterEstimate:
 def _viscous(balance: RoughBalance) -> ParameterEstimate:
     known = balance.viscous
     if known is None:
-        return absent("the ramps have one speed, and no transient shows it")
+        return absent(_ONE_SPEED)
     if not 0.0 < known.half_width <= LARGEST_RELATIVE_HALF_WIDTH * known.value:
         if known.value <= 0.0:
-            return absent("friction that varies, and what a sensor may be late by, hide it")
-        share = 100.0 * known.half_width / known.value
-        return absent(
-            f"known to +-{share:.0f} % only, the limit is 30 %: friction that varies, "
-            "and what a sensor may be late by, hide it"
-        )
+            return absent(_HIDDEN)
+        return absent(known_badly(known.value, known.half_width, _HIDDEN))
     return _given(known)
 
 
 def _static(balance: RoughBalance) -> ParameterEstimate:
     law = balance.law
     if law is None:
-        return absent(str(Outcome.NO_BREAKAWAY))
-    notes = []
+        return absent(Outcome.NO_BREAKAWAY.message)
+    notes: list[str] = []
     if law.first_harder is not None:
-        notes.append(f"the first breakaway was {100.0 * law.first_harder:.0f} % harder and is left out")
+        notes.append(
+            say(
+                "first_breakaway_harder",
+                "the first breakaway was {share:.0f %} harder and is left out",
+                share=law.first_harder,
+            )
+        )
     if law.static.value < (1.0 + _NO_JUMP) * balance.friction.value:
-        notes.append("no slip jump is seen; this is the friction at breakaway")
+        notes.append(AT_BREAKAWAY)
     if law.count == 1:
-        notes.append("from one breakaway: the next one may differ by some percent")
-    return _given(law.static, note="; ".join(notes), scatter=law.scatter_n)
+        notes.append(_ONE_BREAKAWAY)
+    return _given(law.static, note=joined("; ", notes), scatter=law.scatter_n)
 
 
 def _coulomb_note(balance: RoughBalance) -> str:
     if balance.jumps_only:
-        return "the stem only sticks and slips: between where its jumps end and what an overshoot of them may hide"
+        return _JUMPS_ONLY
     if balance.is_assumed:
-        return f"the friction at {balance.speed:.3g} m/s: what of it grows with the speed one speed does not tell"
+        return say(
+            "friction_at_one_speed",
+            "the friction at {speed:.3g m/s}: what of it grows with the speed one speed does not tell",
+            speed=balance.speed,
+        )
     return ""
 
 

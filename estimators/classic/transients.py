@@ -15,6 +15,7 @@ from estimators.linear_fit import LinearFit
 from estimators.motion.balance import Balance, heaviest_mass_kg
 from estimators.motion.recorded_motion import RecordedMotion
 from estimators.samples import FloatArray
+from valve.messages import say
 
 # A transient is followed where its time constants last for 5 samples, its fast part where that lasts for half a one.
 _FEWEST_SAMPLES_OF_TRANSIENT: Final = 5.0
@@ -23,6 +24,8 @@ _CAPTURE_PERIOD_S: Final = 2.0e-3  # sampling faster than that is no remedy any 
 _LARGEST_INERTIA: Final = 0.1  # share of F_v that a mass left out may make
 _MORE_THAN_NOISE: Final = 1.5
 _ROUNDING: Final = 1.0e-5  # of the friction
+_SEVERAL_SPEEDS: Final = say("from_several_speeds", "from ramps of several speeds")
+_FROM_SETTLING: Final = say("from_settling", "from the settling of the slips")
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +126,7 @@ def judge_transients(
         and steady[0] > 0.0
         and (found.viscous.std_error is None or steady[1] < found.viscous.std_error)
     ):
-        viscous = measured(*steady, note="from ramps of several speeds")
+        viscous = measured(*steady, note=_SEVERAL_SPEEDS)
         if viscous.value is not None:
             outcome = None if found.mass.value is not None else found.outcome
             found = Transients(found.mass, viscous, steady, outcome, found.published_bias)
@@ -139,7 +142,7 @@ def _from_full(full: LinearFit | None, setting: Setting) -> Transients | None:
     dynamics = _inverted(pair, setting)
     if dynamics is None:
         return None
-    reason = str(setting.unresolved)
+    reason = setting.unresolved.message
     if setting.form is Form.PUBLISHED:
         value, error = pair, np.sqrt(np.diag(covariance))
     else:
@@ -150,10 +153,14 @@ def _from_full(full: LinearFit | None, setting: Setting) -> Transients | None:
     if setting.spring_n_per_m > 0.0 and not is_resolved(dynamics, setting.period_s):
         return None
     bias = (float(pair[0] / dynamics.mass_kg - 1.0), float(pair[1] / dynamics.viscous_n_s_per_m - 1.0))
-    notes = ["", ""]
+    notes: list[str] = ["", ""]
     if setting.form is Form.PUBLISHED:
         notes = [
-            f"backward differences bias it by about {100.0 * share:+.1f} %: the corrected form takes this out"
+            say(
+                "differences_bias_it",
+                "backward differences bias it by about {share:+.1f %}: the corrected form takes this out",
+                share=share,
+            )
             if abs(share) > 0.001
             else ""
             for share in bias
@@ -161,8 +168,12 @@ def _from_full(full: LinearFit | None, setting: Setting) -> Transients | None:
     mass = measured(float(value[0]), float(error[0]), note=notes[0], reason=reason)
     if dynamics.fast_s < _FEWEST_SAMPLES_OF_FAST_PART * setting.period_s:
         mass = absent(
-            f"its time constant of {1e3 * dynamics.fast_s:.2g} ms is below half a sampling period: "
-            f"{Outcome.TRANSIENTS_NOT_RESOLVED}"
+            say(
+                "faster_than_samples",
+                "its time constant of {fast:.2g ms} is below half a sampling period: {why}",
+                fast=dynamics.fast_s,
+                why=Outcome.TRANSIENTS_NOT_RESOLVED.message,
+            )
         )
     viscous = measured(float(value[1]), float(error[1]), note=notes[1], reason=reason)
     complete = mass.value is not None and viscous.value is not None
@@ -212,11 +223,17 @@ def _from_massless(massless: LinearFit | None, setting: Setting) -> Transients |
     value += 0.5 * most
     if setting.form is Form.PUBLISHED:
         value = fitted
-    viscous = measured(value, error, reason=str(setting.unresolved))
+    viscous = measured(value, error, reason=setting.unresolved.message)
     fast_s = setting.heaviest_kg / value
     if fast_s >= setting.period_s:
-        return Transients(absent(str(setting.unresolved)), viscous, (value, error), setting.unresolved)
-    note = f"even {setting.heaviest_kg:.3g} kg would act for {1e3 * fast_s:.2g} ms only: {Outcome.MASS_HIDDEN}"
+        return Transients(absent(setting.unresolved.message), viscous, (value, error), setting.unresolved)
+    note = say(
+        "mass_acts_briefly",
+        "even {mass:.3g kg} would act for {fast:.2g ms} only: {why}",
+        mass=setting.heaviest_kg,
+        fast=fast_s,
+        why=Outcome.MASS_HIDDEN.message,
+    )
     outcome = Outcome.MASS_HIDDEN if viscous.value is not None else setting.unresolved
     return Transients(absent(note), viscous, (value, error), outcome)
 
@@ -224,7 +241,7 @@ def _from_massless(massless: LinearFit | None, setting: Setting) -> Transients |
 def _hidden(setting: Setting) -> Transients:
     """Neither m nor F_v is seen in differences; the settling of the slips may still tell F_v."""
     outcome = setting.unresolved
-    viscous = absent(str(outcome))
+    viscous = absent(outcome.message)
     if setting.bounds_are_measured:
-        viscous = measured(*setting.viscous_bounds, note="from the settling of the slips", reason=str(outcome))
-    return Transients(absent(str(outcome)), viscous, setting.viscous_bounds, outcome)
+        viscous = measured(*setting.viscous_bounds, note=_FROM_SETTLING, reason=outcome.message)
+    return Transients(absent(outcome.message), viscous, setting.viscous_bounds, outcome)

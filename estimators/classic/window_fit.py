@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.special import stdtrit
 
+from estimators.base import student_95
 from estimators.samples import BoolArray, FloatArray, IntArray
 
 # Own choices, from rough valves (benchmark classic_rough).
@@ -47,11 +47,6 @@ class Lag:
 
     late_s: float
     error_s: float
-
-
-def student_95(freedom: float) -> float:
-    """Two-sided 95 % of Student's t with that many degrees of freedom."""
-    return 1.959964 if freedom > 1.0e6 else float(stdtrit(max(freedom, 1.0), 0.975))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

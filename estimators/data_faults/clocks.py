@@ -10,6 +10,7 @@ import numpy as np
 
 from estimators.data_faults.fault import DataFault, off_line
 from estimators.samples import FloatArray, resolution
+from valve.messages import say
 from valve.recording import INTERVAL_CHANNELS, Acquisition, Recording
 
 _FAR: Final = 1.0e5  # s: below it float64 keeps a nanosecond's tenth, and any recording may begin there
@@ -60,10 +61,22 @@ def from_first_row(recording: Recording, place: str) -> tuple[Recording, list[Da
     put_right = replace(recording, time_s=time_s, **moved)
     if not far:
         return put_right, []
-    when = ""
     if _UNIX_S[0] < origin_s < _UNIX_S[1]:
-        when = f", which is {datetime.fromtimestamp(origin_s, UTC):%Y-%m-%d %H:%M:%S} UTC as unix time"
-    sentence = f"The time{place} begins at {origin_s:.10g} s{when}: it is counted from the first row here."
+        sentence = say(
+            "origin_unix_time",
+            "The time{place} begins at {origin:.10g} s, which is {at:%Y-%m-%d %H:%M:%S} as unix time: it is counted "
+            "from the first row here.",
+            place=place,
+            origin=origin_s,
+            at=datetime.fromtimestamp(origin_s, UTC),
+        )
+    else:
+        sentence = say(
+            "origin_far_away",
+            "The time{place} begins at {origin:.10g} s: it is counted from the first row here.",
+            place=place,
+            origin=origin_s,
+        )
     return put_right, [DataFault("time_s", "far_origin", 0, sentence, {"origin_s": (origin_s, "s")})]
 
 
@@ -96,9 +109,13 @@ def with_even_stamps(recording: Recording, place: str) -> tuple[Recording, list[
     share, error = min(believed, key=lambda one: one[1])
     if error > _KNOWN or share > _NO_SHARE:
         return recording, []
-    sentence = (
-        f"The stamps{place} jitter by {1.0e3 * jitter_s:.3g} ms rms beside samples that were taken evenly, every "
-        f"{1.0e3 * period_s:.4g} ms, as those of a busy PC do: the even times are used."
+    sentence = say(
+        "stamps_jitter",
+        "The stamps{place} jitter by {jitter:.3g ms} rms beside samples that were taken evenly, every {period:.4g ms}, "
+        "as those of a busy PC do: the even times are used.",
+        place=place,
+        jitter=jitter_s,
+        period=period_s,
     )
     fault = DataFault("time_s", "stamp_jitter", 0, sentence, {"jitter_s": (jitter_s, "s"), "period_s": (period_s, "s")})
     return replace(recording, time_s=even_s), [fault]
@@ -185,12 +202,20 @@ def on_one_clock(recording: Recording, place: str) -> tuple[Recording, list[Data
     known = np.isfinite(pressure_pa)
     moved_pa = np.interp(recording.time_s, shifted_s[known], pressure_pa[known], left=np.nan, right=np.nan)
     moved_pa[~known] = np.nan
-    fast = "fast" if rate < 0.0 else "slow"
-    sentence = (
-        f"The pressure{place} is on a clock of its own, which runs {abs(rate) * 1.0e3:.3g} ms a second {fast} beside "
-        f"the position's: where the pressure turns, the stem stops {1.0e3 * late_s[0]:.3g} ms later at the begin and "
-        f"{1.0e3 * late_s[-1]:.3g} ms later at the end. It was set onto the position's clock; friction is known the "
-        "worse for it. Record both channels by one device."
+    runs_by = (
+        say("runs_fast", "{rate:.3g ms} a second fast", rate=abs(rate))
+        if rate < 0.0
+        else say("runs_slow", "{rate:.3g ms} a second slow", rate=abs(rate))
+    )
+    sentence = say(
+        "clock_of_its_own",
+        "The pressure{place} is on a clock of its own, which runs {runs} beside the position's: where the pressure "
+        "turns, the stem stops {first:.3g ms} later at the begin and {last:.3g ms} later at the end. It was set onto "
+        "the position's clock; friction is known the worse for it. Record both channels by one device.",
+        place=place,
+        runs=runs_by,
+        first=float(late_s[0]),
+        last=float(late_s[-1]),
     )
     fault = DataFault(
         "pressure_pa", "own_clock", 0, sentence, {"rate": (float(rate), "s/s"), "drift_s": (drift_s, "s")}

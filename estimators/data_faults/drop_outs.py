@@ -13,6 +13,7 @@ import numpy as np
 
 from estimators.data_faults.fault import SHOWN, DataFault, runs
 from estimators.samples import FloatArray, position_noise
+from valve.messages import Message, say
 from valve.recording import CHANNELS, Recording
 
 _MEASURED: Final = ("position_m", "pressure_pa", "force_n")
@@ -49,7 +50,7 @@ def without_drop_outs(recording: Recording, place: str) -> tuple[Recording, list
             out[first:last] = True
         if not kept or np.count_nonzero(out) > _MOST * out.size:
             continue
-        told.append(_told(f"{name}{place}", channel, recording.time_s, kept))
+        told.append(_told(name, place, channel, recording.time_s, kept))
         channel[out] = np.nan
         changed[name] = channel
     return (replace(recording, **changed), told) if changed else (recording, [])
@@ -149,19 +150,31 @@ def _near(channel: FloatArray, row: int, way: int) -> float | None:
     return None
 
 
-def _told(subject: str, channel: FloatArray, time_s: FloatArray, kept: list[tuple[int, int]]) -> DataFault:
-    name, space, place = subject.partition(" ")
-    called, scale, unit = SHOWN[name]
+def _told(name: str, place: str, channel: FloatArray, time_s: FloatArray, kept: list[tuple[int, int]]) -> DataFault:
+    called, unit = SHOWN[name]
     period_s = float(np.median(np.diff(time_s)))
-    lasted_ms = [1.0e3 * float(time_s[last - 1] - time_s[first] + period_s) for first, last in kept]
-    lasted = f"{lasted_ms[0]:.3g}" if len(kept) == 1 else f"{min(lasted_ms):.3g} to {max(lasted_ms):.3g}"
+    lasted_s = [float(time_s[last - 1] - time_s[first] + period_s) for first, last in kept]
     count = sum(last - first for first, last in kept)
-    times = {1: "once", 2: "twice"}.get(len(kept), f"{len(kept)} times")
-    level = scale * float(channel[kept[0][0]])
-    sentence = (
-        f"The {called}{space}{place} drops out {times}, to {level + 0.0:.4g} {unit} "
-        f"for {lasted} ms, the first time at {time_s[kept[0][0]]:.6g} s: {count} samples left out. "
-        "Look at the cable, the supply and the link of this channel."
+    sentence = say(
+        "drops_out",
+        "The {channel}{place} drops out {times}, to {level:.4g {unit}} for {lasted}, the first time at {first:.6g} s: "
+        "{count} samples left out. Look at the cable, the supply and the link of this channel.",
+        channel=called,
+        place=place,
+        times=_times(len(kept)),
+        level=float(channel[kept[0][0]]) + 0.0,  # + 0.0: no minus before a zero
+        unit=unit,
+        lasted=say("lasted", "{time:.3g ms}", time=lasted_s[0])
+        if len(kept) == 1
+        else say("lasted_from_to", "{least:.3g in ms} to {most:.3g ms}", least=min(lasted_s), most=max(lasted_s)),
+        first=float(time_s[kept[0][0]]),
+        count=count,
     )
-    figures = {"drop_outs": (float(len(kept)), "1"), "longest_s": (max(lasted_ms) / 1.0e3, "s")}
+    figures = {"drop_outs": (float(len(kept)), "1"), "longest_s": (max(lasted_s), "s")}
     return DataFault(name, "drop_outs", count, sentence, figures)
+
+
+def _times(count: int) -> Message:
+    if count == 1:
+        return say("once", "once")
+    return say("twice", "twice") if count == 2 else say("so_many_times", "{count} times", count=count)

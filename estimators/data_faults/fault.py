@@ -9,16 +9,25 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from valve.messages import Message, say
+
 BoolArray = npt.NDArray[np.bool_]
 FloatArray = npt.NDArray[np.float64]
 
-#: How each channel is called, and what its values are shown in: the factor and the unit.
+#: How each channel is called, and the unit that its values are told in.
 SHOWN: Final = {
-    "position_m": ("position", 1.0e3, "mm"),
-    "pressure_pa": ("pressure", 1.0e-3, "kPa"),
-    "command_pa": ("command", 1.0e-3, "kPa"),
-    "force_n": ("force", 1.0, "N"),
+    "position_m": (say("position", "position"), "mm"),
+    "pressure_pa": (say("channel_pressure", "pressure"), "kPa"),
+    "command_pa": (say("command", "command"), "kPa"),
+    "force_n": (say("force", "force"), "N"),
 }
+#: Where there is one recording, nothing says which.
+NOWHERE: Final = say("nowhere", "")
+
+
+def place_of(name: str) -> Message:
+    """Return of which recording something is; nothing where the name is ""."""
+    return say("of_recording", " of {name}", name=name) if name else NOWHERE
 
 
 @dataclass(frozen=True, slots=True)

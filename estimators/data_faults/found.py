@@ -6,12 +6,18 @@ from collections.abc import Sequence
 
 from estimators.data_faults.clocks import from_first_row, on_one_clock, with_even_stamps
 from estimators.data_faults.drop_outs import without_drop_outs
-from estimators.data_faults.fault import DataFault
+from estimators.data_faults.fault import DataFault, place_of
 from estimators.data_faults.held_values import exception_report, without_held_values
 from estimators.data_faults.odd_samples import without_odd_samples_of
 from estimators.data_faults.vacuum import as_gauge
+from valve.messages import Message, say
 from valve.nameplate import Nameplate
 from valve.recording import Recording
+
+
+def recording_number(number: int) -> Message:
+    """Return what a recording without a name is called, counted from 1."""
+    return say("recording_number", "recording {number}", number=number)
 
 
 def without_data_faults(
@@ -23,11 +29,11 @@ def without_data_faults(
     time counted from its first row.
     """
     if names is None:
-        names = [f"recording {number}" for number in range(1, len(recordings) + 1)] if len(recordings) > 1 else [""]
+        names = [recording_number(number) for number in range(1, len(recordings) + 1)] if len(recordings) > 1 else [""]
     cleaned: list[Recording] = []
     told: list[DataFault] = []
     for name, recording in zip(names, recordings, strict=True):
-        one, said = _put_right(recording, nameplate, f" of {name}" if name else "")
+        one, said = _put_right(recording, nameplate, place_of(name))
         cleaned.append(one)
         told += said
     return cleaned, told

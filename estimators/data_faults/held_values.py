@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from estimators.data_faults.fault import SHOWN, DataFault
 from estimators.samples import FloatArray, resolution
+from valve.messages import say
 from valve.nameplate import Nameplate
 from valve.recording import Recording
 
@@ -46,13 +47,20 @@ def without_held_values(recording: Recording, place: str) -> tuple[Recording, li
     rows, period_s = found[slowest]
     keep = np.zeros(recording.samples, dtype=np.bool_)
     keep[rows] = True
-    names = " and ".join(SHOWN[name][0] for name in found)
+    names = tuple(SHOWN[name][0] for name in found)
     left_out = recording.samples - int(np.count_nonzero(keep))
-    sentence = (
-        f"The {names}{place} {'is' if len(found) == 1 else 'are'} held by a slower device: a new value comes every "
-        f"{1.0e3 * period_s:.4g} ms ({1.0 / period_s:.4g} Hz), a row every {1.0e3 * recording.sample_period_s:.4g} ms. "
-        f"{left_out} rows that repeat the last value are left out. Each value may be older than its row says by up to "
-        "one refresh: read the device faster, or record in it."
+    sentence = say(
+        "held_by_slower_device",
+        "The {held} held by a slower device: a new value comes every {period:.4g ms} ({rate:.4g} Hz), a row every "
+        "{row:.4g ms}. {count} rows that repeat the last value are left out. Each value may be older than its row says "
+        "by up to one refresh: read the device faster, or record in it.",
+        held=say("channel_is", "{channel}{place} is", channel=names[0], place=place)
+        if len(names) == 1
+        else say("channels_are", "{channels: and }{place} are", channels=names, place=place),
+        period=period_s,
+        rate=1.0 / period_s,
+        row=float(recording.sample_period_s),
+        count=left_out,
     )
     fault = DataFault(
         slowest, "held_values", left_out, sentence, {"period_s": (period_s, "s"), "rate_hz": (1.0 / period_s, "Hz")}
@@ -142,11 +150,16 @@ def exception_report(recording: Recording, place: str) -> list[DataFault]:
         if channel is None or not _comes_with_changes(time_s, channel, periods_s):
             continue
         longest_s = float(periods_s.max())
-        sentence = (
-            f"The rows{place} come only where a value changed, as a historian's exception report gives them: every "
-            f"{1.0e3 * base_s:.4g} to {1.0e3 * longest_s:.4g} ms, denser where the {SHOWN[name][0]} moves. What "
-            "happened between two rows is not known, and small motions are missing; the intervals are widened by the "
-            "usual change from row to row. Record every sample, without exception or compression limits."
+        sentence = say(
+            "rows_at_changes",
+            "The rows{place} come only where a value changed, as a historian's exception report gives them: every "
+            "{least:.4g in ms} to {most:.4g ms}, denser where the {channel} moves. What happened between two rows is "
+            "not known, and small motions are missing; the intervals are widened by the usual change from row to row. "
+            "Record every sample, without exception or compression limits.",
+            place=place,
+            least=base_s,
+            most=longest_s,
+            channel=SHOWN[name][0],
         )
         figures = {"period_s": (base_s, "s"), "longest_s": (longest_s, "s")}
         for other, unit in (("pressure_pa", "Pa"), ("force_n", "N"), ("position_m", "m")):

@@ -12,8 +12,9 @@ from typing import Final
 
 import numpy as np
 
-from estimators.data_faults.fault import BoolArray, DataFault, off_line, runs
+from estimators.data_faults.fault import SHOWN, BoolArray, DataFault, off_line, runs
 from estimators.samples import FloatArray, position_noise, resolution
+from valve.messages import say
 from valve.recording import Recording
 
 # Own choices; tests/estimators/data_faults/test_odd_samples.py has what must not be taken for one.
@@ -45,10 +46,10 @@ def without_odd_samples_of(recording: Recording, place: str) -> tuple[Recording,
     told = []
     spikes = _spikes(time_s, position_m, 2)
     if spikes.any():
-        told.append(_told_spikes(f"position{place}", position_m, time_s, spikes))
+        told.append(_told_spikes("position_m", place, position_m, time_s, spikes))
         position_m[spikes] = np.nan
     for rows, reason in _stills(time_s, position_m, _LEAST_NOISE_M):
-        told.append(_told_still(f"position{place}", position_m, time_s, rows, reason))
+        told.append(_told_still("position_m", place, position_m, time_s, (rows, reason)))
         position_m[rows] = np.nan
     pressure_pa = None if recording.pressure_pa is None else np.array(recording.pressure_pa)
     if pressure_pa is not None:
@@ -67,11 +68,11 @@ def _clean_pressure(time_s: FloatArray, pressure_pa: FloatArray, position_m: Flo
     if time_s.size > 1 and float(np.median(np.diff(time_s))) < _LONGEST_PULSE_PERIOD_S:
         spikes = _spikes(time_s, pressure_pa, 1)
         if spikes.any():
-            told.append(_told_spikes(f"pressure{place}", pressure_pa, time_s, spikes))
+            told.append(_told_spikes("pressure_pa", place, pressure_pa, time_s, spikes))
             pressure_pa[spikes] = np.nan
     for rows, reason in _stills(time_s, pressure_pa, _LEAST_NOISE_PA):
         if reason == "frozen" or _went_on(position_m, rows):
-            told.append(_told_still(f"pressure{place}", pressure_pa, time_s, rows, reason))
+            told.append(_told_still("pressure_pa", place, pressure_pa, time_s, (rows, reason)))
             pressure_pa[rows] = np.nan
     return told
 
@@ -159,37 +160,57 @@ def _noise_in_digits(time_s: FloatArray, values: FloatArray, still: BoolArray, l
     return usual / digit if usual > least and turns > _LEAST_TURNS else 0.0
 
 
-_SCALES: Final = {"position": ("position_m", 1.0e3, "mm"), "pressure": ("pressure_pa", 1.0e-3, "kPa")}
-
-
-def _told_spikes(subject: str, values: FloatArray, time_s: FloatArray, spikes: BoolArray) -> DataFault:
-    channel, scale, unit = _SCALES[subject.partition(" ")[0]]
+def _told_spikes(channel: str, place: str, values: FloatArray, time_s: FloatArray, spikes: BoolArray) -> DataFault:
+    called, unit = SHOWN[channel]
     count, first = int(np.count_nonzero(spikes)), int(np.argmax(spikes))
     worst = float(np.abs(values[spikes] - np.interp(time_s[spikes], time_s[~spikes], values[~spikes])).max())
-    many = f"{count} samples" if count > 1 else "1 sample"
-    sentence = (
-        f"The {subject} has single spikes of up to {worst * scale:.3g} {unit}, the first at {time_s[first]:.6g} s: "
-        f"{many} left out. Look at the sensor's cable, its screen and its plug."
+    sentence = say(
+        "single_spikes",
+        "The {channel}{place} has single spikes of up to {worst:.3g {unit}}, the first at {first:.6g} s: {many} left "
+        "out. Look at the sensor's cable, its screen and its plug.",
+        channel=called,
+        place=place,
+        worst=worst,
+        unit=unit,
+        first=float(time_s[first]),
+        many=say("samples", "{count} samples", count=count) if count > 1 else say("one_sample", "1 sample"),
     )
     return DataFault(channel, "spike", count, sentence)
 
 
-def _told_still(subject: str, values: FloatArray, time_s: FloatArray, rows: BoolArray, reason: str) -> DataFault:
-    channel, scale, unit = _SCALES[subject.partition(" ")[0]]
+def _told_still(
+    channel: str, place: str, values: FloatArray, time_s: FloatArray, still: tuple[BoolArray, str]
+) -> DataFault:
+    rows, reason = still
+    called, unit = SHOWN[channel]
     count, first = int(np.count_nonzero(rows)), int(np.argmax(rows))
     last = rows.size - 1 - int(np.argmax(rows[::-1]))
-    value = f"{scale * float(values[first]):.4g} {unit}"
+    value = float(values[first])
     if reason == "clipped":
-        end = "highest" if values[first] >= np.nanmax(values) else "lowest"
-        said = (
-            f"The {subject} reads its {end} value, {value}, again and again to the last digit, and is noisy "
-            f"elsewhere: the sensor is at the end of its range. {count} samples left out; what the stem does there is "
-            "not seen. Correct the sensor's range or its zero."
+        said = say(
+            "sensor_clipped",
+            "The {channel}{place} reads its {end} value, {value:.4g {unit}}, again and again to the last digit, and is "
+            "noisy elsewhere: the sensor is at the end of its range. {count} samples left out; what the stem does "
+            "there is not seen. Correct the sensor's range or its zero.",
+            channel=called,
+            place=place,
+            end=say("highest", "highest") if value >= np.nanmax(values) else say("lowest", "lowest"),
+            value=value,
+            unit=unit,
+            count=count,
         )
     else:
-        said = (
-            f"The {subject} stands at {value} to the last digit from {time_s[first]:.6g} to {time_s[last]:.6g} s, "
-            f"and is noisy elsewhere: the sensor or its link was frozen. {count} samples left out. Look at the sensor, "
-            "its supply and the gateway."
+        said = say(
+            "channel_frozen",
+            "The {channel}{place} stands at {value:.4g {unit}} to the last digit from {first:.6g} to {last:.6g} s, and "
+            "is noisy elsewhere: the sensor or its link was frozen. {count} samples left out. Look at the sensor, its "
+            "supply and the gateway.",
+            channel=called,
+            place=place,
+            value=value,
+            unit=unit,
+            first=float(time_s[first]),
+            last=float(time_s[last]),
+            count=count,
         )
     return DataFault(channel, reason, count, said)

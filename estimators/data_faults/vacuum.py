@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from estimators.data_faults.fault import DataFault
+from valve.messages import say
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
 
@@ -27,7 +28,11 @@ _FITS: Final = 1.35  # times the pressure's range: so far a supply goes beyond i
 _OFF: Final = 0.35  # of the range: no adjuster moves a spring so far
 _MOVED: Final = 0.2  # of the travel, before the bench set says anything
 _PRELOAD: Final = "spring_preload"
-REASON: Final = "the pressure is counted from vacuum, and the atmosphere of that day and place was not recorded"
+REASON: Final = say(
+    "counted_from_vacuum",
+    "the pressure is counted from vacuum, and the atmosphere of that day and place was not recorded",
+)
+_NOT_ASSESSED: Final = say("not_assessed_for", "Not assessed: {why}.", why=REASON)
 
 
 def as_gauge(recording: Recording, nameplate: Nameplate, place: str) -> tuple[Recording, list[DataFault]]:
@@ -40,14 +45,19 @@ def as_gauge(recording: Recording, nameplate: Nameplate, place: str) -> tuple[Re
         return recording, []
     stated = FROM_VACUUM in recording.provenance.notes
     low_pa, high_pa = (float(end) for end in np.percentile(known, (0.5, 99.5)))
-    why = "by its unit" if stated else _why(recording, nameplate, low_pa, high_pa)
+    why = say("by_its_unit", "by its unit") if stated else _why(recording, nameplate, low_pa, high_pa)
     if not why:
         return recording, []
-    sentence = (
-        f"The pressure{place} is counted from vacuum: it is {low_pa / 1.0e3:.4g} to {high_pa / 1.0e3:.4g} kPa, {why}. "
-        f"The standard atmosphere of {ATMOSPHERE_PA / 1.0e3:.6g} kPa was taken off. Friction and spring rate are not "
-        "touched by it; preload and bench set are not given, as the atmosphere of that day and place is not known. "
-        "Record a gauge pressure."
+    sentence = say(
+        "pressure_from_vacuum",
+        "The pressure{place} is counted from vacuum: it is {low:.4g in kPa} to {high:.4g kPa}, {why}. The standard "
+        "atmosphere of {atmosphere:.6g kPa} was taken off. Friction and spring rate are not touched by it; preload and "
+        "bench set are not given, as the atmosphere of that day and place is not known. Record a gauge pressure.",
+        place=place,
+        low=low_pa,
+        high=high_pa,
+        why=why,
+        atmosphere=ATMOSPHERE_PA,
     )
     fault = DataFault("pressure_pa", "from_vacuum", 0, sentence, {"taken_off_pa": (ATMOSPHERE_PA, "Pa")})
     return replace(recording, pressure_pa=pressure_pa - ATMOSPHERE_PA), [fault]
@@ -78,15 +88,22 @@ def _why(recording: Recording, nameplate: Nameplate, low_pa: float, high_pa: flo
         low_off, high_off = (float(end) for end in np.nanpercentile(off, (2.0, 98.0)))
         middle_pa = 0.5 * (low_off + high_off)
         fits = _LOW_PA < middle_pa < _HIGH_PA and middle_pa > _OFF * range_pa
-        begins = (bench_pa[0] + middle_pa) / 1.0e3
-        return (
-            f"and the bench set would begin at {begins:.4g} kPa where the nameplate says {bench_pa[0] / 1.0e3:.4g} kPa"
-            if fits
-            else ""
+        if not fits:
+            return ""
+        return say(
+            "bench_set_would_begin",
+            "and the bench set would begin at {begins:.4g kPa} where the nameplate says {nameplate:.4g kPa}",
+            begins=bench_pa[0] + middle_pa,
+            nameplate=bench_pa[0],
         )
     if low_pa < full_pa:
         return ""
-    return f"the nameplate's range is {least_pa / 1.0e3:.4g} to {full_pa / 1.0e3:.4g} kPa, and the stem moves"
+    return say(
+        "range_of_nameplate",
+        "the nameplate's range is {least:.4g in kPa} to {full:.4g kPa}, and the stem moves",
+        least=least_pa,
+        full=full_pa,
+    )
 
 
 def without_preload(analysis: Mapping[str, Any]) -> dict[str, Any]:
@@ -110,7 +127,7 @@ def without_preload_cause(discrepancy: Mapping[str, Any]) -> dict[str, Any]:
         return dict(discrepancy)
     if left:
         return {**discrepancy, "causes": left}
-    return {**discrepancy, "causes": left, "verdict": "not_assessed", "message": f"Not assessed: {REASON}."}
+    return {**discrepancy, "causes": left, "verdict": "not_assessed", "message": _NOT_ASSESSED}
 
 
 def _not_given(parameter: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,14 +14,24 @@ from estimators.motion.moving_rows import MovingRows
 from estimators.motion.phases import Phases, find_phases
 from estimators.motion.static_friction import BreakawayForces, breakaway_forces, force_at
 from estimators.samples import FloatArray, Samples
+from valve.messages import say
 
 _FEWEST_STILL_ROWS: Final = 10  # own choice: beside the time that a passage through zero speed takes
 _SEEN_SIGMAS: Final = 4.5  # of the position's noise, as far as the stem has gone when its breakaway is seen
 _BELOW: Final = 3.0  # standard errors by which F_s must not lie below F_c
 _SLOW_SHARE: Final = 0.1  # own choice: of F_s, by which the force may change about a breakaway
 _NEAR_ROWS: Final = 5
-_TOO_FAST: Final = "the force changes too fast at the breakaways for their instants"
-_NO_REST: Final = "the stem never rested long enough to break away"
+_TOO_FAST: Final = say("force_too_fast", "the force changes too fast at the breakaways for their instants")
+_NO_INSTANTS: Final = say("no_breakaway_for", "{why}: {outcome}", why=_TOO_FAST, outcome=Outcome.NO_BREAKAWAY.message)
+_NO_REST: Final = say(
+    "no_breakaway_for",
+    "{why}: {outcome}",
+    why=say("never_rested", "the stem never rested long enough to break away"),
+    outcome=Outcome.NO_BREAKAWAY.message,
+)
+_SHORT_RESTS: Final = say(
+    "rests_too_short", "the force at the breakaways lies below F_c: the rests are too short for it"
+)
 
 
 def static_friction(
@@ -34,15 +44,15 @@ def static_friction(
     phases = find_phases(samples)
     rested = () if isinstance(phases, Outcome) else _from_rest(samples, moving, phases, mass_kg, coulomb[0])
     if isinstance(phases, Outcome) or not rested:
-        return absent(f"{_NO_REST}: {Outcome.NO_BREAKAWAY}")
+        return absent(_NO_REST)
     chosen = replace(phases, breakaways=tuple(phases.breakaways[number] for number in rested))
     forces = breakaway_forces(samples, chosen, 0.0, preload[0])
     if forces is None:
-        return absent(str(Outcome.NO_BREAKAWAY))
+        return absent(Outcome.NO_BREAKAWAY.message)
     late_n = _lateness(samples, chosen, mass_kg)
     slow = (late_n + _near_changes(samples, chosen) <= _SLOW_SHARE * forces.friction_n) & (forces.friction_n > 0.0)
     if not slow.any():
-        return absent(f"{_TOO_FAST}: {Outcome.NO_BREAKAWAY}")
+        return absent(_NO_INSTANTS)
     later = BreakawayForces(
         (forces.friction_n - 0.5 * late_n)[slow],
         np.hypot(forces.timing_n, 0.5 * late_n)[slow],
@@ -51,7 +61,7 @@ def static_friction(
     )
     error_n = math.hypot(later.std_error, preload[1])
     if later.value < coulomb[0] - _BELOW * math.hypot(error_n, coulomb[1]):
-        return absent("the force at the breakaways lies below F_c: the rests are too short for it")
+        return absent(_SHORT_RESTS)
     return measured(later.value, error_n, reason=_TOO_FAST)
 
 

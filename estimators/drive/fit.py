@@ -7,14 +7,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.stats import t as student_t
 
-from estimators.base import NORMAL_95
+from estimators.base import NORMAL_95, student_95
 from estimators.drive.equation import COLUMNS, Spectra, Window
 from estimators.samples import BoolArray, FloatArray, Samples
 
 _WAVES: Final = 24  # own choice: correlation up to a 12th of the recording is seen; on simulated axes
-_WIDENING: Final = float(student_t.ppf(0.975, _WAVES)) / NORMAL_95  # few waves: Student's t in the place of the normal
+_WIDENING: Final = student_95(_WAVES) / NORMAL_95  # few waves: Student's t in the place of the normal
 _BLOCKS: Final = 2000
 _RIDGE: Final = 1.0e-12  # of the scaled normal matrix: what is not determined gets an interval without end
 _NOISE_KNOWN: Final = 0.1  # share to which the attenuation by position noise is known

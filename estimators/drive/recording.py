@@ -16,6 +16,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from estimators.base import (
+    NO_SPRING,
     NORMAL_95,
     Estimate,
     Outcome,
@@ -25,6 +26,7 @@ from estimators.base import (
     failed,
     in_order,
     measured,
+    not_given,
     offset_estimate,
 )
 from estimators.drive.breakaways import static_friction
@@ -34,6 +36,7 @@ from estimators.drive.places import locked_errors, repeated_misfit
 from estimators.drive.search import FittedForce, search
 from estimators.motion.moving_rows import MovingRows, find_moving_rows
 from estimators.samples import FloatArray, Samples, prepare
+from valve.messages import joined, say
 from valve.nameplate import Nameplate
 from valve.recording import Recording
 
@@ -44,9 +47,13 @@ _SURE: Final = 3.0  # standard errors by which a value must be unphysical
 _SPRING_SURE: Final = 4.0
 _SPRING_SHARE: Final = 0.3  # of the residual's mean square: a spring that takes as much belongs into the model
 _BEYOND_CHANCE: Final = 1.3  # between errors by 24 waves each, of noise: 14 % is each one's own error
-_NO_LIMIT_SPEED: Final = "what the stem does below DV is too short for the force to show it"
-_AT_PLACES: Final = "friction that depends on the stem's position shows as this parameter: see the diagnosis"
-_NO_SPRING: Final = "taken as 0: the nameplate says that no spring opposes the stem"
+_NO_LIMIT_SPEED: Final = say(
+    "limit_velocity_too_short", "what the stem does below DV is too short for the force to show it"
+)
+_AT_PLACES: Final = say(
+    "friction_at_places", "friction that depends on the stem's position shows as this parameter: see the diagnosis"
+)
+_LITTLE_ACCELERATED: Final = say("little_accelerated", "the drive was accelerated too little for the noise")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -174,46 +181,69 @@ def _concluded(samples: Samples, moving: MovingRows, fitted: FittedForce, direct
     complete = in_order(parameters)
     missing = [symbol for symbol in COLUMNS if complete[symbol].value is None]
     outcomes = [] if both else [Outcome.ONE_DIRECTION_ONLY]
-    said = [str(outcome) for outcome in outcomes]
+    said = [outcome.message for outcome in outcomes]
     spring = spring_that_shows(fitted.fit, fitted.channels)
     if spring.spring_n_per_m > _SPRING_SURE * spring.std_error and spring.share > _SPRING_SHARE:
         said.append(
-            f"The force goes with the position by {spring.spring_n_per_m:.4g} N/m, as a spring's does, and none is in "
-            "the model: check the nameplate's action."
+            say(
+                "force_as_a_springs",
+                "The force goes with the position by {rate:.4g N/m}, as a spring's does, and none is in the model: "
+                "check the nameplate's action.",
+                rate=float(spring.spring_n_per_m),
+            )
         )
     if repeated.is_much(abs(known.value("F_c"))):
         said.append(
-            f"The force misses {repeated.rms_n:.3g} N, and {100.0 * repeated.share:.0f} % of it is at the same places "
-            "on every stroke, which m and F_v stand in for: see the diagnosis for what holds the stem there."
+            say(
+                "misfit_at_places",
+                "The force misses {misfit:.3g N}, and {share:.0f %} of it is at the same places on every stroke, which "
+                "m and F_v stand in for: see the diagnosis for what holds the stem there.",
+                misfit=float(repeated.rms_n),
+                share=float(repeated.share),
+            )
         )
     status = Status.POOR if missing or said else Status.OK
     if all(complete[symbol].value is None for symbol in COLUMNS):
         status = Status.FAILED
     if missing:
-        said.append(f"Not given: {', '.join(missing)}.")
+        said.append(not_given(missing))
     diagnostics |= {
         "outcomes": [outcome.name for outcome in outcomes],
         "spring_that_shows_n_per_m": [spring.spring_n_per_m, spring.std_error],
         "share_at_places": repeated.share,
     }
-    return Estimate(_METHOD, status, " ".join(said), None, complete, diagnostics)
+    return Estimate(_METHOD, status, joined(" ", said), None, complete, diagnostics)
 
 
 def _parameters(known: _Known, *, both: bool) -> dict[str, ParameterEstimate]:
     parameters = {
-        "m": measured(known.value("m"), known.error("m"), reason="the drive was accelerated too little for the noise"),
-        "k": ParameterEstimate(0.0, note=_NO_SPRING),
+        "m": measured(known.value("m"), known.error("m"), reason=_LITTLE_ACCELERATED),
+        "k": ParameterEstimate(0.0, note=NO_SPRING),
         "DV": absent(_NO_LIMIT_SPEED),
     }
     speed, sum_n, error_n = known.combination("F_c", "F_v")
-    tied = f"F_c + {speed:.3g} m/s * F_v = {sum_n:.5g} N is known to +-{NORMAL_95 * error_n:.2g} N"
-    parameters["F_v"] = measured(known.value("F_v"), known.error("F_v"), reason=f"it takes more speeds; {tied}")
+    tied = say(
+        "takes_more_speeds",
+        "it takes more speeds; F_c + {speed:.3g m/s} * F_v = {sum:.5g N} is known to +-{half:.2g N}",
+        speed=speed,
+        sum=sum_n,
+        half=NORMAL_95 * error_n,
+    )
+    parameters["F_v"] = measured(known.value("F_v"), known.error("F_v"), reason=tied)
     if not both:
         weight, sum_n, error_n = known.combination("F_c", "F_0")
-        tied = f"F_0 {weight:+.0f} * F_c = {sum_n / weight:.5g} N is known to +-{NORMAL_95 * error_n:.2g} N"
-        alone = absent(f"{tied}: {Outcome.ONE_DIRECTION_ONLY}")
+        alone = absent(
+            say(
+                "drive_one_way_knows",
+                "F_0 {weight:+.0f} * F_c = {sum:.5g N} is known to +-{half:.2g N}: {why}",
+                weight=weight,
+                sum=sum_n / weight,
+                half=NORMAL_95 * error_n,
+                why=Outcome.ONE_DIRECTION_ONLY.message,
+            )
+        )
         return parameters | {"F_c": alone, "F_0": alone}
-    parameters["F_c"] = measured(known.value("F_c"), known.error("F_c"), reason=f"it takes more speeds; {tied}")
+    parameters["F_c"] = measured(known.value("F_c"), known.error("F_c"), reason=tied)
     parameters["F_0"] = offset_estimate(known.value("F_0"), known.error("F_0"), abs(known.value("F_c")))
     return parameters
 

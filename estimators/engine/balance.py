@@ -9,6 +9,7 @@ squares. F_v here holds every lag between force and position: the sensor's, and 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
@@ -16,10 +17,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cho_factor
-from scipy.optimize import brentq
-from scipy.stats import t as student
 
-from estimators.base import NORMAL_95
+from estimators.base import NORMAL_95, student_95
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading
 from estimators.engine.roughness import (
@@ -44,10 +43,6 @@ _BLOCK_SHARE: Final = 0.008  # of the travel: a third of the length of what is r
 _AFTER_BREAKAWAY_S: Final = 0.08  # the mass and the sensor filter show in what comes sooner
 _SETTLED: Final = 6.0  # lags after a breakaway nothing is left of the jump
 _BENT: Final = 3.0  # lags of the force's path after a corner it is straight again
-_ONE_LAG: Final = 1.0e-3  # of one: two lags that differ by less are one
-_LAG_ERROR_S: Final = 0.02  # an arrival is seen early or late by the band of the rest and the sensor's filter
-_LAG_SHARE: Final = 0.5
-_MOST_ALIKE: Final = 4.0
 _BEFORE_CORNER_S: Final = 0.03
 _RATE_S: Final = 0.05  # to either side, over which it is asked whether the force goes on
 _RATE_REACH_S: Final = 0.5  # the same for the rate of a force that bends
@@ -96,62 +91,24 @@ class Balance:
         return Known(float(self.values[at]), float(math.sqrt(max(self.joint[at, at], 0.0))))
 
 
-def lag_after_corners(reading: Reading) -> Known:
-    """How late the stem follows the force, s, from how long it coasts after a corner where a ramp turns back."""
-    time_s, corners_s = reading.time_s, reading.path.corners_s
-    found = []
-    for move in reading.segmentation.moves:
-        if move.next_rest < 0:
-            continue
-        arrived_s = float(time_s[reading.segmentation.rests[move.next_rest].first])
-        before = corners_s[(corners_s > time_s[move.first]) & (corners_s <= arrived_s + 0.01)]
-        if before.size:
-            coasted_s = max(0.0, arrived_s - float(before[-1]))
-            found.append(lag_of_coasting(coasted_s, reading.path.lag_s))
-    if not found:
-        return Known(0.0, _LAG_ERROR_S)
-    # a stem that stops for another reason, as where the supply ends, has its last corner long before
-    near = [one for one in found if one < _MOST_ALIKE * (float(np.quantile(found, 0.25)) + _LAG_ERROR_S)]
-    lag_s = float(np.median(near))
-    return Known(lag_s, _LAG_ERROR_S + _LAG_SHARE * lag_s)
-
-
-def lag_of_coasting(coasted_s: float, path_lag_s: float) -> float:
-    """The lag of a stem, s, that coasts so long after its force has turned back; the force has a lag of its own.
-
-    Behind a ramp that turns back the speed of a stem with the lag T is 1 - 2 (1 - exp(-t / T)) of the ramp's: it turns
-    at t = T ln 2. Behind a force with the lag P it is 1 - 2 (1 - (P exp(-t / P) - T exp(-t / T)) / (P - T)), while the
-    force itself has turned at P ln 2: a force so rounded is followed T late, and not T ln 2.
-    """
-    if path_lag_s <= 0.0 or coasted_s <= 0.0:
-        return coasted_s / math.log(2.0)
-    turns_s = path_lag_s * math.log(2.0) + coasted_s
-
-    def left(lag_s: float) -> float:
-        late, apart_s = np.exp(-turns_s / np.array([path_lag_s, lag_s])), path_lag_s - lag_s
-        if abs(apart_s) < _ONE_LAG * path_lag_s:
-            return float(late[0]) * (1.0 + turns_s / path_lag_s) - 0.5
-        return float(path_lag_s * late[0] - lag_s * late[1]) / apart_s - 0.5
-
-    return float(brentq(left, 1.0e-3 * coasted_s, 2.0 * coasted_s))
-
-
-def ramps(reading: Reading, first: int, last: int, settled_s: float) -> list[tuple[int, int]]:
+def ramps(reading: Reading, first: int, last: int, settled_s: float, driven_s: float) -> list[tuple[int, int]]:
     """First and last rows of the parts of these rows in which the force goes on, and does not wait at a value.
 
     A stem that is late goes on for a while behind a force that waits: it is in transients there, and again for
-    ``settled_s`` after a wait, and not in balance.
+    ``settled_s`` after a wait, and not in balance. ``driven_s`` is when this motion began: a wait since then counts.
     """
     time_s, force_n = reading.time_s, reading.path.force_n
-    rows = np.arange(first, last + 1)
+    since = min(int(np.searchsorted(time_s, driven_s)), first)
+    rows = np.arange(since, last + 1)
     step = max(2, round(_RATE_S / reading.samples.period_s))
-    before, after = np.maximum(rows - step, first), np.minimum(rows + step, last)
+    before, after = np.maximum(rows - step, since), np.minimum(rows + step, last)
     rate = np.abs(force_n[after] - force_n[before]) / (time_s[after] - time_s[before])
     goes_on = rate > _WAITS * np.median(rate[rate > _WAITS * rate.max()])
     edges = np.flatnonzero(np.diff(np.concatenate([[False], goes_on, [False]]).astype(np.int8)))
     parts = []
-    for begin, end in zip((first + edges[::2]).tolist(), (first + edges[1::2] - 1).tolist(), strict=True):
-        begins = begin if begin == first else int(np.searchsorted(time_s, time_s[begin] + settled_s))
+    for begin, end in zip((since + edges[::2]).tolist(), (since + edges[1::2] - 1).tolist(), strict=True):
+        settled = since if begin == since else int(np.searchsorted(time_s, time_s[begin] + settled_s))
+        begins = max(first, settled)
         ends = end if end == last else end - step  # the rate of the rows beside a wait is of both
         if ends - begins >= 2:
             parts.append((begins, ends))
@@ -171,8 +128,8 @@ def driven_blocks(reading: Reading, lag: Known) -> Blocks:
     settled_s = max(_SETTLED * lag.value, _AFTER_BREAKAWAY_S, _BENT * reading.path.lag_s)
     spans: list[tuple[int, int, int]] = []
     for move in reading.segmentation.moves:
-        begin_s = float(time_s[move.first])
-        begin_s = (move.began_s if move.rest >= 0 else begin_s) + settled_s
+        began_s = move.began_s if move.rest >= 0 else float(time_s[move.first])
+        begin_s = began_s + settled_s
         inside = corners_s[(corners_s > begin_s) & (corners_s < time_s[move.last])]
         end = last_row_before_stop(reading, move) if ends_driven(reading, move) else move.last
         edges = [begin_s, *inside.tolist(), float(time_s[end])]
@@ -184,7 +141,8 @@ def driven_blocks(reading: Reading, lag: Known) -> Blocks:
             if not has_spring:
                 spans.append((first, last, move.direction))
             elif move.direction * (force_n[last] - force_n[first]) > 0.0:
-                spans += [(*part, move.direction) for part in ramps(reading, first, last, settled_s)]
+                driven_s = began_s if left_s == begin_s else left_s
+                spans += [(*part, move.direction) for part in ramps(reading, first, last, settled_s, driven_s)]
     if has_spring:
         spans = _chosen(spans, time_s, position_m, longest_m)
     columns: list[tuple[float, ...]] = []
@@ -247,52 +205,95 @@ def _chosen(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Fit:
-    """Generalised least squares for one set of hyperparameters."""
-
-    objective: float
-    slope: FloatArray
-    theta: FloatArray
-    theta_covariance: FloatArray
-    inverse: FloatArray
-    covariance: FieldCovariance
-    left: FloatArray
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Problem:
+class Problem:
     """The balance with its columns scaled, and what is known of the parameters beforehand (flat where 0)."""
 
     blocks: Blocks
     design: FloatArray
+    scale: FloatArray
     variance: FloatArray
     prior_mean: FloatArray
     prior_information: FloatArray
 
 
-def _fit(problem: _Problem, logarithms: FloatArray, smoothness: int) -> _Fit:
-    blocks, design = problem.blocks, problem.design
-    roughness = roughness_of(logarithms)
-    covariance = field_covariance(blocks.travel_m, blocks.time_s, blocks.direction, roughness, smoothness)
-    whole = covariance.field + np.diag(problem.variance + roughness.error_n**2)
-    factor = cho_factor(whole, lower=True, check_finite=False)
-    inverse = inverse_of(factor[0])
-    inverse_design = inverse @ design
+def problem_of(
+    blocks: Blocks, columns: Sequence[FloatArray], variance: FloatArray, beforehand: Mapping[int, Known]
+) -> Problem:
+    """Return the problem with these columns, shape (n,) each, and the error's variance of each block, N^2.
+
+    ``beforehand`` has what is known of a column's factor.
+    """
+    design = np.column_stack(columns)
+    # scaled, so that the information is well conditioned
+    scale = np.sqrt(np.mean(design**2, axis=0))
+    mean, information = np.zeros(scale.size), np.zeros(scale.size)
+    for at, known in beforehand.items():
+        mean[at], information[at] = known.value * scale[at], 1.0 / (known.std_error * scale[at]) ** 2
+    return Problem(blocks, design / scale, scale, variance, mean, information)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Covariance:
+    """What the forces of the blocks vary by with one set of hyperparameters: the field, and the error beside it."""
+
+    fields: FieldCovariance
+    error_n: float
+    inverse: FloatArray
+    log_determinant: float
+
+
+def covariance_of(problem: Problem, logarithms: FloatArray, smoothness: int) -> Covariance:
+    """Return the covariance with these hyperparameters, in the order of HYPERPARAMETERS."""
+    blocks, roughness = problem.blocks, roughness_of(logarithms)
+    fields = field_covariance(blocks.travel_m, blocks.time_s, blocks.direction, roughness, smoothness)
+    whole = fields.field + np.diag(problem.variance + roughness.error_n**2)
+    factor = cho_factor(whole, lower=True, check_finite=False)[0]
+    log_determinant = 2.0 * float(np.log(np.diag(factor)).sum())
+    return Covariance(fields, roughness.error_n, inverse_of(factor), log_determinant)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """Generalised least squares for one set of hyperparameters.
+
+    ``objective`` is minus the logarithm of the marginal likelihood, but for what all problems with the same flat
+    columns share.
+    """
+
+    objective: float
+    theta: FloatArray
+    theta_covariance: FloatArray
+    covariance: Covariance
+    left: FloatArray
+
+
+def fit(problem: Problem, covariance: Covariance) -> Fit:
+    """Return the fit of the problem with this covariance of its blocks."""
+    design, force_n = problem.design, problem.blocks.force_n
+    inverse_design = covariance.inverse @ design
     information = design.T @ inverse_design + np.diag(problem.prior_information)
     theta_covariance = np.linalg.inv(information)
     prior = problem.prior_information * problem.prior_mean
-    theta = theta_covariance @ (inverse_design.T @ blocks.force_n + prior)
+    theta = theta_covariance @ (inverse_design.T @ force_n + prior)
     off = theta - problem.prior_mean
-    left = blocks.force_n - design @ theta
-    weighted = inverse @ left
-    projection = inverse - inverse_design @ theta_covariance @ inverse_design.T
-    log_determinant = 2.0 * float(np.log(np.diag(factor[0])).sum()) + float(np.linalg.slogdet(information)[1])
-    objective = 0.5 * (log_determinant + float(left @ weighted) + float(problem.prior_information @ off**2))
+    left = force_n - design @ theta
+    known = problem.prior_information[problem.prior_information > 0.0]
+    log_determinant = covariance.log_determinant + float(np.linalg.slogdet(information)[1] - np.log(known).sum())
+    squares = float(left @ covariance.inverse @ left) + float(problem.prior_information @ off**2)
+    return Fit(0.5 * (log_determinant + squares), theta, np.asarray(theta_covariance), covariance, left)
+
+
+def _slope(problem: Problem, found: Fit) -> FloatArray:
+    """The slope of the objective by the logarithms of the hyperparameters."""
+    covariance = found.covariance
+    weighted, inverse_design = covariance.inverse @ found.left, covariance.inverse @ problem.design
+    projection = covariance.inverse - inverse_design @ found.theta_covariance @ inverse_design.T
     slopes = [
-        0.5 * (float(np.sum(projection * slope)) - float(weighted @ slope @ weighted)) for slope in covariance.slopes
+        0.5 * (float(np.sum(projection * slope)) - float(weighted @ slope @ weighted))
+        for slope in covariance.fields.slopes
     ]
-    slopes.append(roughness.error_n**2 * (float(np.trace(projection)) - float(weighted @ weighted)))
-    return _Fit(objective, np.array(slopes), theta, np.asarray(theta_covariance), inverse, covariance, left)
+    slopes.append(covariance.error_n**2 * (float(np.trace(projection)) - float(weighted @ weighted)))
+    return np.array(slopes)
 
 
 def balance(
@@ -316,48 +317,48 @@ def balance(
     columns = [np.ones(blocks.count), blocks.direction]
     if has_spring:
         columns = [blocks.travel_m, *columns, blocks.rate_n_per_s]
-    design = np.column_stack(columns)
-    # scaled, so that the information is well conditioned
-    scale = np.sqrt(np.mean(design**2, axis=0))
-    design = design / scale
-    prior_mean, prior_information = np.zeros(len(symbols)), np.zeros(len(symbols))
-    others, late_n = list(range(len(symbols))), np.zeros(blocks.count)
-    if "F_v" in symbols:
-        at = symbols.index("F_v")
-        prior_mean[at], prior_information[at] = lag.value * scale[at], 1.0 / (lag.std_error * scale[at]) ** 2
-        others.remove(at)
-        late_n = design[:, at] * prior_mean[at]
-    theta = np.zeros(len(symbols))
-    theta[others] = np.linalg.lstsq(design[:, others], blocks.force_n - late_n, rcond=None)[0] / scale[others]
-    friction_n = max(abs(float(theta[symbols.index("F_c")])), 1.0e-6 * float(np.ptp(blocks.force_n)))
+    late_n = lag.value * blocks.rate_n_per_s if has_spring else np.zeros(blocks.count)
+    others = np.column_stack(columns[:3])
+    scale = np.sqrt(np.mean(others**2, axis=0))
+    roughly = np.linalg.lstsq(others / scale, blocks.force_n - late_n, rcond=None)[0] / scale
+    friction_n = max(abs(float(roughly[symbols.index("F_c")])), 1.0e-6 * float(np.ptp(blocks.force_n)))
     prior = roughness_prior(friction_n, travel_m)
-    spring = abs(float(theta[0])) if has_spring else 0.0
+    spring = abs(float(roughly[0])) if has_spring else 0.0
     variance = (spring * noise_m) ** 2 / blocks.rows + force_noise_n**2
-    problem = _Problem(blocks, design, variance, prior_mean, prior_information)
+    problem = problem_of(blocks, columns, variance, {symbols.index("F_v"): lag} if has_spring else {})
+    return _averaged(problem, symbols, likeliest(problem, prior), prior)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Likeliest:
+    """The fit with the likeliest hyperparameters, and these."""
+
+    fit: Fit
+    roughness: Roughness
+    smoothness: int
+
+
+def likeliest(problem: Problem, prior: RoughnessPrior) -> Likeliest:
+    """Return the fit with the likeliest hyperparameters."""
     best: tuple[float, FloatArray, int] | None = None
     for smoothness in (ROUGH, SMOOTH):
 
         def surprise(at: FloatArray, smoothness: int = smoothness) -> tuple[float, FloatArray]:
-            one = _fit(problem, at, smoothness)
-            return one.objective, one.slope
+            one = fit(problem, covariance_of(problem, at, smoothness))
+            return one.objective, _slope(problem, one)
 
-        least, likeliest = prior.lowest(surprise, prior.middle, _SEARCH)
+        least, at = prior.lowest(surprise, prior.middle, _SEARCH)
         if best is None or least < best[0]:
-            best = least, likeliest, smoothness
+            best = least, at, smoothness
     assert best is not None
-    fit = _fit(problem, best[1], best[2])
-    return _averaged(problem, symbols, fit, scale, (roughness_of(best[1]), best[2], prior))
+    _, at, smoothness = best
+    found = fit(problem, covariance_of(problem, at, smoothness))
+    return Likeliest(found, roughness_of(at), smoothness)
 
 
-def _averaged(
-    problem: _Problem,
-    symbols: tuple[str, ...],
-    fit: _Fit,
-    scale: FloatArray,
-    law: tuple[Roughness, int, RoughnessPrior],
-) -> Balance:
+def _averaged(problem: Problem, symbols: tuple[str, ...], found: Likeliest, prior: RoughnessPrior) -> Balance:
     """Move the field's average over the travel swept into F_c and F_0."""
-    blocks, design = problem.blocks, problem.design
+    blocks, design, scale, fit = problem.blocks, problem.design, problem.scale, found.fit
     up, down = blocks.direction > 0.0, blocks.direction < 0.0
     # s f averaged over each direction's blocks; F_c takes half the difference, F_0 half the sum
     weight_up = np.where(up, blocks.duration_s, 0.0) / blocks.duration_s[up].sum()
@@ -365,14 +366,14 @@ def _averaged(
     average = np.zeros((len(symbols), blocks.count))
     average[symbols.index("F_c")] = 0.5 * (weight_up - weight_down)
     average[symbols.index("F_0")] = 0.5 * (weight_up + weight_down)
-    field = fit.covariance.field
-    gain = field @ fit.inverse
+    field = fit.covariance.fields.field
+    gain = field @ fit.covariance.inverse
     mean = gain @ fit.left
     values = fit.theta / scale + average @ mean
     remains = field - gain @ field
     moved = np.diag(1.0 / scale) - average @ gain @ design
     joint = average @ remains @ average.T + moved @ fit.theta_covariance @ moved.T
-    return Balance(symbols, values, joint, *law, blocks)
+    return Balance(symbols, values, joint, found.roughness, found.smoothness, prior, blocks)
 
 
 def repeats_to_n(found: Balance) -> float:
@@ -390,7 +391,5 @@ def repeats_to_n(found: Balance) -> float:
         if own.size < _FEWEST_STROKES:
             return 0.0
         # half of the sum, or of the difference, of both directions' means
-        variance += (
-            0.25 * float(np.var(own, ddof=1)) / own.size * (float(student.ppf(0.975, own.size - 1)) / NORMAL_95) ** 2
-        )
+        variance += 0.25 * float(np.var(own, ddof=1)) / own.size * (student_95(own.size - 1) / NORMAL_95) ** 2
     return math.sqrt(variance)

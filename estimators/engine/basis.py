@@ -10,20 +10,23 @@ from typing import Final
 from estimators.base import (
     Outcome,
 )
-from estimators.engine.balance import Balance, Blocks, balance, driven_blocks, lag_after_corners
+from estimators.engine.balance import Balance, Blocks, balance, driven_blocks
 from estimators.engine.brackets import brackets, static_friction_between
 from estimators.engine.breakaways import StaticFriction, breakaways, static_friction
 from estimators.engine.commanded import command_path, is_commanded, with_likely_path
 from estimators.engine.dynamic import PathToFit
+from estimators.engine.lateness import coasting, lag_after_breakaways, stops_at
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading
 from estimators.engine.rests import balance_of_rests
-from estimators.engine.slips import balance_of_slips, lag_of_slips
+from estimators.engine.slips import balance_of_slips, lag_of_slips, mostly_slips
 from estimators.engine.stepped import Stepped
-from estimators.engine.yielding import WAY, sliding_blocks, yielding
+from estimators.engine.yielding import WAY, Held, driven_of, gave_way, sliding_blocks, yielding
 from estimators.samples import resolution
 
-_YIELDS: Final = 1.0e-4  # of the travel: of less the turns are not sure, though m and F_v suffer from half of it
+_YIELDS: Final = 2.0e-5  # of the travel: less changes m and F_v by no more than they are known
+_SLOWLY_YIELDS: Final = 1.0e-4  # the same of a heavily damped stem: it starts so slowly that its bristles hardly show
+_SLOW_S: Final = 0.1
 _LEFT_OF_BRISTLES: Final = 0.004  # of F_c: what they leave in the rows of a stem that slides
 _LAG_SHARE: Final = 0.5  # how well the stem's lag is known by how late it slides
 
@@ -42,21 +45,34 @@ class Basis:
     on_stop: bool = False
     unsure_n: Mapping[str, float] = field(default_factory=dict)  # what neither balance nor motion knows, by symbol
     yields_m: float = 0.0  # before it breaks away
+    limit_share: float | None = None  # of the ramp's speed, that corners show where they do not show the lag
 
 
 def of_slides(reading: Reading) -> Basis | Outcome:
     """Return the balance of a stem that slides or slips under a force that ramps."""
-    reading, lag, path = _with_path(reading, lag_after_corners(reading))
+    coasts = coasting(reading)
+    lag, limit_share = coasts.lag, None
+    if mostly_slips(reading):
+        # no slip is a slide that has settled, however long a damped stem takes for it
+        lag = max(lag, lag_of_slips(reading), key=lambda one: one.value)
+    reading, lag, path = _with_path(reading, lag)
     found = _balance(reading, lag, driven_blocks(reading, lag))
     if found is not None and path is None and (soft := _on_bristles(reading, lag, found)) is not None:
         return soft
+    late = None
+    if found is not None and "k" in found.symbols and not coasts.is_tail:
+        late = lag_after_breakaways(reading, lag, found)
+    if late is not None:
+        settled = _balance(reading, late, driven_blocks(reading, late))
+        if settled is not None:
+            found, lag, limit_share = settled, late, stops_at(late.value, lag.value)
     if found is None:
         found, lag = balance_of_slips(reading), lag_of_slips(reading)
     if found is None:
         return Outcome.NO_UNIFORM_MOTION
     static = static_friction(breakaways(reading), found, lag if path else None)
     if path is None:
-        return Basis(reading, lag, None, found, static)
+        return Basis(reading, lag, None, found, static, limit_share=limit_share)
     # a command is known no better than to its treads, uniform within
     tread_n = resolution(reading.samples.force_n) / math.sqrt(12.0)
     return Basis(reading, lag, path, found, static, unsure_n={"F_c": tread_n, "F_s": tread_n})
@@ -90,13 +106,17 @@ def _on_bristles(reading: Reading, lag: Known, found: Balance) -> Basis | None:
     if "k" not in found.symbols or found.known("k").value <= 0.0:
         return None
     spring, preload_n, coulomb_n = (found.known(symbol).value for symbol in ("k", "F_0", "F_c"))
-    soft = yielding(reading, spring, preload_n, coulomb_n, lag.value)
-    if soft is None or soft.value < _YIELDS * reading.travel_m:
+    driven, held = driven_of(reading), Held(spring, preload_n, coulomb_n, lag.value)
+    soft = yielding(driven, held)
+    least = _SLOWLY_YIELDS if lag.value > _SLOW_S else _YIELDS
+    if soft is None or soft.value < least * reading.travel_m:
         return None
     way_m = WAY * soft.value
     slid = _balance(reading, lag, sliding_blocks(reading, driven_blocks(reading, lag), found, way_m))
     unsure = {"F_c": _LEFT_OF_BRISTLES * coulomb_n}
-    return Basis(reading, lag, None, slid or found, None, unsure_n=unsure, yields_m=soft.value)
+    known = slid or found
+    static = static_friction(gave_way(driven, held, soft.value), known)
+    return Basis(reading, lag, None, known, static, unsure_n=unsure, yields_m=soft.value)
 
 
 def _balance(reading: Reading, lag: Known, blocks: Blocks) -> Balance | None:

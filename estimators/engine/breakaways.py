@@ -12,8 +12,8 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import t as student
 
+from estimators.base import student_95
 from estimators.engine.balance import Balance
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading
@@ -96,7 +96,7 @@ def static_friction(found: Breakaways, balance: Balance, late: Known | None = No
         moved[balance.symbols.index("k")] = -float(weights @ (found.direction * found.travel_m))
     moved[balance.symbols.index("F_0")] = -float(weights @ found.direction)
     error_n = math.sqrt(float(covariance[0, 0]) + float(moved @ balance.joint @ moved))
-    mean_n, half_n = float(values[0]), float(student.ppf(0.975, count - 1)) * error_n
+    mean_n, half_n = float(values[0]), student_95(count - 1) * error_n
     return StaticFriction(mean_n, error_n, (mean_n - half_n, mean_n + half_n), scatter_n, count)
 
 

@@ -13,9 +13,8 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import t as student
 
-from estimators.base import NORMAL_95
+from estimators.base import NORMAL_95, student_95
 from estimators.engine.balance import Balance
 from estimators.engine.breakaways import StaticFriction
 from estimators.engine.fields import Fields, fields_over, knots_a_length, no_fields
@@ -25,7 +24,7 @@ from estimators.engine.hyperparameters import field_likelihood, spread
 from estimators.engine.laws import NO_LAWS, Law, Laws
 from estimators.engine.model import Model, Unknowns
 from estimators.engine.noise import position_noise_at_rest
-from estimators.engine.parameters import FC, FO, FS, GLOBALS, LEAD, LN_DV, LN_K, LN_M, LN_V, Known, prior_of
+from estimators.engine.parameters import FC, FO, FS, GLOBALS, LEAD, LN_DV, LN_FILTER, LN_K, LN_M, LN_V, Known, prior_of
 from estimators.engine.reading import Reading
 from estimators.engine.roughness import RoughnessPrior
 from estimators.engine.sections import Sections, sections_of
@@ -47,6 +46,9 @@ _LEAST_SCATTER: Final = 2.0e-5
 _ROW_INSTANT: Final = 0.2
 _ROW_LAG: Final = 0.05
 _SLOW_ROWS: Final = 2.0  # of the quick time m / F_v
+# Of what a sensor's filter is slower by than this, so much is open of the instants of breakaway.
+_QUICK_FILTER_S: Final = 0.01
+_FILTERED: Final = 0.1
 _SIDE: Final = 0.5  # of that: by how much it differs from one side to the other, and from end to end
 # Of a rough valve: errors of fresh cases over their standard errors, root mean square. The model knows the shape of the
 # friction's variation, of the gauge's and of the filter's lag less well than its likelihood says.
@@ -54,6 +56,9 @@ _DOUBT_OF: Final = {"m": 1.5, "F_v": 1.3, "k": 1.2, "F_0": 1.2}
 # Roughness of so much of F_c doubles all variances: where friction changes along the travel about as steeply as the
 # spring, how the motion answers to it is no longer linear.
 _STEEP_SHARE: Final = 0.025
+# Of DV: how well the instants at which a stem stops tell it, at several speeds and at one.
+_STOPPING, _ONE_STOPPING = 0.003, 0.06
+_ONE_RATE: Final = 1.5  # times the slowest ramp: quicker ones are of another speed
 _CREEPING: Final = 0.25  # of F_s - F_c: what friction while the stem creeps below DV, in part at rest, is uncertain by
 
 
@@ -127,13 +132,15 @@ def dynamic(
     static: StaticFriction,
     path: PathToFit | None = None,
     *,
+    limit_share: float | None = None,
     settings: Settings = USUAL,
 ) -> Dynamic | None:
     """Return the dynamic level's answer, None where there is no section to follow.
 
-    ``path`` is the force's where it has to be fitted too, None where it is known.
+    ``path`` is the force's where it has to be fitted too, None where it is known. ``limit_share`` is DV over the usual
+    speed where corners show that instead of the lag.
     """
-    fits = fitted(reading, lag, balance, static, path, settings=settings)
+    fits = fitted(reading, lag, balance, static, path, limit_share=limit_share, settings=settings)
     return mixed(reading, fits, balance.prior.near(balance.roughness), static.count) if fits else None
 
 
@@ -144,6 +151,7 @@ def fitted(
     static: StaticFriction,
     path: PathToFit | None = None,
     *,
+    limit_share: float | None = None,
     settings: Settings = USUAL,
 ) -> list[Found]:
     """Return the fits of the motion, the likeliest first; none where there is no section to follow."""
@@ -183,6 +191,7 @@ def fitted(
             speed_m_per_s=speed / spring,
             prior=balance.prior.near(balance.roughness),
             others=path.others if path else (),
+            limit_share=limit_share,
         )
     return sorted((one for one in fits if math.isfinite(one.surprise)), key=lambda one: one.surprise)
 
@@ -270,12 +279,14 @@ def _of_fit(one: Found, reading: Reading, prior: RoughnessPrior, breakaways: int
             variances[QUANTITIES.index(symbol)] *= share**2
         variances *= 1.0 + (_rough_share(one) / _STEEP_SHARE) ** 2
     # the scatter is estimated from as many breakaways: Student's t instead of the normal distribution
-    student_share = float(student.ppf(0.975, max(1, breakaways - 1))) / NORMAL_95
+    student_share = student_95(breakaways - 1) / NORMAL_95
     variances[QUANTITIES.index("F_s")] += one.model.scatter_n**2 / max(1, breakaways) * (student_share**2 - 1.0)
     if settings.force_scale:
         _add_force_scale(one, reading, variances)
     if settings.creeping:
         _add_creeping(one, variances)
+    _add_stops(one, reading, variances)
+    _add_filtered_starts(one, variances)
     if settings.slow_rows:
         _add_slow_rows(one, variances, reading)
     return means, variances
@@ -350,7 +361,7 @@ def _creeping(found: Found) -> dict[str, float]:
     share = float(times_s @ np.minimum(1.0, limit / np.maximum(speeds, 1.0e-12)) ** 2 / times_s.sum())
     error_n = _CREEPING * share * max(0.0, float(parameters[FS] - parameters[FC]))
     speed = float(times_s @ speeds / times_s.sum())
-    swept_m = max(float(np.ptp(one.path_m)) for one in sections)
+    swept_m = max(float(one.path_m.max()) for one in sections) - min(float(one.path_m.min()) for one in sections)
     side_n = _SIDE * error_n
     return {"F_c": error_n, "F_s": error_n, "F_0": side_n, "k": side_n / swept_m, "F_v": error_n / speed}
 
@@ -361,6 +372,33 @@ def _add_creeping(found: Found, variances: FloatArray) -> None:
         at = _LOGARITHMS.get(symbol)
         unit = 1.0 if at is None else math.exp(found.unknowns.parameters[at])
         variances[QUANTITIES.index(symbol)] += (error / unit) ** 2
+
+
+def _add_stops(found: Found, reading: Reading, variances: FloatArray) -> None:
+    """Add what a friction that varies, and a force that is not quite known, leave open of DV.
+
+    A stem stops where what drives it exceeds friction by F_v DV only. A friction that varies by as much stops it as
+    well: then the likelihood has one narrow maximum after the other, and each of them is sure of its DV. At one speed a
+    longer lag and a higher DV stop the stem alike.
+    """
+    parameters, rough = found.unknowns.parameters, found.model.fields.roughness
+    varies_n = float(np.std(reading.path.left_n))
+    if rough is not None:
+        varies_n = math.hypot(varies_n, rough.common_n, rough.own_n)
+    stopping_n = math.exp(parameters[LN_V] + parameters[LN_DV])
+    rates = [float(np.median(np.abs(one.rate_n_per_s))) for one in found.model.sections.sections]
+    stopping = _ONE_STOPPING if max(rates) < _ONE_RATE * min(rates) else _STOPPING
+    variances[QUANTITIES.index("DV")] += (varies_n / stopping_n) ** 2 + stopping**2
+
+
+def _add_filtered_starts(found: Found, variances: FloatArray) -> None:
+    """Add what a slow sensor leaves open of all breakaways' instants alike.
+
+    Behind its filter a lighter stem that starts later looks the same. On fast ramps a millisecond is a good part of a
+    small F_s.
+    """
+    slower_s = max(0.0, math.exp(found.unknowns.parameters[LN_FILTER]) - _QUICK_FILTER_S)
+    variances[QUANTITIES.index("F_s")] += (_FILTERED * slower_s * _usual_rate(found)) ** 2
 
 
 def _add_slow_rows(found: Found, variances: FloatArray, reading: Reading) -> None:

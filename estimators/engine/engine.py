@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -32,22 +32,39 @@ from estimators.engine.segmentation import moving_mean
 from estimators.engine.settings import USUAL, Settings
 from estimators.engine.stepped import stepped
 from estimators.engine.stops import ran_into_a_stop
+from valve.messages import Message, joined, say
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
 
 METHOD: Final = "maximum_likelihood"
-_NO_MOTION: Final = "the balance of forces alone is given: the motion after the breakaways does not fit it"
-_LEAPS: Final = (
-    "the force leaps from level to level, and the rests between the steps do not show it: repeat with a ramp"
+_NO_MOTION: Final = say(
+    "balance_alone", "the balance of forces alone is given: the motion after the breakaways does not fit it"
 )
-_COMMANDED: Final = (
+_LEAPS: Final = say(
+    "force_leaps",
+    "the force leaps from level to level, and the rests between the steps do not show it: repeat with a ramp",
+)
+_COMMANDED: Final = say(
+    "pressure_from_command",
     "The pressure was not measured: it is taken for the command behind a lag and a dead time that were fitted, with "
-    "the gain that the signal range says."
+    "the gain that the signal range says.",
 )
-_HIDDEN: Final = "the I/P's lag hides it where friction varies: measure the pressure at the actuator"
-_SLOW_STEPS: Final = "the pressure's own lag after each step hides it where friction varies: repeat with several ramps"
-_ONE_SPEED: Final = "it takes a drive that is accelerated, and several speeds"
-_CREEPING: Final = "the stem was driven at hardly more than its limit velocity: repeat with faster ramps"
+_HIDDEN: Final = say(
+    "lag_of_transducer_hides", "the I/P's lag hides it where friction varies: measure the pressure at the actuator"
+)
+_SLOW_STEPS: Final = say(
+    "lag_after_steps_hides",
+    "the pressure's own lag after each step hides it where friction varies: repeat with several ramps",
+)
+_ONE_SPEED: Final = say("takes_acceleration", "it takes a drive that is accelerated, and several speeds")
+_CREEPING: Final = say(
+    "driven_at_limit_velocity",
+    "the stem was driven at hardly more than its limit velocity: repeat with faster ramps",
+)
+_FEW_BREAKAWAYS: Final = say("few_breakaways", "fewer than two breakaways from rest were seen")
+_SPRINGLESS: Final = say("springless", "the actuator has no spring")
+_NO_LIMIT: Final = say("limit_without_friction", "where F_c is not known, nothing tells at what speed the stem stops")
+_UNKNOWN: Final = say("interval_beyond_value", "not known from this test: its interval is wider than its value")
 _SMOOTHED_S: Final = 0.05
 _TURNED: Final = 0.1  # of the force's range
 _HIDDEN_BANDS: Final = 1.5
@@ -80,7 +97,7 @@ class RoughFrictionEstimator:
         is_driven = nameplate.actuator.action is Action.DOUBLE and recording.force_n is not None
         drive = estimate_force_recording(rows.recording, nameplate) if is_driven else None
         if drive is not None and drive.value("F_c") is not None:
-            return replace(drive, message=" ".join(part for part in (drive.message, _said(rows)) if part))
+            return replace(drive, message=joined(" ", [part for part in (drive.message, *_said(rows)) if part]))
         reading = read(rows.recording, nameplate)
         if isinstance(reading, Outcome):
             return failed(METHOD, reading)
@@ -94,16 +111,20 @@ class RoughFrictionEstimator:
         if any(found.known(symbol).value < 0.0 for symbol in ("k", "F_c") if symbol in found.symbols):
             return failed(METHOD, Outcome.UNPHYSICAL)
         whole = None
-        if static is not None and not basis.leaps:
+        if static is not None and not basis.leaps and not basis.yields_m:
             driven, path = (reading, basis.path) if basis.path else with_gauged_path(reading)
-            whole = dynamic(driven, basis.lag, found, static, path, settings=self.settings)
+            whole = dynamic(
+                driven, basis.lag, found, static, path, limit_share=basis.limit_share, settings=self.settings
+            )
         if whole is not None and _disagree(found, whole):
             whole = None
-        said = f"{Outcome.STOP_INSIDE_SWEEP if basis.on_stop else ''} {_said(rows)}".strip()
+        said = _said(rows)
+        if basis.on_stop:
+            said.insert(0, Outcome.STOP_INSIDE_SWEEP.message)
         if static is not None and steps is None and "k" in found.symbols:
             held_n = static.mean_n, static.scatter_n or 0.0
             if ran_into_a_stop(reading, found.known("k").value, found.known("F_0").value, held_n):
-                said = f"{Outcome.STOP_INSIDE_SWEEP} {said}".strip()
+                said.insert(0, Outcome.STOP_INSIDE_SWEEP.message)
         estimate = _concluded(basis, whole, said)
         return _at_one_speed(estimate, drive) if drive is not None else estimate
 
@@ -161,14 +182,22 @@ def _widened(quantities: dict[str, Quantity], unsure_n: Mapping[str, float]) -> 
     return out
 
 
-def _said(rows: MeasuredRows) -> str:
+def _said(rows: MeasuredRows) -> list[Message]:
     """What is said of rows that were left out."""
     said = []
     if rows.dropped:
-        said.append(f"{rows.dropped} rows are drop-outs of the position and were left out.")
+        said.append(
+            say(
+                "rows_dropped",
+                "{count} rows are drop-outs of the position and were left out.",
+                count=int(rows.dropped),
+            )
+        )
     if rows.held > 1:
-        said.append(f"The device held each value for {rows.held} rows: one of each was used.")
-    return " ".join(said)
+        said.append(
+            say("rows_held", "The device held each value for {count} rows: one of each was used.", count=int(rows.held))
+        )
+    return said
 
 
 def _at_one_speed(estimate: Estimate, drive: Estimate) -> Estimate:
@@ -177,8 +206,8 @@ def _at_one_speed(estimate: Estimate, drive: Estimate) -> Estimate:
     for symbol in ("m", "F_v", "DV"):
         known = drive.parameters[symbol]
         parameters[symbol] = known if known.value is None and drive.status is not Status.FAILED else absent(_ONE_SPEED)
-    said = [str(Outcome.ONE_SPEED), estimate.message]
-    return replace(estimate, status=Status.POOR, message=" ".join(part for part in said if part), parameters=parameters)
+    said = joined(" ", [part for part in (Outcome.ONE_SPEED.message, estimate.message) if part])
+    return replace(estimate, status=Status.POOR, message=said, parameters=parameters)
 
 
 def _one_way(reading: Reading) -> Estimate:
@@ -191,11 +220,18 @@ def _one_way(reading: Reading) -> Estimate:
     inner = [((move.last - move.first) // 10, move) for move in moves]
     force_n = np.concatenate([reading.path.force_n[move.first + cut : move.last - cut + 1] for cut, move in inner])
     sign = "+" if moves[0].direction > 0 else "-"
-    together = f"the mean force in motion, F_0 {sign} F_c with F_v v in it, is {float(force_n.mean()):.4g} N"
+    together = say(
+        "mean_force_in_motion",
+        "the mean force in motion, F_0 {sign} F_c with F_v v in it, is {force:.4g N}",
+        sign=sign,
+        force=float(force_n.mean()),
+    )
     parameters = dict(estimate.parameters)
     for symbol in ("F_c", "F_0"):
-        parameters[symbol] = absent(f"{parameters[symbol].note} Known is their sum: {together}.")
-    message = f"{estimate.message} Known is: {together}."
+        parameters[symbol] = absent(
+            say("known_is_sum", "{why} Known is their sum: {sum}.", why=parameters[symbol].note, sum=together)
+        )
+    message = say("known_is", "{why} Known is: {sum}.", why=estimate.message, sum=together)
     return replace(estimate, status=Status.POOR, message=message, parameters=parameters)
 
 
@@ -206,7 +242,7 @@ def _turned_back(reading: Reading) -> bool:
     return float((np.maximum.accumulate(smooth) - smooth).max()) > _TURNED * float(np.ptp(smooth))
 
 
-def _concluded(basis: Basis, whole: Dynamic | None, said: str) -> Estimate:
+def _concluded(basis: Basis, whole: Dynamic | None, said: Sequence[Message]) -> Estimate:
     reading, found, static = basis.reading, basis.found, basis.static
     quantities = _widened(_quantities(found, static, whole, reading.samples.period_s), basis.unsure_n)
     friction_n = max((quantities[symbol].value for symbol in ("F_s", "F_c") if symbol in quantities), default=0.0)
@@ -230,28 +266,36 @@ def _concluded(basis: Basis, whole: Dynamic | None, said: str) -> Estimate:
             parameters[symbol] = absent(_HIDDEN if commanded else _SLOW_STEPS)
     if reading.samples.period_s > _SLOW_ROWS_S and whole is not None:
         for symbol in ("m", "DV"):
-            parameters[symbol] = absent(str(Outcome.TRANSIENTS_NOT_RESOLVED))
+            parameters[symbol] = absent(Outcome.TRANSIENTS_NOT_RESOLVED.message)
     if reading.samples.period_s > _NO_MASS_S and whole is not None and whole.best.model.fields.count:
-        parameters["m"] = absent(str(Outcome.TRANSIENTS_NOT_RESOLVED))
+        parameters["m"] = absent(Outcome.TRANSIENTS_NOT_RESOLVED.message)
     if whole is not None and whole.creeping.get("F_c", 0.0) > _CREEPS * found.known("F_c").value:
         parameters["m"] = absent(_CREEPING)
     if "m" in quantities and not _MASSES_KG[0] < quantities["m"].value < _MASSES_KG[1]:
-        mass = f"{quantities['m'].value:.3g} kg"
-        parameters["m"] = absent(f"the motion looks like that of {mass}: something else moves the stem so")
+        parameters["m"] = absent(
+            say(
+                "mass_of_no_valve",
+                "the motion looks like that of {mass:.3g kg}: something else moves the stem so",
+                mass=quantities["m"].value,
+            )
+        )
+    if "DV" in parameters and "F_c" in parameters and parameters["F_c"].value is None:
+        parameters["DV"] = absent(_NO_LIMIT)
     if "F_s" not in parameters:
-        few = "fewer than two breakaways from rest were seen"
-        parameters["F_s"] = absent(_without_motion(basis) if basis.yields_m else few)
+        parameters["F_s"] = absent(_without_motion(basis) if basis.yields_m else _FEW_BREAKAWAYS)
     hidden = _hidden_jumps(reading, quantities)
     if hidden and parameters.get("F_c") is not None and parameters["F_c"].value is not None:
         parameters["F_c"] = replace(parameters["F_c"], note=hidden)
     parameters = in_order(parameters)
     has_spring = reading.spring_n_per_m > 0.0
     if not has_spring:
-        parameters["k"] = absent("the actuator has no spring")
+        parameters["k"] = absent(_SPRINGLESS)
     missing = [s for s in (("k", "F_c", "F_s") if has_spring else ("F_c", "F_s")) if parameters[s].value is None]
     status = Status.POOR if missing or commanded else Status.OK
-    message = f"{', '.join(missing)}: {parameters[missing[0]].note}" if missing else ""
-    message = " ".join(part for part in (message, _COMMANDED if commanded else "", said) if part)
+    told: list[Message] = [_COMMANDED, *said] if commanded else [*said]
+    if missing:
+        why = parameters[missing[0]].note
+        told.insert(0, say("missing_for", "{symbols:, }: {why}", symbols=tuple(missing), why=why))
     latent = [] if whole is None else latent_friction(whole.best)
     # what a simulation takes for values that are known too badly to be given
     fitted = {} if whole is None else {symbol: quantity.value for symbol, quantity in whole.quantities.items()}
@@ -262,13 +306,17 @@ def _concluded(basis: Basis, whole: Dynamic | None, said: str) -> Estimate:
         "stand_ins": {symbol: value for symbol, value in fitted.items() if parameters[symbol].value is None},
     }
     residual_m = None if whole is None else whole.residual_rms_m
-    return Estimate(METHOD, status, message, residual_m, parameters, diagnostics)
+    return Estimate(METHOD, status, joined(" ", told), residual_m, parameters, diagnostics)
 
 
 def _without_motion(basis: Basis) -> str:
     """Why the balance of forces alone is given."""
     if basis.yields_m:
-        return f"the stem yields by {1.0e3 * basis.yields_m:.2g} mm before it breaks away: how it starts shows it not"
+        return say(
+            "yields_before_breakaway",
+            "the stem yields by {way:.2g mm} before it breaks away: how it starts shows it not",
+            way=float(basis.yields_m),
+        )
     return _LEAPS if basis.leaps else _NO_MOTION
 
 
@@ -281,9 +329,11 @@ def _hidden_jumps(reading: Reading, quantities: dict[str, Quantity]) -> str:
     jump_m = math.inf if static is None else (static.value - coulomb.value) / spring.value
     if static is not None and jump_m > _HIDDEN_BANDS * band_m:
         return ""
-    return (
-        f"Jumps of less than {1.0e3 * band_m:.2g} mm cannot be told from sliding in this noise: if the stem makes "
-        "them, F_c is an effective friction between F_c and F_s."
+    return say(
+        "jumps_hidden",
+        "Jumps of less than {band:.2g mm} cannot be told from sliding in this noise: if the stem makes them, F_c is an "
+        "effective friction between F_c and F_s.",
+        band=float(band_m),
     )
 
 
@@ -292,8 +342,15 @@ def _parameter(quantity: Quantity, scale: float) -> ParameterEstimate:
     low, high = quantity.ci95
     half, limit = 0.5 * (high - low), LARGEST_RELATIVE_HALF_WIDTH * max(abs(quantity.value), scale)
     if not half <= limit:
-        share = 100.0 * half / max(abs(quantity.value), 1.0e-300)
-        if share > 100.0:
-            return absent("not known from this test: its interval is wider than its value")
-        return absent(f"known to +-{share:.0f} % only, the limit is 30 %")
+        share = half / max(abs(quantity.value), 1.0e-300)
+        if share > 1.0:
+            return absent(_UNKNOWN)
+        return absent(
+            say(
+                "known_badly_alone",
+                "known to +-{share:.0f %} only, the limit is {limit:.0f %}",
+                share=share,
+                limit=LARGEST_RELATIVE_HALF_WIDTH,
+            )
+        )
     return ParameterEstimate(quantity.value, quantity.std_error, (low, high))

@@ -391,10 +391,13 @@ def permuted(unknowns: Unknowns) -> list[Unknowns]:
     return [_with_times(unknowns, max(a, b), max(min(a, b), 2.0e-4), max(c, 2.0e-4)) for a, b, c in shared]
 
 
-def _near_its_limit(unknowns: Unknowns, slow_s: float, speed_m_per_s: float) -> Unknowns:
-    """A stem driven at hardly more than DV: it stops at DV, long before it would turn, so that its lag is longer."""
-    share = _NEAR_LIMIT
-    longer_s = slow_s * math.log(2.0) / math.log(2.0 / (1.0 + share))
+def _near_its_limit(unknowns: Unknowns, slow_s: float, speed_m_per_s: float, limit_share: float | None) -> Unknowns:
+    """A stem driven at hardly more than DV: it stops at DV, long before it would turn, so that its lag is longer.
+
+    With a ``limit_share`` known, DV over the speed, ``slow_s`` is that lag.
+    """
+    share = _NEAR_LIMIT if limit_share is None else limit_share
+    longer_s = slow_s if limit_share is not None else slow_s * math.log(2.0) / math.log(2.0 / (1.0 + share))
     near = _with_times(unknowns, longer_s, 0.002, 0.004)
     parameters = near.parameters
     parameters[LN_DV] = math.log(share * max(speed_m_per_s, 1.0e-9))
@@ -413,11 +416,13 @@ def explored(
     speed_m_per_s: float,
     prior: RoughnessPrior,
     others: Sequence[tuple[FloatArray, float]] = (),
+    limit_share: float | None = None,
 ) -> list[Found]:
     """Return the fits from all assignments of the three times, the likeliest first.
 
     ``slow_s`` is the lag of the stem that turns back at a corner, ``speed_m_per_s`` its usual speed.
-    ``others`` are other starts of the laws, each with its lag of the stem, s.
+    ``others`` are other starts of the laws, each with its lag of the stem, s. ``limit_share`` is DV over that speed
+    where it is known beforehand.
 
     They are tried on some of the sections; the likeliest, and those that are nearly so, go on with all.
     """
@@ -435,7 +440,7 @@ def explored(
         for quick_s, filter_s in ((0.002, 0.004), (0.004, 0.0005), (0.3 * slow_s, 0.02))
     ]
     starts += [_with_times(replace(few, laws=laws), lag_s, 0.002, 0.004) for laws, lag_s in others]
-    starts.append(_near_its_limit(few, slow_s, speed_m_per_s))
+    starts.append(_near_its_limit(few, slow_s, speed_m_per_s, limit_share))
     if not model.settings.several_starts:
         starts = starts[:1]
     found = together(some, starts, some_paths)

@@ -125,10 +125,10 @@ def force_path(
     range_n = max(float(np.ptp(measured_n)), 1.0e-12)
     nothing = np.zeros(rows.size)
     if recording.force_n is not None:
-        corners_s = _turns(time_s, measured_n, noise_n, range_n)
+        corners_s = turns(time_s, measured_n, noise_n, range_n)
         return ForcePath(Source.FORCE, measured_n, noise_n, corners_s, nothing)
     if recording.pressure_pa is None:
-        corners_s = _turns(time_s, measured_n, noise_n, range_n)
+        corners_s = turns(time_s, measured_n, noise_n, range_n)
         return ForcePath(Source.COMMAND_ALONE, measured_n, noise_n, corners_s, nothing)
     quiet = noise_n <= _QUIET * spring_n_per_m * noise_m
     if not quiet:
@@ -140,11 +140,11 @@ def force_path(
         lines = _straight_runs(time_s, measured_n, range_n, run_first)
         if lines is not None and float(lines.left_n.std()) <= _MOST_LEFT * range_n:
             return lines
-    return ForcePath(Source.MEASURED, measured_n, noise_n, _turns(time_s, measured_n, noise_n, range_n), nothing)
+    return ForcePath(Source.MEASURED, measured_n, noise_n, turns(time_s, measured_n, noise_n, range_n), nothing)
 
 
-def _turns(time_s: FloatArray, force_n: FloatArray, noise_n: float, range_n: float) -> FloatArray:
-    """Times at which the force turns back, s."""
+def turns(time_s: FloatArray, force_n: FloatArray, noise_n: float, range_n: float) -> FloatArray:
+    """Return the times at which the force turns back, s, shape (t,); arrays of shape (n,)."""
     width = 2 * (max(1, round(_SMOOTHED_S / float(np.median(np.diff(time_s))))) // 2) + 1
     smooth = moving_mean(force_n, width)
     least_n = max(_LEAST_TURN * range_n, 8.0 * noise_n / np.sqrt(width))
@@ -204,8 +204,8 @@ def through_command(time_s: FloatArray, command: FloatArray, measured_n: FloatAr
         force_n, commanded_n = commanded_n, None
         lag_s, dead_s, late_s = 0.0, 0.0, lag_s + dead_s
     range_n = max(float(np.ptp(force_n)), 1.0e-12)
-    corners_s = _turns(time_s, force_n, 0.0, range_n)
-    bends_s = np.empty(0) if commanded_n is None else _turns(time_s, commanded_n, 0.0, range_n) + dead_s
+    corners_s = turns(time_s, force_n, 0.0, range_n)
+    bends_s = np.empty(0) if commanded_n is None else turns(time_s, commanded_n, 0.0, range_n) + dead_s
     force_n = force_n + _hunting(time_s, left_n)
     return ForcePath(
         Source.COMMAND,
@@ -339,7 +339,7 @@ def _straight(time_s: FloatArray, force_n: FloatArray, range_n: float) -> ForceP
             break
     values, _ = _polyline(time_s, force_n, knots_s)
     line_n = np.interp(time_s, knots_s, values)
-    corners_s = _turns(time_s, line_n, 0.0, range_n)
+    corners_s = turns(time_s, line_n, 0.0, range_n)
     left_n = force_n - line_n
     late_s = 0.5 * GAUGE_LAG_S  # the filter of a gauge so noisy is not known
     return ForcePath(Source.LINES, line_n + _hunting(time_s, left_n), 0.0, corners_s, left_n, late_s=late_s)

@@ -14,9 +14,8 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import t as student
 
-from estimators.base import NORMAL_95
+from estimators.base import NORMAL_95, student_95
 from estimators.engine.balance import Balance, Blocks, balance
 from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading
@@ -142,5 +141,5 @@ def _widened(rests: Balance, found: Stepped) -> Balance:
         joint[at, at] += between * (rough.common_n**2 + rough.own_n**2)
     # as many rests for three values: Student's t
     freedom = max(1, rests.blocks.count - 3)
-    joint *= (float(student.ppf(0.975, freedom)) / NORMAL_95) ** 2
+    joint *= (student_95(freedom) / NORMAL_95) ** 2
     return replace(rests, symbols=("k", "F_0", "F_c", "overshoot"), values=values, joint=joint)

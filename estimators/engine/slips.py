@@ -17,8 +17,14 @@ from estimators.engine.parameters import Known
 from estimators.engine.reading import Reading
 
 _FEWEST: Final = 10
-_OVERSHOOT: Final = (0.5, 0.3)  # mean and standard deviation: of nothing is known but that it is between 0 and 1
+# Mean and standard deviation: nothing is known but that it is between 0 and 1. A stem that takes longer than this for a
+# slip is damped, and it may rest at its limit velocity sooner.
+_OVERSHOOT: Final = (0.5, 0.3)
+_SLOW_S, _SLOW_OVERSHOOT = 0.1, (0.0, 0.3)
 _LAG_SHARE: Final = 0.2  # of a slip's duration
+_MOSTLY: Final = 0.8  # of the moves
+_REACH_S, _REACH_ROWS = 0.05, 3.0  # to either side of a move's end, over which it is asked whether the force goes on
+_GOES_ON: Final = 0.5  # of its rate before
 
 
 def lag_of_slips(reading: Reading) -> Known:
@@ -26,6 +32,19 @@ def lag_of_slips(reading: Reading) -> Known:
     took_s = [float(reading.time_s[move.last] - reading.time_s[move.first]) for move in reading.segmentation.breakaways]
     lag_s = _LAG_SHARE * float(np.median(took_s))
     return Known(lag_s, lag_s)
+
+
+def mostly_slips(reading: Reading) -> bool:
+    """Whether nearly all moves end at rest by themselves, under a force that goes on."""
+    moves, time_s, force_n = reading.segmentation.breakaways, reading.time_s, reading.path.force_n
+    reach_s = max(_REACH_S, _REACH_ROWS * reading.samples.period_s)
+    slips = 0
+    for move in moves:
+        ends_s = float(time_s[move.last])
+        before_n, at_n, after_n = np.interp([ends_s - reach_s, ends_s, ends_s + reach_s], time_s, force_n).tolist()
+        went_n, goes_n = move.direction * (at_n - before_n), move.direction * (after_n - at_n)
+        slips += move.next_rest >= 0 and goes_n > _GOES_ON * went_n > 0.0
+    return slips >= max(_FEWEST, _MOSTLY * len(moves))
 
 
 def balance_of_slips(reading: Reading) -> Balance | None:
@@ -48,7 +67,7 @@ def balance_of_slips(reading: Reading) -> Balance | None:
     if found is None or found.known("k").value <= 0.0:
         return None
     static, at = found.known("F_c"), found.symbols.index("F_c")
-    middle, spread = _OVERSHOOT
+    middle, spread = _SLOW_OVERSHOOT if lag_of_slips(reading).value > _LAG_SHARE * _SLOW_S else _OVERSHOOT
     whole_n = found.known("k").value * float(np.median(slipped_m))
     fallen_n = min(whole_n / (1.0 + middle), 0.9 * static.value)
     values, joint = found.values.copy(), found.joint.copy()

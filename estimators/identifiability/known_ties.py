@@ -8,10 +8,12 @@ from typing import Final
 
 from estimators.base import digits_within
 from estimators.identifiability.ties import INPUT_TIMES, Quantities, Tie
+from valve.messages import say
 
-SEVERAL_RATES: Final = "ramps at several rates tell them apart (sequence multi_rate)"
-BOTH_WAYS: Final = "a stroke and its way back tell them apart (sequence triangle)"
-MEASURE: Final = "measure the pressure at the actuator"
+SEVERAL_RATES: Final = say("several_rates", "ramps at several rates tell them apart (sequence multi_rate)")
+BOTH_WAYS: Final = say("both_ways", "a stroke and its way back tell them apart (sequence triangle)")
+MEASURE: Final = say("measure_pressure", "measure the pressure at the actuator")
+_RATES_OR_PRESSURE: Final = say("rates_or_pressure", "{rates}, or {pressure}", rates=SEVERAL_RATES, pressure=MEASURE)
 _ALIKE: Final = 0.3  # a speed or rate that a tie implies, against those of the test
 _LEFT: Final = 0.3  # of a friction's error, where a sum of forces is what is known
 
@@ -31,7 +33,12 @@ def _sliding_friction(symbol: str, other: str, known: Quantities) -> Tie | None:
         error,
         "N",
         SEVERAL_RATES,
-        f"the friction while the stem slides at {1e3 * speed:.{digits}g} mm/s",
+        say(
+            "sliding_friction",
+            "the friction while the stem slides at {speed:.{digits}g mm/s}",
+            speed=speed,
+            digits=digits,
+        ),
     )
 
 
@@ -64,7 +71,11 @@ def effective_breakaway(symbol: str, other: str, known: Quantities) -> Tie | Non
         error_n(rate),
         "N",
         SEVERAL_RATES,
-        f"the force that breaks the stem away when it rises by {rate:.3g} N/s",
+        say(
+            "breakaway_at_rate",
+            "the force that breaks the stem away when it rises by {rate:.3g N/s}",
+            rate=rate,
+        ),
     )
 
 
@@ -83,7 +94,9 @@ def _friction_one_way(symbol: str, other: str, known: Quantities) -> Tie | None:
         error,
         "N",
         BOTH_WAYS,
-        f"friction {'and' if sense > 0.0 else 'less'} preload in the one direction that shows",
+        say("friction_and_preload", "friction and preload in the one direction that shows")
+        if sense > 0.0
+        else say("friction_less_preload", "friction less preload in the one direction that shows"),
     )
 
 
@@ -101,8 +114,8 @@ def _lagging_friction(symbol: str, other: str, known: Quantities) -> Tie | None:
         known.value(force) + rate * known.value(late),
         error,
         "N",
-        f"{SEVERAL_RATES}, or {MEASURE}",
-        f"friction and lateness T together on ramps of {rate:.3g} N/s",
+        _RATES_OR_PRESSURE,
+        say("friction_and_lateness", "friction and lateness T together on ramps of {rate:.3g N/s}", rate=rate),
     )
 
 

@@ -14,6 +14,7 @@ from valve.errors import ParameterError
 from valve.kernel.follow import follow
 from valve.kernel.modes import FOLLOWED
 from valve.kernel.sampling import even_period
+from valve.messages import say
 from valve.motion_inputs import (
     MOST_EVENTS,
     checked_corners,
@@ -58,7 +59,14 @@ def position_sensitivities(
     """
     unknown = sorted(set(symbols) - set(SENSITIVITY_SYMBOLS))
     if unknown:
-        raise ParameterError(f"{unknown[0]}: no such sensitivity; there are {', '.join(SENSITIVITY_SYMBOLS)}")
+        raise ParameterError(
+            say(
+                "sensitivity_unknown",
+                "{symbol}: no such sensitivity; there are {all:, }",
+                symbol=unknown[0],
+                all=tuple(SENSITIVITY_SYMBOLS),
+            )
+        )
     state = StemState() if initial is None else initial
     require_within_stops(state, stops)
     corners = checked_corners(force_time_s, force_n)

@@ -7,15 +7,23 @@ from typing import Final
 
 import numpy as np
 
-from estimators.base import LARGEST_RELATIVE_HALF_WIDTH, NORMAL_95
+from estimators.base import LARGEST_RELATIVE_HALF_WIDTH, MOVED_TOO_LITTLE, NORMAL_95, NOT_BETTER, Outcome
 from estimators.identifiability.known_ties import KNOWN_TIES, MEASURE, effective_breakaway
 from estimators.identifiability.ties import INPUT_TIMES, Quantities, Tie
+from valve.messages import say
 from valve.parameters import PARAMETER_SYMBOLS
 
 TIED: Final = 0.99  # correlation beyond which two parameters are one to the data (a 1/7 of the error is left)
 _MOST_PARTNERS: Final = 3
 # Damped so much beyond critical (F_v^2 = 4 k m) that inertia is over before anything moves.
 _MASS_HIDDEN: Final = 100.0
+_MOVE: Final = say("move_in_more_ways", "sequence multi_rate moves the stem in more ways")
+_MEASURE_AND_MOVE: Final = say("measure_and_use_multi_rate", "{measure}, and use sequence multi_rate", measure=MEASURE)
+_LAG_HIDES: Final = say(
+    "unknown_lag_hides",
+    "the unknown lag of the transducer hides it; {measure}, or use ramps at several rates",
+    measure=MEASURE,
+)
 
 
 def find_tie(symbol: str, known: Quantities) -> Tie | None:
@@ -62,7 +70,7 @@ def _several(symbol: str, partners: Sequence[str], known: Quantities) -> Tie:
     value = known.value(symbol) + float(weights @ np.array([known.value(partner) for partner in partners]))
     terms = "".join(_term(float(weight), partner) for weight, partner in zip(weights, partners, strict=True))
     times = [partner for partner in (symbol, *partners) if partner in INPUT_TIMES]
-    remedy = f"{MEASURE}, and use sequence multi_rate" if times else "sequence multi_rate moves the stem in more ways"
+    remedy = _MEASURE_AND_MOVE if times else _MOVE
     return Tie((symbol, *partners), correlation, symbol + terms, value, error, _unit(symbol), remedy)
 
 
@@ -78,28 +86,30 @@ def _unit(symbol: str) -> str:
 
 
 _REASONS: Final = {
-    "m": "the stem accelerates too briefly for it to show at this noise and sampling rate",
-    "F_v": "the stem slides too slowly for it to show",
-    "F_c": "the stem slides too little for it to show",
-    "F_s": "the breakaways show too little of it at this noise and sampling rate",
-    "DV": "it moves the stem less than the noise",
-    "k": "the stem moved too little",
-    "F_0": "the stem moved too little",
+    "m": say(
+        "accelerates_too_briefly", "the stem accelerates too briefly for it to show at this noise and sampling rate"
+    ),
+    "F_v": say("slides_too_slowly", "the stem slides too slowly for it to show"),
+    "F_c": say("slides_too_little", "the stem slides too little for it to show"),
+    "F_s": say("breakaways_show_little", "the breakaways show too little of it at this noise and sampling rate"),
+    "DV": say("less_than_noise", "it moves the stem less than the noise"),
+    "k": MOVED_TOO_LITTLE,
+    "F_0": MOVED_TOO_LITTLE,
 }
 
 
 def lone_reason(symbol: str, known: Quantities) -> str:
     """Return why a symbol that is tied to no other is not identifiable, and what would help."""
     if _hides(symbol, known):
-        return "the stem is damped so strongly that its mass does not show in its motion"
+        return Outcome.MASS_HIDDEN.message.formed("clause")
     if symbol in {"F_v", "F_c", "F_s"} and "transducer_lag_s" in known.symbols:
-        return f"the unknown lag of the transducer hides it; {MEASURE}, or use ramps at several rates"
-    reason = _REASONS.get(symbol, "the data do not determine it better")
+        return _LAG_HIDES
+    reason = _REASONS.get(symbol, NOT_BETTER)
     if symbol in {"k", "F_0", "F_c"}:
-        return f"{reason}; use a larger amplitude"
+        return say("use_larger_amplitude", "{why}; use a larger amplitude", why=reason)
     if len(known.ramp_rates_n_per_s) == 1:
-        return f"{reason}; use ramps at several rates (sequence multi_rate)"
-    return f"{reason}; sample faster, or use a quieter position sensor"
+        return say("use_several_rates", "{why}; use ramps at several rates (sequence multi_rate)", why=reason)
+    return say("sample_faster", "{why}; sample faster, or use a quieter position sensor", why=reason)
 
 
 def _hides(symbol: str, known: Quantities) -> bool:

@@ -11,13 +11,14 @@ import numpy as np
 
 from estimators.base import NORMAL_95
 from estimators.samples import FloatArray
+from valve.messages import Message, say
 
 INPUT_TIMES: Final = ("transducer_lag_s", "transducer_dead_time_s", "delay_s")
 _NAMES: Final = {
-    "transducer_lag_s": "the transducer's lag",
-    "transducer_dead_time_s": "the transducer's dead time",
-    "delay_s": "the delay between the channels",
-    "x_0": "the position at the start",
+    "transducer_lag_s": say("lag_of_transducer", "the transducer's lag"),
+    "transducer_dead_time_s": say("dead_time_of_transducer", "the transducer's dead time"),
+    "delay_s": say("delay_between_channels", "the delay between the channels"),
+    "x_0": say("position_at_start", "the position at the start"),
 }
 
 
@@ -40,14 +41,21 @@ class Tie:
     meaning: str = ""
 
     @property
-    def sentence(self) -> str:
+    def sentence(self) -> Message:
         """What a technician is told."""
-        others = " and ".join(_NAMES.get(symbol, symbol) for symbol in self.symbols[1:])
-        what = f"{self.meaning}, {self.combination}" if self.meaning else self.combination
-        half_width = NORMAL_95 * self.std_error
-        return (
-            f"it cannot be told apart from {others}; what is known is {what} = {self.value:.5g} {self.unit} "
-            f"(+-{half_width:.2g}); {self.separated_by}"
+        formula = self.combination
+        return say(
+            "cannot_be_told_apart",
+            "it cannot be told apart from {others: and }; what is known is {what} = {value:.5g {unit}} "
+            "(+-{half:.2g in {unit}}); {remedy}",
+            others=tuple(_NAMES.get(symbol, symbol) for symbol in self.symbols[1:]),
+            what=say("meaning_with_formula", "{meaning}, {formula}", meaning=self.meaning, formula=formula)
+            if self.meaning
+            else formula,
+            value=self.value,
+            unit=self.unit,
+            half=NORMAL_95 * self.std_error,
+            remedy=self.separated_by,
         )
 
 

@@ -8,14 +8,18 @@ Choudhury, Thornhill & Shah (2005).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from estimators.in_service.events import Kind, Observations
-from estimators.in_service.figure import Figure, mean_of_repeats
+from estimators.in_service.figure import LEAST_REPEATS, Figure, mean_of_repeats
 from estimators.in_service.moves import DRIVEN_BANDS, Moves
 from estimators.in_service.rows import Rows
+from valve.messages import Message, say
 from valve.recording import FloatArray
+
+_DIFFER: Final = say("moves_differ", "the moves differ too much among each other: a longer record, or faster rows")
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,28 +51,36 @@ def bands_of(
     dead = np.array(
         [abs(left[0][number + 1] - _turn(rows, moves, number)) for number in np.flatnonzero(turned).tolist()]
     )
-    few = "{} of these were seen, 4 are needed: a longer record"
     turns, ons = int(turned.sum()), int(went_on.sum())
-    wide = "the moves differ too much among each other: a longer record, or faster rows"
     jumps = np.abs(moves.to_level - moves.from_level)
     slipped = np.isfinite(stopped[0]) & (moves.began == moves.ended) & (moves.reached - moves.left <= _slip_rows(rows))
     return Bands(
-        mean_of_repeats(dead, half[turned], signal_unit, "reversals: " + few.format(turns), wide),
-        mean_of_repeats(change[turned], half[turned], signal_unit, "reversals: " + few.format(turns), wide),
+        mean_of_repeats(dead, half[turned], signal_unit, _few(say("reversals", "reversals"), turns), _DIFFER),
+        mean_of_repeats(change[turned], half[turned], signal_unit, _few(say("reversals", "reversals"), turns), _DIFFER),
         mean_of_repeats(
             change[went_on],
             half[went_on],
             signal_unit,
-            "breakaways in the direction of the last motion: " + few.format(ons),
-            wide,
+            _few(say("breakaways_onward", "breakaways in the direction of the last motion"), ons),
+            _DIFFER,
         ),
         mean_of_repeats(
             jumps[slipped],
             np.full(int(slipped.sum()), rows.noise),
             position_unit,
-            "slips within one row: " + few.format(int(slipped.sum())),
-            wide,
+            _few(say("slips_within_row", "slips within one row"), int(slipped.sum())),
+            _DIFFER,
         ),
+    )
+
+
+def _few(what: Message, count: int) -> Message:
+    return say(
+        "few_seen",
+        "{what}: {count} of these were seen, {needed} are needed: a longer record",
+        what=what,
+        count=count,
+        needed=LEAST_REPEATS,
     )
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from scipy.stats import t as student
 
+from estimators.base import student_95
 from valve.recording import FloatArray
 
 LEAST_REPEATS: Final = 4  # moves from which a mean and its interval are taken
@@ -72,7 +72,7 @@ def estimated(
     too_wide: str = "",
 ) -> Figure:
     """Return a figure with Student's interval; not known with ``too_wide`` where that is wider than 30 %."""
-    half = float(student.ppf(0.975, max(freedom, 1.0))) * std_error
+    half = student_95(freedom) * std_error
     if not math.isfinite(half) or half > WIDEST * abs(value):
         return not_known(unit, too_wide, count)
     return Figure(value, unit, (value - half, value + half), scatter, count, note)

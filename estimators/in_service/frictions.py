@@ -8,15 +8,29 @@ import numpy as np
 
 from estimators.in_service.balance import DOWN, MOTION, SPRING, UP, Balance
 from estimators.in_service.events import Kind, Observations
-from estimators.in_service.figure import COMMON_SHARE, LEAST_REPEATS, Figure, estimated, not_known
+from estimators.in_service.figure import COMMON_SHARE, LEAST_REPEATS, WIDEST, Figure, estimated, not_known
 from estimators.in_service.result import Input, Scale
 from estimators.in_service.rows import Rows
+from valve.messages import say
 from valve.nameplate import Nameplate
 from valve.recording import FloatArray
 
 _SPRING_KNOWN: Final = 0.15  # standard error by value: an interval of 30 %
 _REPORTED_SHARE: Final = 1.0  # of half a reported change: all reports are late in the same sense
 _SIGNAL_SHARE: Final = 0.5  # of the signal's rapid swing: the part of it that is air moves a stem, a gauge's does not
+_HIDDEN: Final = say(
+    "friction_in_noise",
+    "it is no larger than what the noise or the steps of position and signal hide: finer or faster rows",
+)
+_NEEDS_AREA: Final = say("needs_area", "needs the diaphragm's area: give a nameplate")
+_NEEDS_RANGE: Final = say(
+    "needs_area_and_range", "needs the diaphragm's area and the signal's pressure range: give a nameplate"
+)
+_NEEDS_SPAN: Final = say("needs_span", "needs the signal's range or the bench set: give a nameplate")
+_NEEDS_TRAVEL: Final = say(
+    "needs_area_and_travel", "needs the diaphragm's area, the travel and a pressure: give a nameplate"
+)
+_NO_SLOPE: Final = say("no_slope", "the moves were too small or too few to show a slope: wider moves would tell")
 PERCENTS: Final = {
     "friction_percent": "friction_signal",
     "breakaway_percent": "breakaway_signal",
@@ -31,7 +45,13 @@ def frictions(found: Balance | None, rows: Rows, seen: Observations, unit: str) 
     names = ("friction", "breakaway", "breakaway_up", "breakaway_down")
     ways = {sign: int(((seen.kind == Kind.MOTION) & (seen.sign == sign)).sum()) for sign in (1, -1)}
     if found is None:
-        few = f"{ways[1]} moves up and {ways[-1]} down, both directions and 4 moves are needed: record for longer"
+        few = say(
+            "few_moves",
+            "{up} moves up and {down} down, both directions and {needed} moves are needed: record for longer",
+            up=ways[1],
+            down=ways[-1],
+            needed=LEAST_REPEATS,
+        )
         return {f"{name}_signal": not_known(unit, few) for name in names}
     spring = abs(float(found.values[SPRING]))
     open_rows = COMMON_SHARE * float(np.mean(seen.half_width))
@@ -47,9 +67,13 @@ def frictions(found: Balance | None, rows: Rows, seen: Observations, unit: str) 
     figures = {}
     for name, (weights, least, count) in asked.items():
         if least < (2 if name == "friction" else LEAST_REPEATS):
-            figures[f"{name}_signal"] = not_known(
-                unit, f"{least} of these in a direction, {LEAST_REPEATS} are needed: record for longer", count
+            few = say(
+                "few_in_direction",
+                "{count} of these in a direction, {needed} are needed: record for longer",
+                count=least,
+                needed=LEAST_REPEATS,
             )
+            figures[f"{name}_signal"] = not_known(unit, few, count)
             continue
         value, error = _combined(found, weights)
         scatter = found.scatter if name != "friction" else None
@@ -68,8 +92,13 @@ def frictions(found: Balance | None, rows: Rows, seen: Observations, unit: str) 
 def _too_wide(count: int, error: float, common: float) -> str:
     """Why a friction is known to worse than 30 %, by the larger of its two errors."""
     if common > error:
-        return "it is no larger than what the noise or the steps of position and signal hide: finer or faster rows"
-    return f"{count} moves leave it open by more than 30 %: more or wider moves, or the bench set"
+        return _HIDDEN
+    return say(
+        "moves_leave_open",
+        "{count} moves leave it open by more than {limit:.0f %}: more or wider moves, or the bench set",
+        count=count,
+        limit=WIDEST,
+    )
 
 
 def _weights(by_column: dict[int, float]) -> FloatArray:
@@ -95,8 +124,7 @@ def forces(figures: dict[str, Figure], unit: str, scale: Scale) -> dict[str, Fig
         elif unit == "Pa" and scale.area_m2 is not None:
             found[name] = one.times(scale.area_m2, "N")
         else:
-            needs = "the diaphragm's area" if unit == "Pa" else "the diaphragm's area and the signal's pressure range"
-            found[name] = not_known("N", one.note or f"needs {needs}: give a nameplate", one.count)
+            found[name] = not_known("N", one.note or (_NEEDS_AREA if unit == "Pa" else _NEEDS_RANGE), one.count)
     return found
 
 
@@ -118,9 +146,7 @@ def percents_of_span(
         percents[key] = (
             one.times(100.0 / span, "percent")
             if span is not None
-            else not_known(
-                "percent", one.note or "needs the signal's range or the bench set: give a nameplate", one.count
-            )
+            else not_known("percent", one.note or _NEEDS_SPAN, one.count)
         )
     return percents
 
@@ -128,9 +154,9 @@ def percents_of_span(
 def spring_rate(found: Balance | None, unit: str, scale: Scale) -> Figure:
     """Spring rate in N/m, where the moves alone show it."""
     if unit == "%" or (unit == "Pa" and scale.area_m2 is None) or scale.is_share:
-        return not_known("N/m", "needs the diaphragm's area, the travel and a pressure: give a nameplate")
+        return not_known("N/m", _NEEDS_TRAVEL)
     if found is None or not found.spring_error <= _SPRING_KNOWN * abs(found.spring):
-        return not_known("N/m", "the moves were too small or too few to show a slope: wider moves would tell")
+        return not_known("N/m", _NO_SLOPE)
     factor = 1.0 if unit == "N" or scale.area_m2 is None else scale.area_m2
     return estimated(
         found.spring * factor,
@@ -138,5 +164,5 @@ def spring_rate(found: Balance | None, unit: str, scale: Scale) -> Figure:
         "N/m",
         found.freedom,
         count=0,
-        too_wide="the moves were too small or too few to show a slope: wider moves would tell",
+        too_wide=_NO_SLOPE,
     )

@@ -7,7 +7,8 @@ from typing import Final
 import numpy as np
 from scipy.signal import lfilter
 
-from estimators.in_service.figure import Figure, mean_of_repeats, not_known
+from estimators.in_service.figure import LEAST_REPEATS, Figure, mean_of_repeats, not_known
+from valve.messages import say
 from valve.recording import FloatArray
 
 _PARTS: Final = 12  # of the record, each with its own lag: their scatter gives the interval
@@ -26,7 +27,15 @@ def lag_of(time_s: FloatArray, command: FloatArray, pressure: FloatArray, *, nam
     known = np.isfinite(command) & np.isfinite(pressure)
     time_s, command, pressure = time_s[known], command[known], pressure[known]
     if time_s.size < 4 * _FEWEST_ROWS:
-        return not_known("s", f"{time_s.size} rows have a {names[0]} and a {names[1]}, {4 * _FEWEST_ROWS} are needed")
+        few = say(
+            "few_rows_with_both",
+            "{count} rows have a {first} and a {second}, {needed} are needed",
+            count=int(time_s.size),
+            first=names[0],
+            second=names[1],
+            needed=4 * _FEWEST_ROWS,
+        )
+        return not_known("s", few)
     period_s = float(np.median(np.diff(time_s)))
     size = max(_FEWEST_ROWS, min(_MOST_ROWS, time_s.size // _PARTS))
     firsts = np.unique(np.linspace(0, time_s.size - size, min(_PARTS, time_s.size // size)).astype(np.int64))
@@ -42,16 +51,21 @@ def lag_of(time_s: FloatArray, command: FloatArray, pressure: FloatArray, *, nam
         if delay is not None:
             found.append(delay)
             apart.append(0.25 * period_s)
-    few = (
-        f"the {names[1]} follows the {names[0]} in {len(found)} parts of the record, 4 are needed: a longer record "
-        "with more motion, or evenly spaced rows"
+    few = say(
+        "few_parts_follow",
+        "the {second} follows the {first} in {count} parts of the record, {needed} are needed: a longer record with "
+        "more motion, or evenly spaced rows",
+        second=names[1],
+        first=names[0],
+        count=len(found),
+        needed=LEAST_REPEATS,
     )
     known_lags = np.array(found)
-    if known_lags.size >= 4 and float(np.median(known_lags)) < 0.5 * period_s:
-        return not_known("s", f"below half of a row, {0.5 * period_s:.2g} s: faster rows would tell")
-    return mean_of_repeats(
-        known_lags, np.array(apart), "s", few, "the parts of the record differ too much: faster rows would tell"
-    )
+    if known_lags.size >= LEAST_REPEATS and float(np.median(known_lags)) < 0.5 * period_s:
+        below = say("below_half_row", "below half of a row, {time:.2g} s: faster rows would tell", time=0.5 * period_s)
+        return not_known("s", below)
+    differ = say("parts_differ", "the parts of the record differ too much: faster rows would tell")
+    return mean_of_repeats(known_lags, np.array(apart), "s", few, differ)
 
 
 def _delay(command: FloatArray, pressure: FloatArray, period_s: float) -> float | None:

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from valve.errors import RecordingError
+from valve.messages import say
 from valve.recording import FloatArray
 
 BoolArray = np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
@@ -68,8 +69,14 @@ def rows_of(
     time_s, position, signal = time_s[~held], position[~held], signal[~held]
     if time_s.size < _FEWEST:
         raise RecordingError(
-            f"{subject}: {time_s.size} rows have a position and a signal, watching needs at least {_FEWEST}: "
-            "give a longer record, an hour of 1 Hz at best"
+            say(
+                "few_rows_to_watch",
+                "{subject}: {count} rows have a position and a signal, watching needs at least {needed}: give a longer "
+                "record, an hour of 1 Hz at best",
+                subject=subject,
+                count=int(time_s.size),
+                needed=_FEWEST,
+            )
         )
     periods_s = np.diff(time_s)
     period_s, (short_s, long_s) = float(np.median(periods_s)), np.quantile(periods_s, (0.1, 0.9))
@@ -161,9 +168,17 @@ def _require_one_clock(time_s: FloatArray, subject: str) -> None:
     row = int(pauses_s.argmax())
     if pauses_s[row] > _LONGEST_PAUSE_S:
         raise RecordingError(
-            f"{subject}: the clock jumps by {pauses_s[row] / 86400.0:.3g} days after row {row + 1}, from "
-            f"{time_s[row]:.7g} to {time_s[row + 1]:.7g} s; a pause may have {_LONGEST_PAUSE_S / 86400.0:g} days: "
-            "cut the file there, or correct its clock"
+            say(
+                "clock_jumps",
+                "{subject}: the clock jumps by {days:.3g} days after row {row}, from {first:.7g} to {second:.7g} s; a "
+                "pause may have {most:g} days: cut the file there, or correct its clock",
+                subject=subject,
+                days=float(pauses_s[row]) / 86400.0,
+                row=row + 1,
+                first=float(time_s[row]),
+                second=float(time_s[row + 1]),
+                most=_LONGEST_PAUSE_S / 86400.0,
+            )
         )
 
 
@@ -175,9 +190,17 @@ def _require_inside(position: FloatArray, travel: float | None, subject: str) ->
     if beyond.size:
         row = int(beyond[0])
         raise RecordingError(
-            f"{subject}: row {row + 1}: the position is {100.0 * share[row]:.4g} % of the travel, it must be within "
-            f"{-100.0 * _BEYOND_TRAVEL:g} and {100.0 * (1.0 + _BEYOND_TRAVEL):g} % ({beyond.size} rows are not): "
-            "correct the position's unit or its zero, or the nameplate's travel"
+            say(
+                "position_outside_travel",
+                "{subject}: row {row}: the position is {share:.4g %} of the travel, it must be within {low:g in %} and "
+                "{high:g %} ({count} rows are not): correct the position's unit or its zero, or the nameplate's travel",
+                subject=subject,
+                row=row + 1,
+                share=float(share[row]),
+                low=-_BEYOND_TRAVEL,
+                high=1.0 + _BEYOND_TRAVEL,
+                count=int(beyond.size),
+            )
         )
 
 
@@ -199,7 +222,17 @@ def _require_one_unit(name: str, values: FloatArray, other: FloatArray, time_s: 
         stays = abs(float(other[row + 1] - other[row])) <= 0.05 * span
         if stays and levels[0] > 0.0 and abs(levels[1] / levels[0] / near[0] - 1.0) <= 0.3:
             raise RecordingError(
-                f"{subject}: the unit of the {name} changes after row {row + 1} ({time_s[row]:.7g} s): it goes from "
-                f"{values[row]:.4g} to {values[row + 1]:.4g} and stays there, a factor of {near[0]:.4g}, while the "
-                "other channel stays: cut the file there, or write one unit"
+                say(
+                    "unit_changes",
+                    "{subject}: the unit of the {channel} changes after row {row} ({time:.7g} s): it goes from "
+                    "{before:.4g} to {after:.4g} and stays there, a factor of {factor:.4g}, while the other channel "
+                    "stays: cut the file there, or write one unit",
+                    subject=subject,
+                    channel=name,
+                    row=int(row) + 1,
+                    time=float(time_s[row]),
+                    before=float(values[row]),
+                    after=float(values[row + 1]),
+                    factor=float(near[0]),
+                )
             )

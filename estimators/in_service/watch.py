@@ -18,17 +18,24 @@ from estimators.in_service.result import COUNTED_FROM_M, Input, Scale, Watched
 from estimators.in_service.rows import Rows, resolution, rows_of
 from estimators.in_service.travel import travel_of
 from valve.errors import MeasurementError
+from valve.messages import Message, say
 from valve.nameplate import Action, Nameplate
 from valve.recording import FloatArray, Recording
 
-_HELD: Final = (
-    "Position and signal hold one value for {:.3g} h, first after {:.7g} s: that time is left out. If the source had "
-    "stopped, look at the logger or transmitter."
+_RESTS: Final = say("no_lag_of_resting_stem", "a stem that rests has none: see the dead band")
+_TWO_CHANNELS: Final = say("needs_command_and_pressure", "needs both the command and the pressure")
+_COMMAND_ALONE: Final = say(
+    "watched_by_command",
+    "There is a command and no pressure: the lag of I/P, positioner and air is in friction and bands. "
+    "Take them for upper bounds.",
 )
-_FOLLOWED: Final = (
-    "The stem followed its signal all the time, {:.2g} s later: its noise cannot be told from its motion, and travel "
-    "and cycles count all of it."
+_REVERSED: Final = say(
+    "position_reversed", "The position falls where the signal rises: up means towards larger positions."
 )
+_UNEVEN: Final = say(
+    "rows_uneven", "The rows are uneven, as a historian reports changes: forces are known to the steps between rows."
+)
+_NO_BENCH_SET: Final = say("no_bench_set", "The nameplate has no bench set: the spring comes from the moves alone.")
 
 
 def watched(recording: Recording, nameplate: Nameplate | None, scale: Scale, *, subject: str) -> Watched:
@@ -65,7 +72,7 @@ def watched(recording: Recording, nameplate: Nameplate | None, scale: Scale, *, 
     figures |= percents_of_span(figures, kind, nameplate, unit)
     figures["spring_rate"] = spring_rate(found, unit, scale)
     figures["lag"] = _lag(recording)
-    figures["stem_lag"] = not_known("s", "a stem that rests has none: see the dead band")
+    figures["stem_lag"] = not_known("s", _RESTS)
     return Watched(
         rows=rows.time_s.size,
         duration_s=float(np.ptp(rows.time_s)),
@@ -88,25 +95,28 @@ def watched(recording: Recording, nameplate: Nameplate | None, scale: Scale, *, 
 def _restless(recording: Recording, rows: Rows, kind: Input, scale: Scale, never_moved: str) -> Watched:
     """What can be said of a stem that follows its signal and never rests; raises MeasurementError where it does not."""
     travel = scale.travel_m if not scale.is_share else COUNTED_FROM_M
-    follows = [lag_of(rows.time_s, sign * rows.signal, rows.position, names=("signal", "stem")) for sign in (1.0, -1.0)]
+    names = say("signal", "signal"), say("stem", "stem")
+    follows = [lag_of(rows.time_s, sign * rows.signal, rows.position, names=names) for sign in (1.0, -1.0)]
     stem_lag = follows[0] if follows[0].value is not None else follows[1]
     if stem_lag.value is None:
         raise MeasurementError(never_moved)
     quiet = resolution(rows.position) / np.sqrt(12.0)
     rows = replace(rows, noise=float(quiet))
     nothing = no_moves(2.0 * resolution(rows.position))
-    why = (
-        f"the stem never came to rest for two rows of {rows.period_s:.2g} s: faster rows, or an hour in which the loop "
-        "is quieter"
+    why = say(
+        "stem_never_rests",
+        "the stem never came to rest for two rows of {period:.2g} s: faster rows, or an hour in which the loop is "
+        "quieter",
+        period=rows.period_s,
     )
-    names = {
+    units = {
         **dict.fromkeys(("friction", "breakaway", "breakaway_up", "breakaway_down"), "N"),
         **dict.fromkeys(("friction_signal", "breakaway_signal", "dead_band", "stick_band", "slip_jump"), "Pa"),
         **dict.fromkeys(PERCENTS, "percent"),
         "slip": "m",
         "spring_rate": "N/m",
     }
-    figures = {name: not_known(unit, why) for name, unit in names.items()}
+    figures = {name: not_known(unit, why) for name, unit in units.items()}
     figures |= {"lag": _lag(recording), "stem_lag": stem_lag}
     way = travel_of(rows, nothing, travel)
     return Watched(
@@ -124,7 +134,15 @@ def _restless(recording: Recording, rows: Rows, kind: Input, scale: Scale, never
         breakaways=0,
         figures=figures,
         travel=way,
-        notes=(_FOLLOWED.format(stem_lag.value), *_held(rows)),
+        notes=(
+            say(
+                "stem_followed",
+                "The stem followed its signal all the time, {lag:.2g} s later: its noise cannot be told from its "
+                "motion, and travel and cycles count all of it.",
+                lag=stem_lag.value,
+            ),
+            *_held(rows),
+        ),
     )
 
 
@@ -140,13 +158,17 @@ def _signal(recording: Recording, scale: Scale) -> tuple[Input, FloatArray, str]
     return Input.COMMAND, recording.command_pa, "Pa"
 
 
-def _never_moved(rows: Rows, moves: Moves, scale: Scale, subject: str) -> str:
-    factor, unit = (100.0, "%") if scale.is_share else (1.0e3, "mm")
-    swings = float(np.ptp(rows.signal))
-    return (
-        f"{subject}: the stem made {moves.count} moves beyond {factor * moves.band:.2g} {unit}, five times its noise, "
-        f"in {rows.covered_s / 3600.0:.3g} h while the signal went over {swings:.3g}; 2 are needed: record for longer, "
-        "or while the set point changes"
+def _never_moved(rows: Rows, moves: Moves, scale: Scale, subject: str) -> Message:
+    return say(
+        "few_moves_beyond_noise",
+        "{subject}: the stem made {count} moves beyond {band:.2g {unit}}, five times its noise, in {hours:.3g} h while "
+        "the signal went over {swings:.3g}; 2 are needed: record for longer, or while the set point changes",
+        subject=subject,
+        count=int(moves.count),
+        band=float(moves.band),
+        unit="%" if scale.is_share else "mm",
+        hours=rows.covered_s / 3600.0,
+        swings=float(np.ptp(rows.signal)),
     )
 
 
@@ -164,25 +186,33 @@ def _falls_with_signal(seen: Observations) -> bool:
 
 def _lag(recording: Recording) -> Figure:
     if recording.pressure_pa is None or recording.command_pa is None:
-        return not_known("s", "needs both the command and the pressure")
-    return lag_of(recording.time_s, recording.command_pa, recording.pressure_pa, names=("command", "pressure"))
+        return not_known("s", _TWO_CHANNELS)
+    names = say("command", "command"), say("pressure", "pressure")
+    return lag_of(recording.time_s, recording.command_pa, recording.pressure_pa, names=names)
 
 
-def _held(rows: Rows) -> list[str]:
-    return [_HELD.format(rows.held_s / 3600.0, rows.held_from_s)] if rows.held_s else []
+def _held(rows: Rows) -> list[Message]:
+    if not rows.held_s:
+        return []
+    return [
+        say(
+            "both_hold_one_value",
+            "Position and signal hold one value for {hours:.3g} h, first after {time:.7g} s: that time is left out. If "
+            "the source had stopped, look at the logger or transmitter.",
+            hours=float(rows.held_s) / 3600.0,
+            time=float(rows.held_from_s),
+        )
+    ]
 
 
-def _notes(kind: Input, nameplate: Nameplate | None, rows: Rows, is_reversed: bool) -> list[str]:
+def _notes(kind: Input, nameplate: Nameplate | None, rows: Rows, is_reversed: bool) -> list[Message]:
     notes = _held(rows)
     if kind is Input.COMMAND:
-        notes.append(
-            "There is a command and no pressure: the lag of I/P, positioner and air is in friction and bands. "
-            "Take them for upper bounds."
-        )
+        notes.append(_COMMAND_ALONE)
     if is_reversed:
-        notes.append("The position falls where the signal rises: up means towards larger positions.")
+        notes.append(_REVERSED)
     if not rows.is_even:
-        notes.append("The rows are uneven, as a historian reports changes: forces are known to the steps between rows.")
+        notes.append(_UNEVEN)
     if nameplate is not None and nameplate.actuator.action is Action.SPRING and nameplate.actuator.bench_set_pa is None:
-        notes.append("The nameplate has no bench set: the spring comes from the moves alone.")
+        notes.append(_NO_BENCH_SET)
     return notes

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from valve.errors import RecordingError
+from valve.messages import say
 from valve.recording import FloatArray
 
 FEWEST_ROWS: Final = 96  # 8 periods of 12 rows
@@ -52,15 +53,27 @@ def loop_rows(
     known_s = float(np.ptp(time_s)) if time_s.size else 0.0
     if time_s.size < FEWEST_ROWS:
         raise RecordingError(
-            f"{subject}: {time_s.size} rows have a controller output and a process value, {FEWEST_ROWS} are needed: "
-            "give a longer record, 8 periods of the oscillation at least"
+            say(
+                "few_rows_of_loop",
+                "{subject}: {count} rows have a controller output and a process value, {needed} are needed: give a "
+                "longer record, 8 periods of the oscillation at least",
+                subject=subject,
+                count=int(time_s.size),
+                needed=FEWEST_ROWS,
+            )
         )
     pauses_s = np.diff(time_s)
     if (pauses_s <= 0.0).any():
         row = int((pauses_s <= 0.0).argmax())
         raise RecordingError(
-            f"{subject}: time goes from {time_s[row]:.7g} to {time_s[row + 1]:.7g} s, it must increase: "
-            "put the rows in order and remove doubled ones"
+            say(
+                "time_goes_back",
+                "{subject}: time goes from {before:.7g} to {after:.7g} s, it must increase: put the rows in order and "
+                "remove doubled ones",
+                subject=subject,
+                before=float(time_s[row]),
+                after=float(time_s[row + 1]),
+            )
         )
     short_s, long_s = np.quantile(pauses_s, (0.1, 0.9))
     is_even = bool(long_s <= _UNEVEN * short_s)
@@ -72,8 +85,15 @@ def loop_rows(
     inside_s = time_s[stretch]
     if inside_s.size < FEWEST_ROWS:
         raise RecordingError(
-            f"{subject}: {int(is_gap.sum())} gaps leave at most {inside_s.size} rows together, {FEWEST_ROWS} are "
-            "needed: export a time without gaps"
+            say(
+                "gaps_leave_few_rows",
+                "{subject}: {gaps} gaps leave at most {count} rows together, {needed} are needed: export a time "
+                "without gaps",
+                subject=subject,
+                gaps=int(is_gap.sum()),
+                count=int(inside_s.size),
+                needed=FEWEST_ROWS,
+            )
         )
     even_s: FloatArray = np.arange(inside_s[0], inside_s[-1] + 0.5 * period_s, period_s)
     even_value = np.interp(even_s, inside_s, value[stretch])

@@ -11,6 +11,7 @@ import numpy as np
 from estimators.loop_stiction.oscillation import FEWEST_CYCLES, Oscillation, oscillation_of, swing_share
 from estimators.loop_stiction.rows import LoopRows, loop_rows
 from estimators.loop_stiction.shapes import SINE, TRIANGLE, Shape, shape_of
+from valve.messages import Message, say
 from valve.recording import FloatArray
 
 # Limits of this project's own, of the benchmark ``loops``.
@@ -69,50 +70,68 @@ def judged_loop(
     """
     rows = loop_rows(time_s, output, value, setpoint, subject=subject)
     notes = _notes(rows)
-    if (reason := _unusable(rows)) is not None:
-        return LoopVerdict(Answer.CANNOT_TELL, reason, rows, notes=notes)
+    if (unusable := _unusable(rows)) is not None:
+        return LoopVerdict(Answer.CANNOT_TELL, unusable, rows, notes=notes)
     swings = oscillation_of(rows)
     if swings is None:
-        longest = shown_time(rows.duration_s / FEWEST_CYCLES)
-        reason = f"nothing in the output repeats {FEWEST_CYCLES:g} times or more, with a period up to {longest}"
+        reason = say(
+            "nothing_repeats",
+            "nothing in the output repeats {cycles:g} times or more, with a period up to {longest}",
+            cycles=FEWEST_CYCLES,
+            longest=shown_time(rows.duration_s / FEWEST_CYCLES),
+        )
         return LoopVerdict(Answer.NO_OSCILLATION, reason, rows, notes=notes)
     shapes = shape_of(swings.output_halves), shape_of(swings.value_halves)
-    answer, reason, process = _answer(rows, swings, *shapes)
-    return LoopVerdict(answer, reason, rows, swings, *shapes, process, notes)
+    answer, why, process = _answer(rows, swings, *shapes)
+    return LoopVerdict(answer, why, rows, swings, *shapes, process, notes)
 
 
-def _unusable(rows: LoopRows) -> str | None:
+def _unusable(rows: LoopRows) -> Message | None:
     """Return why nothing can be said of these rows, None where something can."""
     output, count = rows.output, rows.output.size
     if np.ptp(output) == 0.0:
-        return (
-            f"the controller output is {output[0]:.4g} in all {count} rows: the controller was in manual, or the "
-            "column is another one; export a time in automatic"
+        return say(
+            "output_constant",
+            "the controller output is {value:.4g} in all {count} rows: the controller was in manual, or the column is "
+            "another one; export a time in automatic",
+            value=float(output[0]),
+            count=count,
         )
     if np.ptp(rows.value) == 0.0:
-        return (
-            f"the process value is {rows.value[0]:.4g} in all {count} rows: its transmitter is frozen, or the column "
-            "is another one; export a time in which it moves"
+        return say(
+            "process_value_constant",
+            "the process value is {value:.4g} in all {count} rows: its transmitter is frozen, or the column is another "
+            "one; export a time in which it moves",
+            value=float(rows.value[0]),
+            count=count,
         )
     if rows.is_drawn:
-        return (
+        return say(
+            "rows_drawn",
             "the rows are a historian's reports of changes, or stand on straight lines between such reports, and these "
-            "lines look like a sticking valve: export evenly what was measured, without compression or interpolation"
+            "lines look like a sticking valve: export evenly what was measured, without compression or interpolation",
         )
     changes = np.concatenate([[0], np.flatnonzero(np.diff(output) != 0.0) + 1, [count]])
     still = int(np.diff(changes).max())
     if still > _STANDS * count:
-        return (
-            f"the controller output does not change for {shown_time(still * rows.period_s)} of "
-            f"{shown_time(rows.duration_s)}, {100.0 * _STANDS:g} % are allowed: the controller was in manual or at its "
-            "end, or its steps are too coarse; export a time in automatic"
+        return say(
+            "output_stands",
+            "the controller output does not change for {still} of {whole}, {allowed:g %} are allowed: the controller "
+            "was in manual or at its end, or its steps are too coarse; export a time in automatic",
+            still=shown_time(still * rows.period_s),
+            whole=shown_time(rows.duration_s),
+            allowed=_STANDS,
         )
     at_ends = {float(end): float(np.mean(output == end)) for end in (output.min(), output.max())}
     end = max(at_ends, key=lambda one: at_ends[one])
     if at_ends[end] > _SATURATED:
-        return (
-            f"the controller output stands at its end, {end:.4g}, in {100.0 * at_ends[end]:.0f} % of the rows, "
-            f"{100.0 * _SATURATED:g} % are allowed: what is cut off has no shape; export a time within the limits"
+        return say(
+            "output_at_end",
+            "the controller output stands at its end, {end:.4g}, in {share:.0f %} of the rows, {allowed:g %} are "
+            "allowed: what is cut off has no shape; export a time within the limits",
+            end=end,
+            share=at_ends[end],
+            allowed=_SATURATED,
         )
     return None
 
@@ -123,59 +142,85 @@ def _answer(
     """Return the answer about a loop that oscillates, its reason, and the process that it seems to hold."""
     lag, rows_a_period = swings.lag_deg, swings.period_s / rows.period_s
     if abs(lag) < _PROPORTIONAL_DEG and rows_a_period >= _FEWEST_ROWS_OF_A_LAG:
-        reason = (
-            f"the output follows the error at once (lag {lag:.0f}°, a stuck valve makes {_BOTH_DEG:g}° or more), so "
-            "the proportional action drives it: a gain too high, or a disturbance from outside"
+        reason = say(
+            "output_follows_at_once",
+            "the output follows the error at once (lag {lag:.0f}°, a stuck valve makes {least:g}° or more), so the "
+            "proportional action drives it: a gain too high, or a disturbance from outside",
+            lag=lag,
+            least=_BOTH_DEG,
         )
         return Answer.NOT_THE_VALVE, reason, None
     if rows_a_period < _FEWEST_ROWS:
-        reason = (
-            f"a period of {shown_time(swings.period_s)} has {rows_a_period:.3g} rows, its shape needs "
-            f"{_FEWEST_ROWS:g}: export a row every {shown_time(swings.period_s / _FEWEST_ROWS)} or faster"
+        reason = say(
+            "few_rows_a_period",
+            "a period of {period} has {rows:.3g} rows, its shape needs {needed:g}: export a row every {row} or faster",
+            period=shown_time(swings.period_s),
+            rows=rows_a_period,
+            needed=_FEWEST_ROWS,
+            row=shown_time(swings.period_s / _FEWEST_ROWS),
         )
         return Answer.CANNOT_TELL, reason, None
     relevant = [output_shape] if lag >= _INTEGRAL_DEG else [output_shape, value_shape]
     largest = max(one.index for one in relevant)
     if lag < _MOST_DEG and largest < SINE:
-        reason = f"it swings like a sine (index {largest:.2f}, below {SINE:g}): a disturbance from outside, or tuning"
+        reason = say(
+            "swings_like_sine",
+            "it swings like a sine (index {index:.2f}, below {limit:g}): a disturbance from outside, or tuning",
+            index=largest,
+            limit=SINE,
+        )
         return Answer.NOT_THE_VALVE, reason, None
     process = _stuck(lag, output_shape, value_shape)
     if process is None:
-        reason = (
-            f"neither a sine nor the run of a stuck valve fits: index of the output {output_shape.index:.2f}, of the "
-            f"process value {value_shape.index:.2f}, {TRIANGLE:g} is a triangle, lag {lag:.0f}°: put the controller in "
-            "manual for some periods; if the swing stays, its cause is elsewhere"
+        reason = say(
+            "neither_sine_nor_stuck",
+            "neither a sine nor the run of a stuck valve fits: index of the output {output:.2f}, of the process value "
+            "{value:.2f}, {triangle:g} is a triangle, lag {lag:.0f}°: put the controller in manual for some periods; "
+            "if the swing stays, its cause is elsewhere",
+            output=output_shape.index,
+            value=value_shape.index,
+            triangle=TRIANGLE,
+            lag=lag,
         )
         return Answer.CANNOT_TELL, reason, None
-    if (reason := _doubt(rows, swings)) != "":
-        return Answer.CANNOT_TELL, reason, None
-    what, index = (
-        ("output", output_shape.index) if process == "self-regulating" else ("process value", value_shape.index)
-    )
-    reason = (
-        f"the {what} runs straight to and fro (index {index:.2f}, a triangle above {TRIANGLE:g}), the output goes the "
-        f"same way each time (± {100.0 * swings.scatter:.0f} %) and the integral action drives it (lag {lag:.0f}°): so "
-        "it is where a controller waits for a stuck stem"
+    if (doubt := _doubt(rows, swings)) is not None:
+        return Answer.CANNOT_TELL, doubt, None
+    by_output = process == "self-regulating"
+    reason = say(
+        "runs_as_stuck",
+        "the {what} runs straight to and fro (index {index:.2f}, a triangle above {triangle:g}), the output goes the "
+        "same way each time (± {scatter:.0f %}) and the integral action drives it (lag {lag:.0f}°): so it is where a "
+        "controller waits for a stuck stem",
+        what=say("output", "output") if by_output else say("process_value", "process value"),
+        index=output_shape.index if by_output else value_shape.index,
+        triangle=TRIANGLE,
+        scatter=swings.scatter,
+        lag=lag,
     )
     return Answer.TEST_VALVE, reason, process
 
 
-def _doubt(rows: LoopRows, swings: Oscillation) -> str:
-    """Return what speaks against a stuck valve though the shape is right, "" for nothing."""
+def _doubt(rows: LoopRows, swings: Oscillation) -> Message | None:
+    """Return what speaks against a stuck valve though the shape is right, None for nothing."""
     if swings.scatter > _SWINGS_ALIKE:
-        return (
-            f"the swings of the output differ by ± {100.0 * swings.scatter:.0f} %, ± {100.0 * _SWINGS_ALIKE:g} % is "
-            "the limit for a stuck valve: export a quieter or longer time"
+        return say(
+            "swings_differ",
+            "the swings of the output differ by ± {scatter:.0f %}, ± {limit:g %} is the limit for a stuck valve: "
+            "export a quieter or longer time",
+            scatter=swings.scatter,
+            limit=_SWINGS_ALIKE,
         )
     if rows.setpoint is None:
-        return ""
+        return None
     share = swing_share(rows.setpoint, rows.value, rows.period_s, swings.period_s)
     if share <= _SETPOINT:
-        return ""
-    return (
-        f"the set point swings with the same period, by {100.0 * share:.0f} % of the process value's swing, "
-        f"{100.0 * _SETPOINT:g} % are allowed: export a time with a constant set point, in a cascade with the outer "
-        "controller in manual"
+        return None
+    return say(
+        "set_point_swings",
+        "the set point swings with the same period, by {share:.0f %} of the process value's swing, {allowed:g %} are "
+        "allowed: export a time with a constant set point, in a cascade with the outer controller in manual",
+        share=share,
+        allowed=_SETPOINT,
     )
 
 
@@ -196,17 +241,24 @@ def _notes(rows: LoopRows) -> tuple[str, ...]:
     notes = []
     if rows.gaps:
         notes.append(
-            f"{rows.gaps} gaps: the longest stretch between them is judged, {shown_time(rows.duration_s)}; "
-            f"{shown_time(rows.left_out_s)} are left out."
+            say(
+                "longest_stretch_judged",
+                "{gaps} gaps: the longest stretch between them is judged, {judged}; {left_out} are left out.",
+                gaps=int(rows.gaps),
+                judged=shown_time(rows.duration_s),
+                left_out=shown_time(rows.left_out_s),
+            )
         )
     return tuple(notes)
 
 
-def shown_time(seconds: float) -> str:
+def shown_time(seconds: float) -> Message:
     """Return a time in the unit that reads best."""
     if seconds < 120.0:
-        return f"{seconds:.3g} s"
-    return f"{seconds / 60.0:.3g} min" if seconds < 7200.0 else f"{seconds / 3600.0:.3g} h"
+        return say("in_seconds", "{time:.3g} s", time=seconds)
+    if seconds < 7200.0:
+        return say("in_minutes", "{time:.3g} min", time=seconds / 60.0)
+    return say("in_hours", "{time:.3g} h", time=seconds / 3600.0)
 
 
 def to_json(found: LoopVerdict) -> dict[str, Any]:

@@ -11,8 +11,15 @@ from estimators.signature.figures import Parts, figure, percent_figure
 from estimators.signature.reversals import dead_band, reversals, softness_n
 from estimators.signature.scatter import Measured, combined
 from estimators.signature.span import Span
+from valve.messages import joined, say
 
-_NO_REVERSAL: Final = "no reversal of a moving stem was seen on a ramp: repeat with ramps up and down"
+_NO_REVERSAL: Final = say(
+    "no_reversal", "no reversal of a moving stem was seen on a ramp: repeat with ramps up and down"
+)
+_SCATTER: Final = say("breakaways_badly_timed", "the breakaways scatter, or start too softly to be timed")
+_NO_JUMP: Final = say("no_jump", "no jump: the stem breaks away at less than its friction in motion")
+_JUMP_IN_ERROR: Final = say("jump_in_error", "no jump beyond its error")
+_BADLY_KNOWN: Final = say("instants_badly_known", "the instants of breakaway are known too badly")
 _SMALL_JUMP: Final = 1.0e-3  # own choice, of the span: a jump known so well is told even if it may be none
 _LIMIT: Final = 0.3  # of a value, as the half width that ``figure`` allows
 
@@ -27,7 +34,7 @@ def bands(motion: RecordedMotion, friction: Measured, line: tuple[float, float],
     figures: Parts = {"dead_band_percent": dead_band_figure(motion, span)}
     forces = breakaway_forces(motion.samples, motion.phases, *line)
     if forces is None:
-        none = absent(str(Outcome.NO_BREAKAWAY))
+        none = absent(Outcome.NO_BREAKAWAY.message)
         return figures | {"stick_band_percent": none, "slip_jump_percent": none}
     breakaway = Measured(forces.value, max(forces.std_error, softness_n(motion.samples, motion.phases)))
     band = combined(breakaway.value + friction.value, (breakaway, 1.0), (friction, 1.0))
@@ -37,21 +44,21 @@ def bands(motion: RecordedMotion, friction: Measured, line: tuple[float, float],
 
 def stiction(band: Measured, jump: Measured, span: Span | None) -> Parts:
     """S and J in percent of span; a J that is not known to 30 % of itself or 0.1 % of span is absent."""
-    reason = "the breakaways scatter, or start too softly to be timed"
     small_n = 0.0 if span is None else _SMALL_JUMP * span.force_n
-    unseen = ""
+    unseen: str = ""
     if jump.value < -jump.half_width:
-        unseen = "no jump: the stem breaks away at less than its friction in motion"
+        unseen = _NO_JUMP
     elif jump.value <= jump.half_width:
-        unseen = "no jump beyond its error"
-    most = (
-        "" if span is None else f"at most {100.0 * max(0.0, jump.value + jump.half_width) / span.force_n:.2g} % of span"
-    )
+        unseen = _JUMP_IN_ERROR
     known = figure(jump, scale=small_n / _LIMIT, note=unseen)
     if known.value is None:
-        known = absent("; ".join(filter(None, (most, unseen, reason))))
+        reasons = [unseen, _SCATTER] if unseen else [_SCATTER]
+        if span is not None:
+            most = max(0.0, jump.value + jump.half_width) / span.force_n
+            reasons.insert(0, say("at_most_of_span", "at most {share:.2g %} of span", share=most))
+        known = absent(joined("; ", reasons))
     return {
-        "stick_band_percent": percent_figure(figure(band, reason=reason), span),
+        "stick_band_percent": percent_figure(figure(band, reason=_SCATTER), span),
         "slip_jump_percent": percent_figure(known, span),
     }
 
@@ -62,4 +69,4 @@ def dead_band_figure(motion: RecordedMotion, span: Span | None) -> ParameterEsti
     found = dead_band(reversals(samples, phases, motion.stops), softness_n(samples, phases))
     if found is None:
         return absent(_NO_REVERSAL)
-    return percent_figure(figure(found, reason="the instants of breakaway are known too badly"), span)
+    return percent_figure(figure(found, reason=_BADLY_KNOWN), span)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import stats
+from scipy.special import fdtri
 
 from estimators.samples import FloatArray, Samples
 from estimators.signature.passes import Pass, PassesAtRate
@@ -175,10 +175,7 @@ def _extremes(
     """
     off_n = friction_n - friction_n.mean()
     variance, freedom = float(off_n @ off_n), off_n.size - 1
-    if (
-        variance
-        <= freedom * float(stats.f.ppf(1.0 - _VARIES, freedom, noise_freedom)) * noise_n**2 + 1.0e-16 * mean.value**2
-    ):
+    if variance <= freedom * float(fdtri(freedom, noise_freedom, 1.0 - _VARIES)) * noise_n**2 + 1.0e-16 * mean.value**2:
         return mean, mean
     share = max(0.0, 1.0 - freedom * noise_n**2 / variance)
     cell = Measured(0.0, math.sqrt(share) * noise_n)

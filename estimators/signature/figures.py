@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from estimators.base import LARGEST_RELATIVE_HALF_WIDTH, ParameterEstimate, absent
+from estimators.base import LARGEST_RELATIVE_HALF_WIDTH, UNDETERMINED, ParameterEstimate, absent, known_badly
 from estimators.signature.scatter import Measured
 from estimators.signature.span import Span
+from valve.messages import joined, say
 
 Parts = dict[str, ParameterEstimate]
 Bench = tuple[ParameterEstimate, ParameterEstimate]
@@ -27,9 +29,12 @@ FIELDS: Final = (
     "stick_band_percent",
     "slip_jump_percent",
 )
-MEASURED: Final = "measured on the recording"
+MEASURED: Final = say("measured_on_recording", "measured on the recording")
 FORCES: Final = ("friction_mean_n", "friction_min_n", "friction_max_n")
-_NO_SPAN: Final = "the span is unknown: give signal.range_pa or actuator.bench_set_pa on the nameplate"
+_NO_SPAN: Final = say(
+    "span_unknown", "the span is unknown: give signal.range_pa or actuator.bench_set_pa on the nameplate"
+)
+_MORE_CYCLES: Final = say("repeat_with_more_cycles", "repeat with more cycles")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +46,7 @@ class Signature:
 
     figures: dict[str, ParameterEstimate]
     bench_set: tuple[ParameterEstimate, ParameterEstimate]
-    sources: dict[str, str]
+    sources: Mapping[str, str]
     span: Span | None
     about: dict[str, Any] = field(default_factory=dict)
 
@@ -64,7 +69,7 @@ class Signature:
         notes = {name: one.note for name, one in {**self.figures, "bench_set_pa": low}.items() if one.note}
         sources = list(dict.fromkeys(self.sources.values()))
         return {
-            "from": "; ".join(sources) or None,
+            "from": joined("; ", sources) or None,
             **numbers,
             "span": None if self.span is None else self.span.to_json(),
             "intervals": intervals,
@@ -84,13 +89,21 @@ def figure(found: Measured, *, scale: float = 0.0, note: str = "", reason: str =
     ``scale`` takes the value's place in that rule for what may be zero.
     """
     if not (math.isfinite(found.value) and math.isfinite(found.std_error)):
-        return absent(reason or "the data do not determine it")
+        return absent(reason or UNDETERMINED)
     half = found.half_width
     size = max(abs(found.value), scale)
     if half > LARGEST_RELATIVE_HALF_WIDTH * size:
-        known = f"known to +-{100.0 * half / size:.0f} % only" if size > 0.0 else "not told from nothing"
-        limit = f"the limit is {100.0 * LARGEST_RELATIVE_HALF_WIDTH:g} %"
-        return absent(f"{known}, {limit}: {reason or 'repeat with more cycles'}")
+        why = reason or _MORE_CYCLES
+        if size > 0.0:
+            return absent(known_badly(size, half, why))
+        return absent(
+            say(
+                "not_told_from_nothing",
+                "not told from nothing, the limit is {limit:g %}: {why}",
+                limit=LARGEST_RELATIVE_HALF_WIDTH,
+                why=why,
+            )
+        )
     return ParameterEstimate(found.value, found.std_error, (found.value - half, found.value + half), True, note)
 
 

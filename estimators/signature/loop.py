@@ -28,20 +28,29 @@ from estimators.signature.figures import (
 from estimators.signature.passes import StartLine, lies_off, passes_by_rate
 from estimators.signature.scatter import Measured
 from estimators.signature.span import span_of
+from valve.messages import say
 from valve.nameplate import Action, Nameplate
 
-_NO_COMMON_TRAVEL: Final = (
-    "the two branches share too little travel in settled motion: repeat with a larger amplitude or a slower ramp"
+_NO_COMMON_TRAVEL: Final = say(
+    "no_common_travel",
+    "the two branches share too little travel in settled motion: repeat with a larger amplitude or a slower ramp",
 )
-_UNVARIED: Final = "no variation over the travel beyond the noise"
-_NARROWER: Final = (
+_STRAIGHT_LINES: Final = say(
+    "straight_lines_used",
+    "the two branches share too little travel in settled motion: straight lines through each were used",
+)
+_UNVARIED: Final = say("no_variation", "no variation over the travel beyond the noise")
+_SHORT: Final = say("common_travel_short", "the common travel of the branches is short")
+_NARROWER: Final = say(
+    "loop_below_dead_band",
     "less than the dead band, and no contradiction: the loop is twice the friction of the moving stem, and a reversal "
-    "takes the higher friction at breakaway as well"
+    "takes the higher friction at breakaway as well",
 )
 _LARGEST_SHARE_OF_STROKE: Final = 0.3  # of the longest one among the rates: a shorter one is no central stroke
-_BENT: Final = (
+_BENT: Final = say(
+    "branches_bent",
     "the two branches share too little travel in settled motion, and they are no straight lines: "
-    "repeat with a larger amplitude, and see what the diagnosis says"
+    "repeat with a larger amplitude, and see what the diagnosis says",
 )
 _STRAIGHT: Final = 3.0  # noises, that rows may lie off the lines
 _STRAIGHT_SHARE: Final = 0.01  # own choice, of the friction: so far off the lines still tell it
@@ -69,7 +78,7 @@ def with_branches(motion: RecordedMotion, line: StartLine, nameplate: Nameplate)
         "friction_max_n": figure(slowest.greatest, note=unvaried),
     }
     if free:
-        figures["spring_rate_n_per_m"] = figure(slowest.spring, reason="the common travel of the branches is short")
+        figures["spring_rate_n_per_m"] = figure(slowest.spring, reason=_SHORT)
         preload = slowest.mid_line(0.0)
         figures |= bands(motion, slowest.friction, (slowest.spring.value, preload.value), span)
     else:
@@ -104,12 +113,11 @@ def without_common_travel(motion: RecordedMotion, uniform: UniformMotion, namepl
         return dead_band_alone(motion, nameplate, _BENT)
     spring, friction, preload, full = _straight_lines(uniform, nameplate.actuator.travel_m)
     span = span_of(nameplate, spring)
-    straight = f"{_NO_COMMON_TRAVEL.partition(':')[0]}: straight lines through each were used"
     figures: Parts = {
-        "friction_mean_n": figure(friction, note=straight),
+        "friction_mean_n": figure(friction, note=_STRAIGHT_LINES),
         "friction_min_n": absent(_NO_COMMON_TRAVEL),
         "friction_max_n": absent(_NO_COMMON_TRAVEL),
-        "spring_rate_n_per_m": figure(spring, note=straight),
+        "spring_rate_n_per_m": figure(spring, note=_STRAIGHT_LINES),
         "hysteresis_percent": absent(_NO_COMMON_TRAVEL),
         **bands(motion, friction, (spring.value, preload.value), span),
     }

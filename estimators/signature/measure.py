@@ -18,18 +18,25 @@ from estimators.signature.slips import find_slips, fit_slips
 from estimators.signature.span import span_of
 from estimators.signature.stairs import stick_slip_signature
 from estimators.steps.inputs import find_steps
+from valve.messages import say
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
 
-_LAG: Final = "the pressure was not measured: the I/P's lag times the ramp's rate is in it, and no interval holds that"
-_ONE_WAY: Final = (
-    "steady motion was seen in one direction only, the way back is too short: "
-    "repeat with a larger amplitude, or faster sampling"
+_LAG: Final = say(
+    "lag_in_signature",
+    "the pressure was not measured: the I/P's lag times the ramp's rate is in it, and no interval holds that",
 )
-_STEPS: Final = "the input goes in steps, and this needs ramps up and down: see the step test"
+_FROM_PARAMETERS: Final = say("bench_set_from_parameters", "from F_0 and k of the parameters, without an interval")
+_ONE_WAY: Final = say(
+    "steady_one_way",
+    "steady motion was seen in one direction only, the way back is too short: "
+    "repeat with a larger amplitude, or faster sampling",
+)
+_STEPS: Final = say("input_in_steps", "the input goes in steps, and this needs ramps up and down: see the step test")
 _FEWEST_STEPS: Final = 3
-_UNFOLLOWED: Final = (
-    "the stem moves from sample to sample by more than can be told from noise: sample faster, or test with slow ramps"
+_UNFOLLOWED: Final = say(
+    "stem_not_followed",
+    "the stem moves from sample to sample by more than can be told from noise: sample faster, or test with slow ramps",
 )
 _SURELY_MOVED: Final = 0.05  # of rated travel
 _LAGGING: Final = {*FORCES, "dead_band_percent", "hysteresis_percent", "stick_band_percent"}
@@ -50,7 +57,7 @@ def measure_signature(
     with np.errstate(all="ignore"):
         motion = read_motion(recording, nameplate) if motion is None else motion
         samples = prepare(recording, nameplate) if isinstance(motion, Outcome) else motion.samples
-        found = nothing(str(samples)) if isinstance(samples, Outcome) else _measured(samples, motion, nameplate)
+        found = nothing(samples.message) if isinstance(samples, Outcome) else _measured(samples, motion, nameplate)
     if recording.force_n is None and recording.pressure_pa is None:
         found = _with_lag(found)
     return _completed(found, estimates, nameplate)
@@ -68,12 +75,13 @@ def _measured(samples: Samples, motion: RecordedMotion | Outcome, nameplate: Nam
     if isinstance(motion, Outcome):
         swept_m = float(np.ptp(samples.position_m))
         unfollowed = motion is Outcome.NEVER_MOVED and swept_m > _SURELY_MOVED * nameplate.actuator.travel_m
-        return nothing(_UNFOLLOWED if unfollowed else str(motion), span=span_of(nameplate, None))
+        return nothing(_UNFOLLOWED if unfollowed else motion.message, span=span_of(nameplate, None))
     if motion.one_direction:
-        return nothing(str(motion.one_way_outcome), span=span_of(nameplate, None))
+        return nothing(motion.one_way_outcome.message, span=span_of(nameplate, None))
     line = start_line(motion)
     if line is None:
-        reason = _ONE_WAY if motion.uniform is not None else str(motion.uniform_outcome or Outcome.NO_UNIFORM_MOTION)
+        uneven = (motion.uniform_outcome or Outcome.NO_UNIFORM_MOTION).message
+        reason = _ONE_WAY if motion.uniform is not None else uneven
         return dead_band_alone(motion, nameplate, reason)
     return with_branches(motion, line, nameplate)
 
@@ -103,7 +111,7 @@ def _completed(found: Signature, estimates: Sequence[Estimate], nameplate: Namep
     if not usable:
         return found
     chosen = usable[0]
-    source = f"the parameters by {chosen.method.replace('_', ' ')}"
+    source = say("parameters_by", "the parameters by {method}", method=chosen.method.replace("_", " "))
     figures, sources, bench = dict(found.figures), dict(found.sources), found.bench_set
     for name, symbol in (("spring_rate_n_per_m", "k"), ("friction_mean_n", "F_c")):
         if figures[name].value is None and chosen.value(symbol) is not None:
@@ -115,7 +123,6 @@ def _completed(found: Signature, estimates: Sequence[Estimate], nameplate: Namep
     preload, spring = chosen.parameters["F_0"], chosen.parameters["k"]
     if bench[0].value is None and area_m2 is not None and preload.value is not None and spring.value:
         full_n = preload.value + spring.value * nameplate.actuator.travel_m
-        note = "from F_0 and k of the parameters, without an interval"
-        ends = [ParameterEstimate(force_n / area_m2, note=note) for force_n in (preload.value, full_n)]
+        ends = [ParameterEstimate(force_n / area_m2, note=_FROM_PARAMETERS) for force_n in (preload.value, full_n)]
         bench, sources["bench_set_pa"] = (ends[0], ends[1]), source
     return replace(found, figures=figures, sources=sources, bench_set=bench)

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import stats
+from scipy.special import chdtri
 
+from estimators.base import student_95
 from estimators.samples import FloatArray
 
 _SURELY_MORE: Final = 0.05  # own choice: chance at which noise alone passes for a difference between cycles
@@ -26,7 +27,7 @@ class Measured:
     @property
     def half_width(self) -> float:
         """Half of the 95 % interval, by Student's distribution."""
-        return float(stats.t.ppf(0.975, max(1.0, self.freedom))) * self.std_error
+        return student_95(self.freedom) * self.std_error
 
     def scaled(self, factor: float) -> Measured:
         """The same in another unit."""
@@ -57,7 +58,7 @@ def mean_of_cycles(values: FloatArray, std_error: float, freedom: float) -> Meas
     mean = float(values.mean())
     if count > 1:
         scatter = float(values.std(ddof=1))
-        limit = float(stats.chi2.ppf(1.0 - _SURELY_MORE, count - 1)) / (count - 1)
+        limit = float(chdtri(count - 1, _SURELY_MORE)) / (count - 1)
         if scatter**2 > limit * std_error**2:
             return Measured(mean, scatter / math.sqrt(count), count - 1.0)
     return Measured(mean, std_error / math.sqrt(count), freedom)

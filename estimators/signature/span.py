@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from estimators.signature.scatter import Measured
+from valve.messages import say
 from valve.nameplate import Nameplate
+
+_BY_SPRING: Final = say("span_by_spring", "the measured spring rate times rated travel")
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +36,12 @@ def span_of(nameplate: Nameplate, spring: Measured | None) -> Span | None:
     )
     for range_pa, source in named:
         if range_pa is not None and area_m2 is not None:
-            return Span(area_m2 * (range_pa[1] - range_pa[0]), range_pa[0], range_pa[1], f"the nameplate's {source}")
+            return Span(
+                area_m2 * (range_pa[1] - range_pa[0]),
+                range_pa[0],
+                range_pa[1],
+                say("span_of_nameplate", "the nameplate's {entry}", entry=source),
+            )
     if spring is None or spring.value <= 0.0:
         return None
-    return Span(spring.value * nameplate.actuator.travel_m, None, None, "the measured spring rate times rated travel")
+    return Span(spring.value * nameplate.actuator.travel_m, None, None, _BY_SPRING)

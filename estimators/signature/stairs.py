@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -14,14 +14,20 @@ from estimators.signature.figures import Parts, Signature, figure, percent_figur
 from estimators.signature.scatter import combined
 from estimators.signature.slips import SlipBranches
 from estimators.signature.span import span_of
+from valve.messages import say
 from valve.nameplate import Nameplate
+
+_ENDS: Final = say("friction_at_slips_ends", "the stem moves in jumps: this is the friction at the ends of its slips")
+_EACH: Final = say("friction_not_along_travel", "the stem moves in jumps: friction at each travel is not seen")
+_TWICE: Final = say(
+    "twice_breakaway", "twice the friction at breakaway: the most that a reversal amid stick-slip takes"
+)
+_WIDEST: Final = say("widest_before_slips", "widest just before the slips, where it is 2 F_s")
 
 
 def stick_slip_signature(lines: SlipBranches, nameplate: Nameplate) -> Signature:
     """Signature of a stem that only jumps: branches through the ends of its slips, dead band 2 F_s at the most."""
     span = span_of(nameplate, lines.spring)
-    ends = "the stem moves in jumps: this is the friction at the ends of its slips"
-    each = "the stem moves in jumps: friction at each travel is not seen"
     band = combined(
         lines.static_friction.value + lines.end_friction.value, (lines.static_friction, 1.0), (lines.end_friction, 1.0)
     )
@@ -30,14 +36,12 @@ def stick_slip_signature(lines: SlipBranches, nameplate: Nameplate) -> Signature
     )
     widest = figure(lines.static_friction.scaled(2.0))
     figures: Parts = {
-        "friction_mean_n": figure(lines.end_friction, note=ends),
-        "friction_min_n": absent(each),
-        "friction_max_n": absent(each),
+        "friction_mean_n": figure(lines.end_friction, note=_ENDS),
+        "friction_min_n": absent(_EACH),
+        "friction_max_n": absent(_EACH),
         "spring_rate_n_per_m": figure(lines.spring),
-        "dead_band_percent": percent_figure(
-            widest, span, "twice the friction at breakaway: the most that a reversal amid stick-slip takes"
-        ),
-        "hysteresis_percent": percent_figure(widest, span, "widest just before the slips, where it is 2 F_s"),
+        "dead_band_percent": percent_figure(widest, span, _TWICE),
+        "hysteresis_percent": percent_figure(widest, span, _WIDEST),
         **stiction(band, jump, span),
     }
     full = lines.preload.value + lines.spring.value * nameplate.actuator.travel_m

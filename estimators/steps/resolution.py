@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from estimators.steps.answer import StepAnswer
+from valve.messages import Message, say
 
 _HIDDEN_SIGMAS: Final = 3.0  # by which a motion that was called none may have been larger
 
@@ -18,15 +19,24 @@ class Bracket:
     moved_percent: float | None
     unmoved_percent: float
 
-    def to_json(self, name: str) -> dict[str, Any]:
+    def to_json(self, name: Message) -> dict[str, Any]:
         """Return value, interval and the reason where there is none."""
         if self.moved_percent is None:
-            tried = f"{self.unmoved_percent:.3g} %" if self.unmoved_percent > 0.0 else "none"
-            return {"value": None, "ci95": None, "note": f"no {name} moved the stem (largest tried: {tried})"}
+            tried = (
+                say("step_of_percent", "{percent:.3g} %", percent=self.unmoved_percent)
+                if self.unmoved_percent > 0.0
+                else say("none", "none")
+            )
+            unmoved = say("no_step_moved", "no {step} moved the stem (largest tried: {tried})", step=name, tried=tried)
+            return {"value": None, "ci95": None, "note": unmoved}
         note = (
             ""
             if self.unmoved_percent > 0.0
-            else f"every {name} moved the stem: smaller ones were not tried, or noise hides them"
+            else say(
+                "every_step_moved",
+                "every {step} moved the stem: smaller ones were not tried, or noise hides them",
+                step=name,
+            )
         )
         return {"value": self.moved_percent, "ci95": [self.unmoved_percent, self.moved_percent], "note": note}
 

@@ -12,6 +12,7 @@ from estimators.samples import FloatArray, IntArray, position_noise
 from estimators.steps.answer import StepAnswer, answer_to
 from estimators.steps.inputs import find_steps
 from estimators.steps.resolution import resolution
+from valve.messages import joined, say
 from valve.nameplate import Nameplate
 from valve.recording import Recording
 
@@ -19,6 +20,10 @@ from valve.recording import Recording
 _LARGE_SHARE: Final = 0.25  # of the largest change
 _STROKE_PERCENT: Final = 80.0  # of rated travel: a step that moves the stem by as much shows its stroke time
 _LEAST_MOTION: Final = 1.0e-5  # of the travel: less is rounding
+_NO_SPAN: Final = say("span_of_steps_unknown", "the span is unknown: give signal.range_pa on the nameplate")
+_ONWARD: Final = say("step_onward", "step in the direction of the motion")
+_AGAINST: Final = say("step_back", "step against the direction of the motion")
+_WAYS: Final = {"opening": say("opening", "opening"), "closing": say("closing", "closing")}
 
 
 def step_figures(recording: Recording, nameplate: Nameplate) -> dict[str, Any] | None:
@@ -85,15 +90,18 @@ def _to_json(name: str, answers: list[StepAnswer], span: tuple[float, float] | N
         summary[key] = float(np.median(values)) if values else None
     summary["stroke_time_s"] = _stroke_time(each)
     if span is None:
-        missing = {"value": None, "ci95": None, "note": "the span is unknown: give signal.range_pa on the nameplate"}
+        missing = {"value": None, "ci95": None, "note": _NO_SPAN}
         summary |= {"resolution_percent": missing, "dead_band_percent": missing}
     else:
         fine, reverse = resolution(answers, span[1] - span[0], travel_m)
-        summary["resolution_percent"] = fine.to_json("step in the direction of the motion")
-        summary["dead_band_percent"] = reverse.to_json("step against the direction of the motion")
+        summary["resolution_percent"] = fine.to_json(_ONWARD)
+        summary["dead_band_percent"] = reverse.to_json(_AGAINST)
     if len(moved) < len(each):
-        summary["note"] = (
-            f"{len(each) - len(moved)} of {len(each)} steps moved nothing: below the resolution or dead band"
+        summary["note"] = say(
+            "steps_moved_nothing",
+            "{count} of {all} steps moved nothing: below the resolution or dead band",
+            count=len(each) - len(moved),
+            all=len(each),
         )
     return {"input": name, "each": each, "summary": summary}
 
@@ -145,7 +153,14 @@ def _stroke_time(each: list[dict[str, Any]]) -> dict[str, Any]:
                 "ci95": [max(0.0, slowest["t98_s"] - half_s), slowest["t98_s"] + half_s],
             }
         elif strokes:
-            notes.append(f"{way}: the stem still moved when the step ended")
+            notes.append(say("stem_still_moved", "{way}: the stem still moved when the step ended", way=_WAYS[way]))
         else:
-            notes.append(f"{way}: no step moved the stem over {_STROKE_PERCENT:g} % of its rated travel")
-    return {**found, "note": "; ".join(notes)}
+            notes.append(
+                say(
+                    "no_stroke",
+                    "{way}: no step moved the stem over {percent:g} % of its rated travel",
+                    way=_WAYS[way],
+                    percent=_STROKE_PERCENT,
+                )
+            )
+    return {**found, "note": joined("; ", notes) if notes else ""}

@@ -22,6 +22,7 @@ from service.access.users import User, Users
 from service.config.access import AccessSettings
 from service.model.refusals import NotSignedInError
 from service.model.requester import RequesterKind
+from valve.messages import say
 
 Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
@@ -99,7 +100,9 @@ class Access:
             self.throttle.failed(name, address)
         about = {"name": name[:64], "address": address}
         await asyncio.to_thread(self.audit.append, "session.refused", who="", details=about)
-        raise NotSignedInError("name or password is wrong, or the user is disabled: try again, or ask an admin")
+        raise NotSignedInError(
+            say("wrong_sign_in", "name or password is wrong, or the user is disabled: try again, or ask an admin")
+        )
 
     def sign_out(self, secret: str, who: str) -> None:
         """End a session."""

@@ -32,6 +32,7 @@ from service.http.errors import NO_DATABASE, problem
 from service.http.given import part_of
 from service.model.requester import RequesterKind
 from service.runs.service import Runs
+from valve.messages import say
 
 #: A page that asks again by itself sends this: it keeps no session open.
 BACKGROUND_HEADER: Final = "x-background"
@@ -52,9 +53,10 @@ _HSTS: Final = "max-age=31536000"
 _STREAM: Final = "text/event-stream"
 _STOP: Final = re.compile(r"/tests/(?P<test>[^/]+)/stop|/valves/(?P<valve>.+)/stop")
 _STOP_ASKS_S: Final = 2.0  # of the database, where memory does not know who wants to stop
-_NOT_KNOWN: Final = (
+_NOT_KNOWN: Final = say(
+    "stop_not_sent",
     "STOP IS NOT SENT: the database does not answer, and nobody with these credentials was known while this test ran: "
-    "press Stop on a page that was open already, or use the means at the valve itself"
+    "press Stop on a page that was open already, or use the means at the valve itself",
 )
 WATCHING_NOTED_S: Final = 60.0  # a watcher's session is kept open this often
 WATCHER: Final = "keeps a watcher's session open"  # the task's name
@@ -168,11 +170,17 @@ async def _principal(access: Access, scope: Scope, stopped_began_s: float | None
         return LOCAL_PRINCIPAL
     path: str = scope["path"]
     if path not in _OPEN and not path.startswith(_STATIC):
-        why = "this session is over" if secret else "nobody is signed in"
+        why = (
+            say("session_is_over", "this session is over") if secret else say("nobody_signed_in", "nobody is signed in")
+        )
         raise _Refusal(
             HTTPStatus.UNAUTHORIZED,
-            f"{why}: sign in (POST /session, or /ui/sign-in in a browser), or send Authorization: Bearer TOKEN; "
-            "a test that runs goes on",
+            say(
+                "sign_in",
+                "{why}: sign in (POST /session, or /ui/sign-in in a browser), or send Authorization: Bearer TOKEN; a "
+                "test that runs goes on",
+                why=why,
+            ),
         )
     return None
 

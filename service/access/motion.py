@@ -10,6 +10,7 @@ from service.access.principal import Principal, Right
 from service.config.settings import Plant
 from service.model.refusals import ForbiddenError
 from service.model.sequences import choose_waveform
+from valve.messages import say
 
 
 def require_may_run(
@@ -24,8 +25,13 @@ def require_may_run(
         return
     if overrides:
         raise ForbiddenError(
-            f"{tag[:64]}: {principal.name} is {principal.role.value}, overrides are an engineer's: "
-            "run the sequence as it is, or ask an engineer"
+            say(
+                "overrides_of_engineer",
+                "{tag}: {name} is {role}, overrides are an engineer's: run the sequence as it is, or ask an engineer",
+                tag=tag[:64],
+                name=principal.name,
+                role=principal.role.value,
+            )
         )
     approved = plant.service.access.approved_sequences
     valve = plant.valves.get(tag)
@@ -34,6 +40,12 @@ def require_may_run(
     name = sequence or choose_waveform(None, {}, valve.nameplate, valve.wiring.limits).name
     if name not in approved:
         raise ForbiddenError(
-            f"{tag}: sequence {name[:64]} is not approved for {principal.role.value}: "
-            f"choose one of {', '.join(sorted(approved))}, or ask an engineer"
+            say(
+                "sequence_not_approved",
+                "{tag}: sequence {name} is not approved for {role}: choose one of {approved:, }, or ask an engineer",
+                tag=tag,
+                name=name[:64],
+                role=principal.role.value,
+                approved=tuple(sorted(approved)),
+            )
         )

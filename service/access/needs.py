@@ -13,6 +13,7 @@ from fastapi.routing import APIRoute, iter_route_contexts
 from service.access.principal import RIGHTS, Principal, Right
 from service.model.refusals import ForbiddenError, NotSignedInError
 from valve.errors import InternalError
+from valve.messages import say
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,14 +29,28 @@ class Needs:
             return principal
         if principal is None:
             raise NotSignedInError(
-                f"{request.url.path} needs the right to {self.right.value} and nobody is signed in: "
-                "POST /session, or send Authorization: Bearer TOKEN"
+                say(
+                    "not_signed_in",
+                    "{path} needs the right to {right} and nobody is signed in: POST /session, or send "
+                    "Authorization: Bearer TOKEN",
+                    path=request.url.path,
+                    right=self.right.value,
+                )
             )
         if not principal.may(self.right):
             allowed = ", ".join(role.value for role, rights in RIGHTS.items() if self.right in rights)
             raise ForbiddenError(
-                f"{principal.name} is {principal.role.value}, {request.method} {request.url.path} needs the right to "
-                f"{self.right.value}: ask somebody who is one of {allowed}"
+                say(
+                    "right_missing",
+                    "{name} is {role}, {method} {path} needs the right to {right}: ask somebody who is one of "
+                    "{allowed}",
+                    name=principal.name,
+                    role=principal.role.value,
+                    method=request.method,
+                    path=request.url.path,
+                    right=self.right.value,
+                    allowed=allowed,
+                )
             )
         return principal
 
@@ -63,7 +78,12 @@ def require_covers(principal: Principal, tag: str) -> None:
     """Raise ForbiddenError where the caller's token is limited to other valves."""
     if principal.valves is not None and tag not in principal.valves:
         raise ForbiddenError(
-            f"{tag[:64]}: the token of {principal.name} is for other valves: ask for one that names it"
+            say(
+                "token_for_other_valves",
+                "{tag}: the token of {name} is for other valves: ask for one that names it",
+                tag=tag[:64],
+                name=principal.name,
+            )
         )
 
 
@@ -85,7 +105,12 @@ def rights(app: FastAPI) -> Iterator[tuple[str, str, Right | None]]:
         found = set(_needed(route.dependant))
         if len(found) != 1:
             raise InternalError(
-                f"{route.path_format}: it needs {len(found)} rights, a route needs one: add needs(Right...)"
+                say(
+                    "route_needs_one_right",
+                    "{path}: it needs {count} rights, a route needs one: add needs(Right...)",
+                    path=str(route.path_format),
+                    count=len(found),
+                )
             )
         right = found.pop().right
         for method in route.methods or ():

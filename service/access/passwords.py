@@ -9,6 +9,7 @@ from argon2 import PasswordHasher
 from argon2.exceptions import Argon2Error, InvalidHashError
 
 from valve.errors import RequestError
+from valve.messages import say
 
 SHORTEST: Final = 12  # characters; without a second factor a shorter one is guessed
 LONGEST: Final = 256
@@ -22,11 +23,24 @@ def hashed(name: str, password: str) -> str:
     """Return what is stored of a password. Raises RequestError where it is too short, too long or the name."""
     if not SHORTEST <= len(password) <= LONGEST:
         raise RequestError(
-            f"user {name}: the password has {len(password)} characters, it needs {SHORTEST} to {LONGEST}: "
-            "choose another, a sentence for instance"
+            say(
+                "password_length",
+                "user {name}: the password has {count} characters, it needs {shortest} to {longest}: choose another, "
+                "a sentence for instance",
+                name=name,
+                count=len(password),
+                shortest=SHORTEST,
+                longest=LONGEST,
+            )
         )
     if len(set(password)) < 5 or name.casefold() in password.casefold():
-        raise RequestError(f"user {name}: the password is easily guessed: choose one without the name, of more letters")
+        raise RequestError(
+            say(
+                "password_guessable",
+                "user {name}: the password is easily guessed: choose one without the name, of more letters",
+                name=name,
+            )
+        )
     return _HASHER.hash(password.encode("utf-8", "surrogatepass"))
 
 

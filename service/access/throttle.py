@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Final
 
 from service.model.refusals import ThrottledError
+from valve.messages import say
 
 WINDOW_S: Final = 900.0
 MOST_BY_BOTH: Final = 5
@@ -31,8 +32,15 @@ class Throttle:
             if len(failures) >= most:
                 wait_s = failures[-most] + WINDOW_S - now_s
                 raise ThrottledError(
-                    f"{len(failures)} sign-ins failed within {WINDOW_S / 60.0:g} minutes, the most is {most}: "
-                    f"wait {wait_s / 60.0:.0f} minutes, then try again",
+                    say(
+                        "too_many_sign_ins",
+                        "{count} sign-ins failed within {window:g} minutes, the most is {most}: wait {wait:.0f} "
+                        "minutes, then try again",
+                        count=len(failures),
+                        window=WINDOW_S / 60.0,
+                        most=most,
+                        wait=wait_s / 60.0,
+                    ),
                     wait_s,
                 )
 

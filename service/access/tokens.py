@@ -17,6 +17,7 @@ from service.access.users import checked_name, now
 from service.model.requester import RequesterKind
 from service.store.schema_access import TOKENS
 from valve.errors import NotFoundError, RequestError
+from valve.messages import say
 
 PREFIX: Final = "breakaway_"  # so that a scanner of repositories and logs can find one
 TOKEN_ROLES: Final = (Role.VIEWER, Role.OPERATOR, Role.ENGINEER, Role.SCHEDULER)
@@ -67,9 +68,25 @@ class Tokens:
         """Store a new token; return it and its secret, which nobody can show again. Raises RequestError."""
         checked_name(name)
         if role not in TOKEN_ROLES:
-            raise RequestError(f"token {name}: no machine can be {role.value}: choose one of {', '.join(TOKEN_ROLES)}")
+            raise RequestError(
+                say(
+                    "no_machine_role",
+                    "token {name}: no machine can be {role}: choose one of {roles:, }",
+                    name=name,
+                    role=role.value,
+                    roles=tuple(TOKEN_ROLES),
+                )
+            )
         if not timedelta(0) < lasts <= LONGEST:
-            raise RequestError(f"token {name}: {lasts.days} days: choose 1 to {LONGEST.days}")
+            raise RequestError(
+                say(
+                    "token_lasts",
+                    "token {name}: {days} days: choose 1 to {most}",
+                    name=name,
+                    days=lasts.days,
+                    most=LONGEST.days,
+                )
+            )
         secret = f"{PREFIX}{secrets.token_urlsafe(32)}"
         at = self._clock()
         row = {
@@ -98,7 +115,13 @@ class Tokens:
             with self._engine.connect() as connection:
                 row = connection.execute(select(TOKENS).where(TOKENS.c.id == token_id)).one_or_none()
         if row is None:
-            raise NotFoundError(f"token {token_id[:32]!r} is unknown: breakaway token list shows all")
+            raise NotFoundError(
+                say(
+                    "token_unknown",
+                    "token {token} is unknown: breakaway token list shows all",
+                    token=repr(token_id[:32]),
+                )
+            )
         return _token(row)
 
     def revoke(self, token_id: str) -> Token:
@@ -121,19 +144,27 @@ class Tokens:
     def principal(self, secret: str) -> tuple[Principal | None, str]:
         """Return whose token it is, or None and why it is none, without a word on what was sent."""
         if _FORM.fullmatch(secret) is None:
-            return None, "it is no token of this service: breakaway token create makes one"
+            return None, say("no_token", "it is no token of this service: breakaway token create makes one")
         with self._engine.connect() as connection:
             row = connection.execute(select(TOKENS).where(TOKENS.c.secret_sha256 == sha256(secret))).one_or_none()
         if row is None:
-            return None, "this token is unknown: breakaway token create makes one"
+            return None, say("this_token_unknown", "this token is unknown: breakaway token create makes one")
         token = _token(row)
         at = self._clock()
         if token.revoked_at is not None:
-            return None, f"token {token.id} ({token.name}) was revoked: create another"
+            return None, say(
+                "token_revoked", "token {token} ({name}) was revoked: create another", token=token.id, name=token.name
+            )
         if token.expires_at <= at:
             return (
                 None,
-                f"token {token.id} ({token.name}) expired at {token.expires_at:%Y-%m-%d %H:%M} UTC: create another",
+                say(
+                    "token_expired",
+                    "token {token} ({name}) expired at {at}: create another",
+                    token=token.id,
+                    name=token.name,
+                    at=token.expires_at,
+                ),
             )
         if token.last_used_at is None or at - token.last_used_at >= _NOTED_EVERY:
             with self._engine.begin() as connection:

@@ -15,6 +15,7 @@ from service.access.passwords import fits, hashed
 from service.access.principal import Role
 from service.store.schema_access import SESSIONS, USERS
 from valve.errors import BusyError, NotFoundError, RequestError
+from valve.messages import say
 
 NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._@-]{0,62}")
 USER_ROLES: Final = (Role.VIEWER, Role.OPERATOR, Role.ENGINEER, Role.ADMIN)
@@ -30,8 +31,12 @@ def checked_name(name: str) -> str:
     """Return ``name`` where it may be one. Raises RequestError."""
     if NAME.fullmatch(name) is None or name.casefold() in _RESERVED:
         raise RequestError(
-            f"the name {name[:80]!r} cannot be used: take 1 to 63 letters, digits or . _ @ -, "
-            f"none of {', '.join(sorted(_RESERVED))}"
+            say(
+                "user_name_unusable",
+                "the name {name} cannot be used: take 1 to 63 letters, digits or . _ @ -, none of {reserved:, }",
+                name=repr(name[:80]),
+                reserved=tuple(sorted(_RESERVED)),
+            )
         )
     return name
 
@@ -73,7 +78,9 @@ class Users:
             with self._engine.begin() as connection:
                 connection.execute(insert(USERS).values(row))
         except IntegrityError:
-            raise BusyError(f"user {name} exists already: choose another name, or change this one") from None
+            raise BusyError(
+                say("user_exists", "user {name} exists already: choose another name, or change this one", name=name)
+            ) from None
         return self.get(name)
 
     def all(self) -> list[User]:
@@ -85,7 +92,9 @@ class Users:
         """Return one user. Raises NotFoundError."""
         row = self._row(name)
         if row is None:
-            raise NotFoundError(f"user {name[:64]!r} is unknown: breakaway user list shows all")
+            raise NotFoundError(
+                say("user_unknown", "user {name} is unknown: breakaway user list shows all", name=repr(name[:64]))
+            )
         return _user(row)
 
     def _row(self, name: str) -> Row[Any] | None:
@@ -130,5 +139,13 @@ class Users:
 
 def _checked_role(name: str, role: Role) -> Role:
     if role not in USER_ROLES:
-        raise RequestError(f"user {name}: nobody can be {role.value}: choose one of {', '.join(USER_ROLES)}")
+        raise RequestError(
+            say(
+                "no_user_role",
+                "user {name}: nobody can be {role}: choose one of {roles:, }",
+                name=name,
+                role=role.value,
+                roles=tuple(USER_ROLES),
+            )
+        )
     return role

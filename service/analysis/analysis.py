@@ -13,7 +13,7 @@ from discrepancy.notes.tone_note import tone_note
 from discrepancy.notes.zero_note import zero_doubt
 from estimators.base import Estimate, Outcome
 from estimators.data_faults.fault import DataFault
-from estimators.data_faults.found import without_data_faults
+from estimators.data_faults.found import recording_number, without_data_faults
 from estimators.data_faults.held_values import widened
 from estimators.data_faults.vacuum import without_preload, without_preload_cause
 from estimators.motion.recorded_motion import RecordedMotion, read_motion
@@ -26,6 +26,7 @@ from service.analysis.diagnosis import NOT_YET, assess, not_assessed
 from service.analysis.driven_force import with_driven_forces
 from service.analysis.like_periods import of_like_periods, periods_note
 from valve.errors import MotionError, ParameterError, RecordingError
+from valve.messages import message_of, say
 from valve.motion import simulate_recording
 from valve.nameplate import Nameplate
 from valve.recording import CHANNELS, FloatArray, Recording
@@ -33,7 +34,12 @@ from valve.recording import CHANNELS, FloatArray, Recording
 Progress = Callable[[float, str], None]
 
 SCHEMA: Final = "breakaway/analysis/1"
-_NO_HEALTH: Final = "not assessed: it takes the valve's limits and its earlier tests, which the service has"
+_NO_HEALTH: Final = say(
+    "health_not_assessed", "not assessed: it takes the valve's limits and its earlier tests, which the service has"
+)
+_NO_SIMULATION: Final = say(
+    "parameters_missing_for_simulation", "the method does not give the parameters that a simulation needs"
+)
 # Between two recordings that are analysed together, in periods of the second: the estimators see a gap there.
 _PERIODS_BETWEEN: Final = 10.0
 # Shares of the progress at which the estimates, and the diagnosis, are done.
@@ -62,7 +68,7 @@ def analyze_recordings(
     Raises RecordingError where there is no recording, or where they have different channels.
     """
     tell = progress or (lambda _share, _phase: None)
-    tell(0.0, "looking at the recording")
+    tell(0.0, say("looking_at_recording", "looking at the recording"))
     joined(recordings)  # they fit together
     read = of_like_periods(recordings)
     as_recorded = joined([recordings[number] for number in read])
@@ -76,7 +82,7 @@ def analyze_recordings(
     recording = joined([recordings[number] for number in read])
     names = [name for name, _ in held_out]
     held_out = list(zip(names, with_driven_forces([one for _, one in held_out], nameplate)[0], strict=True))
-    tell(0.1, "estimating")
+    tell(0.1, say("estimating", "estimating"))
     motion = read_motion(recording, nameplate)  # what the estimators and the signature begin with
     estimates = estimate_all(recording, nameplate, motion)
     analysis: dict[str, Any] = {
@@ -97,11 +103,11 @@ def analyze_recordings(
     if reported is not None:
         analysis = widened(analysis, reported, nameplate)
     if held_out:
-        tell(_ESTIMATED, "trying the estimates on held-out recordings")
+        tell(_ESTIMATED, say("trying_on_held_out", "trying the estimates on held-out recordings"))
         analysis["held_out"] = [_tried(name, recording, estimates, nameplate) for name, recording in held_out]
     if keep is not None:
         keep(analysis)
-    tell(_ESTIMATED, "looking for what the simulation gets wrong")
+    tell(_ESTIMATED, say("looking_for_causes", "looking for what the simulation gets wrong"))
     analysis["discrepancy"] = assess(
         recordings,
         nameplate,
@@ -114,7 +120,7 @@ def analyze_recordings(
     )
     if from_vacuum:
         analysis["discrepancy"] = without_preload_cause(analysis["discrepancy"])
-    tell(1.0, "done")
+    tell(1.0, say("analysis_done", "done"))
     seen = [
         *(one.sentence for one in faults),
         *driven,
@@ -135,7 +141,7 @@ def _without_data_faults(
 
 def _beside(recordings: Sequence[Recording], read: Sequence[int]) -> list[tuple[str, Recording]]:
     """Return the recordings that are not read as one with the others, by name: the diagnosis is tried on them."""
-    return [(f"recording {number + 1}", one) for number, one in enumerate(recordings) if number not in read]
+    return [(recording_number(number + 1), one) for number, one in enumerate(recordings) if number not in read]
 
 
 def _tones(analysis: Mapping[str, Any], recordings: Sequence[Recording]) -> list[str]:
@@ -168,7 +174,7 @@ def joined(recordings: Sequence[Recording]) -> Recording:
     Raises RecordingError where there is none, or where they have different channels.
     """
     if not recordings:
-        raise RecordingError("analysis: no recording is given, give at least 1")
+        raise RecordingError(say("no_recording", "analysis: no recording is given, give at least 1"))
     first = recordings[0]
     if len(recordings) == 1:
         return first
@@ -179,8 +185,14 @@ def joined(recordings: Sequence[Recording]) -> Recording:
         own = [name for name in CHANNELS if getattr(recording, name) is not None]
         if own != channels:
             raise RecordingError(
-                f"analysis: recording {number} has the channels {', '.join(own)} and the first {', '.join(channels)}: "
-                "analyse recordings with different channels one by one"
+                say(
+                    "channels_differ",
+                    "analysis: recording {number} has the channels {own:, } and the first {first:, }: analyse "
+                    "recordings with different channels one by one",
+                    number=number,
+                    own=tuple(own),
+                    first=tuple(channels),
+                )
             )
         columns["time_s"].append(recording.time_s - recording.time_s[0] + start_s)
         period_s = recording.sample_period_s if recording.samples > 1 else 1.0
@@ -308,13 +320,17 @@ def _tried(name: str, recording: Recording, estimates: Sequence[Estimate], namep
             stand_ins = estimate.diagnostics.get("stand_ins", {})
             parameters = estimate.valve_parameters(stand_ins)
             if parameters is None:
-                notes[estimate.method] = "the method does not give the parameters that a simulation needs"
+                notes[estimate.method] = _NO_SIMULATION
                 continue
             if stand_ins:
-                notes[estimate.method] = "values that this test does not confirm were used for " + ", ".join(stand_ins)
+                notes[estimate.method] = say(
+                    "unconfirmed_values_used",
+                    "values that this test does not confirm were used for {symbols:, }",
+                    symbols=tuple(stand_ins),
+                )
             simulated_m = simulate_recording(parameters, recording, nameplate).position_m
         except (MotionError, ParameterError, RecordingError) as error:
-            notes[estimate.method] = str(error)
+            notes[estimate.method] = message_of(error)
             continue
         rmse_m[estimate.method] = float(np.sqrt(np.nanmean((recording.position_m - simulated_m) ** 2)))
     return {"file": name, "position_noise_m": position_noise_m(recording), "rmse_m": rmse_m, "notes": notes}

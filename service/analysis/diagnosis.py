@@ -18,14 +18,15 @@ from estimators.base import Estimate
 from service.analysis.friction_scatter import latent_friction
 from service.analysis.separating import NOTHING_SEPARATES, find_separating_test, room_of_recordings
 from valve.errors import RequestError
+from valve.messages import joined, message_of, say
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
 
 Progress = Callable[[float, str], None]
 
-NOT_YET: Final = "The estimates are done; the diagnosis has not been."
+NOT_YET: Final = say("diagnosis_not_yet", "The estimates are done; the diagnosis has not been.")
 _LIKELIHOOD: Final = "maximum_likelihood"
-_NOT_PROVEN: Final = "A second test would prove it."
+_NOT_PROVEN: Final = say("second_test_would_prove", "A second test would prove it.")
 _DIAGNOSED: Final = 0.85  # share of the progress
 _LOG = structlog.get_logger(__name__)
 
@@ -77,21 +78,29 @@ def assess(
             with np.errstate(all="ignore"):
                 drive = diagnose_forces(recordings, nameplate, held_out, tell)
             return {**not_assessed(""), "latent_friction": latent, **drive.to_json()}
-        tell(0.0, "looking for what friction's variation hides")
+        tell(0.0, say("looking_behind_friction", "looking for what friction's variation hides"))
         known, unread = _read(accepted)
         whole = recordings[0] if estimated is None else estimated
         with np.errstate(all="ignore"):
             diagnosed = diagnose(whole, nameplate, likelihood, held_out=held_out, model=known)
-            tell(_DIAGNOSED, "looking for a test that tells causes apart")
+            tell(_DIAGNOSED, say("looking_for_separating_test", "looking for a test that tells causes apart"))
             allowed = room_of_recordings(recordings) if room is None else room
             separating = find_separating_test(diagnosed.undecided, allowed)
         told = shown(diagnosed, separating)
         told["latent_friction"] = told["latent_friction"] or latent
-        return {**told, "message": f"{told['message']} {unread}".strip()}
+        said = [one for one in (told["message"], unread) if one]
+        return {**told, "message": joined(" ", said) if said else ""}
     except Exception as error:  # noqa: BLE001  - the estimates must not be lost with the diagnosis
         _LOG.error("diagnosis failed", valve=nameplate.tag, exc_info=error)
-        reason = f"The diagnosis failed by a fault of its own ({type(error).__name__}: {error})"
-        return not_assessed(f"{reason}: the estimates stand; report it with the recording.")
+        return not_assessed(
+            say(
+                "diagnosis_failed",
+                "The diagnosis failed by a fault of its own ({kind}: {why}): the estimates stand; report it with the "
+                "recording.",
+                kind=type(error).__name__,
+                why=message_of(error),
+            )
+        )
 
 
 def _read(accepted: Mapping[str, Any] | None) -> tuple[SavedModel | None, str]:
@@ -101,7 +110,11 @@ def _read(accepted: Mapping[str, Any] | None) -> tuple[SavedModel | None, str]:
     try:
         return SavedModel.from_json(accepted), ""
     except RequestError as error:
-        return None, f"The model that was accepted for this valve was not used: {error}, and accept its model."
+        return None, say(
+            "accepted_model_not_used",
+            "The model that was accepted for this valve was not used: {why}, and accept its model.",
+            why=message_of(error),
+        )
 
 
 def shown(diagnosed: RoughDiagnosis, separating: SeparatingTest | None = None) -> dict[str, Any]:
@@ -109,8 +122,9 @@ def shown(diagnosed: RoughDiagnosis, separating: SeparatingTest | None = None) -
     found = diagnosed.to_json()
     if found["causes"]:
         # the causes have their own sentences
-        none = NOTHING_SEPARATES if diagnosed.undecided is not None and separating is None else ""
-        by_hand = diagnosed.separating_test or ""
-        more = {"likely": _NOT_PROVEN, "ambiguous": f"{none} {by_hand}".strip()}
-        found["message"] = more.get(found["verdict"], "")
+        apart = [NOTHING_SEPARATES] if diagnosed.undecided is not None and separating is None else []
+        by_hand = [diagnosed.separating_test] if diagnosed.separating_test else []
+        of_verdict: dict[str, list[str]] = {"likely": [_NOT_PROVEN], "ambiguous": [*apart, *by_hand]}
+        more = of_verdict.get(found["verdict"], [])
+        found["message"] = joined(" ", more) if more else ""
     return {**not_assessed(""), **found, "separating_test": None if separating is None else separating.to_json()}

@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
+from valve.messages import say
 from valve.nameplate import Action, Nameplate
 from valve.recording import Recording
 
-NOTE: Final = (
+NOTE: Final = say(
+    "force_from_difference",
     "The force is taken as the diaphragm area times pressure_pa, which is the difference of both chambers' pressures: "
-    "an area that differs between the two sides makes it wrong; give force_n then."
+    "an area that differs between the two sides makes it wrong; give force_n then.",
 )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
+from valve.messages import Message, say
 from valve.recording import Recording
 
 # What the estimators take for a gap within one recording: each row of a slower one would begin the stem anew.
@@ -38,13 +39,16 @@ def periods_note(recordings: Sequence[Recording], read: Sequence[int]) -> str:
     left = [number for number in range(len(recordings)) if number not in read]
     if not left:
         return ""
-    own = ", ".join(f"{number + 1} ({_period(recordings[number])})" for number in read)
-    others = ", ".join(f"{number + 1} ({_period(recordings[number])})" for number in left)
-    return (
-        f"The methods, the signature and the diagnosis are those of recording {own} alone: recording {others} was "
-        "sampled at another rate, and the diagnosis was tried on it. Analyse it by itself for its own result."
+    return say(
+        "recordings_of_other_rates",
+        "The methods, the signature and the diagnosis are those of recording {own:, } alone: recording {others:, } was "
+        "sampled at another rate, and the diagnosis was tried on it. Analyse it by itself for its own result.",
+        own=tuple(_with_period(number, recordings[number]) for number in read),
+        others=tuple(_with_period(number, recordings[number]) for number in left),
     )
 
 
-def _period(recording: Recording) -> str:
-    return f"every {1.0e3 * recording.sample_period_s:.3g} ms"
+def _with_period(number: int, recording: Recording) -> Message:
+    return say(
+        "number_with_period", "{number} (every {period:.3g ms})", number=number + 1, period=recording.sample_period_s
+    )

@@ -11,6 +11,7 @@ import numpy as np
 from discrepancy.rough.separating import Planned, SeparatingTest, Undecided, separating_test
 from service.model.sequences import SEQUENCES, Room
 from valve.errors import WaveformError
+from valve.messages import say
 from valve.recording import Recording
 
 # What a separating test is chosen from; steps are left out, as no step is followed to better than a sample.
@@ -24,7 +25,9 @@ _CHOSEN_FROM: Final[tuple[tuple[str, dict[str, float]], ...]] = (
 # Without a plant's limits: the whole range in a second, for two and a half minutes.
 _USUAL_RAMP_S: Final = 1.0
 _USUAL_LONGEST_S: Final = 150.0
-NOTHING_SEPARATES: Final = "No sequence that the valve's limits allow would tell these causes apart."
+NOTHING_SEPARATES: Final = say(
+    "nothing_separates", "No sequence that the valve's limits allow would tell these causes apart."
+)
 
 
 def room_of_recordings(recordings: Sequence[Recording]) -> dict[str, float] | None:

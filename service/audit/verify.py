@@ -10,6 +10,7 @@ from pathlib import Path
 from drivers.motion.audit_entries import Entry, chain_start, read_entry
 from drivers.motion.audit_log import SUFFIX
 from valve.errors import NotFoundError
+from valve.messages import message_of, say
 
 
 class Verdict(StrEnum):
@@ -35,7 +36,14 @@ def files_of(folder: Path) -> list[Path]:
     """Files of the log in a folder, one a gateway. Raises NotFoundError where there is none."""
     found = sorted(folder.glob(f"*{SUFFIX}"))
     if not found:
-        raise NotFoundError(f"{folder}: no audit log is here (*{SUFFIX}): name the folder audit in the store")
+        raise NotFoundError(
+            say(
+                "no_audit_log",
+                "{folder}: no audit log is here (*{suffix}): name the folder audit in the store",
+                folder=str(folder),
+                suffix=SUFFIX,
+            )
+        )
     return found
 
 
@@ -64,11 +72,17 @@ def verify(path: Path, expected_head: str | None = None) -> Finding:
                 break
             entry, reason = _followed(line, head, count)
             if entry is None:
-                return Finding(path, Verdict.TAMPERED, count, head, f"line {number}: {reason}")
+                return Finding(
+                    path, Verdict.TAMPERED, count, head, say("in_line", "line {n}: {reason}", n=number, reason=reason)
+                )
             head, count = entry.hash, entry.n
             seen = seen or head == expected_head
     if expected_head is not None and not seen:
-        reason = f"the entry {expected_head[:12]} that was noted is not in it: its end was cut off or rewritten"
+        reason = say(
+            "entry_missing",
+            "the entry {entry} that was noted is not in it: its end was cut off or rewritten",
+            entry=expected_head[:12],
+        )
         return Finding(path, Verdict.TAMPERED, count, head, reason)
     return Finding(path, verdict, count, head)
 
@@ -78,9 +92,14 @@ def _followed(line: bytes, head: str, count: int) -> tuple[Entry | None, str]:
     try:
         entry, stated = read_entry(line)
     except (ValueError, TypeError) as error:
-        return None, f"it is no entry ({error})"
+        return None, say("no_entry", "it is no entry ({why})", why=message_of(error))
     if stated != entry.hash:
-        return None, f"entry {entry.n} is not what its hash says: it was changed"
+        return None, say("entry_changed", "entry {n} is not what its hash says: it was changed", n=entry.n)
     if entry.previous != head or entry.n != count + 1:
-        return None, f"entry {entry.n} does not follow entry {count}: something was removed, put in or moved there"
+        return None, say(
+            "entry_does_not_follow",
+            "entry {n} does not follow entry {last}: something was removed, put in or moved there",
+            n=entry.n,
+            last=count,
+        )
     return entry, ""

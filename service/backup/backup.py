@@ -43,6 +43,7 @@ from service.config.settings import Plant
 from service.store.database import connected, newest_revision, open_database
 from service.store.schema import TABLES
 from valve.errors import ConfigurationError, NotFoundError, RequestError
+from valve.messages import message_of, say
 
 SCHEMA: Final = "breakaway/backup/1"
 DATABASE: Final = "breakaway.db"
@@ -95,7 +96,14 @@ class Manifest:
 
 def _manifest(document: Mapping[str, Any]) -> Manifest:
     if document["schema"] != SCHEMA:
-        raise ValueError(f"its schema is {document['schema']}, this version reads {SCHEMA}")
+        raise ValueError(
+            say(
+                "manifest_schema",
+                "its schema is {found}, this version reads {known}",
+                found=str(document["schema"]),
+                known=SCHEMA,
+            )
+        )
     return Manifest(
         made_at=datetime.fromisoformat(document["made_at"]),
         software=str(document["software"]),
@@ -159,9 +167,21 @@ def make_backup(plant: Plant, target: Path, *, software: str, who: str) -> Manif
     """
     settings = plant.service
     if settings.database is None and not (settings.store / DATABASE).is_file():
-        raise NotFoundError(f"{settings.store / DATABASE}: there is no store yet: its service makes it")
+        raise NotFoundError(
+            say(
+                "no_store_yet",
+                "{database}: there is no store yet: its service makes it",
+                database=str(settings.store / DATABASE),
+            )
+        )
     if target.exists():
-        raise RequestError(f"{target}: it is there already, nothing is written over: name another file")
+        raise RequestError(
+            say(
+                "backup_exists",
+                "{target}: it is there already, nothing is written over: name another file",
+                target=str(target),
+            )
+        )
     try:
         with tempfile.TemporaryDirectory(prefix=".breakaway-backup-", dir=target.absolute().parent) as name:
             part = Path(name) / "archive"
@@ -171,8 +191,14 @@ def make_backup(plant: Plant, target: Path, *, software: str, who: str) -> Manif
             sync_folder(target.absolute().parent)
     except OSError as error:
         raise RequestError(
-            f"{target}: the backup cannot be written ({error.filename or target}: {error.strerror}): "
-            "free disk space, or name a file in another folder"
+            say(
+                "backup_unwritable",
+                "{target}: the backup cannot be written ({place}: {reason}): free disk space, or name a file in "
+                "another folder",
+                target=str(target),
+                place=str(error.filename or target),
+                reason=str(error.strerror),
+            )
         ) from error
     return made
 
@@ -244,15 +270,26 @@ def _snapshot(plant: Plant, target: Path) -> str:
             revision = ", ".join(MigrationContext.configure(source).get_current_heads())
             if revision != newest_revision():
                 raise ConfigurationError(
-                    f"{address.url}: its schema is {revision or 'none'}, this version copies {newest_revision()}: "
-                    "make the backup with the version that serves it"
+                    say(
+                        "schema_other",
+                        "{url}: its schema is {revision}, this version copies {newest}: make the backup with the "
+                        "version that serves it",
+                        url=address.url,
+                        revision=revision or "none",
+                        newest=newest_revision(),
+                    )
                 )
             with copy.begin() as connection:
                 copy_rows(source, connection)
     except SQLAlchemyError as error:
         reason = " ".join(str(getattr(error, "orig", None) or error).split())
         raise ConfigurationError(
-            f"{address.url}: the database cannot be read ({reason}): start the server, or correct service.database"
+            say(
+                "database_unreadable",
+                "{url}: the database cannot be read ({reason}): start the server, or correct service.database",
+                url=address.url,
+                reason=reason,
+            )
         ) from error
     finally:
         engine.dispose()
@@ -271,7 +308,12 @@ def _copy_sqlite(source: Path, target: Path) -> str:
             return str(copy.execute("SELECT version_num FROM alembic_version").fetchone()[0])
     except sqlite3.Error as error:
         raise ConfigurationError(
-            f"{source}: the database cannot be copied ({error}): restore it from an earlier backup"
+            say(
+                "database_uncopied",
+                "{source}: the database cannot be copied ({why}): restore it from an earlier backup",
+                source=str(source),
+                why=message_of(error),
+            )
         ) from error
 
 
@@ -310,30 +352,39 @@ def unpack(file: Path, folder: Path) -> Manifest:
 
 def _read(file: Path, folder: Path | None) -> Manifest:
     if not file.is_file():
-        raise NotFoundError(f"{file}: there is no such file: name a backup")
+        raise NotFoundError(say("no_backup_file", "{file}: there is no such file: name a backup", file=str(file)))
     found: dict[str, tuple[int, str]] = {}
     try:
         with file.open("rb") as raw, tarfile.open(fileobj=raw, mode="r|gz") as tar:
             for member in tar:
                 content = tar.extractfile(member)
                 if content is None or not member.isreg():
-                    raise ValueError(f"{member.name!r} is no file")
+                    raise ValueError(say("member_no_file", "{name} is no file", name=repr(member.name)))
                 if member.name == MANIFEST:
                     made = _manifest(json.loads(content.read(_LONGEST_MANIFEST)))
                     break
                 if _MEMBER.fullmatch(member.name) is None or member.name in found:
-                    raise ValueError(f"{member.name!r} does not belong there")
+                    raise ValueError(say("member_foreign", "{name} does not belong there", name=repr(member.name)))
                 found[member.name] = _taken(content, None if folder is None else folder / member.name)
             else:
-                raise ValueError("it was cut short, its manifest is missing")
+                raise ValueError(say("manifest_missing", "it was cut short, its manifest is missing"))
         wrong = [name for name in {*found, *made.files} if found.get(name) != made.files.get(name)]
         if wrong or DATABASE not in found:
-            raise ValueError(f"{min(wrong, default=DATABASE)} is not what the manifest says")
+            raise ValueError(
+                say("not_as_manifest", "{name} is not what the manifest says", name=min(wrong, default=DATABASE))
+            )
     except (*_BROKEN, OSError) as error:
         if isinstance(error, OSError) and error.errno is not None:  # the disk, not the archive
             raise
-        reason = str(error) or type(error).__name__
-        raise RequestError(f"{file}: it is no whole backup ({reason}): take another one") from error
+        reason = message_of(error) or type(error).__name__
+        raise RequestError(
+            say(
+                "backup_not_whole",
+                "{file}: it is no whole backup ({reason}): take another one",
+                file=str(file),
+                reason=reason,
+            )
+        ) from error
     return made
 
 

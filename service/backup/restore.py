@@ -26,6 +26,7 @@ from service.store.schema_access import SESSIONS
 from service.store.schema_tests import TESTS
 from service.store.store import Store
 from valve.errors import ConfigurationError, RequestError
+from valve.messages import say
 
 _STAGING: Final = ".restore"
 _PARTS: Final = ("recordings", "journals", "audit")
@@ -48,7 +49,12 @@ def restore_backup(plant: Plant, file: Path, *, who: str, files_only: bool = Fal
     """
     folder, address = plant.service.store, plant.service.database
     if files_only and address is None:
-        raise RequestError("--files-only is for a plant with service.database: SQLite's database is one of the files")
+        raise RequestError(
+            say(
+                "files_only_needs_database",
+                "--files-only is for a plant with service.database: SQLite's database is one of the files",
+            )
+        )
     with ExitStack() as held:
         lock = StoreLock(folder / "lock")
         held.callback(lock.release)
@@ -59,8 +65,14 @@ def restore_backup(plant: Plant, file: Path, *, who: str, files_only: bool = Fal
         refuse_newer(made.revision, str(file))
         if made.gateway != plant.service.gateway:
             raise RequestError(
-                f"{file}: it is of {_named(made.gateway)}, {plant.file.name} says {_named(plant.service.gateway)}: "
-                "take that gateway's backup and its plant file"
+                say(
+                    "backup_of_other_gateway",
+                    "{file}: it is of {made_by}, {plant} says {gateway}: take that gateway's backup and its plant file",
+                    file=str(file),
+                    made_by=_named(made.gateway),
+                    plant=plant.file.name,
+                    gateway=_named(plant.service.gateway),
+                )
             )
         staging = folder / _STAGING
         try:
@@ -77,14 +89,21 @@ def restore_backup(plant: Plant, file: Path, *, who: str, files_only: bool = Fal
             _move(staging, folder, with_database=address is None)
         except OSError as error:
             raise RequestError(
-                f"{folder}: the store cannot be written ({error.strerror}): free disk space or make it writable, "
-                "empty it, and repeat the command"
+                say(
+                    "store_unwritable",
+                    "{folder}: the store cannot be written ({reason}): free disk space or make it writable, empty "
+                    "it, and repeat the command",
+                    folder=str(folder),
+                    reason=str(error.strerror),
+                )
             ) from error
     return made
 
 
 def _named(gateway: str) -> str:
-    return f"gateway {gateway!r}" if gateway else "a plant of one gateway"
+    if not gateway:
+        return say("plant_of_one_gateway", "a plant of one gateway")
+    return say("gateway_named", "gateway {gateway}", gateway=repr(gateway))
 
 
 def _require_empty(folder: Path) -> None:
@@ -95,8 +114,13 @@ def _require_empty(folder: Path) -> None:
         inner = path.relative_to(folder).parts
         if inner[0] not in ("lock", _STAGING) and (not path.is_dir() or inner[0] not in (*_PARTS, "uploads")):
             raise RequestError(
-                f"{folder}: the store is not empty ({'/'.join(inner)} is there), nothing was restored: move it away, "
-                "or name another folder as service.store"
+                say(
+                    "store_not_empty",
+                    "{folder}: the store is not empty ({inner:/} is there), nothing was restored: move it away, or "
+                    "name another folder as service.store",
+                    folder=str(folder),
+                    inner=tuple(inner),
+                )
             )
 
 
@@ -151,8 +175,14 @@ def _fill(plant: Plant, staged: Path) -> None:
                 target.execute(text(f"LOCK TABLE {table.name} IN EXCLUSIVE MODE"))
                 if target.execute(select(table.primary_key.columns[0]).limit(1)).first() is not None:
                     raise RequestError(
-                        f"{shown}: the database is not empty (its table {table.name} has rows), nothing was restored: "
-                        "name an empty one as service.database, or say --files-only where the database is to stay"
+                        say(
+                            "database_not_empty",
+                            "{database}: the database is not empty (its table {table} has rows), nothing was "
+                            "restored: name an empty one as service.database, or say --files-only where the database "
+                            "is to stay",
+                            database=shown,
+                            table=table.name,
+                        )
                     )
             copy_rows(rows, target)
             next_test = rows.execute(text("SELECT seq FROM sqlite_sequence WHERE name = 'tests'")).scalar_one()
@@ -160,7 +190,14 @@ def _fill(plant: Plant, staged: Path) -> None:
                 _continue_numbers(target, table, next_test)
     except SQLAlchemyError as error:
         reason = " ".join(str(getattr(error, "orig", None) or error).split())
-        raise ConfigurationError(f"{shown}: the database cannot be filled ({reason}): mend that, and repeat") from error
+        raise ConfigurationError(
+            say(
+                "database_unfilled",
+                "{database}: the database cannot be filled ({reason}): mend that, and repeat",
+                database=shown,
+                reason=reason,
+            )
+        ) from error
     finally:
         lock.release()
         source.dispose()

@@ -19,6 +19,7 @@ from service.access.access import Access, access_of
 from service.config.settings import Plant, load_plant
 from service.store.database import open_database
 from valve.errors import ConfigurationError, RequestError
+from valve.messages import say
 
 Config = Annotated[Path, typer.Option("--config", metavar="FILE", help="The plant file.", show_default=False)]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
@@ -34,7 +35,12 @@ def accounts(config: Path) -> Iterator[tuple[Access, Plant]]:
         settings.store.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigurationError(
-            f"{settings.store}: the folder cannot be made ({error.strerror}): make it, or correct service.store"
+            say(
+                "store_folder_unmade",
+                "{store}: the folder cannot be made ({reason}): make it, or correct service.store",
+                store=str(settings.store),
+                reason=str(error.strerror),
+            )
         ) from error
     url = None if settings.database is None else settings.database.with_password()
     engine = open_database(url or f"sqlite:///{settings.store / 'breakaway.db'}")
@@ -63,8 +69,19 @@ def asked_password(name: str) -> str:
         second = getpass.getpass("The same again: ")
     except EOFError:
         raise RequestError(
-            f"user {name}: no password was typed: type it, set {PASSWORD_VARIABLE}, or say --generate"
+            say(
+                "no_password_typed",
+                "user {name}: no password was typed: type it, set {variable}, or say --generate",
+                name=name,
+                variable=PASSWORD_VARIABLE,
+            )
         ) from None
     if first != second:
-        raise RequestError(f"user {name}: the two passwords differ, nothing was changed: repeat the command")
+        raise RequestError(
+            say(
+                "passwords_differ",
+                "user {name}: the two passwords differ, nothing was changed: repeat the command",
+                name=name,
+            )
+        )
     return first

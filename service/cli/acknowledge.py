@@ -10,6 +10,7 @@ import typer
 from service.cli.client import asked, service_client
 from service.model.run import RUN_ID
 from valve.errors import RequestError
+from valve.messages import say
 
 
 def acknowledge(
@@ -25,7 +26,21 @@ def acknowledge(
         if not RUN_ID.fullmatch(what):
             newest = asked(client, "GET", f"/tests?valve={quote(what, safe='')}&limit=1")["tests"]
             if not newest:
-                raise RequestError(f"{what}: no test of a valve with this tag: name the valve as plant.toml does")
+                raise RequestError(
+                    say(
+                        "no_test_to_acknowledge",
+                        "{what}: no test of a valve with this tag: name the valve as plant.toml does",
+                        what=what,
+                    )
+                )
             test_id = newest[0]["id"]
         test = asked(client, "POST", f"/tests/{quote(test_id, safe='')}/acknowledge", {"note": note})
-    print(f"{test['valve']}: test {test['id']} ({test['state']}) is acknowledged: the next test may start")
+    print(
+        say(
+            "is_acknowledged",
+            "{valve}: test {test} ({state}) is acknowledged: the next test may start",
+            valve=test["valve"],
+            test=test["id"],
+            state=test["state"],
+        )
+    )

@@ -11,6 +11,7 @@ from rich.text import Text
 
 from service.shown.analysis_summary import summary_lines, verdict_lines
 from service.words.plain_numbers import as_read
+from valve.messages import say
 
 
 def print_summary(console: Console, analysis: Mapping[str, Any]) -> None:
@@ -24,7 +25,7 @@ def print_summary(console: Console, analysis: Mapping[str, Any]) -> None:
         table.add_row(name, Text(as_read(words)))
     console.print(table)
     for note in analysis.get("notes", []):
-        console.print(Text(as_read(f"Note: {note}")))
+        console.print(Text(as_read(say("note", "Note: {note}", note=note))))
     console.print(Text("--details shows every method, the signature and the diagnosis.", style="dim"))
 
 
@@ -38,6 +39,6 @@ def print_understood(console: Console, understood: Mapping[str, Any]) -> None:
         table.add_row(one["column"], Text(one["header"]), Text(one["unit"]), Text(one["how"] + gaps))
     console.print(table)
     if understood["not_used"]:
-        console.print(Text(f"Not used: {', '.join(understood['not_used'])}"))
+        console.print(Text(say("columns_not_used", "Not used: {columns:, }", columns=tuple(understood["not_used"]))))
     for remark in understood["remarks"]:
         console.print(Text(remark))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from typing import Any, Final
 
 from rich.console import Console
@@ -14,11 +13,13 @@ from service.cli.signature_tables import print_signature
 from service.shown.next_step import next_step
 from service.shown.words import NE107
 from service.words.plain_numbers import as_read, plus_minus, scatter_words, with_span
+from service.words.sentences import sentences_of, without_end, without_stop
+from valve.messages import Message, say
 from valve.parameters import PARAMETER_SYMBOLS
 
-_NOT_GIVEN: Final = "not identifiable"
-_IN_THE_TABLE: Final = "Not given: "  # how an estimate lists what its table shows as missing
-_SENTENCE_END: Final = re.compile(r"(?<=\.) (?=[A-Z])")
+_NOT_GIVEN: Final = say("not_identifiable", "not identifiable")
+_IN_THE_TABLE: Final = "not_given"  # the code by which an estimate lists what its table shows as missing
+_LISTED: Final = "Not given: "  # the same in a text that is no message
 _WIDE: Final = 140  # columns of the terminal from which each parameter's meaning has room
 
 
@@ -38,12 +39,18 @@ def print_analysis(console: Console, analysis: dict[str, Any], sequence: str | N
         _print_held_out(console, tried)
     print_diagnosis(console, analysis["discrepancy"])
     if what_next := next_step(analysis, sequence):
-        _say(console, f"Next: {what_next}")
+        _say(console, say("next", "Next: {step}", step=what_next))
     for note in analysis.get("notes", []):
-        _say(console, f"Note: {note}")
+        _say(console, say("note", "Note: {note}", note=note))
     health = analysis["health"]
-    state = [f"{NE107[health['ne107']].words.lower()} (NE 107: {health['ne107']})"] if health["ne107"] else []
-    _say(console, f"Health: {'; '.join([*state, *(reason.rstrip('.') for reason in health['reasons'])])}.")
+    told: list[str] = [without_stop(reason) for reason in health["reasons"]]
+    if letter := health["ne107"]:
+        told.insert(0, say("state_and_letter", "{state} (NE 107: {letter})", state=_state(letter), letter=letter))
+    _say(console, say("health", "Health: {told:; }.", told=tuple(told)))
+
+
+def _state(letter: str) -> str:
+    return NE107[letter].words.lower()
 
 
 def _say(console: Console, sentence: str) -> None:
@@ -96,7 +103,7 @@ def _cell(parameter: dict[str, Any]) -> str:
 
 def scatters(estimates: list[dict[str, Any]]) -> list[str]:
     """What varies in the test itself: ``garcia: F_s 1708 N (1695 to 1721), from breakaway to breakaway ± 2.4 %``."""
-    lines = []
+    lines: list[str] = []
     for estimate in estimates:
         for symbol, parameter in estimate["parameters"].items():
             words = scatter_words(symbol, parameter["value"], parameter.get("scatter"))
@@ -105,7 +112,18 @@ def scatters(estimates: list[dict[str, Any]]) -> list[str]:
             low, high = parameter["ci95"] or (parameter["value"], parameter["value"])
             value, span = with_span(parameter["value"], low, high)
             method = estimate["method"].replace("_", " ")
-            lines.append(f"{method}: {symbol} {value} {parameter['unit']} ({span}), {words}.")
+            lines.append(
+                say(
+                    "varies_in_test",
+                    "{method}: {symbol} {value} {unit} ({span}), {words}.",
+                    method=method,
+                    symbol=symbol,
+                    value=value,
+                    unit=parameter["unit"],
+                    span=span,
+                    words=words,
+                )
+            )
     return lines
 
 
@@ -120,17 +138,22 @@ def reasons(estimates: list[dict[str, Any]]) -> list[str]:
     whose: dict[str, dict[tuple[str, ...], list[str]]] = {}
     for estimate in estimates:
         method, said = estimate["method"].replace("_", " "), estimate["message"]
-        sentences = [text for text in _SENTENCE_END.split(said) if text and not text.startswith(_IN_THE_TABLE)]
-        of_method: dict[str, list[str]] = {sentence: [] for sentence in sentences}
+        sentences = sentences_of(said)
+        of_method: dict[str, list[str]] = {sentence: [] for sentence in sentences if not _is_in_the_table(sentence)}
         for symbol, parameter in estimate["parameters"].items():
-            note = parameter["note"]
-            head, _, tail = note.partition(": ")
-            note = head if tail and tail in said else note
+            note = without_end(parameter["note"], sentences)
             if note not in said:
                 of_method.setdefault(note, []).append(symbol)
         for reason, symbols in of_method.items():
             whose.setdefault(reason, {}).setdefault(tuple(symbols), []).append(method)
-    return [f"{_owners(owners)}: {reason}" for reason, owners in whose.items()]
+    return [
+        say("reason_of", "{owners}: {reason}", owners=_owners(owners), reason=reason)
+        for reason, owners in whose.items()
+    ]
+
+
+def _is_in_the_table(sentence: str) -> bool:
+    return sentence.code == _IN_THE_TABLE if isinstance(sentence, Message) else sentence.startswith(_LISTED)
 
 
 def _owners(owners: dict[tuple[str, ...], list[str]]) -> str:
@@ -144,9 +167,15 @@ def _print_held_out(console: Console, tried: dict[str, Any]) -> None:
     for method, rmse_m in tried["rmse_m"].items():
         note = tried["notes"].get(method)
         found = "unknown" if rmse_m is None else f"{_micrometres(rmse_m)} rms"
-        parts.append(f"{method.replace('_', ' ')} {found}{f' ({note})' if note else ''}")
+        of_method = say("misfit_of_method", "{method} {found}", method=method.replace("_", " "), found=found)
+        parts.append(of_method if not note else say("with_note", "{said} ({note})", said=of_method, note=note))
     _say(
         console,
-        f"Held-out {tried['file']}: simulated beside measured position: {'; '.join(parts)}; "
-        f"noise {_micrometres(tried['position_noise_m'])}.",
+        say(
+            "held_out",
+            "Held-out {file}: simulated beside measured position: {parts:; }; noise {noise}.",
+            file=tried["file"],
+            parts=tuple(parts),
+            noise=_micrometres(tried["position_noise_m"]),
+        ),
     )

@@ -15,6 +15,7 @@ from service.cli.held_out import HeldOutCommand
 from service.cli.output import STANDARD_OUTPUT, require_writable, write_json
 from service.cli.report import require_report_name, write_report
 from valve.errors import RequestError
+from valve.messages import say, with_table
 from valve.nameplate import Nameplate
 
 if TYPE_CHECKING:
@@ -104,7 +105,15 @@ def chosen_nameplate(file: Path | None, config: Path | None, tag: str | None) ->
     assert tag is not None
     valves = load_plant(config).valves
     if tag not in valves:
-        raise RequestError(f"{config}: there is no valve {tag}, there are {', '.join(valves)}: choose one")
+        raise RequestError(
+            say(
+                "no_valve_in_file",
+                "{config}: there is no valve {tag}, there are {known:, }: choose one",
+                config=str(config),
+                tag=tag,
+                known=tuple(valves),
+            )
+        )
     return valves[tag].nameplate
 
 
@@ -137,4 +146,4 @@ def _analysis(
         held_out=[(name, one.recording) for name, one in tried],
         progress=tell,
     )
-    return with_understood(analysis, [*own, *(one for _, one in tried)])
+    return with_table(with_understood(analysis, [*own, *(one for _, one in tried)]))

@@ -14,6 +14,7 @@ from drivers.motion.audit_entries import canonical
 from service.audit.verify import Verdict, entries_of, files_of, verify
 from service.cli.command import Command, CommandGroup
 from valve.errors import ConfigurationError, RequestError
+from valve.messages import joined, say
 
 GROUP: Final = typer.Typer(
     name="audit",
@@ -31,7 +32,9 @@ Config = Annotated[Path | None, typer.Option("--config", metavar="FILE", help="T
 
 def _files(folder: Path | None, config: Path | None) -> list[Path]:
     if (folder is None) == (config is None):
-        raise RequestError("name either FOLDER or --config FILE, so that it is known which log is meant")
+        raise RequestError(
+            say("folder_or_config", "name either FOLDER or --config FILE, so that it is known which log is meant")
+        )
     if folder is not None:
         return files_of(folder)
     from service.config.settings import load_plant
@@ -52,15 +55,29 @@ def verify_log(
     """Verify every entry of the log and print its head. Exit code 1 where it was changed."""
     files = _files(folder, config)
     if head is not None and len(files) > 1:
-        raise RequestError(f"--head belongs to one file, here are {len(files)}: verify a folder that holds that one")
-    changed = []
+        raise RequestError(
+            say(
+                "head_of_one_file",
+                "--head belongs to one file, here are {count}: verify a folder that holds that one",
+                count=len(files),
+            )
+        )
+    changed: list[str] = []
     for file in files:
         found = verify(file, head)
         sys.stdout.write(f"{file.name}: {found.entries} entries, head {found.head}: {found.verdict.value}\n")
         if found.verdict is Verdict.TAMPERED:
-            changed.append(f"{file}: {found.reason}: {found.verdict.value}")
+            changed.append(
+                say(
+                    "log_changed",
+                    "{file}: {reason}: {verdict}",
+                    file=str(file),
+                    reason=found.reason,
+                    verdict=found.verdict.value,
+                )
+            )
     if changed:
-        raise ConfigurationError("; ".join(changed))
+        raise ConfigurationError(joined("; ", changed))
 
 
 @GROUP.command(cls=Command)

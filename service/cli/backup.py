@@ -9,6 +9,8 @@ from typing import Annotated
 
 import typer
 
+from valve.messages import say
+
 
 def backup(
     config: Annotated[Path, typer.Option("--config", metavar="FILE", help="The plant file.", show_default=False)],
@@ -22,9 +24,22 @@ def backup(
 
     made = make_backup(load_plant(config), file, software=f"breakaway {version('breakaway')}", who=caller())
     sys.stdout.write(f"{file}: {made.recordings} recordings, {len(made.files)} files, {file.stat().st_size:,} bytes\n")
-    faults = [f"the recording of {run_id} is no longer in the store" for run_id in made.missing]
-    faults += [f"the recording of {run_id} is not what was stored" for run_id in made.damaged]
+    faults = [
+        say("recording_is_gone", "the recording of {test} is no longer in the store", test=run_id)
+        for run_id in made.missing
+    ]
+    faults += [
+        say("recording_is_other", "the recording of {test} is not what was stored", test=run_id)
+        for run_id in made.damaged
+    ]
     for fault in faults[1:]:
         sys.stderr.write(f"breakaway: {fault}\n")
     if faults:
-        raise RecordingError(f"{faults[0]}: the backup was made, look for it in an earlier one ({len(faults)} in all)")
+        raise RecordingError(
+            say(
+                "backup_with_faults",
+                "{first}: the backup was made, look for it in an earlier one ({count} in all)",
+                first=faults[0],
+                count=len(faults),
+            )
+        )

@@ -10,6 +10,7 @@ import typer
 
 from service.cli.output import STANDARD_OUTPUT, write_json
 from valve.errors import ConfigurationError, EquipmentError
+from valve.messages import Message, joined, say
 
 if TYPE_CHECKING:
     from drivers.inspection import ValveSeen
@@ -41,14 +42,22 @@ def check(
             write_json(STANDARD_OUTPUT, document)
         else:
             sys.stdout.writelines(f"{fault}\n" for fault in faults)
-        number = "1 fault" if len(faults) == 1 else f"{len(faults)} faults"
-        not_read = ", no device was read" if live else ""
-        raise ConfigurationError(f"{config}: {number}{not_read}: correct the file, then check it again")
+        number: str = faults_counted(len(faults))
+        if live:
+            number = say("none_read", "{number}, no device was read", number=number)
+        raise ConfigurationError(
+            say(
+                "correct_and_check",
+                "{config}: {number}: correct the file, then check it again",
+                config=str(config),
+                number=number,
+            )
+        )
     if not live:
         if as_json:
             write_json(STANDARD_OUTPUT, document)
         else:
-            print(f"{config}: no fault: {_counted(plant)}")
+            print(say("no_fault_in_file", "{config}: no fault: {counted}", config=str(config), counted=_counted(plant)))
         return
     import uvloop
 
@@ -58,10 +67,32 @@ def check(
     if as_json:
         write_json(STANDARD_OUTPUT, document)
     if wrong:
-        shown = ", ".join(wrong[:10]) + (f" and {len(wrong) - 10} more" if len(wrong) > 10 else "")
-        raise EquipmentError(f"{len(wrong)} of {len(checked)} valves are not right: {shown}: do what their lines say")
+        shown = joined(", ", wrong[:10])
+        if len(wrong) > 10:
+            shown = say("and_more", "{shown} and {n} more", shown=shown, n=len(wrong) - 10)
+        raise EquipmentError(
+            say(
+                "valves_not_right",
+                "{count} of {all} valves are not right: {shown}: do what their lines say",
+                count=len(wrong),
+                all=len(checked),
+                shown=shown,
+            )
+        )
     if not as_json:
-        print(f"{config}: no fault, and every device shows what it should: {_counted(plant)}")
+        print(
+            say(
+                "no_fault_and_devices",
+                "{config}: no fault, and every device shows what it should: {counted}",
+                config=str(config),
+                counted=_counted(plant),
+            )
+        )
+
+
+def faults_counted(number: int) -> Message:
+    """Return how many faults a file has."""
+    return say("one_fault", "1 fault") if number == 1 else say("faults", "{n} faults", n=number)
 
 
 def _simulation_faults(config: Path) -> tuple[Fault, ...]:
@@ -97,7 +128,14 @@ async def _looked(plant: Plant, *, silent: bool) -> list[CheckedValve]:
 def _lines(valve: CheckedValve) -> list[str]:
     """Return what is told of a valve: who answers, what it shows, and what is not right."""
     if valve.seen is None:
-        return [f"{valve.tag}: gateway {valve.elsewhere} drives it: check it there"]
+        return [
+            say(
+                "check_at_gateway",
+                "{tag}: gateway {gateway} drives it: check it there",
+                tag=valve.tag,
+                gateway=valve.elsewhere,
+            )
+        ]
     seen = valve.seen
     devices = [
         f"{one.map or ''} {one.subject}".strip() + ("" if one.number is None else f", number {one.number}")
@@ -116,7 +154,7 @@ def _lines(valve: CheckedValve) -> list[str]:
             f"{word}: {', '.join(one.name for one in seen.permissives if one.met is met)}" for met, word in said.items()
         ]
         lines.append(f"  permissives: {'; '.join(one for one in told if not one.endswith(': '))}")
-    return lines + [f"  not right: {fault}" for fault in seen.faults]
+    return lines + [say("not_right", "  not right: {fault}", fault=fault) for fault in seen.faults]
 
 
 def _measured(valve: CheckedValve, seen: ValveSeen) -> list[str]:
@@ -135,7 +173,7 @@ def _conditions(seen: ValveSeen) -> list[str]:
     if seen.interlock is not None:
         shown.append("interlock active" if seen.interlock else "no interlock")
     if seen.owner is not None:
-        shown.append("owned by nobody" if seen.owner == 0 else f"owned by run {seen.owner}")
+        shown.append("owned by nobody" if seen.owner == 0 else say("shown_owner", "owned by run {run}", run=seen.owner))
     if seen.watchdog is not None:
         shown.append(f"watchdog {seen.watchdog}")
     return shown

@@ -10,6 +10,7 @@ from typing import Any, Final
 import httpx
 
 from valve.errors import ConfigurationError, RequestError, WireError
+from valve.messages import from_json, message_of, say
 
 TOKEN_VARIABLE: Final = "BREAKAWAY_TOKEN"
 TOKEN_FILE_VARIABLE: Final = "BREAKAWAY_TOKEN_FILE"
@@ -28,13 +29,30 @@ def service_client(url: str) -> httpx.Client:
         if parsed.scheme not in ("http", "https") or not parsed.host:
             raise ValueError("it begins with http:// or https:// and a host")
     except (httpx.InvalidURL, ValueError) as error:
-        raise RequestError(f"--url {url!r} is no address ({error}): give one such as http://127.0.0.1:8321") from None
+        raise RequestError(
+            say(
+                "url_no_address",
+                "--url {url} is no address ({why}): give one such as http://127.0.0.1:8321",
+                url=repr(url),
+                why=message_of(error),
+            )
+        ) from None
     token = own_token()
     if token is None:
         return httpx.Client(base_url=url, timeout=_TIMEOUT)
     if parsed.scheme == "http" and not _is_local(parsed.host):
-        raise RequestError(f"--url {url}: the token would cross the network unencrypted: use https")
+        raise RequestError(
+            say("token_unencrypted", "--url {url}: the token would cross the network unencrypted: use https", url=url)
+        )
     return httpx.Client(base_url=url, timeout=_TIMEOUT, headers={"Authorization": f"Bearer {token}"})
+
+
+def _refused(problem: dict[str, Any], status: int) -> str:
+    """Return why the service refuses, as the message that it was made of where it sends that."""
+    made_of = problem.get("message")
+    if isinstance(made_of, dict) and {"code", "template", "values"} <= made_of.keys():
+        return from_json(made_of)
+    return str(problem["detail"]) if "detail" in problem else say("status", "status {status}", status=status)
 
 
 def asked(client: httpx.Client, method: str, path: str, body: dict[str, Any] | None = None) -> dict[str, Any]:
@@ -43,14 +61,26 @@ def asked(client: httpx.Client, method: str, path: str, body: dict[str, Any] | N
         answer = client.request(method, path, json=body)
     except httpx.HTTPError as error:
         raise WireError(
-            f"{client.base_url}: no answer ({error}): start it by breakaway serve, or name it by --url"
+            say(
+                "no_answer_of_service",
+                "{url}: no answer ({why}): start it by breakaway serve, or name it by --url",
+                url=str(client.base_url),
+                why=message_of(error),
+            )
         ) from None
     try:
         content: dict[str, Any] = answer.json()
     except ValueError:
-        raise WireError(f"{client.base_url}: its answer is no JSON ({answer.status_code}): is it breakaway?") from None
+        raise WireError(
+            say(
+                "answer_no_json",
+                "{url}: its answer is no JSON ({status}): is it breakaway?",
+                url=str(client.base_url),
+                status=answer.status_code,
+            )
+        ) from None
     if answer.is_error:
-        raise RequestError(str(content.get("detail", f"status {answer.status_code}")))
+        raise RequestError(_refused(content, answer.status_code))
     return content
 
 
@@ -64,19 +94,46 @@ def own_token() -> str | None:
     try:
         mode = path.stat().st_mode & 0o777
         if mode & _OTHERS:
-            raise ConfigurationError(f"{path}: others may read this token (mode {mode:o}): chmod 600 {path}")
+            raise ConfigurationError(
+                say(
+                    "token_readable_by_others",
+                    "{path}: others may read this token (mode {mode:o}): chmod 600 {path}",
+                    path=str(path),
+                    mode=mode,
+                )
+            )
         return _checked(path.read_text(encoding="utf-8").strip(), str(path))
     except FileNotFoundError:
         if named is None:
             return None
-        raise ConfigurationError(f"{TOKEN_FILE_VARIABLE}: {path} does not exist: write the token into it") from None
+        raise ConfigurationError(
+            say(
+                "token_file_missing",
+                "{variable}: {path} does not exist: write the token into it",
+                variable=TOKEN_FILE_VARIABLE,
+                path=str(path),
+            )
+        ) from None
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"{path}: the token cannot be read ({error}): make it readable for you") from None
+        raise ConfigurationError(
+            say(
+                "token_unreadable",
+                "{path}: the token cannot be read ({why}): make it readable for you",
+                path=str(path),
+                why=message_of(error),
+            )
+        ) from None
 
 
 def _checked(token: str, where: str) -> str:
     if not token.isascii() or not token.isprintable() or " " in token or not token:
-        raise ConfigurationError(f"{where}: it holds no token: write the one line that breakaway token create printed")
+        raise ConfigurationError(
+            say(
+                "no_token_in_file",
+                "{where}: it holds no token: write the one line that breakaway token create printed",
+                where=str(where),
+            )
+        )
     return token
 
 

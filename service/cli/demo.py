@@ -24,6 +24,7 @@ from service.cli.demo_tables import print_legend, print_test
 from service.cli.signals import ended_by_signals
 from service.cli.truths import told_truth
 from valve.errors import InternalError, MeasurementError, ValveError
+from valve.messages import say
 from valve.parameter_sets import PARAMETER_SETS
 
 _STARTS: Final = 3
@@ -58,10 +59,14 @@ def demo(
                 if not once:
                     _serve_on(console, base_url, processes)
         except KeyboardInterrupt:
-            raise MeasurementError("demo: it was ended before its tests were: start it again to see them all") from None
+            raise MeasurementError(
+                say("demo_ended_early", "demo: it was ended before its tests were: start it again to see them all")
+            ) from None
     incomplete = [made["tag"] for made in valves if made["test"]["state"] != "completed"]
     if incomplete:
-        raise InternalError(f"demo: {', '.join(incomplete)} did not complete: the reason stands above")
+        raise InternalError(
+            say("demo_incomplete", "demo: {tags:, } did not complete: the reason stands above", tags=tuple(incomplete))
+        )
 
 
 def _progress(console: Console) -> Progress:
@@ -112,7 +117,13 @@ async def _run_all(base_url: str, processes: list[DemoProcess], progress: Progre
             done = await asyncio.gather(*tests)
         except httpx.TransportError as error:
             await _require_alive(processes)
-            raise InternalError(f"demo: the service no longer answers ({type(error).__name__}): report it") from error
+            raise InternalError(
+                say(
+                    "demo_service_silent",
+                    "demo: the service no longer answers ({kind}): report it",
+                    kind=type(error).__name__,
+                )
+            ) from error
         finally:
             for test in tests:
                 test.cancel()
@@ -146,7 +157,12 @@ async def _truth(simulated: DemoProcess, valve: DemoValve, test: dict[str, Any])
         await asyncio.sleep(0.2)
     if is_complete:
         raise InternalError(
-            f"demo: the plant did not tell the truth about {valve.tag} in {_TRUTH_WAIT_S:g} s: report it"
+            say(
+                "demo_truth_missing",
+                "demo: the plant did not tell the truth about {tag} in {wait:g} s: report it",
+                tag=valve.tag,
+                wait=_TRUTH_WAIT_S,
+            )
         )
     return {**PARAMETER_SETS[valve.parameter_set].parameters.by_symbol(), "cause": valve.cause}
 
@@ -168,7 +184,15 @@ async def _run_test(
     if answer.status_code != httpx.codes.ACCEPTED:
         await _require_alive(processes)
         detail = answer.json().get("detail", answer.text)
-        raise InternalError(f"demo: {valve.tag} was not started ({answer.status_code}): {detail}")
+        raise InternalError(
+            say(
+                "demo_not_started",
+                "demo: {tag} was not started ({status}): {detail}",
+                tag=valve.tag,
+                status=answer.status_code,
+                detail=detail,
+            )
+        )
     deadline = time.monotonic() + _TEST_TIMEOUT_S
     location, said = answer.headers["Location"], ""
     while time.monotonic() < deadline:
@@ -183,8 +207,13 @@ async def _run_test(
             return test
         await asyncio.sleep(0.25)
     raise InternalError(
-        f"demo: the test of {valve.tag} did not end within {_TEST_TIMEOUT_S:g} s: "
-        "end what else keeps this machine busy, and start it again"
+        say(
+            "demo_test_too_long",
+            "demo: the test of {tag} did not end within {limit:g} s: end what else keeps this machine busy, and "
+            "start it again",
+            tag=valve.tag,
+            limit=_TEST_TIMEOUT_S,
+        )
     )
 
 
@@ -201,7 +230,12 @@ def _own_command() -> str:
 def _serve_on(console: Console, base_url: str, processes: list[DemoProcess]) -> None:
     """Keep the processes until the user ends them (Ctrl-C, SIGTERM), or one of them ends by itself: InternalError."""
     console.print(
-        f"\nThe tablet: {base_url}/ (in a browser on this machine); the routes: {base_url}/docs", soft_wrap=True
+        say(
+            "demo_addresses",
+            "\nThe tablet: {url}/ (in a browser on this machine); the routes: {url}/docs",
+            url=base_url,
+        ),
+        soft_wrap=True,
     )
     console.print(f"Try: {_own_command()} run {DEMO_VALVES[0].tag} --url {base_url}", soft_wrap=True, highlight=False)
     console.print("Ctrl-C ends it; plant, store and logs are removed then.")

@@ -18,6 +18,7 @@ import httpx
 
 from service.cli.signals import ENDING_SIGNALS
 from valve.errors import InternalError
+from valve.messages import say
 
 _START_TIMEOUT_S: Final = 180.0  # a first start compiles the kernels: 6 s on an idle machine, more on a busy one
 _END_S: Final = 15.0  # valves are brought to their safe values first
@@ -41,7 +42,15 @@ class DemoProcess:
         code = self.process.poll()
         if code is not None:
             last = (self.said or ["it said nothing"])[-1]
-            raise InternalError(f"demo: breakaway {self.name} ended by itself with code {code}: {last}")
+            raise InternalError(
+                say(
+                    "demo_process_ended",
+                    "demo: breakaway {command} ended by itself with code {exit_code}: {last}",
+                    command=self.name,
+                    exit_code=code,
+                    last=last,
+                )
+            )
 
 
 @contextlib.contextmanager
@@ -77,8 +86,12 @@ async def wait_until_ready(base_url: str, processes: Sequence[DemoProcess], list
                     return
             await asyncio.sleep(0.1)
     raise InternalError(
-        f"demo: plant and service were not ready within {_START_TIMEOUT_S:g} s: "
-        "end what else keeps this machine busy, and start it again"
+        say(
+            "demo_not_ready",
+            "demo: plant and service were not ready within {limit:g} s: end what else keeps this machine busy, and "
+            "start it again",
+            limit=_START_TIMEOUT_S,
+        )
     )
 
 

@@ -15,6 +15,8 @@ from rich.text import Text
 from service.cli.demo_plant import DemoValve
 from service.cli.diagnosis_tables import diagnosis_lines
 from service.words.plain_numbers import as_read, half_width, scatter_words
+from service.words.sentences import sentences_of
+from valve.messages import say
 from valve.parameters import PARAMETER_SYMBOLS
 
 _METHODS: Final = {
@@ -28,7 +30,6 @@ _DIGITS: Final = 5  # of a value without an interval
 _WIDEST: Final = 10  # characters of a value
 _ERROR_PLACES: Final = ((10.0, 3), (100.0, 2))  # after the point, below so many percent: 6 characters
 _INDENT: Final = 2  # columns
-_SENTENCE_END: Final = re.compile(r"(?<=\.) (?=[A-Z])")
 _CLAUSE_END: Final = re.compile(r"[:;,](?= )")
 
 
@@ -55,10 +56,19 @@ def _table(valve: DemoValve, made: dict[str, Any]) -> Table:
     estimates = made["test"]["analysis"]["estimates"]
     recording = made["test"]["analysis"]["recording"]
     table = Table(
-        title=f"{valve.tag}: {valve.parameter_set} valve, {_hidden(valve)}, Modbus {valve.transport.upper()}, "
-        f"{valve.mode}:\n"
-        f"{recording['samples']} samples, {1e3 * recording['sample_period_s']:.3g} ms apart, "
-        f"position noise {1e6 * recording['position_noise_m']:.2g} um",
+        title=say(
+            "demo_title",
+            "{tag}: {parameter_set} valve, {hidden}, Modbus {transport}, {mode}:\n{samples} samples, {period:.3g ms} "
+            "apart, position noise {noise:.2g um}",
+            tag=valve.tag,
+            parameter_set=valve.parameter_set,
+            hidden=_hidden(valve),
+            transport=valve.transport.upper(),
+            mode=valve.mode,
+            samples=recording["samples"],
+            period=recording["sample_period_s"],
+            noise=recording["position_noise_m"],
+        ),
         title_justify="left",
         box=box.SIMPLE_HEAD,
         padding=(0, 0),
@@ -91,7 +101,7 @@ def _scatter_lines(made: dict[str, Any]) -> list[str]:
         for symbol in ("F_s", "F_c")
         if (said := scatter_words(symbol, *(best["parameters"][symbol].get(key) for key in ("value", "scatter"))))
     ]
-    return [f"{', '.join(words)} (maximum likelihood)."] if words else []
+    return [say("by_likelihood", "{words:, } (maximum likelihood).", words=tuple(words))] if words else []
 
 
 def _notes(estimates: list[dict[str, Any]], width: int) -> list[str]:
@@ -117,7 +127,7 @@ def _notes(estimates: list[dict[str, Any]], width: int) -> list[str]:
 
 
 def _first_sentence(text: str) -> str:
-    return _SENTENCE_END.split(text)[0].strip()
+    return next(iter(sentences_of(text)), "")
 
 
 def _on_one_line(subject: str, reason: str, width: int) -> str:
@@ -137,8 +147,12 @@ def print_legend(console: Console) -> None:
     symbols = "; ".join(f"{symbol} {entry.meaning}" for symbol, entry in PARAMETER_SYMBOLS.items())
     console.print(
         Text(
-            f"{symbols}. Truth is what the simulated valve was in this test, F_c over the travel that it swept; the "
-            "error of F_0 is in percent of F_s. docs/glossary.md has the words."
+            say(
+                "demo_legend",
+                "{symbols}. Truth is what the simulated valve was in this test, F_c over the travel that it swept; "
+                "the error of F_0 is in percent of F_s. docs/glossary.md has the words.",
+                symbols=symbols,
+            )
         )
     )
 

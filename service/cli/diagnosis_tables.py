@@ -8,24 +8,26 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from service.shown.diagnosis_words import beside_no_fault, cause_line, plain_cause, to_tell_apart
 from service.words.plain_numbers import as_read, with_span
-from service.words.sentences import NO_FAULT
+from service.words.sentences import together
+from valve.messages import say
 
 _NO_GAIN: Final = 0.005  # of the misfit without the cause
 _VERDICTS: Final = {
-    "none": "no fault found",
-    "named": "named",
-    "likely": "probably, not proven",
-    "ambiguous": "several causes would explain it",
-    "unexplained": "something is there that no cause of the catalogue explains",
-    "not_assessed": "not assessed",
+    "none": say("in_short_none", "no fault found"),
+    "named": say("in_short_named", "named"),
+    "likely": say("in_short_likely", "probably, not proven"),
+    "ambiguous": say("in_short_ambiguous", "several causes would explain it"),
+    "unexplained": say("in_short_unexplained", "something is there that no cause of the catalogue explains"),
+    "not_assessed": say("in_short_not_assessed", "not assessed"),
 }
 
 
 def print_diagnosis(console: Console, discrepancy: dict[str, Any], indent: str = "") -> None:
     """Print the verdict, each cause with what to do, what it gains, what else it could be and how to tell."""
     for line in diagnosis_lines(discrepancy):
-        console.print(Text(f"{indent}{as_read(line)}"))
+        console.print(Text(indent + as_read(line)))
     if discrepancy.get("causes"):
         console.print(_parameters(discrepancy["causes"]))
     model = discrepancy.get("extended_model")
@@ -36,26 +38,31 @@ def print_diagnosis(console: Console, discrepancy: dict[str, Any], indent: str =
 def diagnosis_lines(discrepancy: dict[str, Any]) -> list[str]:
     """Return the diagnosis as sentences, the verdict first."""
     verdict = discrepancy["verdict"]
-    message = str(discrepancy.get("message") or "").removeprefix(NO_FAULT).strip()
-    lines = [f"Diagnosis: {_VERDICTS.get(verdict, verdict)}. {message}".rstrip()]
+    found = say("diagnosis", "Diagnosis: {verdict}.", verdict=_VERDICTS.get(verdict, verdict))
+    lines: list[str] = [together([found, *beside_no_fault(discrepancy.get("message") or "")])]
     misfit = discrepancy.get("misfit")
     if misfit is not None and misfit["where"] and verdict not in ("none", "not_assessed"):
-        lines.append(f"Misfit: {misfit['where']}")
+        lines.append(say("misfit", "Misfit: {where}", where=misfit["where"]))
+    lines += [cause_line(cause, plain_cause(cause["cause"])) for cause in discrepancy.get("causes", [])]
     lines += [
-        f"{_plain(found['cause'])}: {found['sentence']} What to do: {found['action']}"
-        for found in discrepancy.get("causes", [])
+        say("remark", "Remark: {sentence}", sentence=remark["sentence"]) for remark in discrepancy.get("remarks") or ()
     ]
-    lines += [f"Remark: {found['sentence']}" for found in discrepancy.get("remarks") or ()]
     rivals = discrepancy.get("not_told_apart_from")
     if rivals:
-        first = _plain(discrepancy["causes"][0]["cause"])
-        lines.append(f"Instead of {first} it could as well be: {', '.join(_plain(name) for name in rivals)}.")
+        lines.append(
+            say(
+                "instead_of",
+                "Instead of {cause} it could as well be: {rivals:, }.",
+                cause=plain_cause(discrepancy["causes"][0]["cause"]),
+                rivals=tuple(plain_cause(name) for name in rivals),
+            )
+        )
     # without a cause there is nothing to gain by
     gains = (discrepancy.get("gains") or [discrepancy.get("gain")]) if discrepancy.get("causes") else []
     lines += [_gain(gain) for gain in gains if gain is not None and not _is_nothing(gain)]
     separating = discrepancy.get("separating_test")
     if separating is not None:
-        lines.append(f"To tell them apart: {separating['sentence']}")
+        lines.append(to_tell_apart(separating["sentence"]))
     return lines
 
 
@@ -67,20 +74,31 @@ def _is_nothing(gain: dict[str, Any]) -> bool:
 
 def _gain(gain: dict[str, Any]) -> str:
     if gain["rmse_before_m"] is None:
-        return (
-            f"Gain on {gain['held_out']}: the force is missed by {gain['rmse_after_n']:.3g} N rms "
-            f"({gain['error_after_percent']:.2g} %) with it in the model, by {gain['rmse_before_n']:.3g} N "
-            f"({gain['error_before_percent']:.2g} %) without."
+        return say(
+            "gain_of_force",
+            "Gain on {held_out}: the force is missed by {after:.3g N} rms ({after_percent:.2g} %) with it in the "
+            "model, "
+            "by {before:.3g N} ({before_percent:.2g} %) without.",
+            held_out=gain["held_out"],
+            after=gain["rmse_after_n"],
+            after_percent=gain["error_after_percent"],
+            before=gain["rmse_before_n"],
+            before_percent=gain["error_before_percent"],
         )
     before_m, after_m, floor_m = gain["rmse_before_m"], gain["rmse_after_m"], gain["noise_floor_m"]
     possible = before_m**2 - floor_m**2
-    share = ""
-    if possible > 0.0:
-        share = f", {min(100.0 * (before_m**2 - after_m**2) / possible, 100.0):.0f} % of what could be gained"
-    return (
-        f"Gain on {gain['held_out']}: the simulation misses by {_length(after_m)} rms with it in the model, "
-        f"by {_length(before_m)} without{share}; the noise is {_length(floor_m)}."
+    after, before, noise = (_length(length_m) for length_m in (after_m, before_m, floor_m))
+    missed = say(
+        "gain_of_position",
+        "Gain on {held_out}: the simulation misses by {after} rms with it in the model, by {before} without",
+        held_out=gain["held_out"],
+        after=after,
+        before=before,
     )
+    if possible > 0.0:
+        share = min((before_m**2 - after_m**2) / possible, 1.0)
+        missed = say("of_what_could_be", "{missed}, {share:.0f %} of what could be gained", missed=missed, share=share)
+    return say("noise_is", "{missed}; the noise is {noise}.", missed=missed, noise=noise)
 
 
 def _parameters(causes: list[dict[str, Any]]) -> Table:
@@ -96,7 +114,7 @@ def _parameters(causes: list[dict[str, Any]]) -> Table:
                 continue
             value, span = with_span(entry["value"], *entry["ci95"])
             unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
-            table.add_row(_plain(found["cause"]), name, f"{value}{unit}", span)
+            table.add_row(plain_cause(found["cause"]), name, f"{value}{unit}", span)
     return table
 
 
@@ -111,9 +129,7 @@ def _valve(parameters: dict[str, Any]) -> Table:
     return table
 
 
-def _plain(cause: str) -> str:
-    return cause.replace("_", " ")
-
-
 def _length(length_m: float) -> str:
-    return f"{1e6 * length_m:.3g} um" if length_m < 1.0e-3 else f"{1e3 * length_m:.3g} mm"
+    if length_m < 1.0e-3:
+        return say("length_in_um", "{length:.3g um}", length=length_m)
+    return say("length_in_mm", "{length:.3g mm}", length=length_m)

@@ -13,6 +13,7 @@ import typer
 
 from service.recordings.export import ExportFormat
 from valve.errors import NotFoundError, RecordingError, RequestError, ValveError
+from valve.messages import message_of, say
 
 if TYPE_CHECKING:
     from service.config.settings import Plant
@@ -36,9 +37,9 @@ def export(  # noqa: PLR0917 - typer takes options by position
 ) -> None:
     """Write recordings and what is known of their tests; each is checked against the hash of when it was stored."""
     if not tests and valve is None and since is None:
-        raise RequestError("export needs tests: give their ids, --valve TAG or --since DATE")
+        raise RequestError(say("export_needs_tests", "export needs tests: give their ids, --valve TAG or --since DATE"))
     if tests and (valve is not None or since is not None):
-        raise RequestError("export takes ids of tests, or --valve and --since: not both")
+        raise RequestError(say("export_ids_or_valve", "export takes ids of tests, or --valve and --since: not both"))
     from service.config.settings import load_plant
     from service.recordings.export import export_test
 
@@ -49,29 +50,67 @@ def export(  # noqa: PLR0917 - typer takes options by position
         chosen = tests or runs.ended_since(start, valve=valve)
         if not chosen:
             if valve is not None and valve not in plant.valves:
-                raise NotFoundError(f"--valve {valve}: no valve has this tag: choose one of {', '.join(plant.valves)}")
-            told = "" if since is None else f" since {since:%Y-%m-%d %H:%M} UTC"
-            raise NotFoundError(f"{valve or 'any valve'}: the store has no test with a recording{told}: test it first")
+                raise NotFoundError(
+                    say(
+                        "option_valve_unknown",
+                        "--valve {valve}: no valve has this tag: choose one of {known:, }",
+                        valve=valve,
+                        known=tuple(plant.valves),
+                    )
+                )
+            subject = valve or say("any_valve", "any valve")
+            raise NotFoundError(
+                say(
+                    "no_recorded_test",
+                    "{valve}: the store has no test with a recording: test it first",
+                    valve=subject,
+                )
+                if since is None
+                else say(
+                    "no_recorded_test_since",
+                    "{valve}: the store has no test with a recording since {since}: test it first",
+                    valve=subject,
+                    since=since,
+                )
+            )
         _make(out)
         for run_id in chosen:
             try:
                 for path in export_test(runs.get(run_id), plant.service.store / "recordings", out, form):
                     sys.stdout.write(f"{path}\n")
             except OSError as error:
-                raise RequestError(f"{out}: it cannot be written ({error.strerror}): give another folder") from error
+                raise RequestError(
+                    say(
+                        "folder_unwritable",
+                        "{folder}: it cannot be written ({reason}): give another folder",
+                        folder=str(out),
+                        reason=str(error.strerror),
+                    )
+                ) from error
             except (NotFoundError, RecordingError) as error:
-                failed.append(str(error))
+                failed.append(message_of(error))
     for text in failed[:-1]:
         sys.stderr.write(f"breakaway: {text}\n")
     if failed:
-        raise ValveError(failed[-1] if len(failed) == 1 else f"{failed[-1]} ({len(failed)} of {len(chosen)} failed)")
+        raise ValveError(
+            failed[-1]
+            if len(failed) == 1
+            else say("some_failed", "{why} ({n} of {all} failed)", why=failed[-1], n=len(failed), all=len(chosen))
+        )
 
 
 def _make(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise RequestError(f"{folder}: it cannot be made ({error.strerror}): give another folder") from error
+        raise RequestError(
+            say(
+                "folder_unmade",
+                "{folder}: it cannot be made ({reason}): give another folder",
+                folder=str(folder),
+                reason=str(error.strerror),
+            )
+        ) from error
 
 
 @contextmanager
@@ -83,7 +122,7 @@ def _runs(plant: Plant) -> Iterator[RunTable]:
     settings = plant.service
     file = settings.store / "breakaway.db"
     if settings.database is None and not file.is_file():
-        raise NotFoundError(f"{file}: there is no store yet: its service makes it")
+        raise NotFoundError(say("no_store_file", "{file}: there is no store yet: its service makes it", file=str(file)))
     engine = open_database(f"sqlite:///{file}" if settings.database is None else settings.database.with_password())
     try:
         yield RunTable(engine)

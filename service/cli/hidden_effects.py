@@ -7,6 +7,7 @@ from service.words.spelling import nearest
 from valve.effects import EFFECTS, Effect, ValveScale, effect_from_values
 from valve.errors import ParameterError, ValveError
 from valve.extended_valve import ExtendedValve
+from valve.messages import say
 from valve.parameters import ValveParameters
 
 # Sizes of no valve in particular: what depends on a valve's own is checked where it is built.
@@ -20,15 +21,25 @@ def check_effect(given: dict[str, str | float], key: Key, findings: Findings) ->
     if not isinstance(cause, str) or cause not in EFFECTS:
         known = ", ".join(EFFECTS)
         if cause is None:
-            findings.add(key, given, "its cause is missing", f"choose one of {known}")
+            findings.add(
+                key,
+                given,
+                say("cause_is_missing", "its cause is missing"),
+                say("choose_one_of_known", "choose one of {known}", known=known),
+            )
             return
         close = nearest(str(cause), EFFECTS)
-        remedy = f"write {close}" if close else f"choose one of {known}"
-        findings.add((*key, "cause"), cause, "this cause is unknown", remedy)
+        remedy = f"write {close}" if close else say("choose_one_of_known", "choose one of {known}", known=known)
+        findings.add((*key, "cause"), cause, say("this_cause_unknown", "this cause is unknown"), remedy)
         return
     for name, value in given.items():
         if name != "cause" and isinstance(value, str):
-            findings.add((*key, name), value, "it must be a number", "give a number without quotes and unit")
+            findings.add(
+                (*key, name),
+                value,
+                say("must_be_number", "it must be a number"),
+                say("give_plain_number", "give a number without quotes and unit"),
+            )
             return
     try:
         hidden_effect(given, _ANY_SCALE).apply(_ANY_VALVE)
@@ -45,5 +56,12 @@ def hidden_effect(given: dict[str, str | float], scale: ValveScale) -> Effect:
     strengths = [entry.name for entry in EFFECTS[cause].parameters if entry.is_strength and entry.typical != 0.0]
     both = sorted(set(strengths) & set(values))
     if both:
-        raise ParameterError(f"{cause}: {both[0]} and strength are both given: leave one out")
+        raise ParameterError(
+            say(
+                "strength_and_parameter",
+                "{cause}: {parameter} and strength are both given: leave one out",
+                cause=cause,
+                parameter=both[0],
+            )
+        )
     return EFFECTS[cause].of_strength(float(given["strength"]), scale, **values)

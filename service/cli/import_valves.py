@@ -11,7 +11,9 @@ from typing import Annotated
 
 import typer
 
+from service.cli.check import faults_counted
 from valve.errors import ConfigurationError
+from valve.messages import say
 
 
 def import_valves(
@@ -33,20 +35,42 @@ def import_valves(
     try:
         data = table.read_bytes()
     except OSError as error:
-        raise ConfigurationError(f"{table}: it cannot be read ({error.strerror}): give an existing file") from None
+        raise ConfigurationError(
+            say(
+                "table_unreadable",
+                "{table}: it cannot be read ({reason}): give an existing file",
+                table=str(table),
+                reason=str(error.strerror),
+            )
+        ) from None
     before = config.stat() if config.exists() else None
     found = imported(data, table.name, config, like)
     if found.faults:
         sys.stdout.writelines(f"{fault}\n" for fault in found.faults)
-        number = "1 fault" if len(found.faults) == 1 else f"{len(found.faults)} faults"
-        raise ConfigurationError(f"{table}: {number}, no valve was imported: correct the file, then import it again")
+        raise ConfigurationError(
+            say(
+                "correct_and_import",
+                "{table}: {number}, no valve was imported: correct the file, then import it again",
+                table=str(table),
+                number=faults_counted(len(found.faults)),
+            )
+        )
     valves = "1 valve" if len(found.tags) == 1 else f"{len(found.tags)} valves"
     if dry_run:
-        print(f"{table}: no fault: {valves}, nothing was written")
+        print(
+            say(
+                "no_fault_nothing_written",
+                "{table}: no fault: {valves}, nothing was written",
+                table=str(table),
+                valves=valves,
+            )
+        )
         return
     now = config.stat()
     if before is None or (now.st_mtime_ns, now.st_size) != (before.st_mtime_ns, before.st_size):
-        raise ConfigurationError(f"{config}: somebody else changed it just now: import again")
+        raise ConfigurationError(
+            say("plant_file_changed", "{config}: somebody else changed it just now: import again", config=str(config))
+        )
     _replace(config, found.text)
     them = "it" if len(found.tags) == 1 else "them"
     print(f"{config}: {valves} added. Next: `breakaway reload`, so that a service that runs takes {them}.")
@@ -69,5 +93,10 @@ def _replace(file: Path, text: str) -> None:
             raise
     except OSError as error:
         raise ConfigurationError(
-            f"{file}: it cannot be written ({error.strerror}), no valve was imported: see to its folder"
+            say(
+                "plant_file_unwritable",
+                "{file}: it cannot be written ({reason}), no valve was imported: see to its folder",
+                file=str(file),
+                reason=str(error.strerror),
+            )
         ) from None

@@ -15,6 +15,7 @@ from drivers.maps import REGISTER_MAPS
 from service.config.units import as_value, in_si
 from service.config.valves import ValveSection
 from valve.errors import ConfigurationError
+from valve.messages import joined, say
 from valve.nameplate import Actuator
 
 _SIGNAL_A: Final = [0.004, 0.020]
@@ -61,11 +62,11 @@ def _range_with_unit(kind: Any, key: str) -> Callable[[str], str]:
 
 
 def _one_of(*words: str) -> Callable[[str], str]:
-    return lambda answer: "" if answer in words else f"choose one of {', '.join(words)}"
+    return lambda answer: "" if answer in words else say("choose_one_of", "choose one of {known:, }", known=words)
 
 
 def _whole(answer: str) -> str:
-    return "" if answer.isdecimal() else "give a whole number"
+    return "" if answer.isdecimal() else say("answer_no_whole_number", "give a whole number")
 
 
 def _is_module(answers: _Answers) -> bool:
@@ -200,18 +201,37 @@ def init(
         if isinstance(value, str) and any(name == one.option for one in _QUESTIONS)
     }
     if config.exists():
-        raise ConfigurationError(f"{config}: it is there already and stays as it is: give another --config")
+        raise ConfigurationError(
+            say(
+                "config_exists",
+                "{config}: it is there already and stays as it is: give another --config",
+                config=str(config),
+            )
+        )
     text = _HEAD.replace("FILE", str(config)) + _text(_answers(given))
     _, faults = faults_of(config, text)
     if faults:
-        lines = [str(fault) for fault in faults]
-        raise ConfigurationError("\n".join([*lines, f"{config} was not written: answer otherwise"]))
+        not_written = say("not_written", "{config} was not written: answer otherwise", config=str(config))
+        raise ConfigurationError(joined("\n", [*(fault.message for fault in faults), not_written]))
     try:
         with config.open("x", encoding="utf-8") as file:  # "x": also one that came meanwhile stays as it is
             file.write(text)
     except OSError as error:
-        raise ConfigurationError(f"{config}: it cannot be written ({error.strerror}): give another --config") from None
-    print(f"{config}: written, no fault. Next: breakaway check --config {config} --live")
+        raise ConfigurationError(
+            say(
+                "config_unwritable",
+                "{config}: it cannot be written ({reason}): give another --config",
+                config=str(config),
+                reason=str(error.strerror),
+            )
+        ) from None
+    print(
+        say(
+            "config_written",
+            "{config}: written, no fault. Next: breakaway check --config {config} --live",
+            config=str(config),
+        )
+    )
 
 
 def _answers(given: Mapping[str, str]) -> _Answers:
@@ -219,12 +239,26 @@ def _answers(given: Mapping[str, str]) -> _Answers:
     for question in _QUESTIONS:
         fault = question.fault(given[question.option]) if question.option in given else ""
         if fault:
-            raise ConfigurationError(f"{_named(question)} = {given[question.option]}: {fault}")
+            raise ConfigurationError(
+                say(
+                    "answer_refused",
+                    "{question} = {answer}: {fault}",
+                    question=_named(question),
+                    answer=given[question.option],
+                    fault=fault,
+                )
+            )
     asks, answers = _is_asked(given), _Answers()
     for question in _QUESTIONS:
         if not question.when(answers):
             if question.option in given:
-                raise ConfigurationError(f"{_named(question)}: with the other answers it has no meaning: leave it out")
+                raise ConfigurationError(
+                    say(
+                        "answer_without_meaning",
+                        "{question}: with the other answers it has no meaning: leave it out",
+                        question=_named(question),
+                    )
+                )
             continue
         default = question.default(answers) if callable(question.default) else question.default
         if question.option in given:
@@ -259,7 +293,9 @@ def _asked(question: _Question, default: Any) -> str:
             shown = None if default is _NEEDED else default
             answer = str(typer.prompt(question.words, default=shown, show_default=bool(shown))).strip()
         except typer.Abort:
-            raise ConfigurationError(f"no answer for {_named(question)}: nothing was written") from None
+            raise ConfigurationError(
+                say("answer_missing", "no answer for {question}: nothing was written", question=_named(question))
+            ) from None
         fault = question.fault(answer)
         if not fault:
             return answer

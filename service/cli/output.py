@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from valve.errors import RequestError
+from valve.messages import say
 
 STANDARD_OUTPUT: Final = "-"
 
@@ -18,9 +19,22 @@ def require_writable(target: str | None) -> None:
         return
     path = Path(target)
     if path.is_dir():
-        raise RequestError(f"{target}: it is a folder, the JSON needs a file: give a file name")
+        raise RequestError(
+            say(
+                "json_needs_file",
+                "{target}: it is a folder, the JSON needs a file: give a file name",
+                target=str(target),
+            )
+        )
     if not path.parent.is_dir():
-        raise RequestError(f"{target}: there is no folder {path.parent}: make it, or give another file name")
+        raise RequestError(
+            say(
+                "no_folder",
+                "{target}: there is no folder {parent}: make it, or give another file name",
+                target=str(target),
+                parent=str(path.parent),
+            )
+        )
 
 
 def write_json(target: str, document: dict[str, Any]) -> None:
@@ -32,4 +46,11 @@ def write_json(target: str, document: dict[str, Any]) -> None:
     try:
         Path(target).write_text(text, encoding="utf-8")
     except OSError as error:
-        raise RequestError(f"{target}: it cannot be written ({error.strerror}): give another file name") from None
+        raise RequestError(
+            say(
+                "output_unwritable",
+                "{target}: it cannot be written ({reason}): give another file name",
+                target=str(target),
+                reason=str(error.strerror),
+            )
+        ) from None

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from valve.errors import RequestError
+from valve.messages import say
 
 
 def read_overrides(pairs: Sequence[str]) -> dict[str, Any]:
@@ -19,5 +20,11 @@ def read_overrides(pairs: Sequence[str]) -> dict[str, Any]:
         except ValueError:
             separator = ""
         if not separator:
-            raise RequestError(f"--override {pair!r}: write it as KEY=NUMBER or KEY=[NUMBER, ...]: cycles=2")
+            raise RequestError(
+                say(
+                    "override_form",
+                    "--override {pair}: write it as KEY=NUMBER or KEY=[NUMBER, ...]: cycles=2",
+                    pair=repr(pair),
+                )
+            )
     return overrides

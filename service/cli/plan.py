@@ -14,6 +14,7 @@ from service.cli.client import service_client
 from service.cli.output import STANDARD_OUTPUT, write_json
 from service.cli.overrides import read_overrides
 from valve.errors import NotFoundError, RequestError
+from valve.messages import say
 
 if TYPE_CHECKING:
     from service.config.settings import Plant
@@ -57,9 +58,22 @@ def plan(  # noqa: PLR0917 - typer takes options by position
 
     plant = load_plant(config)
     if tag not in plant.valves:
-        raise NotFoundError(f"valve {tag[:64]!r} is unknown: {config.name} has {', '.join(plant.valves)}")
+        raise NotFoundError(
+            say(
+                "valve_not_in_plant",
+                "valve {tag} is unknown: {file} has {known:, }",
+                tag=repr(tag[:64]),
+                file=config.name,
+                known=tuple(plant.valves),
+            )
+        )
     if override and sequence == ALL:
-        raise RequestError("--override changes one sequence, and all are compared: name it by --sequence")
+        raise RequestError(
+            say(
+                "override_of_one_sequence",
+                "--override changes one sequence, and all are compared: name it by --sequence",
+            )
+        )
     overrides = read_overrides(override or ())
     from service.model.sequences import SEQUENCES
     from service.planning.expected_valve import expected_valve
@@ -67,7 +81,15 @@ def plan(  # noqa: PLR0917 - typer takes options by position
 
     names = list(SEQUENCES) if sequence == ALL else [sequence]
     if names[0] not in SEQUENCES:
-        raise RequestError(f"sequence {sequence[:64]!r} is unknown: choose one of {', '.join(SEQUENCES)}, or {ALL}")
+        raise RequestError(
+            say(
+                "sequence_unknown_or_all",
+                "sequence {sequence} is unknown: choose one of {known:, }, or {all}",
+                sequence=repr(names[0][:64]),
+                known=tuple(SEQUENCES),
+                all=ALL,
+            )
+        )
     last_test, why_none = _last_test(plant, tag, url)
     noise_m = None if noise_um is None else 1.0e-6 * noise_um
     valve = plant.valves[tag]
@@ -100,10 +122,14 @@ def _last_test(plant: Plant, tag: str, url: str | None) -> tuple[dict[str, Any] 
             answer = client.get(f"/valves/{quote(tag, safe='')}", timeout=_TIMEOUT_S)
         content = answer.json() if answer.is_success else None
     except (httpx.HTTPError, ValueError):
-        return None, f"no service at {url} to ask for its last test"
+        return None, say("no_service_to_ask", "no service at {url} to ask for its last test", url=url)
     if answer.status_code in (HTTPStatus.UNAUTHORIZED, HTTPStatus.FORBIDDEN):
-        return None, f"the service at {url} tells its last test to nobody without a token that may see it"
+        return None, say(
+            "service_tells_nobody",
+            "the service at {url} tells its last test to nobody without a token that may see it",
+            url=url,
+        )
     if not isinstance(content, dict) or "last_result" not in content:
-        return None, f"the service at {url} does not know the valve"
+        return None, say("service_knows_no_valve", "the service at {url} does not know the valve", url=url)
     last = content["last_result"]
     return (None, "it has not been tested yet") if last is None else (last, "")

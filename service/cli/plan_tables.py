@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from valve.messages import say
 from valve.parameters import PARAMETER_SYMBOLS
 
 _FIRST_COLUMN: Final = 24  # characters of a terminal's line: a parameter with value and unit
@@ -18,20 +19,37 @@ _COLUMN: Final = 14  # a sequence
 def print_plan(console: Console, document: dict[str, Any]) -> None:
     """Print where the numbers come from, the table, what is not told and why, and which sequence tells most."""
     parameters, sampling = document["parameters"], document["sampling"]
-    _say(console, f"{document['valve']}: what a test would tell. Nothing moves.")
+    _say(
+        console, say("what_test_would_tell", "{valve}: what a test would tell. Nothing moves.", valve=document["valve"])
+    )
     _say(console, f"Parameters: {parameters['source']}.")
     pressure = "pressure measured" if sampling["pressure_measured"] else "pressure not measured, the command stands in"
     _say(
         console,
-        f"Sampling: {1e3 * sampling['sample_period_s']:.4g} ms ({sampling['sample_period_source']}), position noise "
-        f"{1e6 * sampling['position_noise_m']:.3g} um rms ({sampling['position_noise_source']}), {pressure}, "
-        f"I/P lag {sampling['transducer_lag_s']:.2g} s.",
+        say(
+            "plan_sampling",
+            "Sampling: {period:.4g ms} ({period_source}), position noise {noise:.3g um} rms ({noise_source}), "
+            "{pressure}, I/P lag {lag:.2g} s.",
+            period=sampling["sample_period_s"],
+            period_source=sampling["sample_period_source"],
+            noise=sampling["position_noise_m"],
+            noise_source=sampling["position_noise_source"],
+            pressure=pressure,
+            lag=sampling["transducer_lag_s"],
+        ),
     )
     scatter = document["friction_scatter"]
     _say(
         console,
-        f"Friction varies as that of {scatter['source']}: by {1e2 * scatter['breakaway']:.2g} % from breakaway to "
-        f"breakaway, {1e2 * scatter['roughness']:.2g} % along the travel, {1e2 * scatter['wander']:.2g} % in time.",
+        say(
+            "friction_varies_as",
+            "Friction varies as that of {source}: by {breakaway:.2g %} from breakaway to breakaway, "
+            "{roughness:.2g %} along the travel, {wander:.2g %} in time.",
+            source=scatter["source"],
+            breakaway=scatter["breakaway"],
+            roughness=scatter["roughness"],
+            wander=scatter["wander"],
+        ),
     )
     _say(console, "Expected 95 % interval of each parameter, by sequence:")
     possible = [one for one in document["sequences"] if one["possible"]]
@@ -98,21 +116,40 @@ def _print_reasons(console: Console, sequence: dict[str, Any]) -> None:
     """Each reason once, with the parameters that it is of."""
     name = sequence["sequence"]
     if not sequence["possible"]:
-        _say(console, f"{name} is not possible: {sequence['message']}.")
+        _say(console, say("not_possible", "{sequence} is not possible: {why}.", sequence=name, why=sequence["message"]))
         return
     reasons: dict[str, list[str]] = {}
     for symbol, parameter in sequence["parameters"].items():
         if not parameter["identifiable"]:
             reasons.setdefault(parameter["note"], []).append(symbol)
     for reason, symbols in reasons.items():
-        _say(console, f"{name} does not tell {' and '.join(symbols)}: {reason}.")
+        _say(
+            console,
+            say(
+                "does_not_tell",
+                "{sequence} does not tell {symbols: and }: {why}.",
+                sequence=name,
+                symbols=tuple(symbols),
+                why=reason,
+            ),
+        )
 
 
 def _print_choice(console: Console, document: dict[str, Any]) -> None:
     default, reason, best = (document[key] for key in ("default_sequence", "default_sequence_reason", "best_sequence"))
     if len(document["sequences"]) > 1 and best is not None:
-        _say(console, f"Most is told, for its time, by {best}.")
+        _say(console, say("most_is_told", "Most is told, for its time, by {best}.", best=best))
     if default is None:
-        _say(console, f"A test without --sequence is refused: {reason}.")
+        _say(console, say("default_refused", "A test without --sequence is refused: {why}.", why=reason))
+    elif reason:
+        _say(
+            console,
+            say(
+                "default_because",
+                "A test without --sequence runs {sequence} ({why}).",
+                sequence=default,
+                why=reason,
+            ),
+        )
     else:
-        _say(console, f"A test without --sequence runs {default}{f' ({reason})' if reason else ''}.")
+        _say(console, say("default_runs", "A test without --sequence runs {sequence}.", sequence=default))

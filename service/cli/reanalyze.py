@@ -14,6 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from service.cli.client import asked, service_client
 from valve.errors import MeasurementError, RequestError, WireError
+from valve.messages import message_of, say
 
 _LOOK_S: Final = 1.0
 _LOST_S: Final = 300.0  # a service that is restarted, or upgraded, goes on with it
@@ -60,15 +61,33 @@ def reanalyze(  # noqa: PLR0917 - typer takes options by position
             found = _watched(client, begun)
         except KeyboardInterrupt:
             raise RequestError(
-                f"re-analysis {begun['number']} goes on in the service: the same command shows how far it is, "
-                f"breakaway reanalyze --stop {begun['number']} stops it"
+                say(
+                    "reanalysis_goes_on",
+                    "re-analysis {number} goes on in the service: the same command shows how far it is, breakaway "
+                    "reanalyze --stop {number} stops it",
+                    number=begun["number"],
+                )
             ) from None
     found["elsewhere"] = begun["elsewhere"]
     _print(found, as_json, _told(found))
     if found["state"] == "stopped":
-        raise MeasurementError(f"re-analysis {found['number']}: {found['stopped_by']} stopped it")
+        raise MeasurementError(
+            say(
+                "reanalysis_stopped",
+                "re-analysis {number}: {person} stopped it",
+                number=found["number"],
+                person=found["stopped_by"],
+            )
+        )
     if found["tests"]["failed"]:
-        raise MeasurementError(f"{found['tests']['failed']} of {found['total']} analyses failed, former results stand")
+        raise MeasurementError(
+            say(
+                "analyses_failed",
+                "{failed} of {all} analyses failed, former results stand",
+                failed=found["tests"]["failed"],
+                all=found["total"],
+            )
+        )
 
 
 def _instant(option: str, text: str | None) -> str | None:
@@ -79,7 +98,12 @@ def _instant(option: str, text: str | None) -> str | None:
         return (instant.replace(tzinfo=UTC) if instant.tzinfo is None else instant.astimezone(UTC)).isoformat()
     except (ValueError, OverflowError):
         raise typer.BadParameter(
-            f"{option} {text[:40]!r} is no date: write 2026-11-01 or 2026-11-01T14:00+01:00"
+            say(
+                "no_date",
+                "{option} {text} is no date: write 2026-11-01 or 2026-11-01T14:00+01:00",
+                option=option,
+                text=repr(text[:40]),
+            )
         ) from None
 
 
@@ -101,8 +125,13 @@ def _watched(client: Any, found: dict[str, Any]) -> dict[str, Any]:
             except WireError as error:
                 if time.monotonic() - heard_s > _LOST_S:
                     raise WireError(
-                        f"{error} (re-analysis {found['number']} goes on when the service is back; the same command "
-                        "shows how far it is)"
+                        say(
+                            "reanalysis_unwatched",
+                            "{why} (re-analysis {number} goes on when the service is back; the same command shows "
+                            "how far it is)",
+                            why=message_of(error),
+                            number=found["number"],
+                        )
                     ) from None
                 bar.update(task, said="the service does not answer, waiting")
     return found
@@ -112,27 +141,55 @@ def _print(found: dict[str, Any], as_json: bool, words: str) -> None:
     sys.stdout.write(json.dumps(found, indent=2) + "\n" if as_json else words)
 
 
-def _elsewhere(found: dict[str, Any]) -> str:
-    return "".join(
-        f"{count} more have their recordings at gateway {name or '(none)'}: ask there, by --url\n"
+def _elsewhere(found: dict[str, Any]) -> list[str]:
+    return [
+        say(
+            "more_recordings_elsewhere",
+            "{count} more have their recordings at gateway {gateway}: ask there, by --url",
+            count=count,
+            gateway=name or "(none)",
+        )
         for name, count in found["elsewhere"].items()
-    )
+    ]
+
+
+def _lines(lines: list[str]) -> str:
+    return "".join(f"{line}\n" for line in lines)
 
 
 def _planned(plan: dict[str, Any]) -> str:
-    lines = f"{plan['tests']} tests would be analysed anew; nothing was changed\n"
+    lines: list[str] = [
+        say("would_be_analysed", "{tests} tests would be analysed anew; nothing was changed", tests=plan["tests"])
+    ]
     if plan["queued_already"]:
-        lines += f"{plan['queued_already']} more are queued by another re-analysis\n"
+        lines.append(say("queued_by_other", "{n} more are queued by another re-analysis", n=plan["queued_already"]))
     if plan["without_recording"]:
-        lines += f"{plan['without_recording']} more have no recording any more\n"
-    return lines + _elsewhere(plan)
+        lines.append(say("without_recording", "{n} more have no recording any more", n=plan["without_recording"]))
+    return _lines([*lines, *_elsewhere(plan)])
 
 
 def _told(found: dict[str, Any]) -> str:
-    counts = ", ".join(f"{count} {state}" for state, count in found["tests"].items() if count)
-    lines = f"re-analysis {found['number']}, {found['software']}: {found['total']} tests, {counts}\n"
-    for one in found["troubles"][:_SHOWN]:
-        lines += f"  {one['test']} {one['valve']} {one['state']}: {one['reason']}\n"
+    lines: list[str] = [
+        say(
+            "reanalysis_stands",
+            "re-analysis {number}, {software}: {all} tests, {counts:, }",
+            number=found["number"],
+            software=found["software"],
+            all=found["total"],
+            counts=tuple(f"{count} {state}" for state, count in found["tests"].items() if count),
+        )
+    ]
+    lines += [
+        say(
+            "trouble",
+            "  {test} {valve} {state}: {why}",
+            test=one["test"],
+            valve=one["valve"],
+            state=one["state"],
+            why=one["reason"],
+        )
+        for one in found["troubles"][:_SHOWN]
+    ]
     if len(found["troubles"]) > _SHOWN:
-        lines += f"  and others: GET {found['href']}\n"
-    return lines + _elsewhere(found)
+        lines.append(say("and_others", "  and others: GET {address}", address=found["href"]))
+    return _lines([*lines, *_elsewhere(found)])

@@ -8,6 +8,7 @@ from typing import Annotated, Final
 import typer
 
 from service.cli.client import asked, service_client
+from valve.messages import say
 
 _NAMED: Final = 5
 
@@ -29,7 +30,9 @@ def reload(
     if told["buses_added"]:
         print(f"buses: added {', '.join(told['buses_added'])}")
     for tag in told["waiting"]:
-        print(f"{tag} is under test: it keeps its configuration until the test ends")
+        print(
+            say("keeps_configuration", "{tag} is under test: it keeps its configuration until the test ends", tag=tag)
+        )
     for key in told["needs_restart"]:
         print(f"needs a restart: {key}")
 

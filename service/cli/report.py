@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from service.cli.output import STANDARD_OUTPUT, require_writable
 from valve.errors import RequestError
+from valve.messages import say
 from valve.nameplate import Nameplate
 
 _KINDS: Final = (".pdf", ".html")
@@ -20,7 +21,13 @@ def require_report_name(target: str | None) -> None:
     if target is None:
         return
     if target == STANDARD_OUTPUT or Path(target).suffix.lower() not in _KINDS:
-        raise RequestError(f"{target}: a report is a PDF or an HTML file: name it x.pdf or x.html")
+        raise RequestError(
+            say(
+                "report_file_name",
+                "{target}: a report is a PDF or an HTML file: name it x.pdf or x.html",
+                target=str(target),
+            )
+        )
     require_writable(target)
 
 
@@ -35,18 +42,25 @@ def write_report(
     from service.report.source import ReportSource
     from service.report.valve_facts import nameplate_facts
     from service.report.written import report_html, report_pdf
-    from service.words.units import UnitSystem
+    from service.words.reader import Reader
     from valve.recording_files import file_sha256
 
     facts = [(f"Recording {path.name}, SHA-256", file_sha256(path)) for path in recordings]
     facts += [("Nameplate", plate_file), ("Software", f"breakaway {version('breakaway')}")]
     facts += [("Analysis", str(analysis["schema"])), ("Written", f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC")]
     names = ", ".join(path.name for path in recordings)
-    told = tuple(nameplate_facts(valve, UnitSystem.SI))
+    told = tuple(nameplate_facts(valve, Reader()))
     frame = Frame(valve.actuator.travel_m, valve.actuator.bench_set_pa)
     source = ReportSource(valve.tag, f"recording {names}", analysis, tuple(facts), valve=told, frame=frame)
     write = report_pdf if Path(target).suffix.lower() == ".pdf" else report_html
     try:
         Path(target).write_bytes(write(source))
     except OSError as error:
-        raise RequestError(f"{target}: it cannot be written ({error.strerror}): give another file name") from None
+        raise RequestError(
+            say(
+                "report_unwritable",
+                "{target}: it cannot be written ({reason}): give another file name",
+                target=str(target),
+                reason=str(error.strerror),
+            )
+        ) from None

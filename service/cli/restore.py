@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from valve.messages import say
 
 
 def restore(
@@ -23,7 +24,13 @@ def restore(
 
     plant = load_plant(config)
     made = restore_backup(plant, file, who=caller(), files_only=files_only)
-    sys.stdout.write(
-        f"{plant.service.store}: restored as it was on {made.made_at:%Y-%m-%d %H:%M:%S} UTC, "
-        f"{made.recordings} recordings\nUsers and tokens are those of then: disable and revoke again what was since.\n"
+    print(
+        say(
+            "restored_as_it_was",
+            "{store}: restored as it was on {made_at:%Y-%m-%d %H:%M:%S}, {recordings} recordings\nUsers and tokens "
+            "are those of then: disable and revoke again what was since.",
+            store=str(plant.service.store),
+            made_at=made.made_at,
+            recordings=made.recordings,
+        )
     )

@@ -23,12 +23,18 @@ from service.cli.standing import is_astray, looked_at, stands_of
 from service.model.acknowledgement import NOT_THERE
 from service.model.run import Label
 from service.model.until import early_words, pairs_of
-from service.words.sentences import in_units
+from service.words.sentences import in_units, together, without
 from service.words.units import UnitSystem
 from valve.errors import MeasurementError, WireError
+from valve.messages import TABLE, restored, say
 
 _RECONNECTIONS: Final = 5
-_ENDED: Final = {"failed": "failed", "stopped": "was stopped", "interrupted": "was interrupted"}
+_NO_REASON: Final = say("no_reason_given", "no reason given")
+_ENDED: Final = {
+    "failed": say("ended_failed", "failed"),
+    "stopped": say("ended_stopped", "was stopped"),
+    "interrupted": say("ended_interrupted", "was interrupted"),
+}
 
 
 def run(
@@ -71,16 +77,31 @@ def run(
             _watch(client, location, tag)
         except KeyboardInterrupt:
             stopped = asked(client, "POST", f"{location}/stop")
-            raise MeasurementError(f"{tag}: the test was stopped on request. {stands_of(stopped)}") from None
+            raise MeasurementError(
+                say(
+                    "stopped_on_request",
+                    "{tag}: the test was stopped on request. {stands}",
+                    tag=tag,
+                    stands=stands_of(stopped),
+                )
+            ) from None
         test = looked_at(client, asked(client, "GET", location))
     if as_json:
         sys.stdout.write(json.dumps(test, indent=2) + "\n")
     if test["state"] != "completed":
-        raise MeasurementError(f"{tag}: the test {_ENDED.get(test['state'], 'is ' + test['state'])}: {_reason(test)}")
+        raise MeasurementError(
+            say(
+                "test_without_result",
+                "{tag}: the test {ended}: {reason}",
+                tag=tag,
+                ended=_ENDED.get(test["state"]) or say("is_in_state", "is {state}", state=test["state"]),
+                reason=_reason(test),
+            )
+        )
     if not as_json:
         _print_test(Console(), test)
     if is_astray(test):
-        raise MeasurementError(f"{tag}: {NOT_THERE}")
+        raise MeasurementError(say("stem_not_there", "{tag}: {alarm}", tag=tag, alarm=NOT_THERE))
 
 
 def _start(client: httpx.Client, wanted: dict[str, Any]) -> str:
@@ -108,10 +129,19 @@ def _watch(client: httpx.Client, location: str, tag: str) -> None:
             except httpx.HTTPError as error:
                 problem = str(error) or type(error).__name__
             else:
-                problem = "the stream ended before the test"
+                problem = say("stream_ended", "the stream ended before the test")
             broken += 1
             if broken > _RECONNECTIONS:
-                raise WireError(f"{tag}: the service is no longer heard ({problem}): see {client.base_url}{location}")
+                raise WireError(
+                    say(
+                        "service_not_heard",
+                        "{tag}: the service is no longer heard ({why}): see {url}{path}",
+                        tag=tag,
+                        why=problem,
+                        url=str(client.base_url),
+                        path=location,
+                    )
+                )
 
 
 def _events(client: httpx.Client, location: str, last: str) -> Iterator[tuple[str, str, dict[str, Any]]]:
@@ -129,12 +159,16 @@ def _events(client: httpx.Client, location: str, last: str) -> Iterator[tuple[st
 
 
 def _reason(test: dict[str, Any]) -> str:
-    reason = in_units(str(test["error"] or "no reason given").removeprefix(f"{test['valve']}: "), UnitSystem.SI)
-    return f"{reason}. {stands_of(test)}".rstrip()
+    said = restored({"error": test["error"], TABLE: test.get(TABLE)})["error"]
+    reason = in_units(without(said, test["valve"]) or _NO_REASON, UnitSystem.SI)
+    return together([say("why_no_result", "{reason}.", reason=reason), stands_of(test)])
 
 
 def _print_test(console: Console, test: dict[str, Any]) -> None:
-    console.print(Text(f"{test['valve']}: {test['sequence']}, test {test['id']}. {stands_of(test)}"))
+    played = say(
+        "played", "{tag}: {sequence}, test {test}.", tag=test["valve"], sequence=test["sequence"], test=test["id"]
+    )
+    console.print(Text(together([played, stands_of(test)], " ")))
     if early := early_words(test.get("until"), test.get("ended_early")):
         console.print(Text(early))
-    print_analysis(console, test["analysis"], test["sequence"])
+    print_analysis(console, restored(test["analysis"]), test["sequence"])

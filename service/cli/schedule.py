@@ -13,6 +13,7 @@ from urllib.parse import quote
 import typer
 
 from valve.errors import RequestError, WireError
+from valve.messages import message_of, say
 
 if TYPE_CHECKING:
     from service.config.settings import Plant
@@ -44,18 +45,28 @@ def schedule(  # noqa: PLR0917 - typer takes options by position
     """Show what the schedules of a plant file will check and when, with no service; or run one now through REST."""
     if action is Action.RUN:
         if name is None:
-            raise RequestError("schedule run needs the name of a schedule: schedule show lists them")
+            raise RequestError(
+                say("schedule_needs_name", "schedule run needs the name of a schedule: schedule show lists them")
+            )
         _run(name, url, as_json)
         return
     if config is None:
-        raise RequestError("schedule show needs the plant file: give --config plant.toml")
+        raise RequestError(say("schedule_needs_file", "schedule show needs the plant file: give --config plant.toml"))
     from service.config.settings import load_plant
     from service.schedules.plan import plan_night
 
     plant = load_plant(config)
     if name is not None and name not in {one.name for one in plant.schedules}:
         known = ", ".join(one.name for one in plant.schedules) or "none"
-        raise RequestError(f"schedule {name[:64]!r} is unknown: {config.name} has {known}")
+        raise RequestError(
+            say(
+                "schedule_not_in_file",
+                "schedule {name} is unknown: {file} has {known}",
+                name=repr(name[:64]),
+                file=config.name,
+                known=known,
+            )
+        )
     now = datetime.now(UTC)
     checks = plan_night(plant, now, now + timedelta(hours=hours))
     chosen = [check for check in checks if name in (None, check.schedule)]
@@ -89,11 +100,16 @@ def _print(plant: Plant, checks: list[PlannedCheck], hours: float) -> None:
     console = Console()
     if not plant.schedules:
         console.print(
-            f"{plant.file.name} has no [[schedules]]: docs/nightly.md says how to plan a night.", markup=False
+            say(
+                "no_schedules",
+                "{file} has no [[schedules]]: docs/nightly.md says how to plan a night.",
+                file=plant.file.name,
+            ),
+            markup=False,
         )
         return
     if not checks:
-        console.print(f"Nothing is due within {hours:g} h.")
+        console.print(say("nothing_due", "Nothing is due within {hours:g} h.", hours=hours))
         return
     zones = {schedule.name: schedule.zone for schedule in plant.schedules}
     is_one_zone = len({zones[check.schedule] for check in checks}) == 1
@@ -112,12 +128,18 @@ def _print(plant: Plant, checks: list[PlannedCheck], hours: float) -> None:
         table.add_row(start, check.valve, bus, check.sequence, ends, window, schedule)
     console.print(table)
     if is_one_zone:
-        console.print(f"Times are those of {zones[checks[0].schedule].key}.")
+        console.print(say("times_of_zone", "Times are those of {zone}.", zone=zones[checks[0].schedule].key))
     late = [check.valve for check in checks if not check.fits]
     if late:
         console.print(
-            f"{len(late)} of {len(checks)} checks will come after their window and be skipped ({', '.join(late[:5])}): "
-            "shorten the tests, widen window_s, or move valves to another schedule."
+            say(
+                "checks_too_late",
+                "{count} of {all} checks will come after their window and be skipped ({tags:, }): shorten the tests, "
+                "widen window_s, or move valves to another schedule.",
+                count=len(late),
+                all=len(checks),
+                tags=tuple(late[:5]),
+            )
         )
 
 
@@ -130,17 +152,39 @@ def _run(name: str, url: str, as_json: bool) -> None:
         try:
             answer = client.post(f"/schedules/{quote(name, safe='')}/run")
         except httpx.HTTPError as error:
-            raise WireError(f"{url}: no answer ({error}): start it by breakaway serve, or name it by --url") from None
+            raise WireError(
+                say(
+                    "no_answer_of_service",
+                    "{url}: no answer ({why}): start it by breakaway serve, or name it by --url",
+                    url=url,
+                    why=message_of(error),
+                )
+            ) from None
     try:
         last = answer.json()
     except ValueError:
-        raise WireError(f"{url}: its answer is no JSON ({answer.status_code}): is it breakaway?") from None
+        raise WireError(
+            say(
+                "answer_no_json",
+                "{url}: its answer is no JSON ({status}): is it breakaway?",
+                url=url,
+                status=answer.status_code,
+            )
+        ) from None
     if answer.is_error:
         raise RequestError(str(last.get("detail", f"status {answer.status_code}")))
     if as_json:
         sys.stdout.write(json.dumps(last, indent=2) + "\n")
     elif last is None:
-        sys.stdout.write(f"{name}: no valve of this gateway is in it\n")
+        print(say("no_valve_in_schedule", "{name}: no valve of this gateway is in it", name=name))
     else:
         states = ", ".join(f"{count} {state}" for state, count in last["states"].items())
-        sys.stdout.write(f"{name}: {states}; GET {url}/schedules/night says how each goes\n")
+        print(
+            say(
+                "schedule_was_run",
+                "{name}: {states}; GET {url}/schedules/night says how each goes",
+                name=name,
+                states=states,
+                url=url,
+            )
+        )

@@ -10,6 +10,8 @@ from rich.table import Table
 from rich.text import Text
 
 from service.words.plain_numbers import half_width, plus_minus
+from service.words.sentences import as_sentence, together
+from valve.messages import Message, parts_of, say
 
 _MOST_STEPS: Final = 20  # rows of the table of steps
 _LARGE_SHARE: Final = 0.25  # of the largest change: the steps that the summary times too
@@ -104,32 +106,39 @@ def _band_rows(signature: dict[str, Any]) -> list[tuple[str, str, str, str]]:
 
 def _where(signature: dict[str, Any]) -> str:
     """From what, over which stroke, at which speed, and what 100 % is."""
-    parts = [f"Signature {_origin(signature['from'])}"]
+    parts = [say("signature_from", "Signature {origin}", origin=_origin(signature["from"]))]
     stroke = signature.get("central_stroke_m")
     if stroke is not None:
-        parts.append(f"over {1e3 * stroke[0]:.1f} to {1e3 * stroke[1]:.1f} mm of travel")
+        low_m, high_m = stroke
+        parts.append(say("over_travel", "over {low:.1f in mm} to {high:.1f mm} of travel", low=low_m, high=high_m))
     if signature.get("speed_m_per_s") is not None:
-        parts.append(f"at {1e3 * signature['speed_m_per_s']:.3g} mm/s")
+        parts.append(say("at_speed", "at {speed:.3g mm/s}", speed=signature["speed_m_per_s"]))
     if signature.get("cycles"):
-        parts.append(f"{signature['cycles']} cycle{'s' if signature['cycles'] > 1 else ''}")
+        cycles = signature["cycles"]
+        parts.append(say("cycles", "{n} cycles", n=cycles) if cycles > 1 else say("one_cycle", "1 cycle"))
     if _is_even(signature):
-        parts.append("friction even over it")
+        parts.append(say("friction_even", "friction even over it"))
     if signature.get("stick_slip"):
-        parts.append(f"the stem slips in jumps of {1e3 * signature['slip_m']:.3g} mm")
-    span, sentence = signature["span"], ", ".join(parts)
+        parts.append(say("slips_in_jumps", "the stem slips in jumps of {jump:.3g mm}", jump=signature["slip_m"]))
+    span, sentence = signature["span"], as_sentence(together(parts, ", "))
     if span is None:
-        return f"{sentence}."
+        return sentence
     if span["pressure_pa"] is None:
-        return f"{sentence}. 100 % is {span['force_n']:.4g} N ({span['from']})."
-    low_pa, high_pa = span["pressure_pa"]
-    return f"{sentence}. 100 % is {1e-3 * (high_pa - low_pa):.4g} kPa ({span['from']})."
+        whole = say("whole_force", "100 % is {force:.4g N} ({origin}).", force=span["force_n"], origin=span["from"])
+    else:
+        low_pa, high_pa = span["pressure_pa"]
+        whole = say("whole_span", "100 % is {span:.4g kPa} ({origin}).", span=high_pa - low_pa, origin=span["from"])
+    return together([sentence, whole])
 
 
 def _origin(told: str | None) -> str:
     """How the figures came about, to follow the word signature: measured, taken from the parameters, or both."""
     if told is None:
-        return "not measured"
-    return " and ".join(one if one.startswith("measured") else f"taken from {one}" for one in told.split("; "))
+        return say("not_measured", "not measured")
+    parts = parts_of(told) if isinstance(told, Message) else told.split("; ")
+    return together(
+        (one if one.startswith("measured") else say("taken_from", "taken from {it}", it=one) for one in parts), " and "
+    )
 
 
 def _reasons(signature: dict[str, Any]) -> list[str]:
@@ -145,18 +154,24 @@ def _reasons(signature: dict[str, Any]) -> list[str]:
         named = whose.setdefault(note, [])
         if name not in named:
             named.append(name)
-    return [f"Signature{_named(names)}: {note}" for note, names in whose.items()]
+    return [_reason(names, note) for note, names in whose.items()]
 
 
-def _named(names: list[str]) -> str:
-    return "" if len(names) >= _ALL_FIGURES else f", {', '.join(names).replace('_', ' ')}"
+def _reason(names: list[str], note: str) -> str:
+    if len(names) >= _ALL_FIGURES:
+        return say("signature_reason", "Signature: {note}", note=note)
+    figures = tuple(name.replace("_", " ") for name in names)
+    return say("figures_reason", "Signature, {figures:, }: {note}", figures=figures, note=note)
 
 
 def _print_steps(console: Console, steps: dict[str, Any]) -> None:
     largest = max(abs(one["change_percent"]) for one in steps["each"])
     large = [one for one in steps["each"] if one["moved"] and abs(one["change_percent"]) >= _LARGE_SHARE * largest]
     shown = (large or steps["each"])[:_MOST_STEPS]
-    table = Table(title=f"Step test (input: {steps['input'].partition('_')[0]})", title_justify="left")
+    table = Table(
+        title=say("step_test_input", "Step test (input: {channel})", channel=steps["input"].partition("_")[0]),
+        title_justify="left",
+    )
     unsettled = any(not one["settled"] for one in shown)
     for heading in ("at s", "step %", "travel %", "T_d ms", "T63 ms", "T86 ms", "over %", "error %"):
         table.add_column(heading, justify="right", no_wrap=True)
@@ -179,7 +194,16 @@ def _print_steps(console: Console, steps: dict[str, Any]) -> None:
     left = len(steps["each"]) - len(shown)
     if left > 0:
         still = steps["summary"]["count"] - steps["summary"]["moved"]
-        console.print(Text(f"Not shown: {left} steps, {still} of which moved nothing; the JSON object has them all."))
+        console.print(
+            Text(
+                say(
+                    "steps_not_shown",
+                    "Not shown: {left} steps, {still} of which moved nothing; the JSON object has them all.",
+                    left=left,
+                    still=still,
+                )
+            )
+        )
     console.print(Text(_certainty(shown)))
     for sentence in _summary(steps["summary"]):
         console.print(Text(sentence))
@@ -202,7 +226,9 @@ def _certainty(each: list[dict[str, Any]]) -> str:
         errors_s = [one[f"{key}_std_error_s"] for one in each if one[f"{key}_std_error_s"] is not None]
         if errors_s:
             told.append(f"{name} ± {1.96e3 * median(errors_s):.2g} ms")
-    return f"Of a usual step, by sampling and noise (95 %): {', '.join(told)}." if told else "No step could be timed."
+    if not told:
+        return say("no_step_timed", "No step could be timed.")
+    return say("usual_step", "Of a usual step, by sampling and noise (95 %): {told:, }.", told=tuple(told))
 
 
 def _signed(value: float | None) -> str:
@@ -217,15 +243,32 @@ def _summary(summary: dict[str, Any]) -> list[str]:
     ]
     if summary["dead_time_s"] is None and summary["dead_time_below_s"] is not None:
         medians.insert(0, f"T_d below {1e3 * summary['dead_time_below_s']:.2g} ms")
-    told = [f"Step test, medians of {summary['timed']} large steps of {summary['count']}: "]
-    told[0] += f"{', '.join(medians) or 'none could be timed'}."
+    told: list[str] = [
+        say(
+            "medians_of_steps",
+            "Step test, medians of {timed} large steps of {all}: {medians:, }.",
+            timed=summary["timed"],
+            all=summary["count"],
+            medians=tuple(medians) or (say("none_timed", "none could be timed"),),
+        )
+    ]
     for name, key in (("Resolution", "resolution_percent"), ("Dead band by steps", "dead_band_percent")):
         found = summary[key]
         if found["value"] is None:
-            told.append(f"{name}: not given, {found['note']}.")
+            told.append(say("figure_not_given", "{name}: not given, {note}.", name=name, note=found["note"]))
         else:
             low, high = found["ci95"]
-            note = f" ({found['note']})" if found["note"] else ""
-            bounds = f"between {low:.3g} and {high:.3g}" if low > 0.0 else f"at most {high:.3g}"
-            told.append(f"{name}: {bounds} % of span{note}.")
+            bounds = (
+                say(
+                    "figure_between",
+                    "{name}: between {low:.3g} and {high:.3g} % of span",
+                    name=name,
+                    low=low,
+                    high=high,
+                )
+                if low > 0.0
+                else say("figure_at_most", "{name}: at most {high:.3g} % of span", name=name, high=high)
+            )
+            note = found["note"]
+            told.append(as_sentence(say("with_note", "{said} ({note})", said=bounds, note=note) if note else bounds))
     return told

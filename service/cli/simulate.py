@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from valve.errors import ConfigurationError, RequestError
+from valve.messages import say
 
 if TYPE_CHECKING:
     from simulator.assembly import SimulatedPlant
@@ -46,14 +47,22 @@ def simulate(
     from service.config.settings import load_plant
 
     if (tls_certificate is None) != (tls_key is None):
-        raise ConfigurationError("--tls-certificate and --tls-key belong together, give both")
+        raise ConfigurationError(
+            say("tls_files_together", "--tls-certificate and --tls-key belong together, give both")
+        )
     certificate = None if tls_certificate is None or tls_key is None else ServerCertificate(tls_certificate, tls_key)
     settings = load_plant(config)
     polled = [tag for tag, valve in settings.valves.items() if valve.wiring.acquisition.mode is Mode.POLLED]
     if speed != 1.0 and polled:
         raise ConfigurationError(
-            f"{config}: --speed is {speed:g} and {', '.join(polled)} have acquisition.mode = polled: such a test plays "
-            "by the service's clock and would see another valve; leave --speed out, or say captured"
+            say(
+                "speed_of_polled",
+                "{config}: --speed is {speed:g} and {polled:, } have acquisition.mode = polled: such a test plays by "
+                "the service's clock and would see another valve; leave --speed out, or say captured",
+                config=str(config),
+                speed=speed,
+                polled=tuple(polled),
+            )
         )
     plant = plant_from_settings(settings, speed, certificate)
     uvloop.run(_serve(plant, log))
@@ -73,7 +82,12 @@ async def _serve(plant: SimulatedPlant, log: Path | None) -> None:
                 file = RecordFile(stack.enter_context(log.open("a", encoding="utf-8")))
             except OSError as error:
                 raise RequestError(
-                    f"{log}: the log cannot be written there ({error.strerror}): give another file"
+                    say(
+                        "log_unwritable",
+                        "{log}: the log cannot be written there ({reason}): give another file",
+                        log=str(log),
+                        reason=str(error.strerror),
+                    )
                 ) from error
             for record in plant.records.values():
                 file.attach(record)

@@ -39,6 +39,7 @@ from simulator.transducer import Transducer
 from simulator.unit import Quantity
 from valve.effects import Effect, ValveScale
 from valve.errors import ConfigurationError, ValveError, refuse
+from valve.messages import message_of, say
 from valve.nameplate import Nameplate
 from valve.parameter_sets import parameter_set
 from valve.parameters import TravelStops, ValveParameters, parameters_from_symbols
@@ -102,14 +103,22 @@ def plant_from_settings(
             )
             if listener in gauges:
                 raise ConfigurationError(
-                    f"bus {address.name}: {gauges[listener]} and {tag} share a gauge, give each one"
+                    say(
+                        "gauge_shared",
+                        "bus {bus}: {other} and {tag} share a gauge, give each one",
+                        bus=address.name,
+                        other=gauges[listener],
+                        tag=tag,
+                    )
                 )
             gauges[listener] = tag
     listeners: dict[Listener, list[SimulatedUnit]] = {}
     for bus, on_bus in units.items():
         served_on = _listener(settings.buses[bus], certificate)
         if served_on in listeners:
-            raise ConfigurationError(f"bus {bus}: another bus has its address, name one bus for both")
+            raise ConfigurationError(
+                say("bus_address_twice", "bus {bus}: another bus has its address, name one bus for both", bus=bus)
+            )
         listeners[served_on] = [_unit(bus, device_id, of, settings.maps) for device_id, of in on_bus.items()]
     # before the clock: what is compiled must not take simulated time
     warm_up_for(valves)
@@ -131,10 +140,20 @@ def _simulation_sections(file: Path, *, required: bool) -> tuple[dict[str, Simul
         simulation: dict[str, Any] | None = raw.get("simulation") if isinstance(raw, dict) else None
         section = _section(simulation, key, findings) if isinstance(simulation, dict) else None
         if simulation is None and required:
-            findings.add(key, None, "a valve without it cannot be simulated", 'add it with parameter_set = "nominal"')
+            findings.add(
+                key,
+                None,
+                say("valve_not_simulated", "a valve without it cannot be simulated"),
+                say("add_parameter_set", 'add it with parameter_set = "nominal"'),
+            )
         elif section is not None:
             if (section.parameter_set is None) == (section.parameters is None):
-                findings.add(key, simulation, "its parameters are given twice or not at all", "give one of the two")
+                findings.add(
+                    key,
+                    simulation,
+                    say("parameters_given_twice", "its parameters are given twice or not at all"),
+                    say("give_one_of_two", "give one of the two"),
+                )
             for place, given in enumerate(section.effects):
                 check_effect(given, (*key, "effects", place), findings)
             sections[str(raw.get("tag"))] = section
@@ -149,7 +168,12 @@ def _section(raw: dict[str, Any], key: Key, findings: Findings) -> SimulationSec
         if name not in raw:
             continue
         if not isinstance(raw[name], dict):
-            findings.add((*key, name), raw[name], "it is no table", 'give a table such as { preset = "usual" }')
+            findings.add(
+                (*key, name),
+                raw[name],
+                say("no_table", "it is no table"),
+                say("give_preset_table", 'give a table such as {{ preset = "usual" }}'),
+            )
             continue
         tables[name] = findings.model(kind, raw[name], (*key, name))
     try:
@@ -222,7 +246,9 @@ def _valve(valve: PlantValve, section: SimulationSection) -> SimulatedValve:
             packing_seed=seed,
         )
     except ValveError as error:
-        raise ConfigurationError(f"{nameplate.tag}: [valves.simulation]: {error}") from error
+        raise ConfigurationError(
+            say("simulation_refused", "{tag}: [valves.simulation]: {why}", tag=nameplate.tag, why=message_of(error))
+        ) from error
 
 
 def _channels(tag: str, wiring: ValveWiring) -> list[tuple[Point, SimulatedChannel]]:
@@ -251,7 +277,15 @@ def _register_name(tag: str, point: Point, role: Role, maps: Mapping[str, Regist
     assert point.map is not None  # checked with the rest of the file
     name = point.register or register_map(point.map, maps).roles.get(role)
     if name is None:
-        raise ConfigurationError(f"{tag}: map {point.map} has no {role} of its own, name the register")
+        raise ConfigurationError(
+            say(
+                "role_not_in_map",
+                "{tag}: map {map} has no {role} of its own, name the register",
+                tag=tag,
+                map=point.map,
+                role=role,
+            )
+        )
     return name
 
 
@@ -261,8 +295,16 @@ def _channel(tag: str, quantity: Quantity, point: Point, register: Register) -> 
         register = register.spanning(point.signal, point.quantity, si_unit)
     if register.unit != si_unit:
         raise ConfigurationError(
-            f"{tag}: the {quantity} stands in {register.name} in {register.unit}, not in {si_unit}: "
-            "say by signal and quantity what it means"
+            say(
+                "quantity_of_other_unit",
+                "{tag}: the {quantity} stands in {register} in {unit}, not in {si_unit}: say by signal and quantity "
+                "what it means",
+                tag=tag,
+                quantity=quantity,
+                register=register.name,
+                unit=register.unit,
+                si_unit=si_unit,
+            )
         )
     return SimulatedChannel(tag, quantity, register)
 
@@ -273,7 +315,13 @@ def _unit(
     maps = {name for name, _ in channels}
     if len(maps) > 1:
         raise ConfigurationError(
-            f"bus {bus}: device {device_id} has the maps {' and '.join(sorted(maps))}, a device has one: correct it"
+            say(
+                "device_of_two_maps",
+                "bus {bus}: device {device_id} has the maps {maps: and }, a device has one: correct it",
+                bus=bus,
+                device_id=device_id,
+                maps=tuple(sorted(maps)),
+            )
         )
     return SimulatedUnit(device_id, register_map(maps.pop(), own), tuple(channel for _, channel in channels))
 
@@ -286,7 +334,11 @@ def _listener(address: BusAddress, certificate: ServerCertificate | None) -> Lis
     assert not isinstance(address, GaugeAddress)  # its points have no map
     if certificate is None:
         raise ConfigurationError(
-            f"bus {address.name}: a simulated TLS device needs a certificate, give --tls-certificate and --tls-key"
+            say(
+                "simulated_tls",
+                "bus {bus}: a simulated TLS device needs a certificate, give --tls-certificate and --tls-key",
+                bus=address.name,
+            )
         )
     client_ca = Path(address.ca_file) if address.certificate_file is not None else None
     return TcpListener(address.host, address.port, certificate.certificate_file, certificate.key_file, client_ca)

@@ -18,6 +18,7 @@ from service.model.acknowledgement import NOT_THERE
 from service.model.run import RUN_ID
 from service.model.stands_words import NOT_CONFIRMED
 from valve.errors import ConfigurationError, MeasurementError, RequestError, WireError
+from valve.messages import message_of, say
 
 _OVER: Final = ("completed", "stopped", "failed", "interrupted", "analyzing")
 _TIMEOUT_S: Final = 15.0  # the service waits 8 s for the safe value
@@ -52,27 +53,55 @@ def stop(
         test: dict[str, Any] = answer.json()
     except httpx.HTTPError as error:
         raise WireError(
-            f"{url}: no answer ({error}): name the service by --url, or on the gateway itself the plant file by "
-            "--config: its motion process stops a valve without the service; where that is gone, too, the "
-            "watchdog of the valve's device makes it safe"
+            say(
+                "no_answer_to_stop",
+                "{url}: no answer ({why}): name the service by --url, or on the gateway itself the plant file by "
+                "--config: its motion process stops a valve without the service; where that is gone, too, the "
+                "watchdog of the valve's device makes it safe",
+                url=str(url),
+                why=message_of(error),
+            )
         ) from None
     except ValueError:
-        raise WireError(f"{url}: its answer is no JSON: is it breakaway?") from None
+        raise WireError(say("stop_answer_no_json", "{url}: its answer is no JSON: is it breakaway?", url=url)) from None
     if answer.is_error:
-        raise RequestError(str(test.get("detail", f"status {answer.status_code}")))
+        raise RequestError(test.get("detail") or say("status", "status {status}", status=answer.status_code))
     if test["safe_confirmed"] is False:
-        raise MeasurementError(f"{test['valve']}: {test['error']}. {stands_of(test)}")
+        raise MeasurementError(
+            say(
+                "not_confirmed_of",
+                "{valve}: {why}. {stands}",
+                valve=test["valve"],
+                why=test["error"],
+                stands=stands_of(test),
+            )
+        )
     is_over = test["state"] in _OVER
     if test["safe_confirmed"] is None and not is_over:
-        raise MeasurementError(f"{test['valve']}: test {test['id']} is still {test['state']}: look at the valve")
+        raise MeasurementError(
+            say(
+                "still_in_state",
+                "{valve}: test {test} is still {state}: look at the valve",
+                valve=test["valve"],
+                test=test["id"],
+                state=test["state"],
+            )
+        )
     state = test["state"] if is_over else "stopped, its samples are being fetched"
     if test["safe_confirmed"] is None and test["commanded"] is not False:
         raise MeasurementError(
-            f"{test['valve']}: test {test['id']} is {test['state']}: {test['error']}; look at the valve"
+            say(
+                "ended_in_state",
+                "{valve}: test {test} is {state}: {why}; look at the valve",
+                valve=test["valve"],
+                test=test["id"],
+                state=test["state"],
+                why=test["error"],
+            )
         )
     told = f"{test['valve']}: test {test['id']} is {state}"
     if test["commanded"] is False:
-        print(f"{told}, the valve was not moved by it")
+        print(say("not_moved_by_it", "{told}, the valve was not moved by it", told=told))
         return
     print(f"{told}. {stands_of(test)}", flush=True)
     if is_moving(test) and is_over:
@@ -80,7 +109,7 @@ def stop(
             test = looked_at(client, test)
         print(f"{test['valve']}: {stands_of(test)}")
     if is_astray(test):
-        raise MeasurementError(f"{test['valve']}: {NOT_THERE}")
+        raise MeasurementError(say("stem_not_there", "{tag}: {alarm}", tag=test["valve"], alarm=NOT_THERE))
 
 
 def _stop_here(what: str, config: Path) -> None:
@@ -91,12 +120,35 @@ def _stop_here(what: str, config: Path) -> None:
     try:  # no more than this is needed of a file that somebody may be editing
         store = tomllib.loads(config.read_text(encoding="utf-8"))["service"]["store"]
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ConfigurationError(f"{config}: service.store cannot be read ({error}): name the plant file") from error
+        raise ConfigurationError(
+            say(
+                "store_unreadable",
+                "{config}: service.store cannot be read ({why}): name the plant file",
+                config=str(config),
+                why=message_of(error),
+            )
+        ) from error
     who = getpass.getuser()
-    ends = asyncio.run(stopped_here((config.parent / store).resolve() / NAME, what, f"stopped on the gateway by {who}"))
+    ends = asyncio.run(
+        stopped_here(
+            (config.parent / store).resolve() / NAME,
+            what,
+            say("stopped_on_gateway", "stopped on the gateway by {who}", who=who),
+        )
+    )
     if not ends:
-        raise RequestError(f"{what}: no test moves it: there is nothing to stop")
+        raise RequestError(say("no_test_moves_it", "{what}: no test moves it: there is nothing to stop", what=what))
     for order, end in ends:
         if not end.outcome.safe_confirmed:
-            raise MeasurementError(f"{order.tag}: {NOT_CONFIRMED}: {end.outcome.why_unsafe or 'look at the valve'}")
-        print(f"{order.tag}: test {order.run_id} is stopped, its safe value was read back; look at its stem")
+            why = end.outcome.why_unsafe or say("look_at_the_valve", "look at the valve")
+            raise MeasurementError(
+                say("unsafe_because", "{tag}: {alarm}: {why}", tag=order.tag, alarm=NOT_CONFIRMED, why=why)
+            )
+        print(
+            say(
+                "stopped_look_at_stem",
+                "{tag}: test {test} is stopped, its safe value was read back; look at its stem",
+                tag=order.tag,
+                test=order.run_id,
+            )
+        )

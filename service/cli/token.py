@@ -14,6 +14,7 @@ from service.access.tokens import Token
 from service.cli.accounts import AsJson, Config, accounts, caller
 from service.cli.command import Command, CommandGroup
 from valve.errors import NotFoundError
+from valve.messages import say
 
 GROUP: Final = typer.Typer(
     name="token",
@@ -44,7 +45,14 @@ def create(
     with accounts(config) as (access, plant):
         unknown = sorted(set(valve or ()) - set(plant.valves))
         if unknown:
-            raise NotFoundError(f"--valve {unknown[0]}: no valve has this tag: choose one of {', '.join(plant.valves)}")
+            raise NotFoundError(
+                say(
+                    "option_valve_unknown",
+                    "--valve {valve}: no valve has this tag: choose one of {known:, }",
+                    valve=unknown[0],
+                    known=tuple(plant.valves),
+                )
+            )
         token, secret = access.create_token(
             name, role, by=caller(), lasts=timedelta(days=max(0, min(days, 10_000))), valves=valve or None
         )
@@ -52,7 +60,16 @@ def create(
         about = {"id": token.id, "name": name, "role": role.value, "expires_at": token.expires_at.isoformat()}
         sys.stdout.write(json.dumps({**about, "token": secret}) + "\n")
         return
-    sys.stderr.write(f"token {token.id} of {name}, {role.value}, until {token.expires_at:%Y-%m-%d}; shown this once:\n")
+    sys.stderr.write(
+        say(
+            "token_shown_once",
+            "token {token} of {name}, {role}, until {until}; shown this once:\n",
+            token=token.id,
+            name=name,
+            role=role.value,
+            until=f"{token.expires_at:%Y-%m-%d}",
+        )
+    )
     sys.stdout.write(f"{secret}\n")
 
 
@@ -93,4 +110,4 @@ def revoke(
     """End a token at once."""
     with accounts(config) as (access, _):
         token = access.revoke_token(token_id, by=caller())
-    sys.stdout.write(f"token {token.id} of {token.name} ends here\n")
+    print(say("token_ends_here", "token {token} of {name} ends here", token=token.id, name=token.name))

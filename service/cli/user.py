@@ -13,6 +13,7 @@ from service.access.principal import Role
 from service.access.users import User
 from service.cli.accounts import AsJson, Config, accounts, asked_password, caller
 from service.cli.command import Command, CommandGroup
+from valve.messages import say
 
 GROUP: Final = typer.Typer(
     name="user",
@@ -70,7 +71,7 @@ def passwd(config: Config, name: Name, generate: Generate = False) -> None:
     with accounts(config) as (access, _):
         access.users.get(name)
         access.change_user(name, by=caller(), password=_password(name, generate))
-    sys.stdout.write(f"{name} has a new password; every session of theirs has ended\n")
+    print(say("has_new_password", "{name} has a new password; every session of theirs has ended", name=name))
 
 
 @GROUP.command(cls=Command)
@@ -78,7 +79,7 @@ def role(config: Config, name: Name, new: RoleOption) -> None:
     """Give a user another role; their sessions end."""
     with accounts(config) as (access, _):
         access.change_user(name, by=caller(), role=new)
-    sys.stdout.write(f"{name} is {new.value} now; every session of theirs has ended\n")
+    print(say("has_new_role", "{name} is {role} now; every session of theirs has ended", name=name, role=new.value))
 
 
 @GROUP.command(cls=Command)
@@ -86,7 +87,7 @@ def disable(config: Config, name: Name) -> None:
     """Let a user no longer sign in; their sessions end."""
     with accounts(config) as (access, _):
         access.change_user(name, by=caller(), disabled=True)
-    sys.stdout.write(f"{name} may no longer sign in; every session of theirs has ended\n")
+    print(say("may_not_sign_in", "{name} may no longer sign in; every session of theirs has ended", name=name))
 
 
 @GROUP.command(cls=Command)
@@ -94,7 +95,7 @@ def enable(config: Config, name: Name) -> None:
     """Let a disabled user sign in again."""
     with accounts(config) as (access, _):
         access.change_user(name, by=caller(), disabled=False)
-    sys.stdout.write(f"{name} may sign in again\n")
+    print(say("may_sign_in_again", "{name} may sign in again", name=name))
 
 
 @GROUP.command(cls=Command)
@@ -102,4 +103,4 @@ def remove(config: Config, name: Name) -> None:
     """Remove a user; their sessions end. The audit log goes on naming them; tokens that they made stay."""
     with accounts(config) as (access, _):
         access.remove_user(name, by=caller())
-    sys.stdout.write(f"{name} is removed; every session of theirs has ended\n")
+    print(say("user_is_removed", "{name} is removed; every session of theirs has ended", name=name))

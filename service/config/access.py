@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from service.config.errors import Findings
 from service.config.secret_file import secret_fault
 from service.model.sequences import SEQUENCES
+from valve.messages import say
 
 _HOST: Final = re.compile(r"(?:\*\.)?[A-Za-z0-9](?:[A-Za-z0-9._-]*[A-Za-z0-9])?|\[[0-9A-Fa-f:.]+\]")
 
@@ -77,33 +78,45 @@ def access_settings(
             findings.add(
                 ("service", "access"),
                 "open",
-                f"whoever reaches {'the proxy' if loopback else bind} may move valves",
-                'say "sign-in", bind to 127.0.0.1, or set service.trusted_network = true where this address is '
-                "reached from this machine alone",
+                say("proxy_may_move", "whoever reaches the proxy may move valves")
+                if loopback
+                else say("address_may_move", "whoever reaches {address} may move valves", address=bind),
+                say(
+                    "sign_in_or_loopback",
+                    'say "sign-in", bind to 127.0.0.1, or set service.trusted_network = true where this address is '
+                    "reached from this machine alone",
+                ),
             )
         elif not encrypted:
             findings.add(
                 ("service", "bind"),
                 bind,
-                "passwords and tokens would cross the network unencrypted",
-                "give service.tls_certificate and service.tls_key, set service.behind_proxy = true behind a proxy that "
-                "speaks TLS, or service.trusted_network = true where this address is reached from this machine alone",
+                say("passwords_unencrypted", "passwords and tokens would cross the network unencrypted"),
+                say(
+                    "give_tls",
+                    "give service.tls_certificate and service.tls_key, set service.behind_proxy = true behind a "
+                    "proxy that speaks TLS, or service.trusted_network = true where this address is reached from "
+                    "this machine alone",
+                ),
             )
     for index, name in enumerate(section.approved_sequences or []):
         if name not in SEQUENCES:
             findings.add(
                 ("service", "approved_sequences", index),
                 name,
-                "no sequence has this name",
-                f"choose from {', '.join(SEQUENCES)}",
+                say("no_sequence_of_name", "no sequence has this name"),
+                say("choose_from", "choose from {known:, }", known=tuple(SEQUENCES)),
             )
     for index, host in enumerate(section.allowed_hosts or []):
         if _HOST.fullmatch(host) is None:
             findings.add(
                 ("service", "allowed_hosts", index),
                 host,
-                "it is no name of a host, or stands for every one",
-                'give names without scheme and port, such as "valves.example.org", "*.example.org" or "[fd00::5]"',
+                say("no_host_name", "it is no name of a host, or stands for every one"),
+                say(
+                    "give_host_names",
+                    'give names without scheme and port, such as "valves.example.org", "*.example.org" or "[fd00::5]"',
+                ),
             )
     if len(findings) > before:
         return None
@@ -122,7 +135,12 @@ def access_settings(
 def _check_tls(findings: Findings, certificate: Path | None, tls_key: Path | None) -> None:
     if (certificate is None) != (tls_key is None):
         missing = "tls_key" if tls_key is None else "tls_certificate"
-        findings.add(("service", missing), None, "TLS needs a certificate and its key", "give both files, PEM")
+        findings.add(
+            ("service", missing),
+            None,
+            say("tls_needs_both", "TLS needs a certificate and its key"),
+            say("give_both_pem", "give both files, PEM"),
+        )
         return
     if certificate is None or tls_key is None:
         return
@@ -136,6 +154,6 @@ def _check_tls(findings: Findings, certificate: Path | None, tls_key: Path | Non
         findings.add(
             ("service", "tls_certificate"),
             str(certificate),
-            f"it cannot be used with {tls_key} ({reason})",
-            "give a PEM certificate and its own PEM key without a passphrase",
+            say("unusable_with_key", "it cannot be used with {key} ({reason})", key=str(tls_key), reason=reason),
+            say("give_certificate_and_key", "give a PEM certificate and its own PEM key without a passphrase"),
         )

@@ -19,6 +19,7 @@ from service.config.permissives import check_permissives
 from service.model.sequences import build_waveform
 from service.model.until import until_of
 from valve.errors import ConfigurationError, RequestError, ValveError, WaveformError
+from valve.messages import Message, message_of, say
 from valve.nameplate import Nameplate
 from valve.nameplate import Signal as Transducer
 
@@ -46,7 +47,12 @@ def check_wiring(
         if address is None:
             continue
         if address.name in by_name:
-            findings.add(("buses", index, "name"), address.name, "another bus has this name", "rename one")
+            findings.add(
+                ("buses", index, "name"),
+                address.name,
+                say("other_bus_has_name", "another bus has this name"),
+                say("rename_one", "rename one"),
+            )
         by_name[address.name] = address
         try:
             unopened[address.name] = make_bus(address)
@@ -58,7 +64,12 @@ def check_wiring(
     wired: dict[str, Wired] = {}
     for valve in valves:
         if valve.tag in tags and valve.tag:
-            findings.add((*valve.key, "tag"), valve.tag, "another valve has this tag", "rename one")
+            findings.add(
+                (*valve.key, "tag"),
+                valve.tag,
+                say("other_valve_has_tag", "another valve has this tag"),
+                say("rename_one", "rename one"),
+            )
         tags.add(valve.tag)
         before = len(findings)
         _check_points(findings, valve, by_name, gateways, commanded)
@@ -96,8 +107,13 @@ def _check_travel(findings: Findings, key: Key, nameplate: Nameplate, wired: Wir
         findings.add(
             key,
             [span.least, span.greatest],
-            f"it is the range of {wired.position.register.name} in m, and the travel is {travel_m:g} m",
-            "write quantity in m",
+            say(
+                "range_beside_travel",
+                "it is the range of {name} in m, and the travel is {travel:g m}",
+                name=wired.position.register.name,
+                travel=travel_m,
+            ),
+            say("write_quantity_in_m", "write quantity in m"),
         )
 
 
@@ -135,8 +151,13 @@ def _check_points(
         findings.add(
             (*valve.key, "command"),
             f"{command.bus}, device_id {command.device_id}",
-            f"{valve.tag} would move {other}, which is commanded by the same register",
-            "correct one: its bus, device_id or register",
+            say(
+                "same_register_commanded",
+                "{tag} would move {other}, which is commanded by the same register",
+                tag=valve.tag,
+                other=other,
+            ),
+            say("correct_the_command", "correct one: its bus, device_id or register"),
         )
 
 
@@ -156,7 +177,12 @@ def _check_places(findings: Findings, buses: Mapping[int, BusAddress | None], ga
             key, local = "port", _is_loopback(place.rpartition(":")[0])
         other = places.setdefault((gateways.get(address.name, "") if local else "", place), address.name)
         if other != address.name:
-            findings.add(("buses", index, key), place, f"bus {other} is there too", f"use {other} for both")
+            findings.add(
+                ("buses", index, key),
+                place,
+                say("bus_is_there_too", "bus {other} is there too", other=other),
+                say("use_one_bus", "use {other} for both", other=other),
+            )
 
 
 def _is_loopback(host: str) -> bool:
@@ -175,8 +201,8 @@ def _check_gateways(findings: Findings, key: Key, valve: ValveParts, gateways: M
         findings.add(
             key,
             valve.tag,
-            f"its buses belong to gateways {' and '.join(needed)}",
-            "wire all that its test needs to one gateway",
+            say("buses_of_gateways", "its buses belong to gateways {gateways: and }", gateways=tuple(needed)),
+            say("wire_to_one_gateway", "wire all that its test needs to one gateway"),
         )
 
 
@@ -194,8 +220,12 @@ def check_schedules(
             findings.add(
                 key,
                 schedule.sequence,
-                f"service.approved_sequences has {', '.join(sorted(approved))} alone",
-                "choose one of them, or approve it",
+                say(
+                    "approved_alone",
+                    "service.approved_sequences has {approved:, } alone",
+                    approved=tuple(sorted(approved)),
+                ),
+                say("choose_or_approve", "choose one of them, or approve it"),
             )
         for tag in schedule.valves:
             valve = valves.get(tag)
@@ -205,16 +235,26 @@ def check_schedules(
                 findings.add(
                     ("schedules", index, "valves"),
                     tag,
-                    "its tests need a work permit, and a schedule names none: every check would be skipped",
-                    "take the valve out of the schedule and its groups, or its permissives.permit away",
+                    say(
+                        "permit_in_schedule",
+                        "its tests need a work permit, and a schedule names none: every check would be skipped",
+                    ),
+                    say(
+                        "take_valve_out",
+                        "take the valve out of the schedule and its groups, or its permissives.permit away",
+                    ),
                 )
             reason, is_of_all = _cannot_follow(schedule, valve, wired.get(tag))
             if reason:
-                remedy = "choose another sequence or overrides"
-                findings.add(key, schedule.sequence, reason, remedy if is_of_all else f"{remedy} for this valve")
+                remedy = (
+                    say("choose_other_sequence", "choose another sequence or overrides")
+                    if is_of_all
+                    else say("choose_other_for_valve", "choose another sequence or overrides for this valve")
+                )
+                findings.add(key, schedule.sequence, reason, remedy)
             no_end = _cannot_end_early(schedule, valve)
             if no_end:
-                findings.add(("schedules", index, "until"), dict(schedule.until or {}), *no_end)
+                findings.add(("schedules", index, "until"), dict(schedule.until or {}), no_end, "")
             if is_of_all or no_end:
                 break
 
@@ -228,24 +268,28 @@ def _cannot_follow(schedule: Schedule, valve: ValveParts, wired: Wired | None) -
         waveform = build_waveform(schedule.sequence, schedule.overrides, nameplate, limits)
         check_waveform(valve.tag, waveform, limits)
     except ValveError as error:
-        text = str(error)
+        text = message_of(error)
         is_of_all = not isinstance(error, WaveformError)
-        return (text if is_of_all or text.startswith(valve.tag) else f"{valve.tag}: {text}"), is_of_all
+        names_it = valve.tag in text.values.values() if isinstance(text, Message) else text.startswith(valve.tag)
+        return (text if is_of_all or names_it else _of_valve(valve, text)), is_of_all
     misfit = "" if wired is None or valve.wiring is None else waveform_misfit(valve.wiring, wired, waveform)
-    return (f"{valve.tag}: {misfit}" if misfit else ""), False
+    return (_of_valve(valve, misfit) if misfit else ""), False
 
 
-def _cannot_end_early(schedule: Schedule, valve: ValveParts) -> tuple[str, str] | None:
-    """Return why a valve's tests cannot end as a schedule's ``until`` says, with the remedy; None where they can."""
+def _of_valve(valve: ValveParts, why: str) -> str:
+    return say("of_valve", "{tag}: {why}", tag=valve.tag, why=why)
+
+
+def _cannot_end_early(schedule: Schedule, valve: ValveParts) -> str:
+    """Return why a valve's tests cannot end as a schedule's ``until`` says, and what to do; "" where they can."""
     acquisition = valve.acquisition
     if schedule.until is None or acquisition is None:
-        return None
+        return ""
     try:
         until_of(valve.tag, acquisition.mode, schedule.sequence, schedule.until)
     except RequestError as error:
-        reason, _, remedy = str(error).rpartition(": ")
-        return reason, remedy
-    return None
+        return message_of(error)
+    return ""
 
 
 def _commanded_words(command: Point, maps: Mapping[str, RegisterMap | None]) -> list[tuple[object, ...]]:
@@ -274,20 +318,41 @@ def _check_point(
 ) -> None:
     address = buses.get(point.bus)
     if address is None and point.bus not in declared:
-        findings.add((*key, "bus"), point.bus, "no bus has this name", f"choose one of {', '.join(declared)}")
+        findings.add(
+            (*key, "bus"),
+            point.bus,
+            say("no_bus_of_name", "no bus has this name"),
+            say("choose_one_of", "choose one of {known:, }", known=tuple(declared)),
+        )
     elif isinstance(address, GaugeAddress):
         if role != "position":
-            findings.add((*key, "bus"), point.bus, f"a gauge measures positions, not the {role}", "name a Modbus bus")
+            findings.add(
+                (*key, "bus"),
+                point.bus,
+                say("gauge_measures_positions", "a gauge measures positions, not the {role}", role=role),
+                say("name_modbus_bus", "name a Modbus bus"),
+            )
         elif point.map is not None:
-            findings.add((*key, "map"), point.map, f"bus {point.bus} is a gauge, it has no registers", "remove it")
+            findings.add(
+                (*key, "map"),
+                point.map,
+                say("gauge_has_no_registers", "bus {bus} is a gauge, it has no registers", bus=point.bus),
+                say("remove_it", "remove it"),
+            )
     elif address is not None and point.device_id is None:
         findings.add(
-            (*key, "map"), None, f"bus {point.bus} is Modbus, its device has registers", "name device_id and map"
+            (*key, "map"),
+            None,
+            say("modbus_has_registers", "bus {bus} is Modbus, its device has registers", bus=point.bus),
+            say("name_device_and_map", "name device_id and map"),
         )
     elif address is not None and point.device_id is not None:
         fault = address.device_id_fault(point.device_id)
         if fault:
-            findings.add_error((*key, "device_id"), ConfigurationError(f"bus {point.bus}: {fault}"))
+            findings.add_error(
+                (*key, "device_id"),
+                ConfigurationError(say("fault_of_bus", "bus {bus}: {fault}", bus=point.bus, fault=fault)),
+            )
     if point.map is None or maps.get(point.map, ...) is None:
         return  # a gauge, or a map that is wrong in itself, which is told there
     try:
@@ -310,6 +375,6 @@ def _check_limits(findings: Findings, key: Key, limits: MotionLimits, signal: Tr
         findings.add(
             key,
             list(limits.pressure_pa),
-            f"the I/P gives {signal_low_pa:g} to {signal_high_pa:g} Pa",
-            "stay inside signal.range_pa",
+            say("ip_gives", "the I/P gives {low:g in Pa} to {high:g Pa}", low=signal_low_pa, high=signal_high_pa),
+            say("stay_inside_range", "stay inside signal.range_pa"),
         )

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from service.config.secret_file import read_secret
+from valve.messages import say
 
 if TYPE_CHECKING:
     from sqlalchemy import URL
@@ -53,7 +54,10 @@ def database_address(
     if url is None:
         if file is not None:
             findings.add(
-                ("service", "database_password_file"), password_file, "there is no service.database", "remove it"
+                ("service", "database_password_file"),
+                password_file,
+                say("no_service_database", "there is no service.database"),
+                say("remove_it", "remove it"),
             )
         return None
     from sqlalchemy import make_url
@@ -62,22 +66,35 @@ def database_address(
     try:
         parsed = make_url(url)
     except (ArgumentError, ValueError):
-        findings.add(key, "(not shown)", "it is no database address", f"give one such as {_EXAMPLE}")
+        findings.add(
+            key,
+            "(not shown)",
+            say("no_database_address", "it is no database address"),
+            say("give_database_address", "give one such as {example}", example=_EXAMPLE),
+        )
         return None
     shown = parsed.render_as_string(hide_password=True)
     if parsed.password is not None:
         findings.add(
             key,
             shown,
-            "a password stands in it, and plant.toml is no secret",
-            f"remove it and set {PASSWORD_VARIABLE}, or name a file of mode 0600 as service.database_password_file",
+            say("password_in_address", "a password stands in it, and plant.toml is no secret"),
+            say(
+                "move_the_password",
+                "remove it and set {variable}, or name a file of mode 0600 as service.database_password_file",
+                variable=PASSWORD_VARIABLE,
+            ),
         )
     elif parsed.drivername != DRIVER or not parsed.database:
         findings.add(
             key,
             shown,
-            f"it is no {DRIVER} address with a database's name",
-            f"give one such as {_EXAMPLE}; without service.database the metadata is kept by SQLite in service.store",
+            say("no_driver_address", "it is no {driver} address with a database's name", driver=DRIVER),
+            say(
+                "give_address_or_none",
+                "give one such as {example}; without service.database the metadata is kept by SQLite in service.store",
+                example=_EXAMPLE,
+            ),
         )
     else:
         return DatabaseAddress(url, file)

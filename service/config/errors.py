@@ -13,8 +13,10 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
 
 from service.config.units import Written, in_own_words, in_si, own_names
-from service.words.spelling import known_keys, nearest
+from service.words.sentences import lines_of
+from service.words.spelling import known_keys, lowered, nearest
 from valve.errors import ConfigurationError, ValveError
+from valve.messages import Message, joined, message_of, say
 
 Key = tuple[str | int, ...]
 Model = TypeVar("Model", bound=BaseModel)
@@ -25,16 +27,16 @@ SAFE_VALUE: Final = "safe_value"
 TEXT: Final = "text"
 
 _REMEDIES: Final = {
-    "float_type": "give a number without quotes and unit",
-    "int_type": "give a whole number without quotes and unit",
-    "finite_number": "give a finite number",
-    "bool_type": "give true or false",
-    "string_type": "put it in quotes",
-    "tuple_type": "give a list such as [low, high]",
-    "string_too_short": "say something or remove it",
-    "string_too_long": "shorten it",
-    TEXT: "write it in one line of printable characters",
-    SAFE_VALUE: 'give Pa, or "entry"',
+    "float_type": say("give_number", "give a number without quotes and unit"),
+    "int_type": say("give_whole_number", "give a whole number without quotes and unit"),
+    "finite_number": say("give_finite_number", "give a finite number"),
+    "bool_type": say("give_true_or_false", "give true or false"),
+    "string_type": say("put_in_quotes", "put it in quotes"),
+    "tuple_type": say("give_list", "give a list such as [low, high]"),
+    "string_too_short": say("say_or_remove", "say something or remove it"),
+    "string_too_long": say("shorten_it", "shorten it"),
+    TEXT: say("write_in_one_line", "write it in one line of printable characters"),
+    SAFE_VALUE: say("give_pa_or_entry", 'give Pa, or "entry"'),
 }
 
 
@@ -53,11 +55,32 @@ def read_toml(path: Path, text: str | None = None) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8") if text is None else text)
     except OSError as error:
-        raise ConfigurationError(f"{path}: it cannot be read ({error.strerror}): give an existing file") from error
+        raise ConfigurationError(
+            say(
+                "give_existing_file",
+                "{path}: it cannot be read ({reason}): give an existing file",
+                path=str(path),
+                reason=str(error.strerror),
+            )
+        ) from error
     except UnicodeDecodeError as error:
-        raise ConfigurationError(f"{path.name}: byte {error.start} is no UTF-8: save the file as UTF-8") from error
+        raise ConfigurationError(
+            say(
+                "file_no_utf8",
+                "{file}: byte {byte} is no UTF-8: save the file as UTF-8",
+                file=path.name,
+                byte=error.start,
+            )
+        ) from error
     except tomllib.TOMLDecodeError as error:
-        raise ConfigurationError(f"{path.name}: it is no valid TOML: {error}: correct it there") from error
+        raise ConfigurationError(
+            say(
+                "file_no_toml",
+                "{file}: it is no valid TOML: {why}: correct it there",
+                file=path.name,
+                why=message_of(error),
+            )
+        ) from error
 
 
 def _written(key: Key) -> str:
@@ -69,7 +92,9 @@ def _written(key: Key) -> str:
 
 def _spelling(word: str, known: list[str], with_unit: Collection[str]) -> str:
     close = nearest(word, [*known, *with_unit])
-    return f"write {close}" if close else f"remove it; known here are {', '.join(known)}"
+    if close:
+        return say("write_close", "write {close}", close=close)
+    return say("remove_unknown", "remove it; known here are {known:, }", known=tuple(known))
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,8 +109,15 @@ class Fault:
 
     def __str__(self) -> str:
         """Return it as one line."""
-        place = self.key if self.value is None else f"{self.key} = {self.value}"
-        return ": ".join(part for part in (self.file, place, self.reason, self.remedy) if part)
+        return str(self.message)
+
+    @property
+    def message(self) -> Message:
+        """It as one line."""
+        place = (
+            self.key if self.value is None else say("key_has_value", "{key} = {value}", key=self.key, value=self.value)
+        )
+        return joined(": ", [part for part in (self.file, place, self.reason, self.remedy) if part])
 
     def to_json(self) -> dict[str, str | None]:
         """Return it as the command line shows it to machines."""
@@ -125,12 +157,12 @@ class Findings:
 
     def add_error(self, key: Key, error: ValveError) -> None:
         """Note faults that a dataclass found in itself, one a line; each names value, limit and remedy already."""
-        for line in str(error).splitlines():
+        for line in lines_of(message_of(error)):
             self._faults[Fault(self._file, _written(self._own_key(key)), None, self._in_own_words(key, line))] = None
 
     def error(self) -> ConfigurationError:
         """Return all faults as one error, one line each."""
-        return ConfigurationError("\n".join(str(fault) for fault in self._faults))
+        return ConfigurationError(joined("\n", [fault.message for fault in self._faults]))
 
     def si_table(
         self, kind: Any, raw: Mapping[str, Any], key: Key, ends: Mapping[str, str] | None = None
@@ -179,16 +211,27 @@ class Findings:
         key = (*outer, *(part for part in one["loc"] if part != "part"))
         if one["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
             with_unit = own_names(kind) if isinstance(one["input"], str | list) else ()
-            self.add(key, one["input"], "this key is unknown", _spelling(str(key[-1]), known_keys(kind), with_unit))
+            self.add(
+                key,
+                one["input"],
+                say("key_unknown", "this key is unknown"),
+                _spelling(str(key[-1]), known_keys(kind), with_unit),
+            )
         elif one["type"] in ("missing", "missing_argument"):
             if key not in self._left_open:
-                self._faults[Fault(self._file, _written(key), None, "it is missing", "add it")] = None
+                self._faults[
+                    Fault(
+                        self._file, _written(key), None, say("it_is_missing", "it is missing"), say("add_it", "add it")
+                    )
+                ] = None
         else:
-            reason = one["msg"][0].lower() + one["msg"][1:]
-            remedy = _REMEDIES.get(one["type"], "correct it")
+            reason = lowered(one["msg"])
+            remedy = _REMEDIES.get(one["type"], say("correct_it", "correct it"))
             own = next((own for own, names in own_names(kind).items() if key[-1] in names), None)
             if isinstance(one["input"], str) and own is not None and not in_si(kind, {own: one["input"]}).faults:
-                remedy += f", or write {own} = {_shown(one['input'])}"
+                remedy = say(
+                    "or_write", "{remedy}, or write {key} = {value}", remedy=remedy, key=own, value=_shown(one["input"])
+                )
             self.add(key, one["input"], reason, remedy)
 
     def _own_key(self, key: Key) -> Key:

@@ -9,6 +9,7 @@ from typing import Any, Final
 from service.config.errors import Findings, Key
 from service.model.health_limits import HealthLimits
 from service.words.spelling import nearest
+from valve.messages import say
 
 _NAMES: Final = frozenset(one.name for one in fields(HealthLimits))
 
@@ -42,9 +43,19 @@ def _limits(findings: Findings, section: Any, key: Key, base: HealthLimits) -> H
 
 def _note_unknown(findings: Findings, key: Key, name: str, known: Sequence[str]) -> None:
     if not known:
-        reason, remedy = "the plant file has no classes", f"add [classes.{name}] with its limits, or remove this key"
-    else:
-        close = nearest(name, known)
-        reason = f"no class has this name; there are {', '.join(known)}"
-        remedy = f"write {close}" if close else f"choose one of them, or add [classes.{name}]"
-    findings.add(key, name, reason, remedy)
+        findings.add(
+            key,
+            name,
+            say("no_classes", "the plant file has no classes"),
+            say("add_class", "add [classes.{name}] with its limits, or remove this key", name=name),
+        )
+        return
+    close = nearest(name, known)
+    findings.add(
+        key,
+        name,
+        say("no_class_of_name", "no class has this name; there are {known:, }", known=tuple(known)),
+        say("write_close", "write {close}", close=close)
+        if close
+        else say("choose_or_add_class", "choose one of them, or add [classes.{name}]", name=name),
+    )

@@ -17,6 +17,7 @@ from drivers.register_map import Canary, RegisterMap
 from drivers.registers import Kind, Register, Table, WordOrder
 from service.config.errors import Findings, Key
 from valve.errors import ConfigurationError
+from valve.messages import say
 from valve.units import SI_FACTORS
 
 _STRICT: Final = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
@@ -94,9 +95,19 @@ def own_maps(findings: Findings, sections: Sequence[dict[str, Any]]) -> dict[str
         made = _map(findings, raw, key)
         if isinstance(name, str):
             if name in REGISTER_MAPS:
-                findings.add((*key, "name"), name, "a device of the drivers has this name", "choose another")
+                findings.add(
+                    (*key, "name"),
+                    name,
+                    say("drivers_device_has_name", "a device of the drivers has this name"),
+                    say("choose_another", "choose another"),
+                )
             elif name in maps:
-                findings.add((*key, "name"), name, "another map has this name", "rename one")
+                findings.add(
+                    (*key, "name"),
+                    name,
+                    say("other_map_has_name", "another map has this name"),
+                    say("rename_one", "rename one"),
+                )
             maps[name] = made if len(findings) == before else None
     return {name: made for name, made in maps.items() if name not in REGISTER_MAPS}
 
@@ -108,7 +119,10 @@ def _map(findings: Findings, raw: dict[str, Any], key: Key) -> RegisterMap | Non
         return _alike(findings, section, section.like, key)
     if section is not None and section.registers is None:
         findings.add(
-            (*key, "registers"), None, "it is missing", "add [[maps.registers]], or like = a map of the drivers"
+            (*key, "registers"),
+            None,
+            say("it_is_missing", "it is missing"),
+            say("add_registers_or_like", "add [[maps.registers]], or like = a map of the drivers"),
         )
     parts = {name: raw[name] for name in ("canary", "watchdog") if isinstance(raw.get(name), dict)}
     canary = findings.model(CanarySection, parts["canary"], (*key, "canary")) if "canary" in parts else None
@@ -146,7 +160,7 @@ def _map(findings: Findings, raw: dict[str, Any], key: Key) -> RegisterMap | Non
         findings.add_error(key, error)
         return None
     for fault in faults:
-        findings.add(key, section.name, fault, "correct the map")
+        findings.add(key, section.name, fault, say("correct_the_map", "correct the map"))
     return made
 
 
@@ -155,16 +169,30 @@ def _alike(findings: Findings, section: MapSection, like: str, key: Key) -> Regi
     given, before = section.model_dump(exclude_none=True), len(findings)
     device = REGISTER_MAPS.get(like)
     if device is None:
-        findings.add((*key, "like"), like, "the drivers have no such map", f"choose one of {', '.join(REGISTER_MAPS)}")
+        findings.add(
+            (*key, "like"),
+            like,
+            say("no_such_map", "the drivers have no such map"),
+            say("choose_one_of", "choose one of {known:, }", known=tuple(REGISTER_MAPS)),
+        )
     for name in ("registers", "is_positioner", "canary", "watchdog", "number"):
         if name in given:
-            findings.add((*key, name), given[name], f"{like} says it", "remove it, or leave like out and say all")
+            findings.add(
+                (*key, name),
+                given[name],
+                say("like_says_it", "{like} says it", like=like),
+                say("leave_like_out", "remove it, or leave like out and say all"),
+            )
     if device is None:
         return None
     order = section.word_order
     if order is not None and device.capture is not None:
-        reason = f"{like} has a capture buffer, and that has a word order of its own"
-        findings.add((*key, "word_order"), str(order), reason, "remove it, and let the device count so")
+        reason = say(
+            "capture_has_order", "{like} has a capture buffer, and that has a word order of its own", like=str(like)
+        )
+        findings.add(
+            (*key, "word_order"), str(order), reason, say("let_device_count", "remove it, and let the device count so")
+        )
     made = replace(
         device,
         name=section.name,
@@ -176,7 +204,7 @@ def _alike(findings: Findings, section: MapSection, like: str, key: Key) -> Regi
         write_function=section.write_function or device.write_function,
     )
     for fault in map_faults(made):
-        findings.add(key, section.name, fault, "correct the map")
+        findings.add(key, section.name, fault, say("correct_the_map", "correct the map"))
     return made if len(findings) == before else None
 
 
@@ -184,15 +212,25 @@ def _register(findings: Findings, row: RegisterSection, order: WordOrder, key: K
     """Return one register in SI units, or None with its faults noted."""
     si = SI_FACTORS.get(row.unit)
     if si is None:
-        findings.add((*key, "unit"), row.unit, "this unit is unknown", f"choose one of {', '.join(SI_FACTORS)}")
+        findings.add(
+            (*key, "unit"),
+            row.unit,
+            say("unit_unknown", "this unit is unknown"),
+            say("choose_one_of", "choose one of {known:, }", known=tuple(SI_FACTORS)),
+        )
         return None
     is_one_word = row.kind in (Kind.U16, Kind.I16)
     if row.word_order is not None and is_one_word:
-        reason = f"{row.name} is {row.kind}, one register, which has no order"
-        findings.add((*key, "word_order"), str(row.word_order), reason, "remove it")
+        reason = say("one_register", "{name} is {kind}, one register, which has no order", name=row.name, kind=row.kind)
+        findings.add((*key, "word_order"), str(row.word_order), reason, say("remove_it", "remove it"))
         return None
     if row.raw_range is not None and not row.raw_range[0] < row.raw_range[1]:
-        findings.add((*key, "raw_range"), list(row.raw_range), "it must rise", "give the lower raw value first")
+        findings.add(
+            (*key, "raw_range"),
+            list(row.raw_range),
+            say("must_rise", "it must rise"),
+            say("lower_raw_first", "give the lower raw value first"),
+        )
         return None
     unit, factor = si
     try:
@@ -216,7 +254,16 @@ def _register(findings: Findings, row: RegisterSection, order: WordOrder, key: K
     for raw in outside:
         span = Register(row.name, 0, row.kind).span
         findings.add(
-            (*key, "raw_range"), raw, f"{row.kind} holds {span.least:.12g} to {span.greatest:.12g}", "stay inside"
+            (*key, "raw_range"),
+            raw,
+            say(
+                "kind_holds",
+                "{kind} holds {least:.12g} to {greatest:.12g}",
+                kind=row.kind,
+                least=span.least,
+                greatest=span.greatest,
+            ),
+            say("stay_inside", "stay inside"),
         )
     return None if outside else register
 
@@ -234,19 +281,47 @@ def _check_roles(findings: Findings, rows: Sequence[RegisterSection], registers:
         place = (*key, "registers", index)
         if row.role is not None:
             if names[row.role] > 1:
-                findings.add((*place, "role"), str(row.role), "two registers have this role", "leave it to one of them")
+                findings.add(
+                    (*place, "role"),
+                    str(row.role),
+                    say("role_twice", "two registers have this role"),
+                    say("leave_to_one", "leave it to one of them"),
+                )
             quantities = ("m", *_SIGNALS) if row.role is Role.POSITION else ("Pa", *_SIGNALS)
             if register.unit not in quantities:
-                reason = f"{row.name} is in {register.unit}, a {row.role} is in {', '.join(quantities)}"
-                findings.add((*place, "unit"), row.unit, reason, "correct unit or role")
+                reason = say(
+                    "unit_of_role",
+                    "{name} is in {unit}, a {role} is in {units:, }",
+                    name=row.name,
+                    unit=register.unit,
+                    role=row.role,
+                    units=tuple(quantities),
+                )
+                findings.add((*place, "unit"), row.unit, reason, say("correct_unit_or_role", "correct unit or role"))
         if row.role is Role.COMMAND and not row.writable:
-            reason = "a command is written, and this register is not writable"
-            findings.add((*place, "writable"), row.writable, reason, "say writable = true, or move the role")
+            reason = say("command_not_writable", "a command is written, and this register is not writable")
+            findings.add(
+                (*place, "writable"), row.writable, reason, say("say_writable", "say writable = true, or move the role")
+            )
         if row.readback is not None and units.get(row.readback, register.unit) != register.unit:
-            reason = f"{row.readback} is in {units[row.readback]} and {row.name} in {register.unit}"
-            findings.add((*place, "readback"), row.readback, reason, "name a register in the same unit")
+            reason = say(
+                "units_differ",
+                "{readback} is in {unit} and {name} in {other}",
+                readback=row.readback,
+                unit=units[row.readback],
+                name=row.name,
+                other=register.unit,
+            )
+            findings.add(
+                (*place, "readback"), row.readback, reason, say("name_same_unit", "name a register in the same unit")
+            )
         if row.readback == row.name:
-            findings.add((*place, "readback"), row.readback, "it is the register itself", "name another, or remove it")
+            findings.add(
+                (*place, "readback"),
+                row.readback,
+                say("register_itself", "it is the register itself"),
+                say("name_another", "name another, or remove it"),
+            )
 
 
 def _unnamed(made: RegisterMap) -> Iterator[str]:
@@ -256,11 +331,20 @@ def _unnamed(made: RegisterMap) -> Iterator[str]:
         return
     for name in (watchdog.timeout, watchdog.heartbeat, watchdog.safe_value, *filter(None, (watchdog.run,))):
         if not made.register(name).writable:
-            yield f"{name} belongs to the watchdog, is written, and is not writable"
+            yield say(
+                "watchdog_not_writable", "{name} belongs to the watchdog, is written, and is not writable", name=name
+            )
     made.register(watchdog.state)
     for name, unit in ((watchdog.timeout, "s"), (watchdog.safe_value, "Pa")):
         if made.register(name).unit != unit:
-            yield f"{name} of the watchdog is in {made.register(name).unit}, it must be in {unit}"
+            is_in = made.register(name).unit
+            yield say(
+                "watchdog_unit",
+                "{name} of the watchdog is in {is_in}, it must be in {unit}",
+                name=name,
+                is_in=is_in,
+                unit=unit,
+            )
 
 
 def _canary(section: CanarySection | None) -> Canary | None:

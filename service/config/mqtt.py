@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from service.config.errors import Findings
 from service.config.secret_file import read_secret, secret_fault
+from valve.messages import say
 
 _PLAIN_PORT: Final = 1883  # both as registered with IANA
 _TLS_PORT: Final = 8883
@@ -64,17 +65,32 @@ def mqtt_settings(findings: Findings, raw: Mapping[str, Any] | None, folder: Pat
     authority = None if section.ca_file is None else (folder / section.ca_file).resolve()
     if (section.username is None) != (password is None):
         missing = "username" if section.username is None else "password_file"
-        findings.add(("mqtt", missing), None, "a sign-in needs a name and a password", "give both keys, or neither")
+        findings.add(
+            ("mqtt", missing),
+            None,
+            say("name_and_password", "a sign-in needs a name and a password"),
+            say("both_keys_or_neither", "give both keys, or neither"),
+        )
     fault = None if password is None else secret_fault(password)
     if fault is not None:
         findings.add(("mqtt", "password_file"), str(password), fault.reason, fault.remedy)
     if section.username is not None and not section.tls and not _is_loopback(section.host):
         findings.add(
-            ("mqtt", "tls"), False, f"the password would cross the network to {section.host} unencrypted", "tls = true"
+            ("mqtt", "tls"),
+            False,
+            say(
+                "password_unencrypted", "the password would cross the network to {host} unencrypted", host=section.host
+            ),
+            say("tls_true", "tls = true"),
         )
     if authority is not None:
         if not section.tls:
-            findings.add(("mqtt", "ca_file"), section.ca_file, "there is no TLS that it could prove", "tls = true")
+            findings.add(
+                ("mqtt", "ca_file"),
+                section.ca_file,
+                say("no_tls_to_prove", "there is no TLS that it could prove"),
+                say("tls_true", "tls = true"),
+            )
         _check_authority(findings, authority)
     if len(findings) > before:
         return None
@@ -87,7 +103,12 @@ def _check_authority(findings: Findings, path: Path) -> None:
         ssl.create_default_context(cafile=path)
     except (OSError, ssl.SSLError) as error:
         reason = error.strerror or type(error).__name__
-        findings.add(("mqtt", "ca_file"), str(path), f"it cannot be used ({reason})", "give a PEM certificate")
+        findings.add(
+            ("mqtt", "ca_file"),
+            str(path),
+            say("unusable_because", "it cannot be used ({reason})", reason=reason),
+            say("give_certificate", "give a PEM certificate"),
+        )
 
 
 def _is_loopback(host: str) -> bool:

@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from service.config.errors import Findings
 from service.model.schedule import Schedule
+from valve.messages import joined, say
 
 GATEWAY_VARIABLE: Final = "BREAKAWAY_GATEWAY"
 STRICT: Final = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
@@ -79,7 +80,12 @@ def groups_by_name(
         section = findings.model(GroupSection, dict(one), ("groups", index))
         name = one.get("name")
         if isinstance(name, str) and name in groups:
-            findings.add(("groups", index, "name"), name, "another group has this name", "rename one")
+            findings.add(
+                ("groups", index, "name"),
+                name,
+                say("other_group_has_name", "another group has this name"),
+                say("rename_one", "rename one"),
+            )
         if section is None:
             groups.setdefault(str(name), None)
             continue
@@ -106,7 +112,12 @@ def schedules(
         if section is None:
             continue
         if section.name in names:
-            findings.add((*key, "name"), section.name, "another schedule has this name", "rename one")
+            findings.add(
+                (*key, "name"),
+                section.name,
+                say("other_schedule_has_name", "another schedule has this name"),
+                say("rename_one", "rename one"),
+            )
         names.add(section.name)
         zone = zone_named(findings, (*key, "zone"), section.zone)
         _check_cron(findings, (*key, "cron"), section.cron)
@@ -114,13 +125,23 @@ def schedules(
         valves, is_known = list(section.valves), True
         for group in section.groups:
             if group not in groups:
-                known = ", ".join(groups) or "none is defined"
-                findings.add((*key, "groups"), group, "no group has this name", f"add it under [[groups]] ({known})")
+                known = joined(", ", groups) if groups else say("none_defined", "none is defined")
+                findings.add(
+                    (*key, "groups"),
+                    group,
+                    say("no_group_of_name", "no group has this name"),
+                    say("add_group", "add it under [[groups]] ({known})", known=known),
+                )
             of_group = groups.get(group)
             is_known = is_known and of_group is not None
             valves += of_group or ()
         if not valves and is_known:
-            findings.add((*key, "valves"), [], "the schedule checks no valve", "name valves or groups")
+            findings.add(
+                (*key, "valves"),
+                [],
+                say("schedule_of_no_valve", "the schedule checks no valve"),
+                say("name_valves_or_groups", "name valves or groups"),
+            )
         found[index] = Schedule(
             section.name,
             section.cron,
@@ -139,7 +160,12 @@ def zone_named(findings: Findings, key: tuple[str | int, ...], name: str) -> Zon
     try:
         return ZoneInfo(name)
     except (KeyError, ValueError, OSError):
-        findings.add(key, name, "no time zone has this name", "give one of the IANA database such as Europe/Berlin")
+        findings.add(
+            key,
+            name,
+            say("no_time_zone", "no time zone has this name"),
+            say("give_time_zone", "give one of the IANA database such as Europe/Berlin"),
+        )
         return None
 
 
@@ -147,14 +173,24 @@ def _check_cron(findings: Findings, key: tuple[str | int, ...], cron: str) -> No
     try:
         next(CronSim(cron, datetime.now(UTC)))
     except (CronSimError, StopIteration) as error:
-        reason = str(error) or "it never comes"
-        findings.add(key, cron, f"it is no time of cron ({reason})", 'give five fields such as "30 1 * * *"')
+        reason = str(error) or say("never_comes", "it never comes")
+        findings.add(
+            key,
+            cron,
+            say("no_cron_time", "it is no time of cron ({reason})", reason=reason),
+            say("give_cron_time", 'give five fields such as "30 1 * * *"'),
+        )
 
 
 def _check_tags(findings: Findings, key: tuple[str | int, ...], wanted: Sequence[str], tags: Collection[str]) -> None:
     for index, tag in enumerate(wanted):
         if tag not in tags:
-            findings.add((*key, index), tag, "no valve has this tag", "correct it, or add the valve")
+            findings.add(
+                (*key, index),
+                tag,
+                say("no_valve_of_this_tag", "no valve has this tag"),
+                say("correct_or_add_valve", "correct it, or add the valve"),
+            )
 
 
 def name_gateway(service: MutableMapping[str, Any], environment: Mapping[str, str] = os.environ) -> None:
@@ -170,15 +206,28 @@ def gateways(findings: Findings, raw: Sequence[Mapping[str, Any]], own: str | No
         section = findings.model(GatewaySection, dict(one), ("gateways", index))
         name = one.get("name")
         if isinstance(name, str) and name in found:
-            findings.add(("gateways", index, "name"), name, "another gateway has this name", "rename one")
+            findings.add(
+                ("gateways", index, "name"),
+                name,
+                say("other_gateway_has_name", "another gateway has this name"),
+                say("rename_one", "rename one"),
+            )
         if isinstance(name, str):  # also one that is wrong: what names it is not wrong because of that
             found[name] = "" if section is None else section.url.rstrip("/")
     if found and own is None:
         findings.add(
-            ("service", "gateway"), None, "the plant has several gateways", f"say which this is: {', '.join(found)}"
+            ("service", "gateway"),
+            None,
+            say("several_gateways", "the plant has several gateways"),
+            say("say_which_gateway", "say which this is: {known:, }", known=tuple(found)),
         )
     elif own is not None and own not in found:
-        findings.add(("service", "gateway"), own, "no gateway has this name", "add it under [[gateways]] with its url")
+        findings.add(
+            ("service", "gateway"),
+            own,
+            say("no_gateway_of_name", "no gateway has this name"),
+            say("add_gateway", "add it under [[gateways]] with its url"),
+        )
     return found
 
 
@@ -186,9 +235,19 @@ def gateway_of_bus(findings: Findings, key: tuple[str | int, ...], name: object,
     """Return whose bus it is: "" in a plant of one gateway."""
     if not known:
         if name is not None:
-            findings.add((*key, "gateway"), name, "the plant has no [[gateways]]", "add them, or remove this key")
+            findings.add(
+                (*key, "gateway"),
+                name,
+                say("no_gateways", "the plant has no [[gateways]]"),
+                say("add_them", "add them, or remove this key"),
+            )
         return ""
     if not isinstance(name, str) or name not in known:
-        findings.add((*key, "gateway"), name, "it is no gateway of this plant", f"choose one of {', '.join(known)}")
+        findings.add(
+            (*key, "gateway"),
+            name,
+            say("not_our_gateway", "it is no gateway of this plant"),
+            say("choose_one_of", "choose one of {known:, }", known=tuple(known)),
+        )
         return ""
     return name

@@ -11,6 +11,7 @@ from drivers.permissive_rules import PermissiveRules
 from drivers.points import Point
 from drivers.register_map import RegisterMap
 from valve.errors import ConfigurationError
+from valve.messages import say
 from valve.nameplate import Nameplate
 
 if TYPE_CHECKING:
@@ -43,13 +44,16 @@ def check_permissives(
         findings.add(
             (*key, "permissives"),
             None,
-            f"map {command.map} does not show whether the loop is in manual",
-            "name permissives.manual, demand a permit (permissives.permit = true) or say permissives.manual_waived",
+            say("map_without_manual", "map {map} does not show whether the loop is in manual", map=str(command.map)),
+            say(
+                "name_manual",
+                "name permissives.manual, demand a permit (permissives.permit = true) or say permissives.manual_waived",
+            ),
         )
     if rules.device_number is not None and (device is None or device.number is None):
         findings.add(
             (*key, "permissives", "device_number"),
             rules.device_number,
-            f"map {command.map} shows no number of the device",
-            "remove it",
+            say("map_without_number", "map {map} shows no number of the device", map=str(command.map)),
+            say("remove_it", "remove it"),
         )

@@ -16,6 +16,7 @@ from drivers.wiring import Bus
 from service.config.settings import Plant, PlantValve
 from service.model.sequences import build_waveform, default_of
 from valve.errors import ValveError
+from valve.messages import message_of
 from valve.waveform import Waveform
 
 _AT_A_TIME: Final = 64  # buses that are being opened: each is a socket and a deadline
@@ -89,7 +90,7 @@ async def look_at_plant(plant: Plant) -> AsyncIterator[CheckedValve]:
                 async with places:
                     await buses[name].open()
             except ValveError as error:
-                unopened[name] = str(error)
+                unopened[name] = message_of(error)
 
         await asyncio.gather(*map(opened, needed))
         inspector = Inspector(buses, unopened)

@@ -13,6 +13,7 @@ from drivers.permissive_rules import PermissiveRules
 from drivers.stands_at import RestRules
 from service.config.errors import SAFE_VALUE
 from valve.errors import ConfigurationError
+from valve.messages import say
 from valve.nameplate import Nameplate
 
 if TYPE_CHECKING:
@@ -53,18 +54,30 @@ def rest_rules(
                 findings.add(
                     (*key, "safe_position_m"),
                     position_m,
-                    f"the stem can only be at {span_m[0]:g} to {span_m[1]:g} m ({name})",
-                    "give the position in m from the closed end, or correct that span",
+                    say(
+                        "stem_can_be",
+                        "the stem can only be at {low:g in m} to {high:g m} ({name})",
+                        low=span_m[0],
+                        high=span_m[1],
+                        name=name,
+                    ),
+                    say("give_position", "give the position in m from the closed end, or correct that span"),
                 )
     if tolerance_m is not None and position_m is None:
-        reason = "it belongs to safe_position_m, which is missing"
-        findings.add((*key, "safe_position_tolerance_m"), tolerance_m, reason, "add that, or remove this")
+        reason = say("belongs_to_missing", "it belongs to safe_position_m, which is missing")
+        findings.add(
+            (*key, "safe_position_tolerance_m"), tolerance_m, reason, say("add_or_remove", "add that, or remove this")
+        )
     elif tolerance_m is not None and not 0.0 < tolerance_m <= _WIDEST * travel_m:
         findings.add(
             (*key, "safe_position_tolerance_m"),
             tolerance_m,
-            f"it must be above 0 and at most a quarter of the travel, {_WIDEST * travel_m:.4g} m",
-            "correct it",
+            say(
+                "quarter_of_travel",
+                "it must be above 0 and at most a quarter of the travel, {widest:.4g m}",
+                widest=_WIDEST * travel_m,
+            ),
+            say("correct_it", "correct it"),
         )
     if len(findings) > before:
         return None

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Final
 
 from valve.errors import ConfigurationError
+from valve.messages import say
 
 _OTHERS: Final = 0o077
-_WRONG_FILE: Final = "name a file that holds the password"
+_WRONG_FILE: Final = say("name_existing_file", "name a file that holds the password")
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,10 +27,17 @@ def secret_fault(path: Path) -> SecretFault | None:
     try:
         mode = stat.S_IMODE(path.stat().st_mode)
     except OSError as error:
-        return SecretFault(f"it cannot be read ({error.strerror})", _WRONG_FILE)
+        return SecretFault(_unread(str(error.strerror)), _WRONG_FILE)
     if mode & _OTHERS:
-        return SecretFault(f"others may read it (mode {mode:04o})", "chmod 600 that file")
+        return SecretFault(
+            say("readable_by_others", "others may read it (mode {mode:04o})", mode=mode),
+            say("chmod_file", "chmod 600 that file"),
+        )
     return None
+
+
+def _unread(reason: str) -> str:
+    return say("it_is_unreadable", "it cannot be read ({reason})", reason=reason)
 
 
 def read_secret(path: Path, key: str) -> str:
@@ -43,10 +51,19 @@ def read_secret(path: Path, key: str) -> str:
         try:
             text = path.read_text(encoding="utf-8").strip()
         except (OSError, UnicodeDecodeError) as error:
-            reason = getattr(error, "strerror", None) or "it is no text"
-            fault = SecretFault(f"it cannot be read ({reason})", _WRONG_FILE)
+            reason = getattr(error, "strerror", None) or say("it_is_no_text", "it is no text")
+            fault = SecretFault(_unread(reason), _WRONG_FILE)
     if fault is None and not text:
-        fault = SecretFault("it is empty", "write the password into it")
+        fault = SecretFault(say("it_is_empty", "it is empty"), say("write_password", "write the password into it"))
     if fault is not None:
-        raise ConfigurationError(f"{path}: {key}: {fault.reason}: {fault.remedy}")
+        raise ConfigurationError(
+            say(
+                "secret_file_fault",
+                "{path}: {key}: {reason}: {remedy}",
+                path=str(path),
+                key=key,
+                reason=fault.reason,
+                remedy=fault.remedy,
+            )
+        )
     return text

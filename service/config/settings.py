@@ -36,6 +36,7 @@ from service.config.watching import by_clock_of, check_watching
 from service.model.health_limits import HealthLimits
 from service.model.schedule import Schedule
 from valve.errors import ConfigurationError
+from valve.messages import message_of, say
 from valve.nameplate import Nameplate
 
 STRICT: Final = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
@@ -189,7 +190,7 @@ def faults_of(path: Path, text: str | None = None) -> tuple[Plant | None, tuple[
     try:
         plant, findings = read_plant(path, text)
     except ConfigurationError as error:
-        return None, (Fault("", "", None, str(error)),)
+        return None, (Fault("", "", None, message_of(error)),)
     return plant, findings.faults
 
 
@@ -279,7 +280,12 @@ def _service(
     try:
         loopback = ipaddress.ip_address(section.bind).is_loopback
     except ValueError:
-        findings.add(("service", "bind"), section.bind, "it is no IP address", "give one such as 127.0.0.1")
+        findings.add(
+            ("service", "bind"),
+            section.bind,
+            say("no_ip_address", "it is no IP address"),
+            say("give_ip_address", "give one such as 127.0.0.1"),
+        )
     zone = None if section.zone is None else zone_named(findings, ("service", "zone"), section.zone)
     database = database_address(findings, section.database, section.database_password_file, folder)
     # an address that is none is reached by nobody: what else is wrong with the access is still found
@@ -312,7 +318,12 @@ def _buses(
         kind, name = raw.get("kind"), raw.get("name")
         gateway = gateway_of_bus(findings, key, raw.get("gateway"), known)
         if not isinstance(kind, str) or kind not in _BUS_KINDS:
-            findings.add((*key, "kind"), kind, "it is no kind of bus", f"choose one of {', '.join(_BUS_KINDS)}")
+            findings.add(
+                (*key, "kind"),
+                kind,
+                say("no_kind_of_bus", "it is no kind of bus"),
+                say("choose_one_of", "choose one of {known:, }", known=tuple(_BUS_KINDS)),
+            )
             buses[index] = None
         else:
             parts = {name: raw[name] for name in raw if name != "gateway"}

@@ -18,6 +18,7 @@ from typing import Annotated, Any, Final, Literal, NamedTuple, Union, get_args, 
 from pydantic import BaseModel
 
 from service.own_files.names import pint_name, registry, unit_of
+from valve.messages import Message, changed, message_of, say
 
 Path = tuple[str, ...]
 _NONE: Final[Mapping[str, str]] = {}
@@ -141,12 +142,26 @@ def _end_of(number: str, unit: str) -> Any:
 
 
 def in_own_words(text: str, written: Iterable[tuple[Path, Written]]) -> str:
-    """Return a message about SI keys by the names and values that stand in the file."""
+    """Return a message about SI keys by the names and values that stand in the file; a message stays one."""
+    known = list(written)
+    return changed(text, lambda one: _in_own_words(one, known))
+
+
+def _in_own_words(text: str, written: Iterable[tuple[Path, Written]]) -> str:
+    if isinstance(text, Message):
+        template = _with_own_names(text.template, written, in_template=True)
+        return text if template == text.template else Message(text.code, template, text.values, text.form)
+    return _with_own_names(text, written)
+
+
+def _with_own_names(text: str, written: Iterable[tuple[Path, Written]], *, in_template: bool = False) -> str:
     for path, one in written:
         if path[-1] == one.name:
             continue  # a key that says no unit
         table = rf"(?:{re.escape(path[-2])}\.)?" if len(path) > 1 else r"(?:\w+\.)?"
         shown = f"{one.name} ({json.dumps(one.value, ensure_ascii=False)})"
+        if in_template:
+            shown = shown.replace("{", "{{").replace("}", "}}")
         parts = re.split(rf"(?<![\w.])({table}){re.escape(path[-1])}\b", text)
         hits = zip(parts[1::2], parts[2::2], strict=True)
         text = parts[0] + "".join(f"{before}{shown}{after}" for before, after in hits)
@@ -227,8 +242,10 @@ def _is_text(value: object) -> bool:
 def _taken(kind: Any, si_names: Path, value: Any, raw: Mapping[str, Any]) -> tuple[str, Any]:
     """Return which SI key a value stands for, and its value there. Raises _NoValueError with reason and remedy."""
     if not _is_text(value):
-        keys = " or ".join(si_names)
-        raise _NoValueError("a number alone, its unit is unknown", f"{_advice(si_names)}, or give {keys}")
+        raise _NoValueError(
+            say("number_alone", "a number alone, its unit is unknown"),
+            say("or_give_key", "{advice}, or give {keys: or }", advice=_advice(si_names), keys=tuple(si_names)),
+        )
     for si_name in si_names:
         parts = list(types_in(hints_of(kind)[si_name]))
         words = [word for one in parts if get_origin(one) is Literal for word in get_args(one)]
@@ -240,21 +257,27 @@ def _taken(kind: Any, si_names: Path, value: Any, raw: Mapping[str, Any]) -> tup
             if si_name != si_names[-1]:
                 continue
             wanted = " and no ".join(dict.fromkeys(_unit(one).words for one in si_names))
-            or_word = "".join(f', or "{word}"' for word in words)
-            raise _NoValueError(error.of(wanted), _advice(si_names) + or_word) from None
+            advice = _advice(si_names)
+            for word in words:
+                advice = say("or_word", '{advice}, or "{word}"', advice=advice, word=word)
+            raise _NoValueError(error.of(wanted), advice) from None
     raise AssertionError(si_names)  # there is at least one
 
 
 def _alone(si_name: str, value: Any, raw: Mapping[str, Any]) -> tuple[str, Any]:
     if si_name in raw:
-        raise _NoValueError(f"{si_name} is given too", "give one of the two")
+        raise _NoValueError(
+            say("given_too", "{key} is given too", key=si_name), say("give_one_of_two", "give one of the two")
+        )
     return si_name, value
 
 
-def _advice(si_names: Path) -> str:
+def _advice(si_names: Path) -> Message:
     usual = [unit for si_name in si_names for unit in _unit(si_name).usual]
     listed = usual[0] if len(usual) == 1 else f"{', '.join(usual[:-1])} or {usual[-1]}"
-    return f'write it with a unit such as {listed}, in quotes: "6 {usual[0]}"'
+    return say(
+        "write_with_unit", 'write it with a unit such as {units}, in quotes: "6 {unit}"', units=listed, unit=usual[0]
+    )
 
 
 class _UnfittingError(Exception):
@@ -262,7 +285,10 @@ class _UnfittingError(Exception):
 
     def of(self, wanted: str) -> str:
         """Return the reason, where this quantity is wanted."""
-        return str(self).format(wanted)
+        said = message_of(self)
+        if not isinstance(said, Message):
+            return said
+        return Message(said.code, said.template, {**said.values, "wanted": wanted}, said.form)
 
 
 def _converted(value: Any, unit: _Unit, types: Collection[Any]) -> Any:
@@ -277,23 +303,26 @@ def _si_value(text: str, unit: _Unit) -> float:
     """Return a number with its unit in the unit of its key. Raises _UnfittingError."""
     found = _NUMBER.fullmatch(text.strip())
     if found is None or re.match(r"[\d.,/]", found[2]):
-        raise _UnfittingError("it is no decimal number with a unit")
+        raise _UnfittingError(say("no_number_with_unit", "it is no decimal number with a unit"))
     number, name = float(found[1]), found[2].strip()
     if not name:
-        raise _UnfittingError("it has no unit")
-    shown = name.replace("{", "").replace("}", "")[:40]
+        raise _UnfittingError(say("has_no_unit", "it has no unit"))
+    shown = name[:40]
+    is_no = say("unit_is_no", "{unit} is no {wanted}", unit=shown, wanted="")
     if unit.pint == "percent" or name == "%":
         known = unit_of(name)
         if unit.pint == "percent" and known is not None and known.dimension == "percent":
             return number
-        raise _UnfittingError(f"{shown} is no {{}}")
+        raise _UnfittingError(is_no)
     if pint_name(name)[1]:
-        raise _UnfittingError(f"{shown} counts from vacuum, pressures here count from the air around")
+        raise _UnfittingError(
+            say("counts_from_vacuum", "{unit} counts from vacuum, pressures here count from the air around", unit=shown)
+        )
     scale = _scale(name, unit.pint)
     if scale is None:
-        raise _UnfittingError(f"the unit {shown} is unknown")
+        raise _UnfittingError(say("unit_is_unknown", "the unit {unit} is unknown", unit=shown))
     if scale == 0.0:
-        raise _UnfittingError(f"{shown} is no {{}}")
+        raise _UnfittingError(is_no)
     return float(f"{number * scale:.{_DIGITS}g}")
 
 

@@ -29,6 +29,7 @@ from service.config.valves import Identity, ValveSection
 from service.model.health_limits import HealthLimits
 from service.words.spelling import nearest
 from valve.errors import ConfigurationError
+from valve.messages import Message, changed, message_of, say
 from valve.nameplate import Actuator, Signal
 
 # The order counts: a column without its table is the first that has such a key.
@@ -107,10 +108,22 @@ def import_valves(data: bytes, source: str, plant_file: Path, like: str | None =
         plant = tomllib.loads(text)
     except OSError as error:
         raise ConfigurationError(
-            f"{plant_file}: it cannot be read ({error.strerror}): write one by `breakaway init` first"
+            say(
+                "no_plant_file",
+                "{file}: it cannot be read ({reason}): write one by `breakaway init` first",
+                file=str(plant_file),
+                reason=str(error.strerror),
+            )
         ) from None
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ConfigurationError(f"{plant_file}: it is no valid TOML: {error}: correct it there") from None
+        raise ConfigurationError(
+            say(
+                "file_no_toml",
+                "{file}: it is no valid TOML: {why}: correct it there",
+                file=str(plant_file),
+                why=message_of(error),
+            )
+        ) from None
     present = plant.get("valves")
     present = present if isinstance(present, list) else []
     columns, rows, faults = _read(data, source)
@@ -127,7 +140,15 @@ def import_valves(data: bytes, source: str, plant_file: Path, like: str | None =
 def _read(data: bytes, source: str) -> tuple[list[_Column], list[_Row], list[Fault]]:
     """Return columns and rows of a CSV file, with what is wrong with its shape."""
     if len(data) > _MOST_BYTES:
-        raise ConfigurationError(f"{source}: it has {len(data)} bytes, at most {_MOST_BYTES} are read: cut it in parts")
+        raise ConfigurationError(
+            say(
+                "csv_too_large",
+                "{source}: it has {count} bytes, at most {most} are read: cut it in parts",
+                source=str(source),
+                count=len(data),
+                most=_MOST_BYTES,
+            )
+        )
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -137,12 +158,25 @@ def _read(data: bytes, source: str) -> tuple[list[_Column], list[_Row], list[Fau
     try:
         lines = list(csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True))
     except csv.Error as error:
-        raise ConfigurationError(f"{source}: it is no CSV ({error}): save it as CSV, UTF-8") from None
+        raise ConfigurationError(
+            say(
+                "no_csv",
+                "{source}: it is no CSV ({why}): save it as CSV, UTF-8",
+                source=str(source),
+                why=message_of(error),
+            )
+        ) from None
     faults: list[Fault] = []
     columns = list(_columns(lines[0] if lines else [], source, faults))
     if not faults and "tag" not in [str(column.key) for column in columns if column is not None]:
         faults.append(
-            Fault(source, "row 1", None, "no column is called tag", "begin with a line that names the columns")
+            Fault(
+                source,
+                "row 1",
+                None,
+                say("no_tag_column", "no column is called tag"),
+                say("name_the_columns", "begin with a line that names the columns"),
+            )
         )
     rows = []
     for number, line in enumerate(lines[1:], start=2):
@@ -152,13 +186,21 @@ def _read(data: bytes, source: str) -> tuple[list[_Column], list[_Row], list[Fau
             cells = {column: _decimal_point(column, cell) for column, cell in cells.items()}
         for place, cell in enumerate(line[len(columns) :], start=len(columns) + 1):
             if cell.strip():
-                reason = f"the first row names {len(columns)} columns"
-                remedy = "name this one, or put a cell with a separator in it in quotes"
+                reason = say("columns_named", "the first row names {n} columns", n=len(columns))
+                remedy = say("name_this_column", "name this one, or put a cell with a separator in it in quotes")
                 faults.append(Fault(source, f"row {number}, column {place}", json.dumps(cell), reason, remedy))
         if cells:
             rows.append(_Row(number, cells))
     if not faults and not rows:
-        faults.append(Fault(source, "row 2", None, "no valve follows the names of the columns", "give a row a valve"))
+        faults.append(
+            Fault(
+                source,
+                "row 2",
+                None,
+                say("no_valve_follows", "no valve follows the names of the columns"),
+                say("give_row_a_valve", "give a row a valve"),
+            )
+        )
     return [column for column in columns if column is not None], rows, faults
 
 
@@ -173,12 +215,26 @@ def _columns(headers: Sequence[str], source: str, faults: list[Fault]) -> Iterat
             yield None
         elif found is None or key is None:
             close = nearest(name, known)
-            remedy = f"call it {close}" if close else "call it like a key of [[valves]] in docs/plant.md, or remove it"
-            faults.append(Fault(source, f"row 1, column {place}", json.dumps(header), "no key has this name", remedy))
+            remedy = (
+                say("call_it", "call it {close}", close=close)
+                if close
+                else say("call_like_key", "call it like a key of [[valves]] in docs/plant.md, or remove it")
+            )
+            faults.append(
+                Fault(
+                    source,
+                    f"row 1, column {place}",
+                    json.dumps(header),
+                    say("no_key_of_name", "no key has this name"),
+                    remedy,
+                )
+            )
             yield None
         elif key in seen:
-            reason = f"column {seen[key]} gives {key} already"
-            faults.append(Fault(source, f"row 1, column {place}", json.dumps(header), reason, "remove one"))
+            reason = say("column_gives_twice", "column {column} gives {key} already", column=seen[key], key=str(key))
+            faults.append(
+                Fault(source, f"row 1, column {place}", json.dumps(header), reason, say("remove_one", "remove one"))
+            )
             yield None
         else:
             seen[key] = header.strip()
@@ -240,7 +296,14 @@ def _base(valves: Sequence[Any], like: str | None, file: str) -> dict[str, Any]:
         return {}
     found = next((one for one in valves if isinstance(one, dict) and one.get("tag") == like), None)
     if found is None:
-        raise ConfigurationError(f"{file}: no valve has the tag {like}: give --like one that is there")
+        raise ConfigurationError(
+            say(
+                "no_valve_like",
+                "{file}: no valve has the tag {like}: give --like one that is there",
+                file=str(file),
+                like=like,
+            )
+        )
     base = in_si(ValveSection, found).values
     for name, value in found.items():
         if name in _TABLES and isinstance(value, dict):
@@ -248,7 +311,13 @@ def _base(valves: Sequence[Any], like: str | None, file: str) -> dict[str, Any]:
     contacts = [name for name in _CONTACTS if name in (base.get("permissives") or ())]
     if contacts:
         raise ConfigurationError(
-            f"{file}: {like} has permissives.{contacts[0]}, which shows that valve alone: give --like one without it"
+            say(
+                "contacts_of_one_valve",
+                "{file}: {like} has permissives.{contacts}, which shows that valve alone: give --like one without it",
+                file=str(file),
+                like=like,
+                contacts=contacts[0],
+            )
         )
     for point in (base[name] for name in ("command", "position", "pressure") if isinstance(base.get(name), dict)):
         point.pop("device_id" if "map" in point else "bus", None)
@@ -301,10 +370,18 @@ def _by_cells(
 
 def _as_cell(fault: Fault) -> Fault:
     """Return a fault whose remedy is for a cell, which needs no quotes and no brackets."""
-    remedy = re.sub(r', in quotes: "(.*?)"', r": \1", fault.remedy).replace(
-        "give a list such as [low, high]", "give both ends such as 3 to 15 psi"
-    )
-    return replace(fault, remedy=remedy)
+    return replace(fault, remedy=changed(fault.remedy, _for_cell))
+
+
+def _for_cell(text: str) -> str:
+    if not isinstance(text, Message):
+        return text
+    if text.code == "give_list":
+        return say("give_both_ends", "give both ends such as 3 to 15 psi")
+    if text.code != "write_with_unit":
+        return text
+    units, unit = text.values["units"], text.values["unit"]
+    return say("write_cell_with_unit", "write it with a unit such as {units}: 6 {unit}", units=units, unit=unit)
 
 
 def _row_of(fault: Fault) -> int:

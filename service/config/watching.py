@@ -17,6 +17,7 @@ from drivers.registers import Block
 from drivers.watch_rules import LONGEST_PERIOD_S, SHORTEST_PERIOD_S, WatchRules
 from service.config.errors import Findings, Key
 from valve.errors import ConfigurationError
+from valve.messages import say
 
 if TYPE_CHECKING:
     from drivers.wiring import Wired
@@ -92,9 +93,19 @@ def check_watching(
         findings.add(
             (*key, "watch", "period_s"),
             rules.period_s,
-            f"the {len(of_valves)} valves watched on bus {bus} need {100.0 * asked:.0f} % of its time, "
-            f"{100.0 * _MOST_SHARE:.0f} % can be had",
-            f"read each of them every {_rounded_up(enough_s):g} s or more rarely, or watch fewer at a time",
+            say(
+                "bus_time_of_watched",
+                "the {count} valves watched on bus {bus} need {asked:.0f %} of its time, {most_share:.0f %} can be had",
+                count=len(of_valves),
+                bus=bus,
+                asked=asked,
+                most_share=_MOST_SHARE,
+            ),
+            say(
+                "read_more_rarely",
+                "read each of them every {period:g} s or more rarely, or watch fewer at a time",
+                period=_rounded_up(enough_s),
+            ),
         )
 
 

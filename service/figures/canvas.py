@@ -1,5 +1,6 @@
 """The sheet that all pictures are drawn on: sizes, colours that also the colour-blind tell apart, and the SVG text.
 
+matplotlib is loaded where something is drawn, in a process of its own: a service that starts does not wait for it.
 A picture's own words (title, what it shows) stand in it as ``title`` and ``desc`` for those who do not see it.
 """
 
@@ -9,12 +10,11 @@ import html
 import io
 import re
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-import matplotlib as mpl
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 INK: Final = "#1b1f23"
 SOFT: Final = "#6b737c"
@@ -55,15 +55,20 @@ class Picture:
 
 def sheet(width_in: float = 7.2, height_in: float = 3.4) -> Figure:
     """Return an empty figure of this size, inches (72 SVG points each)."""
-    with mpl.rc_context(_SETTINGS):
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure
+
+    with settings():
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         FigureCanvasSVG(figure)
     return figure
 
 
-def settings() -> Any:
-    """Return the context in which every picture is drawn."""
-    return mpl.rc_context(_SETTINGS)
+def settings(fonts: Any = None) -> Any:
+    """Return the context in which every picture is drawn, with matplotlib's settings of ``fonts``."""
+    from matplotlib import rc_context
+
+    return rc_context({**_SETTINGS, **(fonts or {})})
 
 
 def tidy(axes: Axes, *, x: str = "", y: str = "") -> None:
@@ -80,8 +85,7 @@ def tidy(axes: Axes, *, x: str = "", y: str = "") -> None:
 def svg_text(picture: Picture, *, text_as_paths: bool = False) -> str:
     """Return a picture as SVG that needs no other file; ``text_as_paths`` where the reader has no fonts (a PDF)."""
     written = io.StringIO()
-    fonts: Any = {"svg.fonttype": "path" if text_as_paths else "none"}
-    with mpl.rc_context({**_SETTINGS, **fonts}):
+    with settings({"svg.fonttype": "path" if text_as_paths else "none"}):
         picture.figure.savefig(written, format="svg", metadata={"Date": None, "Creator": None})
     text = _METADATA.sub("", _PROLOGUE.sub("", written.getvalue(), count=1), count=1)
     text = _COURSE.sub(lambda d: _NUMBER.sub(lambda found: f"{float(found.group()):.1f}", d.group()), text)

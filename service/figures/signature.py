@@ -15,7 +15,8 @@ import numpy as np
 
 from service.figures.canvas import BLUE, GRID, INK, RED, SOFT
 from service.words.plain_numbers import plus_minus
-from service.words.units import UnitSystem, measured, quantity, shown_unit
+from service.words.reader import Reader
+from valve.messages import Message, say
 from valve.recording import FloatArray
 
 WIDE: Final = 760
@@ -31,6 +32,27 @@ _MOST_BEYOND: Final = 40.0
 _ROOM: Final = 1.6  # a limit further away than this times what was measured is told, not drawn
 _PRESSURE: Final = "pressure_pa"
 _FORCE: Final = "force_n"
+_TITLES: Final = {
+    _PRESSURE: say("title_signature", "Signature: pressure over travel, friction below it"),
+    _FORCE: say("title_signature_force", "Signature: force over travel, friction below it"),
+}
+_SHORT_TITLES: Final = {
+    _PRESSURE: say("axis_pressure_percent", "Pressure, %"),
+    _FORCE: say("axis_force_percent", "Force, %"),
+}
+_NO_LOOP: Final = say("no_loop", "the motion shows no loop of force over travel")
+_MOST: Final = say("most_by_baseline", "most by baseline")
+_LEAST: Final = say("least_by_baseline", "least by baseline")
+_ACCEPTED: Final = say("acceptance_limit", "acceptance limit")
+_CLOSED: Final = say("mark_closed", "closed")
+_OPEN: Final = say("mark_open", "open")
+_RATED: Final = say("mark_rated_travel", "rated travel")
+_STOP: Final = say("mark_stop", "stop")
+_STEM_LIMIT: Final = say("mark_stem_limit", "stem limit")
+_MUST_REACH: Final = say("mark_must_reach", "must reach")
+_BENCH_LIMITS: Final = say("mark_bench_limits", "bench set limits")
+_BENCH_NOMINAL: Final = say("mark_bench_nominal", "bench set, nameplate")
+_BENCH_MEASURED: Final = say("mark_bench_measured", "bench set, measured")
 _FONT: Final = "DejaVu Sans, Noto Sans, Arial, sans-serif"
 
 
@@ -76,7 +98,12 @@ def has_signature(signature: Mapping[str, Any] | None) -> bool:
     )
 
 
-def signature_drawing(layers: Sequence[Layer], frame: Frame, system: UnitSystem, width: int = WIDE) -> Drawing | None:
+def why_no_signature(signature: Mapping[str, Any]) -> str:
+    """Return why a test has no loop to draw; empty where it has one."""
+    return "" if has_signature(signature) else next(iter((signature.get("notes") or {}).values()), _NO_LOOP)
+
+
+def signature_drawing(layers: Sequence[Layer], frame: Frame, reader: Reader, width: int = WIDE) -> Drawing | None:
     """Return the figure of a test, the first layer, with others laid over it; None where it shows no loop.
 
     A test that was driven by a force is not laid over one that was driven by a pressure.
@@ -86,20 +113,22 @@ def signature_drawing(layers: Sequence[Layer], frame: Frame, system: UnitSystem,
     drive = _driven_by(layers[0])
     shown = [one for one in layers if has_signature(one.signature) and _driven_by(one) == drive][:MOST_LAYERS]
     axes = _axes(shown, frame, drive)
-    above, below = _panels(shown, frame, axes, system, width)
-    unit_n = shown_unit("N", system).in_si
-    marks = [*_loop_marks(above, shown, frame, axes), *_friction_marks(below, shown, frame, unit_n)]
+    above, below = _panels(shown, frame, axes, reader, width)
+    unit_n = reader.unit("N").in_si
+    marks = [
+        *_loop_marks(above, shown, frame, axes, reader),
+        *_friction_marks(below, shown, frame, unit_n, reader),
+    ]
     _draw_loops(above, shown, axes)  # over the marks
     _draw_friction(below, shown, axes, unit_n)
-    title = f"Signature: {'pressure' if drive == _PRESSURE else 'force'} over travel, friction below it"
-    description = _description(shown, system)
+    title, description = reader.told(_TITLES[drive]), reader.told(_description(shown, reader))
     height = below.top + below.height + 46
     size = f'viewBox="0 0 {width} {height:g}" width="{width}" height="{height:g}"'
-    words = f'role="img" aria-labelledby="t d" data-travel="{axes.travel_words(system)}"'
+    words = f'role="img" aria-labelledby="t d" data-travel="{axes.travel_words(reader)}"'
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" {size} {words} font-family="{_FONT}" font-size="13">',
         f'<title id="t">{html.escape(title)}</title><desc id="d">{html.escape(description)}</desc>',
-        *_legend(shown, width),
+        *_legend(shown, reader, width),
         *above.svg(0),
         *below.svg(1),
         *marks,
@@ -108,9 +137,9 @@ def signature_drawing(layers: Sequence[Layer], frame: Frame, system: UnitSystem,
     return Drawing("".join(parts), title, description)
 
 
-def signature_svg(layers: Sequence[Layer], frame: Frame, system: UnitSystem, width: int = WIDE) -> str | None:
+def signature_svg(layers: Sequence[Layer], frame: Frame, reader: Reader, width: int = WIDE) -> str | None:
     """Return the figure as SVG text."""
-    drawing = signature_drawing(layers, frame, system, width)
+    drawing = signature_drawing(layers, frame, reader, width)
     return None if drawing is None else drawing.svg
 
 
@@ -137,8 +166,8 @@ class _Axes:
         low, high = self.ends
         return np.asarray(_WHOLE * (np.asarray(values, dtype=np.float64) - low) / (high - low))
 
-    def travel_words(self, system: UnitSystem) -> str:
-        return html.escape(quantity(self.travel_m[1] - self.travel_m[0], "m", system))
+    def travel_words(self, reader: Reader) -> str:
+        return html.escape(reader.quantity(self.travel_m[1] - self.travel_m[0], "m"))
 
 
 def _axes(layers: Sequence[Layer], frame: Frame, drive: str) -> _Axes:
@@ -254,35 +283,52 @@ def _steps(low: float, high: float, most: int) -> list[float]:
     return [float(f"{number * step:.10g}") for number in range(first, last + 1)]
 
 
-def _panels(
-    layers: Sequence[Layer], frame: Frame, axes: _Axes, system: UnitSystem, width: int
-) -> tuple[_Panel, _Panel]:
+def _panels(layers: Sequence[Layer], frame: Frame, axes: _Axes, reader: Reader, width: int) -> tuple[_Panel, _Panel]:
     left, right = (58.0, 60.0) if width >= WIDE else (46.0, 50.0)
     x = _shown_range(axes.travel(_extent(layers, "travel_m")))
     y = _shown_range(axes.driven(_extent(layers, axes.drive)))
     si_unit = "Pa" if axes.drive == _PRESSURE else "N"
-    unit = shown_unit(si_unit, system)
+    unit = reader.unit(si_unit)
     low, high = axes.ends
-    of = f"{quantity(low, si_unit, system)} to {quantity(high, si_unit, system)}"
-    what = "Pressure" if axes.drive == _PRESSURE else "Force"
     scale = (unit.shown(low + (high - low) * y[0] / _WHOLE), unit.shown(low + (high - low) * y[1] / _WHOLE))
-    y_title = f"{what}, % of {of}" if width >= WIDE else f"{what}, %"
-    if not axes.is_span:
-        y_title += " that were seen" if width >= WIDE else ""
+    ends = (reader.quantity(end, si_unit) for end in axes.ends)
+    y_title = reader.told(_drive_title(axes, *ends) if width >= WIDE else _SHORT_TITLES[axes.drive])
     top = 44.0 + 20.0 * (len(layers) if width < WIDE else 1)
     tall = 330.0 if width >= WIDE else 250.0
     above = _Panel(left, top, width - left - right, tall, x, y, "", y_title, "%", (unit.name, scale))
-    travel = axes.travel_words(system)
-    rated = f"Travel, % of {travel}" + (" rated" if axes.is_rated else " that were seen")
-    force = shown_unit("N", system)
+    travel = axes.travel_words(reader)
+    rated = reader.told(
+        say("axis_travel_rated", "Travel, % of {travel} rated", travel=travel)
+        if axes.is_rated
+        else say("axis_travel_seen", "Travel, % of {travel} that were seen", travel=travel)
+    )
+    force = reader.unit("N")
     most = _most_friction(layers, frame) / force.in_si
     foot = min(0.0, 1.1 * _least_friction(layers) / force.in_si)
-    friction_title = f"Friction, {force.name}: opening, closing dashed" if width >= WIDE else f"Friction, {force.name}"
+    friction_title = reader.told(
+        say("axis_friction_ways", "Friction, {unit}: opening, closing dashed", unit=force.name)
+        if width >= WIDE
+        else say("axis_friction", "Friction, {unit}", unit=force.name)
+    )
     below_top = top + tall + 52.0
     below = _Panel(
         left, below_top, width - left - right, 0.5 * tall, x, (foot, most), rated, friction_title, force.name
     )
     return above, below
+
+
+def _drive_title(axes: _Axes, low: str, high: str) -> Message:
+    if axes.drive == _PRESSURE:
+        return (
+            say("axis_pressure_of", "Pressure, % of {low} to {high}", low=low, high=high)
+            if axes.is_span
+            else say("axis_pressure_seen", "Pressure, % of {low} to {high} that were seen", low=low, high=high)
+        )
+    return (
+        say("axis_force_of", "Force, % of {low} to {high}", low=low, high=high)
+        if axes.is_span
+        else say("axis_force_seen", "Force, % of {low} to {high} that were seen", low=low, high=high)
+    )
 
 
 def _shown_range(percent: FloatArray) -> tuple[float, float]:
@@ -356,12 +402,12 @@ def _least_friction(layers: Sequence[Layer]) -> float:
     return min([0.0, *(float(np.min(low)) for one in layers for _, _, low, _ in _bands(one))])
 
 
-def _friction_limits(layers: Sequence[Layer], frame: Frame) -> list[tuple[float, str]]:
+def _friction_limits(layers: Sequence[Layer], frame: Frame) -> list[tuple[float, Message]]:
     force_n = (layers[0].signature.get("span") or {}).get("force_n")
     least_n, most_n = frame.friction_n
-    limits = [(one, words) for one, words in ((most_n, "most by baseline"), (least_n, "least by baseline")) if one]
+    limits = [(one, words) for one, words in ((most_n, _MOST), (least_n, _LEAST)) if one]
     if force_n and frame.friction_share_percent is not None:
-        limits.append((frame.friction_share_percent / _WHOLE * float(force_n), "acceptance limit"))
+        limits.append((frame.friction_share_percent / _WHOLE * float(force_n), _ACCEPTED))
     return limits
 
 
@@ -380,43 +426,47 @@ def _draw_friction(panel: _Panel, layers: Sequence[Layer], axes: _Axes, unit_n: 
             panel.curve(axes.travel(travel_m), friction_n / unit_n, _about(number, words, dash))
 
 
-def _loop_marks(panel: _Panel, layers: Sequence[Layer], frame: Frame, axes: _Axes) -> Iterator[str]:
+def _loop_marks(panel: _Panel, layers: Sequence[Layer], frame: Frame, axes: _Axes, reader: Reader) -> Iterator[str]:
     """Draw rated travel, stops, bench set and limits, and yield their words."""
     low, high = panel.y
-    ends = (0.0, "closed", "start"), (_WHOLE, "rated travel" if axes.is_rated else "open", "end")
+    ends = (0.0, _CLOSED, "start"), (_WHOLE, _RATED if axes.is_rated else _OPEN, "end")
     for place, words, anchor in ends:
         panel.line([place, place], [low, high], INK, ' stroke-width="1.2"')
         shift = 5 if anchor == "start" else -5
-        yield panel.label(place, low, words, INK, f' dx="{shift}" dy="-6" text-anchor="{anchor}"')
+        yield panel.label(place, low, reader.told(words), INK, f' dx="{shift}" dy="-6" text-anchor="{anchor}"')
     for stop_m in layers[0].signature.get("stops_m") or ():
         if stop_m is not None:
             (place,) = axes.travel([stop_m])
             panel.line([place, place], [low, high], INK, ' stroke-width="6" stroke-opacity="0.35"')
             anchor, shift = ("start", 8) if place < _WHOLE / 2 else ("end", -8)
-            yield panel.label(place, low, "stop", INK, f' dx="{shift}" dy="-22" text-anchor="{anchor}"')
-    yield from _travel_limits(panel, frame, axes)
-    yield from _bench_marks(panel, layers[0], frame, axes)
+            yield panel.label(place, low, reader.told(_STOP), INK, f' dx="{shift}" dy="-22" text-anchor="{anchor}"')
+    yield from _travel_limits(panel, frame, axes, reader)
+    yield from _bench_marks(panel, layers[0], frame, axes, reader)
     for number, layer in enumerate(layers):
         if len(layers) > 1:
             yield _letter(panel, axes, layer, number)
 
 
-def _travel_limits(panel: _Panel, frame: Frame, axes: _Axes) -> Iterator[str]:
+def _travel_limits(panel: _Panel, frame: Frame, axes: _Axes, reader: Reader) -> Iterator[str]:
     _, high = panel.y
     if frame.stem_limits_m is not None:
         for place in axes.travel(frame.stem_limits_m).tolist():
             if panel.x[0] <= place <= panel.x[1]:
                 panel.line([place, place], panel.y, RED, ' stroke-width="1.4" stroke-dasharray="8 3 2 3"')
                 anchor, shift = ("start", 5) if place < _WHOLE / 2 else ("end", -5)
-                yield panel.label(place, high, "stem limit", RED, f' dx="{shift}" dy="32" text-anchor="{anchor}"')
+                yield panel.label(
+                    place, high, reader.told(_STEM_LIMIT), RED, f' dx="{shift}" dy="32" text-anchor="{anchor}"'
+                )
     share = frame.travel_end_percent
     if axes.is_rated and share is not None and share < 25.0:
         for place, anchor, shift in ((share, "start", 5), (_WHOLE - share, "end", -5)):
             panel.line([place, place], panel.y, RED, ' stroke-width="1" stroke-dasharray="2 3"')
-            yield panel.label(place, high, "must reach", RED, f' dx="{shift}" dy="16" text-anchor="{anchor}"')
+            yield panel.label(
+                place, high, reader.told(_MUST_REACH), RED, f' dx="{shift}" dy="16" text-anchor="{anchor}"'
+            )
 
 
-def _bench_marks(panel: _Panel, layer: Layer, frame: Frame, axes: _Axes) -> Iterator[str]:
+def _bench_marks(panel: _Panel, layer: Layer, frame: Frame, axes: _Axes, reader: Reader) -> Iterator[str]:
     """Draw the bench set of the nameplate with its limits, or the measured one where the nameplate has none."""
     found = layer.signature.get("bench_set_pa")
     nominal = frame.bench_set_pa
@@ -429,10 +479,10 @@ def _bench_marks(panel: _Panel, layer: Layer, frame: Frame, axes: _Axes) -> Iter
         for shift in (-allowed, allowed):
             panel.line([0.0, _WHOLE], [low + shift, high + shift], RED, ' stroke-width="1" stroke-dasharray="2 3"')
         yield panel.label(
-            98.0, low + 0.98 * (high - low) - allowed, "bench set limits", RED, ' dy="34" text-anchor="end"'
+            98.0, low + 0.98 * (high - low) - allowed, reader.told(_BENCH_LIMITS), RED, ' dy="34" text-anchor="end"'
         )
     panel.line([0.0, _WHOLE], [low, high], SOFT, ' stroke-width="1.2" stroke-dasharray="8 3 2 3"')
-    words = "bench set, nameplate" if nominal is not None else "bench set, measured"
+    words = reader.told(_BENCH_NOMINAL if nominal is not None else _BENCH_MEASURED)
     yield panel.label(16.0, low + 0.16 * (high - low), words, SOFT, ' dx="12" dy="20" text-anchor="start"')
 
 
@@ -447,33 +497,50 @@ def _letter(panel: _Panel, axes: _Axes, layer: Layer, number: int) -> str:
     return ""
 
 
-def _friction_marks(panel: _Panel, layers: Sequence[Layer], frame: Frame, unit_n: float) -> Iterator[str]:
+def _friction_marks(
+    panel: _Panel, layers: Sequence[Layer], frame: Frame, unit_n: float, reader: Reader
+) -> Iterator[str]:
     """Draw the limits of friction, and yield their words; one that lies far above is told."""
     for limit_n, words in _friction_limits(layers, frame):
         at = limit_n / unit_n
         if at <= panel.y[1]:
             panel.line(panel.x, [at, at], RED, ' stroke-width="1.4" stroke-dasharray="8 3 2 3"')
-            yield panel.label(panel.x[0], at, words, RED, ' dx="6" dy="-5" text-anchor="start"')
+            yield panel.label(panel.x[0], at, reader.told(words), RED, ' dx="6" dy="-5" text-anchor="start"')
         else:
-            told = f"{words} {plus_minus(at, None, digits=3)} {panel.y_unit}, above"
-            yield panel.label(panel.x[1], panel.y[1], told, RED, ' dx="-6" dy="16" text-anchor="end"')
+            limit = f"{plus_minus(at, None, digits=3)} {panel.y_unit}"
+            above = say("limit_above", "{what} {limit}, above", what=words, limit=limit)
+            yield panel.label(panel.x[1], panel.y[1], reader.told(above), RED, ' dx="-6" dy="16" text-anchor="end"')
 
 
-def _legend(layers: Sequence[Layer], width: int) -> Iterator[str]:
+def _legend(layers: Sequence[Layer], reader: Reader, width: int) -> Iterator[str]:
     wide = width >= WIDE
     step = (width - 16) / max(len(layers), 2)
     for number, layer in enumerate(layers):
         x, y = (8 + step * number, 20) if wide else (8, 20 + 20 * number)
         letter = f"{LETTERS[number]}  " if len(layers) > 1 else ""
         yield f'<path d="M{x:g} {y - 4}h24" stroke="{_COLOURS[number]}" stroke-width="3"/>'
-        yield f'<text x="{x + 30:g}" y="{y}" fill="{INK}" font-size="12">{html.escape(letter + layer.words)}</text>'
+        words = html.escape(letter + reader.shown(layer.words))
+        yield f'<text x="{x + 30:g}" y="{y}" fill="{INK}" font-size="12">{words}</text>'
 
 
-def _description(layers: Sequence[Layer], system: UnitSystem) -> str:
+def _description(layers: Sequence[Layer], reader: Reader) -> Message:
     told = []
     for number, layer in enumerate(layers):
-        friction = measured(layer.signature.get("friction_mean_n"), None, "N", system)
+        friction = reader.measured(layer.signature.get("friction_mean_n"), None, "N")
         dead_band = layer.signature.get("dead_band_percent")
-        band = "" if dead_band is None else f", dead band {measured(dead_band, None, 'percent', system)}"
-        told.append(f"{LETTERS[number]}, {layer.words}: friction {friction}{band}")
-    return f"The loop that the valve draws opening and closing; half of its width is friction. {'; '.join(told)}."
+        said = say(
+            "layer_friction",
+            "{letter}, {test}: friction {friction}",
+            letter=LETTERS[number],
+            test=layer.words,
+            friction=friction,
+        )
+        if dead_band is not None:
+            band = reader.measured(dead_band, None, "percent")
+            said = say("layer_dead_band", "{said}, dead band {band}", said=said, band=band)
+        told.append(said)
+    return say(
+        "loop_said",
+        "The loop that the valve draws opening and closing; half of its width is friction. {layers:; }.",
+        layers=tuple(told),
+    )

@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Final
+
 import numpy as np
 import numpy.typing as npt
-from matplotlib.axes import Axes
 
 from service.figures.canvas import BLUE, INK, SOFT, Picture, settings, sheet, svg_text, tidy
-from service.words.units import UnitSystem, quantity, shown_unit
+from service.words.reader import Reader
+from valve.messages import Message, say
 from valve.recording import Recording
 from valve.recording_files import read_recording
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_TITLE: Final = say("title_recording", "Recording")
+_COMMAND: Final = say("label_command", "command")
+_PRESSURE: Final = say("label_pressure", "pressure")
 _MOST_POINTS = 1200  # two a pixel of the page
 _LEAST_SPAN_M = 1.0e-3  # that the position's axis shows: the noise of a stem that stood still is no motion
 
 
-def trace_picture(recording: Recording, system: UnitSystem) -> Picture:
+def trace_picture(recording: Recording, reader: Reader) -> Picture:
     """Return position above, pressure and command below, over the recording's time."""
-    length, pressure = shown_unit("m", system), shown_unit("Pa", system)
+    length, pressure = reader.unit("m"), reader.unit("Pa")
     rows = _drawn(recording.position_m)
     time_s = recording.time_s[rows]
     with settings():
@@ -25,22 +33,28 @@ def trace_picture(recording: Recording, system: UnitSystem) -> Picture:
         above, below = figure.subplots(2, 1, sharex=True)
         above.plot(time_s, recording.position_m[rows] / length.in_si, color=INK, linewidth=1.4)
         _widen(above, length.in_si)
-        tidy(above, y=f"position, {length.name}")
+        tidy(above, y=reader.told(say("axis_position", "position, {unit}", unit=length.name)))
         for name, values_pa, line, colour in (
-            ("command", recording.command_pa, "--", SOFT),
-            ("pressure", recording.pressure_pa, "-", BLUE),
+            (_COMMAND, recording.command_pa, "--", SOFT),
+            (_PRESSURE, recording.pressure_pa, "-", BLUE),
         ):
             if values_pa is not None:
-                below.plot(time_s, values_pa[rows] / pressure.in_si, line, color=colour, linewidth=1.4, label=name)
-        tidy(below, x="time, s", y=f"pressure, {pressure.name}")
+                below.plot(
+                    time_s, values_pa[rows] / pressure.in_si, line, color=colour, linewidth=1.4, label=reader.told(name)
+                )
+        tidy(
+            below,
+            x=reader.told(say("axis_time", "time, s")),
+            y=reader.told(say("axis_pressure", "pressure, {unit}", unit=pressure.name)),
+        )
         if below.get_lines():
             below.legend(frameon=False, ncols=2, loc="lower left", bbox_to_anchor=(0.0, 1.0), labelcolor=INK)
-    return Picture(figure, "Recording", _words(recording, system))
+    return Picture(figure, reader.told(_TITLE), reader.told(_words(recording, reader)))
 
 
-def trace_svg(file: str, system: UnitSystem) -> str:
+def trace_svg(file: str, reader: Reader) -> str:
     """Return the picture of a recording's file as SVG text. Raises what reading it raises."""
-    return svg_text(trace_picture(read_recording(file), system))
+    return svg_text(trace_picture(read_recording(file), reader))
 
 
 def _widen(axes: Axes, unit_m: float) -> None:
@@ -66,10 +80,10 @@ def _drawn(position_m: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
     return np.array(sorted(rows), dtype=np.intp)
 
 
-def _words(recording: Recording, system: UnitSystem) -> str:
+def _words(recording: Recording, reader: Reader) -> Message:
     known_m = recording.position_m[np.isfinite(recording.position_m)]
-    lasted = f"{recording.samples} samples in {recording.duration_s:.3g} s"
+    lasted = say("samples_in", "{n} samples in {lasted:.3g s}", n=recording.samples, lasted=recording.duration_s)
     if known_m.size == 0:
-        return f"{lasted}; the position was never measured."
-    low, high = quantity(float(known_m.min()), "m", system), quantity(float(known_m.max()), "m", system)
-    return f"{lasted}; position {low} to {high}."
+        return say("position_never_measured", "{lasted}; the position was never measured.", lasted=lasted)
+    low, high = (reader.quantity(float(end_m), "m") for end_m in (known_m.min(), known_m.max()))
+    return say("position_from_to", "{lasted}; position {low} to {high}.", lasted=lasted, low=low, high=high)

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime, tzinfo
-from typing import Any, Final
-
-import matplotlib.dates as mdates
-from matplotlib.axes import Axes
+from typing import TYPE_CHECKING, Any, Final
 
 from service.figures.canvas import BLUE, INK, RED, SOFT, Picture, settings, sheet, svg_text, tidy
 from service.words.plant_clock import zone_words
-from service.words.units import UnitSystem, measured, shown_unit
+from service.words.reader import Reader
+from service.words.sentences import together
+from valve.messages import Message, say
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,17 +64,60 @@ _COLUMNS: Final = 2
 _WIDE_IN: Final = 7.2
 _NARROW_IN: Final = 4.0  # of a phone: its text is read at 320 pixels
 _LETTERS_AN_INCH: Final = 15.0  # of the words below the panels
-_BARS: Final = "Bars: 95 % interval of each test, without what the figure differs by from test to test."
-_AHEAD: Final = "Dotted: the trend on to its limit, with the 95 % interval of when it is met."
-_WATCHED: Final = "Open circles: days in service, watched and not tested."
+_BARS: Final = say(
+    "trend_bars", "Bars: 95 % interval of each test, without what the figure differs by from test to test."
+)
+_AHEAD: Final = say("trend_ahead", "Dotted: the trend on to its limit, with the 95 % interval of when it is met.")
+_WATCHED: Final = say("trend_watched", "Open circles: days in service, watched and not tested.")
 _FARTHEST: Final = 2.0  # times what the tests span: a forecast that is further would leave them no room
-_FRICTION: Final = "The bar of friction holds what friction varies by within its test."
+_FRICTION: Final = say("trend_friction_bar", "The bar of friction holds what friction varies by within its test.")
+_TITLE: Final = say("title_trend", "Trend of the valve over its tests")
+_BASELINE: Final = say("label_baseline", "baseline")
+_LOW_LIMIT: Final = say("low_limit", "low limit")
+_HIGH_LIMIT: Final = say("high_limit", "high limit")
+#: As matplotlib writes them in dates.
+_MONTHS: Final = {
+    "Jan": say("month_jan", "Jan"),
+    "Feb": say("month_feb", "Feb"),
+    "Mar": say("month_mar", "Mar"),
+    "Apr": say("month_apr", "Apr"),
+    "May": say("month_may", "May"),
+    "Jun": say("month_jun", "Jun"),
+    "Jul": say("month_jul", "Jul"),
+    "Aug": say("month_aug", "Aug"),
+    "Sep": say("month_sep", "Sep"),
+    "Oct": say("month_oct", "Oct"),
+    "Nov": say("month_nov", "Nov"),
+    "Dec": say("month_dec", "Dec"),
+}
+_A_MONTH: Final = re.compile(rf"\b(?:{'|'.join(_MONTHS)})\b")
 
 
-def trends_picture(
-    trends: Sequence[Trend], system: UnitSystem, zone: tzinfo | None, *, narrow: bool = False
-) -> Picture | None:
-    """Return the trends by the clock of ``zone`` (None: this machine's), and below them what their bars hold.
+def _say_dates(axes: Axes, reader: Reader) -> None:
+    """Put dates on an axis, with the months as the reader calls them."""
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+
+    def told(words: str) -> str:
+        return _A_MONTH.sub(lambda found: reader.told(_MONTHS[found.group()]), words)
+
+    class Dates(ConciseDateFormatter):
+        """Its words, told."""
+
+        def format_ticks(self, values: Any) -> list[str]:
+            """Return the words of the ticks."""
+            return [told(words) for words in super().format_ticks(values)]  # type: ignore[no-untyped-call]
+
+        def get_offset(self) -> str:
+            """Return what all ticks have in common."""
+            return told(super().get_offset())  # type: ignore[no-untyped-call]
+
+    locator = AutoDateLocator(minticks=2, maxticks=6)  # type: ignore[no-untyped-call]
+    axes.xaxis.set_major_locator(locator)
+    axes.xaxis.set_major_formatter(Dates(locator))  # type: ignore[no-untyped-call]
+
+
+def trends_picture(trends: Sequence[Trend], reader: Reader, *, narrow: bool = False) -> Picture | None:
+    """Return the trends by the reader's clock, and below them what their bars hold.
 
     Two beside each other, or below each other if narrow. None where neither a test nor a day in service gave a figure.
     """
@@ -82,33 +128,35 @@ def trends_picture(
     rows = -(-len(shown) // columns)
     with settings():
         width_in = _NARROW_IN if narrow else _WIDE_IN
-        below = textwrap.wrap(_below(shown, zone), int(_LETTERS_AN_INCH * width_in))
+        below = textwrap.wrap(reader.told(_below(shown, reader)), int(_LETTERS_AN_INCH * width_in))
         figure = sheet(width_in, 2.5 * rows + 0.16 * len(below))
         panels = figure.subplots(rows, columns, squeeze=False)
         for axes, trend in zip(panels.flat, shown, strict=False):
-            _draw(axes, trend, system, zone)
+            _draw(axes, trend, reader)
         for axes in panels.flat[len(shown) :]:
             axes.set_visible(False)
         figure.supxlabel("\n".join(below), x=0.01, ha="left", fontsize=9, color=SOFT)
-    said = "; ".join(_in_words(trend, system, zone) for trend in shown)
-    return Picture(figure, "Trend of the valve over its tests", f"{said}. {_below(shown, zone)}")
+    said = tuple(one for trend in shown for one in _in_words(trend, reader))
+    description = say("trend_said", "{said:; }. {below}", said=said, below=_below(shown, reader))
+    return Picture(figure, reader.told(_TITLE), reader.told(description))
 
 
-def trends_svg(trends: Sequence[Trend], system: UnitSystem, zone: tzinfo | None, narrow: bool) -> str | None:
+def trends_svg(trends: Sequence[Trend], reader: Reader, narrow: bool) -> str | None:
     """Return the trends as SVG text."""
-    picture = trends_picture(trends, system, zone, narrow=narrow)
+    picture = trends_picture(trends, reader, narrow=narrow)
     return None if picture is None else svg_text(picture)
 
 
-def _below(trends: Sequence[Trend], zone: tzinfo | None) -> str:
+def _below(trends: Sequence[Trend], reader: Reader) -> str:
     """Say what the bars hold and whose clock the time is."""
     has_bars = [trend.name for trend in trends if any(point.ci95 is not None for point in trend.points)]
     watched = _WATCHED if any(trend.watched for trend in trends) else ""
     bars = _BARS if has_bars else ""
     friction = _FRICTION if any(name.startswith("friction") for name in has_bars) else ""
     ahead = _AHEAD if any(_shown_ahead(trend) is not None for trend in trends) else ""
-    clock = f"Time: {zone_words((trends[0].points or trends[0].watched)[-1].at, zone)}."
-    return " ".join(words for words in (bars, friction, ahead, watched, clock) if words)
+    newest = (trends[0].points or trends[0].watched)[-1]
+    clock = say("trend_clock", "Time: {zone}.", zone=zone_words(newest.at, reader.zone))
+    return together([bars, friction, ahead, watched, clock])
 
 
 def _shown_ahead(trend: Trend) -> Ahead | None:
@@ -120,29 +168,27 @@ def _shown_ahead(trend: Trend) -> Ahead | None:
     return None if ahead.at - last > _FARTHEST * (last - first) else ahead
 
 
-def _in_words(trend: Trend, system: UnitSystem, zone: tzinfo | None) -> str:
-    watched = ""
+def _in_words(trend: Trend, reader: Reader) -> Iterator[Message]:
+    """Yield what a panel shows: the newest test beside the oldest one, and the newest day in service."""
+    if trend.points:
+        first, last = trend.points[0], trend.points[-1]
+        now = say("trend_now", "{figure} is {value}", figure=trend.meaning, value=_value(last, trend, reader))
+        if len(trend.points) > 1:
+            day = f"{first.at.astimezone(reader.zone):%Y-%m-%d}"
+            was = _value(first, trend, reader)
+            now = say("trend_now_and_then", "{now}, it was {value} on {day}", now=now, value=was, day=day)
+        yield now
     if trend.watched:
-        newest = trend.watched[-1]
-        watched = f"{trend.meaning} in service is {measured(newest.value, newest.ci95, trend.unit, system)}"
-    if not trend.points:
-        return watched
-    tested = _tested_in_words(trend, system, zone)
-    return f"{tested}; {watched}" if watched else tested
+        value = _value(trend.watched[-1], trend, reader)
+        yield say("trend_in_service", "{figure} in service is {value}", figure=trend.meaning, value=value)
 
 
-def _tested_in_words(trend: Trend, system: UnitSystem, zone: tzinfo | None) -> str:
-    first, last = trend.points[0], trend.points[-1]
-    now = f"{trend.meaning} is {measured(last.value, last.ci95, trend.unit, system)}"
-    if len(trend.points) == 1:
-        return now
-    return (
-        f"{now}, it was {measured(first.value, first.ci95, trend.unit, system)} on {first.at.astimezone(zone):%Y-%m-%d}"
-    )
+def _value(point: TrendPoint, trend: Trend, reader: Reader) -> str:
+    return reader.measured(point.value, point.ci95, trend.unit)
 
 
-def _draw(axes: Axes, trend: Trend, system: UnitSystem, zone: tzinfo | None) -> None:
-    unit = shown_unit(trend.unit, system)
+def _draw(axes: Axes, trend: Trend, reader: Reader) -> None:
+    unit, zone = reader.unit(trend.unit), reader.zone
     times = [_clock(point.at, zone) for point in trend.points]
     values = [unit.shown(point.value) for point in trend.points]
     axes.plot(times, values, "-", color=BLUE, linewidth=1.2, zorder=2)
@@ -157,17 +203,16 @@ def _draw(axes: Axes, trend: Trend, system: UnitSystem, zone: tzinfo | None) -> 
         axes.plot([time], [value], "o", color=SOFT, markerfacecolor="none", markersize=4.5, zorder=1)
     if trend.baseline is not None:
         axes.axhline(unit.shown(trend.baseline), color=SOFT, linewidth=1.0, linestyle="--")
-        axes.annotate("baseline", (0.01, unit.shown(trend.baseline)), **_LABEL, color=SOFT)
-    for limit, word in zip(trend.limits, ("low limit", "high limit"), strict=True):
+        axes.annotate(reader.told(_BASELINE), (0.01, unit.shown(trend.baseline)), **_LABEL, color=SOFT)
+    for limit, word in zip(trend.limits, (_LOW_LIMIT, _HIGH_LIMIT), strict=True):
         if limit is not None:
             axes.axhline(unit.shown(limit), color=RED, linewidth=1.2, linestyle="-.")
-            axes.annotate(word, (0.01, unit.shown(limit)), **(_ABOVE if word == "low limit" else _LABEL), color=RED)
+            place = _ABOVE if word is _LOW_LIMIT else _LABEL
+            axes.annotate(reader.told(word), (0.01, unit.shown(limit)), **place, color=RED)
     tidy(axes)
-    axes.set_title(f"{trend.meaning}, {unit.name}", fontsize=11, loc="left", color=INK)
+    axes.set_title(f"{reader.shown(trend.meaning)}, {unit.name}", fontsize=11, loc="left", color=INK)
     _scale(axes, values + [value for _, value, _ in seen])
-    locator = mdates.AutoDateLocator(minticks=2, maxticks=6)  # type: ignore[no-untyped-call]
-    axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(mdates.ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
+    _say_dates(axes, reader)
     ahead = _shown_ahead(trend)
     if ahead is not None:
         _draw_ahead(axes, times, ahead, unit.shown, zone)
@@ -199,7 +244,9 @@ def _draw_ahead(
 
 def _clock(at: datetime, zone: tzinfo | None) -> float:
     """Return an instant by the plant's clock as the axis counts it."""
-    return float(mdates.date2num(at.astimezone(zone).replace(tzinfo=None)))  # type: ignore[no-untyped-call]
+    from matplotlib.dates import date2num
+
+    return float(date2num(at.astimezone(zone).replace(tzinfo=None)))  # type: ignore[no-untyped-call]
 
 
 _LABEL: Final[dict[str, Any]] = {

@@ -8,24 +8,28 @@ from typing import Any, Final
 from service.health.results import Case, Check, Finding, Ne107
 from service.model.health_figures import Figure, Figures
 from service.model.health_limits import HealthLimits
-from service.words.units import UnitSystem, measured
+from service.words.units import measured_said
+from valve.messages import joined, say
 
 _AT_END: Final = 2.0  # own choice, percent of the span: the signal counts as at its end
 _WHOLE: Final = 100.0
 _WAYS: Final = ("opening", "closing")
-_STROKE_TEST: Final = "run the sequence steps with levels_percent [0, 100, 0], and with a hold longer than the stroke"
+_STROKE_TEST: Final = say(
+    "run_whole_strokes",
+    "run the sequence steps with levels_percent [0, 100, 0], and with a hold longer than the stroke",
+)
 #: What each check is called, and its unit.
 _MEANINGS: Final = {
-    "closed_end": ("distance from the closed end", "percent"),
-    "open_end": ("distance from the open end", "percent"),
-    "friction_share": ("friction in percent of the actuator's force", "percent"),
-    "dead_band": ("dead band", "percent"),
-    "breakaway_share": ("pressure to break away in percent of what there is", "percent"),
-    "repeatability": ("scatter from breakaway to breakaway", "percent"),
-    "transducer_lag": ("lag of the I/P", "s"),
-    "response_time": ("response, T63", "s"),
-    "stroke_time": ("stroke time", "s"),
-    "seat_load": ("seat load in percent of the actuator's force", "percent"),
+    "closed_end": (say("check_closed_end", "distance from the closed end"), "percent"),
+    "open_end": (say("check_open_end", "distance from the open end"), "percent"),
+    "friction_share": (say("check_friction_share", "friction in percent of the actuator's force"), "percent"),
+    "dead_band": (say("check_dead_band", "dead band"), "percent"),
+    "breakaway_share": (say("check_breakaway_share", "pressure to break away in percent of what there is"), "percent"),
+    "repeatability": (say("check_repeatability", "scatter from breakaway to breakaway"), "percent"),
+    "transducer_lag": (say("check_transducer_lag", "lag of the I/P"), "s"),
+    "response_time": (say("check_response_time", "response, T63"), "s"),
+    "stroke_time": (say("check_stroke_time", "stroke time"), "s"),
+    "seat_load": (say("check_seat_load", "seat load in percent of the actuator's force"), "percent"),
 }
 
 
@@ -62,13 +66,24 @@ def remark(cause: Mapping[str, Any], analysis: Mapping[str, Any], limits: Health
     span_n = ((analysis.get("signature") or {}).get("span") or {}).get("force_n")
     if cause["cause"] == "spring_preload" and offset is not None and span_n:
         percent, most = _WHOLE * abs(float(offset["value"]) / float(span_n)), limits.bench_set_percent
-        return f"{cause['sentence']} That is within {most:.3g} % of the span." if percent <= most else ""
+        if percent > most:
+            return ""
+        return say(
+            "within_share_of_span",
+            "{cause} That is within {most:.3g} % of the span.",
+            cause=cause["sentence"],
+            most=most,
+        )
     effect, limit = cause.get("effect_percent_of_span"), limits.cause_effect_percent
     if effect is None or effect > limit:
         return ""
-    return (
-        f"{cause['sentence']} Seen, does not matter yet: it moves the stem by {effect:.2g} % of its travel, "
-        f"the limit is {limit:.3g} %."
+    return say(
+        "does_not_matter_yet",
+        "{cause} Seen, does not matter yet: it moves the stem by {effect:.2g} % of its travel, the limit is "
+        "{limit:.3g} %.",
+        cause=cause["sentence"],
+        effect=float(effect),
+        limit=limit,
     )
 
 
@@ -128,21 +143,37 @@ def _ends(case: Case) -> Iterator[Check]:
 def _end_missed(case: Case, place: int, reached_m: float, limit: float, stop_m: float | None) -> str:
     rated_m = case.valve.rated_travel_m
     if place == 0:
-        said = f"At 0 % signal the stem stays {1e3 * reached_m:.3g} mm open"
+        said = say("stays_open", "At 0 % signal the stem stays {reached:.3g mm} open", reached=reached_m)
     else:
-        said = f"At 100 % signal the stem reaches {1e3 * reached_m:.3g} mm of {1e3 * rated_m:.4g} mm"
-    percent = _WHOLE * abs(reached_m - (0.0, rated_m)[place]) / rated_m
-    why = (
-        "the signal's force brings it no further: look at friction, bench set and supply"
-        if stop_m is None
-        else "it rests on a stop there: look for what blocks it, or correct the rated travel"
+        said = say(
+            "does_not_open",
+            "At 100 % signal the stem reaches {reached:.3g mm} of {rated:.4g mm}",
+            reached=reached_m,
+            rated=rated_m,
+        )
+    why = say(
+        "force_brings_no_further", "the signal's force brings it no further: look at friction, bench set and supply"
     )
-    return f"{said}, {percent:.3g} % of the travel from that end, {limit:.3g} % is allowed; {why}."
+    if stop_m is not None:
+        why = say("rests_on_stop", "it rests on a stop there: look for what blocks it, or correct the rated travel")
+    return say(
+        "end_missed",
+        "{what}, {missed:.3g} % of the travel from that end, {limit:.3g} % is allowed; {why}.",
+        what=said,
+        missed=_WHOLE * abs(reached_m - (0.0, rated_m)[place]) / rated_m,
+        limit=limit,
+        why=why,
+    )
 
 
 def _dead_band(case: Case, now: Figures) -> Check:
     figure, limit = now.get("dead_band_percent"), case.limits.dead_band_percent
-    said = f"Dead band is {_number(figure)} % of the signal, {limit:.3g} % is allowed: look at packing and guide."
+    said = say(
+        "dead_band_wide",
+        "Dead band is {now} % of the signal, {limit:.3g} % is allowed: look at packing and guide.",
+        now=_number(figure),
+        limit=limit,
+    )
     return _most("dead_band", figure, limit, said, figure)
 
 
@@ -150,10 +181,14 @@ def _friction(case: Case, now: Figures) -> Check:
     span, limit = _span(case), case.limits.friction_share_percent
     friction = now.get("friction_mean_n") or now.get("friction_coulomb_n")
     figure = None if span is None else _scaled(friction, _WHOLE / span[0])
-    shown = "" if friction is None else measured(friction.value, None, "N", UnitSystem.SI)
-    said = (
-        f"Friction is {shown}, {_number(figure)} % of the actuator's force, {limit:.3g} % is allowed: "
-        "look at the packing and its lubrication."
+    shown = "" if friction is None else measured_said(friction.value, None, "N")
+    said = say(
+        "friction_high",
+        "Friction is {friction}, {now} % of the actuator's force, {limit:.3g} % is allowed: look at the packing and "
+        "its lubrication.",
+        friction=shown,
+        now=_number(figure),
+        limit=limit,
     )
     return _most("friction_share", figure, limit, said, figure)
 
@@ -174,16 +209,26 @@ def _breakaway(case: Case, now: Figures) -> Check | None:
     dead_band = now.get("dead_band_percent")
     share = None if dead_band is None else to_share * dead_band.value
     travel, rated_m = now.get("travel_m"), case.valve.rated_travel_m
-    reached = (
-        "" if travel is None else f", and the stem moved {1e3 * travel.value:.3g} mm of its {1e3 * rated_m:.4g} mm"
-    )
-    said = (
-        ""
-        if share is None
-        else f"Breaking away takes {1e-5 * share * case.valve.available_pa:.3g} kPa, {share:.3g} % of the "
-        f"{1e-3 * case.valve.available_pa:.4g} kPa that there are, {allowed:.3g} % is allowed: "
-        f"the actuator has hardly any margin{reached}."
-    )
+    said = ""
+    if share is not None:
+        margin: str = say("hardly_any_margin", "the actuator has hardly any margin")
+        if travel is not None:
+            margin = say(
+                "hardly_any_margin_moved",
+                "the actuator has hardly any margin, and the stem moved {moved:.3g mm} of its {rated:.4g mm}",
+                moved=travel.value,
+                rated=rated_m,
+            )
+        said = say(
+            "breakaway_takes_much",
+            "Breaking away takes {takes:.3g kPa}, {share:.3g} % of the {available:.4g kPa} that there are, "
+            "{limit:.3g} % is allowed: {margin}.",
+            takes=share / _WHOLE * case.valve.available_pa,
+            share=share,
+            available=case.valve.available_pa,
+            limit=allowed,
+            margin=margin,
+        )
     return Check(
         "breakaway_share",
         *_MEANINGS["breakaway_share"],
@@ -207,7 +252,12 @@ def _repeatability(case: Case, _now: Figures) -> Check:
         if span is not None:
             effect = Figure(_WHOLE * scatter_n / span[0])
             limit = max(limit, case.limits.cause_effect_percent * span[0] / static_n)
-    said = f"The breakaway repeats to ± {_number(figure)} % only, {limit:.3g} % is allowed: look at packing and guide."
+    said = say(
+        "breakaway_repeats_badly",
+        "The breakaway repeats to ± {now} % only, {limit:.3g} % is allowed: look at packing and guide.",
+        now=_number(figure),
+        limit=limit,
+    )
     return _most("repeatability", figure, limit, said, effect)
 
 
@@ -223,7 +273,12 @@ def _breakaway_scatter(analysis: Mapping[str, Any]) -> tuple[float, float] | Non
 
 def _transducer_lag(case: Case, now: Figures) -> Check:
     figure, limit = now.get("transducer_lag_s"), case.limits.transducer_lag_s
-    said = f"The I/P lags by {_number(figure)} s, {limit:.3g} s is allowed: look at its supply and tubing."
+    said = say(
+        "transducer_lags",
+        "The I/P lags by {now} s, {limit:.3g s} is allowed: look at its supply and tubing.",
+        now=_number(figure),
+        limit=limit,
+    )
     return _most("transducer_lag", figure, limit, said)
 
 
@@ -231,7 +286,12 @@ def _response(case: Case, now: Figures) -> Check | None:
     figure, limit = now.get("response_t63_s"), case.limits.response_time_s
     if limit is None:
         return None
-    said = f"The stem takes {_number(figure)} s (T63) to answer a step, {limit:.3g} s is allowed: look at the I/P."
+    said = say(
+        "response_slow",
+        "The stem takes {now} s (T63) to answer a step, {limit:.3g s} is allowed: look at the I/P.",
+        now=_number(figure),
+        limit=limit,
+    )
     return _most("response_time", figure, limit, said)
 
 
@@ -241,15 +301,19 @@ def _stroke_time(case: Case, _now: Figures) -> Check | None:
     if limit is None:
         return None
     steps = (case.analysis.get("signature") or {}).get("steps") or {}
-    told = (steps.get("summary") or {}).get("stroke_time_s") or {"note": "the test had no steps"}
+    told = (steps.get("summary") or {}).get("stroke_time_s") or {"note": say("no_steps", "the test had no steps")}
     known = {way: Figure(told[way]["value"], tuple(told[way]["ci95"])) for way in _WAYS if told.get(way)}
     slow = max(known, key=lambda way: known[way].value, default="")
     figure = known.get(slow)
     met = _met(figure, limit)
-    because = "" if met is False or len(known) == len(_WAYS) else f"{told['note']}; {_STROKE_TEST}"
-    said = (
-        f"The {slow} stroke takes {_number(figure)} s, {limit:.3g} s is allowed: "
-        "look at supply, tubing, I/P and booster, and at the friction."
+    because = "" if met is False or len(known) == len(_WAYS) else joined("; ", (told["note"], _STROKE_TEST))
+    said = say(
+        "stroke_slow",
+        "The {way} stroke takes {now} s, {limit:.3g s} is allowed: look at supply, tubing, I/P and booster, and at the "
+        "friction.",
+        way=say("opening", "opening") if slow == _WAYS[0] else say("closing", "closing"),
+        now=_number(figure),
+        limit=limit,
     )
     value, state = None if figure is None else figure.value, Ne107.OUT_OF_SPECIFICATION
     return Check(
@@ -275,9 +339,12 @@ def _seat_load(case: Case, now: Figures) -> Check | None:
         low_pa, high_pa = span[1]
         to_percent = _WHOLE / (high_pa - low_pa)
         figure = _scaled(bench, to_percent, -to_percent * low_pa - _WHOLE * friction.value / span[0])
-    said = (
-        f"At 0 % signal the plug is pressed on its seat by {_number(figure)} % of the actuator's force, "
-        f"{limit:.3g} % is asked for: look at the spring's adjustment and at the packing."
+    said = say(
+        "seat_load_low",
+        "At 0 % signal the plug is pressed on its seat by {now} % of the actuator's force, {limit:.3g} % is asked for: "
+        "look at the spring's adjustment and at the packing.",
+        now=_number(figure),
+        limit=limit,
     )
     met = _met(figure, least=limit)
     value = None if figure is None else figure.value
@@ -290,7 +357,7 @@ def _most(name: str, figure: Figure | None, limit: float, said: str, effect: Fig
 
 
 def _number(figure: Figure | None) -> str:
-    return "?" if figure is None else f"{figure.value:.3g}"
+    return "?" if figure is None else say("three_digits", "{x:.3g}", x=figure.value)
 
 
 _CHECKS: Final[tuple[Callable[[Case, Figures], Check | None], ...]] = (

@@ -12,25 +12,28 @@ from service.health.forecast import forecasts, scatter_of, trends_of
 from service.health.results import Case, Check, Finding, Health, Ne107
 from service.model.health_figures import Figures, figures_of, widened
 from service.model.past_test import Baseline
+from service.words.sentences import as_heading
+from valve.messages import joined, say
 
 _NOT_ASSESSED: Final = "not_assessed"
-_NO_BASELINE: Final = (
+_NO_BASELINE: Final = say(
+    "no_baseline_by_itself",
     "This test does not become the baseline by itself, because of what was found. If the valve is meant to be so, "
-    "accept the test as the baseline on its page."
+    "accept the test as the baseline on its page.",
 )
 _HARDLY_MOVED: Final = 0.02  # of rated travel: what a sensor's drift and noise may look like
 # Properties of what the valve is measured with: a lag that was always there is no reason to send anybody.
 _OF_THE_INSTRUMENTS: Final = frozenset({"transducer_lag", "transducer_dead_time", "position_lag"})
 _ADVICE: Final = {
-    "friction up": "look at the packing and its lubrication",
-    "friction down": "the packing may have lost its load: look for a leak at the stem",
-    "friction highest": "look for a tight place: a bent stem, a scored plug, the guide",
-    "spring_rate_n_per_m": "look for a broken or a wrong spring",
-    "bench_low_pa": "check the spring's adjustment: the valve may not shut tight",
-    "bench_high_pa": "check the spring's adjustment: the valve may not open fully",
-    "travel_m": "look for what blocks the stroke, at the supply and at the stops",
-    "response_t63_s": "look at the I/P's supply, its filter and the tubing",
-    "transducer_lag_s": "look at the I/P's supply, its filter and the tubing",
+    "friction up": say("look_at_packing", "look at the packing and its lubrication"),
+    "friction down": say("packing_lost_load", "the packing may have lost its load: look for a leak at the stem"),
+    "friction highest": say("look_for_tight_place", "look for a tight place: a bent stem, a scored plug, the guide"),
+    "spring_rate_n_per_m": say("look_for_broken_spring", "look for a broken or a wrong spring"),
+    "bench_low_pa": say("may_not_shut_tight", "check the spring's adjustment: the valve may not shut tight"),
+    "bench_high_pa": say("may_not_open_fully", "check the spring's adjustment: the valve may not open fully"),
+    "travel_m": say("look_for_block", "look for what blocks the stroke, at the supply and at the stops"),
+    "response_t63_s": say("look_at_supply_of_transducer", "look at the I/P's supply, its filter and the tubing"),
+    "transducer_lag_s": say("look_at_supply_of_transducer", "look at the I/P's supply, its filter and the tubing"),
 }
 _STATES: Final = {
     "spring_rate_n_per_m": Ne107.OUT_OF_SPECIFICATION,
@@ -75,7 +78,8 @@ def _by_itself(case: Case, now: Figures, checks: tuple[Check, ...]) -> Iterator[
     yield from _of_causes(case)
     yield from _no_friction(case.analysis, now)
     if _is_not_assessed(case) and not _is_known_well(case, checks):
-        yield Finding(Ne107.FUNCTION_CHECK, f"{_not_looked_for(case)} Repeat the test.")
+        again = say("repeat_the_test", "Repeat the test.")
+        yield Finding(Ne107.FUNCTION_CHECK, joined(" ", (_not_looked_for(case), again)))
 
 
 def _is_not_assessed(case: Case) -> bool:
@@ -88,16 +92,23 @@ def _is_known_well(case: Case, checks: tuple[Check, ...]) -> bool:
 
 
 def _not_looked_for(case: Case) -> str:
-    message = str((case.analysis.get("discrepancy") or {}).get("message") or "").strip()
-    return f"Causes were not looked for. {message}".strip()
+    message = (case.analysis.get("discrepancy") or {}).get("message") or ""
+    told = say("causes_not_looked_for", "Causes were not looked for.")
+    return joined(" ", (told, message)) if message.strip() else told
 
 
 def _all_well(baseline: Baseline | None, changes: Sequence[Change]) -> str:
     if baseline is None:
-        return "nothing is out of limits; the first test of this motion: it is the baseline of those that follow"
+        return say(
+            "first_of_motion",
+            "nothing is out of limits; the first test of this motion: it is the baseline of those that follow",
+        )
     compared = sum(one.change is not None for one in changes)
-    return (
-        f"nothing is out of limits; {compared} figures were compared with the baseline of {baseline.test.at:%Y-%m-%d}"
+    return say(
+        "nothing_out_of_limits",
+        "nothing is out of limits; {n} figures were compared with the baseline of {day}",
+        n=compared,
+        day=f"{baseline.test.at:%Y-%m-%d}",
     )
 
 
@@ -105,14 +116,22 @@ def _stuck(case: Case, now: Figures) -> Finding | None:
     travel, valve = now.get("travel_m"), case.valve
     if travel is None or travel.value > _HARDLY_MOVED * valve.rated_travel_m:
         return None
-    told = (
-        f"The stem moved {1e3 * travel.value:.3g} mm of its {1e3 * valve.rated_travel_m:.4g} mm: "
-        "a stuck stem, no supply, or a position that is not measured"
+    told = say(
+        "hardly_moved",
+        "The stem moved {moved:.3g mm} of its {rated:.4g mm}: a stuck stem, no supply, or a position that is not "
+        "measured",
+        moved=travel.value,
+        rated=valve.rated_travel_m,
     )
     if case.is_full_stroke:
-        return Finding(Ne107.FAILURE, f"{told}. Go and look at the valve.", 100.0)
+        return Finding(Ne107.FAILURE, say("go_and_look", "{what}. Go and look at the valve.", what=told), 100.0)
     return Finding(
-        Ne107.FUNCTION_CHECK, f"{told}, or a motion too small for its dead band. Repeat over the full stroke."
+        Ne107.FUNCTION_CHECK,
+        say(
+            "hardly_moved_at_all",
+            "{what}, or a motion too small for its dead band. Repeat over the full stroke.",
+            what=told,
+        ),
     )
 
 
@@ -133,7 +152,8 @@ def _of_changes(case: Case, changes: Sequence[Change]) -> Iterator[Finding]:
         state = _STATES.get(name, Ne107.MAINTENANCE)
         if name == "travel_m" and -one.change > limits.travel_failed_percent / 100.0 * valve.rated_travel_m:
             state = Ne107.FAILURE
-        yield Finding(state, f"{one.sentence()}: {advice}.", _effect_percent(case, one))
+        told = say("changed_so", "{change}: {advice}.", change=one.sentence(), advice=advice or "None")
+        yield Finding(state, told, _effect_percent(case, one))
 
 
 def _effect_percent(case: Case, change: Change) -> float | None:
@@ -167,13 +187,19 @@ def _of_causes(case: Case) -> Iterator[Finding]:
         excused = name in known and (case.is_chosen or name in _OF_THE_INSTRUMENTS)
         if excused or remark(cause, case.analysis, case.limits) or (baseline is None and name in _OF_THE_INSTRUMENTS):
             continue
-        fresh = "New since the baseline: " if baseline is not None and name not in known else ""
-        said = f"{fresh}{cause['sentence']} {cause['action']}"
+        said = joined(" ", (cause["sentence"], cause["action"]))
+        if baseline is not None and name not in known:
+            said = say("new_since_baseline", "New since the baseline: {what}", what=said)
         yield Finding(Ne107.MAINTENANCE, said, cause.get("effect_percent_of_span"))
     accounted = baseline is not None and baseline.test.verdict not in ("none", "named")
     if found.get("verdict") == "unexplained" and not (accounted and case.is_chosen):
-        fresh = "New since the baseline: something" if baseline is not None and not accounted else "Something"
-        yield Finding(Ne107.MAINTENANCE, f"{fresh} that no known cause explains. Run the diagnostic sequence.")
+        told = say("unexplained", "Something that no known cause explains. Run the diagnostic sequence.")
+        if baseline is not None and not accounted:
+            told = say(
+                "unexplained_since_baseline",
+                "New since the baseline: something that no known cause explains. Run the diagnostic sequence.",
+            )
+        yield Finding(Ne107.MAINTENANCE, told)
 
 
 def _notes(
@@ -191,24 +217,45 @@ def _notes(
         yield _NO_BASELINE
     known = [one.words for one in checks if one.met is False and is_known(one, case)]
     if known and case.baseline is not None:
-        yield f"Known since {case.baseline.set_by} chose the baseline: {', '.join(known)}."
+        yield say(
+            "known_since_baseline",
+            "Known since {who} chose the baseline: {checks:, }.",
+            who=case.baseline.set_by,
+            checks=tuple(known),
+        )
     for one in checks:
         if one.open_because:
-            yield f"{one.words[0].upper()}{one.words[1:]} was not assessed: {one.open_because}."
+            yield say(
+                "check_not_assessed",
+                "{check} was not assessed: {why}.",
+                check=as_heading(one.words),
+                why=one.open_because,
+            )
     if _is_not_assessed(case) and _is_known_well(case, checks):
-        yield f"{_not_looked_for(case)} All that could be measured is as in the baseline that a person chose."
+        as_chosen = say(
+            "as_in_chosen_baseline", "All that could be measured is as in the baseline that a person chose."
+        )
+        yield joined(" ", (_not_looked_for(case), as_chosen))
 
 
 def _no_friction(analysis: Mapping[str, Any], now: Figures) -> Iterator[Finding]:
     if not any(name.startswith("friction") for name in now):
         note = ((analysis.get("signature") or {}).get("notes") or {}).get("friction_mean_n")
-        because = f" ({note})" if note else ""
-        yield Finding(Ne107.FUNCTION_CHECK, f"Friction could not be judged{because}: repeat the test.")
+        told = say("friction_not_judged", "Friction could not be judged: repeat the test.")
+        if note:
+            told = say(
+                "friction_not_judged_because", "Friction could not be judged ({why}): repeat the test.", why=note
+            )
+        yield Finding(Ne107.FUNCTION_CHECK, told)
 
 
 def _not_comparable(now: Figures, was: Figures | None) -> Iterator[Finding]:
     has_friction = any(name.startswith("friction") for name in now)
     if has_friction and was is not None and not any(name in now for name in was if name.startswith("friction")):
         yield Finding(
-            Ne107.FUNCTION_CHECK, "Friction was found otherwise than in the baseline and cannot be compared: repeat."
+            Ne107.FUNCTION_CHECK,
+            say(
+                "friction_not_comparable",
+                "Friction was found otherwise than in the baseline and cannot be compared: repeat.",
+            ),
         )

@@ -8,7 +8,9 @@ from typing import Any, Final
 
 from service.model.health_figures import FIGURE_KINDS, Figure, Figures
 from service.model.health_limits import HealthLimits
-from service.words.units import UnitSystem, measured, quantity
+from service.words.sentences import as_heading
+from service.words.units import measured_said, quantity_said
+from valve.messages import say
 
 _WITHOUT_INTERVAL: Final = 2.0  # times the limit: what may be off by an unknown amount must change more to count
 
@@ -53,14 +55,30 @@ class Change:
         assert self.was is not None
         assert self.change is not None
         unit = FIGURE_KINDS[self.name].unit
-        way = "above" if self.change > 0.0 else "below"
-        moved = measured(abs(self.change), self.size_ci95, unit, UnitSystem.SI)
-        share = "" if self.was == 0.0 else f" ({100.0 * abs(self.change / self.was):.3g} %)"
-        name = self.words[0].upper() + self.words[1:]
-        now, was = (measured(one, None, unit, UnitSystem.SI) for one in (self.now, self.was))
-        return (
-            f"{name}: {now} is {moved}{share} {way} the baseline's "
-            f"{was}, {quantity(self.limit, unit, UnitSystem.SI, 3)} is allowed"
+        moved: str = measured_said(abs(self.change), self.size_ci95, unit)
+        if self.was != 0.0:
+            share = 100.0 * abs(self.change / self.was)
+            moved = say("moved_by_share", "{moved} ({share:.3g} %)", moved=moved, share=share)
+        now, was = (measured_said(one, None, unit) for one in (self.now, self.was))
+        figure, limit = as_heading(self.words), quantity_said(self.limit, unit, 3)
+        if self.change > 0.0:
+            return say(
+                "above_baseline",
+                "{figure}: {now} is {moved} above the baseline's {was}, {limit} is allowed",
+                figure=figure,
+                now=now,
+                moved=moved,
+                was=was,
+                limit=limit,
+            )
+        return say(
+            "below_baseline",
+            "{figure}: {now} is {moved} below the baseline's {was}, {limit} is allowed",
+            figure=figure,
+            now=now,
+            moved=moved,
+            was=was,
+            limit=limit,
         )
 
     @property

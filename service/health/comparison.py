@@ -9,7 +9,10 @@ from service.health.changes import Change, ValveFacts, changes_between
 from service.model.health_figures import FIGURE_KINDS
 from service.model.health_limits import HealthLimits
 from service.model.past_test import PastTest
-from service.words.units import UnitSystem, measured
+from service.words.names import named
+from service.words.sentences import as_heading
+from service.words.units import measured_said
+from valve.messages import say
 
 _TOLD_PERCENT: Final = 0.1  # below it a change is sure and matters to nobody: intervals are tighter than that
 
@@ -28,9 +31,9 @@ class Comparison:
         said = [_sentence(one) for one in self.changes if _is_sure(one)]
         cured = [name for name in self.as_found.causes if name not in self.as_left.causes]
         fresh = [name for name in self.as_left.causes if name not in self.as_found.causes]
-        said += [f"No longer found: {name.replace('_', ' ')}." for name in cured]
-        said += [f"Found only now: {name.replace('_', ' ')}." for name in fresh]
-        return said or ["Nothing changed beyond the intervals."]
+        said += [say("no_longer_found", "No longer found: {cause}.", cause=named(name)) for name in cured]
+        said += [say("found_only_now", "Found only now: {cause}.", cause=named(name)) for name in fresh]
+        return said or [say("nothing_changed", "Nothing changed beyond the intervals.")]
 
     def to_json(self) -> dict[str, Any]:
         """Return the comparison as the REST interface shows it."""
@@ -55,9 +58,13 @@ def _sentence(change: Change) -> str:
     assert change.change is not None
     assert change.was is not None
     kind = FIGURE_KINDS[change.name]
-    way = "rose" if change.change > 0.0 else "fell"
     percent = 0.0 if change.was == 0.0 else 100.0 * abs(change.change / change.was)
-    share = f", {percent:.3g} %" if percent >= _TOLD_PERCENT else f", less than {_TOLD_PERCENT:g} %" if percent else ""
-    name = kind.words[0].upper() + kind.words[1:]
-    moved = measured(abs(change.change), change.size_ci95, kind.unit, UnitSystem.SI)
-    return f"{name} {way} by {moved}{share}."
+    name = as_heading(kind.words)
+    moved: str = measured_said(abs(change.change), change.size_ci95, kind.unit)
+    if percent >= _TOLD_PERCENT:
+        moved = say("by_share", "{moved}, {share:.3g} %", moved=moved, share=percent)
+    elif percent:
+        moved = say("by_less_than_share", "{moved}, less than {share:g} %", moved=moved, share=_TOLD_PERCENT)
+    if change.change > 0.0:
+        return say("figure_rose", "{figure} rose by {moved}.", figure=name, moved=moved)
+    return say("figure_fell", "{figure} fell by {moved}.", figure=name, moved=moved)

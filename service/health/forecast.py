@@ -10,6 +10,8 @@ from service.health.changes import Change, allowed
 from service.health.results import Case, Finding, Ne107, TrendFound
 from service.health.trend import scatter_between, slope_of
 from service.model.health_figures import FIGURE_KINDS, Figures
+from service.words.sentences import as_heading
+from valve.messages import say
 
 _DAY_S: Final = 86400.0
 #: Shares of the allowed change that a line has used before a night is told, and before it is a reason for M: a wander
@@ -61,9 +63,13 @@ def forecasts(case: Case, trends: Sequence[TrendFound], changes: Sequence[Change
             continue
         days, latest_days = ((at - case.at).total_seconds() / _DAY_S for at in (one.crossing.at, one.crossing.latest))
         if days <= case.limits.forecast_days and latest_days <= LATEST * case.limits.forecast_days:
-            words = FIGURE_KINDS[one.name].words
             yield Finding(
                 Ne107.MAINTENANCE,
-                f"{words[0].upper()}{words[1:]} runs to its limit: by the trend of {one.slope.tests} tests it gets "
-                f"there about {one.crossing.at:%Y-%m-%d}.",
+                say(
+                    "runs_to_limit",
+                    "{figure} runs to its limit: by the trend of {tests} tests it gets there about {day}.",
+                    figure=as_heading(FIGURE_KINDS[one.name].words),
+                    tests=one.slope.tests,
+                    day=f"{one.crossing.at:%Y-%m-%d}",
+                ),
             )

@@ -12,6 +12,7 @@ from service.config.settings import Plant
 from service.health.results import Ne107
 from service.model.schedule import nth_last_due
 from service.model.watched_day import ChangedInService
+from valve.messages import say
 
 _KEPT: Final = timedelta(minutes=1)  # how long an answer is taken as the present: limits are days
 _DAY_S: Final = 86400.0
@@ -56,7 +57,12 @@ class Oldest:
         if health is None or result_at is None or not self.is_stale(result_at):
             return health
         days = (now - result_at).total_seconds() / _DAY_S
-        reason = f"The last result is {days:.3g} days old, {self.allowed}: test the valve."
+        reason = say(
+            "result_too_old",
+            "The last result is {days:.3g} days old, {allowed}: test the valve.",
+            days=days,
+            allowed=self.allowed,
+        )
         shown = self.state(health.get("ne107"), result_at)
         return {**health, "ne107": shown, "reasons": [*health.get("reasons", ()), reason]}
 
@@ -117,10 +123,17 @@ class Staleness:
         return known[1].with_watched(self.watched(tag, now))
 
     def _oldest(self, rule: _Rule, now: datetime) -> Oldest:
-        at, allowed = now - timedelta(days=rule.days), f"{rule.days:.3g} are allowed"
+        at = now - timedelta(days=rule.days)
+        allowed = say("days_allowed", "{days:.3g} are allowed", days=rule.days)
         for schedule in (self._schedules[place] for place in rule.schedules):
             # A check may start as late as its window ends: until then it did not fail to come.
             due_at = nth_last_due(schedule, now - timedelta(seconds=schedule.window_s), rule.checks)
             if due_at is not None and due_at > at:
-                at, allowed = due_at, f"older than the last {rule.checks} times of schedule {schedule.name}"
+                at = due_at
+                allowed = say(
+                    "older_than_last_times",
+                    "older than the last {n} times of schedule {schedule}",
+                    n=rule.checks,
+                    schedule=schedule.name,
+                )
         return Oldest(at, allowed)

@@ -10,8 +10,8 @@ from functools import lru_cache
 from typing import Final
 
 import numpy as np
-from scipy.special import stdtrit
 
+from estimators.base import student_95
 from valve.stem import FloatArray
 
 LEAST_TESTS: Final = 6  # below that the interval of a slope says little
@@ -150,7 +150,7 @@ def lines_through(days: FloatArray, values: FloatArray) -> Lines:
     spread = np.array(covariances) + apart[:, :, None] * apart[:, None, :]
     whole = np.einsum("mf,mcdf->cdf", weights, spread)
     covariance = (whole[0, 0], whole[0, 1], whole[1, 1])
-    return Lines(line[0], line[1], covariance, float(stdtrit(count - 2, 0.975)))
+    return Lines(line[0], line[1], covariance, student_95(count - 2))
 
 
 @lru_cache(maxsize=8)  # the figures of one result are of the same tests, but for a few

@@ -15,7 +15,8 @@ from service.health.changes import ValveFacts, allowed, change_of
 from service.model.health_figures import Figure
 from service.model.health_limits import HealthLimits
 from service.model.watched_day import ChangedInService, FrictionInService, JudgedBy, WatchedDay
-from service.words.units import UnitSystem, measured, quantity
+from service.words.units import measured_said, quantity_said
+from valve.messages import joined, say
 
 #: Days whose median stands for what friction was, and for what it is.
 DAYS: Final = 3
@@ -60,15 +61,17 @@ def notes_of(newest_first: Sequence[WatchedDay], present: JudgedBy) -> tuple[str
 def _missing(newest_first: Sequence[WatchedDay]) -> str:
     """Return when nothing was kept for more than a week between two days."""
     pauses = [
-        f"from {before.day + _DAY:%Y-%m-%d} to {after.day - _DAY:%Y-%m-%d}"
+        say("from_to", "from {first} to {last}", first=str(before.day + _DAY), last=str(after.day - _DAY))
         for after, before in pairwise(newest_first)
         if after.day - before.day > _LONGEST_PAUSE
     ]
     if not pauses:
         return ""
-    return (
-        f"Nothing was kept {', '.join(pauses)}: the stem did not move, or the valve was not read. The log of the "
-        "motion process says which; look at the transmitter and the bus if it was not read."
+    return say(
+        "nothing_was_kept",
+        "Nothing was kept {pauses:, }: the stem did not move, or the valve was not read. The log of the "
+        "motion process says which; look at the transmitter and the bus if it was not read.",
+        pauses=tuple(pauses),
     )
 
 
@@ -77,20 +80,27 @@ def _not_compared(newest_first: Sequence[WatchedDay], present: JudgedBy) -> str:
     others = [one for one in newest_first if one.figure("friction") is not None and not one.judged_by.is_like(present)]
     if not others:
         return ""
-    days = "1 day" if len(others) == 1 else f"{len(others)} days"
-    return (
-        f"Friction is not compared with that of {days} up to {others[0].day:%Y-%m-%d}: the nameplate was another "
-        f"({_plate(others[0].judged_by)}; now {_plate(present)}). {2 * DAYS} days by the present one are "
-        "needed."
+    days = say("one_day", "1 day") if len(others) == 1 else say("n_days", "{n} days", n=len(others))
+    return say(
+        "friction_not_compared",
+        "Friction is not compared with that of {days} up to {last}: the nameplate was another ({was}; now {now}). {n} "
+        "days by the present one are needed.",
+        days=days,
+        last=str(others[0].day),
+        was=_plate(others[0].judged_by),
+        now=_plate(present),
+        n=2 * DAYS,
     )
 
 
 def _plate(one: JudgedBy) -> str:
-    values = (("effective area", one.area_m2, "m2"), ("travel", one.travel_m, "m"))
-    return ", ".join(
-        f"{name} {'not known' if value is None else quantity(value, unit, UnitSystem.SI)}"
-        for name, value, unit in values
-    )
+    area = say("effective_area_unknown", "effective area not known")
+    if one.area_m2 is not None:
+        area = say("effective_area", "effective area {area}", area=quantity_said(one.area_m2, "m2"))
+    travel = say("travel_unknown", "travel not known")
+    if one.travel_m is not None:
+        travel = say("plate_travel", "travel {travel}", travel=quantity_said(one.travel_m, "m"))
+    return joined(", ", (area, travel))
 
 
 def _sentence(days: Sequence[FrictionInService], today: date, limits: HealthLimits, valve: ValveFacts) -> str:
@@ -101,12 +111,31 @@ def _sentence(days: Sequence[FrictionInService], today: date, limits: HealthLimi
     change = change_of(_FIGURE, was, now, *allowed(_FIGURE, was, limits, valve))
     if change.kept or change.change is None or change.limit is None:
         return ""
-    way = "risen" if change.change > 0.0 else "fallen"
-    from_n, to_n = (measured(one.value, None, "N", UnitSystem.SI) for one in (was, now))
+    from_n, to_n = (measured_said(one.value, None, "N") for one in (was, now))
     moved, limit = (100.0 * abs(part) / was.value for part in (change.change, change.limit))
-    return (
-        f"Friction in service has {way} by {moved:.2g} % since {days[0].day:%Y-%m-%d}, from {from_n} to {to_n} "
-        f"(watched, not tested; {limit:.3g} % are allowed): {_remedy(was.value, now.value)}."
+    since, remedy = str(days[0].day), _remedy(was.value, now.value)
+    if change.change > 0.0:
+        return say(
+            "friction_in_service_risen",
+            "Friction in service has risen by {moved:.2g} % since {since}, from {was} to {now} "
+            "(watched, not tested; {limit:.3g} % are allowed): {remedy}.",
+            moved=moved,
+            since=since,
+            was=from_n,
+            now=to_n,
+            limit=limit,
+            remedy=remedy,
+        )
+    return say(
+        "friction_in_service_fallen",
+        "Friction in service has fallen by {moved:.2g} % since {since}, from {was} to {now} "
+        "(watched, not tested; {limit:.3g} % are allowed): {remedy}.",
+        moved=moved,
+        since=since,
+        was=from_n,
+        now=to_n,
+        limit=limit,
+        remedy=remedy,
     )
 
 
@@ -115,10 +144,12 @@ def _remedy(was_n: float, now_n: float) -> str:
     ratio = max(was_n / now_n, now_n / was_n) if min(was_n, now_n) > 0.0 else 0.0
     units = [known for known in UNIT_RATIOS if abs(ratio / known - 1.0) <= LIKE_RATIO]
     if not units:
-        return "test this valve"
-    return (
-        f"that is a factor of {units[0]:.4g} between units of pressure: compare the transmitter's unit with the map's, "
-        "and test this valve if they are the same"
+        return say("test_this_valve", "test this valve")
+    return say(
+        "factor_between_units",
+        "that is a factor of {factor:.4g} between units of pressure: compare the transmitter's unit with the map's, "
+        "and test this valve if they are the same",
+        factor=units[0],
     )
 
 

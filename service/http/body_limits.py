@@ -12,6 +12,7 @@ from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.http.errors import problem
+from valve.messages import say
 
 KIB: Final = 1024
 UPLOAD_PATH: Final = "/recordings/analyze"
@@ -46,8 +47,11 @@ class BodyLimits:
             await self._app(scope, receive, send)
             return
         limit = self._upload if scope["path"] == UPLOAD_PATH else self._body
-        too_large = (
-            f"the body is larger than {limit.size_bytes // KIB} KiB, the most that {scope['path']} takes: send less"
+        too_large = say(
+            "body_too_large",
+            "the body is larger than {most} KiB, the most that {path} takes: send less",
+            most=limit.size_bytes // KIB,
+            path=scope["path"],
         )
         announced = dict(scope["headers"]).get(b"content-length", b"0")
         if announced.isdigit() and int(announced[:20]) > limit.size_bytes:
@@ -90,7 +94,11 @@ def _limited(receive: Receive, limit: BodyLimit, too_large: str) -> Receive:
         except TimeoutError:
             raise HTTPException(
                 HTTPStatus.REQUEST_TIMEOUT,
-                f"the body was not complete after {limit.seconds:g} s: send it faster",
+                say(
+                    "body_too_slow",
+                    "the body was not complete after {seconds:g} s: send it faster",
+                    seconds=limit.seconds,
+                ),
                 headers={"Connection": "close"},
             ) from None
         if message["type"] == "http.request":

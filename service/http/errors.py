@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from http import HTTPStatus
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 import structlog
-from fastapi import FastAPI, Request
+from fastapi import Depends, FastAPI, Header, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from sqlalchemy.exc import OperationalError
@@ -16,7 +16,8 @@ from starlette.exceptions import HTTPException
 
 from drivers.motion.orders import MotionLostError
 from service.model.refusals import ForbiddenError, NotSignedInError, ThrottledError
-from service.words.sentences import in_units
+from service.words.languages import Language
+from service.words.reader import Reader
 from service.words.spelling import known_keys, unknown_key
 from service.words.units import UnitSystem
 from valve.errors import (
@@ -32,13 +33,17 @@ from valve.errors import (
     RequestError,
     ValveError,
 )
+from valve.messages import Message, message_of, say
 
-#: The pages of the tablet say by it what they are read in; ``detail`` stays SI, ``shown`` says the same in these units.
+#: The pages of the tablet say by it what they are read in; ``detail`` stays SI, ``shown`` says the same in these
+#: units, and in the language that the page asks for.
 UNITS_HEADER: Final = "Breakaway-Units"
 PROBLEM_TYPE: Final = "application/problem+json"
-NO_DATABASE: Final = (
-    "the database does not answer: a test that runs goes on and can be stopped; the service's log says more"
+NO_DATABASE: Final = say(
+    "database_silent",
+    "the database does not answer: a test that runs goes on and can be stopped; the service's log says more",
 )
+_FAULT_OF_OURS: Final = say("fault_of_service", "a fault of the service: its log says more; please report it")
 _BODY_KEY_DEPTH: Final = 2  # ("body", key): a key of the body itself, whose model the route knows
 _LOG = structlog.get_logger(__name__)
 
@@ -89,8 +94,33 @@ def problem(
     return ProblemResponse({**body, **more}, status_code=status, headers=dict(headers or {}))
 
 
+def reader_of_page(units: str | None, languages: str | None) -> Reader | None:
+    """Return who reads the page of the tablet that asks, by its headers; None where it is no page."""
+    return None if units is None else Reader(UnitSystem.of(units), language=Language.wished(languages))
+
+
+async def _page(
+    units: Annotated[str | None, Header(alias=UNITS_HEADER, include_in_schema=False, max_length=16)] = None,
+    languages: Annotated[str | None, Header(alias="Accept-Language", include_in_schema=False)] = None,
+) -> Reader | None:
+    return reader_of_page(units, languages)
+
+
+#: Who reads the page of the tablet that asks; None where it is no page.
+PageReader = Annotated[Reader | None, Depends(_page)]
+
+
 def _printable(text: str) -> str:
     return text.encode("utf-8", "backslashreplace").decode()
+
+
+def _as_json(value: Any) -> Any:
+    """Return what a message was made of with texts that can be printed."""
+    if isinstance(value, str):
+        return _printable(value)
+    if isinstance(value, Mapping):
+        return {name: _as_json(one) for name, one in value.items()}
+    return [_as_json(one) for one in value] if isinstance(value, list) else value
 
 
 def _valve_error(request: Request, error: Exception) -> ProblemResponse:
@@ -104,25 +134,32 @@ def _valve_error(request: Request, error: Exception) -> ProblemResponse:
     headers = {"WWW-Authenticate": "Bearer"} if status is HTTPStatus.UNAUTHORIZED else {}
     if isinstance(error, ThrottledError):
         headers["Retry-After"] = str(math.ceil(error.retry_after_s))
-    detail = _printable(str(error))
-    wanted = request.headers.get(UNITS_HEADER)
-    if wanted is not None:
-        more["shown"] = in_units(detail, UnitSystem.of(wanted))
+    said = message_of(error)
+    detail = _printable(said)
+    if isinstance(said, Message):
+        more["message"] = _as_json(said.to_json())
+    reader = reader_of_page(request.headers.get(UNITS_HEADER), request.headers.get("Accept-Language"))
+    if reader is not None:
+        more["shown"] = _printable(reader.told(said))
     return problem(status, detail, instance=request.url.path, kind=kind, headers=headers, **more)
 
 
 def _http_error(request: Request, error: Exception) -> ProblemResponse:
     if not isinstance(error, HTTPException):
         raise error
-    detail = str(error.detail)
+    detail, path = error.detail, request.url.path
     if error.status_code == HTTPStatus.NOT_FOUND and detail == HTTPStatus.NOT_FOUND.phrase:
-        detail = f"{_printable(request.url.path)} is no route of this service: /docs lists all"
+        detail = say("no_route", "{path} is no route of this service: /docs lists all", path=path)
     if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
-        detail = f"{request.method} is not possible on {_printable(request.url.path)}: /docs lists what is"
+        method = request.method
+        detail = say(
+            "no_such_method", "{method} is not possible on {path}: /docs lists what is", method=method, path=path
+        )
+    more = {"message": _as_json(detail.to_json())} if isinstance(detail, Message) else {}
     headers = dict(error.headers or {})
     if "GET" in headers.get("Allow", "").split(", "):
         headers["Allow"] += ", HEAD"
-    return problem(error.status_code, detail, instance=request.url.path, headers=headers)
+    return problem(error.status_code, _printable(detail), instance=path, headers=headers, **more)
 
 
 def _invalid_request(request: Request, error: Exception) -> ProblemResponse:
@@ -133,16 +170,18 @@ def _invalid_request(request: Request, error: Exception) -> ProblemResponse:
         {"where": _printable(".".join(str(part) for part in one["loc"])), "reason": _printable(_reason(request, one))}
         for one in error.errors()[:20]
     ]
-    detail = "; ".join(f"{one['where']}: {one['reason']}" for one in errors)
+    found = tuple(say("wrong_at", "{where}: {reason}", where=one["where"], reason=one["reason"]) for one in errors)
+    detail = say("correct_request", "{found:; }: correct the request", found=found)
     return problem(
-        HTTPStatus.UNPROCESSABLE_ENTITY, f"{detail}: correct the request", instance=request.url.path, errors=errors
+        HTTPStatus.UNPROCESSABLE_ENTITY, detail, instance=request.url.path, errors=errors, message=detail.to_json()
     )
 
 
 def _reason(request: Request, one: Mapping[str, Any]) -> str:
     """Return what is wrong with one value; of an unknown key of the body also which key was meant."""
     if one["type"] != "extra_forbidden" or len(one["loc"]) != _BODY_KEY_DEPTH:
-        return str(one["msg"])
+        text = one["msg"]
+        return text if isinstance(text, str) else str(text)
     field = getattr(request.scope.get("route"), "body_field", None)
     known = [] if field is None else known_keys(field.field_info.annotation)
     return unknown_key(str(one["loc"][-1]), known)
@@ -151,13 +190,16 @@ def _reason(request: Request, one: Mapping[str, Any]) -> str:
 def _no_database(request: Request, error: Exception) -> ProblemResponse:
     reason = " ".join(str(getattr(error, "orig", None) or error).split())
     _LOG.error("the database does not answer", path=request.url.path, reason=reason[:300])
-    return problem(HTTPStatus.SERVICE_UNAVAILABLE, NO_DATABASE, instance=request.url.path)
+    return _told(HTTPStatus.SERVICE_UNAVAILABLE, NO_DATABASE, request)
 
 
 def _unexpected(request: Request, error: Exception) -> ProblemResponse:
     _LOG.error("request failed unexpectedly", path=request.url.path, exc_info=error)
-    detail = "a fault of the service: its log says more; please report it"
-    return problem(HTTPStatus.INTERNAL_SERVER_ERROR, detail, instance=request.url.path)
+    return _told(HTTPStatus.INTERNAL_SERVER_ERROR, _FAULT_OF_OURS, request)
+
+
+def _told(status: HTTPStatus, message: Message, request: Request) -> ProblemResponse:
+    return problem(status, message, instance=request.url.path, message=message.to_json())
 
 
 def install_error_handlers(app: FastAPI) -> None:

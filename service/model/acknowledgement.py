@@ -11,10 +11,11 @@ from drivers.permissive import Permissive
 from drivers.stands_at import StemVerdict
 from service.model.run import Run, RunState
 from service.model.stands_words import NOT_CONFIRMED, where_it_stands
+from valve.messages import Message, formed, joined, parts_of, say
 
 ENDED_KEY: Final = "ended"  # of a run's quality: how the motion itself ended
 #: What a stem that is not at its declared safe position is called; the sentence follows.
-NOT_THERE: Final = "STEM NOT AT ITS SAFE POSITION: go and look at the valve"
+NOT_THERE: Final = say("stem_not_at_safe_position", "STEM NOT AT ITS SAFE POSITION: go and look at the valve")
 
 
 def ended_badly(run: Run) -> bool:
@@ -56,12 +57,27 @@ def alarm_of(run: Run | None) -> str:
     """Return the alarm that stands for a valve whose last test this is; "" where none does."""
     if run is None or not needs_acknowledgement(run):
         return ""
-    alarm, stands = alarm_words(run), where_it_stands(run)
-    why = f": {run.error.replace(f'{NOT_CONFIRMED}; ', '')}" if run.error else ""
-    told = f"test {run.id} {run.state.value}{why}"
+    alarm, stands, error = alarm_words(run), where_it_stands(run), beside_alarm(run.error)
+    told = say("test_ended_so", "test {test} {state}", test=run.id, state=run.state.value)
+    if error:
+        told = say("test_ended_so_because", "test {test} {state}: {why}", test=run.id, state=run.state.value, why=error)
     if not alarm:
-        return f"{told}. {stands}".rstrip(". ")
-    return f"{stands} ({told})" if stands.startswith(alarm) else f"{alarm}. {stands} ({told})"
+        return joined(". ", [told, *([_without_stop(stands)] if stands else [])])
+    if stands.startswith(alarm):
+        return say("alarm_in_where_it_stands", "{stands} ({test})", stands=stands, test=told)
+    return say("alarm_and_where_it_stands", "{alarm}. {stands} ({test})", alarm=alarm, stands=stands, test=told)
+
+
+def beside_alarm(error: str) -> str:
+    """Return why a test has no result, without the alarm that stands beside it."""
+    if not isinstance(error, Message):
+        return error.replace(f"{NOT_CONFIRMED}; ", "")
+    told = [part for part in parts_of(error) if part != NOT_CONFIRMED]
+    return joined("; ", told) if told else error
+
+
+def _without_stop(text: str) -> str:
+    return text.formed("entry") if isinstance(text, Message) else formed(text, "entry")
 
 
 def alarm_words(run: Run) -> str:
@@ -80,16 +96,24 @@ def acknowledged(run: Run, who: str, note: str) -> Run:
 
 def last_end(run: Run | None) -> Permissive:
     """Return the permissive that the last test of a valve is."""
-    name, limit = "last_test", "one that ended well or was acknowledged"
+    name, limit = "last_test", say("ended_well_or_acknowledged", "one that ended well or was acknowledged")
     if run is None:
-        return Permissive(name, True, "none yet", limit)
+        return Permissive(name, True, say("no_test_yet", "none yet"), limit)
     if run.stands is not None and is_moving(run):
-        wait = f"wait until it was looked at, {run.stands.due_s:g} s after the motion"
-        return Permissive(name, False, "the stem may still move", limit, wait)
+        wait = say("wait_for_look", "wait until it was looked at, {due:g s} after the motion", due=run.stands.due_s)
+        return Permissive(name, False, say("stem_may_still_move", "the stem may still move"), limit, wait)
+    state: str = run.state.value
     if not needs_acknowledgement(run):
-        value = run.state.value + (", acknowledged" if run.acknowledged_at is not None else "")
-        return Permissive(name, True, value, limit)
-    remedy = f"acknowledge first: look at the valve, then say so on its page, or by breakaway acknowledge {run.valve}"
-    unsafe = alarm_words(run).partition(":")[0]
-    value = run.state.value + (f", {unsafe}" if unsafe else "")
-    return Permissive(name, False, value, limit, remedy)
+        if run.acknowledged_at is not None:
+            state = say("ended_and_acknowledged", "{state}, acknowledged", state=state)
+        return Permissive(name, True, state, limit)
+    remedy = say(
+        "acknowledge_first",
+        "acknowledge first: look at the valve, then say so on its page, or by breakaway acknowledge {valve}",
+        valve=run.valve,
+    )
+    if run.safe_confirmed is False:
+        state = say("ended_not_confirmed", "{state}, SAFE STATE NOT CONFIRMED", state=state)
+    elif stem_astray(run):
+        state = say("ended_stem_astray", "{state}, STEM NOT AT ITS SAFE POSITION", state=state)
+    return Permissive(name, False, state, limit, remedy)

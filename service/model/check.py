@@ -8,6 +8,8 @@ from datetime import datetime, timedelta
 from enum import StrEnum
 from typing import Any
 
+from valve.messages import say
+
 
 class CheckState(StrEnum):
     """Where a check stands. What is planned is in no table yet."""
@@ -64,12 +66,20 @@ class Check:
 
     def missed(self, now: datetime) -> str:
         """Say that nobody looked at the clock in time."""
-        return (
-            f"no service looked at the clock within {self.window_s:g} s of {self.due_at:%Y-%m-%d %H:%M} UTC "
-            f"(it is {now:%Y-%m-%d %H:%M} UTC): nothing was moved"
+        return say(
+            "check_missed",
+            "no service looked at the clock within {window:g s} of {due} (it is {now}): nothing was moved",
+            window=self.window_s,
+            due=self.due_at,
+            now=now,
         )
 
     def too_late(self, reason: str) -> str:
         """Say that its window has ended, and what was in the way."""
-        because = f": {reason}" if reason else ": its turn did not come"
-        return f"its window of {self.window_s:g} s ended at {self.ends_at:%Y-%m-%d %H:%M} UTC{because}"
+        return say(
+            "window_ended",
+            "its window of {window:g s} ended at {end}: {why}",
+            window=self.window_s,
+            end=self.ends_at,
+            why=reason or say("turn_did_not_come", "its turn did not come"),
+        )

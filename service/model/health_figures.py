@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from estimators.base import NORMAL_95
+from valve.messages import say
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,16 +23,16 @@ class FigureKind:
 FIGURE_KINDS: Final = {
     kind.key: kind
     for kind in (
-        FigureKind("friction_mean_n", "friction, mean", "N"),
-        FigureKind("friction_max_n", "friction, highest", "N"),
-        FigureKind("friction_coulomb_n", "friction, Coulomb", "N"),
-        FigureKind("spring_rate_n_per_m", "spring rate", "N/m"),
-        FigureKind("bench_low_pa", "bench set, low end", "Pa"),
-        FigureKind("bench_high_pa", "bench set, high end", "Pa"),
-        FigureKind("travel_m", "travel", "m"),
-        FigureKind("dead_band_percent", "dead band", "percent"),
-        FigureKind("response_t63_s", "response, T63", "s"),
-        FigureKind("transducer_lag_s", "lag of the I/P", "s"),
+        FigureKind("friction_mean_n", say("friction_mean_n", "friction, mean"), "N"),
+        FigureKind("friction_max_n", say("friction_max_n", "friction, highest"), "N"),
+        FigureKind("friction_coulomb_n", say("friction_coulomb_n", "friction, Coulomb"), "N"),
+        FigureKind("spring_rate_n_per_m", say("spring_rate_n_per_m", "spring rate"), "N/m"),
+        FigureKind("bench_low_pa", say("bench_low_pa", "bench set, low end"), "Pa"),
+        FigureKind("bench_high_pa", say("bench_high_pa", "bench set, high end"), "Pa"),
+        FigureKind("travel_m", say("travel_m", "travel"), "m"),
+        FigureKind("dead_band_percent", say("dead_band_percent", "dead band"), "percent"),
+        FigureKind("response_t63_s", say("response_t63_s", "response, T63"), "s"),
+        FigureKind("transducer_lag_s", say("transducer_lag_s", "lag of the I/P"), "s"),
     )
 }
 #: What lists and metrics show of a test.

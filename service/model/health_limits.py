@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, fields
 
 from valve.errors import ConfigurationError, refuse
+from valve.messages import say
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +44,12 @@ class HealthLimits:
         refuse(
             ConfigurationError,
             (
-                f"health.{name} is {value:g}, it must be above 0: correct it"
+                say(
+                    "health_not_positive",
+                    "health.{name} is {value:g}, it must be above 0: correct it",
+                    name=name,
+                    value=value,
+                )
                 for name, value in values.items()
                 if value is not None and not (math.isfinite(value) and value > 0.0)
             ),

@@ -8,6 +8,8 @@ from datetime import datetime
 from enum import StrEnum
 from typing import Final
 
+from valve.messages import joined, say
+
 _NAMED: Final = 5  # valves of one sentence
 
 
@@ -34,22 +36,40 @@ def no_motion_process(since: datetime, reason: str) -> PlantAlarm:
     return PlantAlarm(
         AlarmKind.MOTION_PROCESS,
         since,
-        f"The motion process does not answer ({reason}). No valve can be tested, and Stop reaches none: "
-        "a valve that moves goes to its safe value by the watchdog of its device alone.",
-        "On the gateway: systemctl status breakaway-motion, or breakaway motion --config plant.toml",
+        say(
+            "motion_process_does_not_answer",
+            "The motion process does not answer ({why}). No valve can be tested, and Stop reaches none: "
+            "a valve that moves goes to its safe value by the watchdog of its device alone.",
+            why=reason,
+        ),
+        say(
+            "look_at_motion_process",
+            "On the gateway: systemctl status breakaway-motion, or breakaway motion --config plant.toml",
+        ),
     )
 
 
 def other_plant_file(since: datetime, valves: Sequence[str], buses: Sequence[str]) -> PlantAlarm:
     """Return the alarm that service and motion process have read different plant files, of these valves and buses."""
-    named = ", ".join(valves[:_NAMED]) + (f" and {len(valves) - _NAMED} more" if len(valves) > _NAMED else "")
-    moved = f" Other addresses: bus {', '.join(buses)}." if buses else ""
-    restart = "systemctl restart breakaway-motion breakaway, while no valve moves"
+    named = say("valves_named", "{valves:, }", valves=tuple(valves[:_NAMED]))
+    if len(valves) > _NAMED:
+        named = say("valves_named_and_more", "{valves} and {n} more", valves=named, n=len(valves) - _NAMED)
+    sentence = say(
+        "other_plant_file",
+        "Service and motion process have read different plant files: wiring or limits differ. "
+        "No test starts of {valves}.",
+        valves=named,
+    )
+    restart = say("restart_both", "systemctl restart breakaway-motion breakaway, while no valve moves")
+    if buses:
+        moved = say("other_addresses", "Other addresses: bus {buses:, }.", buses=tuple(buses))
+        sentence = joined(" ", (sentence, moved))
     return PlantAlarm(
         AlarmKind.PLANT_FILE,
         since,
-        "Service and motion process have read different plant files: wiring or limits differ. "
-        f"No test starts of {named}.{moved}",
-        restart if buses else f"breakaway reload; if that does not end it: {restart}",
+        sentence,
+        restart
+        if buses
+        else say("reload_first", "breakaway reload; if that does not end it: {restart}", restart=restart),
         tuple(valves),
     )

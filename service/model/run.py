@@ -13,6 +13,7 @@ from typing import Any, Final
 from drivers.stands_at import StandsAt
 from service.model.until import ENDED_EARLY_KEY
 from valve.errors import NotFoundError
+from valve.messages import say
 
 RUN_ID: Final = re.compile(r"[0-9]{8}T[0-9]{6}Z-[0-9a-f]{8}")
 
@@ -113,5 +114,5 @@ def new_run_id(now: datetime | None = None) -> str:
 def checked_run_id(text: str) -> str:
     """Return ``text`` where it has the form of an id. Raises NotFoundError otherwise, so that no other text goes on."""
     if RUN_ID.fullmatch(text) is None:
-        raise NotFoundError(f"test {text[:64]!r} is unknown: GET /tests lists all")
+        raise NotFoundError(say("test_unknown", "test {test} is unknown: GET /tests lists all", test=repr(text[:64])))
     return text

@@ -17,6 +17,7 @@ from drivers.addresses import MotionLimits
 from service.words.spelling import fault_of
 from valve.diagnostic_waveform import diagnostic, one_after_the_other, small_loops
 from valve.errors import RequestError, WaveformError
+from valve.messages import joined, message_of, say
 from valve.nameplate import Nameplate
 from valve.waveform import Waveform, dwell, multi_rate_periods, multi_rate_triangle, sine, steps, triangle
 
@@ -243,14 +244,32 @@ def choose_waveform(
     foreign = sorted(set(overrides) - set(SEQUENCES[DEFAULT_SEQUENCE].model_fields))
     if foreign and set(overrides) <= set(SEQUENCES[FALLBACK_SEQUENCE].model_fields):
         waveform = build_waveform(FALLBACK_SEQUENCE, overrides, nameplate, limits)
-        return Choice(FALLBACK_SEQUENCE, waveform, f"{foreign[0]} belongs to sequence {FALLBACK_SEQUENCE}")
+        return Choice(
+            FALLBACK_SEQUENCE,
+            waveform,
+            say(
+                "belongs_to_sequence",
+                "{override} belongs to sequence {sequence}",
+                override=foreign[0],
+                sequence=FALLBACK_SEQUENCE,
+            ),
+        )
     try:
         return Choice(DEFAULT_SEQUENCE, build_waveform(DEFAULT_SEQUENCE, overrides, nameplate, limits))
     except WaveformError as error:
         if overrides:
             raise
         waveform = build_waveform(FALLBACK_SEQUENCE, {}, nameplate, limits)
-        return Choice(FALLBACK_SEQUENCE, waveform, f"the valve's limits do not allow {DEFAULT_SEQUENCE}: {error}")
+        return Choice(
+            FALLBACK_SEQUENCE,
+            waveform,
+            say(
+                "limits_do_not_allow",
+                "the valve's limits do not allow {sequence}: {why}",
+                sequence=DEFAULT_SEQUENCE,
+                why=message_of(error),
+            ),
+        )
 
 
 @lru_cache(maxsize=8192)  # a plant's valves: what they may do is asked with every look at one
@@ -259,7 +278,7 @@ def default_of(nameplate: Nameplate, limits: MotionLimits) -> tuple[str | None, 
     try:
         choice = choose_waveform(None, {}, nameplate, limits)
     except WaveformError as error:
-        return None, str(error)
+        return None, message_of(error)
     return choice.name, choice.reason
 
 
@@ -269,15 +288,26 @@ def build_waveform(name: str, overrides: Mapping[str, Any], nameplate: Nameplate
     Raises RequestError for an unknown sequence or override, WaveformError where the sequence contradicts itself.
     """
     if name not in SEQUENCES:
-        raise RequestError(f"sequence {name[:64]!r} is unknown: choose one of {', '.join(SEQUENCES)}")
+        raise RequestError(
+            say(
+                "sequence_unknown",
+                "sequence {sequence} is unknown: choose one of {known:, }",
+                sequence=repr(name[:64]),
+                known=tuple(SEQUENCES),
+            )
+        )
     try:
         sequence = SEQUENCES[name].model_validate(dict(overrides))
     except ValidationError as error:
         known = list(SEQUENCES[name].model_fields)
-        reasons = "; ".join(fault_of(one, known) for one in error.errors(include_url=False)[:10])
-        listed = f"; it knows {', '.join(known)}"
-        told = "" if listed.removeprefix("; it knows ") in reasons else listed
-        raise RequestError(f"overrides of sequence {name}: {reasons}: correct them{told}") from None
+        found = error.errors(include_url=False)[:10]
+        reasons = joined("; ", [fault_of(one, known) for one in found])
+        told = say(
+            "overrides_wrong", "overrides of sequence {sequence}: {why}: correct them", sequence=name, why=reasons
+        )
+        if ", ".join(known) not in reasons:
+            told = say("overrides_known", "{fault}; it knows {known:, }", fault=told, known=tuple(known))
+        raise RequestError(told) from None
     room = room_of(nameplate, limits)
     room = replace(
         room,

@@ -9,8 +9,14 @@ from drivers.stands_at import StandsAt, StemVerdict
 from service.model.requester import person_of
 from service.model.run import Run
 from service.words.sentences import as_sentence
+from valve.messages import Message, joined, say
 
-NOT_CONFIRMED: Final = "SAFE STATE NOT CONFIRMED: go and look at the valve"
+NOT_CONFIRMED: Final = say("safe_state_not_confirmed", "SAFE STATE NOT CONFIRMED: go and look at the valve")
+_CLOSED: Final = "closed"
+_OPEN: Final = "open"
+_MINUTE_S: Final = 60.0
+_HOUR_S: Final = 3600.0
+_DAY_S: Final = 86400.0
 #: Of the travel from either end: a stem that should be there is closed, or open.
 _AN_END: Final = 0.05
 _SMALL_TRAVEL_M: Final = 0.02  # below it a tenth of a millimetre is half a percent
@@ -21,15 +27,16 @@ _LATE_S: Final = 5.0  # after the set time; then the text says when it was read
 def where_it_stands(run: Run) -> str:
     """Return where the motion of a test left its valve; "" while that is open."""
     if run.stands is not None:
-        return stands_sentence(run.stands) + _seen_since(run)
+        return joined(" ", filter(None, (*_said(run.stands), _seen_since(run))))
     if run.safe_confirmed is not None:  # kept before stems were looked at
-        signal = "Signal at its safe value, read back." if run.safe_confirmed else f"{NOT_CONFIRMED}."
-        return f"{signal} Stem not looked at."
+        if run.safe_confirmed:
+            return say("safe_read_back", "Signal at its safe value, read back. Stem not looked at.")
+        return say("safe_not_read_back_then", "{alarm}. Stem not looked at.", alarm=NOT_CONFIRMED)
     if not run.state.finished:
         return ""
     if run.commanded is False:
-        return "This test commanded nothing: the valve stands where it stood before."
-    return "Where the valve stands is not known: look at it."
+        return say("stands_where_it_stood", "This test commanded nothing: the valve stands where it stood before.")
+    return say("stands_unknown", "Where the valve stands is not known: look at it.")
 
 
 def _seen_since(run: Run) -> str:
@@ -38,8 +45,10 @@ def _seen_since(run: Run) -> str:
     if not is_alarm or run.acknowledged_at is None:
         return ""
     note = shorten(run.acknowledgement or "", _LONGEST_NOTE, placeholder=" …")
-    who = person_of(run.acknowledged_by or "") or "Somebody"
-    return f" {who} looked at it since: “{note}”."
+    who = person_of(run.acknowledged_by or "")
+    if not who:
+        return say("somebody_looked", "Somebody looked at it since: “{note}”.", note=note)
+    return say("looked_at_since", "{who} looked at it since: “{note}”.", who=who, note=note)
 
 
 def stands_sentence(stands: StandsAt) -> str:
@@ -47,62 +56,127 @@ def stands_sentence(stands: StandsAt) -> str:
 
     ``Signal 0 kPa, read back. Stem 42.7 mm: 42 % OPEN: it has not closed.``
     """
-    return f"{_signal(stands)} {_stem(stands)}{_late(stands)}"
+    return joined(" ", _said(stands))
 
 
-def _signal(stands: StandsAt) -> str:
-    safe = "its safe value" if stands.safe_pa is None else f"its safe value of {_kpa(stands.safe_pa)}"
+def _said(stands: StandsAt) -> list[str]:
+    return [one for one in (_signal(stands), _stem(stands), _late(stands)) if one]
+
+
+def _signal(stands: StandsAt) -> Message:
+    safe = say("its_safe_value", "its safe value")
+    if stands.safe_pa is not None:
+        safe = say("its_safe_value_of", "its safe value of {safe:g kPa}", safe=_tenth_of_kpa(stands.safe_pa))
     if stands.signal_pa is None:
-        unread = f"Signal not read{_because(stands.signal_unread)}"
+        unread = _signal_unread(stands.signal_unread)
         if stands.signal_confirmed:
-            return f"Signal was read back at {safe} when the motion ended. {unread}"
-        return unread if stands.signal_confirmed is None else f"{NOT_CONFIRMED}. {unread}"
-    shown = _kpa(stands.signal_pa)
+            return say(
+                "signal_read_back_before",
+                "Signal was read back at {safe} when the motion ended. {unread}",
+                safe=safe,
+                unread=unread,
+            )
+        if stands.signal_confirmed is None:
+            return unread
+        return say("signal_never_read", "{alarm}. {unread}", alarm=NOT_CONFIRMED, unread=unread)
+    shown_pa = _tenth_of_kpa(stands.signal_pa)
     if stands.signal_confirmed is None:
-        return f"Signal {shown}; this test commanded nothing."
+        return say("signal_commanded_nothing", "Signal {shown:g kPa}; this test commanded nothing.", shown=shown_pa)
     if not stands.signal_confirmed and stands.signal_is_safe:
-        return f"{NOT_CONFIRMED}. Signal {shown} now; that was not read back when the motion ended."
+        return say(
+            "signal_safe_too_late",
+            "{alarm}. Signal {shown:g kPa} now; that was not read back when the motion ended.",
+            alarm=NOT_CONFIRMED,
+            shown=shown_pa,
+        )
     if not stands.signal_confirmed:
-        return f"{NOT_CONFIRMED}. Signal {shown}, and {safe} was not read back after the motion."
+        return say(
+            "signal_not_safe",
+            "{alarm}. Signal {shown:g kPa}, and {safe} was not read back after the motion.",
+            alarm=NOT_CONFIRMED,
+            shown=shown_pa,
+            safe=safe,
+        )
     if stands.signal_is_safe is False:
-        return f"Signal was read back at {safe} and is {shown} now: something else commands the valve."
-    return f"Signal {shown}, read back."
+        return say(
+            "signal_commanded_elsewhere",
+            "Signal was read back at {safe} and is {shown:g kPa} now: something else commands the valve.",
+            safe=safe,
+            shown=shown_pa,
+        )
+    return say("signal_read_back", "Signal {shown:g kPa}, read back.", shown=shown_pa)
 
 
-def _stem(stands: StandsAt) -> str:
+def _signal_unread(reason: str) -> Message:
+    if not reason:
+        return say("signal_unread", "Signal not read.")
+    return say("signal_unread_because", "Signal not read: {why}", why=as_sentence(reason))
+
+
+def _stem_unread(reason: str) -> Message:
+    if not reason:
+        return say("stem_unread", "Stem not read.")
+    return say("stem_unread_because", "Stem not read: {why}", why=as_sentence(reason))
+
+
+def _stem(stands: StandsAt) -> Message:
     if stands.verdict is StemVerdict.MOVING:
         return _moving(stands)
     if stands.stem_m is None:
-        unread = f"Stem not read{_because(stands.stem_unread)}"
-        return f"{unread} Nobody knows where it stands." if stands.verdict is StemVerdict.UNKNOWN else unread
-    shown, percent = f"Stem {_mm(stands.stem_m, stands)}", stands.stem_percent
+        unread = _stem_unread(stands.stem_unread)
+        if stands.verdict is not StemVerdict.UNKNOWN:
+            return unread
+        return say("stem_unknown", "{unread} Nobody knows where it stands.", unread=unread)
+    shown, percent = _rounded_m(stands.stem_m, stands), stands.stem_percent
     if percent is None:
-        return f"{shown}."
+        return say("stem_at", "Stem {stem:g mm}.", stem=shown)
     if stands.verdict is StemVerdict.NOT_JUDGED or stands.safe_position_m is None:
-        return f"{shown}: {percent + 0.0:.0f} % open, not judged."
+        return say("stem_not_judged", "Stem {stem:g mm}: {open} % open, not judged.", stem=shown, open=_whole(percent))
     end = _end(stands)
     if stands.verdict is StemVerdict.THERE:
-        return f"{shown}: {end or f'{_percent(percent)} open'}, as it should be."
-    missed = f"it is not at its safe position of {_mm(stands.safe_position_m, stands)}"
-    if stands.stem_m > stands.safe_position_m and end == "closed":
-        missed = "it has not closed"
-    elif stands.stem_m < stands.safe_position_m and end == "open":
-        missed = "it has not opened"
-    return f"{shown}: {_percent(percent)} OPEN: {missed}."
+        if not end:
+            there = say("open_so_far", "{open} % open", open=_whole(percent))
+        else:
+            there = say("closed", "closed") if end == _CLOSED else say("open", "open")
+        return say("stem_there", "Stem {stem:g mm}: {there}, as it should be.", stem=shown, there=there)
+    if stands.stem_m > stands.safe_position_m and end == _CLOSED:
+        missed = say("has_not_closed", "it has not closed")
+    elif stands.stem_m < stands.safe_position_m and end == _OPEN:
+        missed = say("has_not_opened", "it has not opened")
+    else:
+        target = _rounded_m(stands.safe_position_m, stands)
+        missed = say("not_at_safe_position", "it is not at its safe position of {target:g mm}", target=target)
+    return say(
+        "stem_astray", "Stem {stem:g mm}: {open} % OPEN: {missed}.", stem=shown, open=_whole(percent), missed=missed
+    )
 
 
-def _moving(stands: StandsAt) -> str:
+def _moving(stands: StandsAt) -> Message:
     """Return what is true until the stem is looked at."""
-    percent = stands.stem_percent
-    seen = "" if stands.stem_m is None else f" {_mm(stands.stem_m, stands)}"
-    seen += "" if percent is None else f": {_percent(percent)} open"
-    stem = f"Stem{seen}," if seen else "Stem"
-    when = f"it is looked at {stands.due_s:g} s after the motion"
+    percent, due_s = stands.stem_percent, stands.due_s
+    stem = say("stem_then", "Stem")
+    if stands.stem_m is not None:
+        shown = _rounded_m(stands.stem_m, stands)
+        stem = say("stem_seen_at", "Stem {stem:g mm},", stem=shown)
+        if percent is not None:
+            stem = say("stem_seen_open", "Stem {stem:g mm}: {open} % open,", stem=shown, open=_whole(percent))
     if stands.safe_position_m is None:
-        return f"{stem} may still move: {when}."
+        return say(
+            "stem_may_move", "{stem} may still move: it is looked at {due:g s} after the motion.", stem=stem, due=due_s
+        )
+    target = say("target", "{target:g mm}", target=_rounded_m(stands.safe_position_m, stands))
     end = _end(stands)
-    target = _mm(stands.safe_position_m, stands) + (f" ({end})" if end else "")
-    return f"{stem} moving to {target}: {when}."
+    if end == _CLOSED:
+        target = say("target_closed", "{target} (closed)", target=target)
+    elif end == _OPEN:
+        target = say("target_open", "{target} (open)", target=target)
+    return say(
+        "stem_moves",
+        "{stem} moving to {target}: it is looked at {due:g s} after the motion.",
+        stem=stem,
+        target=target,
+        due=due_s,
+    )
 
 
 def _end(stands: StandsAt) -> str:
@@ -110,35 +184,35 @@ def _end(stands: StandsAt) -> str:
     if stands.safe_position_m is None or stands.travel_m is None:
         return ""
     share = stands.safe_position_m / stands.travel_m
-    return "closed" if share <= _AN_END else "open" if share >= 1.0 - _AN_END else ""
+    return _CLOSED if share <= _AN_END else _OPEN if share >= 1.0 - _AN_END else ""
 
 
 def _late(stands: StandsAt) -> str:
     if stands.verdict is StemVerdict.MOVING or stands.after_s <= stands.due_s + _LATE_S:
         return ""
-    since = "the motion" if stands.signal_confirmed is not None else "the test was asked for"
-    return f" Read {_span(stands.after_s)} after {since}."
+    if stands.signal_confirmed is None:
+        return say("read_after_request", "Read {time} after the test was asked for.", time=_span(stands.after_s))
+    return say("read_after_motion", "Read {time} after the motion.", time=_span(stands.after_s))
 
 
-def _span(span_s: float) -> str:
-    for unit, seconds in (("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
-        if span_s >= 2.0 * seconds:
-            return f"{span_s / seconds:.0f} {unit}"
-    return f"{span_s:.0f} s"
+def _span(span_s: float) -> Message:
+    if span_s >= 2.0 * _DAY_S:
+        return say("days", "{n:.0f} days", n=span_s / _DAY_S)
+    if span_s >= 2.0 * _HOUR_S:
+        return say("hours", "{n:.0f} h", n=span_s / _HOUR_S)
+    if span_s >= 2.0 * _MINUTE_S:
+        return say("minutes", "{n:.0f} min", n=span_s / _MINUTE_S)
+    return say("seconds", "{n:.0f} s", n=span_s)
 
 
-def _because(reason: str) -> str:
-    return f": {as_sentence(reason)}" if reason else "."
+def _whole(percent: float) -> int:
+    return round(percent)
 
 
-def _percent(percent: float) -> str:
-    return f"{round(percent) + 0:d} %"
+def _tenth_of_kpa(pressure_pa: float) -> float:
+    return 1.0e3 * (round(1.0e-3 * pressure_pa, 1) + 0.0)  # + 0.0: no minus before a zero
 
 
-def _kpa(pressure_pa: float) -> str:
-    return f"{round(1.0e-3 * pressure_pa, 1) + 0.0:g} kPa"
-
-
-def _mm(length_m: float, stands: StandsAt) -> str:
+def _rounded_m(length_m: float, stands: StandsAt) -> float:
     places = 1 if stands.travel_m is None or stands.travel_m >= _SMALL_TRAVEL_M else 2
-    return f"{round(1.0e3 * length_m, places) + 0.0:g} mm"
+    return 1.0e-3 * (round(1.0e3 * length_m, places) + 0.0)

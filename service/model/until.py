@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from drivers.addresses import Mode
 from valve.errors import RequestError
+from valve.messages import joined, say
 
 #: Of a run's quality: what was asked for, in percent by symbol, and how much time that saved.
 UNTIL_KEY: Final = "until"
@@ -22,7 +23,7 @@ SEPARATING: Final = "separating"
 _LOW_PERCENT: Final = 0.5
 _HIGH_PERCENT: Final = 50.0
 _PERCENT: Final = re.compile(r"\s*(\d{1,6}(?:\.\d{1,6})?)\s*%\s*")
-_REMEDY: Final = 'write it as {"F_s": "5 %", "F_c": "2 %"}'
+_REMEDY: Final = say("write_until", 'write it as {{"F_s": "5 %", "F_c": "2 %"}}')
 
 
 def read_until(tag: str, asked: Mapping[str, Any] | None) -> dict[str, float] | None:
@@ -33,7 +34,15 @@ def read_until(tag: str, asked: Mapping[str, Any] | None) -> dict[str, float] | 
     if asked is None:
         return None
     if not asked:
-        raise RequestError(f"{tag}: until is empty, it needs at least 1 of {', '.join(SYMBOLS)}: {_REMEDY}")
+        raise RequestError(
+            say(
+                "until_empty",
+                "{tag}: until is empty, it needs at least 1 of {symbols:, }: {remedy}",
+                tag=tag,
+                symbols=SYMBOLS,
+                remedy=_REMEDY,
+            )
+        )
     return {symbol: _percent(tag, symbol, value) for symbol, value in asked.items()}
 
 
@@ -47,26 +56,65 @@ def until_of(tag: str, mode: Mode, sequence: str | None, asked: Mapping[str, Any
         return None
     if sequence == SEPARATING:
         raise RequestError(
-            f"{tag}: sequence {SEPARATING} takes no until, as causes are separated by all of it: drop it"
+            say(
+                "separating_takes_no_until",
+                "{tag}: sequence {sequence} takes no until, as causes are separated by all of it: drop it",
+                tag=tag,
+                sequence=SEPARATING,
+            )
         )
     if mode is not Mode.POLLED:
         raise RequestError(
-            f"{tag}: until needs a polled test, acquisition.mode is {mode.value} and its device plays to the end: "
-            "say acquisition.mode = polled in plant.toml, or drop until"
+            say(
+                "until_needs_polling",
+                "{tag}: until needs a polled test, acquisition.mode is {mode} and its device plays to the end: "
+                "say acquisition.mode = polled in plant.toml, or drop until",
+                tag=tag,
+                mode=mode.value,
+            )
         )
     return as_asked(wish)
 
 
 def _percent(tag: str, symbol: str, value: Any) -> float:
     if symbol not in SYMBOLS:
-        raise RequestError(f"{tag}: until.{symbol[:32]} is unknown: choose one of {', '.join(SYMBOLS)}")
+        raise RequestError(
+            say(
+                "until_symbol_unknown",
+                "{tag}: until.{symbol} is unknown: choose one of {symbols:, }",
+                tag=tag,
+                symbol=symbol[:32],
+                symbols=SYMBOLS,
+            )
+        )
     found = _PERCENT.fullmatch(value) if isinstance(value, str) else None
     if found is None:
-        raise RequestError(f"{tag}: until.{symbol} is {str(value)[:32]!r}, it must be a percentage: {_REMEDY}")
+        raise RequestError(
+            say(
+                "until_no_percentage",
+                "{tag}: until.{symbol} is {value}, it must be a percentage: {remedy}",
+                tag=tag,
+                symbol=symbol,
+                value=repr(str(value)[:32]),
+                remedy=_REMEDY,
+            )
+        )
     percent = float(found.group(1))
     if not _LOW_PERCENT <= percent <= _HIGH_PERCENT:
-        limit = f"at least {_LOW_PERCENT:g} %" if percent < _LOW_PERCENT else f"at most {_HIGH_PERCENT:g} %"
-        raise RequestError(f"{tag}: until.{symbol} is {percent:g} %, it must be {limit}: {_REMEDY}")
+        limit = say("at_most_percent", "at most {percent:g} %", percent=_HIGH_PERCENT)
+        if percent < _LOW_PERCENT:
+            limit = say("at_least_percent", "at least {percent:g} %", percent=_LOW_PERCENT)
+        raise RequestError(
+            say(
+                "until_outside",
+                "{tag}: until.{symbol} is {percent:g} %, it must be {limit}: {remedy}",
+                tag=tag,
+                symbol=symbol,
+                percent=percent,
+                limit=limit,
+                remedy=_REMEDY,
+            )
+        )
     return percent
 
 
@@ -79,7 +127,7 @@ def pairs_of(texts: Iterable[str]) -> dict[str, str] | None:
     for text in texts:
         symbol, separator, percent = text.partition("=")
         if not separator:
-            raise RequestError(f"--until {text!r}: write it as SYMBOL=PERCENT: F_s=5%")
+            raise RequestError(say("until_pair", "--until {text}: write it as SYMBOL=PERCENT: F_s=5%", text=repr(text)))
         found[symbol.strip()] = percent.strip()
     return found or None
 
@@ -108,12 +156,28 @@ def early_words(until: Mapping[str, str] | None, ended_early: Mapping[str, Any] 
     """Return how a test ended that was to end once it knew enough, as a sentence; "" of any other test."""
     if until is None:
         return ""
-    asked = " and ".join(f"{symbol} to {percent}" for symbol, percent in until.items())
+    asked = _asked({symbol: str(percent) for symbol, percent in until.items()})
     if ended_early is None:
-        return f"The test was to end once it knew {asked}: it did not, and played its whole sequence."
-    return f"The test ended early, as it knew {asked}: {ended_early['saved_s']:.0f} s were saved."
+        return say(
+            "not_ended_early",
+            "The test was to end once it knew {asked}: it did not, and played its whole sequence.",
+            asked=asked,
+        )
+    return say(
+        "ended_early",
+        "The test ended early, as it knew {asked}: {saved:.0f s} were saved.",
+        asked=asked,
+        saved=float(ended_early["saved_s"]),
+    )
 
 
 def until_words(until: Mapping[str, float]) -> str:
     """Return what was asked for in words: ``F_s to 5 % and F_c to 2 %``."""
-    return " and ".join(f"{symbol} to {percent:g} %" for symbol, percent in until.items())
+    return _asked(as_asked(until))
+
+
+def _asked(until: Mapping[str, str]) -> str:
+    wishes = [
+        say("known_to", "{symbol} to {percent}", symbol=symbol, percent=percent) for symbol, percent in until.items()
+    ]
+    return joined(" and ", wishes)

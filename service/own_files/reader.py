@@ -26,6 +26,7 @@ from service.own_files.names import (
 from service.own_files.table import SECOND_TABLE, Table, find_table, row_texts
 from service.own_files.understood import Reading, Understood, UnderstoodColumn
 from valve.errors import RecordingError
+from valve.messages import say
 from valve.nameplate import Nameplate
 from valve.plausibility import require_no_stand_ins, require_plausible_current
 from valve.recording import INTERVAL_CHANNELS, FloatArray, Provenance
@@ -142,12 +143,17 @@ def _read(table: Table, nameplate: Nameplate, mapping: Mapping[str, str], *, in_
     provenance = Provenance()
     for choice in choices:
         header = table.headers[choice.at]
+        how: str
         try:
             if choice.unit is None:
                 cells = table.columns[choice.at] if dates is None else _together(table, dates)
                 header = header if dates is None else " + ".join(table.headers[at] for at in dates)
                 found = read_stamps(cells, table.source, header)
-                columns[choice.column], unit, how = found.time_s, found.words, "seconds from the first row"
+                columns[choice.column], unit, how = (
+                    found.time_s,
+                    found.words,
+                    say("seconds_from_first_row", "seconds from the first row"),
+                )
                 provenance = replace(provenance, started_at=found.started_at)
                 gaps: Counter[str] = Counter()
             else:
@@ -155,21 +161,26 @@ def _read(table: Table, nameplate: Nameplate, mapping: Mapping[str, str], *, in_
                 require_no_stand_ins(f"{header!r}", read.values, table.source)
                 columns[choice.column], how = _converted(read.values, choice, nameplate, table.source, header)
                 unit, gaps = choice.unit.text, read.gaps
-                how = f"{how}, decimal comma" if read.decimal_comma else how
+                how = say("with_decimal_comma", "{how}, decimal comma", how=how) if read.decimal_comma else how
                 if choice.unit.absolute and choice.column == "pressure_pa":
                     provenance = replace(provenance, notes=FROM_VACUUM)
         except BadCellError as bad:
             raise _bad_cell(table, bad, header, [one.at for one in choices]) from None
         texts = {text: count for text, count in gaps.items() if text}
         if texts:
-            how += "; gaps: " + ", ".join(f"{count} {text}" for text, count in sorted(texts.items()))
+            counted = tuple(
+                say("count_of_text", "{count} {text}", count=count, text=text) for text, count in sorted(texts.items())
+            )
+            how = say("with_gaps", "{how}; gaps: {gaps:, }", how=how, gaps=counted)
         said.append(UnderstoodColumn(header, choice.column, unit, how, int(np.isnan(columns[choice.column]).sum())))
     empty = np.isnan(np.array(list(columns.values()))).all(axis=0)
     if empty.any():
         columns = {name: column[~empty] for name, column in columns.items()}
-        remarks.append(f"{int(empty.sum())} rows without any value are left out.")
+        remarks.append(
+            say("empty_rows_left_out", "{count} rows without any value are left out.", count=int(empty.sum()))
+        )
     if table.left_out_lines:
-        remarks.append(f"{table.left_out_lines} lines after the table are left out.")
+        remarks.append(say("lines_left_out", "{count} lines after the table are left out.", count=table.left_out_lines))
     used = {choice.at for choice in choices} | set(dates or ())
     understood = Understood(
         Path(table.source).name,
@@ -263,17 +274,30 @@ def _chosen(
             )
         free = values or free
         words = [name if name != "pressure_pa" else "pressure_pa, force_n or command_pa" for name in missing]
-        open_points.append(f"no column is surely {' and none '.join(words)}, there are {_listed(table, free)}")
+        open_points.append(
+            say(
+                "no_column_surely",
+                "no column is surely {names: and none }, there are {columns}",
+                names=tuple(words),
+                columns=_listed(table, free),
+            )
+        )
         for number, name in enumerate(missing):
             example[name] = _with_unit(table, free[number % len(free)], _QUANTITY_OF[name]) if free else "header [unit]"
     if open_points:
         given = ",".join([f"{name}={wanted}" for name, wanted in mapping.items()])
         typed = ",".join([*([given] if given else []), *(f"{name}={header}" for name, header in example.items())])
         spare = next((name for name in ("force_n", "command_pa") if name in example and name not in missing), "")
-        leave = f', or leave it out with "{spare}="' if spare else ""
-        raise RecordingError(
-            f'{table.source}: {"; ".join(open_points)}: say which column is what, for example --map "{typed}"{leave}'
+        which = say(
+            "say_which_column",
+            '{source}: {points:; }: say which column is what, for example --map "{mapping}"',
+            source=table.source,
+            points=tuple(open_points),
+            mapping=typed,
         )
+        if spare:
+            which = say("or_leave_out", '{which}, or leave it out with "{name}="', which=which, name=spare)
+        raise RecordingError(which)
     return list(chosen.values()), dates
 
 
@@ -484,30 +508,53 @@ def _converted(
     unit, name = choice.unit, choice.column
     if unit.dimension == "percent" and _QUANTITY_OF[name] is Quantity.POSITION:
         travel_m = nameplate.actuator.travel_m
-        return values * (travel_m / 100.0), f"percent of the nameplate's travel, {travel_m:g} m"
+        how = say("percent_of_travel_of", "percent of the nameplate's travel, {travel:g m}", travel=travel_m)
+        return values * (travel_m / 100.0), how
     if _QUANTITY_OF[name] is Quantity.COMMAND:
         if unit.dimension in ("percent", "current") and nameplate.signal is None:
             raise RecordingError(
-                f"{source}: column {header!r} is in {unit.text} and the nameplate of {nameplate.tag} has no [signal]: "
-                "give signal.range_ma and signal.range_pa, or a command in a pressure's unit"
+                say(
+                    "column_needs_signal",
+                    "{source}: column {header} is in {unit} and the nameplate of {tag} has no [signal]: give "
+                    "signal.range_ma and signal.range_pa, or a command in a pressure's unit",
+                    source=source,
+                    header=repr(header),
+                    unit=unit.text,
+                    tag=nameplate.tag,
+                )
             )
         if unit.dimension == "percent":
             assert nameplate.signal is not None
             low, high = nameplate.signal.range_pa
-            return low + values * ((high - low) / 100.0), f"percent of the nameplate's signal, {low:g} to {high:g} Pa"
+            how = say(
+                "percent_of_signal_of",
+                "percent of the nameplate's signal, {low:g in Pa} to {high:g Pa}",
+                low=low,
+                high=high,
+            )
+            return low + values * ((high - low) / 100.0), how
         if unit.dimension == "current":
             assert nameplate.signal is not None
             (low_ma, high_ma), (low, high) = nameplate.signal.range_ma, nameplate.signal.range_pa
-            low_shown = f"{low_ma:g} to {high_ma:g} mA are {low:g} to {high:g} Pa"
+            how = say(
+                "current_is_pressure",
+                "{low_current:g} to {high_current:g} mA are {low:g in Pa} to {high:g Pa}",
+                low_current=low_ma,
+                high_current=high_ma,
+                low=low,
+                high=high,
+            )
             current_ma = values * unit.factor
             require_plausible_current(current_ma, source)
-            return low + (current_ma - low_ma) * ((high - low) / (high_ma - low_ma)), low_shown
+            return low + (current_ma - low_ma) * ((high - low) / (high_ma - low_ma)), how
     if unit.factor == 1.0:
-        how = "as it is"
+        how = say("as_it_is", "as it is")
     elif unit.factor == 1.0e-3:
-        return values / 1.0e3, "divided by 1000"  # the nearest number to the decimal that was written
+        return values / 1.0e3, say(
+            "divided_by_1000", "divided by 1000"
+        )  # the nearest number to the decimal that was written
     else:
-        how = f"times {unit.factor:.9g}"
+        how = say("times_factor", "times {factor:.9g}", factor=unit.factor)
     return values if unit.factor == 1.0 else values * unit.factor, how
 
 

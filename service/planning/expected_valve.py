@@ -12,6 +12,7 @@ from drivers.maps import register_map
 from estimators.planned_scatter import PackingScatter
 from service.config.settings import PlantValve
 from valve.errors import RequestError
+from valve.messages import say
 from valve.nameplate import Action
 from valve.parameters import PARAMETER_SYMBOLS, ValveParameters, parameters_from_symbols
 
@@ -70,15 +71,23 @@ def expected_valve(
     values["F_s"] = max(values["F_s"], values["F_c"])
     assumed = tuple(symbol for symbol in PARAMETER_SYMBOLS if symbol not in known)
     if last_test is None:
-        source = f"assumed from the nameplate and typical friction ({why_none})"
+        source = say(
+            "assumed_from_nameplate", "assumed from the nameplate and typical friction ({why_none})", why_none=why_none
+        )
     else:
-        source = f"test {last_test['id']}" + (f"; assumed: {', '.join(assumed)}" if assumed else "")
+        source = say("from_test", "test {number}", number=last_test["id"])
+        if assumed:
+            source = say("from_test_assumed", "{test}; assumed: {symbols:, }", test=source, symbols=assumed)
     period_s, period_from = _sample_period(valve.wiring, last_test)
-    noise_from = "given"
+    noise_from: str = say("given", "given")
     if noise_m is None:
         measured_m = (analysis.get("recording") or {}).get("position_noise_m")
         # no sensor is without noise: 0 is a simulation, or one that did not change
-        noise_m, noise_from = (_NOISE_M, "assumed") if measured_m in {None, 0.0} else (measured_m, "last test")
+        noise_m, noise_from = (
+            (_NOISE_M, say("assumed", "assumed"))
+            if measured_m in {None, 0.0}
+            else (measured_m, say("last_test", "last test"))
+        )
     return ExpectedValve(
         parameters_from_symbols(values),
         assumed,
@@ -103,7 +112,9 @@ def _scatter(analysis: Mapping[str, Any]) -> PackingScatter:
                 # a test gives roughness and wander in one figure: they are shared out as in a usual packing
                 whole = math.hypot(usual.roughness, usual.wander)
                 rough, wander = (shares["F_c"] * part / whole for part in (usual.roughness, usual.wander))
-                return PackingScatter(shares["F_s"], rough, wander, "the valve in its last test")
+                return PackingScatter(
+                    shares["F_s"], rough, wander, say("valve_in_last_test", "the valve in its last test")
+                )
     return usual
 
 
@@ -126,8 +137,14 @@ def _assumed_values(valve: PlantValve) -> dict[str, float]:
     nameplate, actuator = valve.nameplate, valve.nameplate.actuator
     if actuator.action is not Action.SPRING or actuator.diaphragm_area_m2 is None:
         raise RequestError(
-            f"{nameplate.tag}: a plan needs a spring and a diaphragm area: this valve's nameplate has actuator.action "
-            f"{actuator.action.value} and diaphragm_area_m2 {actuator.diaphragm_area_m2}"
+            say(
+                "plan_needs_spring",
+                "{tag}: a plan needs a spring and a diaphragm area: this valve's nameplate has actuator.action "
+                "{action} and diaphragm_area_m2 {area}",
+                tag=nameplate.tag,
+                action=actuator.action.value,
+                area=str(actuator.diaphragm_area_m2),
+            )
         )
     low_pa, high_pa = valve.wiring.limits.pressure_pa if nameplate.signal is None else nameplate.signal.range_pa
     area_m2, span_n = actuator.diaphragm_area_m2, actuator.diaphragm_area_m2 * (high_pa - low_pa)
@@ -150,9 +167,11 @@ def _sample_period(wiring: ValveWiring, last_test: Mapping[str, Any] | None) -> 
     asked_s, mode = wiring.acquisition.period_s, wiring.acquisition.mode
     kept_s = ((last_test or {}).get("quality") or {}).get("median_period_s")
     if mode is Mode.POLLED:
-        return (kept_s, "polled, as in the last test") if kept_s else (asked_s, "polled, as configured")
+        if kept_s:
+            return kept_s, say("polled_as_in_last_test", "polled, as in the last test")
+        return asked_s, say("polled_as_configured", "polled, as configured")
     device = register_map(wiring.command.map, wiring.maps) if wiring.command.map is not None else None
     if device is None or device.capture is None:
-        return asked_s, "captured, as configured"
+        return asked_s, say("captured_as_configured", "captured, as configured")
     register = device.register(device.capture.period)
-    return register.decode(register.encode(asked_s)), "captured by the device"
+    return register.decode(register.encode(asked_s)), say("captured_by_device", "captured by the device")

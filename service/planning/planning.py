@@ -18,12 +18,13 @@ from service.config.settings import PlantValve
 from service.model.sequences import build_waveform, default_of
 from service.planning.expected_valve import ExpectedValve
 from valve.errors import InternalError, WaveformError
+from valve.messages import message_of, say
 from valve.nameplate import Nameplate
 from valve.parameters import PARAMETER_SYMBOLS, TravelStops, ValveParameters
 from valve.waveform import Waveform
 
 SCHEMA: Final = "breakaway/plan/1"
-_HIDDEN_BY_SCATTER: Final = "friction that varies hides it, whatever the sensor"
+_HIDDEN_BY_SCATTER: Final = say("hidden_by_scatter", "friction that varies hides it, whatever the sensor")
 _STOP_MARGIN: Final = 0.01  # of the travel, beyond its ends: seats and stops give a little
 
 
@@ -97,9 +98,20 @@ def plan_sequence(valve: PlantValve, expected: ExpectedValve, name: str, overrid
         packing = packing_half_widths(expected.parameters, waveform, actuator, expected.scatter, start_m=start_m)
         return SequencePlan(name, waveform, known, packing=packing)
     except WaveformError as error:
-        return SequencePlan(name, waveform, None, str(error))
+        return SequencePlan(name, waveform, None, message_of(error))
     except InternalError as error:  # a motion that cannot be followed, such as creep in micro-steps
-        return SequencePlan(name, waveform, None, f"{valve.nameplate.tag}: {name} cannot be planned: {error}")
+        return SequencePlan(
+            name,
+            waveform,
+            None,
+            say(
+                "cannot_be_planned",
+                "{tag}: {sequence} cannot be planned: {why}",
+                tag=valve.nameplate.tag,
+                sequence=name,
+                why=message_of(error),
+            ),
+        )
 
 
 def _rest_m(parameters: ValveParameters, nameplate: Nameplate, pressure_pa: float) -> float:

@@ -17,6 +17,7 @@ from scipy.io import savemat
 from service.model.run import Run
 from service.model.stands_words import where_it_stands
 from valve.errors import NotFoundError, RecordingError
+from valve.messages import say
 from valve.recording_files import file_sha256, read_recording, recording_columns, write_csv
 
 SCHEMA: Final = "breakaway/export/1"
@@ -47,16 +48,42 @@ def export_test(run: Run, recordings: Path, folder: Path, form: ExportFormat) ->
 def checked_recording(run: Run, recordings: Path) -> Path:
     """Return where the recording stands, read and found to be what was stored. Raises as ``export_test``."""
     if run.recording_file is None:
-        raise NotFoundError(f"test {run.id} has no recording ({run.state.value}): choose another test")
+        raise NotFoundError(
+            say(
+                "nothing_to_export",
+                "test {test} has no recording ({state}): choose another test",
+                test=run.id,
+                state=run.state.value,
+            )
+        )
     path = recordings / run.recording_file
     if not path.is_file():
-        where = f"gateway {run.gateway} made it: export it there" if run.gateway else "restore it from a backup"
-        raise NotFoundError(f"test {run.id}: {path} does not exist: {where}")
+        where = (
+            say("export_at_gateway", "gateway {gateway} made it: export it there", gateway=run.gateway)
+            if run.gateway
+            else say("restore_from_backup", "restore it from a backup")
+        )
+        raise NotFoundError(
+            say(
+                "recording_file_missing",
+                "test {test}: {path} does not exist: {where}",
+                test=run.id,
+                path=str(path),
+                where=where,
+            )
+        )
     found = file_sha256(path)
     if found != run.recording_sha256:
         raise RecordingError(
-            f"test {run.id}: {path} has the SHA-256 {found}, it was stored with {run.recording_sha256}: it was changed "
-            "or is damaged; restore it from a backup"
+            say(
+                "recording_changed",
+                "test {test}: {path} has the SHA-256 {found}, it was stored with {stored}: it was changed or is "
+                "damaged; restore it from a backup",
+                test=run.id,
+                path=str(path),
+                found=found,
+                stored=str(run.recording_sha256),
+            )
         )
     return path
 

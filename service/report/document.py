@@ -23,35 +23,56 @@ from service.shown.results import (
     method_names,
     missing_reasons,
     parameter_rows,
+    rate_words,
     told_once,
 )
-from service.shown.words import FIGURES
-from service.words.sentences import all_in_units
-from service.words.units import UnitSystem, measured, quantity
+from service.shown.words import FIGURES, POSITION_NOISE, SAMPLES
+from service.words.names import named
+from service.words.reader import Reader
+from service.words.sentences import together
+from valve.messages import Message, say
 
-_NOT_GIVEN: Final = "not identifiable"
+_BY_METHOD: Final = "the parameters by "  # of a text that is no message
+_NOT_GIVEN: Final = say("not_identifiable", "not identifiable")
+_MET: Final = {
+    True: say("permissive_met", "met"),
+    False: say("permissive_not_met", "NOT met"),
+    None: say("permissive_not_known", "not known"),
+}
+_STROKE_TIMES: Final = {
+    "opening": say("stroke_time_opening", "Stroke time, opening"),
+    "closing": say("stroke_time_closing", "Stroke time, closing"),
+}
+#: Where whoever tested the valve signs.
+SIGN: Final = (say("sign_date", "Date"), say("sign_name", "Name"), say("sign_signature", "Signature"))
+RATE: Final = say("sampling_rate", "Rate achieved")
+JITTER: Final = say("sampling_jitter", "Jitter")
+_STEP_BANDS: Final = (
+    ("resolution_percent", say("step_resolution", "Resolution")),
+    ("dead_band_percent", say("step_dead_band", "Dead band by steps")),
+)
 _LEAST_JITTER_S: Final = 1.0e-6
 _GAIN_KEYS: Final = ("rmse_before_m", "rmse_after_m", "noise_floor_m")
 _STEP_FIGURES: Final = (
-    ("dead_time_s", "Dead time", "s"),
-    ("t63_s", "T63", "s"),
-    ("t86_s", "T86", "s"),
-    ("overshoot_percent", "Overshoot", "percent"),
-    ("steady_error_percent", "Error at the end of the hold", "percent"),
+    ("dead_time_s", say("step_dead_time", "Dead time"), "s"),
+    ("t63_s", say("step_t63", "T63"), "s"),
+    ("t86_s", say("step_t86", "T86"), "s"),
+    ("overshoot_percent", say("step_overshoot", "Overshoot"), "percent"),
+    ("steady_error_percent", say("step_error", "Error at the end of the hold"), "percent"),
 )
 
 
-def _cell_words(cell: Cell, unit: str, system: UnitSystem) -> str:
+def _cell_words(cell: Cell, unit: str, reader: Reader) -> str:
     """A method's value of a parameter, with how much the quantity itself varies."""
     if cell.value is None:
         return _NOT_GIVEN
-    value = measured(cell.value, cell.ci95, unit, system)
-    return f"{value}, {cell.scatter}" if cell.scatter else value
+    value = reader.measured(cell.value, cell.ci95, unit)
+    return together([value, cell.scatter], ", ")
 
 
 def document_of(source: ReportSource) -> dict[str, Any]:
     """Return the report: every text as it is read, and the pictures as SVG that needs no font and no other file."""
-    analysis, system = source.analysis, source.system
+    analysis, reader = source.analysis, source.reader
     diagnosis, fitted = diagnosis_of(analysis), dict(_fitted(analysis))
     baseline = None if source.baseline is None else {"signature": source.baseline}
     rows, figures_missing = told_once(figure_rows(analysis, baseline))
@@ -61,12 +82,15 @@ def document_of(source: ReportSource) -> dict[str, Any]:
         "summary": summary_of(source),
         "stands": source.stands,
         "alarm": source.alarm,
-        "methods": [{"name": name, "status": status} for name, status in method_names(analysis)],
+        "methods": [{"name": name, "status": named(status)} for name, status in method_names(analysis)],
         "parameters": [
             {
                 "symbol": row.symbol,
                 "meaning": row.meaning,
-                "cells": [_cell_words(cell, row.unit, system) for cell in row.cells],
+                "cells": [
+                    {"words": _cell_words(cell, row.unit, reader), "is_known": cell.value is not None}
+                    for cell in row.cells
+                ],
             }
             for row in parameter_rows(analysis)
         ],
@@ -75,15 +99,15 @@ def document_of(source: ReportSource) -> dict[str, Any]:
         "figures": [
             {
                 "name": row.words,
-                "value": measured(row.value, row.ci95, row.unit, system),
-                "was": measured(row.was, None, row.unit, system),
+                "value": reader.measured(row.value, row.ci95, row.unit),
+                "was": reader.measured(row.was, None, row.unit),
                 "note": row.note or fitted.get(row.words) or row.tells,
             }
             for row in rows
         ],
         "has_baseline": any(row.was is not None for row in rows),
         "figures_missing": [{"what": names, "why": reason} for names, reason in figures_missing],
-        "steps": _steps(analysis, system),
+        "steps": _steps(analysis, reader),
         "diagnosis": {
             "headline": diagnosis.headline,
             "message": diagnosis.message,
@@ -91,40 +115,57 @@ def document_of(source: ReportSource) -> dict[str, Any]:
                 {
                     "sentence": cause["sentence"],
                     "action": cause["action"],
-                    "share": f"{100.0 * cause['share_of_misfit']:.0f} %" if cause.get("share_of_misfit") else "",
+                    "share": _share(cause.get("share_of_misfit")),
                 }
                 for cause in diagnosis.causes
             ],
             "others": list(diagnosis.others),
-            "gain": _gain(diagnosis.gain if diagnosis.causes else None, system),
-            "where": str(((analysis.get("discrepancy") or {}).get("misfit") or {}).get("where") or ""),
+            "gain": _gain(diagnosis.gain if diagnosis.causes else None, reader),
+            "where": ((analysis.get("discrepancy") or {}).get("misfit") or {}).get("where") or "",
             "separating": _separating(diagnosis.separating_test),
             "next": next_step(analysis, source.sequence),
-            "notes": [str(note) for note in analysis.get("notes") or ()],
+            "notes": list(analysis.get("notes") or ()),
         },
-        "sampling": [{"name": name, "value": value} for name, value in _sampling(analysis, system)],
+        "sampling": [{"name": name, "value": value} for name, value in _sampling(analysis, reader)],
         "permissives": [permissive_row(one) for one in source.permissives],
         "comparison": list(source.comparison),
         "before": source.before,
+        "sign": SIGN,
         "before_after": [asdict(row) | {"verdict": row.verdict} for row in source.before_after],
     }
     pictures = {name: _drawn(picture) for name, picture in _pictures(source) if picture is not None}
     told = {
-        key: [{"name": name, "value": value} for name, value in rows]
+        key: [{"name": reader.shown(name), "value": reader.shown(value)} for name, value in rows]
         for key, rows in (("facts", source.facts), ("valve", source.valve), ("head", source.head))
     }
     front = [name for name in _front(analysis, pictures) if name in pictures]
-    return {**all_in_units(document, system), **told, "note": source.note, "pictures": pictures, "front": front}
+    return {
+        **reader.all_told(document),
+        **told,
+        "note": source.note,
+        "pictures": pictures,
+        "front": front,
+    }
 
 
 def _fitted(analysis: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield the figures that no loop shows, with the method that they are of and how well that fits."""
     intervals = (analysis.get("signature") or {}).get("intervals") or {}
     for key, words, _unit, _tells in FIGURES:
-        origin = str((intervals.get(key) or {}).get("from") or "")
+        origin: str = (intervals.get(key) or {}).get("from") or ""
         for one in analysis.get("estimates") or ():
-            if origin == f"the parameters by {one['method'].replace('_', ' ')}":
-                yield words, f"from {origin}, whose fit is {one['status']}"
+            if _method_of(origin) == one["method"].replace("_", " "):
+                yield (
+                    words,
+                    say("from_fit", "from {origin}, whose fit is {status}", origin=origin, status=named(one["status"])),
+                )
+
+
+def _method_of(origin: str) -> str:
+    """Return the method whose parameters a figure is from; "" of any other."""
+    if isinstance(origin, Message):
+        return str(origin.values["method"]) if origin.code == "parameters_by" else ""
+    return origin.removeprefix(_BY_METHOD) if origin.startswith(_BY_METHOD) else ""
 
 
 def _drawn(picture: Picture | Drawing) -> dict[str, str]:
@@ -134,17 +175,17 @@ def _drawn(picture: Picture | Drawing) -> dict[str, str]:
 
 
 def _pictures(source: ReportSource) -> Iterator[tuple[str, Picture | Drawing | None]]:
-    system, analysis = source.system, source.analysis
+    reader, analysis = source.reader, source.analysis
     pictures = (analysis.get("discrepancy") or {}).get("pictures")
     latent = (analysis.get("discrepancy") or {}).get("latent_friction") or ()
     own = Layer(source.subject, analysis.get("signature") or {}, latent)
-    yield "signature", signature_drawing([own, *source.behind], source.frame, system)
-    yield "trend", trends_picture(source.trends, system, source.zone)
-    yield "methods", methods_picture(all_estimates(analysis), system)
-    yield "friction", friction_picture(latent, system)
-    yield "time", time_picture(pictures, system)
+    yield "signature", signature_drawing([own, *source.behind], source.frame, reader)
+    yield "trend", trends_picture(source.trends, reader)
+    yield "methods", methods_picture(all_estimates(analysis), reader)
+    yield "friction", friction_picture(latent, reader)
+    yield "time", time_picture(pictures, reader)
     if diagnosis_of(analysis).verdict != "none":  # it would draw noise
-        yield "coordinate", coordinate_picture(pictures, system)
+        yield "coordinate", coordinate_picture(pictures, reader)
 
 
 def _front(analysis: Mapping[str, Any], drawn: Mapping[str, Any]) -> tuple[str, ...]:
@@ -157,75 +198,113 @@ def _front(analysis: Mapping[str, Any], drawn: Mapping[str, Any]) -> tuple[str, 
     return "trend", misfit if misfit in drawn else "friction"
 
 
-def _gain(gain: Mapping[str, Any] | None, system: UnitSystem) -> str:
+def _gain(gain: Mapping[str, Any] | None, reader: Reader) -> str:
     if gain is None:
         return ""
-    before, after, noise = (quantity(gain[key], "m", system, 3) for key in _GAIN_KEYS)
-    return (
-        f"Tried on {gain['held_out']}: the simulation misses the measured position by {before} rms without the cause "
-        f"and by {after} rms with it; the noise is {noise} rms."
+    before, after, noise = (reader.quantity(gain[key], "m", 3) for key in _GAIN_KEYS)
+    return say(
+        "tried_on",
+        "Tried on {held_out}: the simulation misses the measured position by {before} rms without the cause and by "
+        "{after} rms with it; the noise is {noise} rms.",
+        held_out=gain["held_out"],
+        before=before,
+        after=after,
+        noise=noise,
     )
+
+
+def _share(share_of_misfit: float | None) -> str:
+    return say("share", "{share:.0f %}", share=share_of_misfit) if share_of_misfit else ""
 
 
 def _separating(test: Any) -> str:
     if not isinstance(test, Mapping):
         return ""
-    sentence = str(test.get("sentence") or "")
-    return f"Run the sequence separating to tell them apart. {sentence}".strip()
+    run = say("run_separating", "Run the sequence separating to tell them apart.")
+    return together([run, test.get("sentence") or ""])
 
 
-def _steps(analysis: Mapping[str, Any], system: UnitSystem) -> list[dict[str, str]]:
+def _steps(analysis: Mapping[str, Any], reader: Reader) -> list[dict[str, str]]:
     summary = ((analysis.get("signature") or {}).get("steps") or {}).get("summary") or {}
     rows = [
-        {"name": words, "value": quantity(summary[key], unit, system)}
+        {"name": words, "value": reader.quantity(summary[key], unit)}
         for key, words, unit in _STEP_FIGURES
         if summary.get(key) is not None
     ]
     stroke = summary.get("stroke_time_s") or {}
     rows += [
-        {"name": f"Stroke time, {way}", "value": measured(one["value"], one["ci95"], "s", system)}
+        {"name": _STROKE_TIMES[way], "value": reader.measured(one["value"], one["ci95"], "s")}
         for way in ("opening", "closing")
         if (one := stroke.get(way))
     ]
-    for key, words in (("resolution_percent", "Resolution"), ("dead_band_percent", "Dead band by steps")):
+    for key, words in _STEP_BANDS:
         found = summary.get(key) or {}
         if found.get("value") is not None:
             ends = found.get("ci95")
-            between = "" if ends is None else f" (between {ends[0]:.3g} and {ends[1]:.3g} %)"
-            rows.append({"name": words, "value": f"{found['value']:.3g} %{between}"})
+            value = say("percent", "{percent:.3g} %", percent=found["value"])
+            if ends is not None:
+                value = say(
+                    "percent_between",
+                    "{percent:.3g} % (between {low:.3g} and {high:.3g} %)",
+                    percent=found["value"],
+                    low=ends[0],
+                    high=ends[1],
+                )
+            rows.append({"name": words, "value": value})
     return rows
 
 
-def _sampling(analysis: Mapping[str, Any], system: UnitSystem) -> Iterator[tuple[str, str]]:
+def _sampling(analysis: Mapping[str, Any], reader: Reader) -> Iterator[tuple[str, str]]:
     recording = analysis.get("recording") or {}
     sampling = recording.get("sampling") or {}
     if "samples" in recording:
-        yield "Samples", f"{recording['samples']}, {recording.get('gaps', 0)} of them missing"
+        yield SAMPLES, samples_words(recording["samples"], recording.get("gaps", 0))
     if recording.get("duration_s") is not None:
-        yield "Duration", f"{recording['duration_s']:.4g} s, {recording.get('acquisition', '')}"
-    if sampling:
-        yield "Rate achieved", f"{sampling['rate_hz']:.4g} Hz, {sampling['missed_slots']} slots missed"
+        lasted_s, how = recording["duration_s"], named(recording.get("acquisition", ""))
         yield (
-            "Jitter",
-            f"{jitter_words(sampling['jitter_rms_s'])}, longest period {1e3 * sampling['largest_period_s']:.4g} ms",
+            say("sampling_duration", "Duration"),
+            say("duration_how", "{lasted:.4g} s, {how}", lasted=lasted_s, how=how),
         )
+    if sampling:
+        yield RATE, rate_words(sampling)
+        yield JITTER, jitter_words(sampling["jitter_rms_s"], sampling["largest_period_s"])
     if recording.get("channels"):
-        yield "Channels", ", ".join(recording["channels"])
+        yield say("sampling_channels", "Channels"), ", ".join(recording["channels"])
     if recording.get("position_noise_m") is not None:
-        yield "Position noise", f"{quantity(recording['position_noise_m'], 'm', system, 3)} rms"
+        yield POSITION_NOISE, _rms(recording["position_noise_m"], reader)
     for one in analysis.get("held_out") or ():
         for method, rmse_m in one["rmse_m"].items():
             if rmse_m is not None:
-                yield f"Held out: {one['file']}, {method.replace('_', ' ')}", f"{quantity(rmse_m, 'm', system, 3)} rms"
+                name = say("held_out_by", "Held out: {file}, {method}", file=one["file"], method=named(method))
+                yield name, _rms(rmse_m, reader)
 
 
-def jitter_words(jitter_s: float) -> str:
-    """Return how uneven a recording was sampled, s rms, in milliseconds."""
-    return f"{1e3 * jitter_s:.3g} ms rms" if jitter_s >= _LEAST_JITTER_S else "below 0.001 ms rms"
+def _rms(length_m: float, reader: Reader) -> Message:
+    return say("shown_rms", "{length} rms", length=reader.quantity(length_m, "m", 3))
+
+
+def samples_words(samples: int, gaps: int) -> Message:
+    """Return how many samples a recording has, and how many are missing."""
+    return say("samples_of_them_missing", "{samples}, {gaps} of them missing", samples=samples, gaps=gaps)
+
+
+def jitter_words(jitter_s: float, longest_s: float | None) -> str:
+    """Return how uneven a recording was sampled, s rms, in milliseconds, with its longest period where it is known."""
+    jitter = (
+        say("jitter_rms", "{jitter:.3g ms} rms", jitter=jitter_s)
+        if jitter_s >= _LEAST_JITTER_S
+        else say("jitter_below", "below {least:g ms} rms", least=_LEAST_JITTER_S)
+    )
+    longest = "" if longest_s is None else say("longest_period", "longest period {longest:.4g ms}", longest=longest_s)
+    return together([jitter, longest], ", ")
 
 
 def permissive_row(one: Mapping[str, Any]) -> dict[str, str]:
     """Return a permissive as it was read before the motion, in words."""
-    met = {True: "met", False: "NOT met", None: "not known"}[one.get("met")]
-    name = str(one.get("name", "")).replace("_", " ")
-    return {"name": name, "met": met, "value": str(one.get("value", "")), "limit": str(one.get("limit", ""))}
+    name = named(str(one.get("name", "")))
+    value, limit = (_text(one.get(key, "")) for key in ("value", "limit"))
+    return {"name": name, "met": _MET[one.get("met")], "value": value, "limit": limit}
+
+
+def _text(value: object) -> str:
+    return value if isinstance(value, str) else str(value)

@@ -8,14 +8,16 @@ from typing import Any, Final
 
 from service.figures.canvas import svg_text
 from service.figures.trace import trace_picture
-from service.report.document import jitter_words, permissive_row
+from service.report.document import JITTER, RATE, SIGN, jitter_words, permissive_row, samples_words
 from service.shown.ending import Ending
-from service.words.sentences import all_in_units
-from service.words.units import UnitSystem
+from service.shown.results import rate_words
+from service.shown.words import SAMPLES
+from service.words.reader import Reader
 from valve.errors import RecordingError
+from valve.messages import Message, changed, message_of, say
 from valve.recording_files import read_recording
 
-_NO_SAMPLE: Final = "No sample was recorded."
+_NO_SAMPLE: Final = say("no_sample_recorded", "No sample was recorded.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +37,7 @@ class EndedSource:
     quality: Mapping[str, Any]
     facts: tuple[tuple[str, str], ...]
     permissives: tuple[Mapping[str, Any], ...] = ()
-    system: UnitSystem = field(default=UnitSystem.SI)
+    reader: Reader = field(default_factory=Reader)
     valve: tuple[tuple[str, str], ...] = ()
     head: tuple[tuple[str, str], ...] = ()
     note: str = ""
@@ -43,7 +45,7 @@ class EndedSource:
 
 def ended_document(source: EndedSource) -> dict[str, Any]:
     """Return the report: every text as it is read, and the recording's picture as SVG that needs no other file."""
-    ending = source.ending
+    ending, reader = source.ending, source.reader
     picture, recorded = _trace(source)
     document = {
         "tag": source.tag,
@@ -56,15 +58,16 @@ def ended_document(source: EndedSource) -> dict[str, Any]:
         "stands": ending.stands,
         "steps": list(ending.steps),
         "recorded": recorded,
+        "sign": SIGN,
         "sampling": [{"name": name, "value": value} for name, value in _sampling(source.quality)],
         "permissives": [permissive_row(one) for one in source.permissives],
     }
     told = {
-        key: [{"name": name, "value": value} for name, value in rows]
+        key: [{"name": reader.shown(name), "value": reader.shown(value)} for name, value in rows]
         for key, rows in (("facts", source.facts), ("valve", source.valve), ("head", source.head))
     }
     return {
-        **all_in_units(document, source.system),
+        **reader.all_told(document),
         **told,
         "note": source.note,
         "pictures": {} if picture is None else {"trace": picture},
@@ -76,20 +79,30 @@ def _trace(source: EndedSource) -> tuple[dict[str, str] | None, str]:
     if source.file is None:
         return None, source.no_file or _NO_SAMPLE
     try:
-        picture = trace_picture(read_recording(source.file), source.system)
+        picture = trace_picture(read_recording(source.file), source.reader)
     except (OSError, RecordingError) as error:
-        reason = (error.strerror or "unknown") if isinstance(error, OSError) else str(error).replace(source.file, "it")
-        return None, f"A recording is stored and cannot be read: {reason}"
+        return None, say(
+            "stored_unreadable",
+            "A recording is stored and cannot be read: {reason}",
+            reason=_reason(error, source.file),
+        )
     words = {"title": picture.title, "description": picture.description}
     return {"svg": svg_text(picture, text_as_paths=True), **words}, picture.description
 
 
+def _reason(error: OSError | RecordingError, file: str) -> str:
+    if isinstance(error, OSError):
+        return error.strerror or say("unknown_reason", "unknown")
+    it = say("it", "it")
+    return changed(
+        message_of(error), lambda one: one if isinstance(one, Message) else it if one == file else one.replace(file, it)
+    )
+
+
 def _sampling(quality: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     if quality.get("samples"):
-        yield "Samples", f"{quality['samples']}, {quality.get('gaps', 0)} of them missing"
+        yield SAMPLES, samples_words(quality["samples"], quality.get("gaps", 0))
     if quality.get("achieved_rate_hz") is not None:
-        yield "Rate achieved", f"{quality['achieved_rate_hz']:.4g} Hz, {quality['missed_slots']} slots missed"
+        yield RATE, rate_words({**quality, "rate_hz": quality["achieved_rate_hz"]})
     if quality.get("jitter_rms_s") is not None:
-        longest_s = quality.get("largest_period_s")
-        longest = "" if longest_s is None else f", longest period {1e3 * longest_s:.4g} ms"
-        yield "Jitter", f"{jitter_words(quality['jitter_rms_s'])}{longest}"
+        yield JITTER, jitter_words(quality["jitter_rms_s"], quality.get("largest_period_s"))

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from datetime import tzinfo
 from typing import Any
 
 from service.figures.signature import Frame, Layer
 from service.figures.trend import Trend
 from service.report.before_after import BeforeAfter
-from service.words.units import UnitSystem
+from service.words.reader import Reader
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +21,7 @@ class ReportSource:
     nameplate and limits as names and values, ``sequence`` the one that the test played, None where unknown.
     ``stands`` is where the test left the valve, "" where no service tested it, ``alarm`` what is wrong with that.
     ``head`` is what identifies valve and work on the first page, ``before_after`` the test beside the one called
-    ``before``, ``note`` what somebody noted of it. ``zone`` is the plant's, None for this machine's own.
+    ``before``, ``note`` what somebody noted of it.
     """
 
     tag: str
@@ -33,7 +32,7 @@ class ReportSource:
     trends: tuple[Trend, ...] = ()
     permissives: tuple[Mapping[str, Any], ...] = ()
     comparison: tuple[str, ...] = ()
-    system: UnitSystem = field(default=UnitSystem.SI)
+    reader: Reader = field(default_factory=Reader)
     valve: tuple[tuple[str, str], ...] = ()
     sequence: str | None = None
     stands: str = ""
@@ -44,4 +43,3 @@ class ReportSource:
     before: str = ""
     before_after: tuple[BeforeAfter, ...] = ()
     note: str = ""
-    zone: tzinfo | None = None

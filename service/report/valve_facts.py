@@ -14,18 +14,27 @@ from service.health.changes import allowed
 from service.health.judge import facts_of
 from service.model.health_limits import HealthLimits
 from service.model.past_test import PastTest
-from service.words.units import UnitSystem, quantity
+from service.words.names import named
+from service.words.reader import Reader
+from service.words.sentences import together
+from valve.messages import say
 from valve.nameplate import Action, Nameplate
 
-_ACTIONS: Final = {Action.SPRING: "spring-opposed", Action.DOUBLE: "double-acting, no spring"}
+_ACTIONS: Final = {
+    Action.SPRING: say("spring_opposed", "spring-opposed"),
+    Action.DOUBLE: say("double_acting", "double-acting, no spring"),
+}
 
+DESCRIPTION: Final = say("fact_description", "Description")
+AREA: Final = say("fact_area", "Area")
+SERIAL_NUMBER: Final = say("fact_serial_number", "Serial number")
 _IDENTITY: Final = {
-    "description": "Description",
-    "area": "Area",
-    "service": "Service",
-    "manufacturer": "Manufacturer",
-    "model": "Model",
-    "serial_number": "Serial number",
+    "description": DESCRIPTION,
+    "area": AREA,
+    "service": say("fact_service", "Service"),
+    "manufacturer": say("fact_manufacturer", "Manufacturer"),
+    "model": say("fact_model", "Model"),
+    "serial_number": SERIAL_NUMBER,
 }
 
 
@@ -40,25 +49,32 @@ def identity_facts(identity: Identity) -> Iterator[tuple[str, str]]:
 def class_facts(valve: PlantValve) -> Iterator[tuple[str, str]]:
     """Yield name and value of the class that a valve's acceptance limits come from; nothing without one."""
     if valve.limits_class:
-        yield "Class of its limits", valve.limits_class
+        yield say("fact_class", "Class of its limits"), valve.limits_class
 
 
-def nameplate_facts(nameplate: Nameplate, system: UnitSystem) -> Iterator[tuple[str, str]]:
+def nameplate_facts(nameplate: Nameplate, reader: Reader) -> Iterator[tuple[str, str]]:
     """Yield name and value of what the nameplate says; what it does not say is left out."""
     actuator, signal = nameplate.actuator, nameplate.signal
-    yield "Rated travel", quantity(actuator.travel_m, "m", system)
-    yield "Action", _ACTIONS[actuator.action]
+    yield say("fact_rated_travel", "Rated travel"), reader.quantity(actuator.travel_m, "m")
+    yield say("fact_action", "Action"), _ACTIONS[actuator.action]
     if actuator.diaphragm_area_m2 is not None:
-        yield "Diaphragm area", quantity(actuator.diaphragm_area_m2, "m2", system)
+        yield say("fact_diaphragm_area", "Diaphragm area"), reader.quantity(actuator.diaphragm_area_m2, "m2")
     if actuator.moving_mass_kg is not None:
-        yield "Moving mass", quantity(actuator.moving_mass_kg, "kg", system)
+        yield say("fact_moving_mass", "Moving mass"), reader.quantity(actuator.moving_mass_kg, "kg")
     if actuator.bench_set_pa is not None:
         rate = nameplate.nominal_spring_rate_n_per_m
-        implied = "" if rate is None else f", a spring rate of {quantity(rate, 'N/m', system)}"
-        yield "Bench set", _between(actuator.bench_set_pa, system) + implied
+        implied = None if rate is None else say("a_spring_rate", "a spring rate of {k}", k=reader.quantity(rate, "N/m"))
+        yield (
+            say("fact_bench_set", "Bench set"),
+            together([_between(actuator.bench_set_pa, reader), implied or ""], ", "),
+        )
     if signal is not None:
         low_ma, high_ma = signal.range_ma
-        yield "Signal", f"{low_ma:g} to {high_ma:g} mA for {_between(signal.range_pa, system)}"
+        span = _between(signal.range_pa, reader)
+        yield (
+            say("fact_signal", "Signal"),
+            say("signal_for", "{low:g} to {high:g} mA for {span}", low=low_ma, high=high_ma, span=span),
+        )
 
 
 def frame_of(valve: PlantValve | None, baseline: PastTest | None) -> Frame:
@@ -81,45 +97,73 @@ def frame_of(valve: PlantValve | None, baseline: PastTest | None) -> Frame:
     )
 
 
-def wiring_facts(wiring: ValveWiring, health: HealthLimits, system: UnitSystem) -> Iterator[tuple[str, str]]:
+def wiring_facts(wiring: ValveWiring, health: HealthLimits, reader: Reader) -> Iterator[tuple[str, str]]:
     """Yield name and value of the safe value, of what a test may do to the valve and of how far it may change."""
-    yield "Safe value", safe_value_words(wiring.safe_value_pa, system)
-    yield "Stem at the safe value", safe_position_words(wiring.rest, system)
-    yield "A test may use", _limits(wiring.limits, system)
+    yield say("fact_safe_value", "Safe value"), safe_value_words(wiring.safe_value_pa, reader)
+    yield say("fact_safe_position", "Stem at the safe value"), safe_position_words(wiring.rest, reader)
+    yield say("fact_test_may_use", "A test may use"), _limits(wiring.limits, reader)
     if wiring.limits.position_m is not None:
-        low, high = (quantity(end_m, "m", system) for end_m in wiring.limits.position_m)
-        yield "The stem may be", f"between {low} and {high}"
+        low, high = (reader.quantity(end_m, "m") for end_m in wiring.limits.position_m)
+        yield (
+            say("fact_stem_may_be", "The stem may be"),
+            say("stem_between", "between {low} and {high}", low=low, high=high),
+        )
     acquisition = wiring.acquisition
-    yield "Acquisition", f"{acquisition.mode.value}, a sample each {1e3 * acquisition.period_s:.4g} ms"
-    allowed = (
-        f"friction {health.friction_up_percent:g} % up and {health.friction_down_percent:g} % down, spring rate "
-        f"{health.spring_rate_percent:g} %, bench set {health.bench_set_percent:g} % of the pressure's span, travel "
-        f"{health.travel_lost_percent:g} % of the rated one"
+    yield (
+        say("fact_acquisition", "Acquisition"),
+        say(
+            "sample_each",
+            "{mode}, a sample each {period:.4g ms}",
+            mode=named(acquisition.mode.value),
+            period=acquisition.period_s,
+        ),
     )
-    yield "May change by", allowed
+    allowed = say(
+        "may_change_by",
+        "friction {up:g} % up and {down:g} % down, spring rate {spring:g} %, bench set {bench:g} % of the pressure's "
+        "span, travel {travel:g} % of the rated one",
+        up=health.friction_up_percent,
+        down=health.friction_down_percent,
+        spring=health.spring_rate_percent,
+        bench=health.bench_set_percent,
+        travel=health.travel_lost_percent,
+    )
+    yield say("fact_may_change_by", "May change by"), allowed
 
 
-def safe_value_words(safe_value_pa: float | str, system: UnitSystem) -> str:
+def safe_value_words(safe_value_pa: float | str, reader: Reader) -> str:
     """Return where a valve goes however its test ends."""
     if isinstance(safe_value_pa, str):
-        return {"entry": "the pressure before the test"}.get(safe_value_pa, safe_value_pa)
-    return quantity(safe_value_pa, "Pa", system)
+        return say("pressure_before", "the pressure before the test") if safe_value_pa == "entry" else safe_value_pa
+    return reader.quantity(safe_value_pa, "Pa")
 
 
-def safe_position_words(rules: RestRules, system: UnitSystem) -> str:
+def safe_position_words(rules: RestRules, reader: Reader) -> str:
     """Return where the stem should stand at the safe value, and when that is looked at."""
-    when = f"looked at {rules.after_s:g} s after the motion"
+    when = say("looked_at_after", "looked at {after:g} s after the motion", after=rules.after_s)
     if rules.position_m is None:
-        return f"no position is declared: told, not judged; {when}"
-    position, tolerance = (quantity(length_m, "m", system) for length_m in (rules.position_m, rules.tolerance_m))
-    return f"{position}, give or take {tolerance}; {when}"
+        return say("no_safe_position", "no position is declared: told, not judged; {when}", when=when)
+    position, tolerance = (reader.quantity(length_m, "m") for length_m in (rules.position_m, rules.tolerance_m))
+    return say(
+        "give_or_take",
+        "{position}, give or take {tolerance}; {when}",
+        position=position,
+        tolerance=tolerance,
+        when=when,
+    )
 
 
-def _limits(limits: MotionLimits, system: UnitSystem) -> str:
-    steps = "steps too" if limits.steps_allowed else "no steps"
-    rate = quantity(limits.pressure_rate_pa_per_s, "Pa/s", system)
-    return f"{_between(limits.pressure_pa, system)}, changes of {rate}, {steps}; {limits.longest_test_s:g} s at most"
+def _limits(limits: MotionLimits, reader: Reader) -> str:
+    return say(
+        "a_test_may_use",
+        "{span}, changes of {rate}, {steps}; {longest:g} s at most",
+        span=_between(limits.pressure_pa, reader),
+        rate=reader.quantity(limits.pressure_rate_pa_per_s, "Pa/s"),
+        steps=say("steps_too", "steps too") if limits.steps_allowed else say("fact_no_steps", "no steps"),
+        longest=limits.longest_test_s,
+    )
 
 
-def _between(span_pa: tuple[float, float], system: UnitSystem) -> str:
-    return f"{quantity(span_pa[0], 'Pa', system)} to {quantity(span_pa[1], 'Pa', system)}"
+def _between(span_pa: tuple[float, float], reader: Reader) -> str:
+    low, high = (reader.quantity(end_pa, "Pa") for end_pa in span_pa)
+    return say("low_to_high", "{low} to {high}", low=low, high=high)

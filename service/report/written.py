@@ -9,29 +9,39 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
-import matplotlib
-import typst
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import Environment
 from markupsafe import Markup
 
 from service.report.document import document_of
 from service.report.ended import EndedSource, ended_document
 from service.report.source import ReportSource
+from service.words.languages import Language, catalogue
+from service.words.templates import templates_in
 
 _TEMPLATES: Final = Path(__file__).parent / "templates"
-_FONTS: Final = Path(matplotlib.get_data_path()) / "fonts" / "ttf"  # DejaVu Sans, which the pictures use too
 _ID: Final = re.compile(r'(id="|href="#|url\(#|aria-labelledby=")([^")]+)')
 
 
+#: Where a template of the PDF says something, in quotes: ``#t("Why")``.
+_SAID: Final = re.compile(r"""\bt\(("(?:[^"\\]|\\.)*")""")
+
+
 @cache
-def _environment() -> Environment:
-    return Environment(
-        loader=FileSystemLoader(_TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+def report_templates(language: Language) -> Environment:
+    """Return what makes the reports as HTML in a language."""
+    return templates_in(_TEMPLATES, language)
+
+
+def sentences() -> list[str]:
+    """Return what the templates of the PDF say, in English."""
+    texts = (path.read_text(encoding="utf-8") for path in sorted(_TEMPLATES.glob("*.typ")))
+    return list(dict.fromkeys(json.loads(one) for text in texts for one in _SAID.findall(text)))
+
+
+@cache
+def _words(language: Language) -> dict[str, str]:
+    said = catalogue(language)
+    return {english: said.text(english) for english in sentences()}
 
 
 def _form(source: ReportSource | EndedSource) -> tuple[str, dict[str, Any]]:
@@ -49,12 +59,18 @@ def report_html(source: ReportSource | EndedSource, pdf_address: str = "") -> by
         name: {**picture, "svg": Markup(_own_ids(picture["svg"], name))}
         for name, picture in document["pictures"].items()
     }
-    return _environment().get_template(f"{form}.html").render(document).encode()
+    return report_templates(source.reader.language).get_template(f"{form}.html").render(document).encode()
 
 
 def report_pdf(source: ReportSource | EndedSource) -> bytes:
     """Return the report as PDF."""
+    import matplotlib
+    import typst
+
+    fonts = Path(matplotlib.get_data_path()) / "fonts" / "ttf"  # DejaVu Sans, which the pictures use too
     form, document = _form(source)
+    language = source.reader.language
+    document |= {"words": _words(language), "language": language.value}
     with tempfile.TemporaryDirectory(prefix="breakaway-report-") as folder:
         place = Path(folder)
         for name, picture in document["pictures"].items():
@@ -63,7 +79,7 @@ def report_pdf(source: ReportSource | EndedSource) -> bytes:
         for name in ("sheet.typ", f"{form}.typ"):
             (place / name).write_bytes((_TEMPLATES / name).read_bytes())
         compiled: Any = typst.compile(
-            place / f"{form}.typ", root=place, font_paths=[_FONTS], ignore_system_fonts=True, format="pdf"
+            place / f"{form}.typ", root=place, font_paths=[fonts], ignore_system_fonts=True, format="pdf"
         )
     return bytes(compiled)
 

@@ -25,6 +25,7 @@ from service.model.requester import RequesterKind
 from service.routes.json_body import JsonRoute
 from service.routes.lists import KNOWN_KEYS
 from valve.errors import NotFoundError
+from valve.messages import say
 
 session_router = APIRouter(prefix="/session", tags=["access"], responses=PROBLEMS, route_class=JsonRoute)
 router = APIRouter(tags=["access"], responses=PROBLEMS, route_class=JsonRoute, dependencies=[needs(Right.ADMINISTER)])
@@ -181,7 +182,9 @@ async def sign_out(request: Request, asks: Asks, access: Given[Access]) -> Respo
 async def change_own_password(wanted: NewPassword, asks: Asks, access: Given[Access], request: Request) -> Response:
     """Change one's own password; all of one's sessions end, this one too."""
     if asks.kind is not RequesterKind.PERSON:
-        raise NotFoundError(f"{asks.name} is no user, it has no password: sign in as one")
+        raise NotFoundError(
+            say("no_user_no_password", "{name} is no user, it has no password: sign in as one", name=asks.name)
+        )
     user = await access.known(asks.name, wanted.old, _address(request))
     await asyncio.to_thread(access.change_user, user.name, by=user.name, password=wanted.new)
     return Response(status_code=HTTPStatus.NO_CONTENT)
@@ -213,7 +216,13 @@ async def add_user(wanted: UserRequest, asks: Asks, access: Given[Access]) -> Us
 async def change_user(name: str, wanted: UserChange, asks: Asks, access: Given[Access]) -> UserView:
     """Change another user's role or password, disable or enable them; their sessions end at once."""
     if name == asks.name:
-        raise ForbiddenError(f"{name}: nobody changes themselves here: POST /session/password, or ask another admin")
+        raise ForbiddenError(
+            say(
+                "nobody_changes_themselves",
+                "{name}: nobody changes themselves here: POST /session/password, or ask another admin",
+                name=name,
+            )
+        )
     return _user(
         await asyncio.to_thread(
             access.change_user,
@@ -230,7 +239,9 @@ async def change_user(name: str, wanted: UserChange, asks: Asks, access: Given[A
 async def remove_user(name: str, asks: Asks, access: Given[Access]) -> Response:
     """Remove another user: their sessions end at once, the audit log goes on naming them."""
     if name == asks.name:
-        raise ForbiddenError(f"{name}: nobody removes themselves: ask another admin")
+        raise ForbiddenError(
+            say("nobody_removes_themselves", "{name}: nobody removes themselves: ask another admin", name=name)
+        )
     await asyncio.to_thread(access.remove_user, name, by=asks.name)
     return Response(status_code=HTTPStatus.NO_CONTENT)
 
@@ -255,7 +266,9 @@ async def create_token(wanted: TokenRequest, asks: Asks, access: Given[Access], 
     """Create a machine token. Its secret is in this answer and nowhere else."""
     unknown = sorted(set(wanted.valves or ()) - set(plant.valves))
     if unknown:
-        raise NotFoundError(f"valve {unknown[0]!r} is unknown: GET /valves lists all")
+        raise NotFoundError(
+            say("valve_of_token_unknown", "valve {tag} is unknown: GET /valves lists all", tag=repr(unknown[0]))
+        )
     token, secret = await asyncio.to_thread(
         access.create_token,
         wanted.name,

@@ -19,6 +19,7 @@ from service.runs.service import Runs
 from service.store.conditions import valve_standings
 from service.store.run_table import ValveHead
 from service.store.store import Store
+from valve.messages import say
 
 router = APIRouter(prefix="/alarms", tags=["valves"], responses=PROBLEMS)
 _OF_A_VALVE = "valve"
@@ -74,6 +75,10 @@ def _of_valve(runs: Runs, head: ValveHead) -> AlarmView | None:
         alarm=_OF_A_VALVE,
         since=last.finished_at or last.created_at,
         sentence=sentence,
-        remedy=f"look at the valve, then say what was found on its page, or by breakaway acknowledge {last.valve}",
+        remedy=say(
+            "look_and_say",
+            "look at the valve, then say what was found on its page, or by breakaway acknowledge {valve}",
+            valve=last.valve,
+        ),
         valves=[last.valve],
     )

@@ -25,7 +25,9 @@ from service.routes.trend_view import TrendView, trends_of
 from service.runs.own_test import completed_test_of
 from service.runs.service import Runs
 from service.store.store import Store
+from service.words.names import named
 from valve.errors import NotFoundError, RequestError
+from valve.messages import say
 
 router = APIRouter(prefix="/valves", tags=["health"], responses=PROBLEMS, route_class=JsonRoute)
 TestId = Annotated[str | None, Query(max_length=40, pattern=r"^[^\x00]*$")]
@@ -92,8 +94,12 @@ async def get_baseline(tag: str, runs: Given[Runs], store: Given[Store]) -> Base
     baseline = await asyncio.to_thread(store.figures.baseline, tag)
     if baseline is None:
         raise NotFoundError(
-            f"{tag}: there is no baseline yet: the first test that passes acceptance becomes it, or one that a person "
-            "chooses by POST to this address"
+            say(
+                "no_baseline_yet",
+                "{tag}: there is no baseline yet: the first test that passes acceptance becomes it, or one that a "
+                "person chooses by POST to this address",
+                tag=tag,
+            )
         )
     return _view(tag, baseline)
 
@@ -107,7 +113,9 @@ async def set_baseline(
     require_covers(asks, tag)
     run = await completed_test_of(runs, tag, wanted.test)
     if await asyncio.to_thread(store.figures.get, run.id) is None:
-        raise RequestError(f"test {run.id} has no figures: choose another completed test")
+        raise RequestError(
+            say("test_without_figures", "test {test} has no figures: choose another completed test", test=run.id)
+        )
     await asyncio.to_thread(audit.append, "baseline.set", who=asks.name, valve=tag, test=run.id)
     baseline = await asyncio.to_thread(store.figures.set_baseline, run, asks.name)
     assert baseline is not None, "its figures were just read"
@@ -164,12 +172,37 @@ def _test(store: Store, tag: str, test_id: str | None, label: Label, after: Past
     if test_id is not None:
         found = store.figures.get(test_id)
         if found is None or store.runs.get(test_id).valve != tag:
-            raise NotFoundError(f"{tag}: test {test_id[:64]} is no completed one of it: GET /tests lists all")
+            raise NotFoundError(
+                say(
+                    "no_completed_test_of_valve",
+                    "{tag}: test {test} is no completed one of it: GET /tests lists all",
+                    tag=tag,
+                    test=test_id[:64],
+                )
+            )
         return found
     labelled = store.figures.newest(tag, _MOST_TESTS, label=label)
     fitting = [one for one in labelled if after is None or one.at <= after.at]
     if not fitting:
-        word = label.value.replace("_", " ")
-        when = "" if after is None else f" up to {after.test_id} as left"
-        raise NotFoundError(f'{tag}: no completed test{when} is labelled {word}: run one with "label": "{label.value}"')
+        word = named(label.value)
+        if after is None:
+            raise NotFoundError(
+                say(
+                    "none_labelled",
+                    '{tag}: no completed test is labelled {words}: run one with "label": "{label}"',
+                    tag=tag,
+                    words=word,
+                    label=label.value,
+                )
+            )
+        raise NotFoundError(
+            say(
+                "none_labelled_before",
+                '{tag}: no completed test up to {test} as left is labelled {words}: run one with "label": "{label}"',
+                tag=tag,
+                test=after.test_id,
+                words=word,
+                label=label.value,
+            )
+        )
     return fitting[0]

@@ -10,6 +10,8 @@ from typing import Any, Final
 from fastapi import HTTPException, Request, Response
 from fastapi.routing import APIRoute
 
+from valve.messages import message_of, say
+
 _MOST_DIGITS: Final = 20
 
 
@@ -23,9 +25,9 @@ class JsonRequest(Request):
                 await self.body(), object_pairs_hook=_unique, parse_int=_short_integer, parse_constant=_no_number
             )
         except RecursionError:
-            raise _unreadable("it is nested too deeply") from None
+            raise _unreadable(say("nested_too_deeply", "it is nested too deeply")) from None
         except ValueError as error:
-            raise _unreadable(str(error)) from None
+            raise _unreadable(message_of(error)) from None
 
 
 class JsonRoute(APIRoute):
@@ -51,13 +53,16 @@ def _require_json(request: Request) -> None:
         return
     raise HTTPException(
         HTTPStatus.UNSUPPORTED_MEDIA_TYPE,
-        f"the body is {kind[:80] or 'of no known type'}: send JSON with Content-Type: application/json",
+        say("send_json", "the body is {kind}: send JSON with Content-Type: application/json", kind=kind[:80])
+        if kind
+        else say("send_json_with_type", "the body is of no known type: send JSON with Content-Type: application/json"),
     )
 
 
 def _unreadable(reason: str) -> HTTPException:
     return HTTPException(
-        HTTPStatus.UNPROCESSABLE_ENTITY, f"the body is no JSON that can be read: {reason}: correct the request"
+        HTTPStatus.UNPROCESSABLE_ENTITY,
+        say("body_no_json", "the body is no JSON that can be read: {reason}: correct the request", reason=reason),
     )
 
 
@@ -65,16 +70,18 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     members: dict[str, Any] = {}
     for key, value in pairs:
         if key in members:
-            raise ValueError(f"the key {key[:80]!r} stands in it twice")
+            raise ValueError(say("key_twice", "the key {key} stands in it twice", key=repr(key[:80])))
         members[key] = value
     return members
 
 
 def _short_integer(digits: str) -> int:
     if len(digits) > _MOST_DIGITS:
-        raise ValueError(f"a whole number has {len(digits)} digits, the most is {_MOST_DIGITS}")
+        raise ValueError(
+            say("long_integer", "a whole number has {n} digits, the most is {most}", n=len(digits), most=_MOST_DIGITS)
+        )
     return int(digits)
 
 
 def _no_number(name: str) -> float:
-    raise ValueError(f"{name} is no number")
+    raise ValueError(say("no_number", "{name} is no number", name=name))

@@ -16,7 +16,8 @@ from pydantic import AfterValidator
 
 from service.config.settings import Plant
 from service.routes.recording_formats import CSV, qualities
-from service.words.spelling import nearest
+from service.words.spelling import nearest, unknown_key
+from valve.messages import say
 
 _JSON: Final = "application/json"
 #: For ``responses`` of a route: what its OpenAPI entry says beside JSON.
@@ -45,10 +46,16 @@ async def known_keys_only(request: Request) -> None:  # a thread for this would 
 
 def _unknown(key: str, known: Sequence[str]) -> str:
     if not known:
-        return "this key is unknown, none is known here"
+        return say("no_key_known", "this key is unknown, none is known here")
     close = nearest(key, known)
-    meant = "" if close is None else f", did you mean {close}?"
-    return f"this key is unknown{meant}{';' if meant else ','} known here are {', '.join(known)}"
+    if close is None:
+        return unknown_key(key, known)
+    return say(
+        "key_meant_of_known",
+        "this key is unknown, did you mean {close}?; known here are {known:, }",
+        close=close,
+        known=tuple(known),
+    )
 
 
 #: For ``dependencies`` of a route, behind the right that it needs.
@@ -78,6 +85,10 @@ Areas = Annotated[
 Form = Annotated[Literal["json", "csv"] | None, Query(alias="format", description="stands above Accept")]
 
 
+def _of_no_area(area: str, told: str) -> str:
+    return say("no_valve_of_area", "no valve is of {area}; {told}", area=repr(area[:80]), told=told)
+
+
 def tags_of_areas(plant: Plant, areas: Sequence[str]) -> list[str]:
     """Return the tags of the valves of these areas, sorted; of all where none is asked for.
 
@@ -87,12 +98,13 @@ def tags_of_areas(plant: Plant, areas: Sequence[str]) -> list[str]:
     known = sorted({area for area in by_tag.values() if area is not None})
     unknown = [area for area in dict.fromkeys(areas) if area not in known]
     if unknown:
-        told = f"known here are {', '.join(known)}" if known else "plant.toml gives no valve an area"
+        told = (
+            say("known_here", "known here are {known:, }", known=tuple(known))
+            if known
+            else say("no_areas", "plant.toml gives no valve an area")
+        )
         raise RequestValidationError(
-            [
-                {"type": "unknown_area", "loc": ("query", "area"), "msg": f"no valve is of {area[:80]!r}; {told}"}
-                for area in unknown
-            ]
+            [{"type": "unknown_area", "loc": ("query", "area"), "msg": _of_no_area(area, told)} for area in unknown]
         )
     return sorted(tag for tag, area in by_tag.items() if not areas or area in areas)
 

@@ -20,7 +20,9 @@ from service.runs.own_test import completed_test_of
 from service.runs.service import Runs
 from service.store.model_table import AcceptedModel
 from service.store.store import Store
+from service.words.names import named
 from valve.errors import NotFoundError, RequestError
+from valve.messages import say
 
 router = APIRouter(prefix="/valves", tags=["models"], responses=PROBLEMS, route_class=JsonRoute)
 
@@ -58,7 +60,13 @@ async def get_model(tag: str, runs: Given[Runs], store: Given[Store]) -> ModelVi
     runs.valve(tag)
     accepted = await asyncio.to_thread(store.models.current, tag)
     if accepted is None:
-        raise NotFoundError(f"{tag}: no model was accepted: accept that of a test by POST /valves/{tag}/model")
+        raise NotFoundError(
+            say(
+                "no_model_accepted",
+                "{tag}: no model was accepted: accept that of a test by POST /valves/{tag}/model",
+                tag=tag,
+            )
+        )
     return _view(accepted)
 
 
@@ -73,14 +81,24 @@ async def accept_model(
     discrepancy = (run.analysis or {}).get("discrepancy") or {}
     model = discrepancy.get("extended_model")
     if model is None:
-        verdict = str(discrepancy.get("verdict", "not_assessed")).replace("_", " ")
+        verdict = named(str(discrepancy.get("verdict", "not_assessed")))
         raise RequestError(
-            f"test {run.id} has no extended model (diagnosis: {verdict}): accept that of a test with a named cause"
+            say(
+                "no_extended_model",
+                "test {test} has no extended model (diagnosis: {verdict}): accept that of a test with a named cause",
+                test=run.id,
+                verdict=verdict,
+            )
         )
     if discrepancy.get("verdict") == "ambiguous":
         raise RequestError(
-            f"test {run.id} does not tell its cause from {', '.join(discrepancy.get('not_told_apart_from') or ())}: "
-            "run the sequence separating first, and accept the model of a test with a named cause"
+            say(
+                "cause_not_told_apart",
+                "test {test} does not tell its cause from {rivals:, }: run the sequence separating first, and accept "
+                "the model of a test with a named cause",
+                test=run.id,
+                rivals=tuple(discrepancy.get("not_told_apart_from") or ()),
+            )
         )
     details = {"test": run.id, "causes": sorted(model["causes"])}
     await asyncio.to_thread(audit.append, "model.accepted", who=asks.name, valve=tag, test=run.id, details=details)
@@ -96,7 +114,9 @@ async def withdraw_model(
     require_covers(asks, tag)
     accepted = await asyncio.to_thread(store.models.current, tag)
     if accepted is None:
-        raise NotFoundError(f"{tag}: no model was accepted, so there is none to take back")
+        raise NotFoundError(
+            say("no_model_to_take_back", "{tag}: no model was accepted, so there is none to take back", tag=tag)
+        )
     await asyncio.to_thread(audit.append, "model.withdrawn", who=asks.name, valve=tag, test=accepted.test)
     await asyncio.to_thread(store.models.withdraw, tag, asks.name)
     return Response(status_code=HTTPStatus.NO_CONTENT)

@@ -19,6 +19,7 @@ from service.model.refusals import ForbiddenError
 from service.routes.json_body import JsonRoute
 from service.routes.lists import KNOWN_KEYS, in_utc
 from service.runs.reanalyses import Reanalyses
+from valve.messages import say
 
 router = APIRouter(prefix="/reanalyses", tags=["re-analyses"], responses=PROBLEMS, route_class=JsonRoute)
 Number = Annotated[int, Path(ge=1, lt=2**31)]
@@ -116,7 +117,13 @@ def _require_covers(asks: Principal, valve: str | None) -> None:
     if valve is not None:
         require_covers(asks, valve)
     elif asks.valves is not None:
-        raise ForbiddenError(f"the token of {asks.name} is for some valves: name one of them as valve")
+        raise ForbiddenError(
+            say(
+                "token_for_some_valves",
+                "the token of {name} is for some valves: name one of them as valve",
+                name=asks.name,
+            )
+        )
 
 
 @router.post(

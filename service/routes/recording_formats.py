@@ -7,6 +7,8 @@ from typing import Final
 
 from starlette.exceptions import HTTPException
 
+from valve.messages import say
+
 CSV: Final = "text/csv"
 PARQUET: Final = "application/vnd.apache.parquet"  # registered with IANA
 _PARQUET_NAMES: Final = (PARQUET, "application/x-parquet", "application/parquet")
@@ -41,5 +43,13 @@ def acceptable(accept: str) -> str:
     csv = next((wishes[name] for name in (CSV, "text/*", "*/*") if name in wishes), 0.0)
     parquet = next((wishes[name] for name in (*_PARQUET_NAMES, "application/*", "*/*") if name in wishes), 0.0)
     if max(csv, parquet) == 0.0:
-        raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"a recording comes as {CSV} or {PARQUET}: accept one of them")
+        raise HTTPException(
+            HTTPStatus.NOT_ACCEPTABLE,
+            say(
+                "formats_of_recording",
+                "a recording comes as {csv} or {parquet}: accept one of them",
+                csv=CSV,
+                parquet=PARQUET,
+            ),
+        )
     return PARQUET if parquet > csv else CSV

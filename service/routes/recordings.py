@@ -8,6 +8,7 @@ import secrets
 import shutil
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
+from functools import partial
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any, Final
@@ -20,6 +21,7 @@ from service.access.needs import needs
 from service.access.principal import Right
 from service.config.nameplates import nameplate_from_mapping, nameplate_from_toml
 from service.config.settings import Plant
+from service.http.errors import PageReader
 from service.http.given import Given
 from service.http.problems import PROBLEMS
 from service.own_files.mapping import parse_mapping
@@ -27,6 +29,7 @@ from service.runs.analyst import Analyst
 from service.shown.analysis_summary import summary_of
 from service.store.store import Store
 from valve.errors import RecordingError, RequestError
+from valve.messages import Message, changed, message_of, say, with_table
 from valve.nameplate import Nameplate
 
 router = APIRouter(prefix="/recordings", tags=["recordings"], responses=PROBLEMS)
@@ -65,7 +68,11 @@ _PARTS: Final = "one or more recording, any held_out, one nameplate or valve, an
 
 @router.post("/analyze", dependencies=[needs(Right.ANALYZE)], openapi_extra={"requestBody": _BODY})
 async def analyze_recording(
-    request: Request, plant: Given[Plant], store: Given[Store], analyst: Given[Analyst]
+    request: Request,
+    plant: Given[Plant],
+    store: Given[Store],
+    analyst: Given[Analyst],
+    page: PageReader,
 ) -> dict[str, Any]:
     """Analyse uploaded recordings of one valve: the analysis object. Nothing is kept.
 
@@ -75,16 +82,25 @@ async def analyze_recording(
     if not request.headers.get("content-type", "").lower().startswith("multipart/form-data"):
         raise HTTPException(
             HTTPStatus.UNSUPPORTED_MEDIA_TYPE,
-            "the body is no multipart/form-data: send the parts recording and nameplate",
+            say("body_no_form", "the body is no multipart/form-data: send the parts recording and nameplate"),
         )
     async with _form(request) as form:
         unknown = sorted(set(form) - {"recording", "held_out", *_SINGLE})
         if unknown or any(len(form.getlist(name)) > 1 for name in _SINGLE):
-            raise RequestError(f"the parts {unknown or sorted(form)} are not {_PARTS}: send these")
+            raise RequestError(
+                say(
+                    "parts_unknown",
+                    "the parts {unknown} are not {parts}: send these",
+                    unknown=str(unknown or sorted(form)),
+                    parts=_PARTS,
+                )
+            )
         nameplate, mapping = await _nameplate(form, plant), _mapping(form)
         recordings, held_out = (_uploads(form, name) for name in ("recording", "held_out"))
         if not recordings:
-            raise RequestError("part recording is missing or no file: attach the CSV or Parquet file")
+            raise RequestError(
+                say("part_recording_missing", "part recording is missing or no file: attach the CSV or Parquet file")
+            )
         token = secrets.token_hex(16)
         kept = {store.uploads / f"{token}.{number}": one for number, one in enumerate([*recordings, *held_out])}
         names = {path: _name(upload) for path, upload in kept.items()}
@@ -100,21 +116,30 @@ async def analyze_recording(
             sent = {path.name: _name(upload) for path, upload in kept.items()}
             for one in analysis["recording"].get("understood", ()):
                 one["file"] = sent[one["file"]]
-            return {**analysis, "summary": summary_of(analysis)} if analysis["estimates"] else analysis
+            if not analysis["estimates"]:
+                return analysis
+            return with_table({**analysis, "summary": summary_of(analysis, page)})
         except RecordingError as error:
-            said = str(error)
-            for path, name in names.items():
-                said = said.replace(str(path), name)
-            raise RecordingError(said) from error
+            raise RecordingError(changed(message_of(error), partial(_with_names, names))) from error
         finally:
             for path in kept:
                 path.unlink(missing_ok=True)
 
 
+def _with_names(names: Mapping[Path, str], text: str) -> str:
+    """Return a text with the senders' names of its files; the text of a message has none of its own."""
+    if not isinstance(text, Message):
+        for path, name in names.items():
+            text = text.replace(str(path), name)
+    return text
+
+
 def _uploads(form: FormData, name: str) -> list[UploadFile]:
     found = form.getlist(name)
     if not all(isinstance(part, UploadFile) for part in found):
-        raise RequestError(f"part {name} is missing or no file: attach the CSV or Parquet file")
+        raise RequestError(
+            say("part_missing", "part {name} is missing or no file: attach the CSV or Parquet file", name=name)
+        )
     return [part for part in found if isinstance(part, UploadFile)]
 
 
@@ -127,7 +152,11 @@ async def _form(request: Request) -> AsyncIterator[FormData]:
             raise
         reason = str(error.detail).rstrip(".")
         raise RequestError(
-            f"the body cannot be read as multipart/form-data ({reason}): send the parts recording and nameplate"
+            say(
+                "form_unreadable",
+                "the body cannot be read as multipart/form-data ({reason}): send the parts recording and nameplate",
+                reason=reason,
+            )
         ) from None
     try:
         yield form
@@ -150,7 +179,7 @@ def _keep(uploads: Mapping[Path, UploadFile]) -> None:
 def _mapping(form: FormData) -> dict[str, str]:
     text = form.get("map", "")
     if not isinstance(text, str):
-        raise RequestError("part map is a file: send it as a field, such as position_m=Hub [%]")
+        raise RequestError(say("map_is_file", "part map is a file: send it as a field, such as position_m=Hub [%]"))
     return parse_mapping(text)
 
 
@@ -158,17 +187,30 @@ async def _nameplate(form: FormData, plant: Plant) -> Nameplate:
     part, tag = form.get("nameplate"), form.get("valve")
     if isinstance(tag, str) and tag and not part:
         if tag not in plant.valves:
-            raise RequestError(f"valve {tag[:_LONGEST_NAME]!r}: this plant has none of this tag: send a nameplate")
+            raise RequestError(
+                say(
+                    "no_valve_of_tag",
+                    "valve {tag}: this plant has none of this tag: send a nameplate",
+                    tag=repr(tag[:_LONGEST_NAME]),
+                )
+            )
         return plant.valves[tag].nameplate
     if tag and part:
-        raise RequestError("parts nameplate and valve are both there: send one of them")
+        raise RequestError(say("nameplate_and_valve", "parts nameplate and valve are both there: send one of them"))
     if part is None:
-        raise RequestError("part nameplate is missing: send the nameplate as TOML or JSON, or a tag as part valve")
+        raise RequestError(
+            say(
+                "nameplate_missing",
+                "part nameplate is missing: send the nameplate as TOML or JSON, or a tag as part valve",
+            )
+        )
     data = await part.read() if isinstance(part, UploadFile) else part.encode("utf-8", "surrogatepass")
     if not data.lstrip().startswith(b"{"):
         return nameplate_from_toml(data, "nameplate")
     try:
         mapping = json.loads(data)
     except (ValueError, RecursionError) as error:
-        raise RequestError(f"nameplate: it is no JSON: {error}: correct it") from error
+        raise RequestError(
+            say("nameplate_no_json", "nameplate: it is no JSON: {why}: correct it", why=message_of(error))
+        ) from error
     return nameplate_from_mapping(mapping, "nameplate")

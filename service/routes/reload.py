@@ -12,6 +12,7 @@ from service.http.given import Given
 from service.http.problems import PROBLEMS
 from service.model.refusals import ForbiddenError
 from service.reload import Reloaded, Reloader
+from valve.messages import say
 
 router = APIRouter(prefix="/plant", tags=["plant"], responses=PROBLEMS)
 
@@ -23,5 +24,11 @@ async def reload_plant(asks: Asks, reloader: Given[Reloader]) -> Reloaded:
     A file with a fault is answered 422 with every fault, and changes nothing.
     """
     if asks.valves is not None:
-        raise ForbiddenError(f"the token of {asks.name} is for some valves: the plant file is about all of them")
+        raise ForbiddenError(
+            say(
+                "token_cannot_reload",
+                "the token of {name} is for some valves: the plant file is about all of them",
+                name=asks.name,
+            )
+        )
     return await reloader.reload(asks.name)

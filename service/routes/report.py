@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from http import HTTPStatus
 from typing import Annotated, Final, Literal
 
@@ -24,9 +24,12 @@ from service.report.written import report_html, report_pdf
 from service.routes.recording_formats import qualities
 from service.runs.service import Runs
 from service.store.store import Store
-from service.tablet.rendering import units_of
+from service.tablet.rendering import reader_of
+from service.words.languages import Language
+from service.words.reader import Reader
 from service.words.units import UnitSystem
 from valve.errors import NotFoundError
+from valve.messages import say
 
 router = APIRouter(prefix="/tests", tags=["tests"], responses=PROBLEMS)
 
@@ -36,7 +39,7 @@ _HEADERS: Final = {
     "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
     "Cache-Control": "no-store",
-    "Vary": "Accept, Cookie",
+    "Vary": "Accept, Accept-Language, Cookie",
 }
 
 
@@ -47,11 +50,11 @@ class _Source:
     plant: Plant
     store: Store
 
-    def of(self, run: Run, system: UnitSystem) -> ReportSource | EndedSource:
+    def of(self, run: Run, reader: Reader) -> ReportSource | EndedSource:
         """Return what the report of a test says; reads the database and blocks."""
         if run.analysis is None:
-            return ended_source_of(self.plant, self.store, run, system)
-        return source_of(self.plant, self.store, run, system)
+            return ended_source_of(self.plant, self.store, run, reader)
+        return source_of(self.plant, self.store, run, reader)
 
 
 async def _source(plant: Given[Plant], store: Given[Store]) -> _Source:
@@ -73,16 +76,27 @@ async def get_report(
     *,
     wanted: Annotated[Literal["pdf", "html"] | None, Query(alias="format", description="stands above Accept")] = None,
     units: Annotated[UnitSystem | None, Query(description="what it is read in; SI by default")] = None,
+    language: Annotated[
+        Language | None, Query(description="what it is read in; what `Accept-Language` likes best by default")
+    ] = None,
 ) -> Response:
     """Return the report of a test that has ended, with a result or without: PDF, or HTML where `Accept` prefers it."""
     kind = wanted or _preferred(request.headers.get("accept", "*/*"))
     run = await runs.get(test_id)
     if not run.state.finished:
-        raise NotFoundError(f"test {run.id} has no report yet (it is {run.state.value}): ask again when it has ended")
-    system = units or units_of(request)
-    found = await asyncio.to_thread(source.of, run, system)
+        raise NotFoundError(
+            say(
+                "no_report_yet",
+                "test {test} has no report yet (it is {state}): ask again when it has ended",
+                test=run.id,
+                state=run.state.value,
+            )
+        )
+    kept = reader_of(request, source.plant.zone)
+    reader = replace(kept, system=units or kept.system, language=language or kept.language)
+    found = await asyncio.to_thread(source.of, run, reader)
     if kind == "html":
-        address = f"/tests/{run.id}/report?format=pdf&units={system.value}"
+        address = f"/tests/{run.id}/report?format=pdf&units={reader.system.value}&language={reader.language.value}"
         return Response(await drawer.document(report_html, found, address), headers=_HEADERS, media_type=_HTML)
     data = await drawer.document(report_pdf, found)
     disposition = {"Content-Disposition": f'inline; filename="{run.file_stem}.pdf"'}
@@ -94,5 +108,8 @@ def _preferred(accept: str) -> Literal["pdf", "html"]:
     pdf = next((wishes[name] for name in (_PDF, "application/*", "*/*") if name in wishes), 0.0)
     html = next((wishes[name] for name in (_HTML, "text/*", "*/*") if name in wishes), 0.0)
     if max(pdf, html) == 0.0:
-        raise HTTPException(HTTPStatus.NOT_ACCEPTABLE, f"a report comes as {_PDF} or {_HTML}: accept one of them")
+        raise HTTPException(
+            HTTPStatus.NOT_ACCEPTABLE,
+            say("formats_of_report", "a report comes as {pdf} or {html}: accept one of them", pdf=_PDF, html=_HTML),
+        )
     return "html" if html > pdf else "pdf"

@@ -5,21 +5,27 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict
 from datetime import datetime
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
-from fastapi import Header
+from fastapi import Depends
 from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from drivers.stands_at import StandsAt, StemVerdict
-from service.http.errors import UNITS_HEADER
+from service.http.errors import PageReader
 from service.model.acknowledgement import needs_acknowledgement
 from service.model.run import Label, Run, RunState
 from service.model.stands_words import stands_sentence
-from service.words.sentences import in_units
-from service.words.units import UnitSystem
+from service.words.reader import Reader
+from valve.messages import TABLE, with_table
 
-#: What the pages of the tablet say that they are read in; SI where nobody says it.
-ReadIn = Annotated[str | None, Header(alias=UNITS_HEADER, include_in_schema=False, max_length=16)]
+
+async def _reader(page: PageReader) -> Reader:
+    return page or Reader()
+
+
+#: Who reads the pages of the tablet; English and SI where it is no page that asks.
+ReaderOf = Annotated[Reader, Depends(_reader)]
+_ENGLISH: Final = Reader()
 Permit = Annotated[str, Field(min_length=1, max_length=64, description="the work permit, where the valve demands one")]
 
 
@@ -145,6 +151,10 @@ class RunView(RunSummary):
     described_by: str | None
     quality: Mapping[str, Any] | None = Field(description="achieved rate, jitter and missed slots of the recording")
     analysis: Mapping[str, Any] | None = Field(description="the analysis object, breakaway/analysis/1, once completed")
+    messages: Mapping[str, Any] = Field(
+        description="what the sentences above were made of, by their text: code, template and values in SI; those of "
+        "the analysis are in it"
+    )
 
 
 class RunPage(BaseModel):
@@ -154,21 +164,21 @@ class RunPage(BaseModel):
     next: str | None
 
 
-def _shared(run: Run, system: UnitSystem = UnitSystem.SI) -> dict[str, Any]:
+def _shared(run: Run, reader: Reader = _ENGLISH) -> dict[str, Any]:
     href = f"/tests/{run.id}"
     link = None
     if run.recording_sha256 is not None:
         link = RecordingLink(href=f"{href}/recording", sha256=run.recording_sha256)
     names = RunSummary.model_fields.keys() - {"recording", "href", "stands"}
     shown = {name: getattr(run, name) for name in names}
-    return shown | {"recording": link, "href": href, "stands": stands_view(run.stands, system)}
+    return shown | {"recording": link, "href": href, "stands": stands_view(run.stands, reader)}
 
 
-def stands_view(stands: StandsAt | None, system: UnitSystem = UnitSystem.SI) -> StandsView | None:
-    """Return where a valve stands; the sentence in the units of ``system``, every number SI."""
+def stands_view(stands: StandsAt | None, reader: Reader = _ENGLISH) -> StandsView | None:
+    """Return where a valve stands; the sentence as ``reader`` reads it, every number SI."""
     if stands is None:
         return None
-    sentence = in_units(stands_sentence(stands), system)
+    sentence = reader.told(stands_sentence(stands))
     return StandsView(**asdict(stands), stem_percent=stands.stem_percent, sentence=sentence)
 
 
@@ -177,10 +187,10 @@ def summary(run: Run) -> RunSummary:
     return RunSummary(**_shared(run))
 
 
-def view(run: Run, system: UnitSystem = UnitSystem.SI) -> RunView:
-    """Return a test with all that is known of it; where its valve stands is said in the units of ``system``."""
+def view(run: Run, reader: Reader = _ENGLISH) -> RunView:
+    """Return a test with all that is known of it; where its valve stands is said as ``reader`` reads it."""
     return RunView(
-        **_shared(run, system),
+        **_shared(run, reader),
         run_number=run.number,
         until=run.until,
         ended_early=None if run.ended_early is None else EndedEarly(**run.ended_early),
@@ -195,4 +205,10 @@ def view(run: Run, system: UnitSystem = UnitSystem.SI) -> RunView:
         described_by=run.described_by,
         quality=run.quality,
         analysis=run.analysis,
+        messages=_messages(run),
     )
+
+
+def _messages(run: Run) -> Mapping[str, Any]:
+    told = {"error": run.error, "permissives": run.permissives, "quality": run.quality}
+    return with_table(told).get(TABLE) or {}

@@ -39,12 +39,11 @@ from service.routes.lists import (
     wants_csv,
 )
 from service.routes.recording_formats import CSV, PARQUET, acceptable
-from service.routes.run_views import ReadIn, RunDescription, RunPage, RunRequest, RunView, summary, view
+from service.routes.run_views import ReaderOf, RunDescription, RunPage, RunRequest, RunView, summary, view
 from service.runs.events import Event
 from service.runs.service import Runs
 from service.store.run_table import RunFilter
 from service.store.store import Store
-from service.words.units import UnitSystem
 
 router = APIRouter(prefix="/tests", tags=["tests"], responses=PROBLEMS, route_class=JsonRoute)
 
@@ -179,9 +178,9 @@ async def describe_test(test_id: str, said: RunDescription, runs: Given[Runs], a
 
 
 @router.post("/{test_id}/stop", dependencies=[needs(Right.STOP)])
-async def stop_test(test_id: str, runs: Given[Runs], asks: Asks, read_in: ReadIn = None) -> RunView:
+async def stop_test(test_id: str, runs: Given[Runs], asks: Asks, reader: ReaderOf) -> RunView:
     """Send the valve to its safe value at once; a test that has ended stays as it is."""
-    return view(await runs.stop(test_id, asks.requester), UnitSystem.of(read_in))
+    return view(await runs.stop(test_id, asks.requester), reader)
 
 
 @router.post("/{test_id}/analyze", status_code=HTTPStatus.ACCEPTED, dependencies=[needs(Right.ANALYZE)])

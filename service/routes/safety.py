@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated
 
 from fastapi import APIRouter, Query
@@ -12,9 +13,8 @@ from service.access.principal import Right
 from service.http.given import Given
 from service.http.problems import PROBLEMS
 from service.routes.json_body import JsonRoute
-from service.routes.run_views import Permit, RunView, view
+from service.routes.run_views import Permit, ReaderOf, RunView, view
 from service.runs.service import Runs
-from service.words.sentences import all_in_units
 from service.words.units import UnitSystem
 
 router = APIRouter(responses=PROBLEMS, route_class=JsonRoute)
@@ -51,6 +51,7 @@ class Acknowledgement(BaseModel):
 async def get_permissives(
     tag: str,
     runs: Given[Runs],
+    reader: ReaderOf,
     permit: Annotated[Permit | None, Query()] = None,
     units: UnitSystem = UnitSystem.SI,
 ) -> PermissionView:
@@ -60,9 +61,12 @@ async def get_permissives(
     """
     permission, reason = await runs.permission(tag, permit)
     shown = {"read_at": None, "permissives": []} if permission is None else permission.to_json()
-    shown["permissives"] = all_in_units(shown["permissives"], units)
+    shown["permissives"] = replace(reader, system=units).all_told(shown["permissives"])
+    not_fresh = reader.shown(reason)
     may_start = permission is not None and permission.may_start and not reason
-    return PermissionView.model_validate({**shown, "valve": tag, "may_start": may_start, "not_fresh_because": reason})
+    return PermissionView.model_validate(
+        {**shown, "valve": tag, "may_start": may_start, "not_fresh_because": not_fresh}
+    )
 
 
 @router.post("/valves/{tag:path}/stop", tags=["valves"], dependencies=[needs(Right.STOP)])

@@ -18,12 +18,13 @@ from service.config.settings import PlantValve
 from service.model.acknowledgement import ENDED_KEY
 from service.model.requester import person_of
 from service.model.run import Run, RunState
-from service.runs.analyst import ANALYSIS_FAILED, Analyst, assessed
+from service.runs.analyst import ANALYSIS_FAILED, Analyst, analysis_failed, assessed
 from service.runs.live import MOTION_SHARE, LiveRun
 from service.runs.separating import played_by
 from service.store.store import Store
 from service.words.plant_clock import instant_words
 from valve.errors import ValveError
+from valve.messages import message_of, report_it, say
 
 #: Key of an analysis that was made again: when, by which software and for whom.
 REPEATED: Final = "repeated"
@@ -56,8 +57,10 @@ def words_of_repetition(run: Run, zone: tzinfo | None) -> str:
     if not about:
         return ""
     at = instant_words(datetime.fromisoformat(str(about["at"])), zone)
-    person = person_of(str(about["by"]))
-    return f"made again on {at}{' for ' + person if person else ''} by {about['software']}"
+    person, software = person_of(str(about["by"])), str(about["software"])
+    if not person:
+        return say("made_again", "made again on {at} by {software}", at=at, software=software)
+    return say("made_again_for", "made again on {at} for {who} by {software}", at=at, who=person, software=software)
 
 
 def begun_again(run: Run) -> dict[str, Any]:
@@ -90,17 +93,22 @@ async def analyse_again(
         changes = {"state": RunState.COMPLETED, "analysis": {**analysis, REPEATED: dict(about)}, "progress": 1.0}
     except Exception as error:  # noqa: BLE001  - here an analysis' failure is stored
         _LOG.error("analysis failed", test=run.id, exc_info=None if isinstance(error, ValveError) else error)
-        reason = str(error) if isinstance(error, ValveError) else f"{type(error).__name__}: {error}: report it"
-        changes = {"state": RunState.FAILED, "error": f"{ANALYSIS_FAILED}: {reason}"}
+        reason = message_of(error) if isinstance(error, ValveError) else report_it(error)
+        changes = {"state": RunState.FAILED, "error": analysis_failed(reason)}
         if run.analysis is not None:
-            failed = f"repeating its analysis failed, the former result stands: {reason}"
+            failed = say(
+                "repeating_analysis_failed",
+                "repeating its analysis failed, the former result stands: {why}",
+                why=reason,
+            )
             changes = {"state": RunState.COMPLETED, "error": failed, "progress": 1.0}
     changes |= {"finished_at": datetime.now(UTC), "quality": quality}
     try:
         changed = await asyncio.to_thread(store.runs.change, run.id, changes)  # its stem was looked at meanwhile
     except Exception as error:  # noqa: BLE001  - it stands as unfinished in the store, and is taken up at the next start
         _LOG.error("analysis not stored", test=run.id, exc_info=error)
-        changed = replace(run, state=RunState.FAILED, error=f"{ANALYSIS_FAILED}: the store cannot be written")
+        reason = say("store_cannot_be_written", "the store cannot be written")
+        changed = replace(run, state=RunState.FAILED, error=analysis_failed(reason))
     store.state_counts.count_anew()
     live.run = changed
     live.announce()

@@ -13,6 +13,7 @@ from service.model.run import Run
 from service.runs.room import room_to_json
 from service.runs.separating import TOGETHER
 from service.store.store import Store
+from valve.messages import say, with_table
 from valve.nameplate import Nameplate
 
 
@@ -47,7 +48,7 @@ class Analyst(Protocol):
 #: One without it is older than the first.
 ENGINE: Final = 1
 #: How the reason of a test begins whose motion ended well.
-ANALYSIS_FAILED: Final = "the recording is stored, its analysis failed"
+ANALYSIS_FAILED: Final = say("analysis_failed", "the recording is stored, its analysis failed")
 
 
 async def assessed(
@@ -61,7 +62,9 @@ async def assessed(
     progress: Callable[[float, str], None],
     behind: bool = False,
 ) -> dict[str, Any]:
-    """Return the analysis of a run's recording with the valve's health; ``together`` are ids of tests beside it.
+    """Return the analysis of a run's recording with the valve's health, and what its sentences were made of.
+
+    ``together`` are ids of tests beside it.
 
     ``sequence`` is what was played. Raises ValveError.
     """
@@ -80,4 +83,9 @@ async def assessed(
     if accepted is not None:
         analysis = {**analysis, "accepted_model": {"number": accepted.number, "test": accepted.test}}
     health = await asyncio.to_thread(health_of, store.figures, valve, run, analysis)
-    return {**analysis, "engine": ENGINE, "health": health}
+    return with_table({**analysis, "engine": ENGINE, "health": health})
+
+
+def analysis_failed(reason: str) -> str:
+    """Return that only the analysis of a test failed, and why."""
+    return say("analysis_failed_because", "{failed}: {why}", failed=ANALYSIS_FAILED, why=reason)

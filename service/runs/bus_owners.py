@@ -10,6 +10,7 @@ from typing import Final
 
 from drivers.motion.orders import Locks
 from valve.errors import BusyError
+from valve.messages import say
 
 #: How long nightly checks leave a bus to somebody whom one of them kept waiting: time to press the button again.
 COURTESY_S: Final = 60.0
@@ -51,8 +52,13 @@ class BusOwners:
         if reason:
             if user is not None and user.scheduled and not scheduled:
                 self._kept_free |= dict.fromkeys(wanted.buses, math.inf)
-                reason += f"; nightly checks leave the bus to you for {COURTESY_S:.0f} s after it"
-            raise BusyError(f"{tag}: {reason}")
+                reason = say(
+                    "nightly_leave_bus",
+                    "{why}; nightly checks leave the bus to you for {time:.0f s} after it",
+                    why=reason,
+                    time=COURTESY_S,
+                )
+            raise BusyError(_of(tag, reason))
         if not scheduled:
             for bus in wanted.buses:
                 self._kept_free.pop(bus, None)
@@ -78,21 +84,42 @@ class BusOwners:
                 continue
             if claim.tag == wanted.tag:
                 if claim.rests:
-                    return claim, f"its stem may still move after test {claim.run_id}: wait until it was looked at"
-                return claim, f"test {claim.run_id} uses this valve: wait for its end or stop it"
+                    return claim, say(
+                        "stem_may_move_after",
+                        "its stem may still move after test {test}: wait until it was looked at",
+                        test=claim.run_id,
+                    )
+                return claim, say(
+                    "test_uses_valve", "test {test} uses this valve: wait for its end or stop it", test=claim.run_id
+                )
             goes_first = not wanted.is_due and (
                 wanted.scheduled or claim.is_due
             )  # two looks do not wait for each other
             for bus in sorted(claim.awaited & wanted.buses if goes_first else ()):
-                return None, f"on its bus {bus} the stem of {claim.tag} is looked at first: wait some seconds"
+                return None, say(
+                    "bus_awaited",
+                    "on its bus {bus} the stem of {valve} is looked at first: wait some seconds",
+                    bus=bus,
+                    valve=claim.tag,
+                )
             for bus in sorted(claim.buses & wanted.buses):
                 return claim, (
-                    f"its bus {bus} is used by test {claim.run_id} of {claim.tag}: wait for its end or stop it"
+                    say(
+                        "bus_used_by_test",
+                        "its bus {bus} is used by test {test} of {valve}: wait for its end or stop it",
+                        bus=bus,
+                        test=claim.run_id,
+                        valve=claim.tag,
+                    )
                 )
         if wanted.scheduled:
             for bus in sorted(wanted.buses):
                 if self._kept_free.get(bus, -math.inf) > self._clock():
-                    return None, f"its bus {bus} is kept free for somebody who asked for it: people go first"
+                    return None, say(
+                        "bus_kept_free",
+                        "its bus {bus} is kept free for somebody who asked for it: people go first",
+                        bus=bus,
+                    )
         return None, ""
 
     def rest(self, claim: Claim, awaited: Iterable[str]) -> None:
@@ -111,7 +138,7 @@ class BusOwners:
         looking = replace(resting, buses=resting.awaited, scheduled=False)
         reason = self._in_the_way(looking)[1]
         if reason:
-            raise BusyError(f"{claim.tag}: {reason}")
+            raise BusyError(_of(claim.tag, reason))
         self._claims[claim.run_id] = looking
         try:
             await self.lock(looking)
@@ -138,3 +165,7 @@ class BusOwners:
     def tester(self, tag: str) -> str | None:
         """Return the id of the run that tests this valve, if any: not of one whose stem is only to be looked at."""
         return next((one.run_id for one in self._claims.values() if one.tag == tag and not one.rests), None)
+
+
+def _of(tag: str, reason: str) -> str:
+    return say("valve_and_why", "{tag}: {why}", tag=tag, why=reason)

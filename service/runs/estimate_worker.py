@@ -1,4 +1,4 @@
-"""The process that estimates what running tests show so far, and its owner.
+"""The process that estimates what running tests show so far (its owner: ``service.runs.live_estimates``).
 
 A job is ``{"journal": "...", "nameplate": {...}}``, its answer ``{"so_far": {...} | null}``; otherwise as
 ``service.workers.analysis_worker``. It is a process of its own, as an analysis takes 20 s of its worker and an
@@ -11,42 +11,18 @@ import contextlib
 import json
 import os
 import sys
-from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Final, TextIO
+from typing import Any, TextIO
 
 from drivers.motion.journal import recording_from_journal
 from service.config.nameplates import nameplate_from_mapping
 from service.runs.so_far import estimate_so_far
-from service.workers.analysis_pool import AnalysisPool
 from service.workers.priority import end_with_parent
 from valve.errors import ValveError
 from valve.motion import simulate_waveform
-from valve.nameplate import Nameplate
 from valve.parameter_sets import PARAMETER_SETS
 from valve.recording import Recording
 from valve.waveform import triangle
-
-WORKER: Final = (sys.executable, "-m", "service.runs.estimate_worker")
-_LIMIT_S: Final = 20.0  # of processor time; most take 0.1 s, and the first of a kind is compiled
-
-
-class EstimateWorker(AnalysisPool):
-    """One worker process for the estimates of all tests that run; started anew where it ended."""
-
-    def __init__(self, *, command: Sequence[str] = WORKER, limit_s: float = _LIMIT_S) -> None:
-        super().__init__(time_limit_s=limit_s, command=command)
-
-    async def estimate(self, journal: Path, nameplate: Nameplate) -> dict[str, Any] | None:
-        """Return what the journal of a running test shows so far; None where it holds too little.
-
-        Raises InternalError where the worker crashed or took too long.
-        """
-        async with self._turn:
-            answer = await self._attempt({"journal": str(journal), "nameplate": asdict(nameplate)}, None)
-        found = answer["so_far"]
-        return None if found is None else dict(found)
 
 
 def main() -> None:

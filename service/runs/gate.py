@@ -20,6 +20,7 @@ from service.runs.bus_owners import BusOwners, Claim
 from service.runs.permission import Permission, free_disk
 from service.store.store import Store
 from valve.errors import BusyError, PermissiveError, RequestError
+from valve.messages import message_of, say
 
 _LOG = structlog.get_logger(__name__)
 
@@ -74,8 +75,12 @@ class Gate:
         was = (known.valve, known.sequence, known.overrides, known.label, (known.permissives or {}).get("permit"))
         if was != (wanted.valve, wanted.sequence, wanted.overrides, wanted.label, permit):
             raise RequestError(
-                f"Idempotency-Key {wanted.idempotency_key!r} was used for another request (test {known.id}): "
-                "choose a new key for a new test"
+                say(
+                    "key_used",
+                    "Idempotency-Key {key} was used for another request (test {test}): choose a new key for a new test",
+                    key=repr(wanted.idempotency_key),
+                    test=known.id,
+                )
             )
         return known
 
@@ -133,7 +138,7 @@ class Gate:
                 async with self._motion.hold(valve.buses):
                     return await self._read_permission(valve, permit), ""
             except BusyError as error:
-                return self._permissions.get(tag), str(error)
+                return self._permissions.get(tag), message_of(error)
 
     async def _read_permission(self, valve: PlantValve, permit: str | None) -> Permission:
         read = valve_read(valve.wiring, self._plant.buses)

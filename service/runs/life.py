@@ -22,7 +22,7 @@ from service.model.acknowledgement import ENDED_KEY
 from service.model.run import RunState
 from service.model.stands_words import NOT_CONFIRMED
 from service.model.until import ENDED_EARLY_KEY, UNTIL_KEY
-from service.runs.analyst import ANALYSIS_FAILED, Analyst, assessed
+from service.runs.analyst import Analyst, analysis_failed, assessed
 from service.runs.bus_owners import BusOwners, Claim
 from service.runs.live import MOTION_SHARE, LiveRun
 from service.runs.live_estimates import LiveEstimates
@@ -33,13 +33,13 @@ from service.runs.stem_looks import Rest, StemLooks
 from service.store.store import Store
 from service.workers.polling import Polling
 from valve.errors import InternalError, MeasurementError, ValveError
+from valve.messages import joined, message_of, report_it, say
 
 _LOG = structlog.get_logger(__name__)
 _OF_SERVICE: Final = ("disk", "last_test")
 # The phase in which a device's own samples are fetched: only then, and only where the valve was read back at safe.
 UPLOADING: Final = "uploading"
 RETURNING: Final = "returning"  # the sequence is over, and the valve on its way to its safe value
-_NOTHING_MOVED: Final = " (nothing was moved)"
 AT_SAFE: Final = "at its safe value"  # it was read back; the recording is still to be made
 _BACK_S: Final = 15.0  # for a motion process to be there again
 ENDED: Final = "ended"  # however it did: no sign of how much was done
@@ -146,7 +146,7 @@ class Life:
             except asyncio.CancelledError:
                 cancelled = True
                 if not outlived or self._playing is None:  # nothing was asked of the motion process yet
-                    self._live.request_stop("stopped: the service ended")
+                    self._live.request_stop(say("stopped_service_ended", "stopped: the service ended"))
                 if self._playing is not None:
                     self._playing.cancel()
         if cancelled:
@@ -166,12 +166,12 @@ class Life:
             if motion.outlives_us:
                 self.is_left = True
             else:
-                await self._close("the test was cancelled as the service ended")
+                await self._close(say("cancelled_as_service_ended", "the test was cancelled as the service ended"))
         return False
 
     async def _failed(self, error: Exception) -> None:
         _LOG.error("test failed unexpectedly", test=self._live.run.id, valve=self._live.run.valve, exc_info=error)
-        await self._close("; ".join((*self._faults, _reason(error))))
+        await self._close(joined("; ", (*self._faults, _reason(error))))
 
     def _tell_rest(self, *, confirmed: bool, stands: StandsAt | None = None) -> None:
         """Let whoever stopped the test hear that its valve was brought to rest, whatever the store does now."""
@@ -186,9 +186,9 @@ class Life:
         if self._commanded and safe is None:
             safe = False
         if not self._commanded:
-            reason += _NOTHING_MOVED
+            reason = _nothing_moved(reason)
         reasons = [NOT_CONFIRMED, reason] if safe is False else [reason]
-        changes: dict[str, Any] = {"error": "; ".join(reasons), "finished_at": datetime.now(UTC)}
+        changes: dict[str, Any] = {"error": joined("; ", reasons), "finished_at": datetime.now(UTC)}
         changes |= {"safe_confirmed": safe, "commanded": self._commanded}
         if self._commanded and self._live.run.stands is None:
             changes["stands"] = self._rest(safe).moving()
@@ -234,7 +234,7 @@ class Life:
             if self._is_rejoined and await asyncio.to_thread(shown_commanded, self._store, live.run) is not False:
                 self._commanded = True
                 raise  # something was sent, and how it ended cannot be told
-            await self._end(RunState.FAILED, f"{error}{_NOTHING_MOVED}", commanded=False)
+            await self._end(RunState.FAILED, _nothing_moved(message_of(error)), commanded=False)
             return False
         finally:
             for task in telling:
@@ -263,7 +263,11 @@ class Life:
                 if not await self._is_known(motion, order.run_id):
                     if await asyncio.to_thread(shown_commanded, self._store, self._live.run) is False:
                         raise MeasurementError(
-                            f"{order.tag}: the motion process ended before it moved the valve: repeat the test"
+                            say(
+                                "motion_process_ended_before",
+                                "{tag}: the motion process ended before it moved the valve: repeat the test",
+                                tag=order.tag,
+                            )
                         ) from error
                     raise
                 rejoined = self._is_rejoined = True
@@ -276,7 +280,7 @@ class Life:
         except MotionLostError:
             raise
         except ValveError as error:  # it has another service, or is of another version: nothing is known of the valve
-            raise MotionLostError(str(error)) from error
+            raise MotionLostError(message_of(error)) from error
 
     async def _tell_stop(self, motion: MotionLink) -> None:
         await self._live.stop.wait()
@@ -313,15 +317,17 @@ class Life:
         else:
             changes["quality"] = {"samples": 0, "notes": list(outcome.notes)}
         changes["quality"] |= {ENDED_KEY: outcome.ended.value, "writes": outcome.writes, **self._early(outcome)}
-        faults = [text for text in (*end.faults, str(outcome.error or ""), end.stopped) if text]
+        error = "" if outcome.error is None else message_of(outcome.error)
+        faults = [text for text in (*end.faults, error, end.stopped) if text]
         if not outcome.safe_confirmed:
             faults = [NOT_CONFIRMED, *faults, *([outcome.why_unsafe] if outcome.why_unsafe else [])]
         if outcome.ended is Ended.COMPLETED and not faults and outcome.recording is not None:
             await self._change(state=RunState.ANALYZING, progress=MOTION_SHARE, **changes)
         elif outcome.ended is Ended.STOPPED and not end.faults:
-            await self._end(RunState.STOPPED, "; ".join(faults), **changes)
+            await self._end(RunState.STOPPED, joined("; ", faults), **changes)
         else:
-            await self._end(RunState.FAILED, "; ".join(faults) or "no sample was taken", **changes)
+            faults = faults or [say("no_sample_taken", "no sample was taken")]
+            await self._end(RunState.FAILED, joined("; ", faults), **changes)
         if outcome.recording is not None:
             # Not before the end is stored: until then the journal alone shows that the valve was commanded.
             try:
@@ -361,7 +367,7 @@ class Life:
                 progress=self._on_analysis,
             )
         except ValveError as error:
-            await self._end(RunState.FAILED, f"{ANALYSIS_FAILED}: {error}")
+            await self._end(RunState.FAILED, analysis_failed(message_of(error)))
         else:
             await self._end(RunState.COMPLETED, analysis=analysis, progress=1.0)
 
@@ -406,13 +412,21 @@ class Life:
         self._live.progress(MOTION_SHARE + (1.0 - MOTION_SHARE) * share, phase)
 
 
+def _nothing_moved(reason: str) -> str:
+    return say("nothing_was_moved_as", "{why} (nothing was moved)", why=reason)
+
+
 def _reason(error: Exception) -> str:
     cause = error.__cause__ if isinstance(error, ValveError) else error  # a file that could not be written
     told = cause.strerror if isinstance(cause, OSError) else None
     if isinstance(cause, OperationalError):
         told = str(cause.orig)
     if told:
-        return f"the store cannot be written ({told}): look at its disk; what was sampled is stored at the next start"
+        return say(
+            "store_not_written",
+            "the store cannot be written ({why}): look at its disk; what was sampled is stored at the next start",
+            why=told,
+        )
     if isinstance(error, ValveError) and not isinstance(error, InternalError):
-        return str(error)
-    return f"{type(error).__name__}: {error}: report it"
+        return message_of(error)
+    return report_it(error)

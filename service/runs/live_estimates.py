@@ -3,24 +3,42 @@
 from __future__ import annotations
 
 import asyncio
+import sys
 from bisect import bisect_right
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Final, Protocol
 
+import numpy as np
 import structlog
 
 from drivers.outcome import SampleBlock
 from service.model.until import is_met, read_until, until_words
 from service.runs.live import LiveRun
 from service.runs.out_of_family import OutOfFamily
-from service.runs.so_far import turns_s
+from service.workers.analysis_pool import AnalysisPool
 from valve.errors import ValveError
+from valve.messages import say
 from valve.nameplate import Nameplate
 from valve.waveform import Waveform
 
 _LOG = structlog.get_logger(__name__)
 _AT_LEAST_EVERY_S: Final = 5.0
+WORKER: Final = (sys.executable, "-m", "service.runs.estimate_worker")
+_LIMIT_S: Final = 20.0  # of processor time; most take 0.1 s, and the first of a kind is compiled
+
+
+def turns_s(waveform: Waveform) -> tuple[float, ...]:
+    """Return when the command turns, s from the start of the waveform: where each ramp before a turn ends.
+
+    A hold at a turn comes after it.
+    """
+    rise_pa = np.diff(waveform.pressure_pa)
+    moving = np.flatnonzero(rise_pa != 0.0)
+    sense = np.sign(rise_pa[moving])
+    last = moving[:-1][sense[:-1] != sense[1:]]
+    return tuple(waveform.time_s[last + 1].tolist())
 
 
 class Estimator(Protocol):
@@ -28,6 +46,23 @@ class Estimator(Protocol):
 
     async def estimate(self, journal: Path, nameplate: Nameplate) -> dict[str, Any] | None:
         """Return the estimate of the samples in a journal, None where they are too few. Raises ValveError."""
+
+
+class EstimateWorker(AnalysisPool):
+    """One worker process for the estimates of all tests that run; started anew where it ended."""
+
+    def __init__(self, *, command: Sequence[str] = WORKER, limit_s: float = _LIMIT_S) -> None:
+        super().__init__(time_limit_s=limit_s, command=command)
+
+    async def estimate(self, journal: Path, nameplate: Nameplate) -> dict[str, Any] | None:
+        """Return what the journal of a running test shows so far; None where it holds too little.
+
+        Raises InternalError where the worker crashed or took too long.
+        """
+        async with self._turn:
+            answer = await self._attempt({"journal": str(journal), "nameplate": asdict(nameplate)}, None)
+        found = answer["so_far"]
+        return None if found is None else dict(found)
 
 
 class LiveEstimates:
@@ -97,5 +132,5 @@ class LiveEstimates:
         if at_turn and self._until is not None and is_met(self._until, found) and not self.enough.is_set():
             self.enough.set()
             _LOG.info("test knows enough", test=self._live.run.id, valve=self._live.run.valve, time_s=found["time_s"])
-            sentence = f"The test knows {until_words(self._until)}: it ends early."
+            sentence = say("ends_as_it_knows", "The test knows {asked}: it ends early.", asked=until_words(self._until))
             self._live.events.append("notice", {"kind": "enough", "time_s": found["time_s"], "sentence": sentence})

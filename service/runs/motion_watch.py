@@ -15,6 +15,7 @@ from service.config.settings import Plant
 from service.model.plant_alarm import AlarmKind, PlantAlarm, no_motion_process, other_plant_file
 from service.runs.tasks import Background
 from valve.errors import ValveError
+from valve.messages import message_of, say
 
 _EVERY_S: Final = 2.0
 _ANSWER_S: Final = 5.0  # a process that hangs has a connection and says nothing
@@ -51,11 +52,11 @@ class MotionWatch(Background):
             async with asyncio.timeout(_ANSWER_S):
                 theirs = await self._motion.plant_read(self._ours().digest)
         except TimeoutError:
-            self._lost(f"nothing heard for {_ANSWER_S:g} s")
+            self._lost(say("nothing_heard", "nothing heard for {answer_s:g s}", answer_s=_ANSWER_S))
         except MotionLostError as error:
             self._lost(error.why)
         except ValveError as error:  # of another version, or it belongs to another service
-            self._lost(str(error))
+            self._lost(message_of(error))
         else:
             self._clear(AlarmKind.MOTION_PROCESS)
             self._compare(theirs)

@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from drivers.outcome import SampleBlock
+from valve.messages import say
 
 _TWICE: Final = 2.0
 _LEAST: Final = 0.6  # of the usual breakaway: one that was small by chance makes no usual one an alarm
@@ -59,5 +60,10 @@ class OutOfFamily:
                 found = {"kind": "breakaway", "time_s": float(at_s), "force_n": float(at_n), "last_n": family["last_n"]}
         if found is None:
             return None
-        words = f"The stem takes {found['force_n']:.0f} N, twice its last breakaway of {found['last_n']:.0f} N."
+        words = say(
+            "twice_last_breakaway",
+            "The stem takes {force:.0f N}, twice its last breakaway of {last:.0f N}.",
+            force=found["force_n"],
+            last=found["last_n"],
+        )
         return {**found, "sentence": words}

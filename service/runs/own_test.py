@@ -5,6 +5,7 @@ from __future__ import annotations
 from service.model.run import Run, RunState
 from service.runs.service import Runs
 from valve.errors import RequestError
+from valve.messages import say
 
 
 async def completed_test_of(runs: Runs, tag: str, run_id: str) -> Run:
@@ -14,7 +15,22 @@ async def completed_test_of(runs: Runs, tag: str, run_id: str) -> Run:
     """
     run = await runs.get(run_id)
     if run.valve != tag:
-        raise RequestError(f"test {run.id} is one of {run.valve}, not of {tag}: choose a test of this valve")
+        raise RequestError(
+            say(
+                "test_of_other_valve",
+                "test {test} is one of {valve}, not of {tag}: choose a test of this valve",
+                test=run.id,
+                valve=run.valve,
+                tag=tag,
+            )
+        )
     if run.state is not RunState.COMPLETED or run.analysis is None:
-        raise RequestError(f"test {run.id} is {run.state.value}: choose a completed test")
+        raise RequestError(
+            say(
+                "test_not_completed",
+                "test {test} is {state}: choose a completed test",
+                test=run.id,
+                state=run.state.value,
+            )
+        )
     return run

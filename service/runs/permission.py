@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from drivers.permissive import Permissive
+from valve.messages import message_of, say
 
 #: A test's journal and recording take 40 MB at most (300 s at 1 kHz), its analysis a few more.
 LEAST_FREE_BYTES: Final = 200_000_000
@@ -35,7 +36,9 @@ class Permission:
 
 
 def _size(size: float) -> str:
-    return f"{size / 1e9:.0f} GB" if size >= 1e10 else f"{size / 1e6:.0f} MB"
+    if size >= 1e10:
+        return say("gigabytes", "{n:.0f} GB", n=size / 1e9)
+    return say("megabytes", "{n:.0f} MB", n=size / 1e6)
 
 
 def free_disk(folder: Path) -> Permissive:
@@ -43,7 +46,15 @@ def free_disk(folder: Path) -> Permissive:
     try:
         free = shutil.disk_usage(folder).free
     except OSError as error:
-        return Permissive("disk", False, f"it cannot be read ({error.strerror})", "a disk", "look at the store's disk")
-    limit = f"at least {_size(LEAST_FREE_BYTES)} free"
-    remedy = "free some space on the store's disk, or name another service.store"
-    return Permissive("disk", free >= LEAST_FREE_BYTES, f"{_size(free)} free", limit, remedy)
+        return Permissive(
+            "disk",
+            False,
+            say("disk_unreadable", "it cannot be read ({why})", why=error.strerror or message_of(error)),
+            say("a_disk", "a disk"),
+            say("look_at_disk", "look at the store's disk"),
+        )
+    limit = say("disk_at_least_free", "at least {size} free", size=_size(LEAST_FREE_BYTES))
+    remedy = say("free_disk_space", "free some space on the store's disk, or name another service.store")
+    return Permissive(
+        "disk", free >= LEAST_FREE_BYTES, say("disk_free", "{size} free", size=_size(free)), limit, remedy
+    )

@@ -35,6 +35,7 @@ from service.runs.analyst import ANALYSIS_FAILED, ENGINE
 from service.runs.service import Runs
 from service.store.store import Store
 from valve.errors import BusyError, NotFoundError, RequestError, ValveError
+from valve.messages import message_of, say
 
 _LOG = structlog.get_logger(__name__)
 _WAIT_S: Final = 30.0
@@ -96,11 +97,21 @@ class Reanalyses:
             self._runs.valve(wanted.valve)
         if wanted.since > now:
             raise RequestError(
-                f"since {_words(wanted.since)} is in the future (it is {_words(now)}): give an earlier date"
+                say(
+                    "since_in_future",
+                    "since {since} is in the future (it is {now}): give an earlier date",
+                    since=wanted.since,
+                    now=now,
+                )
             )
         if wanted.until is not None and wanted.until <= wanted.since:
             raise RequestError(
-                f"until {_words(wanted.until)} is not after since {_words(wanted.since)}: give a later until"
+                say(
+                    "until_not_after_since",
+                    "until {until} is not after since {since}: give a later until",
+                    until=wanted.until,
+                    since=wanted.since,
+                )
             )
         return await asyncio.to_thread(self._find, wanted, self._gateway)
 
@@ -117,7 +128,9 @@ class Reanalyses:
             if found.here == 0:
                 raise self._nothing(wanted, found)
             if self._closing.is_set():
-                raise BusyError("the service is shutting down: repeat the request when it is back")
+                raise BusyError(
+                    say("shutting_down", "the service is shutting down: repeat the request when it is back")
+                )
             asked = Reanalysis(wanted, self._gateway, self._software, requester.name, datetime.now(UTC))
             if self._audit is not None:
                 told = {
@@ -134,23 +147,54 @@ class Reanalyses:
 
     def _nothing(self, wanted: Wanted, found: Found) -> ValveError:
         """Return why there is nothing to analyse."""
-        until = "" if wanted.until is None else f" and before {_words(wanted.until)}"
-        meant = f"{wanted.valve or 'any valve'}: no test since {_words(wanted.since)}{until}"
+        valve = wanted.valve or say("any_valve", "any valve")
+        meant = say("no_test_since", "{valve}: no test since {since}", valve=valve, since=wanted.since)
+        if wanted.until is not None:
+            meant = say(
+                "no_test_between",
+                "{valve}: no test since {since} and before {until}",
+                valve=valve,
+                since=wanted.since,
+                until=wanted.until,
+            )
         if found.queued_already:
             return BusyError(
-                f"{wanted.valve or 'any valve'}: {found.queued_already} tests of that time are queued by another "
-                "re-analysis and none is left: GET /reanalyses shows how far it is"
+                say(
+                    "all_queued",
+                    "{valve}: {n} tests of that time are queued by another re-analysis and none is left: GET "
+                    "/reanalyses shows how far it is",
+                    valve=valve,
+                    n=found.queued_already,
+                )
             )
         if found.elsewhere:
-            names = ", ".join(name or "(no gateway)" for name in sorted(found.elsewhere))
-            return NotFoundError(f"{meant} has its recording here; {names} made them: ask there, by --url")
+            names = tuple(name or say("no_gateway", "(no gateway)") for name in sorted(found.elsewhere))
+            return NotFoundError(
+                say(
+                    "recordings_elsewhere",
+                    "{meant} has its recording here; {gateways:, } made them: ask there, by --url",
+                    meant=meant,
+                    gateways=names,
+                )
+            )
         if found.without_recording:
             return NotFoundError(
-                f"{meant} still has its recording ({found.without_recording} were removed by service.retention): "
-                "give a later since"
+                say(
+                    "recordings_removed",
+                    "{meant} still has its recording ({n} were removed by service.retention): give a later since",
+                    meant=meant,
+                    n=found.without_recording,
+                )
             )
-        older = " that an earlier engine analysed" if wanted.older_only else ""
-        return NotFoundError(f"{meant}{older} has a recording of a motion that ended well: give an earlier since")
+        if wanted.older_only:
+            meant = say("that_earlier_engine_analysed", "{meant} that an earlier engine analysed", meant=meant)
+        return NotFoundError(
+            say(
+                "no_motion_that_ended_well",
+                "{meant} has a recording of a motion that ended well: give an earlier since",
+                meant=meant,
+            )
+        )
 
     async def progress(self, number: int) -> ReanalysisProgress:
         """Return how far a re-analysis is. Raises NotFoundError."""
@@ -229,7 +273,7 @@ class Reanalyses:
         try:
             run = await self._runs.get(repeat.test_id)
         except NotFoundError as error:
-            await self._end(repeat, RepeatState.SKIPPED, str(error))
+            await self._end(repeat, RepeatState.SKIPPED, message_of(error))
             return
         begun_at = repeat.begun_at
         is_over = run.finished_at is not None and begun_at is not None and run.finished_at >= begun_at
@@ -247,7 +291,7 @@ class Reanalyses:
                 await self._runs.wait(repeat.test_id, _WAIT_S)
                 await self._pause(0.1)
             except ValveError as error:
-                await self._end(repeat, RepeatState.SKIPPED, str(error))
+                await self._end(repeat, RepeatState.SKIPPED, message_of(error))
                 return
             else:
                 await self._follow(repeat, run)
@@ -271,7 +315,3 @@ class Reanalyses:
                 await self._closing.wait()
         except TimeoutError:
             return
-
-
-def _words(instant: datetime) -> str:
-    return f"{instant.astimezone(UTC):%Y-%m-%d %H:%M} UTC"

@@ -30,9 +30,10 @@ from service.runs.stem_looks import Rest, StemLooks
 from service.runs.tasks import Tasks
 from service.store.store import Store
 from valve.errors import InternalError, RecordingError, ValveError
+from valve.messages import joined, message_of, parts_of, say
 
 _LOG = structlog.get_logger(__name__)
-_NOTHING_MOVED: Final = "; nothing was moved"
+_NOTHING_MOVED: Final = say("nothing_was_moved_then", "nothing was moved")
 _UNFINISHED: Final = (RunState.QUEUED, RunState.RUNNING, RunState.ANALYZING)
 
 
@@ -65,10 +66,13 @@ def shown_commanded(store: Store, run: Run) -> bool | None:
 def mark_interrupted(store: Store, run: Run) -> Run:
     """Turn an unfinished run of a dead process into an interrupted one; its journal becomes its recording. Blocks."""
     changes: dict[str, Any] = {"state": RunState.INTERRUPTED, "finished_at": datetime.now(UTC)}
-    who = "service" if run.state is RunState.ANALYZING else "motion process"
-    reason = f"the {who} ended while this test was under way"
     if run.state is RunState.ANALYZING:
-        reason += "; the recording is complete: analyse it again"
+        reasons = [
+            say("service_ended_meanwhile", "the service ended while this test was under way"),
+            say("recording_complete", "the recording is complete: analyse it again"),
+        ]
+    else:
+        reasons = [say("motion_process_ended_meanwhile", "the motion process ended while this test was under way")]
     kept = False
     changes["commanded"] = shown_commanded(store, run)
     try:
@@ -76,8 +80,14 @@ def mark_interrupted(store: Store, run: Run) -> Run:
             changes |= _kept_journal(store, run)
     except (OSError, ValveError) as error:
         kept = True
-        reason += f"; its journal is kept as no recording could be made of it: {error}"
-    interrupted = replace(run, error=reason, **changes)
+        reasons.append(
+            say(
+                "journal_kept",
+                "its journal is kept as no recording could be made of it: {why}",
+                why=message_of(error),
+            )
+        )
+    interrupted = replace(run, error=joined("; ", reasons), **changes)
     store.runs.save(interrupted)
     if not kept:
         store.journal_path(run.id).unlink(missing_ok=True)
@@ -96,7 +106,7 @@ def _kept_journal(store: Store, run: Run) -> dict[str, Any]:
         changes["recording_file"], changes["recording_sha256"] = store.write_recording(run.id, recording)
     elif (samples := len(read_journal(journal)[1])) > 0:
         # Somebody may have seen them: what was shown is never thrown away.
-        raise RecordingError(f"its samples ({samples}) are too few for one")
+        raise RecordingError(say("samples_too_few", "its samples ({samples}) are too few for one", samples=samples))
     return changes
 
 
@@ -183,7 +193,8 @@ class Recovery:
             if run.id in recovered:
                 self._tasks.spawn(self._note(run.id, recovered[run.id]))
             elif _may_stand_elsewhere(run) and run.commanded is not False:
-                error = f"{run.error}; {NOT_CONFIRMED}: plant.toml no longer names it"
+                why = say("no_longer_named", "plant.toml no longer names it")
+                error = joined("; ", (*parts_of(run.error), _not_confirmed(why)))
                 await asyncio.to_thread(self._store.runs.save, replace(run, error=error, safe_confirmed=False))
         return recovered.keys()
 
@@ -209,7 +220,7 @@ class Recovery:
         try:
             return await self._motion.recover(run.valve, run.number, entry_pa, commanded=commanded)
         except ValveError as error:
-            return Recovered(SafeOutcome(False, reason=str(error)))
+            return Recovered(SafeOutcome(False, reason=message_of(error)))
 
     async def _note(self, run_id: str, recovering: asyncio.Task[_Recovered]) -> None:
         """Store what became of a valve, and look at its stem."""
@@ -220,7 +231,7 @@ class Recovery:
             details = {"safe_confirmed": found.safe.confirmed, "sent": found.sent, "reason": found.safe.reason}
             await self._note_in_audit("motion.ended", run, details)
             run = await asyncio.to_thread(self._store.runs.get, run_id)  # as an acknowledgement left it meanwhile
-            error = run.error + _told(found, rest.confirmed)
+            error = joined("; ", (*parts_of(run.error), *_told(found, rest.confirmed)))
             run = replace(run, error=error, safe_confirmed=rest.confirmed, stands=rest.moving())
             await asyncio.to_thread(self._store.runs.save, run)
         except BaseException:
@@ -234,7 +245,7 @@ class Recovery:
         stands, valve = run.stands, self._plant.valves.get(run.valve)
         assert stands is not None  # it is said to move
         if valve is None:
-            gone = unseen(stands, "plant.toml no longer names this valve")
+            gone = unseen(stands, say("valve_no_longer_named", "plant.toml no longer names this valve"))
             await asyncio.to_thread(self._store.runs.note_stands, run, gone)
             return
         claim = self._gate.owners.claim(run.id, run.valve, ())
@@ -258,13 +269,25 @@ def _since_s(at: datetime) -> float:
     return max(0.0, (datetime.now(UTC) - at).total_seconds())
 
 
-def _told(found: Recovered, confirmed: bool | None) -> str:
+def _not_confirmed(reason: str) -> str:
+    if not reason:
+        return NOT_CONFIRMED
+    return say("not_confirmed_as", "{alarm}: {why}", alarm=NOT_CONFIRMED, why=reason)
+
+
+def _told(found: Recovered, confirmed: bool | None) -> tuple[str, ...]:
     """Return what became of the valve, as it is added to why its test has no result."""
-    reason = f": {found.safe.reason}" if found.safe.reason else ""
+    reason = found.safe.reason
     if confirmed is None:
-        return _NOTHING_MOVED
+        return (_NOTHING_MOVED,)
+    if found.sent and not confirmed:
+        return (_not_confirmed(reason),)
     if found.sent:
-        return f"; the valve was sent to its safe value{reason}" if confirmed else f"; {NOT_CONFIRMED}{reason}"
+        sent = say("sent_to_safe", "the valve was sent to its safe value")
+        return (say("sent_to_safe_as", "{sent}: {why}", sent=sent, why=reason) if reason else sent,)
     if confirmed:
-        return "; its device showed the safe value, nothing was written"
-    return f"; {NOT_CONFIRMED}; nothing was written{reason}"
+        return (say("safe_value_shown", "its device showed the safe value, nothing was written"),)
+    nothing = say("nothing_was_written", "nothing was written")
+    if reason:
+        nothing = say("nothing_was_written_as", "{nothing}: {why}", nothing=nothing, why=reason)
+    return NOT_CONFIRMED, nothing

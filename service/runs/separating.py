@@ -10,7 +10,9 @@ from service.model.run import Run, RunState
 from service.model.sequences import SEQUENCES
 from service.model.until import SEPARATING
 from service.store.store import Store
+from service.words.names import named
 from valve.errors import RequestError
+from valve.messages import say
 
 TOGETHER: Final = "together"  # key of an analysis that says which tests it is of
 _LOOKED_THROUGH: Final = 50  # tests of the valve before it
@@ -29,8 +31,16 @@ class Separating:
 def check_name(sequence: str) -> None:
     """Raise RequestError where a test that somebody asks for cannot run a sequence of this name."""
     if sequence != SEPARATING and sequence not in SEQUENCES:
-        known = f"{', '.join(SEQUENCES)}, or {SEPARATING}, which the last test asks for"
-        raise RequestError(f"sequence {sequence[:64]!r} is unknown: choose one of {known}")
+        raise RequestError(
+            say(
+                "sequence_unknown_or_separating",
+                "sequence {sequence} is unknown: choose one of {known:, }, or {separating}, which the "
+                "last test asks for",
+                sequence=repr(sequence[:64]),
+                known=tuple(SEQUENCES),
+                separating=SEPARATING,
+            )
+        )
 
 
 def separating_of(store: Store, tag: str, asking: Run | None = None) -> Separating:
@@ -40,15 +50,34 @@ def separating_of(store: Store, tag: str, asking: Run | None = None) -> Separati
     """
     last = asking or store.runs.last_completed(tag)
     if last is None or last.analysis is None:
-        raise RequestError(f"{tag}: there is nothing to separate, as no test of it is completed: run another sequence")
+        raise RequestError(
+            say(
+                "nothing_completed_to_separate",
+                "{tag}: there is nothing to separate, as no test of it is completed: run another sequence",
+                tag=tag,
+            )
+        )
     wanted = (last.analysis.get("discrepancy") or {}).get("separating_test")
     if wanted is None:
-        verdict = str((last.analysis.get("discrepancy") or {}).get("verdict", "not_assessed")).replace("_", " ")
+        verdict = named(str((last.analysis.get("discrepancy") or {}).get("verdict", "not_assessed")))
         raise RequestError(
-            f"{tag}: test {last.id} leaves nothing to separate (diagnosis: {verdict}): run another sequence"
+            say(
+                "nothing_to_separate",
+                "{tag}: test {test} leaves nothing to separate (diagnosis: {verdict}): run another sequence",
+                tag=tag,
+                test=last.id,
+                verdict=verdict,
+            )
         )
     if not store.recording_path(last.id).exists():
-        raise RequestError(f"{tag}: the recording of test {last.id} is no longer kept: repeat that test first")
+        raise RequestError(
+            say(
+                "recording_no_longer_kept",
+                "{tag}: the recording of test {test} is no longer kept: repeat that test first",
+                tag=tag,
+                test=last.id,
+            )
+        )
     earlier = [run_id for run_id in _analysed_with(last) if store.recording_path(run_id).exists()]
     tests = (last.id, *earlier)[:_MOST_TOGETHER]
     return Separating(str(wanted["sequence"]), dict(wanted["overrides"]), tests)

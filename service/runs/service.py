@@ -44,6 +44,7 @@ from service.store.run_table import RunFilter
 from service.store.store import Store
 from service.workers.polling import Polling
 from valve.errors import BusyError, ElsewhereError, InternalError, NotFoundError, RequestError
+from valve.messages import say
 from valve.waveform import Waveform
 
 _LOG = structlog.get_logger(__name__)
@@ -91,7 +92,9 @@ class Runs:
     def valve(self, tag: str) -> PlantValve:
         """Return the valve of this tag. Raises NotFoundError."""
         if tag not in self._plant.valves:
-            raise NotFoundError(f"valve {tag[:64]!r} is unknown: GET /valves lists all")
+            raise NotFoundError(
+                say("valve_unknown", "valve {valve} is unknown: GET /valves lists all", valve=repr(tag[:64]))
+            )
         return self._plant.valves[tag]
 
     def add_buses(self, buses: Mapping[str, BusAddress]) -> None:
@@ -109,7 +112,11 @@ class Runs:
     def _check_gateway(self, tag: str) -> None:
         if not self._plant.is_ours(tag):
             gateway = self._plant.gateway_of(tag)
-            raise ElsewhereError(f"{tag}: gateway {gateway} drives this valve", gateway, self._plant.gateways[gateway])
+            raise ElsewhereError(
+                say("other_gateway_drives", "{tag}: gateway {gateway} drives this valve", tag=tag, gateway=gateway),
+                gateway,
+                self._plant.gateways[gateway],
+            )
 
     async def start(
         self,
@@ -142,7 +149,13 @@ class Runs:
             check_name(sequence)
         if sequence == SEPARATING:
             if overrides:
-                raise RequestError(f"sequence {SEPARATING} takes no overrides, as the last test says them: drop them")
+                raise RequestError(
+                    say(
+                        "separating_takes_no_overrides",
+                        "sequence {sequence} takes no overrides, as the last test says them: drop them",
+                        sequence=SEPARATING,
+                    )
+                )
             asked = Run(new_run_id(), tag, SEPARATING, idempotency_key=idempotency_key, label=label)
             known = await self._asked_before(asked, permit)
             if known is not None:
@@ -172,7 +185,13 @@ class Runs:
             if known is not None:
                 return known
             if self._closing:
-                raise BusyError(f"{tag}: the service is shutting down: repeat the request when it is back")
+                raise BusyError(
+                    say(
+                        "valve_shutting_down",
+                        "{tag}: the service is shutting down: repeat the request when it is back",
+                        tag=tag,
+                    )
+                )
             stored, claim = await self._gate.admit(wanted, valve, permit)
             live = self._live.begin(replace(stored, until=wish))
             estimates = self._estimates(live, valve, choice.waveform)
@@ -281,11 +300,23 @@ class Runs:
         if run.acknowledged_at is not None:
             return run
         if not ended_badly(run):
-            raise RequestError(f"test {run.id} is {run.state.value} and needs no acknowledgement: nothing to do")
+            raise RequestError(
+                say(
+                    "nothing_to_acknowledge",
+                    "test {test} is {state} and needs no acknowledgement: nothing to do",
+                    test=run.id,
+                    state=run.state.value,
+                )
+            )
         if run.stands is not None and is_moving(run):
             raise RequestError(
-                f"test {run.id}: the stem may still move and is looked at {run.stands.due_s:g} s after the motion: "
-                "acknowledge when it was"
+                say(
+                    "acknowledge_later",
+                    "test {test}: the stem may still move and is looked at {due:g s} after the motion: "
+                    "acknowledge when it was",
+                    test=run.id,
+                    due=run.stands.due_s,
+                )
             )
         live = self._live.find(run.id)
         if self._audit is not None:
@@ -329,7 +360,9 @@ class Runs:
         self.valve(tag)
         run_id = self.user_of(tag)
         if run_id is None:
-            raise NotFoundError(f"{tag}: no test uses this valve now: there is nothing to stop")
+            raise NotFoundError(
+                say("nothing_to_stop", "{tag}: no test uses this valve now: there is nothing to stop", tag=tag)
+            )
         return run_id
 
     async def _looked_at(self, tag: str) -> None:
@@ -350,8 +383,12 @@ class Runs:
         is_kept = run.quality is not None or not run.state.finished  # of a test that was cut off it is not
         if is_kept and run.until != wanted.until:
             raise RequestError(
-                f"Idempotency-Key {wanted.idempotency_key!r} was used with another until (test {known.id}): "
-                "choose a new key for a new test"
+                say(
+                    "key_used_with_other_until",
+                    "Idempotency-Key {key} was used with another until (test {test}): choose a new key for a new test",
+                    key=repr(wanted.idempotency_key),
+                    test=known.id,
+                )
             )
         return run
 
@@ -404,7 +441,7 @@ class Runs:
         live = self._live.find(checked_run_id(run_id))
         if live is None or live.finished.is_set():
             return await self.get(run_id)
-        live.request_stop(f"stopped by {requester.name}")
+        live.request_stop(say("stopped_by", "stopped by {who}", who=requester.name))
         if not live.motion_ended.is_set():
             self._motion.stop(run_id, live.stop_reason)  # each press once more: the first one may have been lost
         if not live.motion_ended.is_set() and requester.name not in live.stopped_by:
@@ -469,7 +506,7 @@ class Runs:
             if run is not None:
                 self._tasks.spawn(self._go_on(run, order))
             else:
-                self._motion.stop(run_id, "plant.toml no longer names this valve")
+                self._motion.stop(run_id, say("valve_no_longer_named", "plant.toml no longer names this valve"))
                 self._motion.forget(run_id)
         return alive.keys()
 
@@ -505,13 +542,22 @@ class Runs:
         """Return a test whose recording may be analysed anew now, with its valve. Raises as ``analyze``."""
         run = await self.get(run_id)
         if not run.state.finished or self._closing:
-            why = "the service is shutting down" if self._closing else f"test {run.id} is {run.state.value}"
-            raise BusyError(f"{run.valve}: {why}: repeat the request later")
+            why = (
+                say("service_shutting_down", "the service is shutting down")
+                if self._closing
+                else say("test_is_in_state", "test {test} is {state}", test=run.id, state=run.state.value)
+            )
+            raise BusyError(say("repeat_later", "{valve}: {why}: repeat the request later", valve=run.valve, why=why))
         valve = self.valve(run.valve)
         if not can_be_analysed(run):
             raise RequestError(
-                f"test {run.id} is {run.state.value} and has no whole recording of a motion that ended well: "
-                "repeat the test, or take what there is of its recording to breakaway analyze"
+                say(
+                    "nothing_to_analyse_again",
+                    "test {test} is {state} and has no whole recording of a motion that ended well: repeat the "
+                    "test, or take what there is of its recording to breakaway analyze",
+                    test=run.id,
+                    state=run.state.value,
+                )
             )
         recording_of(run, self._plant, self._store)
         return run, valve
@@ -541,7 +587,7 @@ class Runs:
         for live in self._live:
             goes_on = self._motion.outlives_us and not live.motion_ended.is_set()
             if not goes_on:
-                live.request_stop("stopped: the service was shut down")
+                live.request_stop(say("stopped_service_shut_down", "stopped: the service was shut down"))
             if (goes_on or live.run.state is RunState.ANALYZING) and live.run.id in self._carrying:
                 self._carrying[live.run.id].cancel()
                 live.events.close()  # who watches sees the end at the next start

@@ -15,22 +15,9 @@ from estimators.motion.recorded_motion import RecordedMotion, read_motion
 from estimators.motion.static_friction import breakaway_forces
 from valve.nameplate import Nameplate
 from valve.recording import Recording
-from valve.waveform import Waveform
 
 SHOWN: Final = ("k", "F_c", "F_s", "F_0")
 _ALIKE: Final = 0.7  # of F_s, the median of the breakaways; own choice
-
-
-def turns_s(waveform: Waveform) -> tuple[float, ...]:
-    """Return when the command turns, s from the start of the waveform: where each ramp before a turn ends.
-
-    A hold at a turn comes after it.
-    """
-    rise_pa = np.diff(waveform.pressure_pa)
-    moving = np.flatnonzero(rise_pa != 0.0)
-    sense = np.sign(rise_pa[moving])
-    last = moving[:-1][sense[:-1] != sense[1:]]
-    return tuple(waveform.time_s[last + 1].tolist())
 
 
 def estimate_so_far(recording: Recording, nameplate: Nameplate) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from service.runs.live import LiveRun
 from service.runs.tasks import Tasks
 from service.store.store import Store
 from valve.errors import BusyError, InternalError, NotFoundError
+from valve.messages import report_it
 
 _LOG = structlog.get_logger(__name__)
 _TURN_S: Final = 0.05
@@ -129,7 +130,7 @@ class StemLooks:
             raise
         except Exception as error:  # noqa: BLE001  - whatever it is, the result must say that nobody saw the stem
             _LOG.error("stem not looked at", test=rest.run.id, valve=rest.run.valve, exc_info=error)
-            why = f"{type(error).__name__}: {error}: report it"
+            why = report_it(error)
             rules = rest.valve.wiring.rest
             return stands_at(
                 rules,

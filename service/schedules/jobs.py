@@ -20,6 +20,7 @@ from sqlalchemy import URL
 from sqlalchemy.exc import SQLAlchemyError
 
 from valve.errors import ConfigurationError, InternalError
+from valve.messages import say
 
 _LOG = structlog.get_logger(__name__)
 # Pinned: under another version what is queued would be stranded. To be raised only with a way for what is queued.
@@ -109,7 +110,7 @@ class JobQueue:
         Raises ConfigurationError where its database cannot be used, InternalError where this process has one already.
         """
         if not _HOOK.lock.acquire(blocking=False):
-            raise InternalError("a second queue of jobs in one process: report it")
+            raise InternalError(say("second_queue", "a second queue of jobs in one process: report it"))
         try:
             _HOOK.carry_out, _HOOK.reanalyse = self._carry_out, self._reanalyse
             DBOS(config=self._config)
@@ -122,8 +123,13 @@ class JobQueue:
             self._end()
             reason = " ".join(str(error).split())[:200]
             raise ConfigurationError(
-                f"the queue of durable jobs cannot be opened ({type(error).__name__}: {reason}): "
-                "restore jobs.db of service.store from a backup or remove it, or see to service.database"
+                say(
+                    "queue_unopened",
+                    "the queue of durable jobs cannot be opened ({kind}: {reason}): restore jobs.db of service.store "
+                    "from a backup or remove it, or see to service.database",
+                    kind=type(error).__name__,
+                    reason=reason,
+                )
             ) from None  # its context may show the database's password
         except BaseException:
             self._end()

@@ -27,9 +27,11 @@ from service.model.schedule import Occurrence, Schedule, next_occurrence, occurr
 from service.runs.service import Runs
 from service.store.store import Store
 from valve.errors import BusyError, NotFoundError, PermissiveError, ValveError
+from valve.messages import message_of, say
 
 _LOG = structlog.get_logger(__name__)
 _LOOK_S: Final = 30.0  # the wall clock may be set: it is looked at this often, whatever is due
+_CUT_OFF: Final[str] = say("check_cut_off", "the service ended while this check was under way: nothing is resumed")
 _TURN_S: Final = 0.1
 _END_S: Final = 5.0
 _LOOK_BACK: Final = timedelta(days=7)  # of checks that were missed while no service ran
@@ -135,7 +137,9 @@ class Nightly:
         for schedule in self._plant.schedules:
             if schedule.name == name:
                 return schedule
-        raise NotFoundError(f"schedule {name[:64]!r} is unknown: GET /schedules lists all")
+        raise NotFoundError(
+            say("schedule_unknown", "schedule {name} is unknown: GET /schedules lists all", name=repr(name[:64]))
+        )
 
     def _spawn(self, work: Coroutine[Any, Any, Any]) -> None:
         task = asyncio.create_task(work)
@@ -204,7 +208,14 @@ class Nightly:
     async def _overlap(self, check: Check) -> str:
         """Why a check is not queued while an earlier one of the same valve and schedule has not ended."""
         other = await asyncio.to_thread(self._table.unfinished_beside, check)
-        return "" if other is None else f"its check of {other.occurrence} is still {other.state.value}: one at a time"
+        if other is None:
+            return ""
+        return say(
+            "check_overlaps",
+            "its check of {occurrence} is still {state}: one at a time",
+            occurrence=other.occurrence,
+            state=other.state.value,
+        )
 
     async def _enqueue(self, check: Check) -> None:
         assert self._queue is not None, "start comes first"
@@ -254,8 +265,15 @@ class Nightly:
                 asked = (schedule.sequence, schedule.overrides, schedule.until)
                 if asked == (check.sequence, check.overrides, check.until):
                     return ""
-                return f"plant.toml asks for another test since: {schedule.sequence}"
-        return f"plant.toml no longer has {check.valve} in schedule {check.schedule}"
+                return say(
+                    "another_test_asked", "plant.toml asks for another test since: {test}", test=schedule.sequence
+                )
+        return say(
+            "not_in_schedule",
+            "plant.toml no longer has {valve} in schedule {schedule}",
+            valve=check.valve,
+            schedule=check.schedule,
+        )
 
     async def _attempt(self, check: Check) -> str | None:
         """Start a check's test; None once it is done with, or why it has to wait."""
@@ -274,12 +292,14 @@ class Nightly:
             )
         except (BusyError, MotionLostError) as error:  # a motion process that is being started again comes back
             await asyncio.to_thread(self._table.put_back, check.id, self._process)
-            return str(error)
+            return message_of(error)
         except PermissiveError as error:
-            await self._end(check, CheckState.SKIPPED, str(error))
+            await self._end(check, CheckState.SKIPPED, message_of(error))
             return None
         except ValveError as error:
-            await self._end(check, CheckState.FAILED, f"{error} (nothing was moved)")
+            await self._end(
+                check, CheckState.FAILED, say("check_not_moved", "{why} (nothing was moved)", why=message_of(error))
+            )
             return None
         await asyncio.to_thread(self._table.note_test, check.id, run.id)
         followed = self._follow(check, run)
@@ -298,7 +318,7 @@ class Nightly:
 
     async def _note_cut_off(self, check: Check) -> None:
         """Write down the end of a check whose process died: with its test's, where that came to one."""
-        state, reason = CheckState.INTERRUPTED, "the service ended while this check was under way: nothing is resumed"
+        state, reason = CheckState.INTERRUPTED, _CUT_OFF
         run = await asyncio.to_thread(self._known.by_idempotency_key, check.key)
         if run is not None:
             await asyncio.to_thread(self._table.note_test, check.id, run.id)

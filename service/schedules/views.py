@@ -12,7 +12,11 @@ from service.model.check import Check, CheckState
 from service.model.schedule import Schedule, next_occurrence
 from service.schedules.plan import PlannedCheck, plan_night
 from service.store.schedule_run_table import ScheduleRunTable
+from valve.messages import say
 
+_TOO_LATE: Final = say(
+    "turn_after_window", "its turn will come after its window: shorten the tests, or widen the window"
+)
 # The night that a person means: what was due since yesterday noon or so, and what is due until tomorrow.
 LAST: Final = timedelta(hours=20)
 COMING: Final = timedelta(hours=24)
@@ -106,7 +110,7 @@ def _done(check: Check) -> NightEntry:
 
 
 def _planned(check: PlannedCheck) -> NightEntry:
-    reason = "" if check.fits else "its turn will come after its window: shorten the tests, or widen the window"
+    reason = "" if check.fits else _TOO_LATE
     starts_at, ends_at, state = check.starts_at, check.window_ends_at, CheckState.PLANNED
     return NightEntry(
         **_shared(check), starts_at=starts_at, window_ends_at=ends_at, state=state, reason=reason, test_id=None

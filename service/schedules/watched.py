@@ -21,6 +21,7 @@ from service.runs.tasks import Background
 from service.schedules.left_samples import tidy_left
 from service.store.store import Store
 from valve.errors import InternalError, RecordingError, ValveError
+from valve.messages import message_of
 from valve.nameplate import Nameplate
 
 _LOG = structlog.get_logger(__name__)
@@ -127,14 +128,14 @@ class WatchedDays(Background):
             found = await self._judge.judge_day(day.path, valve.nameplate)
         except RecordingError as error:
             at = datetime.fromtimestamp(_written_s(day.path), UTC)
-            found = DayJudged(0, at, at, reason=str(error))
+            found = DayJudged(0, at, at, reason=message_of(error))
         except InternalError as error:
             self._tries[day.path] = self._tries.get(day.path, 0) + 1
             _LOG.error("day in service not judged", valve=day.tag, day=str(day.day), error=str(error))
             if self._tries[day.path] < _MOST_TRIES:
                 return None
             at = datetime.fromtimestamp(_written_s(day.path), UTC)
-            found = DayJudged(0, at, at, reason=str(error))
+            found = DayJudged(0, at, at, reason=message_of(error))
         about: Mapping[str, object] = {"valve": day.tag, "day": str(day.day), "rows": found.rows}
         _LOG.info("day in service judged", **about, reason=found.reason)
         return WatchedDay(

@@ -11,6 +11,7 @@ import structlog
 
 from service.config.secret_file import secret_fault
 from valve.errors import ConfigurationError
+from valve.messages import say
 
 _LOG = structlog.get_logger(__name__)
 _LOOK_S: Final = 10.0  # certificates are renewed days before they end
@@ -24,15 +25,29 @@ def context_of(certificate: Path, tls_key: Path) -> ssl.SSLContext:
     """
     fault = secret_fault(tls_key)
     if fault is not None:
-        raise ConfigurationError(f"{tls_key}: {fault.reason}: {fault.remedy}")
+        raise ConfigurationError(
+            say(
+                "key_file_fault",
+                "{key}: {reason}: {remedy}",
+                key=str(tls_key),
+                reason=fault.reason,
+                remedy=fault.remedy,
+            )
+        )
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     try:
         context.load_cert_chain(certificate, tls_key, password="")
     except (OSError, ssl.SSLError) as error:
         reason = error.strerror or type(error).__name__
         raise ConfigurationError(
-            f"{certificate}: it cannot be used with {tls_key} ({reason}): give a PEM certificate and its own PEM key "
-            "without a passphrase"
+            say(
+                "certificate_unusable",
+                "{certificate}: it cannot be used with {key} ({reason}): give a PEM certificate and its own PEM key "
+                "without a passphrase",
+                certificate=str(certificate),
+                key=str(tls_key),
+                reason=reason,
+            )
         ) from error
     return context
 

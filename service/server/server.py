@@ -29,6 +29,7 @@ from service.server.certificates import Certificates
 from service.server.first_use import use_once
 from service.store.store import open_store
 from valve.errors import ConfigurationError
+from valve.messages import say
 
 _LOG = structlog.get_logger(__name__)
 # A closed terminal, and Ctrl-\, too: each would end the process at once, and leave a valve where it stands.
@@ -131,8 +132,14 @@ def _listen(settings: ServiceSettings) -> socket.socket:
     except OSError as error:
         listener.close()
         raise ConfigurationError(
-            f"service.bind {settings.bind} port {settings.port} cannot be used ({error.strerror}): "
-            "choose another address or port, or end what uses it"
+            say(
+                "port_unusable",
+                "service.bind {bind} port {port} cannot be used ({reason}): choose another address or port, or end "
+                "what uses it",
+                bind=settings.bind,
+                port=settings.port,
+                reason=str(error.strerror),
+            )
         ) from error
     return listener
 

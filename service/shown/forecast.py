@@ -2,15 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime, timedelta, tzinfo
 from typing import Any, Final
 
 from service.model.health_figures import FIGURE_KINDS
+from service.words.sentences import as_clause, as_heading, as_sentence, together
+from valve.messages import Message, say
 
 _DAY_S: Final = 86400.0
 _FARTHEST_DAYS: Final = 365.0  # what is further is no news to whoever plans the next stop
+_AHEAD: Final[dict[str, tuple[Message, Message, Callable[[int], Message]]]] = {
+    "day": (
+        say("in_less_than_day", "in less than a day"),
+        say("in_about_day", "in about 1 day"),
+        lambda n: say("in_about_days", "in about {n} days", n=n),
+    ),
+    "week": (
+        say("in_less_than_week", "in less than a week"),
+        say("in_about_week", "in about 1 week"),
+        lambda n: say("in_about_weeks", "in about {n} weeks", n=n),
+    ),
+    "month": (
+        say("in_less_than_month", "in less than a month"),
+        say("in_about_month", "in about 1 month"),
+        lambda n: say("in_about_months", "in about {n} months", n=n),
+    ),
+}
 #: A unit with its days, and up to which half of the interval, days, it is the one to count in.
 _UNITS: Final = (("day", 1.0, 4.0), ("week", 7.0, 30.0), ("month", 30.4, float("inf")))
 _ROUND: Final = timedelta(days=90)  # an interval that is longer has its ends in months
@@ -30,16 +49,19 @@ class Forecast:
     @property
     def limit_words(self) -> str:
         """What a list calls the limit, beside friction."""
-        return "limit" if self.name in _FRICTION else f"{self.words[0].lower()}{self.words[1:]}: limit"
+        if self.name in _FRICTION:
+            return say("limit", "limit")
+        return say("limit_of", "{words}: limit", words=as_clause(self.words))
 
     def soon(self, now: datetime) -> str:
         """Return how far ahead that is, such as ``in about 3 weeks``."""
         days = (self.at - now).total_seconds() / _DAY_S
         unit, size = next((unit, size) for unit, size, most in _UNITS if self._half_days(days) <= most)
         count = round(days / size)
+        less, one, several = _AHEAD[unit]
         if count < 1:
-            return f"in less than a {unit}" if days > 0.0 else "now"
-        return f"in about {count} {unit}{'' if count == 1 else 's'}"
+            return less if days > 0.0 else say("now", "now")
+        return one if count == 1 else several(count)
 
     def span(self, now: datetime, zone: tzinfo | None) -> str:
         """Return the interval by the plant's clock, such as ``12 December to 8 January 2027``; "" without, or past."""
@@ -47,26 +69,26 @@ class Forecast:
             return ""
         first = _day(max(self.earliest, now), now, zone, is_round=self._is_round)
         if self.latest is None:
-            return f"not before {first}"
+            return say("not_before", "not before {first}", first=first)
         last = _day(max(self.latest, now), now, zone, is_round=self._is_round)
-        return first if first == last else f"{first} to {last}"
+        return first if first == last else say("forecast_from_to", "{first} to {last}", first=first, last=last)
 
     def sentence(self, now: datetime, zone: tzinfo | None) -> str:
         """Return what a page says of it."""
         span = self.span(now, zone)
-        return f"{self.words} meets its limit {self.soon(now)}{', ' if span else ''}{span}."
+        met = say("meets_limit", "{figure} meets its limit {soon}", figure=self.words, soon=self.soon(now))
+        return as_sentence(together([met, span], ", "))
 
     def dates(self, zone: tzinfo | None) -> str:
         """Return what a report says of it, such as ``about 2026-12-26 (2026-12-12 to 2027-01-08)``."""
         form = "%Y-%m" if self._is_round else "%Y-%m-%d"
-        at, *ends = (None if one is None else f"{one.astimezone(zone):{form}}" for one in self._instants)
+        at = f"{self.at.astimezone(zone):{form}}"
+        ends = [None if one is None else f"{one.astimezone(zone):{form}}" for one in (self.earliest, self.latest)]
         if ends[0] is None:
-            return f"about {at}"
-        return f"about {at} (not before {ends[0]})" if ends[1] is None else f"about {at} ({ends[0]} to {ends[1]})"
-
-    @property
-    def _instants(self) -> tuple[datetime, datetime | None, datetime | None]:
-        return self.at, self.earliest, self.latest
+            return say("about_date", "about {at}", at=at)
+        if ends[1] is None:
+            return say("about_not_before", "about {at} (not before {first})", at=at, first=ends[0])
+        return say("about_between", "about {at} ({first} to {last})", at=at, first=ends[0], last=ends[1])
 
     @property
     def _is_round(self) -> bool:
@@ -100,15 +122,32 @@ def all_forecasts(health: Mapping[str, Any] | None) -> list[Forecast]:
 def _read(trend: Mapping[str, Any]) -> Forecast:
     at, *ends = (trend.get(key) for key in _KEYS)  # results of earlier versions have no interval
     name = str(trend["name"])
-    words = "friction" if name in _FRICTION else FIGURE_KINDS[name].words
+    words = say("friction", "friction") if name in _FRICTION else FIGURE_KINDS[name].words
     first, last = (None if one is None else datetime.fromisoformat(one) for one in ends)
-    return Forecast(name, words[0].upper() + words[1:], datetime.fromisoformat(str(at)), first, last)
+    return Forecast(name, as_heading(words), datetime.fromisoformat(str(at)), first, last)
 
 
+_MONTHS: Final = (
+    say("january", "January"),
+    say("february", "February"),
+    say("march", "March"),
+    say("april", "April"),
+    say("may", "May"),
+    say("june", "June"),
+    say("july", "July"),
+    say("august", "August"),
+    say("september", "September"),
+    say("october", "October"),
+    say("november", "November"),
+    say("december", "December"),
+)
 _KEYS: Final = ("reaches_limit_at", "reaches_limit_earliest", "reaches_limit_latest")
 
 
-def _day(at: datetime, now: datetime, zone: tzinfo | None, *, is_round: bool) -> str:
+def _day(at: datetime, now: datetime, zone: tzinfo | None, *, is_round: bool) -> Message:
     local = at.astimezone(zone)
-    year = "" if local.year == now.astimezone(zone).year else f" {local.year}"
-    return f"{local:%B}{year}" if is_round else f"{local.day} {local:%B}{year}"
+    month = _MONTHS[local.month - 1]
+    day = month if is_round else say("day_of_month", "{day} {month}", day=local.day, month=month)
+    if local.year == now.astimezone(zone).year:
+        return day
+    return say("day_of_year", "{day} {year}", day=day, year=local.year)

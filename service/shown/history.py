@@ -15,12 +15,19 @@ from service.model.health_figures import FIGURE_KINDS, Figure
 from service.model.past_test import Baseline, PastTest
 from service.model.run import Run
 from service.model.watched_day import WatchedDay
+from service.shown.diagnosis_words import plain_cause
 from service.shown.forecast import all_forecasts
 from service.shown.words import STATES
 from service.store.figure_table import conditions_of
 from service.store.store import Store
+from service.words.names import named
+from valve.messages import say
 
 _TREND_TESTS: Final = 40
+_VERDICTS: Final = {
+    "none": say("in_short_none", "no fault found"),
+    "unexplained": say("in_brief_unexplained", "unexplained"),
+}
 _TRENDS: Final = ("friction_mean_n", "spring_rate_n_per_m", "bench_low_pa", "dead_band_percent")
 
 
@@ -121,8 +128,8 @@ def history_row(run: Run, test: PastTest | None) -> dict[str, Any]:
     return {
         "id": run.id,
         "at": run.created_at,
-        "label": "" if run.label is None else run.label.value.replace("_", " "),
-        "sequence": run.sequence.replace("_", " "),
+        "label": "" if run.label is None else named(run.label.value),
+        "sequence": named(run.sequence),
         "state": STATES[run.state],
         "is_bad": needs_acknowledgement(run),
         "friction_n": None if friction is None else friction.value,
@@ -136,6 +143,6 @@ def diagnosis_words(test: PastTest | None) -> str:
     if test is None:
         return "–"
     if test.causes:
-        cause = test.causes[0].replace("_", " ")
-        return f"{cause}, or another" if test.verdict == "ambiguous" else cause
-    return {"none": "no fault found", "unexplained": "unexplained"}.get(test.verdict, "–")
+        cause = plain_cause(test.causes[0])
+        return say("or_another", "{cause}, or another", cause=cause) if test.verdict == "ambiguous" else cause
+    return _VERDICTS.get(test.verdict, "–")

@@ -9,12 +9,13 @@ from typing import Any, Final
 from drivers.watch_rules import WatchRules
 from service.model.health_figures import Figure
 from service.model.watched_day import WatchedDay
+from valve.messages import say
 
 _FIGURES: Final = (
-    ("friction", "Friction in motion", "N"),
-    ("breakaway", "Breakaway", "N"),
-    ("dead_band_percent", "Dead band", "percent"),
-    ("spring_rate", "Spring rate", "N/m"),
+    ("friction", say("service_friction", "Friction in motion"), "N"),
+    ("breakaway", say("service_breakaway", "Breakaway"), "N"),
+    ("dead_band_percent", say("service_dead_band", "Dead band"), "percent"),
+    ("spring_rate", say("service_spring_rate", "Spring rate"), "N/m"),
 )
 
 
@@ -67,7 +68,12 @@ def in_service_of(rules: WatchRules | None, newest_first: Sequence[WatchedDay]) 
 
 
 def _when(rules: WatchRules) -> str:
-    every = f"every {rules.period_s:g} s"
     if rules.begins is None or rules.ends is None:
-        return f"all day, {every}"
-    return f"from {rules.begins:%H:%M} to {rules.ends:%H:%M}, {every}"
+        return say("watched_all_day", "all day, every {period:g} s", period=rules.period_s)
+    return say(
+        "watched_between",
+        "from {begins} to {ends}, every {period:g} s",
+        begins=f"{rules.begins:%H:%M}",
+        ends=f"{rules.ends:%H:%M}",
+        period=rules.period_s,
+    )

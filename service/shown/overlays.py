@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, tzinfo
-from typing import Any
+from typing import Any, Final
 
 from service.config.nameplates import nameplate_from_mapping
 from service.figures.signature import MOST_LAYERS, Layer, has_signature
@@ -14,9 +14,14 @@ from service.model.past_test import PastTest
 from service.model.run import Label, Run
 from service.shown.history import ValvePast
 from service.store.store import Store
+from service.words.names import named
 from service.words.plant_clock import short_instant
+from service.words.sentences import together
 from valve.errors import NotFoundError
+from valve.messages import say
 from valve.recording_files import read_recording
+
+THIS_TEST: Final = say("this_test", "this test")
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +36,8 @@ class Overlay:
 
 def words_of(run: Run, zone: tzinfo | None, role: str = "") -> str:
     """Return what a test is called in a figure: its role or label, and when it was by the plant's clock."""
-    label = role or ("" if run.label is None else run.label.value.replace("_", " "))
-    return f"{label} {short_instant(run.created_at, zone)}".strip()
+    label = role or ("" if run.label is None else named(run.label.value))
+    return together([label, short_instant(run.created_at, zone)])
 
 
 def overlays_of(store: Store, run: Run, past: ValvePast) -> tuple[list[Overlay], list[Overlay]]:
@@ -45,14 +50,14 @@ def overlays_of(store: Store, run: Run, past: ValvePast) -> tuple[list[Overlay],
     for label in (Label.AS_FOUND, Label.AS_LEFT):
         test = next((one for one in _labelled(store, run, label) if one.test_id != run.id), None)
         if test is not None:
-            chips[test.test_id] = Overlay(test.test_id, label.value.replace("_", " "), test.at)
+            chips[test.test_id] = Overlay(test.test_id, named(label.value), test.at)
     base = past.baseline
     if base is not None and base.id != run.id and base.id not in chips:
-        chips[base.id] = Overlay(base.id, "baseline", base.created_at)
+        chips[base.id] = Overlay(base.id, named("baseline"), base.created_at)
     first = before_of(store, run, past)
     shown = [Overlay(one.test_id, one.words, one.at, one.test_id == first) for one in chips.values()]
     others = [one for one in past.figures if one.test_id != run.id and one.test_id not in chips]
-    listed = [Overlay(one.test_id, (one.label or "test").replace("_", " "), one.at) for one in others]
+    listed = [Overlay(one.test_id, named(one.label or "test"), one.at) for one in others]
     drawn = store.figures.with_loops([one.test_id for one in (*shown, *listed)])
     return [one for one in shown if one.test_id in drawn], [one for one in listed if one.test_id in drawn]
 
@@ -77,12 +82,19 @@ def layers_of(
 
     ``own`` is the test's signature where it is not analysed yet. Raises NotFoundError for a test of another valve.
     """
-    layers = [_layer(run, zone, "this test" if others else "", own)]
+    layers = [_layer(run, zone, THIS_TEST if others else "", own)]
     for test_id in list(dict.fromkeys(others))[: MOST_LAYERS - 1]:
         other = store.runs.get(test_id)
         if other.valve != run.valve:
-            raise NotFoundError(f"test {other.id} is none of {run.valve}: choose one of the same valve")
-        layer = _layer(other, zone, "" if other.label else "test")
+            raise NotFoundError(
+                say(
+                    "test_of_no_such_valve",
+                    "test {test} is none of {valve}: choose one of the same valve",
+                    test=other.id,
+                    valve=run.valve,
+                )
+            )
+        layer = _layer(other, zone, "" if other.label else named("test"))
         if other.id != run.id and has_signature(layer.signature):
             layers.append(layer)
     return layers

@@ -7,17 +7,19 @@ from dataclasses import dataclass, replace
 from datetime import tzinfo
 from typing import Any
 
-from service.figures.methods import METHOD_WORDS, all_estimates
+from service.figures.methods import all_estimates, method_words
 from service.health.acceptance import remarked
 from service.model.requester import person_of
 from service.model.run import Run
 from service.model.stands_words import where_it_stands
 from service.runs.again import words_of_repetition
-from service.shown.words import FIGURES, VERDICTS
+from service.shown.diagnosis_words import beside_no_fault, plain_cause
+from service.shown.words import FIGURES, POSITION_NOISE, SAMPLES, VERDICTS
+from service.words.names import named
 from service.words.plain_numbers import scatter_words
-from service.words.sentences import NO_FAULT, in_units
-from service.words.units import UnitSystem
+from service.words.sentences import NO_FAULT, together
 from valve.carried_digits import carried_places
+from valve.messages import Message, say
 from valve.parameters import PARAMETER_SYMBOLS
 
 
@@ -77,7 +79,7 @@ class Diagnosis:
 
 def method_names(analysis: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return what each method is called, and how its fit is (ok, poor, failed)."""
-    return [(METHOD_WORDS.get(one["method"], one["method"]), one["status"]) for one in all_estimates(analysis)]
+    return [(method_words(one["method"]), one["status"]) for one in all_estimates(analysis)]
 
 
 def parameter_rows(analysis: Mapping[str, Any]) -> list[ParameterRow]:
@@ -86,7 +88,7 @@ def parameter_rows(analysis: Mapping[str, Any]) -> list[ParameterRow]:
     return [
         ParameterRow(
             symbol,
-            entry.meaning,
+            named(entry.meaning),
             entry.unit,
             tuple(_cell(symbol, (estimate.get("parameters") or {}).get(symbol)) for estimate in estimates),
         )
@@ -119,7 +121,7 @@ def missing_reasons(analysis: Mapping[str, Any]) -> list[tuple[str, str]]:
 def method_messages(analysis: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return what the methods whose fit is not good say of it."""
     return [
-        (METHOD_WORDS.get(one["method"], one["method"]), one["message"])
+        (method_words(one["method"]), one["message"])
         for one in analysis.get("estimates") or ()
         if one["status"] != "ok" and one.get("message")
     ]
@@ -167,7 +169,7 @@ def told_once(rows: Sequence[FigureRow]) -> tuple[list[FigureRow], list[tuple[st
     for row in rows:
         if row.value is None:
             whose.setdefault(row.note, []).append(row.words)
-    several = {note: "; ".join(words) for note, words in whose.items() if len(words) > 1}
+    several = {note: together(words, "; ") for note, words in whose.items() if len(words) > 1}
     shown = [
         replace(row, note="") if row.value is None and row.note in several else row
         for row in rows
@@ -178,7 +180,10 @@ def told_once(rows: Sequence[FigureRow]) -> tuple[list[FigureRow], list[tuple[st
 
 def _bench_rows(signature: Mapping[str, Any], old: Mapping[str, Any]) -> list[FigureRow]:
     bench, was = signature.get("bench_set_pa") or (None, None), old.get("bench_set_pa") or (None, None)
-    ends = ("Bench set, closed end", "the spring's adjustment"), ("Bench set, open end", "")
+    ends = (
+        (say("figure_bench_low", "Bench set, closed end"), say("tells_bench_low", "the spring's adjustment")),
+        (say("figure_bench_high", "Bench set, open end"), ""),
+    )
     known = ((signature.get("intervals") or {}).get("bench_set_pa") or {}).get("ci95") or (None, None)
     now, before = bench if None not in known else _to_the_larger(bench), _to_the_larger(was)
     return [
@@ -203,9 +208,9 @@ def diagnosis_of(analysis: Mapping[str, Any]) -> Diagnosis:
     return Diagnosis(
         verdict,
         NO_FAULT if is_harmless else VERDICTS.get(verdict, verdict),
-        "" if is_harmless else str(found.get("message") or "").removeprefix(NO_FAULT).strip(),
+        "" if is_harmless else together(beside_no_fault(found.get("message") or "")),
         causes,
-        () if is_harmless else tuple(str(other).replace("_", " ") for other in found.get("not_told_apart_from") or ()),
+        () if is_harmless else tuple(plain_cause(str(other)) for other in found.get("not_told_apart_from") or ()),
         None if is_harmless else found.get("separating_test"),
         found.get("gain"),
         tuple(one for one in seen if one["cause"] in small),
@@ -214,30 +219,54 @@ def diagnosis_of(analysis: Mapping[str, Any]) -> Diagnosis:
 
 def reasons_beside(reasons: Sequence[str], diagnosis: Diagnosis) -> list[str]:
     """Return the reasons of a state without those that are a cause's sentence and action, word by word: they follow."""
-    told = {f"{cause.get('sentence')} {cause.get('action')}" for cause in diagnosis.causes}
+    told = {together([cause.get("sentence") or "", cause.get("action") or ""]) for cause in diagnosis.causes}
     return [reason for reason in reasons if reason not in told]
 
 
-def recording_facts(run: Run, system: UnitSystem, zone: tzinfo | None) -> list[tuple[str, str]]:
+def recording_facts(run: Run, zone: tzinfo | None) -> list[tuple[str, str]]:
     """Return how the recording was taken and what it hashes to, for the foot of the page."""
     summary: Mapping[str, Any] = (run.analysis or {}).get("recording") or {}
     sampling: Mapping[str, Any] = summary.get("sampling") or {}
     noise_m = summary.get("position_noise_m")
     facts = [
-        ("Samples", f"{summary['samples']}, {summary.get('gaps', 0)} missing" if "samples" in summary else None),
-        ("Taken", f"{summary['acquisition']}, {summary['duration_s']:.4g} s" if "acquisition" in summary else None),
-        ("Rate", None if not sampling else f"{sampling['rate_hz']:.4g} Hz, {sampling['missed_slots']} slots missed"),
-        ("Position noise", None if noise_m is None else f"{_noise(noise_m, system)} rms"),
-        ("After the motion", in_units(where_it_stands(run), system) or None),
-        ("Asked for by", person_of(run.requested_by)),
-        ("Schedule", run.schedule),
-        ("SHA-256", run.recording_sha256),
-        ("Software", run.software),
-        ("Analysis", words_of_repetition(run, zone)),
-        ("Test", run.id),
+        (SAMPLES, _samples(summary)),
+        (say("fact_taken", "Taken"), _taken(summary)),
+        (say("fact_rate", "Rate"), rate_words(sampling) if sampling else None),
+        (POSITION_NOISE, None if noise_m is None else rms(noise_m)),
+        (say("fact_after_motion", "After the motion"), where_it_stands(run)),
+        (say("fact_asked_by", "Asked for by"), person_of(run.requested_by)),
+        (say("fact_schedule", "Schedule"), run.schedule),
+        (say("fact_sha256", "SHA-256"), run.recording_sha256),
+        (say("fact_software", "Software"), run.software),
+        (say("fact_analysis", "Analysis"), words_of_repetition(run, zone)),
+        (say("fact_test", "Test"), run.id),
     ]
     return [(name, value) for name, value in facts if value]
 
 
-def _noise(noise_m: float, system: UnitSystem) -> str:
-    return in_units(f"{noise_m:.3g} m", system)
+def _samples(summary: Mapping[str, Any]) -> str | None:
+    if "samples" not in summary:
+        return None
+    return say("samples_missing", "{samples}, {gaps} missing", samples=summary["samples"], gaps=summary.get("gaps", 0))
+
+
+def _taken(summary: Mapping[str, Any]) -> str | None:
+    if "acquisition" not in summary:
+        return None
+    lasted_s: float = summary["duration_s"]
+    return say("taken_over", "{how}, {lasted:.4g} s", how=named(summary["acquisition"]), lasted=lasted_s)
+
+
+def rate_words(sampling: Mapping[str, Any]) -> Message:
+    """Return how fast a recording was sampled, and how many of its slots were missed."""
+    return say(
+        "rate_and_missed",
+        "{rate:.4g} Hz, {missed} slots missed",
+        rate=sampling["rate_hz"],
+        missed=sampling["missed_slots"],
+    )
+
+
+def rms(length_m: float) -> Message:
+    """Return a length as the root of its mean square."""
+    return say("length_rms", "{length:.3g m} rms", length=length_m)

@@ -8,6 +8,7 @@ from typing import Final
 from service.model.acknowledgement import is_moving, needs_acknowledgement, stem_astray
 from service.model.run import Run, RunState
 from service.words.sentences import NO_FAULT
+from valve.messages import say
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,62 +20,92 @@ class Condition:
     rank: int
 
 
-ALARM: Final = Condition("alarm", "Safe state not confirmed", 0)
-STEM_ASTRAY: Final = Condition("alarm", "Stem not at its safe position", 0)
+ALARM: Final = Condition("alarm", say("state_not_confirmed", "Safe state not confirmed"), 0)
+STEM_ASTRAY: Final = Condition("alarm", say("state_stem_astray", "Stem not at its safe position"), 0)
 NE107: Final = {
-    "F": Condition("F", "Failure", 1),
-    "S": Condition("S", "Out of specification", 3),
-    "M": Condition("M", "Maintenance required", 4),
-    "C": Condition("C", "Function check", 5),
-    "N": Condition("N", "Normal", 8),
+    "F": Condition("F", say("state_failure", "Failure"), 1),
+    "S": Condition("S", say("state_out_of_specification", "Out of specification"), 3),
+    "M": Condition("M", say("state_maintenance", "Maintenance required"), 4),
+    "C": Condition("C", say("state_function_check", "Function check"), 5),
+    "N": Condition("N", say("state_normal", "Normal"), 8),
 }
-BAD_END: Final = Condition("bad", "Last test ended badly", 2)
-UNDER_TEST: Final = Condition("C", "Function check: under test", 5)
-AFTER_TEST: Final = Condition("C", "Function check: its stem may still move", 5)
-NOT_ASSESSED: Final = Condition("none", "Not assessed", 6)
-NEVER_TESTED: Final = Condition("none", "Never tested", 7)
+BAD_END: Final = Condition("bad", say("state_ended_badly", "Last test ended badly"), 2)
+UNDER_TEST: Final = Condition("C", say("state_under_test", "Function check: under test"), 5)
+AFTER_TEST: Final = Condition("C", say("state_after_test", "Function check: its stem may still move"), 5)
+NOT_ASSESSED: Final = Condition("none", say("state_not_assessed", "Not assessed"), 6)
+NEVER_TESTED: Final = Condition("none", say("state_never_tested", "Never tested"), 7)
 
 STATES: Final = {
-    RunState.QUEUED: "Waiting for its turn",
-    RunState.RUNNING: "Running",
-    RunState.ANALYZING: "Analysing",
-    RunState.COMPLETED: "Completed",
-    RunState.FAILED: "Failed",
-    RunState.STOPPED: "Stopped",
-    RunState.INTERRUPTED: "Interrupted",
+    RunState.QUEUED: say("test_queued", "Waiting for its turn"),
+    RunState.RUNNING: say("test_running", "Running"),
+    RunState.ANALYZING: say("test_analyzing", "Analysing"),
+    RunState.COMPLETED: say("test_completed", "Completed"),
+    RunState.FAILED: say("test_ended_failed", "Failed"),
+    RunState.STOPPED: say("test_stopped", "Stopped"),
+    RunState.INTERRUPTED: say("test_interrupted", "Interrupted"),
 }
 
 VERDICTS: Final = {
     "none": NO_FAULT,
-    "named": "Cause found.",
-    "likely": "A cause is probable, not proven.",
-    "ambiguous": "More than one cause fits.",
-    "unexplained": "Something is wrong that no known cause explains.",
-    "not_assessed": "Causes were not looked for.",
+    "named": say("cause_found", "Cause found."),
+    "likely": say("cause_is_probable", "A cause is probable, not proven."),
+    "ambiguous": say("causes_fit", "More than one cause fits."),
+    "unexplained": say("unexplained_by_causes", "Something is wrong that no known cause explains."),
+    "not_assessed": say("causes_not_looked_for", "Causes were not looked for."),
 }
 
 SEQUENCES: Final = {
-    "triangle": "Full stroke up and down at one speed. The plain signature.",
-    "multi_rate": "Strokes at many speeds. Tells the most in the time; the usual choice.",
-    "sine": "Smooth strokes up and down. Checks a model that was found before.",
-    "steps": "Small and large steps. Dead band, resolution and speed of response.",
-    "dwell": "Strokes with rests. Friction that grows while the valve stands.",
-    "small_loops": "A stroke, then small ones about the middle. Lost motion in the linkage.",
-    "diagnostic": "Slow and fast strokes, rests and small loops. Tells most causes apart.",
-    "separating": "Chosen to tell the causes apart that the last test could not.",
+    "triangle": say("sequence_triangle", "Full stroke up and down at one speed. The plain signature."),
+    "multi_rate": say("sequence_multi_rate", "Strokes at many speeds. Tells the most in the time; the usual choice."),
+    "sine": say("sequence_sine", "Smooth strokes up and down. Checks a model that was found before."),
+    "steps": say("sequence_steps", "Small and large steps. Dead band, resolution and speed of response."),
+    "dwell": say("sequence_dwell", "Strokes with rests. Friction that grows while the valve stands."),
+    "small_loops": say(
+        "sequence_small_loops", "A stroke, then small ones about the middle. Lost motion in the linkage."
+    ),
+    "diagnostic": say("sequence_diagnostic", "Slow and fast strokes, rests and small loops. Tells most causes apart."),
+    "separating": say("sequence_separating", "Chosen to tell the causes apart that the last test could not."),
 }
 
 #: Figures of the signature: key, what a person calls it, SI unit, what it tells.
 FIGURES: Final = (
-    ("friction_mean_n", "Friction, mean", "N", "packing: tightened, dried out, or loose"),
-    ("friction_max_n", "Friction, highest", "N", "a tight place: bent stem, scored plug, guide"),
-    ("friction_min_n", "Friction, lowest", "N", ""),
-    ("spring_rate_n_per_m", "Spring rate", "N/m", "a broken or a wrong spring"),
-    ("dead_band_percent", "Dead band", "percent", "how far the input turns back before the stem answers"),
-    ("hysteresis_percent", "Hysteresis and dead band", "percent", ""),
-    ("stick_band_percent", "Stick band", "percent", ""),
-    ("slip_jump_percent", "Slip jump", "percent", "how far the stem jumps when it breaks away"),
+    (
+        "friction_mean_n",
+        say("figure_friction_mean", "Friction, mean"),
+        "N",
+        say("tells_friction_mean", "packing: tightened, dried out, or loose"),
+    ),
+    (
+        "friction_max_n",
+        say("figure_friction_max", "Friction, highest"),
+        "N",
+        say("tells_friction_max", "a tight place: bent stem, scored plug, guide"),
+    ),
+    ("friction_min_n", say("figure_friction_min", "Friction, lowest"), "N", ""),
+    (
+        "spring_rate_n_per_m",
+        say("figure_spring_rate", "Spring rate"),
+        "N/m",
+        say("tells_spring_rate", "a broken or a wrong spring"),
+    ),
+    (
+        "dead_band_percent",
+        say("figure_dead_band", "Dead band"),
+        "percent",
+        say("tells_dead_band", "how far the input turns back before the stem answers"),
+    ),
+    ("hysteresis_percent", say("figure_hysteresis", "Hysteresis and dead band"), "percent", ""),
+    ("stick_band_percent", say("figure_stick_band", "Stick band"), "percent", ""),
+    (
+        "slip_jump_percent",
+        say("figure_slip_jump", "Slip jump"),
+        "percent",
+        say("tells_slip_jump", "how far the stem jumps when it breaks away"),
+    ),
 )
+#: What facts about a recording are called.
+SAMPLES: Final = say("sampling_samples", "Samples")
+POSITION_NOISE: Final = say("sampling_noise", "Position noise")
 
 
 def alarm_condition(run: Run) -> Condition | None:

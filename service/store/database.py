@@ -16,6 +16,7 @@ from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url, 
 from sqlalchemy.exc import SQLAlchemyError
 
 from valve.errors import ConfigurationError
+from valve.messages import say
 
 _CONNECT_TIMEOUT_S: Final = 10
 _POOL: Final = 10
@@ -58,8 +59,14 @@ def refuse_newer(revision: str, subject: str) -> None:
     script = ScriptDirectory.from_config(_config())
     if revision not in {known.revision for known in script.walk_revisions()}:
         raise ConfigurationError(
-            f"{subject}: a newer version of breakaway made this database (its schema is {revision}, "
-            f"this version knows up to {script.get_current_head()}): install that version, or name another store"
+            say(
+                "database_too_new",
+                "{subject}: a newer version of breakaway made this database (its schema is {revision}, this "
+                "version knows up to {known}): install that version, or name another store",
+                subject=subject,
+                revision=revision,
+                known=str(script.get_current_head()),
+            )
         )
 
 
@@ -122,18 +129,32 @@ def open_database(url: str | URL) -> Engine:
                 verdict = connection.execute(text("PRAGMA quick_check")).scalar_one()
             if verdict != "ok":
                 raise ConfigurationError(
-                    f"{_subject(parsed)}: the database is damaged ({verdict}): restore it from a backup"
+                    say(
+                        "database_damaged",
+                        "{subject}: the database is damaged ({verdict}): restore it from a backup",
+                        subject=_subject(parsed),
+                        verdict=verdict,
+                    )
                 )
         migrate(engine)
     except (SQLAlchemyError, CommandError) as error:
         engine.dispose()
         reason = " ".join(str(getattr(error, "orig", None) or error).split("\n", maxsplit=1)[0].split())
-        remedy = (
-            "restore it from a backup, or name another folder as service.store"
-            if is_sqlite
-            else "start the server, create the database or correct service.database and its password"
+        remedy = say(
+            "start_or_correct_database",
+            "start the server, create the database or correct service.database and its password",
         )
-        raise ConfigurationError(f"{_subject(parsed)}: the database cannot be used ({reason}): {remedy}") from error
+        if is_sqlite:
+            remedy = say("restore_database", "restore it from a backup, or name another folder as service.store")
+        raise ConfigurationError(
+            say(
+                "database_unusable",
+                "{subject}: the database cannot be used ({why}): {remedy}",
+                subject=_subject(parsed),
+                why=reason,
+                remedy=remedy,
+            )
+        ) from error
     except ConfigurationError:
         engine.dispose()
         raise

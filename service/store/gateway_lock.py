@@ -7,6 +7,7 @@ import hashlib
 from sqlalchemy import Connection, Engine, text
 
 from valve.errors import BusyError
+from valve.messages import say
 
 
 class GatewayLock:
@@ -15,7 +16,7 @@ class GatewayLock:
     def __init__(self, engine: Engine, gateway: str) -> None:
         self._engine = engine
         self._gateway = gateway
-        digest = hashlib.sha256(f"breakaway gateway {gateway}".encode()).digest()
+        digest = hashlib.sha256(b"breakaway gateway " + gateway.encode()).digest()
         self._key = int.from_bytes(digest[:8], "big", signed=True)
         self._connection: Connection | None = None
 
@@ -24,10 +25,19 @@ class GatewayLock:
         connection = self._engine.connect().execution_options(isolation_level="AUTOCOMMIT")
         if not connection.execute(text("SELECT pg_try_advisory_lock(:key)"), {"key": self._key}).scalar_one():
             connection.close()
-            name = f"gateway {self._gateway!r}" if self._gateway else "a service without a gateway's name"
+            name = (
+                say("gateway_named", "gateway {gateway}", gateway=repr(self._gateway))
+                if self._gateway
+                else say("service_without_gateway", "a service without a gateway's name")
+            )
             raise BusyError(
-                f"{self._engine.url.render_as_string(hide_password=True)}: {name} runs on this database already: "
-                "stop that one first, or give this one another service.gateway"
+                say(
+                    "gateway_runs_already",
+                    "{database}: {name} runs on this database already: stop that one first, or give this one "
+                    "another service.gateway",
+                    database=self._engine.url.render_as_string(hide_password=True),
+                    name=name,
+                )
             )
         self._connection = connection
 

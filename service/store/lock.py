@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 
 from valve.errors import BusyError
+from valve.messages import say
 
 
 class StoreLock:
@@ -25,8 +26,13 @@ class StoreLock:
             holder = os.read(descriptor, 32).decode(errors="replace").strip()
             os.close(descriptor)
             raise BusyError(
-                f"{self._path.parent}: the store and its buses belong to another service "
-                f"(process {holder or 'unknown'}): stop that one first, or name another folder as service.store"
+                say(
+                    "store_of_other_service",
+                    "{folder}: the store and its buses belong to another service (process {process}): stop that "
+                    "one first, or name another folder as service.store",
+                    folder=str(self._path.parent),
+                    process=holder or "unknown",
+                )
             ) from error
         os.ftruncate(descriptor, 0)
         os.pwrite(descriptor, f"{os.getpid()}\n".encode(), 0)

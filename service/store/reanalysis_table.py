@@ -16,7 +16,9 @@ from service.store.run_table import RunFilter
 from service.store.schema_health import FIGURES
 from service.store.schema_reanalyses import REANALYSES, REPEATS
 from service.store.schema_tests import TESTS
+from service.store.told import told, with_reason
 from valve.errors import NotFoundError
+from valve.messages import say
 
 _TROUBLES: Final = 20
 _OPEN: Final = (RepeatState.QUEUED.value, RepeatState.RUNNING.value)
@@ -29,13 +31,14 @@ def _reanalysis(row: Row[Any]) -> Reanalysis:
 
 
 def _repeat(row: Row[Any]) -> Repeat:
-    values = dict(row._mapping)
+    values = told(dict(row._mapping))
     return Repeat(**(values | {"state": RepeatState(values["state"])}))
 
 
 def _repeats() -> Select[Any]:
     table = REPEATS.c
-    return select(table.id, table.test_id, table.valve, table.state, table.attempt, table.begun_at, table.reason)
+    names = ("id", "test_id", "valve", "state", "attempt", "begun_at", "reason", "messages")
+    return select(*(table[name] for name in names))
 
 
 def _meant(wanted: Wanted, failed: str, engine: int) -> list[ColumnElement[bool]]:
@@ -110,7 +113,7 @@ class ReanalysisTable:
         with self._engine.begin() as connection:
             key = connection.execute(insert(REANALYSES).values(values)).inserted_primary_key
             if key is None:
-                raise NotFoundError("the re-analysis: the database gave it no number")
+                raise NotFoundError(say("reanalysis_without_number", "the re-analysis: the database gave it no number"))
             conditions = _meant(wanted, failed, engine)
             mine = (tests.gateway == reanalysis.gateway) & tests.recording_sha256.is_not(None)
             rows = (
@@ -127,7 +130,9 @@ class ReanalysisTable:
         with self._engine.connect() as connection:
             row = connection.execute(select(REANALYSES).where(REANALYSES.c.id == number)).one_or_none()
         if row is None:
-            raise NotFoundError(f"re-analysis {number} is unknown: GET /reanalyses lists them")
+            raise NotFoundError(
+                say("reanalysis_unknown", "re-analysis {number} is unknown: GET /reanalyses lists them", number=number)
+            )
         return _reanalysis(row)
 
     def unfinished(self, gateway: str) -> list[Reanalysis]:
@@ -179,7 +184,7 @@ class ReanalysisTable:
 
     def end_test(self, repeat: Repeat, state: RepeatState, reason: str, now: datetime) -> None:
         """Write down how a test of a re-analysis ended."""
-        self._change(repeat, state=state.value, reason=reason, ended_at=now)
+        self._change(repeat, state=state.value, ended_at=now, **with_reason(reason))
 
     def _change(self, repeat: Repeat, **values: Any) -> None:
         mine = (REPEATS.c.id == repeat.id) & (REPEATS.c.state == RepeatState.RUNNING.value)

@@ -14,6 +14,7 @@ from service.store.schema_health import BASELINES
 from service.store.schema_nightly import REMOVED_RECORDINGS
 from service.store.schema_tests import TESTS
 from service.store.store import Store
+from valve.messages import say
 
 _LOG = structlog.get_logger(__name__)
 _SWEEP: Final = timedelta(days=7)  # a file whose removal was written down and then cut off is looked for this long
@@ -33,7 +34,13 @@ def remove_old_recordings(store: Store, rule: Retention, now: datetime) -> list[
             continue
         if rule.keep_baselines and (run.label is not None or run_id in baselines):
             continue
-        _remove(store, run_id, f"older than {rule.recordings_days} days, not among the last {rule.keep_last}", now)
+        why = say(
+            "older_than_kept",
+            "older than {days} days, not among the last {n}",
+            days=rule.recordings_days,
+            n=rule.keep_last,
+        )
+        _remove(store, run_id, why, now)
         removed.append(run_id)
     if removed:
         _LOG.info("recordings removed", count=len(removed), older_than_days=rule.recordings_days)

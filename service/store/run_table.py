@@ -19,7 +19,9 @@ from service.store.figure_table import write_figures
 from service.store.schema_health import FIGURES
 from service.store.schema_nightly import VALVE_HEALTHS, VALVE_STATES
 from service.store.schema_tests import ANALYSES, TESTS
+from service.store.told import told
 from valve.errors import NotFoundError
+from valve.messages import TABLE, restored, say, with_table
 
 #: Stands for the analysis of a run that came from a list: it is many times the rest.
 NOT_LOADED: Final[Mapping[str, Any]] = MappingProxyType({"not_loaded": True})
@@ -111,10 +113,14 @@ def _head(row: Any) -> Run:
 
 def _run(row: Any) -> Run:
     values = dict(row._mapping)
-    return _as_run(values | {"analysis": values.pop(_DOCUMENT)})
+    document = values.pop(_DOCUMENT)
+    return _as_run(values | {"analysis": None if document is None else restored(document)})
 
 
 def _as_run(values: dict[str, Any]) -> Run:
+    if values[TABLE]:
+        values = restored(values)
+    del values[TABLE]
     values["state"] = RunState(values["state"])
     values["label"] = None if values["label"] is None else Label(values["label"])
     values["stands"] = None if values["stands"] is None else StandsAt.from_json(values["stands"])
@@ -123,12 +129,13 @@ def _as_run(values: dict[str, Any]) -> Run:
 
 
 def _row(run: Run) -> dict[str, Any]:
-    values = {column.name: getattr(run, column.name) for column in TESTS.c if column is not TESTS.c.number}
+    values = {name: getattr(run, name) for name in _NAMES if name not in ("number", TABLE)}
     values["state"] = run.state.value
     values["label"] = None if run.label is None else run.label.value
     for name in ("overrides", "quality", "permissives"):
         values[name] = None if values[name] is None else dict(values[name])
     values["stands"] = None if run.stands is None else run.stands.to_json()
+    values[TABLE] = with_table(values).get(TABLE)
     return values
 
 
@@ -141,7 +148,7 @@ def _write_analysis(connection: Connection, run: Run) -> None:
     if run.analysis is None:
         connection.execute(delete(ANALYSES).where(mine))
         return
-    document = {_DOCUMENT: dict(run.analysis)}
+    document = {_DOCUMENT: with_table(run.analysis)}
     query = _upsert(connection, ANALYSES).values(number=run.number, **document)
     connection.execute(query.on_conflict_do_update(index_elements=[ANALYSES.c.number], set_=document))
 
@@ -171,7 +178,9 @@ def _note_state(connection: Connection, run: Run) -> None:
     }
     newer = states.completed_number.is_(None) | (states.completed_number <= run.number)
     if connection.execute(update(VALVE_STATES).where(mine, newer).values(completed)).rowcount == 1:
-        query = _upsert(connection, VALVE_HEALTHS).values(valve=run.valve, health=health)
+        query = _upsert(connection, VALVE_HEALTHS).values(
+            valve=run.valve, health=None if health is None else with_table(health)
+        )
         whole = {"health": query.excluded.health}
         connection.execute(query.on_conflict_do_update(index_elements=[VALVE_HEALTHS.c.valve], set_=whole))
 
@@ -205,7 +214,9 @@ class RunTable:
         with self._engine.begin() as connection:
             number = connection.execute(insert(TESTS).values(_row(run))).inserted_primary_key
             if number is None:
-                raise NotFoundError(f"test {run.id}: the database gave it no number")
+                raise NotFoundError(
+                    say("test_without_number", "test {test}: the database gave it no number", test=run.id)
+                )
             stored = replace(run, number=number[0])
             _write_all(connection, stored)
         self._tell(stored)
@@ -221,7 +232,9 @@ class RunTable:
         with self._engine.begin() as connection:
             mine = (TESTS.c.id == run.id) & (TESTS.c.number == run.number)
             if connection.execute(update(TESTS).where(mine).values(_row(run))).rowcount != 1:
-                raise NotFoundError(f"test {run.id} is unknown: it was never stored")
+                raise NotFoundError(
+                    say("test_never_stored", "test {test} is unknown: it was never stored", test=run.id)
+                )
             _write_all(connection, run)
         self._tell(run)
 
@@ -237,7 +250,7 @@ class RunTable:
         with self._engine.connect() as connection:
             row = connection.execute(_whole().where(TESTS.c.id == run_id)).one_or_none()
         if row is None:
-            raise NotFoundError(f"test {run_id} is unknown: GET /tests lists all")
+            raise NotFoundError(say("test_unknown", "test {test} is unknown: GET /tests lists all", test=run_id))
         return _run(row)
 
     def by_idempotency_key(self, key: str) -> Run | None:
@@ -288,7 +301,12 @@ class RunTable:
             query = query.where(states.valve.in_(valves))
         with self._engine.connect() as connection:
             rows = connection.execute(query).all()
-        return {row.valve: ValveHead(_head(row), row.completed_number, row.completed_at, row.health) for row in rows}
+        return {
+            row.valve: ValveHead(
+                _head(row), row.completed_number, row.completed_at, None if row.health is None else told(row.health)
+            )
+            for row in rows
+        }
 
     def last_completed(self, valve: str) -> Run | None:
         """Return the newest completed run of a valve, whole."""
@@ -305,8 +323,13 @@ class RunTable:
         """
         mine = (TESTS.c.id == run.id) & (TESTS.c.number == run.number)
         with self._changing, self._engine.begin() as connection:
-            if connection.execute(update(TESTS).where(mine).values(stands=stands.to_json())).rowcount != 1:
-                raise NotFoundError(f"test {run.id} is unknown: it was never stored")
+            kept = connection.execute(select(TESTS.c[TABLE]).where(mine)).scalar_one_or_none() or {}
+            seen = stands.to_json()
+            table = kept | with_table(seen).get(TABLE, {})
+            if connection.execute(update(TESTS).where(mine).values(stands=seen, messages=table or None)).rowcount != 1:
+                raise NotFoundError(
+                    say("test_never_stored", "test {test} is unknown: it was never stored", test=run.id)
+                )
             is_last = VALVE_STATES.c.last_number == run.number
             connection.execute(update(VALVE_STATES).where(is_last).values(stem=stands.verdict.value))
         stored = self.get(run.id)

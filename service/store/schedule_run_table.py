@@ -12,11 +12,13 @@ from sqlalchemy.exc import IntegrityError
 
 from service.model.check import Check, CheckState
 from service.store.schema_nightly import SCHEDULE_RUNS
+from service.store.told import told, with_reason
 from valve.errors import NotFoundError
+from valve.messages import say
 
 
 def _check(row: Row[Any]) -> Check:
-    values = dict(row._mapping)
+    values = told(dict(row._mapping))
     return Check(**(values | {"state": CheckState(values["state"])}))
 
 
@@ -28,7 +30,7 @@ class ScheduleRunTable:
 
     def insert(self, check: Check) -> Check | None:
         """Store a new check and return it with its id; None where this valve's check of this occurrence is there."""
-        values = asdict(check) | {"state": check.state.value}
+        values = asdict(check) | {"state": check.state.value, **with_reason(check.reason)}
         values.pop("id")
         try:
             with self._engine.begin() as connection:
@@ -42,7 +44,13 @@ class ScheduleRunTable:
         with self._engine.connect() as connection:
             row = connection.execute(select(SCHEDULE_RUNS).where(SCHEDULE_RUNS.c.id == check_id)).one_or_none()
         if row is None:
-            raise NotFoundError(f"nightly check {check_id} is unknown: GET /schedules/night lists a night's")
+            raise NotFoundError(
+                say(
+                    "check_unknown",
+                    "nightly check {check} is unknown: GET /schedules/night lists a night's",
+                    check=check_id,
+                )
+            )
         return _check(row)
 
     def take_up(self, check_id: int, attempt: str, now: datetime) -> bool:
@@ -64,7 +72,7 @@ class ScheduleRunTable:
     def end(self, check_id: int, state: CheckState, reason: str, now: datetime) -> bool:
         """Write down how a check ended; False where it had ended already."""
         for former in (CheckState.RUNNING, CheckState.QUEUED):
-            if self._change(check_id, former, state=state.value, reason=reason, ended_at=now):
+            if self._change(check_id, former, state=state.value, ended_at=now, **with_reason(reason)):
                 return True
         return False
 

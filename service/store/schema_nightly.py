@@ -32,6 +32,7 @@ SCHEDULE_RUNS: Final = Table(
     Column("attempted_at", UtcDateTime),
     Column("ended_at", UtcDateTime),
     Column("until", JSON(none_as_null=True)),
+    Column("messages", JSON(none_as_null=True)),  # what its reason was made of
     UniqueConstraint("schedule", "occurrence", "valve"),
     Index(None, "gateway", "state"),
     Index(None, "due_at"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from sqlalchemy import Boolean, Column, ForeignKey, Index, Integer, String, Table, Text, UniqueConstraint
+from sqlalchemy import JSON, Boolean, Column, ForeignKey, Index, Integer, String, Table, Text, UniqueConstraint
 
 from service.store.schema_base import METADATA, UtcDateTime
 
@@ -38,6 +38,7 @@ REPEATS: Final = Table(
     Column("begun_at", UtcDateTime),
     Column("ended_at", UtcDateTime),
     Column("reason", Text, nullable=False),
+    Column("messages", JSON(none_as_null=True)),  # what its reason was made of
     UniqueConstraint("reanalysis", "test_id"),
     Index("ix_reanalysed_tests_reanalysis_state_id", "reanalysis", "state", "id"),
 )

@@ -44,6 +44,7 @@ TESTS: Final = Table(
     Column("work_order", String(64)),
     Column("described_at", UtcDateTime),
     Column("described_by", String(64)),
+    Column("messages", JSON(none_as_null=True)),  # what sentences of it were made of
     # By these a list finds the few tests that it is asked for among hundreds of thousands.
     Index("ix_tests_created_at_number", "created_at", "number"),
     Index("ix_tests_label_number", "label", "number", sqlite_where=_LABELLED, postgresql_where=_LABELLED),

@@ -25,6 +25,7 @@ WATCHED_DAYS: Final = Table(
     Column("software", String(64), nullable=False),
     Column("document", JSON(none_as_null=True)),
     Column("reason", Text, nullable=False),
+    Column("messages", JSON(none_as_null=True)),  # what its reason was made of
     *(Column(f"friction_n{end}", Float) for end in ("", "_low", "_high")),
     Column("driven_by", String(16), nullable=False),
     *(Column(name, Float) for name in ("travel_m", "area_m2")),

@@ -30,6 +30,7 @@ from service.store.schedule_run_table import ScheduleRunTable
 from service.store.state_counts import StateCounts
 from service.store.watched_table import WatchedTable
 from valve.errors import ConfigurationError, InternalError
+from valve.messages import message_of, say
 from valve.recording import Recording
 from valve.recording_files import file_sha256, write_parquet
 
@@ -115,7 +116,13 @@ class Store:
         on_disk = file_sha256(path)
         if on_disk != sha256:
             raise InternalError(
-                f"test {run_id}: its recording reads back as {on_disk}, it was {sha256}: check the disk"
+                say(
+                    "recording_reads_otherwise",
+                    "test {test}: its recording reads back as {on_disk}, it was {was}: check the disk",
+                    test=run_id,
+                    on_disk=on_disk,
+                    was=sha256,
+                )
             )
         return path.name, sha256
 
@@ -128,6 +135,10 @@ def open_store(settings: ServiceSettings) -> Store:
 
 def _unwritable(folder: Path, error: OSError) -> ConfigurationError:
     return ConfigurationError(
-        f"{folder}: the store cannot be written ({error.strerror}): make it writable, "
-        "or name another folder as service.store"
+        say(
+            "store_not_writable",
+            "{folder}: the store cannot be written ({why}): make it writable, or name another folder as service.store",
+            folder=str(folder),
+            why=error.strerror or message_of(error),
+        )
     )

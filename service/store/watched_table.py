@@ -12,6 +12,8 @@ from sqlalchemy import Engine, delete, insert, select
 from service.model.health_figures import Figure
 from service.model.watched_day import FrictionInService, JudgedBy, WatchedDay
 from service.store.schema_watched import WATCHED_DAYS
+from service.store.told import told, with_reason
+from valve.messages import TABLE, with_table
 
 _FRICTION: Final = ("friction_n", "friction_n_low", "friction_n_high")
 
@@ -35,8 +37,8 @@ class WatchedTable:
             "rows": found.rows,
             "judged_at": found.judged_at,
             "software": found.software,
-            "document": None if found.document is None else dict(found.document),
-            "reason": found.reason,
+            "document": None if found.document is None else with_table(found.document),
+            **with_reason(found.reason),
             "driven_by": found.driven_by,
             "travel_m": found.judged_by.travel_m,
             "area_m2": found.judged_by.area_m2,
@@ -79,6 +81,7 @@ class WatchedTable:
 
 
 def _day(row: Any) -> WatchedDay:
+    reason = told({"reason": row.reason, TABLE: row.messages})["reason"]
     return WatchedDay(
         row.valve,
         row.day,
@@ -87,7 +90,7 @@ def _day(row: Any) -> WatchedDay:
         row.rows,
         row.judged_at,
         row.software,
-        row.document,
-        row.reason,
+        None if row.document is None else told(row.document),
+        reason,
         JudgedBy(row.travel_m, row.area_m2),
     )

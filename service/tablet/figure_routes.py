@@ -16,7 +16,7 @@ from service.figures.drawer import Drawer
 from service.figures.friction import friction_svg
 from service.figures.methods import all_estimates, methods_svg
 from service.figures.misfit import coordinate_svg, time_svg
-from service.figures.signature import NARROW, WIDE, Frame, Layer, has_signature, signature_svg
+from service.figures.signature import NARROW, WIDE, Frame, Layer, has_signature, signature_svg, why_no_signature
 from service.figures.trace import trace_svg
 from service.figures.trend import trends_svg
 from service.http.given import Given
@@ -28,9 +28,11 @@ from service.runs.service import Runs
 from service.shown.history import past_of
 from service.shown.overlays import before_of, layers_of, measured_signature
 from service.store.store import Store
-from service.tablet.rendering import PagesOf, units_of
+from service.tablet.figure_addresses import read_as
+from service.tablet.rendering import PagesOf, reader_of
 from service.tablet.visitor import VisitorOf
 from valve.errors import NotFoundError
+from valve.messages import say
 
 router = APIRouter(prefix="/ui/figures", include_in_schema=False)
 
@@ -40,7 +42,7 @@ _HEADERS: Final = {
     "Content-Security-Policy": "default-src 'none'; style-src 'unsafe-inline'",
     "X-Content-Type-Options": "nosniff",
 }
-_NO_PICTURE: Final = "this test has no such picture: its page says what there is"
+_NO_PICTURE: Final = say("no_such_picture", "this test has no such picture: its page says what there is")
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +89,7 @@ async def figure_of_signature(
     narrow: bool = False,
 ) -> Response:
     """Draw the signature of a test, with others of its valve laid over it."""
-    run, system = await source.runs.get(test_id), units_of(request)
+    run, reader = await source.runs.get(test_id), reader_of(request, source.plant.zone)
     own = await _measured_early(source, run)
     layers, frame = await asyncio.to_thread(_signature, source, run, tuple(others or ()), own)
     key = (
@@ -95,30 +97,37 @@ async def figure_of_signature(
         run.finished_at,
         own is None,
         "signature",
-        system,
+        reader,
         narrow,
         repr(frame),
         tuple(others or ()),
         *(one.words for one in layers),
     )
-    return _svg(await source.drawer.svg(key, signature_svg, layers, frame, system, NARROW if narrow else WIDE))
+    return _svg(await source.drawer.svg(key, signature_svg, layers, frame, reader, NARROW if narrow else WIDE))
 
 
 @router.get("/tests/{test_id}/measured")
 async def measured_part(pages: PagesOf, test_id: str, source: SourceOf, visitor: VisitorOf) -> Response:
     """Return the first figures of a test whose diagnosis is still under way, which its page puts into itself."""
-    run, system = await source.runs.get(test_id), pages.system
+    run, reader = await source.runs.get(test_id), pages.reader
     own = await _measured_early(source, run)
     if own is None:
-        raise NotFoundError(f"test {run.id} is {run.state.value}: its page says what there is")
+        raise NotFoundError(
+            say(
+                "no_measured_part",
+                "test {test} is {state}: its page says what there is",
+                test=run.id,
+                state=run.state.value,
+            )
+        )
     valve = source.plant.valves.get(run.valve)
     past = await asyncio.to_thread(past_of, source.store, run.valve, valve, run)
     first = await asyncio.to_thread(before_of, source.store, run, past)
-    address = f"/ui/figures/tests/{run.id}/signature.svg?units={system.value}&early=1"
+    address = f"/ui/figures/tests/{run.id}/signature.svg?{read_as(reader)}&early=1"
     shown = {
-        "early_figures": key_figures({"signature": own}, system),
+        "early_figures": key_figures({"signature": own}, reader),
         "early_address": "" if not has_signature(own) else address + ("" if first is None else f"&with={first}"),
-        "early_missing": "" if has_signature(own) else str(next(iter((own.get("notes") or {}).values()), "")),
+        "early_missing": why_no_signature(own),
     }
     return pages.show("measured.html", visitor, shown)
 
@@ -150,14 +159,14 @@ def _signature(
 @router.get("/tests/{test_id}/{name}.svg")
 async def figure_of_test(request: Request, test_id: str, name: str, source: SourceOf, _visitor: VisitorOf) -> Response:
     """Draw one picture of a test: methods, time, coordinate, friction, trace."""
-    run, system = await source.runs.get(test_id), units_of(request)
+    run, reader = await source.runs.get(test_id), reader_of(request, source.plant.zone)
     if name == "trace":
         file = str(recording_of(run, source.plant, source.store))
-        return _svg(await source.drawer.svg((run.id, name, system, run.recording_sha256), trace_svg, file, system))
+        return _svg(await source.drawer.svg((run.id, name, reader, run.recording_sha256), trace_svg, file, reader))
     if name not in _OF_A_TEST:
-        raise NotFoundError(f"test {run.id}: {_NO_PICTURE}")
+        raise NotFoundError(say("test_has_no_picture", "test {test}: {why}", test=run.id, why=_NO_PICTURE))
     draw, data_of = _OF_A_TEST[name]
-    return _svg(await source.drawer.svg((run.id, run.finished_at, name, system), draw, data_of(run), system))
+    return _svg(await source.drawer.svg((run.id, run.finished_at, name, reader), draw, data_of(run), reader))
 
 
 @router.get("/valves/{tag:path}/trend.svg")
@@ -166,18 +175,17 @@ async def figure_of_trend(
 ) -> Response:
     """Draw the trends of a valve."""
     valve = source.runs.valve(tag)
-    past, system = await asyncio.to_thread(past_of, source.store, tag, valve), units_of(request)
-    zone = source.plant.zone
+    past = await asyncio.to_thread(past_of, source.store, tag, valve)
+    reader = reader_of(request, source.plant.zone)
     key = (
         tag,
-        system,
+        reader,
         narrow,
-        str(zone),
         None if past.latest is None else (past.latest.id, past.latest.finished_at),
         None if past.baseline is None else past.baseline.id,
         past.watched[0].judged_at if past.watched else None,
     )
-    return _svg(await source.drawer.svg(key, trends_svg, past.trends, system, zone, narrow))
+    return _svg(await source.drawer.svg(key, trends_svg, past.trends, reader, narrow))
 
 
 def _svg(text: str | None) -> Response:

@@ -12,7 +12,7 @@ from starlette.types import Scope
 from service.tablet.figure_routes import router as figure_routes
 from service.tablet.rendering import STATIC
 from service.tablet.routes import router
-from service.tablet.script import NAME, script
+from service.tablet.script import script, script_language
 from service.tablet.valve_pages import router as valve_pages
 from service.tablet.visitor import SignInNeededError, to_sign_in
 
@@ -22,8 +22,9 @@ _KEEP: Final = "public, max-age=31536000, immutable"  # an address carries the h
 class _Static(StaticFiles):
     async def get_response(self, path: str, scope: Scope) -> Response:
         """Return a file that a browser may keep."""
-        if path == NAME:
-            response = Response(script(), media_type="text/javascript")
+        language = script_language(path)
+        if language is not None:
+            response = Response(script(language), media_type="text/javascript")
         else:
             response = await super().get_response(path, scope)
         response.headers["Cache-Control"] = _KEEP if b"v=" in scope["query_string"] else "no-cache"

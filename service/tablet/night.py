@@ -22,6 +22,8 @@ from service.shown.history import diagnosis_words
 from service.shown.words import BAD_END, NE107, NOT_ASSESSED, Condition
 from service.store.store import Store
 from service.tablet.valve_list import Chip, found_by
+from service.words.names import named
+from service.words.sentences import as_clause
 
 _ROWS: Final = 50  # of each list on one page
 
@@ -56,7 +58,7 @@ class NightCheck:
     @property
     def words(self) -> str:
         """What came of it: how the valve was found, or what became of its check."""
-        return self.state if self.found is None else self.found.words.lower()
+        return named(self.state) if self.found is None else as_clause(self.found.words)
 
     @property
     def rank(self) -> int:

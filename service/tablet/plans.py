@@ -17,6 +17,7 @@ from service.runs.separating import separating_of
 from service.shown.words import SEQUENCES as IN_WORDS
 from service.store.store import Store
 from valve.errors import RequestError, ValveError
+from valve.messages import message_of, say
 from valve.waveform import Waveform
 
 _POINTS: Final = 240
@@ -58,7 +59,7 @@ def approved_plans(plans: list[Plan], approved: Collection[str] | None) -> list[
     """Return the plans, with those that only an engineer may run marked as impossible and last."""
     if approved is None:
         return plans
-    why = "not approved for you, ask an engineer"
+    why = say("not_approved_for_you", "not approved for you, ask an engineer")
     marked = [plan if plan.problem or plan.name in approved else replace(plan, problem=why, line="") for plan in plans]
     return sorted(marked, key=lambda plan: bool(plan.problem))
 
@@ -78,7 +79,7 @@ def _plan(valve: PlantValve, name: str, sequence: str, overrides: Mapping[str, A
         waveform = build_waveform(sequence, overrides, valve.nameplate, valve.wiring.limits)
         check_waveform(valve.nameplate.tag, waveform, valve.wiring.limits)
     except ValveError as error:
-        return Plan(name, words, is_default, problem=str(error))
+        return Plan(name, words, is_default, problem=message_of(error))
     low_pa, high_pa = waveform.range_pa
     return Plan(name, words, is_default, waveform.duration_s, low_pa, high_pa, _line(waveform))
 

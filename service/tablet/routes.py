@@ -50,13 +50,17 @@ from service.tablet.valve_list import ValveList, Wish
 from service.tablet.valve_pages import standing_at
 from service.tablet.valve_rows import ValveSource, ValveSourceOf, valve_rows, valve_stands
 from service.tablet.visitor import VisitorOf
-from service.words.units import UnitSystem, shown_unit
+from service.words.names import named
+from service.words.reader import Reader
 from valve.errors import NotFoundError, ValveError
+from valve.messages import say
 
 router = APIRouter(include_in_schema=False)
 
-_SOON: Final = "The first estimate comes at the first turning point."
-_NO_ESTIMATES: Final = "The device samples by itself: the estimates come when its samples are fetched."
+_SOON: Final = say("first_estimate_soon", "The first estimate comes at the first turning point.")
+_NO_ESTIMATES: Final = say(
+    "no_estimates_yet", "The device samples by itself: the estimates come when its samples are fetched."
+)
 
 
 @router.get("/")
@@ -122,12 +126,12 @@ async def test_page(
         return pages.missing(visitor, error)
     shared = {"tag": run.valve, "run": run, "state_words": STATES[run.state], **standing_at(run)}
     if not run.state.finished:
-        live = await asyncio.to_thread(_live, plant, store, run, pages.system)
+        live = await asyncio.to_thread(_live, plant, store, run, pages.reader)
         return pages.show("running.html", visitor, {**shared, "live": live})
     valve = plant.valves.get(run.valve)
     past = await asyncio.to_thread(past_of, store, run.valve, valve, run)
-    compared = await asyncio.to_thread(_compared, plant, store, run, past, pages.system)
-    return pages.show("result.html", visitor, {**shared, **_result(plant, store, run, past, pages.system), **compared})
+    compared = await asyncio.to_thread(_compared, plant, store, run, past, pages.reader)
+    return pages.show("result.html", visitor, {**shared, **_result(plant, store, run, past, pages.reader), **compared})
 
 
 @router.get("/ui/tests/{test_id}/compared")
@@ -145,14 +149,14 @@ async def compared_part(
     try:
         run = await runs.get(test_id)
         past = await asyncio.to_thread(past_of, store, run.valve, plant.valves.get(run.valve), run)
-        compared = await asyncio.to_thread(_compared, plant, store, run, past, pages.system, before=before)
+        compared = await asyncio.to_thread(_compared, plant, store, run, past, pages.reader, before=before)
     except NotFoundError as error:
         return pages.missing(visitor, error)
     return pages.show("compared.html", visitor, compared)
 
 
 def _compared(
-    plant: Plant, store: Store, run: Run, past: ValvePast, system: UnitSystem, *, before: str | None = None
+    plant: Plant, store: Store, run: Run, past: ValvePast, reader: Reader, *, before: str | None = None
 ) -> dict[str, Any]:
     """Return what a test is laid over and held against; reads the database and blocks. Raises NotFoundError."""
     valve, analysis = plant.valves.get(run.valve), run.analysis
@@ -162,17 +166,24 @@ def _compared(
     chosen = before or before_of(store, run, past)
     then = None if chosen is None else store.runs.get(chosen)
     if then is not None and then.valve != run.valve:
-        raise NotFoundError(f"test {then.id} is none of {run.valve}: choose one of the same valve")
+        raise NotFoundError(
+            say(
+                "test_is_none_of_valve",
+                "test {test} is none of {valve}: choose one of the same valve",
+                test=then.id,
+                valve=run.valve,
+            )
+        )
     rows: list[BeforeAfter] = []
     if valve is not None and then is not None and then.analysis is not None:
-        rows = before_after(then.analysis, analysis, valve.health, facts_of(valve), system)
+        rows = before_after(then.analysis, analysis, valve.health, facts_of(valve), reader)
     return {
         "chips": chips,
         "others": others,
         "repaired": repair_sentences(store, run, valve),
         "before_run": None
         if then is None
-        else {"id": then.id, "words": words_of(then, plant.zone, "" if then.label else "test")},
+        else {"id": then.id, "words": words_of(then, plant.zone, "" if then.label else named("test"))},
         "compared": rows,
     }
 
@@ -181,20 +192,20 @@ def _health(run: Run | None) -> dict[str, Any]:
     return {} if run is None or run.analysis is None else dict(run.analysis.get("health") or {})
 
 
-def _live(plant: Plant, store: Store, run: Run, system: UnitSystem) -> dict[str, Any]:
+def _live(plant: Plant, store: Store, run: Run, reader: Reader) -> dict[str, Any]:
     """Return what the live trace needs besides the events: its scales, and the pressure as it is planned."""
     units = {
         name: {"name": unit.name, "in_si": unit.in_si}
         for name, unit in (
-            ("length", shown_unit("m", system)),
-            ("pressure", shown_unit("Pa", system)),
-            ("force", shown_unit("N", system)),
+            ("length", reader.unit("m")),
+            ("pressure", reader.unit("Pa")),
+            ("force", reader.unit("N")),
         )
     }
     valve = plant.valves.get(run.valve)
     if valve is None:
         scales = {"plan": None, "travel_m": 0.1, "pressure_pa": [0.0, 1.0e5], "duration_s": 60.0}
-        return {"units": units, "estimates": _NO_ESTIMATES, **scales}
+        return {"units": units, "estimates": reader.told(_NO_ESTIMATES), **scales}
     try:
         waveform = waveform_of(valve, run, store)
         plan, duration_s = planned_line(waveform), waveform.duration_s
@@ -202,7 +213,7 @@ def _live(plant: Plant, store: Store, run: Run, system: UnitSystem) -> dict[str,
         plan, duration_s = None, valve.wiring.limits.longest_test_s
     return {
         "units": units,
-        "estimates": _SOON if valve.wiring.acquisition.mode is Mode.POLLED else _NO_ESTIMATES,
+        "estimates": reader.told(_SOON if valve.wiring.acquisition.mode is Mode.POLLED else _NO_ESTIMATES),
         "plan": plan,
         "duration_s": duration_s,
         "travel_m": valve.nameplate.actuator.travel_m,
@@ -210,7 +221,7 @@ def _live(plant: Plant, store: Store, run: Run, system: UnitSystem) -> dict[str,
     }
 
 
-def _result(plant: Plant, store: Store, run: Run, past: ValvePast, system: UnitSystem) -> dict[str, Any]:
+def _result(plant: Plant, store: Store, run: Run, past: ValvePast, reader: Reader) -> dict[str, Any]:
     analysis, health = run.analysis, _health(run)
     baseline = None if past.baseline is None or past.baseline.id == run.id else past.baseline.analysis
     shown: dict[str, Any] = {
@@ -221,10 +232,10 @@ def _result(plant: Plant, store: Store, run: Run, past: ValvePast, system: UnitS
         "may_be_baseline": (health.get("acceptance") or {}).get("passed") is False
         and (past.baseline is None or past.baseline.id != run.id),
         "unacknowledged": run if needs_acknowledgement(run) else None,
-        "recording_facts": recording_facts(run, system, plant.zone),
+        "recording_facts": recording_facts(run, plant.zone),
         "may_be_analysed": can_be_analysed(run),
         "figures": f"/ui/figures/tests/{run.id}",
-        "figure_query": figure_query(past, run, system, plant.zone),
+        "figure_query": figure_query(past, run, reader),
     }
     if analysis is None:
         later = past.newest[0] if past.newest and past.newest[0].id != run.id else None
@@ -247,7 +258,7 @@ def _result(plant: Plant, store: Store, run: Run, past: ValvePast, system: UnitS
         and bool((analysis.get("discrepancy") or {}).get("extended_model")),
         "has_signature": has_signature(analysis.get("signature")),
         "reasons": reasons_beside(health.get("reasons") or (), diagnosis),
-        "key_figures": key_figures(analysis, system, plant.zone),
+        "key_figures": key_figures(analysis, reader),
         "figure_rows": shown_rows,
         "figures_missing": figures_missing,
         "parameter_rows": parameter_rows(analysis),
@@ -262,4 +273,7 @@ def _separating_words(test: Any) -> str:
         return ""
     if isinstance(test, str):
         return test
-    return str(test.get("sentence") or f"run the sequence {test.get('sequence', '')}")
+    sentence: str = test.get("sentence") or say(
+        "run_sequence", "run the sequence {name}", name=named(test.get("sequence", ""))
+    )
+    return sentence

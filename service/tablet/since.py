@@ -14,6 +14,8 @@ from service.health.staleness import Oldest
 from service.shown.words import Condition, condition_of
 from service.store.conditions import not_carried_out
 from service.tablet.valve_rows import Stand, ValveSource
+from service.words.sentences import as_clause, without
+from valve.messages import Message, say
 
 _NOON: Final = time(12)
 _NOTES: Final = 4  # of the first screen; the chips lead to all
@@ -28,6 +30,20 @@ class Change(StrEnum):
     BETTER = "better"
     FIRST = "tested for the first time"
     UNCHANGED = "unchanged"
+
+    @property
+    def words(self) -> Message:
+        """What a person reads."""
+        return _WORDS[self]
+
+
+_WORDS: Final = {
+    Change.WORSE: say("change_worse", "worse"),
+    Change.NOT_TESTED: say("change_not_tested", "not tested"),
+    Change.BETTER: say("change_better", "better"),
+    Change.FIRST: say("change_first", "tested for the first time"),
+    Change.UNCHANGED: say("change_unchanged", "unchanged"),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,10 +100,11 @@ def since_yesterday(source: ValveSource, earlier: EarlierResults, stands: Mappin
         before = before_of(tag, stand)
         change = changes[tag] = _change(before, stand, is_missed=tag in missed)
         if change is Change.WORSE:
-            was = "not known" if before is None else before.words.lower()
-            told.setdefault((change, f"{was} → {stand.at_rest.words.lower()}"), []).append(tag)
+            was = say("was_not_known", "not known") if before is None else as_clause(before.words)
+            words = say("was_and_is", "{was} → {now}", was=was, now=as_clause(stand.at_rest.words))
+            told.setdefault((change, words), []).append(tag)
         elif change is Change.NOT_TESTED:
-            told.setdefault((change, missed[tag].replace(f"{tag}: ", "")), []).append(tag)
+            told.setdefault((change, without(missed[tag], tag)), []).append(tag)
     return Since(at, changes, tuple(_notes(told)))
 
 

@@ -14,18 +14,19 @@ from pydantic import BaseModel, Field
 from service.config.settings import PlantValve
 from service.tablet.since import Change
 from service.tablet.valve_rows import Stand
+from valve.messages import say
 
 _ROWS: Final = 50  # on one page
 _ALL_ROWS: Final = 1000  # on the one that is printed
 _STATES: Final = {
-    "alarm": "Alarm",
-    "F": "Failure",
-    "bad": "Ended badly",
-    "S": "Out of specification",
-    "M": "Maintenance required",
-    "C": "Function check",
-    "none": "Not known",
-    "N": "Normal",
+    "alarm": say("chip_alarm", "Alarm"),
+    "F": say("state_failure", "Failure"),
+    "bad": say("chip_ended_badly", "Ended badly"),
+    "S": say("state_out_of_specification", "Out of specification"),
+    "M": say("state_maintenance", "Maintenance required"),
+    "C": say("state_function_check", "Function check"),
+    "none": say("chip_not_known", "Not known"),
+    "N": say("state_normal", "Normal"),
 }
 _ALWAYS: Final = (Change.WORSE, Change.NOT_TESTED, Change.UNCHANGED)  # that there is none is worth saying
 
@@ -106,8 +107,8 @@ class ValveList:
 
     def chips(self) -> dict[str, list[Chip]]:
         """Return the choices by what they choose, each with how many valves it has beside the other choices made."""
-        named = {
-            "since": {change.value: change.value for change in Change},
+        named: dict[str, Mapping[str, str]] = {
+            "since": {change.value: change.words for change in Change},
             "state": _STATES,
             "area": {area: area for area in self._areas},
         }

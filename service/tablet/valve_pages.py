@@ -20,8 +20,13 @@ from service.http.given import Given
 from service.model.acknowledgement import alarm_words, needs_acknowledgement
 from service.model.run import Run
 from service.model.stands_words import where_it_stands
-from service.model.until import SYMBOLS
-from service.report.valve_facts import class_facts, identity_facts, safe_position_words, safe_value_words
+from service.report.valve_facts import (
+    DESCRIPTION,
+    class_facts,
+    identity_facts,
+    safe_position_words,
+    safe_value_words,
+)
 from service.runs.service import Runs
 from service.runs.unread import unread_of
 from service.shown.forecast import forecasts_of
@@ -34,13 +39,19 @@ from service.tablet.night import due_checks
 from service.tablet.plans import AROUND_S, approved_plans, plans_of
 from service.tablet.rendering import PagesOf
 from service.tablet.visitor import VisitorOf
+from service.words.names import named
 from valve.errors import NotFoundError
+from valve.messages import say
 
 router = APIRouter(include_in_schema=False)
 
 _HISTORY: Final = 20
 #: By what a polled test can be asked to end early, in the words of its form.
-_UNTIL_WORDS: Final = dict(zip(SYMBOLS, ("breakaway F_s", "friction F_c", "spring rate k"), strict=True))
+_UNTIL_WORDS: Final = {
+    "F_s": say("until_breakaway", "breakaway F_s"),
+    "F_c": say("until_friction", "friction F_c"),
+    "k": say("until_spring_rate", "spring rate k"),
+}
 
 
 @router.get("/ui/valves/{tag:path}/start")
@@ -59,7 +70,7 @@ async def start_page(
         valve = runs.valve(tag)
     except NotFoundError as error:
         return pages.missing(visitor, error)
-    system = pages.system
+    reader = pages.reader
     approved = None if visitor.may_configure else plant.service.access.approved_sequences
     values = {
         "tag": tag,
@@ -70,7 +81,7 @@ async def start_page(
         "wanted": request.query_params.get("sequence"),
         "around_s": AROUND_S,
         "until": _UNTIL_WORDS if valve.wiring.acquisition.mode is Mode.POLLED else {},
-        "safe_words": safe_value_words(valve.wiring.safe_value_pa, system),
+        "safe_words": safe_value_words(valve.wiring.safe_value_pa, reader),
     }
     return pages.show("start.html", visitor, values)
 
@@ -105,7 +116,7 @@ async def valve_page(
         valve = source.runs.valve(tag)
     except NotFoundError as error:
         return pages.missing(visitor, error)
-    system, due, now = pages.system, due_checks(source.plant), datetime.now(UTC)
+    reader, due, now = pages.reader, due_checks(source.plant), datetime.now(UTC)
     past = await asyncio.to_thread(past_of, source.store, tag, valve)
     last = source.runs.as_it_stands(past.newest[0]) if past.newest else None
     latest, figures = past.latest, {test.test_id: test for test in past.figures}
@@ -123,26 +134,33 @@ async def valve_page(
         "baseline_is_other": latest is not None and past.baseline is not None and past.baseline.id != latest.id,
         "signature_address": None
         if latest is None or not has_signature((latest.analysis or {}).get("signature"))
-        else f"/ui/figures/tests/{latest.id}/signature.svg?{figure_query(past, latest, system, source.plant.zone)}"
+        else f"/ui/figures/tests/{latest.id}/signature.svg?{figure_query(past, latest, reader)}"
         + ("" if past.baseline is None or past.baseline.id == latest.id else f"&with={past.baseline.id}"),
-        "trend_address": trend_address(tag, past, system, source.plant.zone),
+        "trend_address": trend_address(tag, past, reader),
         "in_service": in_service_of(valve.wiring.watch, past.watched),
         "unread": await unread_of(source.motion, tag, valve),
         "in_service_notes": notes_of(past.watched, present_nameplate(valve)),
-        "trend_words": "Friction, spring rate, bench set and dead band over the tests; figures stand below.",
+        "trend_words": say(
+            "trend_of", "Friction, spring rate, bench set and dead band over the tests; figures stand below."
+        ),
         "forecasts": [one.sentence(now, source.plant.zone) for one in forecasts_of(health, now)],
         "next_check": due.get(tag),
         "description": valve.identity.description,
         "identity": [
-            *(one for one in identity_facts(valve.identity) if one[0] != "Description"),
+            *(one for one in identity_facts(valve.identity) if one[0] != DESCRIPTION),
             *class_facts(valve),
         ],
         "travel_m": valve.nameplate.actuator.travel_m,
         "limits": valve.wiring.limits,
-        "safe_words": safe_value_words(valve.wiring.safe_value_pa, system),
-        "safe_position": safe_position_words(valve.wiring.rest, system),
+        "safe_words": safe_value_words(valve.wiring.safe_value_pa, reader),
+        "safe_position": safe_position_words(valve.wiring.rest, reader),
         **standing_at(last),
-        "acquisition": f"{valve.wiring.acquisition.mode.value}, every {1e3 * valve.wiring.acquisition.period_s:g} ms",
+        "acquisition": say(
+            "acquired_every",
+            "{mode}, every {period:g ms}",
+            mode=named(valve.wiring.acquisition.mode.value),
+            period=valve.wiring.acquisition.period_s,
+        ),
         "buses": ", ".join(sorted(valve.buses)),
         "history": [history_row(source.runs.as_it_stands(run), figures.get(run.id)) for run in past.newest[:_HISTORY]],
     }

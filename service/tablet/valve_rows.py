@@ -20,8 +20,15 @@ from service.shown.words import STATES, Condition, condition_of
 from service.store.conditions import ValveStanding, valve_standings
 from service.store.run_table import ValveHead
 from service.store.store import Store
+from service.words.sentences import together, without
+from valve.messages import say
 
-_ARROWS: Final = {"up": ("▲", "rising"), "down": ("▼", "falling"), "steady": ("▬", "steady"), "": ("", "")}
+_ARROWS: Final = {
+    "up": ("▲", say("friction_rising", "rising")),
+    "down": ("▼", say("friction_falling", "falling")),
+    "steady": ("▬", say("friction_steady", "steady")),
+    "": ("", ""),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,9 +150,9 @@ def _row(source: ValveSource, tag: str, valve: PlantValve, head: ValveHead | Non
 def _reason(condition: Condition, last: Run | None, health: Mapping[str, Any]) -> str:
     """Return one sentence on why the valve stands as it does; empty where there is nothing to say."""
     if condition.code in ("alarm", "bad") and last is not None:
-        return last.error.replace(f"{NOT_CONFIRMED}; ", "")
+        return without(last.error, last.valve, NOT_CONFIRMED)
     if condition.code in ("F", "S", "C", "M") and condition.code == health.get("ne107"):  # under test is C, too
-        return str(next(iter(health.get("reasons") or ()), ""))
+        return next(iter(health.get("reasons") or ()), "")
     return ""
 
 
@@ -154,7 +161,7 @@ def _forecast(health: Mapping[str, Any], now: datetime) -> str:
     soonest = next(iter(forecasts_of(health, now)), None)
     if soonest is None:
         return ""
-    return f"{soonest.limit_words} {soonest.soon(now)}"
+    return together([soonest.limit_words, soonest.soon(now)])
 
 
 def _friction_change(health: Mapping[str, Any]) -> Mapping[str, Any] | None:

@@ -13,6 +13,7 @@ from estimators.in_service.result import Scale, to_json
 from estimators.in_service.watch import watched
 from service.model.watched_day import DayJudged
 from valve.errors import MeasurementError, RecordingError
+from valve.messages import message_of, say
 from valve.nameplate import Nameplate
 from valve.recording import Acquisition, FloatArray, Provenance, Recording
 
@@ -30,7 +31,7 @@ def judge_day(path: Path, nameplate: Nameplate) -> DayJudged:
     try:
         document = to_json(_said(rows, nameplate))
     except (RecordingError, MeasurementError) as error:
-        return DayJudged(len(rows), began_at, ended_at, reason=str(error))
+        return DayJudged(len(rows), began_at, ended_at, reason=message_of(error))
     return DayJudged(len(rows), began_at, ended_at, document)
 
 
@@ -48,11 +49,24 @@ def recording_of(rows: FloatArray, tag: str) -> Recording:
     """
     rows = _in_order(rows, tag)
     if len(rows) < 2:
-        raise RecordingError(f"{tag}: {len(rows)} rows were kept of the day, 2 are needed: the stem did not move")
+        raise RecordingError(
+            say(
+                "few_rows_of_day",
+                "{tag}: {count} rows were kept of the day, 2 are needed: the stem did not move",
+                tag=tag,
+                count=len(rows),
+            )
+        )
     time_s, position_m, pressure_pa, command_pa = rows.T
     pressure, command = (one if bool(np.isfinite(one).any()) else None for one in (pressure_pa, command_pa))
     if pressure is None and command is None:
-        raise RecordingError(f"{tag}: neither a pressure nor a command was read all day: look at its sensors")
+        raise RecordingError(
+            say(
+                "nothing_read_all_day",
+                "{tag}: neither a pressure nor a command was read all day: look at its sensors",
+                tag=tag,
+            )
+        )
     return Recording(
         time_s - time_s[0],
         position_m,
@@ -72,8 +86,17 @@ def _in_order(rows: FloatArray, tag: str) -> FloatArray:
     if len(rows) and back_s[row] > _CORRECTED_S:
         was, now = (datetime.fromtimestamp(at, UTC) for at in (latest_s[row], rows[row, 0]))
         raise RecordingError(
-            f"{tag}: the clock goes back by {back_s[row]:.3g} s after row {row}, from {was:%Y-%m-%d %H:%M:%S} to "
-            f"{now:%Y-%m-%d %H:%M:%S} UTC, {_CORRECTED_S:g} s are allowed: two times cannot be told apart; have the "
-            "gateway's clock set by NTP before breakaway motion starts"
+            say(
+                "clock_goes_back",
+                "{tag}: the clock goes back by {back:.3g} s after row {row}, from {was:%Y-%m-%d %H:%M:%S} to "
+                "{now:%Y-%m-%d %H:%M:%S}, {allowed:g} s are allowed: two times cannot be told apart; have the "
+                "gateway's clock set by NTP before breakaway motion starts",
+                tag=tag,
+                back=float(back_s[row]),
+                row=row,
+                was=was,
+                now=now,
+                allowed=_CORRECTED_S,
+            )
         )
     return rows[np.diff(latest_s, prepend=-np.inf) > 0.0]

@@ -15,6 +15,7 @@ from service.own_files.names import Quantity, is_of_another_place, quantities, u
 from service.own_files.table import Table, find_table
 from service.own_files.understood import Understood, UnderstoodColumn
 from valve.errors import RecordingError
+from valve.messages import say
 from valve.recording import FloatArray
 from valve.recording_files import file_content
 
@@ -31,6 +32,7 @@ _WORDS: Final = {
     **dict.fromkeys(("sp", "setpoint", "set point", "sollwert"), SETPOINT),
 }
 _MOST_SHOWN: Final = 12
+_AS_IT_IS: Final = say("as_it_is", "as it is")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,7 +67,13 @@ def read_loop(path: Path, mapping: Mapping[str, str]) -> LoopReading:
     """
     table = _table(path)
     if table is None:
-        raise RecordingError(f"{path}: there is no table of numbers below a header line: give one")
+        raise RecordingError(
+            say(
+                "no_table_of_numbers",
+                "{path}: there is no table of numbers below a header line: give one",
+                path=str(path),
+            )
+        )
     return _read(path, table, _places(table, mapping))
 
 
@@ -81,8 +89,15 @@ def _read(path: Path, table: Table, places: Mapping[str, tuple[int, str]]) -> Lo
     if missing:
         example = ",".join(f"{name}=HEADER" for name in missing)
         raise RecordingError(
-            f"{path}: no column is surely {' and none '.join(missing)}, there are {_listed(table)}: say which column "
-            f'is what, for example --map "{example}"'
+            say(
+                "no_column_for_loop",
+                "{path}: no column is surely {missing: and none }, there are {columns}: say which column is what, for "
+                'example --map "{example}"',
+                path=str(path),
+                missing=tuple(missing),
+                columns=_listed(table),
+                example=example,
+            )
         )
     comma = _decimal_comma(table, places)
     columns: dict[str, FloatArray] = {}
@@ -97,8 +112,16 @@ def _read(path: Path, table: Table, places: Mapping[str, tuple[int, str]]) -> Lo
             )
         except BadCellError as bad:
             raise RecordingError(
-                f"{path}: row {bad.row + 1} (line {table.line_of(bad.row)} of the file), column "
-                f"{table.headers[at]!r}: {str(bad)[:40]!r} is not a number: {bad.hint or 'give a number, or nothing'}"
+                say(
+                    "cell_of_loop",
+                    "{path}: row {row} (line {line} of the file), column {header}: {text} is not a number: {hint}",
+                    path=str(path),
+                    row=bad.row + 1,
+                    line=table.line_of(bad.row),
+                    header=repr(table.headers[at]),
+                    text=repr(str(bad)[:40]),
+                    hint=bad.hint or say("give_number_or_none", "give a number, or nothing"),
+                )
             ) from None
         said.append(UnderstoodColumn(table.headers[at], name, units[name], how, int(np.isnan(columns[name]).sum())))
     used = {at for at, _ in places.values()}
@@ -124,8 +147,15 @@ def _places(table: Table, mapping: Mapping[str, str]) -> dict[str, tuple[int, st
         fits = [at for at, header in enumerate(table.headers) if at not in taken and name in _meanings(header)]
         if len(fits) > 1:
             raise RecordingError(
-                f"{table.source}: {name} fits {len(fits)} columns, {_listed(table, fits)}: say which, for example "
-                f'--map "{name}={table.headers[fits[0]]}"'
+                say(
+                    "name_fits_columns",
+                    '{source}: {name} fits {count} columns, {columns}: say which, for example --map "{name}={first}"',
+                    source=table.source,
+                    name=name,
+                    count=len(fits),
+                    columns=_listed(table, fits),
+                    first=table.headers[fits[0]],
+                )
             )
         if fits:
             places[name] = (fits[0], "")
@@ -139,7 +169,14 @@ def _mapped(table: Table, name: str, wanted: str) -> tuple[int, str]:
         if len(at) == 1:
             return at[0], own
     raise RecordingError(
-        f"{table.source}: --map gives {name} the header {wanted[:60]!r}, the file has {_listed(table)}: give one"
+        say(
+            "mapped_header_missing",
+            "{source}: --map gives {name} the header {header}, the file has {columns}: give one",
+            source=table.source,
+            name=name,
+            header=repr(wanted[:60]),
+            columns=_listed(table),
+        )
     )
 
 
@@ -163,8 +200,14 @@ def _has_position(table: Table) -> bool:
 
 def _listed(table: Table, columns: list[int] | None = None) -> str:
     shown = [repr(table.headers[at]) for at in (range(len(table.headers)) if columns is None else columns)]
-    more = f" and {len(shown) - _MOST_SHOWN} more" if len(shown) > _MOST_SHOWN else ""
-    return ", ".join(shown[:_MOST_SHOWN]) + more
+    if len(shown) <= _MOST_SHOWN:
+        return say("columns_listed", "{columns:, }", columns=tuple(shown))
+    return say(
+        "columns_and_more",
+        "{columns:, } and {more} more",
+        columns=tuple(shown[:_MOST_SHOWN]),
+        more=len(shown) - _MOST_SHOWN,
+    )
 
 
 def _decimal_comma(table: Table, places: Mapping[str, tuple[int, str]]) -> bool | None:
@@ -183,21 +226,31 @@ def _time(table: Table, at: int, unit_text: str) -> tuple[FloatArray, str, str]:
     first = next((cell for cell in seen if cell and not is_gap_text(cell)), "")
     if is_stamp(first) and not is_number(first):
         found = stamps(cells, table.source, header)
-        return found.time_s, found.words, "seconds from the first row"
+        return found.time_s, found.words, say("seconds_from_first_row", "seconds from the first row")
     text = unit_text or without_unit(header)[1] or table.units[at] or ("s" if header.strip() == _TIME else "")
     unit = unit_of(text) if text else None
     if unit is None or unit.dimension != "time":
         raise RecordingError(
-            f"{table.source}: the time in column {header!r} has no unit: give it, for example "
-            f'--map "{_TIME}={header} [s]"'
+            say(
+                "time_without_unit",
+                '{source}: the time in column {column} has no unit: give it, for example --map "{name}={header} [s]"',
+                source=table.source,
+                column=repr(header),
+                name=_TIME,
+                header=header,
+            )
         )
-    return numbers(cells).values * unit.factor, unit.text, "as it is" if unit.factor == 1.0 else "converted"
+    return (
+        numbers(cells).values * unit.factor,
+        unit.text,
+        _AS_IT_IS if unit.factor == 1.0 else say("converted", "converted"),
+    )
 
 
 def _values(table: Table, at: int, unit_text: str, comma: bool | None) -> tuple[FloatArray, str, str]:
     read: Any = numbers(table.columns[at], comma_elsewhere=comma)
     unit = unit_text or _bracketed(table.headers[at]) or table.units[at].strip("[](){} ")
-    return read.values, unit, "as it is, decimal comma" if read.decimal_comma else "as it is"
+    return read.values, unit, say("as_it_is_comma", "as it is, decimal comma") if read.decimal_comma else _AS_IT_IS
 
 
 def _bracketed(header: str) -> str:

@@ -7,11 +7,18 @@ import re
 from typing import Any, Final
 
 from valve.carried_digits import INSTRUMENT, carried_places
+from valve.messages import Message, Value, as_told, fields, formed, say
 
 # How a parameter itself varies in a test, by symbol.
-_VARIES: Final = {"F_s": "from breakaway to breakaway", "F_c": "along the travel and in time"}
+_VARIES: Final = {
+    "F_s": say("varies_by_breakaway", "from breakaway to breakaway"),
+    "F_c": say("varies_along_travel", "along the travel and in time"),
+}
+_IN_TEST: Final = say("varies_in_this_test", "in this test")
 _MOST_DIGITS: Final = 12  # after the point
 _HUGE: Final = 1.0e7
+_DIGITS: Final = (3, 4)  # fewest and most that are shown where a unit is changed
+_SMALL: Final = 1.0e-3  # below it a number has five places: inches of a sensor's noise
 _POWER: Final = re.compile(r"(?<![\w.])-?\d(?:\.\d+)?e\+0[1-5](?![\w.])")
 
 
@@ -63,6 +70,18 @@ def _plain(value: float, digits: int) -> str:
     return f"{value:.{places}f}"
 
 
+def digits_of(number: str) -> int:
+    """Return with how many significant digits a number is written."""
+    return sum(one.isdigit() for one in number.partition("e")[0].lstrip("+-0."))
+
+
+def rounded(value: float, digits: int, more: int = 0) -> str:
+    """Return a number that changed its unit, with about the ``digits`` that it had, and ``more``."""
+    if 0.0 < abs(value) < _SMALL:
+        return f"{value:.{5 + max(0, more - 1)}f}"
+    return plus_minus(value, None, digits=min(_DIGITS[1] + more, max(_DIGITS[0], digits + more)))
+
+
 def scatter_words(symbol: str, value: float | None, scatter: float | None) -> str:
     """How much a parameter itself varies, ``from breakaway to breakaway ± 2.4 %``; empty where none is seen.
 
@@ -70,9 +89,27 @@ def scatter_words(symbol: str, value: float | None, scatter: float | None) -> st
     """
     if not value or scatter is None or abs(scatter) < INSTRUMENT * abs(value):
         return ""
-    return f"{_VARIES.get(symbol, 'in this test')} ± {100.0 * scatter / abs(value):.2g} %"
+    percent = f"{100.0 * scatter / abs(value):.2g}"
+    return say("varies_by", "{how} ± {percent} %", how=_VARIES.get(symbol, _IN_TEST), percent=percent)
 
 
 def as_read(sentence: str) -> str:
-    """Return a sentence with ``1.2e+02`` as 120 and ``+-`` as ``±``."""
+    """Return a sentence with ``1.2e+02`` as 120 and ``+-`` as ``±``, in the units that it has."""
+    if isinstance(sentence, Message):
+        return _message_as_read(sentence)
     return _POWER.sub(lambda found: f"{float(found.group()):.0f}", sentence).replace("+-", "±")
+
+
+def _message_as_read(message: Message) -> str:
+    parts = fields(message.template, message.values)
+    told = (
+        text.replace("+-", "±") + ("" if name is None else _value_as_read(message.values[name], spec))
+        for text, name, spec in parts
+    )
+    return formed("".join(told), message.form)
+
+
+def _value_as_read(value: Value, spec: str) -> str:
+    if isinstance(value, tuple):
+        return (spec or "; ").join(_value_as_read(one, "") for one in value)
+    return as_read(value if isinstance(value, str) else as_told(value, spec))

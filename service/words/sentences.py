@@ -1,120 +1,138 @@
-"""Sentences as people read them: the quantities in them in the units that a person chose."""
+"""Sentences as people read them: the quantities in them in the units that a person chose.
+
+A message (``valve.messages``) is made anew from its values. A text that is none, such as one that an earlier version
+kept, stays as it was said: English and SI.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
-from functools import partial
-from typing import Any, Final
+from collections.abc import Collection, Hashable, Iterable
+from dataclasses import dataclass, field
+from datetime import tzinfo
+from functools import lru_cache
+from typing import Final
 
-from service.words.plain_numbers import as_read, plus_minus
-from service.words.units import UnitSystem, shown_unit
+from service.words.languages import Language
+from service.words.messages import Telling
+from service.words.plain_numbers import as_read
+from service.words.units import UnitSystem
+from valve.messages import Message, Value, formed, joined, left_out, parts_of, say
 
 #: How a verdict without a fault is said; what follows it says how friction varies.
-NO_FAULT: Final = "No fault found."
-# What sentences name, the SI unit that it is shown by, and how many of that it is.
-_NAMED: Final = {
-    "N*s/m": ("N*s/m", 1.0),
-    "N/s": ("N/s", 1.0),
-    "kPa/s": ("Pa/s", 1.0e3),
-    "Pa/s": ("Pa/s", 1.0),
-    "kPa": ("Pa", 1.0e3),
-    "Pa": ("Pa", 1.0),
-    "mm/s": ("m/s", 1.0e-3),
-    "m/s": ("m/s", 1.0),
-    "mm": ("m", 1.0e-3),
-    "um": ("m", 1.0e-6),
-    "m": ("m", 1.0),
-    "N/mm": ("N/m", 1.0e3),
-    "N/m": ("N/m", 1.0),
-    "N": ("N", 1.0),
-}
-# A mass m in a formula, as in sqrt(2 m DV r), is no metre.
-_NUMBER: Final = r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
-_QUANTITY: Final = re.compile(
-    rf"(?<![\w.])(?<!sqrt\()(?P<numbers>(?:between\s{_NUMBER}\sand\s)?{_NUMBER}(?:\s(?:to|±)\s{_NUMBER})*)\s"
-    rf"(?P<unit>{'|'.join(map(re.escape, sorted(_NAMED, key=len, reverse=True)))})(?![\w/*·]|\s(?:DV|F_))"
-    rf"(?P<interval>\s\((?:{_NUMBER}\sto\s{_NUMBER}|\+{_NUMBER})\))?"
-)
-_EACH: Final = re.compile(rf"(?<![\w.]){_NUMBER}")
-_DIGITS: Final = (3, 4)  # fewest and most that are shown where a unit is changed
-_MOST_FURTHER_DIGITS: Final = 6  # for an interval that is narrow beside its value
-_SMALL: Final = 1.0e-3  # below it a number has five places: inches of a sensor's noise
-_LARGE_UM: Final = 100.0  # from here on metric lengths are read in mm
-_IN_UM: Final = {"um": 1.0, "m": 1.0e6}  # what is written in mm was large to whoever wrote it
+NO_FAULT: Final = say("no_fault_found", "No fault found.")
+_KEPT: Final = 8192  # so many messages are kept as they were told
+_SENTENCE_END: Final = re.compile(r"(?<=\.) (?=[A-Z])")  # of texts that are no messages
 
 
-def in_units(text: str, system: UnitSystem) -> str:
-    """Return a sentence with its lengths, pressures and forces in the units of ``system``.
+def in_units(text: str, system: UnitSystem, zone: tzinfo | None = None, language: Language = Language.ENGLISH) -> str:
+    """Return a message in the units of ``system``, its instants by ``zone``, in a language; ``+-`` is read as ``±``."""
+    if isinstance(text, Message):
+        return _told(_Made(text, _key(text)), system, zone, language)
+    return as_read(text)
 
-    ``it stood at 0.0485455 m`` becomes ``it stood at 48.55 mm``, or ``1.911 in``. A number whose unit stays is left
-    as it is; a small length is read in µm where lengths are metric. An interval in brackets goes with
-    its value. ``+-`` becomes ``±``, and ``1.2e+02`` 120.
-    """
-    return as_read(_QUANTITY.sub(lambda found: _in_unit(found, system), text))
+
+@dataclass(frozen=True, slots=True)
+class _Made:
+    """A message that is the same as another if it was made of the same: equal texts may hide other digits and codes."""
+
+    message: Message = field(compare=False)
+    key: Hashable
+
+
+def _key(value: Value) -> Hashable:
+    if isinstance(value, Message):
+        return value.code, value.template, value.form, tuple((name, _key(one)) for name, one in value.values.items())
+    return tuple(map(_key, value)) if isinstance(value, tuple) else value
+
+
+@lru_cache(maxsize=_KEPT)
+def _told(made: _Made, system: UnitSystem, zone: tzinfo | None, language: Language) -> str:
+    """Lists say the same again and again."""
+    return Telling(system, zone, language, as_read).shown(made.message)
 
 
 def as_sentence(text: str) -> str:
-    """Return ``text`` with a capital at its begin and a stop at its end; "" stays."""
-    text = text.strip()
-    return text[:1].upper() + text[1:] + ("" if not text or text.endswith((".", "!", "?")) else ".")
+    """Return ``text`` with a capital at its begin and a stop at its end; "" stays, and a message stays one."""
+    return text.formed("sentence") if isinstance(text, Message) else formed(text, "sentence")
 
 
-def all_in_units(content: Any, system: UnitSystem) -> Any:
-    """Return ``content`` (texts in lists and mappings) with every text in the units of ``system``."""
-    if isinstance(content, str):
-        return in_units(content, system)
-    if isinstance(content, Mapping):
-        return {key: all_in_units(value, system) for key, value in content.items()}
-    if isinstance(content, list | tuple):
-        return [all_in_units(value, system) for value in content]
-    return content
+def as_clause(text: str) -> str:
+    """Return ``text`` to stand within a sentence: no capital, no stop; a message stays one."""
+    return text.formed("clause") if isinstance(text, Message) else formed(text, "clause")
 
 
-def _in_unit(found: re.Match[str], system: UnitSystem) -> str:
-    numbers, named, interval = found["numbers"], found["unit"], found["interval"] or ""
-    si_unit, in_si = _NAMED[named]
-    unit = shown_unit(si_unit, system)
-    if unit.name == named:
-        return found.group()
-    in_um = _IN_UM.get(named) if unit.name == "mm" else None
-    if in_um is not None:
-        largest_um = in_um * max(abs(float(one)) for one in _EACH.findall(numbers))
-        if largest_um < _LARGE_UM and (largest_um > 0.0 or named == "um"):
-            if in_um == 1.0:
-                return f"{numbers} µm{interval}"
-            shown, between = _apart(numbers, interval, partial(_small_length, in_um))
-            return f"{shown} µm{between}"
-    shown, between = _apart(numbers, interval, partial(_converted, in_si / unit.in_si))
-    return f"{shown} {unit.name}{between}"
+def without_stop(text: str) -> str:
+    """Return ``text`` with no stop at its end, to stand in a list; a message stays one."""
+    return text.formed("entry") if isinstance(text, Message) else formed(text, "entry")
 
 
-def _apart(numbers: str, interval: str, converted: Callable[[int, str], str]) -> tuple[str, str]:
-    """Return both with every number ``converted``, with so many more digits that an interval's ends differ as before.
+def as_heading(text: str) -> str:
+    """Return ``text`` with a capital and no stop, as a row of a table begins; a message stays one."""
+    return text.formed("heading") if isinstance(text, Message) else formed(text, "heading")
 
-    An interval takes one more digit in any case.
+
+def sentences_of(text: str) -> list[str]:
+    """Return the sentences of a text: the parts of a message, and those of a text that is none."""
+    found = [[part] if isinstance(part, Message) else _SENTENCE_END.split(part) for part in parts_of(text)]
+    return [sentence.strip() if type(sentence) is str else sentence for part in found for sentence in part if sentence]
+
+
+def lines_of(text: str) -> list[str]:
+    """Return the lines of a text, messages where each of them was one."""
+    if isinstance(text, Message) and not text.code:
+        return [line for part in parts_of(text) for line in lines_of(part)]
+    return [text] if isinstance(text, Message) else text.splitlines()
+
+
+def together(sentences: Iterable[str], between: str = " ") -> str:
+    """Return sentences one after the other, without those that are ""; one alone as it is, "" for none."""
+    said = [sentence for sentence in sentences if sentence]
+    return joined(between, said) if len(said) > 1 else next(iter(said), "")
+
+
+def without(text: str, subject: str, *parts: str) -> str:
+    """Return a text without what stands beside it: its ``subject`` where it begins with that, ``parts`` in its lists.
+
+    ``FV-101: travel spans 0.4 %`` becomes ``travel spans 0.4 %`` on the page of FV-101.
     """
-    differ = len(set(_EACH.findall(interval))) > 1
-    more = 1 if interval else 0
-    while True:
-        convert = partial(converted, more)
-        shown, between = _each(convert, numbers), _each(convert, interval)
-        if not differ or more == _MOST_FURTHER_DIGITS or len(set(_EACH.findall(between))) > 1:
-            return shown, between
-        more += 1
+    if not isinstance(text, Message):
+        for part in parts:
+            text = text.replace(f"{part}; ", "").replace(f"; {part}", "")
+        return text.replace(f"{subject}: ", "")
+    return "" if text in parts else _untold(text, (subject, *parts))
 
 
-def _each(convert: Callable[[str], str], text: str) -> str:
-    return _EACH.sub(lambda one: convert(one.group()), text)
+def without_end(text: str, told: Collection[str]) -> str:
+    """Return a text without its end after a colon where that is one of the sentences that were told already."""
+    if isinstance(text, Message):
+        for name, value in text.values.items():
+            end = f": {{{name}}}"
+            if value in told and text.template.endswith(end):
+                return left_out(text, (name,))
+        return text
+    head, _, tail = text.partition(": ")
+    return head if tail and tail in told else text
 
 
-def _small_length(factor: float, more: int, number: str) -> str:
-    return f"{factor * float(number):.{3 + more}g}"
+def _untold(message: Message, told: Collection[str]) -> Message:
+    """A template about a subject begins with its field and a colon."""
+    values = {name: _left(value, told) for name, value in message.values.items()}
+    subjects = [
+        name for name, value in message.values.items() if value in told and message.template.startswith(f"{{{name}}}: ")
+    ]
+    return left_out(Message(message.code, message.template, values, message.form), subjects)
 
 
-def _converted(factor: float, more: int, number: str) -> str:
-    digits = more + len(re.sub(r"e.*|\D", "", number).lstrip("0"))
-    value = float(number) * factor
-    if 0.0 < abs(value) < _SMALL:
-        return f"{value:.{5 + max(0, more - 1)}f}"
-    return plus_minus(value, None, digits=min(_DIGITS[1] + more, max(_DIGITS[0], digits)))
+def _left(value: Value, told: Collection[str]) -> Value:
+    if isinstance(value, tuple):
+        return tuple(_part(one, told) for one in value if one not in told)
+    return _untold(value, told) if isinstance(value, Message) and value not in told else value
+
+
+def _part(one: Value, told: Collection[str]) -> Value:
+    if isinstance(one, Message) or not isinstance(one, str):
+        return _left(one, told)
+    for subject in told:
+        one = one.removeprefix(f"{subject}: ")
+    return one

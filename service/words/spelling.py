@@ -10,6 +10,8 @@ from typing import Any, Final
 from pydantic import BaseModel
 from pydantic_core import ErrorDetails
 
+from valve.messages import Message, say
+
 _LONGEST_SHOWN: Final = 60  # characters of a wrong value
 
 
@@ -28,19 +30,26 @@ def known_keys(kind: Any) -> list[str]:
     return [one.alias or name for name, one in kind.model_fields.items()]
 
 
-def unknown_key(word: str, known: Collection[str]) -> str:
+def unknown_key(word: str, known: Collection[str]) -> Message:
     """Return why a key is refused: unknown, with the one that was meant or, where none is near, all that there are."""
     close = nearest(word, known)
     if close is not None:
-        return f"this key is unknown, did you mean {close}?"
-    return f"this key is unknown, known here are {', '.join(known)}" if known else "this key is unknown"
+        return say("key_meant", "this key is unknown, did you mean {close}?", close=close)
+    if known:
+        return say("keys_known", "this key is unknown, known here are {known:, }", known=tuple(known))
+    return say("key_unknown", "this key is unknown")
+
+
+def lowered(text: str) -> str:
+    """Return one of pydantic's texts to stand within a sentence."""
+    return text[:1].lower() + text[1:]
 
 
 def fault_of(found: ErrorDetails, known: Collection[str]) -> str:
     """Return one of pydantic's findings in words: a value beside its limit, or which of the ``known`` was meant."""
     key = ".".join(str(part) for part in found["loc"])[:80]
     if found["type"] == "extra_forbidden":
-        return f"{key}: {unknown_key(key, known)}"
+        return say("fault_of_key", "{key}: {why}", key=key, why=unknown_key(key, known))
     shown = repr(found["input"])
     shown = shown if len(shown) <= _LONGEST_SHOWN else f"{shown[: _LONGEST_SHOWN - 3]}..."
-    return f"{key} is {shown}: {found['msg'][0].lower()}{found['msg'][1:]}"
+    return say("fault_of_value", "{key} is {shown}: {why}", key=key, shown=shown, why=lowered(found["msg"]))

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final
+from typing import Any, Final
 
 from service.words.plain_numbers import plus_minus
+from valve.messages import Message, Value
 from valve.units import METRE_PER_INCH, PASCAL_PER_BAR, PASCAL_PER_PSI
 
+#: The codes of messages that are one quantity.
+QUANTITY: Final = "quantity"
+MEASURED: Final = "measured"
 _NEWTON_PER_POUND_FORCE: Final = 4.4482216152605  # NIST SP 811, table B.8, as the next
 _KILOGRAM_PER_POUND: Final = 0.45359237
 
@@ -99,3 +103,32 @@ def measured(
     unit = shown_unit(si_unit, system)
     half = None if ci95 is None else unit.shown(max(ci95[1] - value_si, value_si - ci95[0]))
     return f"{plus_minus(unit.shown(value_si), half)} {unit.name}".rstrip()
+
+
+def quantity_said(value_si: float | None, si_unit: str, digits: int = 4) -> Message:
+    """``quantity`` as a part of a message: each reader has it in their units."""
+    text = quantity(value_si, si_unit, UnitSystem.SI, digits)
+    values: dict[str, Value] = {}
+    if value_si is not None:
+        values = {"value": float(value_si), "unit": si_unit, "digits": digits}
+    return Message(QUANTITY, text.replace("{", "{{"), values)
+
+
+def measured_said(value_si: float | None, ci95: list[float] | tuple[float, float] | None, si_unit: str) -> Message:
+    """``measured`` as a part of a message: each reader has it in their units."""
+    text = measured(value_si, ci95, si_unit, UnitSystem.SI)
+    values: dict[str, Value] = {} if value_si is None else {"value": float(value_si), "unit": si_unit}
+    if value_si is not None and ci95 is not None:
+        values |= {"low": float(ci95[0]), "high": float(ci95[1])}
+    return Message(MEASURED, text.replace("{", "{{"), values)
+
+
+def said_in(message: Message, system: UnitSystem) -> str | None:
+    """Return what ``quantity_said`` or ``measured_said`` made in the units of ``system``; None for another message."""
+    values: dict[str, Any] = dict(message.values)
+    if message.code == QUANTITY:
+        return quantity(values.get("value"), values.get("unit", ""), system, values.get("digits", 4))
+    if message.code != MEASURED:
+        return None
+    ci95 = (values["low"], values["high"]) if "low" in values else None
+    return measured(values.get("value"), ci95, values.get("unit", ""), system)

@@ -21,6 +21,7 @@ from service.workers.allowance import Allowance
 from service.workers.priority import ANALYSIS
 from valve import errors
 from valve.errors import InternalError, ValveError
+from valve.messages import restored
 from valve.nameplate import Nameplate
 
 Progress = Callable[[float, str], None]
@@ -148,7 +149,7 @@ class AnalysisPool:
                 answer = await self._attempt(job, progress)
         if "error" in answer:
             raise _error(answer)
-        return dict(answer["analysis"])
+        return restored(answer["analysis"])
 
     async def judge_day(self, path: Path, nameplate: Nameplate) -> DayJudged:
         """Return what a day of a valve in service says. Raises RecordingError, InternalError as ``analyze`` does."""
@@ -156,7 +157,7 @@ class AnalysisPool:
             answer = await self._attempt({"watched": str(path), "nameplate": asdict(nameplate)}, None)
         if "error" in answer:
             raise _error(answer)
-        return DayJudged.from_json(dict(answer["analysis"]))
+        return DayJudged.from_json(restored(answer["analysis"]))
 
     async def _discard(self) -> None:
         worker, self._worker = self._worker, None
@@ -221,13 +222,13 @@ class AnalysisPool:
                 return await self._undiagnosed(estimated, "it took too long")
             waited = False
             if "estimated" in answer:
-                estimated = dict(answer["estimated"])
+                estimated = restored(answer["estimated"])
                 allowances.append(Allowance(worker.pid, self._diagnosis_limit_s))
                 continue
             if "progress" not in answer:
                 return answer
             if progress is not None:
-                progress(float(answer["progress"]), str(answer["phase"]))
+                progress(float(answer["progress"]), restored(answer)["phase"])
 
     async def _undiagnosed(self, estimated: dict[str, Any], reason: str) -> dict[str, Any]:
         """Return the estimates alone, and end the worker."""
@@ -287,5 +288,5 @@ async def _ended(worker: Process) -> None:
 def _error(answer: dict[str, Any]) -> ValveError:
     """Return the worker's error as the same class; the tree of errors is closed, so a name is enough."""
     kind = getattr(errors, str(answer["error"]), InternalError)
-    error: ValveError = kind(str(answer["message"]))
+    error: ValveError = kind(restored(answer)["message"])
     return error

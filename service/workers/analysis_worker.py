@@ -27,6 +27,7 @@ from service.own_files.understood import Reading, with_understood
 from service.workers.priority import end_with_parent
 from service.workers.warm_up import warm_up
 from valve.errors import RecordingError, ValveError
+from valve.messages import message_of, say, with_table
 from valve.nameplate import Nameplate
 from valve.recording_files import read_recording
 
@@ -46,15 +47,15 @@ def main() -> None:
 
 def _work(job: dict[str, Any], answers: TextIO) -> None:
     def progress(share: float, phase: str) -> None:
-        _answer(answers, {"progress": share, "phase": phase})
+        _answer(answers, with_table({"progress": share, "phase": phase}))
 
     def keep(analysis: dict[str, Any]) -> None:
-        _answer(answers, {"estimated": analysis})
+        _answer(answers, {"estimated": with_table(analysis)})
 
     try:
         nameplate = nameplate_from_mapping(job["nameplate"], "nameplate")
         if "watched" in job:
-            _answer(answers, {"analysis": _judged(Path(job["watched"]), nameplate)})
+            _answer(answers, {"analysis": with_table(_judged(Path(job["watched"]), nameplate))})
             return
         _bound_memory(job["most_memory_bytes"])
         left, mapping = job["most_rows"], job["mapping"]
@@ -73,14 +74,18 @@ def _work(job: dict[str, Any], answers: TextIO) -> None:
             progress=progress,
             keep=keep,
         )
-        _answer(answers, {"analysis": with_understood(analysis, read)})
+        _answer(answers, {"analysis": with_table(with_understood(analysis, read))})
     except ValveError as error:
-        _answer(answers, {"error": type(error).__name__, "message": str(error)})
+        _answer(answers, with_table({"error": type(error).__name__, "message": message_of(error)}))
     except MemoryError:
         if job["most_memory_bytes"] is None:
             raise
-        said = f"the recordings need more than {job['most_memory_bytes'] / 1e9:g} GB of memory: send fewer samples"
-        _answer(answers, {"error": RecordingError.__name__, "message": said})
+        said = say(
+            "needs_more_memory",
+            "the recordings need more than {most:g} GB of memory: send fewer samples",
+            most=job["most_memory_bytes"] / 1e9,
+        )
+        _answer(answers, with_table({"error": RecordingError.__name__, "message": said}))
 
 
 def _judged(path: Path, nameplate: Nameplate) -> dict[str, Any]:
@@ -89,7 +94,14 @@ def _judged(path: Path, nameplate: Nameplate) -> dict[str, Any]:
     try:
         return judge_day(path, nameplate).to_json()
     except OSError as error:
-        raise RecordingError(f"{path.name}: it cannot be read ({error.strerror or error}): look at the disk") from error
+        raise RecordingError(
+            say(
+                "day_on_disk_unreadable",
+                "{file}: it cannot be read ({why}): look at the disk",
+                file=path.name,
+                why=error.strerror or str(error),
+            )
+        ) from error
 
 
 def _read(path: str, nameplate: Nameplate, mapping: dict[str, str] | None, most_rows: int | None) -> Reading:

@@ -61,8 +61,8 @@ def permit_service() -> Iterator[Gateway]:
 
 @pytest.fixture
 def judged_service() -> Iterator[Gateway]:
-    """Return a service whose valve is to be closed 15 s after each motion, and is not at its safe value."""
-    stem = "safe_position_m = 0.0\nsafe_position_tolerance_m = 0.002\nstem_read_after_s = 15.0"
+    """Return a service whose valve is to be closed 25 s after each motion, and is not at its safe value."""
+    stem = "safe_position_m = 0.0\nsafe_position_tolerance_m = 0.002\nstem_read_after_s = 25.0"
     with _folder() as folder, gateway(Path(folder), stem=stem) as running:
         yield running
 

@@ -12,9 +12,11 @@ import pytest
 from service.model.run import RunState
 from service.store.store import Store
 from service.tablet import script
+from service.words.languages import Language
 from tests.browser.conftest import store_test
 from tests.support.gateway import Gateway
 from tests.support.wired_plant import TAG
+from valve.messages import say
 
 PAGES = ("/", "/ui/night", "/ui/recordings", f"/ui/valves/{TAG}", f"/ui/valves/{TAG}/start", "/ui/sign-in", "TEST")
 FIRST_LOAD_BYTES = 100_000
@@ -53,7 +55,7 @@ def test_the_first_load_weighs_at_most_100_kilobytes(service: Gateway) -> None:
 def test_every_part_of_the_script_is_sent(service: Gateway) -> None:
     folder = Path(script.__file__).parent / "script_parts"
     parts = {file.stem: file.read_text(encoding="utf-8") for file in folder.iterdir()}
-    sent = service.client.get("/ui/static/tablet.js")
+    sent = service.client.get(f"/ui/static/{script.script_name(Language.ENGLISH)}")
     assert sent.headers["content-type"].startswith("text/javascript")
     assert set(parts) == set(script.PARTS)
     assert all(text in sent.text for text in parts.values())
@@ -90,7 +92,13 @@ def test_no_sentence_keeps_units_that_were_not_chosen(service: Gateway, page: st
 
 def test_a_bad_end_is_told_in_the_chosen_units_on_its_page_and_in_its_report(service: Gateway) -> None:
     run = store_test(service, 46.0, 0.0, state=RunState.FAILED)
-    error = f"{TAG}: the pressure changed by 8.049e+04 Pa and the stem stood at 2.0e-06 m: look at packing and seat"
+    error = say(
+        "stuck",
+        "{tag}: the pressure changed by {changed:.4g Pa} and the stem stood at {at:.1e m}: look at packing and seat",
+        tag=TAG,
+        changed=8.049e4,
+        at=2.0e-6,
+    )
     service.part(Store).runs.save(replace(run, error=error, acknowledged_at=run.created_at, acknowledgement="eased"))
     for address in (f"/ui/tests/{run.id}", f"/tests/{run.id}/report?format=html"):
         with httpx.Client(base_url=service.url, cookies={"breakaway-units": "psi"}, timeout=60.0) as client:

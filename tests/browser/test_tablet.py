@@ -379,7 +379,7 @@ def test_a_stem_that_has_not_closed_is_seen_without_scrolling_and_a_page_that_is
     browser.open(f"{service.url}/ui/tests/{test_id}")
     browser.until(lambda: browser.run(verdict) == "moving", "the motion is over and the stem is said to move")
     browser.until(
-        lambda: "moving to 0 mm (closed): it is looked at 15 s after" in browser.text("#stands"), "it is said"
+        lambda: "moving to 0 mm (closed): it is looked at 25 s after" in browser.text("#stands"), "it is said"
     )
     browser.open(f"{service.url}/ui/valves/{TAG}")
     browser.until(lambda: "may still move" in browser.text("#condition"), "the valve's page says so too")

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import os
 import socket
 import time
+from collections.abc import Coroutine
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AsyncExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import structlog
@@ -322,6 +325,48 @@ async def test_of_two_that_find_the_name_of_a_dead_process_one_alone_watches(add
     await first.close()
     await second.open()  # the lock is free again
     await second.close()
+
+
+@pytest.mark.parametrize("passes", range(6))
+def test_a_post_that_is_closed_as_somebody_comes_leaves_nothing_open(address: TcpAddress, passes: int) -> None:
+    """Whatever the loop had got to: a socket that is left open is an error where it is collected."""
+
+    async def come_and_close() -> None:
+        post = WatchPost(watch_name(address), _left, lambda: None)
+        await post.open()
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as taker:
+            taker.connect(watch_name(address))
+            for _ in range(passes):
+                await asyncio.sleep(0)
+            await post.close()
+
+    assert not _left_open_by(come_and_close())
+
+
+@pytest.mark.parametrize("passes", range(4))
+def test_a_post_whose_opening_is_cancelled_is_free_for_the_next(address: TcpAddress, passes: int) -> None:
+    async def open_and_cancel() -> None:
+        post, following = (WatchPost(watch_name(address), _left, lambda: None) for _ in range(2))
+        opening = asyncio.ensure_future(post.open())
+        for _ in range(passes):
+            await asyncio.sleep(0)
+        opening.cancel()
+        await asyncio.gather(opening, return_exceptions=True)
+        await post.close()
+        await following.open()
+        await following.close()
+
+    assert not _left_open_by(open_and_cancel())
+
+
+def _left_open_by(work: Coroutine[Any, Any, None]) -> list[object]:
+    """Return what is told of as it is collected after a loop has ended."""
+    told: list[object] = []
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("sys.unraisablehook", lambda unraisable: told.append(unraisable.exc_value))
+        asyncio.run(work)
+        gc.collect()
+    return told
 
 
 async def _left() -> None:

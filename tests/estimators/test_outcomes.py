@@ -141,7 +141,7 @@ def test_the_fewest_samples_are_those_that_the_message_names(kept: int, every: i
         few = dataclasses.replace(few, position_m=np.where(np.arange(kept) % every, few.position_m, np.nan))
     found = prepare(few, test.nameplate)
     assert (found is not Outcome.TOO_FEW_SAMPLES) == enough
-    assert "at least 40 are needed and 8 of them without a gap between" in Outcome.TOO_FEW_SAMPLES
+    assert "at least 40 are needed and 8 of them without a gap between" in Outcome.TOO_FEW_SAMPLES.message
 
 
 def test_a_rate_that_is_too_low() -> None:

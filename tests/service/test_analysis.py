@@ -20,6 +20,7 @@ from tests.support.hidden import hidden
 from tests.support.nominal_recordings import NOMINAL, at_rest, recorded, sine_test, triangle_test, with_gaps
 from valve.effects import effect_from_values
 from valve.errors import RecordingError
+from valve.messages import TABLE
 from valve.nameplate import Nameplate
 from valve.parameters import PARAMETER_SYMBOLS
 from valve.recording import Recording
@@ -331,6 +332,8 @@ async def test_the_real_worker_analyses_a_stored_recording_as_this_process_does(
             assert found is None or found == pytest.approx(parameter["value"], rel=1.0e-6, abs=1.0e-6), symbol
     theirs, ours = analysis.pop("discrepancy"), here.pop("discrepancy")
     assert theirs["verdict"] == ours["verdict"] == "none"
+    assert theirs["message"].code == "no_fault"
+    assert theirs["message"] in analysis.pop(TABLE)
     assert theirs["misfit"]["rms_before_m"] == pytest.approx(ours["misfit"]["rms_before_m"], rel=1.0e-3)
     assert analysis == here
     assert shares[-1] == 1.0

@@ -21,6 +21,7 @@ from tests.service.command_line import called
 from tests.support.fake_rig import FakeAnalyst, FakeRig
 from tests.support.running_service import running_service
 from valve.errors import DeviceError
+from valve.messages import say
 
 BREAKAWAY = (sys.executable, "-m", "service.cli")
 
@@ -150,7 +151,18 @@ async def test_run_hands_overrides_on(plant_file: Path) -> None:
 
 async def test_why_a_test_failed_is_told_in_units_that_people_read(plant_file: Path) -> None:
     rig = FakeRig()
-    rig.break_at, rig.failure = 0.5, DeviceError("FV-101: it moved by 8.141e+04 Pa and stood at 0.0485455 m")
+    rig.break_at, rig.failure = (
+        0.5,
+        DeviceError(
+            say(
+                "moved",
+                "{tag}: it moved by {by:.4g Pa} and stood at {at:.4g m}",
+                tag="FV-101",
+                by=8.141e4,
+                at=0.0485455,
+            )
+        ),
+    )
     async with running_service(load_plant(plant_file), rig, FakeAnalyst()) as client:
         process = await asyncio.create_subprocess_exec(
             *BREAKAWAY, "run", "FV-101", "--url", str(client.base_url), stdout=-1, stderr=-1

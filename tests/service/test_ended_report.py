@@ -15,15 +15,18 @@ import pytest
 from drivers.stands_at import RestRules, StemVerdict, stands_at
 from service.config.settings import Plant, load_plant
 from service.model.run import Run, RunState, new_run_id
+from service.model.stands_words import NOT_CONFIRMED
 from service.report.ended import EndedSource, ended_document
 from service.report.written import report_html, report_pdf
 from service.shown.ending import ending_of
+from service.words.reader import Reader
 from service.words.units import UnitSystem
 from tests.service.test_report import clocks_of, name_plant, words_of
 from tests.support.fake_rig import FakeAnalyst, FakeRig
 from tests.support.nominal_recordings import triangle_test
 from tests.support.problem import assert_problem
 from tests.support.running_service import running_service
+from valve.messages import joined, say
 from valve.recording_files import write_parquet
 
 STUCK_OPEN = stands_at(
@@ -33,7 +36,13 @@ STANDS = "Signal 0 kPa, read back. Stem 42.7 mm: 42 % OPEN: it has not closed."
 CLOSED = replace(STUCK_OPEN, stem_m=0.0, verdict=StemVerdict.THERE)
 RUN = {"valve": "FV-101", "sequence": "triangle"}
 BEGAN = datetime(2026, 5, 4, 10, 0, tzinfo=UTC)
-STUCK = "FV-101: the stem did not break away from 2.0e-06 m within 7.86e+04 Pa: look at packing, seat and actuator"
+STUCK = say(
+    "stuck",
+    "{tag}: the stem did not break away from {at:.1e m} within {within:.3g Pa}: look at packing, seat and actuator",
+    tag="FV-101",
+    at=2.0e-6,
+    within=7.86e4,
+)
 
 
 def ended(state: RunState = RunState.FAILED, /, **changes: Any) -> Run:
@@ -212,8 +221,18 @@ def test_a_recording_that_is_gone_or_damaged_leaves_a_report_that_says_so(tmp_pa
     assert ended_document(elsewhere)["recorded"] == "Gateway south keeps it."
 
 
+def test_an_end_that_is_a_message_tells_what_stands_beside_it_once_and_in_the_units_that_were_chosen() -> None:
+    stuck = say("stuck", "{tag}: it did not break away within {swept:.3g Pa}", tag="FV-101", swept=7.86e4)
+    sent = say("sent_to_safe", "the valve was sent to its safe value")
+    ending = ending_of(ended(error=joined("; ", [NOT_CONFIRMED, stuck, sent])))
+    assert ending.why == "It did not break away within 7.86e+04 Pa."
+    assert ended_document(source(ended(error=stuck), reader=Reader(UnitSystem.PSI)))["why"].endswith("within 11.4 psi.")
+    stopped = say("stopped_by", "stopped by {who}", who="local")
+    assert ending_of(ended(RunState.STOPPED, error=joined("; ", [NOT_CONFIRMED, stopped]))).why == "Stopped by hand."
+
+
 def test_the_report_of_a_bad_end_is_read_in_the_units_that_were_chosen() -> None:
-    document = ended_document(source(ended(), system=UnitSystem.PSI))
+    document = ended_document(source(ended(), reader=Reader(UnitSystem.PSI)))
     assert "11.4 psi" in document["why"]
     assert "Pa" not in document["why"]
 

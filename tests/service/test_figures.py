@@ -13,11 +13,23 @@ import numpy as np
 import pytest
 
 from service.figures.canvas import svg_text
+from service.figures.friction import friction_picture
 from service.figures.methods import methods_picture
 from service.figures.misfit import time_picture
-from service.figures.signature import NARROW, WIDE, Frame, Layer, friction_over_travel, signature_drawing
+from service.figures.signature import (
+    NARROW,
+    WIDE,
+    Frame,
+    Layer,
+    friction_over_travel,
+    signature_drawing,
+    why_no_signature,
+)
 from service.figures.trace import trace_picture
 from service.figures.trend import Ahead, Trend, TrendPoint, trends_picture, trends_svg
+from service.words import messages
+from service.words.languages import Catalogue, Language
+from service.words.reader import Reader
 from service.words.units import UnitSystem
 from valve.recording import Recording
 
@@ -42,7 +54,7 @@ def test_a_trace_of_many_samples_keeps_the_one_that_stands_out_and_its_holes() -
     position_m[31_234] = 0.09
     position_m[10_000:20_000] = np.nan
     recording = Recording(time_s, position_m, command_pa=np.linspace(0.0, 8.0e4, time_s.size))
-    picture = trace_picture(recording, UnitSystem.SI)
+    picture = trace_picture(recording, Reader())
     above, below = picture.figure.axes
     drawn_s, drawn = (np.asarray(one, dtype=np.float64) for one in above.get_lines()[0].get_data())
     assert drawn.size < 2000
@@ -52,22 +64,60 @@ def test_a_trace_of_many_samples_keeps_the_one_that_stands_out_and_its_holes() -
     assert "60000 samples" in picture.description
 
 
+def test_labels_and_description_are_told_in_the_language_of_the_reader(monkeypatch: pytest.MonkeyPatch) -> None:
+    said = Catalogue(
+        {
+            "axis_travel": ("travel, {unit}", "Hub, {unit}"),
+            "with_its_band": ("{way}, with its 95 % band", "{way}, mit 95-%-Band"),
+            "title_friction": ("Friction along the travel", "Reibung über dem Hub"),
+            "mark_closed": ("closed", "zu"),
+            "axis_friction": ("Friction, {unit}", "Reibung, {unit}"),
+            "month_oct": ("Oct", "Okt"),
+        },
+        {"opening": "beim Öffnen"},
+    )
+    monkeypatch.setattr(messages, "catalogue", lambda language: said if language is Language.GERMAN else Catalogue())
+    latent = [
+        {"coordinate": "travel_m", "direction": "opening", "at": [0, 0.1], "force_n": [1, 2], "ci95": [[0, 2]] * 2}
+    ]
+    german, english = (friction_picture(latent, Reader(language=one)) for one in (Language.GERMAN, Language.ENGLISH))
+    assert german is not None
+    assert english is not None
+    assert (german.title, english.title) == ("Reibung über dem Hub", "Friction along the travel")
+    assert german.figure.axes[0].get_xlabel() == "Hub, mm"
+    assert "beim Öffnen 1 to 2 N" in german.description
+    assert "beim Öffnen, mit 95-%-Band" in svg_text(german)
+    assert "opening, with its 95 % band" in svg_text(english)
+    drawing = signature_drawing([Layer("closed", _signature())], Frame(0.2), Reader(language=Language.GERMAN), NARROW)
+    assert drawing is not None
+    assert ">zu<" in drawing.svg
+    assert ">closed<" in drawing.svg, "what somebody called a test stays"
+    assert "Reibung, N" in drawing.svg
+    at = datetime(2026, 10, 10, tzinfo=UTC)
+    points = tuple(TrendPoint(at + timedelta(days=day), 600.0) for day in range(20))
+    trend = trends_picture(
+        [Trend("friction_mean_n", "friction", "N", points)], Reader(zone=UTC, language=Language.GERMAN)
+    )
+    assert trend is not None
+    assert "2026-Okt" in svg_text(trend)
+
+
 def test_the_noise_of_a_stem_that_stood_still_is_not_drawn_as_motion() -> None:
     time_s = np.linspace(0.0, 10.0, 1001)
     still = Recording(time_s, 2.0e-6 * np.sin(900.0 * time_s), command_pa=np.zeros(time_s.size))
     for system in UnitSystem:
-        low, high = trace_picture(still, system).figure.axes[0].get_ylim()
-        drawn = trace_picture(still, system).figure.axes[0].get_lines()[0].get_ydata()
+        low, high = trace_picture(still, Reader(system)).figure.axes[0].get_ylim()
+        drawn = trace_picture(still, Reader(system)).figure.axes[0].get_lines()[0].get_ydata()
         assert np.ptp(np.asarray(drawn, dtype=np.float64)) < 0.01 * (high - low)
 
 
 def test_a_trace_without_a_single_position_says_so() -> None:
     recording = Recording(np.array([0.0, 1.0]), np.full(2, np.nan), command_pa=np.zeros(2))
-    assert "never measured" in trace_picture(recording, UnitSystem.SI).description
+    assert "never measured" in trace_picture(recording, Reader()).description
 
 
 def test_a_parameter_that_may_be_zero_is_not_drawn_in_percent() -> None:
-    picture = methods_picture(_estimates(0.01, 0.05), UnitSystem.SI)
+    picture = methods_picture(_estimates(0.01, 0.05), Reader())
     assert picture is not None
     assert "F_c" in picture.description
     assert "F_0" not in picture.description
@@ -76,14 +126,14 @@ def test_a_parameter_that_may_be_zero_is_not_drawn_in_percent() -> None:
 
 
 def test_a_preload_that_is_known_is_drawn() -> None:
-    picture = methods_picture(_estimates(100.0, 1.0), UnitSystem.SI)
+    picture = methods_picture(_estimates(100.0, 1.0), Reader())
     assert picture is not None
     assert "F_0" in picture.description
 
 
 def test_a_misfit_without_a_cause_is_not_called_one_without_the_cause() -> None:
     time = {"time_s": [0.0, 1.0], "measured_m": [0.0, 1.0e-3], "before_m": [0.0, 1.1e-3]}
-    healthy, found = (time_picture({"time": one}, UnitSystem.SI) for one in (time, time | {"after_m": [0.0, 1.0e-3]}))
+    healthy, found = (time_picture({"time": one}, Reader()) for one in (time, time | {"after_m": [0.0, 1.0e-3]}))
     assert healthy is not None
     assert found is not None
     assert "the cause" not in svg_text(healthy)
@@ -129,7 +179,7 @@ def _ends_of(svg: str, way: str, letter: str = "A") -> list[tuple[float, float]]
 
 @pytest.mark.parametrize("width", [WIDE, NARROW])
 def test_the_signature_is_drawn_in_percent_of_rated_travel_and_of_the_signals_span(width: int) -> None:
-    drawing = signature_drawing([Layer("this test", _signature())], Frame(0.2), UnitSystem.SI, width)
+    drawing = signature_drawing([Layer("this test", _signature())], Frame(0.2), Reader(), width)
     assert drawing is not None
     ((x_low, y_low), (x_high, y_high)) = _ends_of(drawing.svg, "opening")
     assert (x_low, x_high) == pytest.approx((0.0, 50.0), abs=0.3)  # 100 mm of 200 mm rated
@@ -152,7 +202,7 @@ def test_friction_over_travel_is_that_of_the_valve_in_both_directions() -> None:
 def test_stops_bench_set_and_limits_are_drawn_where_they_are_known() -> None:
     layer = Layer("this test", _signature())
     frame = Frame(0.1, (9_000.0, 91_000.0), 5.0, 5.0, (-0.002, 0.103), 5.0, (150.0, 250.0))
-    drawing, bare = (signature_drawing([layer], one, UnitSystem.SI) for one in (frame, Frame()))
+    drawing, bare = (signature_drawing([layer], one, Reader()) for one in (frame, Frame()))
     assert drawing is not None
     assert bare is not None
     words = set(re.findall(r">([^<>]+)</text>", drawing.svg))
@@ -165,7 +215,7 @@ def test_stops_bench_set_and_limits_are_drawn_where_they_are_known() -> None:
 
 def test_a_limit_far_above_what_was_measured_is_told_and_does_not_flatten_the_curve() -> None:
     frame = Frame(0.1, friction_share_percent=60.0)  # 3,000 N
-    drawing = signature_drawing([Layer("this test", _signature())], frame, UnitSystem.SI)
+    drawing = signature_drawing([Layer("this test", _signature())], frame, Reader())
     assert drawing is not None
     assert "acceptance limit 3000 N, above" in drawing.svg
 
@@ -177,13 +227,13 @@ def test_tests_are_laid_over_each_other_by_letter_and_a_drive_by_force_never_ove
         Layer("as found", _signature(friction_n=400.0)),
         _signature("force_n"),
     )
-    both = signature_drawing([own, other, Layer("a motor", forced)], Frame(0.1), UnitSystem.SI)
+    both = signature_drawing([own, other, Layer("a motor", forced)], Frame(0.1), Reader())
     assert both is not None
     assert _ends_of(both.svg, "opening", "B")[0][1] == pytest.approx(18.0, abs=0.3)
     assert 'data-of="C"' not in both.svg
     assert "B  as found" in both.svg
     assert "A, now: friction 200 N; B, as found: friction 400 N" in both.description
-    driven = signature_drawing([Layer("a motor", forced), own], Frame(0.1), UnitSystem.SI)
+    driven = signature_drawing([Layer("a motor", forced), own], Frame(0.1), Reader())
     assert driven is not None
     assert "Force, %" in driven.svg
     assert "Pressure" not in driven.svg
@@ -194,7 +244,7 @@ def test_the_band_of_friction_lies_about_its_mean() -> None:
     latent = [
         {"coordinate": "travel_m", "direction": "opening", "at": [0.0, 0.1], "ci95": [[-10.0, 10.0], [-5.0, 15.0]]}
     ]
-    drawing = signature_drawing([Layer("x", _signature(), latent)], Frame(0.1), UnitSystem.SI)
+    drawing = signature_drawing([Layer("x", _signature(), latent)], Frame(0.1), Reader())
     assert drawing is not None
     root = ElementTree.fromstring(drawing.svg)
     below = [one for one in root.iter() if one.get("class") == "pane"][1]
@@ -208,7 +258,7 @@ def test_the_band_of_friction_lies_about_its_mean() -> None:
 
 
 def test_words_of_a_test_are_never_markup() -> None:
-    drawing = signature_drawing([Layer("<script>&", _signature())], Frame(0.1), UnitSystem.SI)
+    drawing = signature_drawing([Layer("<script>&", _signature())], Frame(0.1), Reader())
     assert drawing is not None
     assert "<script>" not in drawing.svg
     ElementTree.fromstring(drawing.svg)
@@ -222,7 +272,7 @@ def _trends(ci95: tuple[float, float] | None = (590.0, 610.0)) -> list[Trend]:
 
 @pytest.mark.parametrize("narrow", [False, True])
 def test_a_trend_says_what_its_bars_hold(narrow: bool) -> None:
-    drawn = trends_svg(_trends(), UnitSystem.SI, UTC, narrow)
+    drawn = trends_svg(_trends(), Reader(zone=UTC), narrow)
     assert drawn is not None
     words = " ".join(re.findall(r"<text[^>]*>([^<]*)</text>", drawn))
     for said in (
@@ -231,10 +281,10 @@ def test_a_trend_says_what_its_bars_hold(narrow: bool) -> None:
         "Time: UTC.",
     ):
         assert said in words
-    bare = trends_svg(_trends(None), UnitSystem.SI, UTC, narrow)
+    bare = trends_svg(_trends(None), Reader(zone=UTC), narrow)
     assert bare is not None
     assert "Bars" not in bare
-    spring = trends_picture(_trends()[1:], UnitSystem.SI, UTC)
+    spring = trends_picture(_trends()[1:], Reader(zone=UTC))
     assert spring is not None
     assert "bar of friction" not in spring.description
 
@@ -245,7 +295,7 @@ def test_a_forecast_is_drawn_on_to_its_limit_where_it_is_near() -> None:
     def drawn(days: float, latest_days: float | None) -> tuple[list[float], list[Any], str]:
         latest = None if latest_days is None else last + timedelta(days=latest_days)
         ahead = Ahead(605.0, 650.0, last + timedelta(days=days), last + timedelta(days=0.5 * days), latest)
-        picture = trends_picture([replace(_trends()[0], limits=(None, 650.0), ahead=ahead)], UnitSystem.SI, UTC)
+        picture = trends_picture([replace(_trends()[0], limits=(None, 650.0), ahead=ahead)], Reader(zone=UTC))
         assert picture is not None
         axes = picture.figure.axes[0]
         dotted = [line for line in axes.get_lines() if line.get_linestyle() == ":"]
@@ -267,9 +317,21 @@ def test_a_forecast_is_drawn_on_to_its_limit_where_it_is_near() -> None:
 
 def test_a_trend_is_drawn_by_the_plants_clock() -> None:
     for zone, day, hour in ((UTC, "2026-10-01", 22.5), (ZoneInfo("Asia/Kolkata"), "2026-10-02", 4.0)):
-        picture = trends_picture(_trends(), UnitSystem.SI, zone)
+        picture = trends_picture(_trends(), Reader(zone=zone))
         assert picture is not None
         assert f"on {day};" in picture.description
         assert f"Time: {zone}." in picture.description
         first = np.asarray(picture.figure.axes[0].get_lines()[0].get_xdata(), dtype=np.float64)[0]
         assert 24.0 * (first % 1.0) == pytest.approx(hour)
+
+
+@pytest.mark.parametrize(
+    ("signature", "told"),
+    [
+        ({"curve": {"up": {"travel_m": [0.0, 0.01]}}, "notes": {}}, ""),
+        ({"curve": None, "notes": {"friction_mean_n": "the stem did not move"}}, "the stem did not move"),
+        ({"curve": None, "notes": {}}, "the motion shows no loop of force over travel"),
+    ],
+)
+def test_a_signature_that_is_missing_is_missing_for_a_reason(signature: dict[str, Any], told: str) -> None:
+    assert str(why_no_signature(signature)) == told

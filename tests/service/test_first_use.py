@@ -28,7 +28,7 @@ async def test_pages_and_document_are_made_before_the_first_request(
     plant: Plant, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     app = app_of(plant, rig=FakeRig(), analyst=FakeAnalyst())
-    rendering._environment.cache_clear()
+    rendering.environment.cache_clear()
     await asyncio.to_thread(use_once, app)
     monkeypatch.setattr(jinja2.Environment, "compile", _too_late)
     monkeypatch.setattr(openapi_module, "get_openapi", _too_late)
@@ -55,6 +55,14 @@ print(before, "anyio._backends._asyncio" in sys.modules)
 def test_what_carries_a_live_view_is_loaded_before_the_first_one() -> None:
     said = subprocess.run([sys.executable, "-c", _LIVE_VIEW], capture_output=True, text=True, check=True)
     assert said.stdout.split() == ["False", "True"]
+
+
+def test_a_service_that_starts_waits_for_nothing_that_draws_or_estimates() -> None:
+    """Other processes do both; loading that took as long as all the rest."""
+    heavy = ("numba", "matplotlib", "typst", "scipy.stats", "scipy.optimize", "scipy.signal")
+    loaded = f"import sys, service.app; print([name for name in {heavy} if name in sys.modules])"
+    said = subprocess.run([sys.executable, "-c", loaded], capture_output=True, text=True, check=True)
+    assert said.stdout.strip() == "[]"
 
 
 def test_the_service_makes_them_before_it_listens_to_anybody(plant: Plant, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ import json
 import math
 import subprocess
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -26,12 +26,14 @@ from drivers.motion.orders import Armed, Heard, MotionEnd, MotionLostError, Orde
 from drivers.motion.plant_read import valve_read
 from drivers.motion.server import MotionServer
 from drivers.motion.spool import Spool
-from drivers.motion.wire_format import PROTOCOL, error_of, line_of, of_json, to_json
+from drivers.motion.wire_format import PROTOCOL, error_of, line_of, of_json, said_in, to_json
 from drivers.outcome import Ended, PlayOutcome, SampleBlock
+from drivers.permissive import Permissive
 from drivers.stands_at import StandsAt, StemVerdict
 from service.config.settings import Plant
 from tests.support.fake_rig import FakeRig
 from tests.support.in_process import motion_on
+from valve import messages
 from valve.errors import (
     BusyError,
     DeviceError,
@@ -42,8 +44,9 @@ from valve.errors import (
     ValveError,
     WaveformError,
 )
+from valve.messages import Message, joined, message_of, say, with_table
 from valve.recording import Acquisition, Provenance, Recording
-from valve.waveform import triangle
+from valve.waveform import Waveform, triangle
 
 ID = "20261121T031502Z-9f3c01ab"
 OTHER = "20261121T031503Z-9f3c01ac"
@@ -324,6 +327,114 @@ def test_samples_are_the_same_on_the_other_side(block: SampleBlock) -> None:
 def test_an_error_is_of_its_kind_on_the_other_side(error: ValveError) -> None:
     there = error_of(json.loads(line_of(to_json(error))))
     assert (type(there), str(there)) == (type(error), str(error))
+
+
+STUCK = say("stuck_in_tests", "{tag}: the stem stands at {at:.1f mm}: look at it", tag="FV-101", at=0.0123)
+UNSAFE = say("unsafe_in_tests", "it shows {shown:g Pa}", shown=math.nan)
+
+
+def _told(text: str | None, message: Message) -> bool:
+    return isinstance(text, Message) and text.to_json() == message.to_json()
+
+
+def _ended_badly() -> MotionEnd:
+    seen = StandsAt(StemVerdict.UNKNOWN, datetime(2026, 11, 28, 3, 0, tzinfo=UTC), 0.5, stem_unread=STUCK)
+    held = DeviceError(joined("; ", (STUCK, UNSAFE)))
+    outcome = PlayOutcome(None, Ended.FAILED, False, held, ("plain", UNSAFE), 7, stands=seen, why_unsafe=UNSAFE)
+    return MotionEnd(outcome, 1234.5, (STUCK,), STUCK)
+
+
+def test_an_end_keeps_what_its_texts_were_made_of_on_the_disk(tmp_path: Path) -> None:
+    spool, end = Spool(tmp_path), _ended_badly()
+    spool.write(order(), end)
+    there = spool.read(ID)
+    assert there.outcome.error is not None
+    assert end.outcome.error is not None
+    assert _told(message_of(there.outcome.error), end.outcome.error.args[0])
+    assert there.outcome.stands is not None
+    assert _told(there.outcome.stands.stem_unread, STUCK)
+    assert _told(there.outcome.why_unsafe, UNSAFE)
+    assert there.outcome.notes == ("plain", UNSAFE)
+    assert [type(note) for note in there.outcome.notes] == [str, Message]
+    assert _told(there.faults[0], STUCK)
+    assert _told(there.stopped, STUCK)
+
+
+def test_an_end_that_an_earlier_version_left_is_read_as_texts(tmp_path: Path) -> None:
+    spool, end = Spool(tmp_path), _ended_badly()
+    spool.write(order(), end)
+    path = spool.path(ID, ".end")
+    left = json.loads(path.read_text())
+    del left["messages"]
+    path.write_text(json.dumps(left))
+    there = spool.read(ID)
+    assert str(there.outcome.error) == str(end.outcome.error)
+    assert type(there.outcome.why_unsafe) is str
+    assert there.outcome.stands == end.outcome.stands
+    assert [one.order.run_id for one in spool.all()] == [ID]
+
+
+async def test_what_is_said_over_the_socket_keeps_what_it_was_made_of(
+    plant: Plant, rig: FakeRig, motion: Motion
+) -> None:
+    value = say("supply_in_tests", "{supply:.2f kPa}", supply=123456.0)
+    rig.shown = (Permissive("supply", True, value, "some air", "look"),)
+    armed: list[Armed] = []
+    async with service_of(plant) as service:
+        shown = await service.permissives("FV-101", None, "")
+        assert _told(shown[0].value, value)
+        assert (shown[0].limit, type(shown[0].limit)) == ("some air", str)
+        rig.refusal = PermissiveError(STUCK)
+        with pytest.raises(PermissiveError) as refused:
+            await service.play(order(OTHER), Heard())
+        assert _told(message_of(refused.value), STUCK)
+        rig.refusal, rig.duration_s = None, 5.0
+        playing = asyncio.create_task(service.play(order(), Heard(on_armed=armed.append)))
+        await rig.moving.wait()
+        service.stop(ID, STUCK)
+        end = await playing
+        assert _told(armed[0].permissives[0].value, value)
+        assert _told(end.stopped, STUCK)
+
+
+async def test_a_stop_without_the_service_is_heard_by_a_motion_process_that_knows_no_messages(
+    plant: Plant, rig: FakeRig, motion: Motion, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lines: list[bytes] = []
+
+    def noted(message: dict[str, Any]) -> bytes:
+        lines.append(line_of(message))
+        return lines[-1]
+
+    monkeypatch.setattr("drivers.motion.client.line_of", noted)
+    rig.duration_s = 5.0
+    async with service_of(plant) as service:
+        playing = asyncio.create_task(service.play(order(), Heard()))
+        await rig.moving.wait()
+        ((_, end),) = await stopped_here(plant.service.motion_socket, "FV-101", STUCK)
+        assert end.stopped == STUCK
+        await playing
+    asked = [said for said in map(json.loads, lines) if said.get("ask") == "stop_and_wait"]
+    assert [sorted(said) for said in asked] == [["ask", "id", "reason", "run_id"]]
+
+
+def test_columns_of_numbers_are_not_looked_into(monkeypatch: pytest.MonkeyPatch) -> None:
+    looked_at: list[Any] = []
+    whole = messages._messages_in
+
+    def counted(document: Any) -> Iterator[tuple[str, Message]]:
+        looked_at.append(document)
+        return whole(document)
+
+    monkeypatch.setattr(messages, "_messages_in", counted)
+    column = np.linspace(0.0, 1.0, 10_000)
+    block = SampleBlock(column, column, column, column, column, column, recorded=True)
+    line = line_of({"run": ID, "event": "samples", "value": to_json(block)})
+    of_json(SampleBlock, said_in(line)["value"])
+    assert looked_at == []
+    wave = Waveform("long", column, column)
+    with_table({"order": to_json(replace(order(), waveform=wave))})
+    assert 0 < len(looked_at) < 40
 
 
 def test_an_end_is_the_same_after_the_disk(tmp_path: Path) -> None:

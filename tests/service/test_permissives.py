@@ -30,6 +30,7 @@ from tests.support.fake_rig import FakeAnalyst, FakeRig
 from tests.support.running_service import running_service
 from tests.support.wired_plant import TAG, wired_plant
 from valve.errors import BusyError, ConfigurationError, DeviceError, InternalError
+from valve.messages import say
 
 ORDER = {"valve": "FV-101"}
 _NOBODY = 65534
@@ -106,7 +107,16 @@ async def test_a_permit_reaches_the_rig_and_the_permissives_stay_with_the_test(p
 
 async def test_permissives_can_be_asked_for_with_a_permit_and_in_other_units(plant_file: Path) -> None:
     rig = FakeRig()
-    rig.shown = (Permissive("supply", False, "150.0 kPa", "at least 200 kPa", "open the supply to 200 kPa"),)
+    least = {"least": 2.0e5}
+    rig.shown = (
+        Permissive(
+            "supply",
+            False,
+            say("supply", "{now:.1f kPa}", now=1.5e5),
+            say("at_least", "at least {least:.3g kPa}", **least),
+            say("open_supply", "open the supply to {least:.3g kPa}", **least),
+        ),
+    )
     async with running_service(load_plant(plant_file), rig, FakeAnalyst()) as client:
         asked = {"permit": "W-17", "units": "psi"}
         (shown, *_) = (await client.get("/valves/FV-101/permissives", params=asked)).json()["permissives"]

@@ -11,6 +11,7 @@ from estimators.signature.measure import measure_signature
 from estimators.steps.response import step_figures
 from service.cli.analysis_tables import print_analysis, reasons
 from tests.support.nominal_recordings import NOMINAL, recorded, triangle_test
+from valve.messages import Message, joined, say
 from valve.parameters import PARAMETER_SYMBOLS
 from valve.waveform import steps
 
@@ -44,6 +45,19 @@ def test_a_reason_of_both_methods_stands_there_once_without_what_the_table_shows
         "regression and garcia, DV: one speed",
         "garcia, m: known to +-55 % only",
     ]
+
+
+def test_reasons_that_are_messages_stand_there_as_texts_do() -> None:
+    slow = say("rate_too_low", "The sampling rate is too low (1e+02 Hz): see No. 4. Capture in the device.")
+    known = say("known_to", "known to +-{share:.0f %} only: {why}", share=0.55, why=slow)
+    missing = [say("not_given", "Not given: {symbols:, }.", symbols=symbols) for symbols in (("m", "F_v"), ("m",))]
+    estimates = [
+        _estimate("regression", joined(" ", [slow, missing[0]]), {"m": slow, "F_v": slow}),
+        _estimate("garcia", joined(" ", [slow, missing[1]]), {"m": known}),
+    ]
+    told = reasons(estimates)
+    assert told == [f"regression and garcia: {slow}", "garcia, m: known to +-55 % only"]
+    assert all(isinstance(one, Message) for one in told)
 
 
 def _analysis(discrepancy: dict[str, Any]) -> dict[str, Any]:

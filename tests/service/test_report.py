@@ -24,6 +24,8 @@ from service.report.document import document_of
 from service.report.source import ReportSource
 from service.report.valve_facts import nameplate_facts
 from service.report.written import report_html, report_pdf
+from service.words.languages import Language
+from service.words.reader import Reader
 from service.words.units import UnitSystem
 from tests.support.fake_rig import FakeAnalyst, FakeRig
 from tests.support.made_analysis import ACTION, FRICTION_N, MISSING, made_analysis
@@ -139,7 +141,30 @@ def test_a_cause_that_takes_no_misfit_has_no_share_of_it(tmp_path: Path) -> None
 
 
 def test_the_report_is_read_in_the_units_that_were_chosen() -> None:
-    assert document_of(source(system=UnitSystem.PSI))["summary"]["key_figures"][0]["value"] == "137.58 ± 0.45 lbf"
+    assert (
+        document_of(source(reader=Reader(UnitSystem.PSI)))["summary"]["key_figures"][0]["value"] == "137.58 ± 0.45 lbf"
+    )
+
+
+def test_a_report_is_read_in_the_language_of_its_reader(tmp_path: Path) -> None:
+    made = source(reader=Reader(language=Language.GERMAN))
+    html, pdf = report_html(made).decode(), report_pdf(made)
+    assert '<html lang="de">' in html
+    said = [html]
+    if shutil.which("pdftotext"):
+        said.append(words_of(pdf, tmp_path))
+    for text in said:
+        for words in ("FV-101 braucht Wartung.", "Warum", "Was zu tun ist", "Diagnose", "Signatur"):
+            assert words in text, words
+        assert "What to do" not in text
+
+
+def test_what_somebody_wrote_is_not_translated() -> None:
+    made = source(
+        reader=Reader(UnitSystem.PSI, language=Language.GERMAN), note="Valves moved 3 mm", head=(("x", "Why"),)
+    )
+    document = document_of(made)
+    assert (document["note"], document["head"]) == ("Valves moved 3 mm", [{"name": "x", "value": "Why"}])
 
 
 def test_a_test_that_nothing_explains_says_what_to_do_next(tmp_path: Path) -> None:
@@ -213,11 +238,12 @@ def test_before_and_after_stand_beside_each_other_with_what_passes() -> None:
     check = {"name": "dead_band", "meaning": "dead band", "unit": "percent", "limit": 20.0}
     after["health"]["acceptance"]["checks"] = [check | {"value": 22.4, "met": False}]
     facts = ValveFacts(0.1016, 82_737.0, 82_737.0)
-    rows = {row.name: row for row in before_after(before, after, HealthLimits(), facts, UnitSystem.SI)}
+    rows = {row.name: row for row in before_after(before, after, HealthLimits(), facts, Reader())}
     friction, dead_band = rows["Friction, mean"], rows["Dead band"]
     assert (friction.before, friction.after) == ("900.0 ± 2.0 N", "612.0 ± 2.0 N")
     assert friction.change.startswith("−288")
     assert "−32 %" in friction.change
+    assert ";" not in friction.change
     assert friction.verdict == "pass", "a repair that lowers friction is no failure"
     assert (dead_band.limit, dead_band.verdict) == ("at most 20.0 %", "FAIL")
     assert rows["Bench set, low end"].change == "+0 kPa", "no share of what may be zero"
@@ -252,7 +278,7 @@ def test_the_nameplate_is_told_in_the_units_that_were_chosen() -> None:
         Actuator(0.1016, 0.06452, moving_mass_kg=1.36, bench_set_pa=(20_684.0, 103_421.0)),
         Signal((4.0, 20.0), (0.0, 82_737.0)),
     )
-    assert dict(nameplate_facts(plate, UnitSystem.PSI)) == {
+    assert dict(nameplate_facts(plate, Reader(UnitSystem.PSI))) == {
         "Rated travel": "4.000 in",
         "Action": "spring-opposed",
         "Diaphragm area": "100.0 in²",
@@ -261,7 +287,7 @@ def test_the_nameplate_is_told_in_the_units_that_were_chosen() -> None:
         "Signal": "4 to 20 mA for 0 psi to 12.00 psi",
     }
     double = Nameplate("FV-1", Actuator(0.05, action=Action.DOUBLE))
-    assert dict(nameplate_facts(double, UnitSystem.SI)) == {
+    assert dict(nameplate_facts(double, Reader())) == {
         "Rated travel": "50.00 mm",
         "Action": "double-acting, no spring",
     }

@@ -18,7 +18,9 @@ from service.config.settings import faults_of, load_plant
 from service.config.units import in_si, own_names
 from service.config.valves import ValveParts, valve_parts
 from service.model.health_limits import HealthLimits
+from service.words.sentences import lines_of
 from valve.errors import ConfigurationError
+from valve.messages import Message, message_of
 from valve.nameplate import Action, Actuator, Signal
 from valve.units import PASCAL_PER_PSI
 
@@ -129,6 +131,16 @@ def test_a_value_that_cannot_be_taken_is_told_by_the_owners_key_and_value(old: s
         nameplate_from_toml(PLATE.replace(old, new, 1).encode(), "fv-101.toml")
     assert str(caught.value).startswith("fv-101.toml: ")
     assert "\n" not in str(caught.value)
+
+
+def test_a_reason_by_the_owners_key_keeps_its_code_and_its_values() -> None:
+    with pytest.raises(ConfigurationError) as caught:
+        nameplate_from_toml(PLATE.replace('"4 in"', '"4000 in"', 1).encode(), "fv-101.toml")
+    (said,) = lines_of(message_of(caught.value))
+    assert isinstance(said, Message)
+    assert said.code == "larger_than_any"
+    assert said.values["key"] == 'actuator.travel ("4000 in")'
+    assert said.values["value"] == pytest.approx(101.6)
 
 
 def test_a_value_that_stands_twice_is_refused_with_both_keys() -> None:

@@ -29,6 +29,7 @@ from tests.support.plants import bus_text, service_text, valve_text
 from tests.support.running_service import running_service
 from tests.support.wired_plant import SAFE_PA, TAG, asked_pa, standing_valve, wired_plant
 from valve.errors import BusyError, ConfigurationError, PermissiveError, RequestError
+from valve.messages import Message
 
 JUDGED = "safe_position_m = 0.0\nsafe_position_tolerance_m = 0.002\nstem_read_after_s = {after_s}"
 CLOSED = RestRules(0.0, 0.002, 10.0, 0.1016)
@@ -131,17 +132,18 @@ SENTENCES = {
 }
 
 
+def test_where_a_valve_stands_is_told_in_the_units_of_whoever_reads_it() -> None:
+    told = in_units(stands_sentence(seen(confirmed=False, signal_pa=55_000.0)), UnitSystem.PSI)
+    assert "Signal 7.98 psi, and its safe value of 0 psi was not read back after the motion." in told
+    assert "Stem 1.68 in: 42 % OPEN: it has not closed." in told
+
+
 @pytest.mark.parametrize(("stands", "said"), SENTENCES.values(), ids=list(SENTENCES))
 def test_signal_and_stem_are_both_said(stands: StandsAt, said: str) -> None:
     assert said in stands_sentence(stands)
     assert "  " not in stands_sentence(stands)
+    assert isinstance(stands_sentence(stands), Message)
     assert StandsAt.from_json(stands.to_json()) == stands
-
-
-def test_the_sentence_follows_the_units() -> None:
-    assert in_units(NOT_CLOSED, UnitSystem.PSI) == (
-        "Signal 0 psi, read back. Stem 1.68 in: 42 % OPEN: it has not closed."
-    )
 
 
 def test_only_a_declared_position_that_was_not_seen_is_an_alarm() -> None:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import hashlib
 import multiprocessing
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,16 @@ from sqlalchemy import text
 
 from drivers.motion.journal import JournalWriter, read_journal, recording_from_journal
 from drivers.outcome import SampleBlock
+from drivers.stands_at import RestRules, stands_at
+from service.model.check import Check, CheckState
+from service.model.reanalysis import Reanalysis, RepeatState, Wanted
 from service.model.run import Run, RunState, checked_run_id, new_run_id
+from service.model.watched_day import WatchedDay
 from service.store.database import open_database
 from service.store.schema import TABLES, WHOLE
 from service.store.store import Store
 from valve.errors import BusyError, ConfigurationError, NotFoundError
+from valve.messages import Message, joined, parts_of, say
 from valve.recording import Acquisition, Recording
 from valve.recording_files import read_recording
 
@@ -50,6 +56,82 @@ def test_a_run_comes_back_as_it_was_stored(quick_path: Path, database_url: str) 
     assert again.runs.get(run.id) == ended
     assert again.runs.by_idempotency_key("k1") == ended
     again.close()
+
+
+STUCK = say("stuck_in_store", "{tag}: it stands at {at:.1f mm}", tag="FV-101", at=0.0123)
+LEVELS = say("levels_in_store", "{pressure:g kPa} at {when}", pressure=5e4, when=datetime(2026, 11, 28, 3, tzinfo=UTC))
+
+
+def _is(text: str, message: Message) -> bool:
+    return isinstance(text, Message) and (text, text.to_json()) == (message, message.to_json())
+
+
+def test_a_run_keeps_what_its_sentences_were_made_of_also_where_its_stem_is_looked_at_later(
+    quick_path: Path, database_url: str
+) -> None:
+    store = Store(quick_path / "store", database_url)
+    moving = stands_at(RestRules(), after_s=0.0, safe_pa=0.0, confirmed=True, signal_unread=LEVELS, is_over=False)
+    health = {"ne107": "M", "reasons": [STUCK, "plain"]}
+    run = store.runs.insert(_run())
+    ended = replace(
+        run,
+        state=RunState.COMPLETED,
+        error=joined("; ", (STUCK, "plain")),
+        quality={"notes": [LEVELS]},
+        permissives={"permissives": [{"name": "supply", "value": LEVELS}]},
+        stands=moving,
+        analysis={"schema": "x", "health": health},
+    )
+    store.runs.save(ended)
+    store.runs.note_stands(ended, stands_at(RestRules(), after_s=9.0, safe_pa=0.0, confirmed=True, stem_unread=STUCK))
+    found = store.runs.get(run.id)
+    head = store.runs.valve_heads()["FV-101"]
+    for one in (found, head.last):
+        assert isinstance(one.error, Message)
+        assert _is(parts_of(one.error)[0], STUCK)
+        assert one.quality is not None
+        assert _is(one.quality["notes"][0], LEVELS)
+        assert one.permissives is not None
+        assert _is(one.permissives["permissives"][0]["value"], LEVELS)
+        assert one.stands is not None
+        assert _is(one.stands.stem_unread, STUCK)
+    assert head.health == health
+    assert head.health is not None
+    assert _is(head.health["reasons"][0], STUCK)
+    store.close()
+
+
+def test_reasons_of_checks_and_repeats_and_days_keep_what_they_were_made_of(
+    quick_path: Path, database_url: str
+) -> None:
+    store, now = Store(quick_path / "store", database_url), datetime.now(UTC)
+    check = store.schedule_runs.insert(Check("night", "2026-11-28T03:00", "FV-101", now, 60.0, "triangle", "plc-1"))
+    assert check is not None
+    assert store.schedule_runs.end(check.id, CheckState.SKIPPED, STUCK, now)
+    assert _is(store.schedule_runs.get(check.id).reason, STUCK)
+    plain = replace(check, valve="FV-102", reason="as before")
+    kept = store.schedule_runs.insert(plain)
+    assert kept is not None
+    assert type(kept.reason) is str
+
+    whole = replace(_run(), state=RunState.COMPLETED, recording_sha256="x", gateway=store.gateway)
+    run = store.runs.insert(whole)
+    wanted = Wanted(now - timedelta(days=1))
+    asked = store.reanalyses.insert(Reanalysis(wanted, store.gateway, "x", "anna", now), failed="-", engine=1)
+    taken = store.reanalyses.take_up(asked.id, "me", now, without=())
+    assert taken is not None
+    assert taken.test_id == run.id
+    store.reanalyses.end_test(taken, RepeatState.SKIPPED, LEVELS, now)
+    assert _is(store.reanalyses.progress(asked).troubles[0].reason, LEVELS)
+
+    document = {"schema": "breakaway/watch/1", "notes": [LEVELS], "figures": {}}
+    store.watched.add(WatchedDay("FV-101", now.date(), now, now, 9, now, "x", document, STUCK), store.gateway)
+    day = store.watched.newest("FV-101", 1)[0]
+    assert day.document == document
+    assert day.document is not None
+    assert _is(day.document["notes"][0], LEVELS)
+    assert _is(day.reason, STUCK)
+    store.close()
 
 
 def test_runs_are_listed_newest_first_by_page_and_valve(quick_path: Path, database_url: str) -> None:

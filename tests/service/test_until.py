@@ -20,13 +20,12 @@ from service.model.run import Run, RunState, new_run_id
 from service.model.until import early_words, is_met, pairs_of, read_until
 from service.report.of_run import _facts
 from service.routes.run_views import view
-from service.runs.estimate_worker import EstimateWorker
 from service.runs.live import LiveRun
-from service.runs.live_estimates import LiveEstimates
+from service.runs.live_estimates import EstimateWorker, LiveEstimates, turns_s
 from service.runs.out_of_family import OutOfFamily
-from service.runs.so_far import estimate_so_far, turns_s
+from service.runs.so_far import estimate_so_far
 from service.store.store import Store, open_store
-from service.words.units import UnitSystem
+from service.words.reader import Reader
 from tests.service.stored_runs import runs_of
 from tests.support.fake_rig import FakeRig
 from tests.support.rough_valves import RoughCase, case
@@ -142,7 +141,7 @@ async def test_the_time_saved_is_kept_less_what_the_way_back_took_longer(plant: 
     assert shown.ended_early is not None
     assert shown.ended_early.saved_s < 20.0
     assert shown.until == kept.until
-    (said,) = [words for name, words in dict(_facts(kept, None, UnitSystem.SI, None)).items() if name == "Until"]
+    (said,) = [words for name, words in dict(_facts(kept, None, Reader())).items() if name == "Until"]
     assert "ended early, as it knew F_s to 5 % and F_c to 2.5 %" in said
     again = await runs.analyze(kept.id)
     await runs.settled()

@@ -20,7 +20,7 @@ from service.model.health_limits import HealthLimits
 from service.model.watched_day import ChangedInService, FrictionInService, JudgedBy, WatchedDay
 from service.schedules.watched import WatchedDays
 from service.store.store import Store
-from service.words.units import UnitSystem
+from service.words.reader import Reader
 from tests.support.fake_rig import FakeAnalyst, FakeRig
 from tests.support.in_process import app_of
 from tests.support.processes import until
@@ -265,9 +265,9 @@ async def test_the_page_shows_the_last_day_in_service_and_says_that_it_is_no_tes
 def test_days_in_service_are_drawn_apart_from_tests_and_change_no_line_between_them() -> None:
     tests = tuple(TrendPoint(NOON - timedelta(days=back), 600.0 + back, (590.0, 610.0)) for back in (9, 5, 1))
     days = tuple(TrendPoint(NOON - timedelta(days=back), 640.0, (600.0, 680.0)) for back in (3, 2))
-    bare = trends_picture([Trend("friction_mean_n", "friction, mean", "N", tests)], UnitSystem.SI, UTC)
-    both = trends_picture([Trend("friction_mean_n", "friction, mean", "N", tests, watched=days)], UnitSystem.SI, UTC)
-    alone = trends_picture([Trend("friction_mean_n", "friction, mean", "N", (), watched=days)], UnitSystem.SI, UTC)
+    bare = trends_picture([Trend("friction_mean_n", "friction, mean", "N", tests)], Reader(zone=UTC))
+    both = trends_picture([Trend("friction_mean_n", "friction, mean", "N", tests, watched=days)], Reader(zone=UTC))
+    alone = trends_picture([Trend("friction_mean_n", "friction, mean", "N", (), watched=days)], Reader(zone=UTC))
     assert bare is not None
     assert both is not None
     assert alone is not None

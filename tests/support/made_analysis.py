@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from valve.messages import say
 from valve.parameters import PARAMETER_SYMBOLS
 
 FRICTION_N = 612.0
@@ -75,7 +76,13 @@ def _discrepancy() -> dict[str, Any]:
         "causes": [
             {
                 "cause": "local_friction",
-                "sentence": "Friction is 80 N higher between 42 and 46 % travel, both ways: a tight spot.",
+                "sentence": say(
+                    "tight_spot",
+                    "Friction is {rise:g N} higher between {low:g} and {high:g} % travel, both ways: a tight spot.",
+                    rise=80.0,
+                    low=42,
+                    high=46,
+                ),
                 "action": ACTION,
                 "parameters": {"rise_n": {"value": 80.0, "ci95": [78.0, 82.0], "unit": "N"}},
                 "share_of_misfit": 0.93,

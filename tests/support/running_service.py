@@ -37,7 +37,7 @@ async def running_application(app: FastAPI, bind: str = "127.0.0.1") -> AsyncIte
         await asyncio.sleep(0.005)
     port = server.servers[0].sockets[0].getsockname()[1]
     try:
-        async with httpx.AsyncClient(base_url=f"http://{bind}:{port}", timeout=120.0) as client:
+        async with httpx.AsyncClient(base_url=f"http://{bind}:{port}", timeout=320.0) as client:
             yield client
     finally:
         server.should_exit = True

@@ -115,6 +115,8 @@ def tablet() -> Iterator[Tablet]:
     options.binary_location = str(BROWSER)
     for argument in ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--hide-scrollbars"):
         options.add_argument(argument)
+    # a page is there with its words: pictures may come half a minute later from a busy machine
+    options.page_load_strategy = "eager"
     options.set_capability("goog:loggingPrefs", {"performance": "ALL", "browser": "ALL"})
     driver = webdriver.Chrome(options=options, service=Service(str(DRIVER)))
     try:

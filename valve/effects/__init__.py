@@ -36,6 +36,7 @@ from valve.effects.travel_stop_low import TravelStopLow
 from valve.effects.vibration import PeriodicForce
 from valve.errors import NotFoundError, ParameterError
 from valve.extended_valve import ExtendedValve
+from valve.messages import say
 
 EFFECTS: Final[dict[str, type[Effect]]] = {
     entry.cause: entry
@@ -75,18 +76,40 @@ def effect_from_values(cause: str, values: Mapping[str, float]) -> Effect:
     value that is not a finite number.
     """
     if cause not in EFFECTS:
-        raise NotFoundError(f"cause {cause!r} is unknown: choose one of {', '.join(EFFECTS)}")
+        raise NotFoundError(
+            say(
+                "cause_unknown",
+                "cause {cause} is unknown: choose one of {choices:, }",
+                cause=repr(cause),
+                choices=tuple(EFFECTS),
+            )
+        )
     kind = EFFECTS[cause]
     known = [entry.name for entry in kind.parameters]
     unknown = sorted(set(values) - set(known))
     if unknown:
-        raise ParameterError(f"{cause}: {unknown[0]}: no such parameter; there are {', '.join(known)}")
+        raise ParameterError(
+            say(
+                "effect_parameter_unknown",
+                "{cause}: {parameter}: no such parameter; there are {known:, }",
+                cause=cause,
+                parameter=unknown[0],
+                known=tuple(known),
+            )
+        )
     try:
         return kind(**values)
     except TypeError:
         needed = {entry.name for entry in fields(kind) if entry.default is MISSING}
         missing = [name for name in known if name in needed - set(values)]
-        raise ParameterError(f"{cause}: {', '.join(missing)}: missing, or given by a strength: add it") from None
+        raise ParameterError(
+            say(
+                "effect_parameter_missing",
+                "{cause}: {missing:, }: missing, or given by a strength: add it",
+                cause=cause,
+                missing=tuple(missing),
+            )
+        ) from None
 
 
 def with_effects(valve: ExtendedValve, effects: Sequence[Effect]) -> ExtendedValve:

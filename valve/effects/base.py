@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
 from enum import StrEnum
@@ -9,6 +10,7 @@ from typing import Any, ClassVar, Final, Self
 
 from valve.errors import ParameterError
 from valve.extended_valve import ExtendedValve, FrictionSlots, require_finite
+from valve.messages import say
 from valve.parameters import ValveParameters
 
 ARMSTRONG: str = (
@@ -46,7 +48,14 @@ class ValveScale:
     def __post_init__(self) -> None:
         for entry in fields(self):
             if not getattr(self, entry.name) > 0.0:
-                raise ParameterError(f"{entry.name} is {getattr(self, entry.name):g}, it must be above 0: correct it")
+                raise ParameterError(
+                    say(
+                        "value_not_positive",
+                        "{name} is {value:g}, it must be above 0: correct it",
+                        name=entry.name,
+                        value=getattr(self, entry.name),
+                    )
+                )
 
     @classmethod
     def of(cls, parameters: ValveParameters, travel_m: float, full_force_n: float) -> Self:
@@ -110,7 +119,8 @@ class Effect(ABC):
 
     def __post_init__(self) -> None:
         for name, value in self.values().items():
-            require_finite(f"{self.cause}: {name}", value)
+            if not math.isfinite(value):
+                require_finite(say("parameter_of_cause", "{cause}: {name}", cause=self.cause, name=name), value)
 
     @abstractmethod
     def apply(self, valve: ExtendedValve) -> ExtendedValve:
@@ -128,7 +138,15 @@ class Effect(ABC):
         }
         unknown = sorted(set(shape) - set(values))
         if unknown:
-            raise ParameterError(f"{cls.cause}: {unknown[0]}: no such parameter; there are {', '.join(values)}")
+            raise ParameterError(
+                say(
+                    "effect_parameter_unknown",
+                    "{cause}: {parameter}: no such parameter; there are {known:, }",
+                    cause=cls.cause,
+                    parameter=unknown[0],
+                    known=tuple(values),
+                )
+            )
         return cls(**{**values, **shape})
 
     def values(self) -> dict[str, float]:
@@ -141,7 +159,15 @@ def require_free(cause: str, slots: Any, *names: str) -> None:
     neutral = type(slots)()
     for name in names:
         if getattr(slots, name) != getattr(neutral, name):
-            raise ParameterError(f"{cause}: {name} is {getattr(slots, name):g} already, one valve has one: drop one")
+            raise ParameterError(
+                say(
+                    "slot_taken",
+                    "{cause}: {name} is {value:g} already, one valve has one: drop one",
+                    cause=cause,
+                    name=name,
+                    value=getattr(slots, name),
+                )
+            )
 
 
 def with_static_share(cause: str, slots: FrictionSlots, share: float) -> FrictionSlots:
@@ -151,6 +177,12 @@ def with_static_share(cause: str, slots: FrictionSlots, share: float) -> Frictio
     """
     if 1.0 not in {slots.static_share, share} and share != slots.static_share:
         raise ParameterError(
-            f"{cause}: static_share is {share:g}, and {slots.static_share:g} already: give both effects the same"
+            say(
+                "static_share_differs",
+                "{cause}: static_share is {share:g}, and {before:g} already: give both effects the same",
+                cause=cause,
+                share=share,
+                before=slots.static_share,
+            )
         )
     return replace(slots, static_share=share if slots.static_share == 1.0 else slots.static_share)

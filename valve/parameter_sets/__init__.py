@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from valve.errors import NotFoundError
+from valve.messages import say
 from valve.parameter_sets import graphite, nominal, rough, vendor
 from valve.parameter_sets.base import ParameterSet
 
@@ -16,7 +17,14 @@ PARAMETER_SETS: Final[dict[str, ParameterSet]] = {
 def parameter_set(name: str) -> ParameterSet:
     """Return the set of this name. Raises NotFoundError for another name."""
     if name not in PARAMETER_SETS:
-        raise NotFoundError(f"parameter set {name!r} is unknown: choose one of {', '.join(PARAMETER_SETS)}")
+        raise NotFoundError(
+            say(
+                "parameter_set_unknown",
+                "parameter set {name} is unknown: choose one of {choices:, }",
+                name=repr(name),
+                choices=tuple(PARAMETER_SETS),
+            )
+        )
     return PARAMETER_SETS[name]
 
 

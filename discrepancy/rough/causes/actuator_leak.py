@@ -11,6 +11,7 @@ from typing_extensions import override
 from discrepancy.rough.causes.base import Fitted
 from discrepancy.rough.causes.seen import Seen, SeenCause, View
 from discrepancy.rough.setting import Setting
+from valve.messages import say
 
 _LEAST: Final = 0.01
 _LEVELS: Final = 20
@@ -21,7 +22,9 @@ class ActuatorLeak(SeenCause):
     """The measured pressure is a share of the command."""
 
     name: ClassVar[str] = "actuator_leak"
-    action: ClassVar[str] = "Look for a leak in the actuator, its diaphragm and the tubing, and calibrate the I/P."
+    action: ClassVar[str] = say(
+        "actuator_leak_action", "Look for a leak in the actuator, its diaphragm and the tubing, and calibrate the I/P."
+    )
     is_last: ClassVar[bool] = False
 
     def seen(self, view: View) -> Seen | None:
@@ -51,4 +54,8 @@ class ActuatorLeak(SeenCause):
     @override
     def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
         """Return what a fitter is told."""
-        return f"The pressure stays {fitted['leak'].in_words(100.0, '%')} below what the command asks for."
+        return say(
+            "pressure_below_command",
+            "The pressure stays {share} below what the command asks for.",
+            share=fitted["leak"].in_words("%"),
+        )

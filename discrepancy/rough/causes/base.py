@@ -16,6 +16,7 @@ from estimators.base import NORMAL_95
 from estimators.engine.laws import Law, LawParameter, Where
 from valve.carried_digits import carried_places
 from valve.effects import Effect
+from valve.messages import UNITS, Message, say
 
 FloatArray = npt.NDArray[np.float64]
 Shape = tuple[float, ...]
@@ -40,14 +41,29 @@ class Fitted:
         """Return the parameter as in the analysis object."""
         return {"value": self.value, "unit": self.unit, "std_error": self.std_error, "ci95": list(self.ci95)}
 
-    def in_words(self, factor: float, unit: str) -> str:
-        """Return the value times ``factor``, without sign, with its interval where the instrument knows better."""
-        factor = -factor if self.value < 0.0 else factor
-        low, high = sorted(factor * end for end in self.ci95)
-        places, is_shown = carried_places(factor * self.value, 0.5 * (high - low))
+    def in_words(self, unit: str, scale: float = 1.0) -> Message:
+        """Return ``scale`` times the value in this unit, without sign, with its interval where it says more.
+
+        It says more where the instrument knows better.
+        """
+        scale = -scale if self.value < 0.0 else scale
+        value, (low, high) = scale * self.value, sorted(scale * end for end in self.ci95)
+        in_si = UNITS[unit][1]
+        places, is_shown = carried_places(value / in_si, 0.5 * (high - low) / in_si)
         digits = min(max(0, places), 6)
-        value, *ends = (f"{round(one, places):.{digits}f}" for one in (factor * self.value, low, high))
-        return f"{value} {unit} ({ends[0]} to {ends[1]})" if is_shown else f"{value} {unit}"
+        if places < 0:
+            value, low, high = (round(one / in_si, places) * in_si for one in (value, low, high))
+        if not is_shown:
+            return say("fitted_quantity", "{value:.{digits}f {unit}}", value=value, digits=digits, unit=unit)
+        return say(
+            "quantity_from_to",
+            "{value:.{digits}f {unit}} ({low:.{digits}f in {unit}} to {high:.{digits}f in {unit}})",
+            value=value,
+            low=low,
+            high=high,
+            digits=digits,
+            unit=unit,
+        )
 
 
 def parameter(

@@ -7,13 +7,17 @@ from collections.abc import Mapping
 from typing import ClassVar, Final
 
 import numpy as np
-from scipy.stats import chi2
+import numpy.typing as npt
+from scipy.special import chdtri
 from typing_extensions import override
 
 from discrepancy.rough.causes.base import Fitted
 from discrepancy.rough.causes.seen import Seen, SeenCause, View
 from discrepancy.rough.setting import Setting
 from estimators.base import NORMAL_95
+from valve.messages import say
+
+FloatArray = npt.NDArray[np.float64]
 
 _PACKINGS_DO: Final = 0.08  # of F_s: a poor packing scatters by 6 %
 _OF_FULL_FORCE: Final = 0.004  # or of the full force: what gauge and I/P leave
@@ -21,15 +25,22 @@ _FEWEST: Final = 6
 _NOT_BOTH_ENDS: Final = 0.025  # of the chance, at each end of the interval
 _MIDDLE: Final = 0.6745  # standard deviations of a normal law that half of it lies within
 _OFTEN: Final = 0.5  # of the scatter that the middle half must show too: no single breakaway stands out
+_STAND_OUT: Final = 0.1  # of the breakaways, and two at least, without which so much of the scatter must be left
+_ALIKE: Final = 1.64  # standard errors by which one is like the last: by chance one record in twenty is
 _BY_ITSELF: Final = 0.8  # of the variance, that place, direction and time leave
 
 
 class BreakawayScatter(SeenCause):
-    """The breakaways' forces by the healthy fit: their standard deviation, a share of F_s, up to twice F_s."""
+    """The breakaways' forces by the healthy fit: their standard deviation, a share of F_s, up to twice F_s.
+
+    Each is drawn by itself. Where one is like the last, in friction or in force, something wanders or has moved: a
+    spring, a sensor's zero, a stem that creeps while it rests.
+    """
 
     name: ClassVar[str] = "breakaway_scatter"
-    action: ClassVar[str] = (
-        "Look at the packing: dry, over-tightened, or of a material that sticks; positions are reached by chance."
+    action: ClassVar[str] = say(
+        "breakaway_scatter_action",
+        "Look at the packing: dry, over-tightened, or of a material that sticks; positions are reached by chance.",
     )
     is_last: ClassVar[bool] = True
 
@@ -57,12 +68,14 @@ class BreakawayScatter(SeenCause):
         if variance_n2 <= 0.0:
             return None
         scatter_n = math.sqrt(variance_n2)
-        low_n = scatter_n * math.sqrt(free / float(chi2.ppf(1.0 - _NOT_BOTH_ENDS, free)))
-        high_n = scatter_n * math.sqrt(free / float(chi2.ppf(_NOT_BOTH_ENDS, free)))
+        low_n = scatter_n * math.sqrt(free / float(chdtri(free, _NOT_BOTH_ENDS)))
+        high_n = scatter_n * math.sqrt(free / float(chdtri(free, 1.0 - _NOT_BOTH_ENDS)))
         middle_n = float(np.median(np.abs(away_n - np.median(away_n)))) / _MIDDLE
         by_itself = float(away_n @ away_n) / max(float(np.sum((forces_n - forces_n.mean()) ** 2)), 1.0e-300)
         beyond = low_n > max(_PACKINGS_DO * setting.static_n, _OF_FULL_FORCE * setting.full_force_n)
         if not beyond or middle_n < _OFTEN * scatter_n or by_itself < _BY_ITSELF * free / (forces_n.size - 1):
+            return None
+        if _without_extremes(away_n) < _OFTEN * scatter_n or max(_repeats(away_n), _repeats(way * away_n)) > _ALIKE:
             return None
         static_n = max(setting.static_n, 1.0e-9)
         return Seen(
@@ -72,7 +85,20 @@ class BreakawayScatter(SeenCause):
     @override
     def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
         """Return what a fitter is told."""
-        return (
-            f"The breakaways' forces differ by {fitted['scatter'].in_words(100.0, '%')} from one to the next; "
-            f"packings do up to {100.0 * _PACKINGS_DO:.0f} %."
+        return say(
+            "breakaways_differ",
+            "The breakaways' forces differ by {share} from one to the next; packings do up to {usual:.0f %}.",
+            share=fitted["scatter"].in_words("%"),
+            usual=_PACKINGS_DO,
         )
+
+
+def _without_extremes(away_n: FloatArray) -> float:
+    """Root mean square of the breakaways without those that stand out, N."""
+    kept = away_n.size - max(2, round(_STAND_OUT * away_n.size))
+    return math.sqrt(float(np.mean(np.sort(away_n**2)[:kept])))
+
+
+def _repeats(away_n: FloatArray) -> float:
+    """By how many standard errors each breakaway is like the one before it: their first autocorrelation."""
+    return float(away_n[1:] @ away_n[:-1]) / float(away_n @ away_n) * math.sqrt(away_n.size)

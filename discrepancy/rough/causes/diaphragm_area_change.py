@@ -12,13 +12,16 @@ from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, parameter
 from estimators.engine.laws import LawParameter, Where
 from valve.effects.base import Effect
 from valve.effects.diaphragm_area_change import DiaphragmAreaChange as AreaEffect
+from valve.messages import say
 
 
 class DiaphragmAreaChange(Cause):
     """S_a (1 + b (x - middle of the travel swept))."""
 
     name: ClassVar[str] = "diaphragm_area_change"
-    action: ClassVar[str] = "Look at the diaphragm: stretched, wrongly seated, or of another type."
+    action: ClassVar[str] = say(
+        "diaphragm_area_change_action", "Look at the diaphragm: stretched, wrongly seated, or of another type."
+    )
     needs_spring: ClassVar[bool] = True
 
     def natural(self) -> tuple[LawParameter, ...]:
@@ -38,7 +41,7 @@ class DiaphragmAreaChange(Cause):
     def sentence(self, fitted: Mapping[str, Fitted]) -> str:
         """Return what a fitter is told."""
         entry = fitted["slope_per_m"]
-        share = entry.in_words(100.0 * self.setting.travel_m, "%")
-        return (
-            f"The diaphragm's effective area {'grows' if entry.value > 0.0 else 'shrinks'} by {share} over the travel."
-        )
+        share = entry.in_words("%", self.setting.travel_m)
+        if entry.value > 0.0:
+            return say("area_grows", "The diaphragm's effective area grows by {share} over the travel.", share=share)
+        return say("area_shrinks", "The diaphragm's effective area shrinks by {share} over the travel.", share=share)

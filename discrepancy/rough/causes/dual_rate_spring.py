@@ -12,6 +12,7 @@ from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, Shape, para
 from estimators.engine.laws import LawParameter, Where
 from valve.effects.base import Effect
 from valve.effects.dual_rate_spring import DualRateSpring as KneeEffect
+from valve.messages import say
 
 _KNEES: Final = 33
 
@@ -20,8 +21,9 @@ class DualRateSpring(Cause):
     """k x + dk max(x - knee, 0)."""
 
     name: ClassVar[str] = "dual_rate_spring"
-    action: ClassVar[str] = (
-        "Look at the actuator's springs: a second spring that meets, a broken one, coils that close."
+    action: ClassVar[str] = say(
+        "dual_rate_spring_action",
+        "Look at the actuator's springs: a second spring that meets, a broken one, coils that close.",
     )
     needs_spring: ClassVar[bool] = True
 
@@ -51,6 +53,15 @@ class DualRateSpring(Cause):
     def sentence(self, fitted: Mapping[str, Fitted]) -> str:
         """Return what a fitter is told."""
         entry = fitted["rate_change_n_per_m"]
-        sense = "stiffer" if entry.value > 0.0 else "softer"
-        share = entry.in_words(100.0 / self.setting.spring_n_per_m, "%")
-        return f"The spring is {share} {sense} beyond {self.setting.percent(fitted['knee_m'].value):.1f} % travel."
+        share = entry.in_words("%", 1.0 / self.setting.spring_n_per_m)
+        knee = self.setting.percent(fitted["knee_m"].value)
+        if entry.value > 0.0:
+            return say(
+                "spring_stiffer_beyond",
+                "The spring is {share} stiffer beyond {knee:.1f} % travel.",
+                share=share,
+                knee=knee,
+            )
+        return say(
+            "spring_softer_beyond", "The spring is {share} softer beyond {knee:.1f} % travel.", share=share, knee=knee
+        )

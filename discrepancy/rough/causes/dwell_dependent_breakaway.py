@@ -12,6 +12,7 @@ from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, Shape, para
 from estimators.engine.laws import LawParameter, Where
 from valve.effects.base import Effect
 from valve.effects.dwell_dependent_breakaway import DwellDependentBreakaway as DwellEffect
+from valve.messages import say
 
 _TIMES_S: Final = (0.5, 1.5, 5.0, 15.0, 50.0)
 
@@ -20,7 +21,10 @@ class DwellDependentBreakaway(Cause):
     """F_s + rise T/(T + tau) after a rest of T."""
 
     name: ClassVar[str] = "dwell_dependent_breakaway"
-    action: ClassVar[str] = "Move the valve a little now and then, or change the packing for one that sticks less."
+    action: ClassVar[str] = say(
+        "dwell_dependent_breakaway_action",
+        "Move the valve a little now and then, or change the packing for one that sticks less.",
+    )
 
     def natural(self) -> tuple[LawParameter, ...]:
         """Up to three times F_c."""
@@ -45,7 +49,9 @@ class DwellDependentBreakaway(Cause):
 
     def sentence(self, fitted: Mapping[str, Fitted]) -> str:
         """Return what a fitter is told."""
-        half = f"{fitted['time_s'].value:.2g} s"
-        return (
-            f"Breakaway grows with the time at rest, by up to {fitted['rise_n'].in_words(1.0, 'N')}, half after {half}."
+        return say(
+            "breakaway_grows_at_rest",
+            "Breakaway grows with the time at rest, by up to {rise}, half after {time:.2g} s.",
+            rise=fitted["rise_n"].in_words("N"),
+            time=fitted["time_s"].value,
         )

@@ -12,6 +12,7 @@ from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, Shape, para
 from estimators.engine.laws import LawParameter, Where
 from valve.effects.base import Effect
 from valve.effects.flow_force import FlowForce as FlowEffect
+from valve.messages import say
 
 _DECAYS: Final = (0.06, 0.1, 0.16, 0.25, 0.4)  # of the travel
 
@@ -20,7 +21,9 @@ class FlowForce(Cause):
     """F_f exp(-x/decay) beside the actuator's force; above 0 it opens."""
 
     name: ClassVar[str] = "flow_force"
-    action: ClassVar[str] = "Compare with the process pressures of the test, or repeat it without flow."
+    action: ClassVar[str] = say(
+        "flow_force_action", "Compare with the process pressures of the test, or repeat it without flow."
+    )
     needs_spring: ClassVar[bool] = True
 
     def natural(self) -> tuple[LawParameter, ...]:
@@ -48,8 +51,19 @@ class FlowForce(Cause):
     def sentence(self, fitted: Mapping[str, Fitted]) -> str:
         """Return what a fitter is told."""
         entry = fitted["force_n"]
-        sense = "opens" if entry.value > 0.0 else "closes"
-        return (
-            f"A force on the plug of {entry.in_words(1.0, 'N')} at the seat {sense} the valve; "
-            f"it falls to a third over {self.setting.percent(fitted['decay_m'].value):.0f} % travel."
+        force, decay = entry.in_words("N"), self.setting.percent(fitted["decay_m"].value)
+        if entry.value > 0.0:
+            return say(
+                "flow_opens",
+                "A force on the plug of {force} at the seat opens the valve; it falls to a third over {decay:.0f} % "
+                "travel.",
+                force=force,
+                decay=decay,
+            )
+        return say(
+            "flow_closes",
+            "A force on the plug of {force} at the seat closes the valve; it falls to a third over {decay:.0f} % "
+            "travel.",
+            force=force,
+            decay=decay,
         )

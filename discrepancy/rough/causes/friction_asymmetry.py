@@ -12,13 +12,16 @@ from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, parameter
 from estimators.engine.laws import LawParameter, Where
 from valve.effects.base import Effect
 from valve.effects.friction_asymmetry import FrictionAsymmetry as AsymmetryEffect
+from valve.messages import say
 
 
 class FrictionAsymmetry(Cause):
     """F_c, F_s -> F (1 + s a), as a force: half of the difference of both ways, N."""
 
     name: ClassVar[str] = "friction_asymmetry"
-    action: ClassVar[str] = "Look at packing and stem guide for a side load or a lip that points one way."
+    action: ClassVar[str] = say(
+        "friction_asymmetry_action", "Look at packing and stem guide for a side load or a lip that points one way."
+    )
     is_offset: ClassVar[bool] = True
 
     def natural(self) -> tuple[LawParameter, ...]:
@@ -42,5 +45,7 @@ class FrictionAsymmetry(Cause):
     def sentence(self, fitted: Mapping[str, Fitted]) -> str:
         """Return what a fitter is told."""
         entry = fitted["half_difference_n"]
-        harder, easier = ("opening", "closing") if entry.value > 0.0 else ("closing", "opening")
-        return f"Friction is {entry.in_words(2.0, 'N')} higher {harder} than {easier}."
+        more = entry.in_words("N", 2.0)
+        if entry.value > 0.0:
+            return say("harder_opening", "Friction is {more} higher opening than closing.", more=more)
+        return say("harder_closing", "Friction is {more} higher closing than opening.", more=more)

@@ -12,6 +12,7 @@ from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, Shape, para
 from estimators.engine.laws import LawParameter, Where
 from valve.effects.base import Effect
 from valve.effects.friction_drift import FrictionDrift as DriftEffect
+from valve.messages import say
 
 _TIMES: Final = (0.1, 0.2, 0.4, 0.8, 20.0)  # of the record; the last one is straight in time
 
@@ -20,7 +21,9 @@ class FrictionDrift(Cause):
     """F_c + change (1 - exp(-t/T))/(1 - exp(-S/T)) over the record of S, F_s by as much."""
 
     name: ClassVar[str] = "friction_drift"
-    action: ClassVar[str] = "Repeat the test when the packing is warm; look at its lubrication and load."
+    action: ClassVar[str] = say(
+        "friction_drift_action", "Repeat the test when the packing is warm; look at its lubrication and load."
+    )
 
     def natural(self) -> tuple[LawParameter, ...]:
         """Up to F_c over the record."""
@@ -47,4 +50,7 @@ class FrictionDrift(Cause):
     def sentence(self, fitted: Mapping[str, Fitted]) -> str:
         """Return what a fitter is told."""
         entry = fitted["change_n"]
-        return f"Friction {'rises' if entry.value > 0.0 else 'falls'} by {entry.in_words(1.0, 'N')} during the record."
+        change = entry.in_words("N")
+        if entry.value > 0.0:
+            return say("friction_rises_in_time", "Friction rises by {change} during the record.", change=change)
+        return say("friction_falls_in_time", "Friction falls by {change} during the record.", change=change)

@@ -12,13 +12,14 @@ from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, parameter
 from estimators.engine.laws import LawParameter, Where
 from valve.effects.base import Effect
 from valve.effects.friction_gradient import FrictionGradient as GradientEffect
+from valve.messages import say
 
 
 class FrictionGradient(Cause):
     """F_c + g (x - middle of the travel swept), F_s by as much."""
 
     name: ClassVar[str] = "friction_gradient"
-    action: ClassVar[str] = "Look at the guide: out of line, or worn at one end."
+    action: ClassVar[str] = say("friction_gradient_action", "Look at the guide: out of line, or worn at one end.")
 
     def natural(self) -> tuple[LawParameter, ...]:
         """Up to once F_c over the travel."""
@@ -37,5 +38,7 @@ class FrictionGradient(Cause):
     def sentence(self, fitted: Mapping[str, Fitted]) -> str:
         """Return what a fitter is told."""
         entry = fitted["gradient_n_per_m"]
-        sense = "rises" if entry.value > 0.0 else "falls"
-        return f"Friction {sense} by {entry.in_words(self.setting.travel_m, 'N')} over the travel."
+        change = entry.in_words("N", self.setting.travel_m)
+        if entry.value > 0.0:
+            return say("friction_rises_along_travel", "Friction rises by {change} over the travel.", change=change)
+        return say("friction_falls_along_travel", "Friction falls by {change} over the travel.", change=change)

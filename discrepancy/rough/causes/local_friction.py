@@ -13,6 +13,7 @@ from discrepancy.rough.causes.seat_friction import SEAT
 from estimators.engine.laws import LawParameter, Where
 from valve.effects.base import Effect
 from valve.effects.local_friction import LocalFriction as SpotEffect
+from valve.messages import say
 
 _WIDTHS: Final = (0.008, 0.014, 0.025, 0.045, 0.08)  # of the travel, standard widths
 _PLACES: Final = 60
@@ -24,7 +25,9 @@ class LocalFriction(Cause):
     """F_c + dF exp(-((x - centre)/width)^2/2) both ways, F_s by as much."""
 
     name: ClassVar[str] = "local_friction"
-    action: ClassVar[str] = "Look at stem and packing there: a bent stem, galling, a deposit."
+    action: ClassVar[str] = say(
+        "local_friction_action", "Look at stem and packing there: a bent stem, galling, a deposit."
+    )
 
     def natural(self) -> tuple[LawParameter, ...]:
         """Up to 2.5 times F_c, anywhere in the travel swept, and a little beyond, but at the seat."""
@@ -65,8 +68,19 @@ class LocalFriction(Cause):
     def sentence(self, fitted: Mapping[str, Fitted]) -> str:
         """Return what a fitter is told."""
         rise, centre_m, half_m = fitted["rise_n"], fitted["centre_m"].value, _HALF_RISE * fitted["width_m"].value
-        percent = self.setting.percent
-        between = f"between {percent(centre_m - half_m):.1f} and {percent(centre_m + half_m):.1f} % travel"
+        low, high = self.setting.percent(centre_m - half_m), self.setting.percent(centre_m + half_m)
         if rise.value > 0.0:
-            return f"Friction is {rise.in_words(1.0, 'N')} higher {between}, both ways: a tight spot."
-        return f"Friction is {rise.in_words(1.0, 'N')} lower {between}, both ways: a worn spot."
+            return say(
+                "tight_spot",
+                "Friction is {rise} higher between {low:.1f} and {high:.1f} % travel, both ways: a tight spot.",
+                rise=rise.in_words("N"),
+                low=low,
+                high=high,
+            )
+        return say(
+            "worn_spot",
+            "Friction is {rise} lower between {low:.1f} and {high:.1f} % travel, both ways: a worn spot.",
+            rise=rise.in_words("N"),
+            low=low,
+            high=high,
+        )

@@ -12,6 +12,7 @@ from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, parameter
 from estimators.engine.laws import LawParameter, Where
 from valve.effects.base import Effect
 from valve.effects.position_backlash import PositionBacklash as PlayEffect
+from valve.messages import say
 
 _HALVINGS: Final = 40
 _INSTANT_S: Final = 1.0e-4  # a lag that is none
@@ -44,7 +45,9 @@ class PositionBacklash(Cause):
     """
 
     name: ClassVar[str] = "position_backlash"
-    action: ClassVar[str] = "Look at the linkage between stem and position sensor: a worn pin, a loose clamp."
+    action: ClassVar[str] = say(
+        "position_backlash_action", "Look at the linkage between stem and position sensor: a worn pin, a loose clamp."
+    )
     needs_spring: ClassVar[bool] = True
 
     def natural(self) -> tuple[LawParameter, ...]:
@@ -73,4 +76,6 @@ class PositionBacklash(Cause):
 
     def sentence(self, fitted: Mapping[str, Fitted]) -> str:
         """Return what a fitter is told."""
-        return f"The position reading has {fitted['play_m'].in_words(1.0e3, 'mm')} of lost motion."
+        return say(
+            "lost_motion", "The position reading has {play} of lost motion.", play=fitted["play_m"].in_words("mm")
+        )

@@ -12,13 +12,17 @@ from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, parameter
 from estimators.engine.laws import LawParameter, Where
 from valve.effects.base import Effect
 from valve.effects.position_nonlinearity import PositionNonlinearity as BowEffect
+from valve.messages import say
 
 
 class PositionNonlinearity(Cause):
     """y = x + bow 4 u (1 - u), u = x/travel: in the balance of forces k times the bow is missing."""
 
     name: ClassVar[str] = "position_nonlinearity"
-    action: ClassVar[str] = "Put the sensor's lever square to the stem at mid travel, or linearise the sensor."
+    action: ClassVar[str] = say(
+        "position_nonlinearity_action",
+        "Put the sensor's lever square to the stem at mid travel, or linearise the sensor.",
+    )
     needs_spring: ClassVar[bool] = True
 
     def natural(self) -> tuple[LawParameter, ...]:
@@ -41,6 +45,13 @@ class PositionNonlinearity(Cause):
     def sentence(self, fitted: Mapping[str, Fitted]) -> str:
         """Return what a fitter is told."""
         entry = fitted["bow_m"]
-        share = entry.in_words(100.0 / self.setting.travel_m, "%")
-        sense = "high" if entry.value > 0.0 else "low"
-        return f"The position reads up to {share} of the travel too {sense} at mid travel."
+        share = entry.in_words("%", 1.0 / self.setting.travel_m)
+        if entry.value > 0.0:
+            return say(
+                "reads_high_mid_travel",
+                "The position reads up to {share} of the travel too high at mid travel.",
+                share=share,
+            )
+        return say(
+            "reads_low_mid_travel", "The position reads up to {share} of the travel too low at mid travel.", share=share
+        )

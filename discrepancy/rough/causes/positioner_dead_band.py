@@ -11,13 +11,17 @@ from discrepancy.rough.causes.base import Fitted
 from discrepancy.rough.causes.command_loop import LoopLaw, command_loop
 from discrepancy.rough.causes.seen import Seen, SeenCause, View
 from discrepancy.rough.setting import Setting
+from valve.messages import say
 
 
 class PositionerDeadBand(SeenCause):
     """The measured pressure stands still after each turn of the command, up to 12 % of the command's range."""
 
     name: ClassVar[str] = "positioner_dead_band"
-    action: ClassVar[str] = "Look at the positioner: its dead band setting, a worn pilot valve or relay, loose linkage."
+    action: ClassVar[str] = say(
+        "positioner_dead_band_action",
+        "Look at the positioner: its dead band setting, a worn pilot valve or relay, loose linkage.",
+    )
     is_last: ClassVar[bool] = False
 
     def seen(self, view: View) -> Seen | None:
@@ -28,5 +32,8 @@ class PositionerDeadBand(SeenCause):
     @override
     def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
         """Return what a fitter is told."""
-        band = fitted["dead_band_pa"].in_words(1.0e-3, "kPa")
-        return f"The pressure follows only when the command has turned back by {band}: a dead band."
+        return say(
+            "follows_after_dead_band",
+            "The pressure follows only when the command has turned back by {band}: a dead band.",
+            band=fitted["dead_band_pa"].in_words("kPa"),
+        )

@@ -10,8 +10,9 @@ from typing_extensions import override
 from discrepancy.rough.causes.base import Fitted
 from discrepancy.rough.causes.seen import Seen, SeenCause, View
 from discrepancy.rough.setting import Setting
-from estimators.engine.yielding import yielding
+from estimators.engine.yielding import Held, driven_of, yielding
 from valve.effects.presliding import Presliding as PreslidingEffect
+from valve.messages import say
 
 _LIMIT: Final = 5.0e-4  # of the travel: packings in good order yield by less
 
@@ -20,7 +21,7 @@ class Presliding(SeenCause):
     """Where the force turns, a stem held by friction stands still until it breaks away; one on bristles follows."""
 
     name: ClassVar[str] = "presliding"
-    action: ClassVar[str] = "Look for a soft packing, and for a stem or a bracket that bends."
+    action: ClassVar[str] = say("presliding_action", "Look for a soft packing, and for a stem or a bracket that bends.")
     is_last: ClassVar[bool] = False
     by_slips: ClassVar[bool] = True
 
@@ -28,7 +29,7 @@ class Presliding(SeenCause):
         """Return the deflection where the stem yields by more than a packing in good order."""
         null = view.null
         spring, preload_n, coulomb_n, lag_s = (null.known(symbol).value for symbol in ("k", "F_0", "F_c", "lag"))
-        found = yielding(view.reading, spring, preload_n, coulomb_n, lag_s)
+        found = yielding(driven_of(view.reading), Held(spring, preload_n, coulomb_n, lag_s))
         if found is None or found.value < _LIMIT * view.setting.travel_m:
             return None
         return Seen({"deflection_m": Fitted(found.value, found.std_error, "m")}, PreslidingEffect(found.value))
@@ -36,4 +37,8 @@ class Presliding(SeenCause):
     @override
     def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
         """Return what a fitter is told."""
-        return f"The stem yields by {fitted['deflection_m'].in_words(1.0e3, 'mm')} before it breaks away."
+        return say(
+            "stem_yields",
+            "The stem yields by {way} before it breaks away.",
+            way=fitted["deflection_m"].in_words("mm"),
+        )

@@ -12,13 +12,14 @@ from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, parameter
 from estimators.engine.laws import LawParameter, Where
 from valve.effects.base import Effect
 from valve.effects.pressure_dependent_friction import PressureDependentFriction as PressureEffect
+from valve.messages import say
 
 
 class PressureDependentFriction(Cause):
     """F_c + mu |U|, F_s by as much."""
 
     name: ClassVar[str] = "pressure_dependent_friction"
-    action: ClassVar[str] = "Look at the piston's or diaphragm's seals."
+    action: ClassVar[str] = say("pressure_dependent_friction_action", "Look at the piston's or diaphragm's seals.")
     needs_spring: ClassVar[bool] = True
 
     def natural(self) -> tuple[LawParameter, ...]:
@@ -37,4 +38,8 @@ class PressureDependentFriction(Cause):
 
     def sentence(self, fitted: Mapping[str, Fitted]) -> str:
         """Return what a fitter is told."""
-        return f"Friction grows with the pressure, by {fitted['share'].in_words(100.0, '%')} of the actuator's force."
+        return say(
+            "friction_grows_with_pressure",
+            "Friction grows with the pressure, by {share} of the actuator's force.",
+            share=fitted["share"].in_words("%"),
+        )

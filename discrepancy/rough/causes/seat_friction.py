@@ -12,6 +12,7 @@ from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, Shape, para
 from estimators.engine.laws import LawParameter, Where
 from valve.effects.base import Effect
 from valve.effects.local_friction import LocalFriction as SpotEffect
+from valve.messages import say
 
 SEAT: Final = 0.03  # of the travel: what is tight here is tight at the seat
 _WIDTHS: Final = (0.012, 0.02, 0.033, 0.055)  # of the travel, standard widths
@@ -21,7 +22,9 @@ class SeatFriction(Cause):
     """F_c + dF exp(-(x/width)^2/2) both ways, F_s by as much, x from the closed position."""
 
     name: ClassVar[str] = "seat_friction"
-    action: ClassVar[str] = "Look at seat, plug and its guide: galling, a deposit, a plug that is out of line."
+    action: ClassVar[str] = say(
+        "seat_friction_action", "Look at seat, plug and its guide: galling, a deposit, a plug that is out of line."
+    )
 
     def natural(self) -> tuple[LawParameter, ...]:
         """Up to 2.5 times F_c, over up to a tenth of the travel."""
@@ -47,5 +50,9 @@ class SeatFriction(Cause):
 
     def sentence(self, fitted: Mapping[str, Fitted]) -> str:
         """Return what a fitter is told."""
-        rise, width = fitted["rise_n"].in_words(1.0, "N"), self.setting.percent(2.0 * fitted["width_m"].value)
-        return f"Friction is {rise} higher near closed, over the last {width:.1f} % of travel: at the seat."
+        return say(
+            "friction_at_seat",
+            "Friction is {rise} higher near closed, over the last {width:.1f} % of travel: at the seat.",
+            rise=fitted["rise_n"].in_words("N"),
+            width=self.setting.percent(2.0 * fitted["width_m"].value),
+        )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -45,12 +45,12 @@ class View:
 class Seen:
     """What was seen: parameters by name, and the effect that a simulated valve takes (None for one of the input).
 
-    ``damping_n_s_per_m`` is F_v beside it, None where it changes nothing there.
+    ``stem`` has what of the stem is otherwise beside it, by symbol, SI.
     """
 
     fitted: Mapping[str, Fitted]
     effect: Effect | None
-    damping_n_s_per_m: float | None = None
+    stem: Mapping[str, float] = field(default_factory=dict)
 
 
 class SeenCause(Protocol):

@@ -12,13 +12,16 @@ from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, parameter
 from estimators.engine.laws import LawParameter, Where
 from valve.effects.base import Effect
 from valve.effects.spring_hardening import SpringHardening as HardeningEffect
+from valve.messages import say
 
 
 class SpringHardening(Cause):
     """k x + h x^2/2."""
 
     name: ClassVar[str] = "spring_hardening"
-    action: ClassVar[str] = "Look at the actuator's spring: coils that close, a wrong spring."
+    action: ClassVar[str] = say(
+        "spring_hardening_action", "Look at the actuator's spring: coils that close, a wrong spring."
+    )
     needs_spring: ClassVar[bool] = True
 
     def natural(self) -> tuple[LawParameter, ...]:
@@ -38,5 +41,7 @@ class SpringHardening(Cause):
     def sentence(self, fitted: Mapping[str, Fitted]) -> str:
         """Return what a fitter is told."""
         entry = fitted["hardening_n_per_m2"]
-        share = entry.in_words(100.0 * self.setting.travel_m / self.setting.spring_n_per_m, "%")
-        return f"The spring's rate {'rises' if entry.value > 0.0 else 'falls'} by {share} over the travel."
+        share = entry.in_words("%", self.setting.travel_m / self.setting.spring_n_per_m)
+        if entry.value > 0.0:
+            return say("spring_rate_rises", "The spring's rate rises by {share} over the travel.", share=share)
+        return say("spring_rate_falls", "The spring's rate falls by {share} over the travel.", share=share)

@@ -12,13 +12,16 @@ from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, Shape, para
 from estimators.engine.laws import LawParameter, Where
 from valve.effects.base import Effect
 from valve.effects.spring_preload import SpringPreload as PreloadEffect
+from valve.messages import say
 
 
 class SpringPreload(Cause):
     """F_0 beside the one of the nameplate's bench set; without a bench set nothing shows it."""
 
     name: ClassVar[str] = "spring_preload"
-    action: ClassVar[str] = "Set the spring's preload to the nameplate's bench set, or correct the nameplate."
+    action: ClassVar[str] = say(
+        "spring_preload_action", "Set the spring's preload to the nameplate's bench set, or correct the nameplate."
+    )
     needs_spring: ClassVar[bool] = True
     is_offset: ClassVar[bool] = True
 
@@ -43,5 +46,9 @@ class SpringPreload(Cause):
     def sentence(self, fitted: Mapping[str, Fitted]) -> str:
         """Return what a fitter is told."""
         entry = fitted["offset_n"]
-        sense = "above" if entry.value > 0.0 else "below"
-        return f"The spring's preload is {entry.in_words(1.0, 'N')} {sense} the nameplate's bench set."
+        offset = entry.in_words("N")
+        if entry.value > 0.0:
+            return say(
+                "preload_above", "The spring's preload is {offset} above the nameplate's bench set.", offset=offset
+            )
+        return say("preload_below", "The spring's preload is {offset} below the nameplate's bench set.", offset=offset)

@@ -12,6 +12,7 @@ from discrepancy.rough.causes.base import Cause, Fitted, FloatArray, Shape, para
 from estimators.engine.laws import LawParameter, Where
 from valve.effects.base import Effect
 from valve.effects.stribeck_friction import StribeckFriction as StribeckEffect
+from valve.messages import say
 
 _SPEEDS: Final = (0.2, 0.35, 0.6, 1.0, 1.7, 3.0, 5.0)  # of the usual speed
 
@@ -20,7 +21,9 @@ class StribeckFriction(Cause):
     """F_c + dF exp(-(v/v_s)^2) in motion; the breakaway has an F_s of its own."""
 
     name: ClassVar[str] = "stribeck_friction"
-    action: ClassVar[str] = "The stem will stick and slip at low speed: lubricate or change the packing."
+    action: ClassVar[str] = say(
+        "stribeck_friction_action", "The stem will stick and slip at low speed: lubricate or change the packing."
+    )
 
     def natural(self) -> tuple[LawParameter, ...]:
         """An excess of up to twice F_c."""
@@ -52,5 +55,9 @@ class StribeckFriction(Cause):
 
     def sentence(self, fitted: Mapping[str, Fitted]) -> str:
         """Return what a fitter is told."""
-        speed = f"{1.0e3 * fitted['speed_m_per_s'].value:.3g} mm/s"
-        return f"Friction falls with speed, by {fitted['excess_n'].in_words(1.0, 'N')}, most of it over {speed}."
+        return say(
+            "friction_falls_with_speed",
+            "Friction falls with speed, by {excess}, most of it over {speed:.3g mm/s}.",
+            excess=fitted["excess_n"].in_words("N"),
+            speed=fitted["speed_m_per_s"].value,
+        )

@@ -11,6 +11,7 @@ from typing_extensions import override
 from discrepancy.rough.causes.base import Fitted
 from discrepancy.rough.causes.seen import Seen, SeenCause, View
 from discrepancy.rough.setting import Setting
+from valve.messages import say
 
 _MISSING: Final = 0.01  # of the span, by which the pressure stays below the command
 _FLAT: Final = 0.004  # of the span, within which it stays at its top
@@ -22,7 +23,7 @@ class SupplySaturation(SeenCause):
     """The measured pressure stays at its top while the command goes on."""
 
     name: ClassVar[str] = "supply_saturation"
-    action: ClassVar[str] = "Look at the air supply's pressure and its regulator."
+    action: ClassVar[str] = say("supply_saturation_action", "Look at the air supply's pressure and its regulator.")
     is_last: ClassVar[bool] = False
 
     def seen(self, view: View) -> Seen | None:
@@ -48,4 +49,8 @@ class SupplySaturation(SeenCause):
     @override
     def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
         """Return what a fitter is told."""
-        return f"The pressure does not rise above {fitted['limit_pa'].in_words(1.0e-3, 'kPa')}."
+        return say(
+            "pressure_limited",
+            "The pressure does not rise above {limit}.",
+            limit=fitted["limit_pa"].in_words("kPa"),
+        )

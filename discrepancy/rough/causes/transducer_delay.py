@@ -17,6 +17,7 @@ from discrepancy.rough.causes.seen import Seen, SeenCause, View
 from discrepancy.rough.setting import Setting
 from estimators.engine.force_path import through_command
 from estimators.engine.rows import runs_between_gaps
+from valve.messages import say
 from valve.recording import Recording
 
 _ROWS_S: Final = 0.004
@@ -61,8 +62,9 @@ class TransducerLag(SeenCause):
     """The pressure follows the command with a time constant."""
 
     name: ClassVar[str] = "transducer_lag"
-    action: ClassVar[str] = (
-        "Look at the I/P's supply, its filter and the tubing; a booster fills a large actuator faster."
+    action: ClassVar[str] = say(
+        "transducer_lag_action",
+        "Look at the I/P's supply, its filter and the tubing; a booster fills a large actuator faster.",
     )
     is_last: ClassVar[bool] = False
 
@@ -74,14 +76,20 @@ class TransducerLag(SeenCause):
     @override
     def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
         """Return what a fitter is told."""
-        return f"The pressure lags the command with a time constant of {fitted['lag_s'].in_words(1.0e3, 'ms')}."
+        return say(
+            "pressure_lags",
+            "The pressure lags the command with a time constant of {lag}.",
+            lag=fitted["lag_s"].in_words("ms"),
+        )
 
 
 class TransducerDeadTime(SeenCause):
     """The pressure follows the command after a delay."""
 
     name: ClassVar[str] = "transducer_dead_time"
-    action: ClassVar[str] = "Look for long or narrow tubing and for a device that writes late."
+    action: ClassVar[str] = say(
+        "transducer_dead_time_action", "Look for long or narrow tubing and for a device that writes late."
+    )
     is_last: ClassVar[bool] = False
 
     def seen(self, view: View) -> Seen | None:
@@ -92,4 +100,8 @@ class TransducerDeadTime(SeenCause):
     @override
     def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
         """Return what a fitter is told."""
-        return f"The pressure follows the command after {fitted['delay_s'].in_words(1.0e3, 'ms')}."
+        return say(
+            "pressure_follows_after",
+            "The pressure follows the command after {delay}.",
+            delay=fitted["delay_s"].in_words("ms"),
+        )

@@ -11,6 +11,7 @@ from discrepancy.rough.causes.base import Fitted
 from discrepancy.rough.causes.command_loop import LoopLaw, command_loop
 from discrepancy.rough.causes.seen import Seen, SeenCause, View
 from discrepancy.rough.setting import Setting
+from valve.messages import say
 
 
 class TransducerHysteresis(SeenCause):
@@ -20,7 +21,9 @@ class TransducerHysteresis(SeenCause):
     """
 
     name: ClassVar[str] = "transducer_hysteresis"
-    action: ClassVar[str] = "Calibrate the I/P up and down; replace it if the difference stays."
+    action: ClassVar[str] = say(
+        "transducer_hysteresis_action", "Calibrate the I/P up and down; replace it if the difference stays."
+    )
     is_last: ClassVar[bool] = False
 
     def seen(self, view: View) -> Seen | None:
@@ -31,5 +34,8 @@ class TransducerHysteresis(SeenCause):
     @override
     def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
         """Return what a fitter is told."""
-        width = fitted["width_pa"].in_words(1.0e-3, "kPa")
-        return f"At the same command the pressure is up to {width} higher falling than rising: hysteresis of the I/P."
+        return say(
+            "transducer_has_hysteresis",
+            "At the same command the pressure is up to {width} higher falling than rising: hysteresis of the I/P.",
+            width=fitted["width_pa"].in_words("kPa"),
+        )

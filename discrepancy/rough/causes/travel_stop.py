@@ -17,6 +17,7 @@ from discrepancy.rough.setting import Setting
 from valve.effects.base import Effect
 from valve.effects.travel_stop_high import TravelStopHigh as HighEffect
 from valve.effects.travel_stop_low import TravelStopLow as LowEffect
+from valve.messages import say
 
 _LEAST_S: Final = 0.12  # between the arrival and the turn of the force
 _LAGS: Final = 1.5
@@ -139,8 +140,11 @@ class _TravelStop(ABC):
     def sentence(self, fitted: Mapping[str, Fitted], setting: Setting) -> str:
         """Return what a fitter is told."""
         entry = fitted["position_m"]
-        return (
-            f"The stem runs into a stop at {entry.in_words(1.0e3, 'mm')}, {setting.percent(entry.value):.1f} % travel."
+        return say(
+            "runs_into_stop",
+            "The stem runs into a stop at {place}, {percent:.1f} % travel.",
+            place=entry.in_words("mm"),
+            percent=setting.percent(entry.value),
         )
 
 
@@ -148,7 +152,9 @@ class TravelStopLow(_TravelStop):
     """A stop where the stem closes."""
 
     name: ClassVar[str] = "travel_stop_low"
-    action: ClassVar[str] = "Look at the seat and at what may lie on it, and at the stroke's adjustment."
+    action: ClassVar[str] = say(
+        "travel_stop_low_action", "Look at the seat and at what may lie on it, and at the stroke's adjustment."
+    )
     direction: ClassVar[int] = -1
 
     def _effect(self, place_m: float) -> Effect:
@@ -159,7 +165,9 @@ class TravelStopHigh(_TravelStop):
     """A stop where the stem opens."""
 
     name: ClassVar[str] = "travel_stop_high"
-    action: ClassVar[str] = "Look at the limit screw or handwheel and at what may lie in the body."
+    action: ClassVar[str] = say(
+        "travel_stop_high_action", "Look at the limit screw or handwheel and at what may lie in the body."
+    )
     direction: ClassVar[int] = 1
 
     def _effect(self, place_m: float) -> Effect:

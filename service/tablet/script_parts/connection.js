@@ -13,7 +13,7 @@ function heard() {
   if (online) return;
   online = true;
   $("lost").hidden = true;
-  say("The connection is back.");
+  say(t("The connection is back."));
   guard();
   refresh();
 }
@@ -21,13 +21,13 @@ function heard() {
 function lost() {
   if (online) {
     online = false;
-    say("The connection is lost.");
+    say(t("The connection is lost."));
     guard();
   }
   const age = span((Date.now() - knownAt) / 1000);
-  const live = page === "running" ? " The test goes on without this tablet." : "";
+  const live = page === "running" ? ` ${t("The test goes on without this tablet.")}` : "";
   $("lost-words").textContent =
-    `No connection to the gateway. This is what was known at ${clock(knownAt)}, ${age} ago.${live}`;
+    t("No connection to the gateway. This is what was known at {at}, {age} ago.", { at: clock(knownAt), age }) + live;
   $("lost").hidden = false;
 }
 
@@ -45,7 +45,7 @@ async function keepLooking() {
 document.addEventListener("click", (event) => {
   if (online || !event.target.closest("a[href]")) return;
   event.preventDefault();
-  trouble("There is no connection: this page stays as it is until it is back.");
+  trouble(t("There is no connection: this page stays as it is until it is back."));
 });
 
 // What changes on a page without a test is fetched again, and replaced where it differs.

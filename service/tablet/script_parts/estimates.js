@@ -1,5 +1,5 @@
 // Friction of a running test: each estimate so far as a line, the newest in full ink, one strip a quantity.
-const STRIP_ROWS = 12, ESTIMATED = { F_c: "Friction in motion (F_c)", F_s: "Friction at breakaway (F_s)" };
+const STRIP_ROWS = 12, ESTIMATED = { F_c: t("Friction in motion (F_c)"), F_s: t("Friction at breakaway (F_s)") };
 const soFar = [];
 
 function showEstimate(data) {
@@ -8,16 +8,17 @@ function showEstimate(data) {
   const digits = (value) => Number(value.toPrecision(4)).toString();
   $("so-far-strips").replaceChildren(...Object.entries(ESTIMATED).map(([symbol, name]) => {
     const figure = element("figure"), newest = data.parameters[symbol];
-    let words = `${name}: not known yet`;
+    let words = t("{name}: not known yet", { name });
     if (newest) {
       const [low, high] = newest.ci95.map((end) => digits(end / unit.in_si)), percent = 50 * (newest.ci95[1] - newest.ci95[0]) / Math.abs(newest.value);
-      words = `${name}: ${digits(newest.value / unit.in_si)} ${unit.name} (${low} to ${high}), \u00b1${percent.toPrecision(2)}\u00a0%`;
+      words = `${name}: ${digits(newest.value / unit.in_si)} ${unit.name} (${t("{low} to {high}", { low, high })}), \u00b1${percent.toPrecision(2)}\u00a0%`;
     }
     said.push(words);
     figure.append(element("figcaption", words), strip(soFar.map((one) => one.parameters[symbol]).filter(Boolean).slice(-STRIP_ROWS), words));
     return figure;
   }));
-  $("so-far-words").textContent = `${data.breakaways} breakaways after ${Math.round(data.time_s)} s. Lines: 95 % intervals, the newest at the foot.`;
+  $("so-far-words").textContent = 
+    t("{count} breakaways after {time} s. Lines: 95 % intervals, the newest at the foot.", { count: data.breakaways, time: Math.round(data.time_s) });
   $("so-far").dataset.estimates = soFar.length;
   if (soFar.length % 3 === 1) say(said.join(". "));  // each one would drown what else is said
 }
@@ -44,7 +45,7 @@ function showNotice(data) {
   let words = data.sentence;
   if (data.kind === "breakaway") {
     const unit = JSON.parse($("so-far").dataset.force), shown = (force) => `${Number((force / unit.in_si).toPrecision(3))} ${unit.name}`;
-    words = `The stem sticks: it takes ${shown(data.force_n)}, twice its last breakaway of ${shown(data.last_n)}.`;
+    words = t("The stem sticks: it takes {force}, twice its last breakaway of {last}.", { force: shown(data.force_n), last: shown(data.last_n) });
   }
   place.classList.toggle("alarm", data.kind === "breakaway");
   place.dataset.kind = data.kind;

@@ -1,8 +1,8 @@
-// Units, signing in and out, acknowledging a test, what is said of it, accepting a model or a baseline, analysing again.
-$("units")?.addEventListener("change", (event) => {
-  document.cookie = `breakaway-units=${event.target.value}; path=/; max-age=31536000; samesite=strict`;
+// Units, language, signing in and out, acknowledging a test, what is said of it, accepting a model or a baseline, analysing again.
+for (const name of ["units", "language"]) $(name)?.addEventListener("change", (event) => {
+  document.cookie = `breakaway-${name}=${event.target.value}; path=/; max-age=31536000; samesite=strict`;
   const address = new URL(location.href);
-  address.searchParams.delete("units");
+  address.searchParams.delete(name);
   location.replace(address);
 });
 
@@ -16,8 +16,8 @@ $("sign-in")?.addEventListener("submit", async (event) => {
   try {
     const answer = await ask("POST", "/session", { body: { name: form.elements.name.value, password: form.elements.password.value } });
     if (answer.ok) { location.replace(form.dataset.next); return; }
-    $("sign-in-words").textContent = answer.found?.detail ?? `The gateway answered ${answer.status}: try again.`;
-  } catch { $("sign-in-words").textContent = "No connection to the gateway: try again."; }
+    $("sign-in-words").textContent = answer.found?.detail ?? t("The gateway answered {status}: try again.", { status: answer.status });
+  } catch { $("sign-in-words").textContent = t("No connection to the gateway: try again."); }
 });
 
 $("acknowledge")?.addEventListener("submit", async (event) => {
@@ -44,7 +44,7 @@ $("accept")?.addEventListener("submit", async (event) => {
   const form = event.currentTarget;
   try {
     const answer = await ask("POST", `/valves/${encodeURIComponent(form.dataset.valve)}/model`, { body: { test: form.dataset.test } });
-    $("accept-words").textContent = answer.ok ? "Accepted: it is how this valve is from now on." : refusal(answer);
+    $("accept-words").textContent = answer.ok ? t("Accepted: it is how this valve is from now on.") : refusal(answer);
   } catch { lost(); }
 });
 
@@ -53,7 +53,7 @@ $("baseline")?.addEventListener("submit", async (event) => {
   const form = event.currentTarget;
   try {
     const answer = await ask("POST", `/valves/${encodeURIComponent(form.dataset.valve)}/baseline`, { body: { test: form.dataset.test } });
-    $("baseline-words").textContent = answer.ok ? "Accepted: later tests are held against it." : refusal(answer);
+    $("baseline-words").textContent = answer.ok ? t("Accepted: later tests are held against it.") : refusal(answer);
   } catch { lost(); }
 });
 

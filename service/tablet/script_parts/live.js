@@ -5,15 +5,15 @@ const READ_MS = 250;  // figures that change more often cannot be read, and each
 if ($("live")) {
   const place = $("live"), view = JSON.parse(place.dataset.liveView), canvas = $("trace"), pen = canvas.getContext("2d");
   const PHASES = {
-    queued: "Waiting for its turn", checking: "Looking at the device", "handing over": "Taking the valve over",
-    ramping: "Going to the start", playing: "Moving", returning: "Going to its safe value",
-    "at its safe value": "Signal at its safe value",
-    uploading: "Signal at its safe value. Fetching the device's samples", ended: "Motion has ended", analyzing: "Analysing",
+    queued: t("Waiting for its turn"), checking: t("Looking at the device"), "handing over": t("Taking the valve over"),
+    ramping: t("Going to the start"), playing: t("Moving"), returning: t("Going to its safe value"),
+    "at its safe value": t("Signal at its safe value"),
+    uploading: t("Signal at its safe value. Fetching the device's samples"), ended: t("Motion has ended"), analyzing: t("Analysing"),
   };
   const INK = "#1b1f23", SOFT = "#5d666f", PALE = "#aeb6bd", GRID = "#dde1e4", BLUE = "#005a94";
   const length = view.units.length, pressure = view.units.pressure;
   const decimals = (unit) => (unit.name === "mm" || unit.name === "kPa" ? 1 : 2);
-  const shown = (value, unit) => (value === null || value === undefined ? "no value" : `${(value / unit.in_si).toFixed(decimals(unit))} ${unit.name}`);
+  const shown = (value, unit) => (value === null || value === undefined ? t("no value") : `${(value / unit.in_si).toFixed(decimals(unit))} ${unit.name}`);
   const write = (id, words) => { if ($(id).textContent !== words) $(id).textContent = words; };
   const points = [];
   let done = $("progress").value, drawn = 0, isDirty = true, isNew = false, box = null, lastId = 0, phase = "", lastTextMs = -READ_MS, hasEnded = false;
@@ -113,14 +113,14 @@ if ($("live")) {
       isNew = true;
       if (data.phase !== phase) {
         phase = data.phase;
-        const words = PHASES[phase] ?? `Analysing: ${phase}`;
+        const words = PHASES[phase] ?? t("Analysing: {phase}", { phase });
         $("phase").textContent = words;
         say(words);
         if (phase !== "playing") $("left").textContent = phase === "ramping" || phase === "checking" ? span(view.duration_s) : "≈ 1\u00a0min";
       }
     },
     state(data) {
-      if (data.state === "analyzing" && $("stop") && !$("stop").dataset.pressed) $("stop-words").textContent = "The motion has ended.";
+      if (data.state === "analyzing" && $("stop") && !$("stop").dataset.pressed) $("stop-words").textContent = t("The motion has ended.");
       if (data.state === "analyzing") showMeasured();
       if (data.state === "queued" || data.state === "analyzing") HANDLERS.progress({ progress: data.progress, phase: data.state });
     },
@@ -130,8 +130,8 @@ if ($("live")) {
     },
     end(data) {
       hasEnded = true;
-      $("phase").textContent = `The test has ended: ${data.state}`;
-      say(`The test has ended: ${data.state}. The result follows.`);
+      $("phase").textContent = t("The test has ended: {state}", { state: t(data.state) });
+      say(t("The test has ended: {state}. The result follows.", { state: t(data.state) }));
       if (!isLocked) showResult();
     },
   };
@@ -144,7 +144,7 @@ if ($("live")) {
       const fresh = answer.ok ? new DOMParser().parseFromString(answer.text, "text/html").getElementById("early") : null;
       if (!fresh || hasEnded || !$("early")?.hidden) return;
       $("early").replaceWith(fresh);
-      say("Friction, dead band and signature are shown. The diagnosis follows.");
+      say(t("Friction, dead band and signature are shown. The diagnosis follows."));
     } catch { /* the result has them too */ }
   }
 

@@ -17,11 +17,11 @@ function showAnalysed({ recording, summary }) {
   const shown = [];
   for (const line of summary.verdict) shown.push(element("p", line, "big"));
   shown.push(rows(["", ""], summary.lines.map((one) => [one.name, one.words])));
-  for (const note of summary.notes) shown.push(element("p", `Note: ${note}`));
+  for (const note of summary.notes) shown.push(element("p", t("Note: {note}", { note })));
   for (const file of recording.understood ?? []) {
     shown.push(element("h3", `${file.file}: ${file.kind}`));
-    shown.push(rows(["Read as", "Column of the file", "Unit", "How"], file.columns.map((one) => [one.column, one.header, one.unit, one.how])));
-    if (file.not_used.length) shown.push(element("p", `Not used: ${file.not_used.join(", ")}`));
+    shown.push(rows([t("Read as"), t("Column of the file"), t("Unit"), t("How")], file.columns.map((one) => [one.column, one.header, one.unit, one.how])));
+    if (file.not_used.length) shown.push(element("p", t("Not used: {columns}", { columns: file.not_used.join(", ") })));
     for (const remark of file.remarks) shown.push(element("p", remark));
   }
   $("analysed-words").replaceChildren(...shown);
@@ -37,15 +37,15 @@ $("analyse")?.addEventListener("submit", async (event) => {
   if (form.elements.map.value.trim()) body.append("map", form.elements.map.value);
   button.disabled = true;
   $("analysed").hidden = true;
-  words.textContent = "Analysing: this takes a minute, of a long recording more.";
+  words.textContent = t("Analysing: this takes a minute, of a long recording more.");
   try {
     const answer = await fetch("/recordings/analyze", {
-      method: "POST", body, headers: csrf ? { "X-CSRF-Token": csrf } : {}, cache: "no-store", credentials: "same-origin",
+      method: "POST", body, headers: { ...readerHeaders(), ...(csrf ? { "X-CSRF-Token": csrf } : {}) }, cache: "no-store", credentials: "same-origin",
       signal: AbortSignal.timeout(ANALYSIS_LIMIT_MS),
     });
     const found = await answer.json().catch(() => null);
     words.textContent = answer.ok ? "" : refusal({ status: answer.status, found });
     if (answer.ok) showAnalysed(found);
-  } catch { words.textContent = "The gateway did not answer: try again."; }
+  } catch { words.textContent = t("The gateway did not answer: try again."); }
   button.disabled = false;
 });

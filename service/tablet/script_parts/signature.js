@@ -151,17 +151,17 @@ if ($("signature")) {
     const shown = limited(toX(panes[0], atTravel), panes[0].left, panes[0].left + panes[0].width);
     hair.setAttribute("d", panes.map((one) => `M${shown} ${one.top}v${one.height}`).join(""));
     slider.value = atTravel;
-    const lines = [[`Travel ${atTravel.toFixed(1)} %`]], found = new Map();
+    const lines = [[t("Travel {percent} %", { percent: atTravel.toFixed(1) })]], found = new Map();
     panes.forEach((one, number) => {
       const x = one.left + one.width * (atTravel - one.x[0]) / (one.x[1] - one.x[0]);
       const value = (y) => one.y[1] - (one.y[1] - one.y[0]) * (y - one.top) / one.height;
       for (const curve of one.curves.filter((each) => !each.isBand)) {
         const y = valueAt(curve.points, x);
         if (y === null) continue;
-        const words = number === 0 ? `${value(y).toFixed(1)} % (${inUnit(one, value(y)).toPrecision(4)} ${one.rightUnit})` : `friction ${value(y).toPrecision(3)} ${one.unit}`;
+        const words = number === 0 ? `${value(y).toFixed(1)} % (${inUnit(one, value(y)).toPrecision(4)} ${one.rightUnit})` : t("friction {value} {unit}", { value: value(y).toPrecision(3), unit: one.unit });
         const band = one.curves.find((each) => each.isBand && each.of === curve.of && each.way === curve.way), half = band ? band.points.length / 2 : 0;
         const ends = band ? [band.points.slice(half), band.points.slice(0, half)].map((each) => valueAt(each, x)) : [null];
-        const beside = ends.includes(null) ? "" : `, 95 % band ${ends.map((each) => value(each).toPrecision(3)).join(" to ")}`;
+        const beside = ends.includes(null) ? "" : t(", 95 % band {low} to {high}", { low: value(ends[0]).toPrecision(3), high: value(ends[1]).toPrecision(3) });
         const key = `${curve.of} ${curve.way}`;
         found.set(key, [...(found.get(key) ?? []), words + beside]);
       }
@@ -209,7 +209,7 @@ if ($("signature")) {
 
   for (const chip of chips) chip.addEventListener("click", () => {
     const isOn = chip.getAttribute("aria-pressed") !== "true";
-    if (isOn && chosen().length >= MOST_OTHERS) { say("Three tests are shown already: take one away first."); return; }
+    if (isOn && chosen().length >= MOST_OTHERS) { say(t("Three tests are shown already: take one away first.")); return; }
     chip.setAttribute("aria-pressed", String(isOn));
     draw();
     if (isOn) against(chip.dataset.with);

@@ -11,40 +11,42 @@ if ($("start")) {
     arm.disabled = !online || mayStart !== true || isStarting;
     go.disabled = !online || mayStart !== true || isStarting || Date.now() > armedUntil;
     const isTold = Boolean(words.querySelector("a"));
-    if (mayStart !== false) { if (isTold) words.textContent = "Step 2 is locked."; return; }
+    if (mayStart !== false) { if (isTold) words.textContent = t("Step 2 is locked."); return; }
     if (isTold) return;
-    const link = element("a", "See what is missing");  // a page that was scrolled
+    const link = element("a", t("See what is missing"));  // a page that was scrolled
     link.href = "#h-permits";
-    words.replaceChildren("Both steps are locked. ", link);
+    words.replaceChildren(`${t("Both steps are locked.")} `, link);
   });
   const wishes = () => [...form.querySelectorAll("#until input")].filter((one) => !one.disabled && one.value.trim());
   const summarize = () => {
     const chosen = form.querySelector("[name=sequence]:checked");
     for (const one of form.querySelectorAll("#until input")) one.disabled = chosen?.value === "separating";  // needs all of it
-    const early = wishes().map((one) => `${one.dataset.words} to ± ${one.value.trim()} %`).join(" and ");
-    $("summary").textContent = chosen ? `${form.dataset.valve} moves over its travel: ${chosen.dataset.words}${early ? `, or until it knows ${early}` : ""}.` : "No sequence is possible.";
+    const early = wishes().map((one) => t("{what} to ± {percent} %", { what: one.dataset.words, percent: one.value.trim() })).join(t(" and "));
+    const what = { valve: form.dataset.valve, words: chosen?.dataset.words, early };
+    $("summary").textContent = !chosen ? t("No sequence is possible.")
+      : early ? t("{valve} moves over its travel: {words}, or until it knows {early}.", what) : t("{valve} moves over its travel: {words}.", what);
   };
   summarize();
-  form.addEventListener("input", () => { summarize(); disarm("Something was changed. Step 2 is locked."); });
+  form.addEventListener("input", () => { summarize(); disarm(t("Something was changed. Step 2 is locked.")); });
   arm.addEventListener("click", async () => {
-    words.textContent = "Asking the device once more…";
+    words.textContent = t("Asking the device once more…");
     await lookAtPermissives();
-    if (mayStart !== true) { disarm("Step 2 is locked."); return; }
+    if (mayStart !== true) { disarm(t("Step 2 is locked.")); return; }
     armedUntil = Date.now() + ARMED_MS;
     guard();
   });
   setInterval(() => {
     if (!armedUntil || isStarting) return;
     const left = armedUntil - Date.now();
-    if (left <= 0) disarm("That took too long. Step 2 is locked again.");
-    else words.textContent = `Step 2 is open for ${Math.ceil(left / 1000)} s.`;
+    if (left <= 0) disarm(t("That took too long. Step 2 is locked again."));
+    else words.textContent = t("Step 2 is open for {time} s.", { time: Math.ceil(left / 1000) });
   }, 250);
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
     if (go.disabled) return;
     isStarting = true;
     guard();
-    words.textContent = "Starting…";
+    words.textContent = t("Starting…");
     const key = Array.from(crypto.getRandomValues(new Uint8Array(16)), (one) => one.toString(16).padStart(2, "0")).join("");
     const fields = new FormData(form), body = { valve: form.dataset.valve, sequence: fields.get("sequence") };
     for (const name of ["label", "permit"]) if (fields.get(name)) body[name] = fields.get(name);
@@ -56,11 +58,11 @@ if ($("start")) {
         trouble(refusal(answer));
         break;
       } catch {  // the same key: a test that was started already is not started twice
-        trouble(attempt < 3 ? "No answer yet: asking again." : "The gateway did not answer: look at the valve's page whether the test runs.");
+        trouble(attempt < 3 ? t("No answer yet: asking again.") : t("The gateway did not answer: look at the valve's page whether the test runs."));
       }
     }
     isStarting = false;
-    disarm("Not started. Step 2 is locked.");
+    disarm(t("Not started. Step 2 is locked."));
     lookAtPermissives();
   });
 }

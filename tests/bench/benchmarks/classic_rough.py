@@ -10,8 +10,7 @@ from typing import Final
 import numpy as np
 from rich.table import Table
 
-from estimators.base import Estimate, Status
-from estimators.classic.window_fit import student_95
+from estimators.base import Estimate, Status, student_95
 from estimators.registry import estimator
 from tests.bench.parallel import each
 from tests.support.rough_valves import GRADES, SEQUENCES, VALVES, RoughCase, case

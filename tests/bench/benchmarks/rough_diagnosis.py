@@ -22,8 +22,8 @@ from discrepancy.rough.result import RoughDiagnosis, Verdict
 from discrepancy.rough.setting import setting_of
 from estimators.base import Outcome
 from estimators.data_faults.found import without_data_faults
-from estimators.engine.balance import lag_after_corners
 from estimators.engine.engine import RoughFrictionEstimator
+from estimators.engine.lateness import lag_after_corners
 from estimators.engine.reading import read
 from tests.bench.blind.strengths import STRENGTHS, Swept
 from tests.bench.parallel import each

@@ -15,7 +15,8 @@ from rich.table import Table
 
 from estimators.maximum_likelihood import MaximumLikelihoodEstimator
 from service.model.until import half_width_percent, is_met, until_words
-from service.runs.so_far import estimate_so_far, turns_s
+from service.runs.live_estimates import turns_s
+from service.runs.so_far import estimate_so_far
 from tests.bench.parallel import each
 from tests.support.rough_valves import DIAGNOSTIC, VALVES, RoughCase, case
 from valve.recording import Recording

@@ -21,6 +21,7 @@ from tests.bench.blind.plant import (
     drawn_drive,
     drawn_plant,
     followed,
+    on_the_integrations_clock,
     reached,
 )
 from tests.bench.blind.plant import followed_oddly as oddly
@@ -180,9 +181,11 @@ class _Hiding:
             drawn = [self._hidden(name, rng, large, factor) for name in (first, *others[: wanted - 1])]
             try:
                 drawn = self._with_stops_met(healthy, drawn)
-                return tuple(entry for entry, _ in drawn), with_effects(healthy, [effect for _, effect in drawn])
+                valve = with_effects(healthy, [effect for _, effect in drawn])
+                on_the_integrations_clock(valve)
+                return tuple(entry for entry, _ in drawn), valve
             except ParameterError:
-                continue  # two that fill the same slot
+                continue  # two that fill the same slot, or a drift from a friction that there is not
 
     def _with_stops_met(self, healthy: ExtendedValve, drawn: list[Drawn]) -> list[Drawn]:
         """What was drawn, its stops counted from the places that the stem comes to: else it may never meet one.

@@ -16,7 +16,7 @@ from discrepancy.rough.observations import observations
 from discrepancy.rough.selection import column_of, refitted
 from discrepancy.rough.setting import Setting, setting_of
 from estimators.base import Outcome
-from estimators.engine.balance import lag_after_corners
+from estimators.engine.lateness import lag_after_corners
 from estimators.engine.reading import read
 from tests.support.rough_valves import case
 

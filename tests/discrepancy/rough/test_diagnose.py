@@ -175,3 +175,13 @@ def test_a_stem_that_slips_all_the_way_still_shows_the_stop_that_it_runs_into() 
 def test_a_damped_stem_behind_a_filter_of_twenty_milliseconds_is_no_reading_that_lags() -> None:
     made = case("graphite", "triangle", "hard", seed=52003)  # F_v / k is 340 ms
     assert diagnose(made.recording, made.nameplate).verdict is Verdict.NONE
+
+
+def test_a_pressure_that_comes_too_late_to_leave_any_friction_is_not_judged() -> None:
+    made = case("small", "triangle", "usual", 5.0e-3, seed=41)
+    pressure_pa = made.recording.pressure_pa
+    assert pressure_pa is not None
+    late_pa = np.concatenate([np.full(200, pressure_pa[0]), pressure_pa[:-200]])
+    found = diagnose(replace(made.recording, pressure_pa=late_pa, command_pa=None), made.nameplate)
+    assert found.verdict is Verdict.NOT_ASSESSED
+    assert "no friction in it" in found.message

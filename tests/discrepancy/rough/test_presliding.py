@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from discrepancy.rough.diagnose import diagnose
+from discrepancy.rough.prediction import Gain
 from discrepancy.rough.result import RoughDiagnosis, Verdict
 from tests.support.rough_valves import VALVES, case
 from valve.effects.base import Effect
@@ -47,3 +48,13 @@ def test_less_than_packings_in_good_order_yield_by_is_no_fault() -> None:
     travel_m = VALVES["nominal"][1].actuator.travel_m
     found = _diagnosed("nominal", "triangle", 1.0e-3, [Presliding(2.0e-4 * travel_m)])
     assert found.verdict is Verdict.NONE
+
+
+def test_what_is_seen_but_predicts_far_worse_is_told_as_not_understood(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is neither named nor called no fault."""
+    monkeypatch.setattr(Gain, "is_far_worse", True)
+    travel_m = VALVES["rough"][1].actuator.travel_m
+    found = _diagnosed("rough", "triangle", 20.0e-3, [Presliding(4.0e-3 * travel_m)])
+    assert found.verdict is Verdict.UNEXPLAINED
+    assert found.causes == ()
+    assert "before it breaks away. But with it what was left out of the fit is predicted worse" in found.message

@@ -8,7 +8,7 @@ from discrepancy.rough.evidence import fitted, problem_of
 from discrepancy.rough.observations import observations
 from discrepancy.rough.setting import setting_of
 from estimators.base import Outcome
-from estimators.engine.balance import lag_after_corners
+from estimators.engine.lateness import lag_after_corners
 from estimators.engine.reading import read
 from estimators.engine.rows import measured_rows
 from tests.support.rough_valves import VALVES, RoughCase, case

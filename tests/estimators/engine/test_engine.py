@@ -9,14 +9,21 @@ import numpy as np
 import pytest
 
 from estimators.base import Estimate, Status
-from estimators.engine.balance import balance, driven_blocks, lag_after_corners
+from estimators.engine.balance import balance, driven_blocks
 from estimators.engine.engine import RoughFrictionEstimator
+from estimators.engine.lateness import lag_after_corners
 from estimators.engine.reading import Reading, read
 from estimators.engine.rows import measured_rows
+from tests.support.published_recordings import Recorded, recorded
 from tests.support.rough_valves import RoughCase, case
+from valve.effects.supply_saturation import SupplySaturation
 from valve.nameplate import Action, Actuator, Nameplate
 from valve.packing import drawn_roughness
+from valve.parameter_sets import parameter_set
 from valve.recording import Recording
+from valve.waveform import triangle
+
+_FULL_FORCE_N = 82737.0 * 0.06452  # of the nominal valve
 
 
 def _estimated(made: RoughCase) -> Estimate:
@@ -76,12 +83,50 @@ def test_at_one_speed_the_lag_of_a_heavily_damped_stem_is_not_taken_for_friction
         assert abs(error) < 2.0 * half_width < 2.0 * most
 
 
+def _assert_right(test: Recorded, most: dict[str, float]) -> None:
+    """These values are off by no more than such shares of the truth, and their intervals hold it."""
+    estimate, truth = RoughFrictionEstimator().estimate(test.recording, test.nameplate), test.truth.by_symbol()
+    for symbol, share in most.items():
+        one = estimate.parameters[symbol]
+        assert one.value is not None, one.note
+        assert one.ci95 is not None
+        assert abs(one.value - truth[symbol]) < share * truth[symbol]
+        assert one.ci95[0] < truth[symbol] < one.ci95[1]
+
+
+def test_a_damped_stem_that_stops_at_once_shows_its_lag_by_how_it_starts() -> None:
+    # the paper's triangle drives the graphite valve at 1.08 times its limit velocity: after a corner it rests at once
+    test = recorded("graphite", noise_m=2.0e-5)
+    _assert_right(test, {"F_c": 0.02, "F_s": 0.02, "k": 0.002, "DV": 0.05})
+
+
+def test_slow_slips_of_a_damped_stem_are_no_slides() -> None:
+    # driven at 0.7 times its limit velocity the graphite valve slips by 1 mm in 0.25 s, again and again
+    signal = parameter_set("graphite").nameplate.signal
+    assert signal is not None
+    low_pa, span_pa = signal.range_pa[0], signal.range_pa[1] - signal.range_pa[0]
+    wave = triangle(22.0, 1, low_pa + 0.1 * span_pa, low_pa + 0.7 * span_pa)
+    test = recorded("graphite", period_s=2.0e-3, noise_m=1.0e-6, waveform=wave)
+    _assert_right(test, {"F_c": 0.05, "F_s": 0.05, "k": 0.01})
+
+
 def test_the_mass_and_damping_of_a_usual_valve_are_known_from_several_rates() -> None:
     made, estimate = _usual("nominal", "multi_rate")
 
     for symbol in ("m", "F_v"):
         error, half_width = _off(estimate, made, symbol)
         assert abs(error) < 2.0 * half_width < 0.6
+
+
+def test_a_limit_velocity_is_given_only_where_the_stem_is_driven_near_it() -> None:
+    # a supply that ends stops the stem at the top: the likeliest DV is 200 times the true one, and looks sure
+    starved = case(
+        "nominal", "multi_rate", "usual", 1.0e-3, seed=7000, effects=[SupplySaturation(0.944 * _FULL_FORCE_N)]
+    )
+    assert _estimated(starved).parameters["DV"].value is None
+    made, estimate = _usual("graphite", "triangle")
+    error, half_width = _off(estimate, made, "DV")
+    assert abs(error) < half_width < 0.3
 
 
 def test_a_perfect_valve_is_known_to_the_order_of_the_bound() -> None:

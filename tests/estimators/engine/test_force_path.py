@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.engine.balance import lag_of_coasting
 from estimators.engine.commanded import passed
 from estimators.engine.engine import RoughFrictionEstimator
 from estimators.engine.force_path import Source, force_path
+from estimators.engine.lateness import lag_of_coasting
 from simulator.transducer import Hunting
 from tests.support.rough_valves import case
 from valve.nameplate import Actuator, Nameplate, Signal

@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from estimators.base import Estimate, Outcome, Status
-from estimators.engine.balance import driven_blocks, lag_after_corners
+from estimators.engine.balance import driven_blocks
+from estimators.engine.basis import of_slides
 from estimators.engine.dynamic import Dynamic, Quantity, dynamic
 from estimators.engine.engine import RoughFrictionEstimator
+from estimators.engine.lateness import lag_after_corners
 from estimators.engine.reading import Reading, read
 from estimators.engine.rows import measured_rows
 from service.analysis.analysis import joined
@@ -194,14 +196,45 @@ def test_a_slow_sensor_is_no_heavy_stem() -> None:
 
 
 @pytest.mark.parametrize("sequence", ["triangle", "multi_rate"])
-def test_a_stem_that_yields_before_it_breaks_away_gives_what_its_slides_show(sequence: str) -> None:
+@pytest.mark.parametrize(("share", "told"), [(1.2e-3, "0.12 mm"), (5.0e-5, "0.00")])
+def test_a_stem_that_yields_gives_its_slides_and_where_its_bristles_give_way(
+    sequence: str, share: float, told: str
+) -> None:
     # followed as a plain stem k came out 3 % low and 18 % high, known to 0.1 % by itself
-    made = case("nominal", sequence, "usual", seed=960, effects=[Presliding(1.2e-3 * 0.1016)])
+    made = case("nominal", sequence, "usual", seed=960, effects=[Presliding(share * 0.1016)])
     truth, estimate = made.truth.parameters.by_symbol(), _estimated(made)
 
-    for symbol, most in (("k", 0.03), ("F_c", 0.02)):
+    assert estimate.status is Status.OK
+    for symbol, most in (("k", 0.03), ("F_c", 0.02), ("F_s", 0.06)):
         error, half_width = _off(estimate, truth, symbol)
         assert abs(error) < min(1.5 * half_width + 0.003, most)
-    for symbol in ("m", "F_v", "F_s"):
+    for symbol in ("m", "F_v"):
         assert estimate.parameters[symbol].value is None
-        assert "yields by 0.12 mm before it breaks away" in estimate.parameters[symbol].note
+        assert f"yields by {told}" in estimate.parameters[symbol].note
+
+
+def test_a_slow_sensor_leaves_a_small_static_friction_open() -> None:
+    # behind a filter of 20 ms the instants are a millisecond or two late: of 45 N, at 4500 N/s, 10 to 25 %
+    made = case("vendor", "multi_rate", "hard", seed=7001)
+    error, half_width = _off(_estimated(made), made.truth.parameters.by_symbol(), "F_s")
+    assert abs(error) < half_width < 0.3
+
+
+def test_a_heavily_damped_stem_that_hardly_yields_is_followed() -> None:
+    # the balance of forces alone gave F_c of such a stem, driven near its DV, 38 % too large
+    made = case("graphite", "triangle", "usual", seed=7002, effects=[Presliding(5.0e-5 * 0.02858)])
+    reading = read(measured_rows(made.recording).recording, made.nameplate)
+    assert isinstance(reading, Reading)
+    found = of_slides(reading)
+    assert not isinstance(found, Outcome)
+    assert found.yields_m == 0.0
+
+
+def test_a_stem_that_does_not_yield_is_not_taken_for_one_that_does() -> None:
+    for grade in ("usual", "hard"):
+        made = case("nominal", "multi_rate", grade, seed=961)
+        reading = read(measured_rows(made.recording).recording, made.nameplate)
+        assert isinstance(reading, Reading)
+        found = of_slides(reading)
+        assert not isinstance(found, Outcome)
+        assert found.yields_m == 0.0

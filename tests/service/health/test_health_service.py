@@ -176,7 +176,7 @@ async def test_what_a_repair_changed_is_told_with_its_interval_and_becomes_the_b
     assert friction["ci95"] == pytest.approx([-350.0 - 2.0**0.5, -350.0 + 2.0**0.5])
     assert found["sentences"] == ["Friction, mean fell by 350.0 ± 1.4 N, 43.8 %.", "No longer found: local friction."]
     page = (await client.get(f"/ui/tests/{after}?units=psi")).text
-    assert "<li>Friction, mean fell by 78.68 ± 0.315 lbf, 43.8 %.</li><li>No longer found: local friction.</li>" in page
+    assert "<li>Friction, mean fell by 78.68 ± 0.32 lbf, 43.8 %.</li><li>No longer found: local friction.</li>" in page
     assert "As found, as left" not in (await client.get(f"/ui/tests/{before}")).text
     assert (await client.get("/valves/FV-101/baseline")).json()["test"] == after
     turned = await client.get("/valves/FV-101/comparison", params={"as_found": after, "as_left": before})

@@ -1,0 +1,52 @@
+"""A position reading that lags: named with its size, told of where it is not told from damping, and never of a stem."""
+
+from __future__ import annotations
+
+import pytest
+
+from discrepancy.rough.diagnose import diagnose
+from discrepancy.rough.result import RoughDiagnosis, Verdict
+from estimators.engine.engine import RoughFrictionEstimator
+from estimators.engine.lateness import coasting
+from estimators.engine.reading import Reading, read
+from estimators.engine.rows import measured_rows
+from tests.support.rough_valves import RoughCase, case
+from valve.effects.position_lag import PositionLag
+
+_LAG_S = 0.15
+
+
+def _lagging(valve: str, sequence: str, seed: int = 42) -> RoughCase:
+    return case(valve, sequence, "usual", seed=seed, effects=[PositionLag(_LAG_S)])
+
+
+def _said(made: RoughCase) -> RoughDiagnosis:
+    estimate = RoughFrictionEstimator().estimate(made.recording, made.nameplate)
+    return diagnose(made.recording, made.nameplate, estimate)
+
+
+@pytest.mark.parametrize(("valve", "sequence"), [("large", "multi_rate"), ("small", "triangle")])
+def test_a_slow_reading_is_named_with_its_lag(valve: str, sequence: str) -> None:
+    found = _said(_lagging(valve, sequence))
+
+    assert [one.cause for one in found.causes] == ["position_lag"]
+    assert found.verdict is Verdict.NAMED
+    assert found.causes[0].parameters["lag_s"].value == pytest.approx(_LAG_S, rel=0.1)
+    if found.gain is not None:
+        assert not found.gain.is_far_worse
+
+
+def test_a_stem_with_hardly_any_friction_may_be_damped_as_well_and_both_are_said() -> None:
+    found = _said(_lagging("vendor", "multi_rate"))
+
+    assert found.verdict is Verdict.NONE
+    late = next(one for one in found.remarks if one.cause == "stem_lag")
+    assert late.parameters["lag_s"].value == pytest.approx(_LAG_S, rel=0.1)
+
+
+@pytest.mark.parametrize("valve", ["nominal", "graphite"])
+def test_a_stem_that_coasts_leaves_no_tail(valve: str) -> None:
+    for made, is_tail in ((_lagging(valve, "triangle"), True), (case(valve, "triangle", "usual", seed=42), False)):
+        reading = read(measured_rows(made.recording).recording, made.nameplate)
+        assert isinstance(reading, Reading)
+        assert coasting(reading).is_tail is is_tail

@@ -1,0 +1,77 @@
+"""The rows of the balance of forces: each is of a stem that is driven and has settled."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from discrepancy.rough.observations import observations
+from estimators.base import Outcome
+from estimators.engine.balance import driven_blocks
+from estimators.engine.parameters import Known
+from estimators.engine.reading import Reading, read
+from tests.support.published_recordings import followed
+from valve.nameplate import Nameplate
+from valve.parameter_sets import parameter_set
+from valve.parameters import ValveParameters
+from valve.recording import Recording
+from valve.waveform import Waveform
+
+_NOISE_M = 5.0e-6
+_OFF = 0.05  # of F_c: what noise and the last of a transient leave of a row
+
+
+@cache
+def _late_stem() -> tuple[Reading, ValveParameters]:
+    """A stem half a second late behind ramps that wait a while, three times one way and three times back."""
+    published = parameter_set("graphite")
+    parameters = replace(
+        published.parameters,
+        viscous_friction_n_s_per_m=0.5 * published.parameters.spring_rate_n_per_m,
+        limit_velocity_m_per_s=5.0e-5,
+    )
+    assert published.nameplate.signal is not None
+    low, high = published.nameplate.signal.range_pa
+    legs = [(2.5, 0.4), (1.0, 0.4), (0.5, 0.55), (1.2, 0.55), (0.5, 0.7), (1.0, 0.7), (3.0, 1.0)]
+    legs += [(2.5, 0.6), (1.0, 0.6), (0.5, 0.45), (1.2, 0.45), (0.5, 0.3), (1.0, 0.3), (3.0, 0.0)]
+    time_s, share = np.cumsum([0.0, *[leg_s for leg_s, _ in legs]]), np.array([0.0, *[to for _, to in legs]])
+    return _read_of(parameters, published.nameplate, Waveform("waits", time_s, low + share * (high - low)))
+
+
+def _read_of(parameters: ValveParameters, nameplate: Nameplate, wave: Waveform) -> tuple[Reading, ValveParameters]:
+    area_m2 = nameplate.actuator.diaphragm_area_m2
+    assert area_m2 is not None
+    time_s = np.arange(round(wave.duration_s / 1.0e-3) + 1, dtype=np.float64) * 1.0e-3
+    position_m = followed(parameters, wave, area_m2, time_s, None)
+    position_m = position_m + _NOISE_M * np.random.default_rng(3).standard_normal(time_s.size)
+    reading = read(Recording(time_s, position_m, pressure_pa=wave.at(time_s)), nameplate)
+    assert not isinstance(reading, Outcome)
+    return reading, parameters
+
+
+def _farthest_off(
+    p: ValveParameters,
+    travel_m: npt.NDArray[np.float64],
+    force_n: npt.NDArray[np.float64],
+    rate_n_per_s: npt.NDArray[np.float64],
+    direction: npt.NDArray[np.float64],
+) -> float:
+    """By how much of F_c the worst row is off the balance of a stem that has settled behind its ramp."""
+    lag_s = p.viscous_friction_n_s_per_m / p.spring_rate_n_per_m
+    known_n = p.preload_n + p.spring_rate_n_per_m * travel_m + direction * p.coulomb_friction_n + lag_s * rate_n_per_s
+    return float(np.abs(force_n - known_n).max()) / p.coulomb_friction_n
+
+
+@pytest.mark.parametrize("lag_s", [0.22, 0.28])
+def test_no_row_is_of_a_stem_that_has_not_settled_since_its_force_waited(lag_s: float) -> None:
+    reading, p = _late_stem()
+    blocks = driven_blocks(reading, Known(lag_s, 0.2))
+    rows = observations(reading, Known(lag_s, 0.2))
+    rows = rows.rows(rows.is_slide)
+    assert min(blocks.count, rows.count) >= 6
+    for one in (blocks, rows):
+        assert _farthest_off(p, one.travel_m, one.force_n, one.rate_n_per_s, one.direction) < _OFF
