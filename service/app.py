@@ -68,6 +68,23 @@ from service.workers.analysis_crew import AnalysisCrew
 from service.workers.polling import Polling
 
 VERSION: Final = version("breakaway")
+_ROUTERS: Final = (
+    safety_routes,
+    report_routes,
+    test_routes,
+    recording_routes,
+    model_routes,
+    health_routes,
+    watched_routes,
+    valve_routes,
+    alarm_routes,
+    schedule_routes,
+    reanalysis_routes,
+    reload_routes,
+    session_routes,
+    access_routes,
+    metrics_routes,
+)
 _DESCRIPTION: Final = """\
 Vendor-neutral control-valve diagnostics: drives a valve through a test over Modbus and estimates its friction.
 
@@ -188,6 +205,8 @@ def create_app(
             opened.close()
 
     app = FastAPI(
+        # As they are: to include a router would resolve each route's parameters anew, for a prefix that none is given.
+        routes=[route for router in _ROUTERS for route in router.routes],
         title="breakaway",
         version=VERSION,
         description=_DESCRIPTION,
@@ -203,25 +222,6 @@ def create_app(
     app.add_middleware(HeadRequests)
     app.add_middleware(Hosts, allowed_hosts=_hosts(plant))
     install_error_handlers(app)
-    for router in (
-        safety_routes,
-        report_routes,
-        test_routes,
-        recording_routes,
-        model_routes,
-        health_routes,
-        watched_routes,
-        valve_routes,
-        alarm_routes,
-        schedule_routes,
-        reanalysis_routes,
-        reload_routes,
-        session_routes,
-        access_routes,
-        metrics_routes,
-    ):
-        app.include_router(router)
-
     install_tablet(app)
 
     @app.get("/healthz", tags=["service"], dependencies=[OPEN_TO_ALL])

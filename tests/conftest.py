@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import structlog
 
 from drivers.motion.bus_lock import FOLDER_VARIABLE
 from tests.order import WaitingBeside, give_way, is_slow
@@ -21,6 +22,13 @@ from tests.order import WaitingBeside, give_way, is_slow
 _locks = tempfile.TemporaryDirectory(prefix="breakaway-locks-")  # removed as the process ends
 os.environ[FOLDER_VARIABLE] = _locks.name
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# A traceback in colours and frames takes half a second, one as Python prints it nothing.
+structlog.configure(
+    processors=[
+        *structlog.get_config()["processors"][:-1],
+        structlog.dev.ConsoleRenderer(exception_formatter=structlog.dev.plain_traceback),
+    ]
+)
 
 
 class _Unfit(logging.Handler):

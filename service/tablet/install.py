@@ -35,7 +35,5 @@ class _Static(StaticFiles):
 def install_tablet(app: FastAPI) -> None:
     """Add the pages, their pictures, script and style to an application."""
     app.add_exception_handler(SignInNeededError, to_sign_in)
-    app.include_router(figure_routes)
-    app.include_router(router)
-    app.include_router(valve_pages)
+    app.router.routes.extend((*figure_routes.routes, *router.routes, *valve_pages.routes))
     app.mount("/ui/static", _Static(directory=STATIC), name="static")

@@ -7,7 +7,7 @@ import httpx
 import pytest
 
 from service.config.settings import Plant, load_plant
-from tests.support.databases import postgresql_database
+from tests.support.databases import migrate_by_copy, postgresql_database
 from tests.support.fake_rig import FakeAnalyst, FakeRig
 from tests.support.plants import bus_text, service_text, valve_text
 from tests.support.running_service import running_service
@@ -43,6 +43,11 @@ PLANT = (
         more=SEEN_BY_GAUGE,
     )
 )
+
+
+@pytest.fixture(autouse=True)
+def _stores_are_copied(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.store.database.migrate", migrate_by_copy)
 
 
 @pytest.fixture

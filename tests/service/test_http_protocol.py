@@ -12,7 +12,7 @@ import pytest
 from service.config.settings import load_plant
 from service.http.http_protocol import LONGEST_HEAD_BYTES, MOST_CONNECTIONS, BoundedHttp, most_connections
 from tests.support.fake_rig import FakeAnalyst, FakeRig
-from tests.support.running_service import running_service
+from tests.support.running_service import NO_TLS, running_service
 
 
 async def test_a_head_that_never_ends_is_refused_and_a_long_one_is_answered(plant_file: Path) -> None:
@@ -96,7 +96,8 @@ async def test_a_crowd_that_completes_no_request_keeps_neither_files_nor_a_stop_
             for _, writer in crowd:
                 writer.write(says)
             await asyncio.sleep(0.1)  # all are heard
-            async with httpx.AsyncClient(base_url=client.base_url, timeout=60.0) as another:  # a connection of its own
+            # a connection of its own
+            async with httpx.AsyncClient(base_url=client.base_url, timeout=60.0, verify=NO_TLS) as another:
                 stopped = await another.post(f"/tests/{test['id']}/stop")
             assert stopped.json()["safe_confirmed"] is True
             assert '"state": "stopped"' in "".join(

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import os
 import secrets
+import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 
 import psycopg
 import pytest
+from sqlalchemy import Engine, create_engine, inspect
+
+from service.store.database import migrate
 
 SERVER = os.environ.get("BREAKAWAY_TEST_POSTGRESQL", "postgresql://postgres@127.0.0.1:5432")
 
@@ -38,3 +42,25 @@ def postgresql_database() -> Iterator[str]:
     finally:
         with psycopg.connect(f"{SERVER}/postgres", autocommit=True) as connection:
             connection.execute(f'DROP DATABASE "{name}" WITH (FORCE)')
+
+
+@cache
+def _migrated() -> sqlite3.Connection:
+    """Return a database in memory that the migrations made."""
+    made = sqlite3.connect(":memory:", check_same_thread=False)
+    migrate(create_engine("sqlite://", creator=lambda: made))
+    return made
+
+
+def migrate_by_copy(engine: Engine) -> None:
+    """Migrate as the service does, an empty SQLite file by a copy: a thousand tests have a store, and few ask how."""
+    if engine.dialect.name != "sqlite" or inspect(engine).get_table_names():
+        migrate(engine)
+        return
+    connection = engine.raw_connection()
+    try:
+        file = connection.driver_connection
+        assert isinstance(file, sqlite3.Connection)
+        _migrated().backup(file)
+    finally:
+        connection.close()

@@ -15,6 +15,7 @@ from pathlib import Path
 import httpx
 
 from service.cli.signals import ENDING_SIGNALS
+from tests.support.running_service import NO_TLS
 
 Condition = Callable[[], Awaitable[bool]]
 
@@ -72,7 +73,7 @@ async def serving(config: Path, *how: str) -> AsyncIterator[tuple[asyncio.subpro
     """Run ``breakaway serve`` and hand out a client of it."""
     async with started(config, "serve", '"event": "listening"', *how) as (process, said):
         url = re.findall(r"http://127\.0\.0\.1:\d+", said)[-1]
-        async with httpx.AsyncClient(base_url=url, timeout=30.0) as client:
+        async with httpx.AsyncClient(base_url=url, timeout=30.0, verify=NO_TLS) as client:
 
             async def healthy() -> bool:
                 with contextlib.suppress(httpx.TransportError):

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import ssl
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from typing import Final
 
 import httpx
 import uvicorn
@@ -15,6 +17,9 @@ from service.config.settings import Plant
 from service.http.http_protocol import BoundedHttp
 from service.runs.analyst import Analyst
 from tests.support.in_process import app_of
+
+#: For a client that speaks plain HTTP alone: it reads no authorities' certificates, which takes it 17 ms.
+NO_TLS: Final = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
 
 
 @asynccontextmanager
@@ -37,7 +42,7 @@ async def running_application(app: FastAPI, bind: str = "127.0.0.1") -> AsyncIte
         await asyncio.sleep(0.005)
     port = server.servers[0].sockets[0].getsockname()[1]
     try:
-        async with httpx.AsyncClient(base_url=f"http://{bind}:{port}", timeout=320.0) as client:
+        async with httpx.AsyncClient(base_url=f"http://{bind}:{port}", timeout=320.0, verify=NO_TLS) as client:
             yield client
     finally:
         server.should_exit = True

@@ -25,7 +25,9 @@ def _said(made: RoughCase) -> RoughDiagnosis:
     return diagnose(made.recording, made.nameplate, estimate)
 
 
-@pytest.mark.parametrize(("valve", "sequence"), [("large", "multi_rate"), ("small", "triangle")])
+@pytest.mark.parametrize(
+    ("valve", "sequence"), [pytest.param("large", "multi_rate", marks=pytest.mark.long), ("small", "triangle")]
+)
 def test_a_slow_reading_is_named_with_its_lag(valve: str, sequence: str) -> None:
     found = _said(_lagging(valve, sequence))
 
@@ -36,6 +38,7 @@ def test_a_slow_reading_is_named_with_its_lag(valve: str, sequence: str) -> None
         assert not found.gain.is_far_worse
 
 
+@pytest.mark.long
 def test_a_stem_with_hardly_any_friction_may_be_damped_as_well_and_both_are_said() -> None:
     found = _said(_lagging("vendor", "multi_rate"))
 

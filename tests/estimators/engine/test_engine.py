@@ -100,6 +100,7 @@ def test_a_damped_stem_that_stops_at_once_shows_its_lag_by_how_it_starts() -> No
     _assert_right(test, {"F_c": 0.02, "F_s": 0.02, "k": 0.002, "DV": 0.05})
 
 
+@pytest.mark.long
 def test_slow_slips_of_a_damped_stem_are_no_slides() -> None:
     # driven at 0.7 times its limit velocity the graphite valve slips by 1 mm in 0.25 s, again and again
     signal = parameter_set("graphite").nameplate.signal
@@ -118,6 +119,7 @@ def test_the_mass_and_damping_of_a_usual_valve_are_known_from_several_rates() ->
         assert abs(error) < 2.0 * half_width < 0.6
 
 
+@pytest.mark.long
 def test_a_limit_velocity_is_given_only_where_the_stem_is_driven_near_it() -> None:
     # a supply that ends stops the stem at the top: the likeliest DV is 200 times the true one, and looks sure
     starved = case(

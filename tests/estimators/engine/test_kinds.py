@@ -186,6 +186,7 @@ def test_a_mass_that_no_stem_has_is_not_given(monkeypatch: pytest.MonkeyPatch) -
     assert "the motion looks like that of 500 kg" in mass.note
 
 
+@pytest.mark.long
 def test_a_slow_sensor_is_no_heavy_stem() -> None:
     # the filter's 20 ms times F_v would be 1,400 kg, which no actuator of this size moves, and F_s 5 errors off
     made = case("graphite", "multi_rate", "hard", seed=6024)
@@ -213,6 +214,7 @@ def test_a_stem_that_yields_gives_its_slides_and_where_its_bristles_give_way(
         assert f"yields by {told}" in estimate.parameters[symbol].note
 
 
+@pytest.mark.long
 def test_a_slow_sensor_leaves_a_small_static_friction_open() -> None:
     # behind a filter of 20 ms the instants are a millisecond or two late: of 45 N, at 4500 N/s, 10 to 25 %
     made = case("vendor", "multi_rate", "hard", seed=7001)

@@ -17,7 +17,7 @@ from service.cli.accounts import accounts
 from service.config.settings import load_plant
 from tests.service.conftest import PLANT
 from tests.support.fake_rig import FakeAnalyst, FakeRig
-from tests.support.running_service import running_service
+from tests.support.running_service import NO_TLS, running_service
 
 PASSWORD = "stem packing seat 7"
 
@@ -52,7 +52,7 @@ async def signed_in(folder: Path, *users: str, more: str = "", rig_s: float = 0.
     rig = FakeRig(rig_s)
     async with running_service(load_plant(config), rig, FakeAnalyst()) as client:
         if "admin" in users:
-            async with httpx.AsyncClient(base_url=client.base_url, timeout=60.0) as other:
+            async with httpx.AsyncClient(base_url=client.base_url, timeout=60.0, verify=NO_TLS) as other:
                 answer = await other.post("/session", json={"name": "admin", "password": PASSWORD})
                 cookie = f"breakaway={answer.cookies['breakaway']}"
                 tokens[Role.ADMIN] = {"Cookie": cookie, "X-CSRF-Token": answer.json()["csrf_token"]}
