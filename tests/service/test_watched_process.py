@@ -10,6 +10,7 @@ from datetime import UTC, datetime, time, timedelta
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from drivers.motion.client import MotionClient
 from drivers.motion.watch_file import WatchFileWriter, day_of, days_in, read_watch_file
@@ -100,6 +101,7 @@ def is_larger(path: Path) -> Condition:
     return grown
 
 
+@pytest.mark.long  # the same without its processes: test_watched_days
 async def test_the_service_judges_a_day_that_is_over_by_itself(quick_path: Path) -> None:
     """A day of exact stick-slip stands in the store; motion process and service are started as a plant starts them."""
     yesterday = datetime.now(UTC).date() - timedelta(days=2)

@@ -27,7 +27,7 @@ def _diagnosed(valve: str, sequence: str, period_s: float, effects: list[Effect]
         ("large", "multi_rate", 1.0e-3),
     ],
 )
-@pytest.mark.parametrize("share", [1.2e-3, 4.0e-3])
+@pytest.mark.parametrize("share", [1.2e-3, pytest.param(4.0e-3, marks=pytest.mark.long)])
 def test_it_is_named_alone_with_its_size(valve: str, sequence: str, period_s: float, share: float) -> None:
     deflection_m = share * VALVES[valve][1].actuator.travel_m
     found = _diagnosed(valve, sequence, period_s, [Presliding(deflection_m)])
