@@ -12,11 +12,14 @@ from scipy.special import chdtri
 
 from discrepancy.rough.accepted import NOTHING_NEW, Accepted, accepted_in
 from discrepancy.rough.causes import SEEN_CAUSES
+from discrepancy.rough.causes.breakaway_scatter import BreakawayScatter
 from discrepancy.rough.causes.command_loop import command_loop
 from discrepancy.rough.causes.presliding import Presliding
 from discrepancy.rough.causes.seen import Seen, SeenCause, View
+from discrepancy.rough.creeping import moves_at_rest
 from discrepancy.rough.evidence import Solved, fitted, problem_of
 from discrepancy.rough.findings import extended_model, findings
+from discrepancy.rough.force_wander import wanders_alike
 from discrepancy.rough.latent import latent_friction, strongest, way_words
 from discrepancy.rough.misfit import misfit
 from discrepancy.rough.observations import is_settled, observations
@@ -276,6 +279,8 @@ def _verdict(
         beyond = _unsteady(view, selection.model, _FEWEST_BESIDE_CAUSE)
     elif seen and all(cause.is_last for cause, _ in seen):
         beyond = _wanders(view, selection.null)
+    if found and beyond is None and (moves := _what_moves_besides(view, selection, seen)) is not None:
+        return Verdict.UNEXPLAINED, moves, ()
     if found and not refused and beyond is None:
         said = joined(" ", [one.sentence for one in found])
         if rivals:
@@ -317,6 +322,17 @@ def _verdict(
     if 100.0 * share < _ALIKE:
         varies = say("friction_alike", "Friction is alike all along the travel.")
     return Verdict.NONE, say("no_fault", "No fault found. {how}", how=varies), ()
+
+
+def _what_moves_besides(view: View, selection: Selection, seen: Sequence[tuple[SeenCause, Seen]]) -> Message | None:
+    """What moves in time that is no friction and no stem: a cause may only stand in for it. None where nothing does."""
+    names = {cause.name for cause, _ in seen}
+    if Presliding.name not in names and (moves := moves_at_rest(view.reading)) is not None:
+        return moves
+    # the plain fit has its breakaways' scatter, and of another cause that was seen it knows nothing
+    if names - {BreakawayScatter.name}:
+        return None
+    return wanders_alike(selection.null, selection.model, view.setting.full_force_n)
 
 
 def _variation(null: Solved) -> float:

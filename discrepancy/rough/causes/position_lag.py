@@ -63,7 +63,7 @@ class PositionLag(SeenCause):
             return None
         least = min(one.surprise for one in lagging)
         # a few sections leave open a heavy stem beside a shorter lag: of fits as likely the one that leaves less
-        best = min((one for one in lagging if one.surprise < least + _NEARLY), key=lambda one: one.chi)
+        best = min((one for one in lagging if one.surprise <= least + _NEARLY), key=lambda one: one.chi)
         if best.chi > _FITS or best.surprise > min((one.surprise for one in others), default=math.inf) - _SURE:
             return None
         found = _filter_s(best)

@@ -7,10 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from discrepancy.rough.creeping import moves_at_rest
 from discrepancy.rough.diagnose import diagnose
 from discrepancy.rough.result import Verdict
+from estimators.engine.reading import Reading, read
 from tests.bench.blind.cases import HELD_OUT, blind_case
 from tests.support.rough_valves import case
+from valve.effects.base import Effect
+from valve.effects.position_lag import PositionLag
 
 
 @pytest.mark.parametrize(
@@ -19,6 +23,8 @@ from tests.support.rough_valves import case
         (9104, "slipping_bracket"),  # a spring of two rates, beside which four breakaways differ by half of F_s
         (9111, "creeping_stem"),  # it does not yield: its way grows with time
         (9118, "wandering_zero"),  # a drift and a tight spot, beside which they do so too
+        (9841, "wandering_spring"),  # a drift of friction, where the force wanders alike both ways
+        (9878, "slipping_bracket"),  # the same, where the position moves while the stem rests
     ],
 )
 def test_a_cause_that_explains_a_part_of_what_is_odd_is_not_named(seed: int, oddity: str) -> None:
@@ -41,3 +47,18 @@ def test_a_bracket_that_slips_is_no_reading_that_lags() -> None:
     found = diagnose(replace(recording, position_m=recording.position_m + slipped_m), made.nameplate)
     assert found.verdict is Verdict.UNEXPLAINED
     assert "more than packings do" in found.message
+
+
+@pytest.mark.parametrize(
+    ("sequence", "grade", "effects"), [("diagnostic", "hard", ()), ("triangle", "usual", (PositionLag(0.4),))]
+)
+def test_a_position_that_stays_while_the_stem_rests_is_told_from_one_that_wanders(
+    sequence: str, grade: str, effects: tuple[Effect, ...]
+) -> None:
+    made = case("nominal", sequence, grade, seed=31, effects=effects)
+    for drift, moves in ((0.0, False), (3.0e-4, True)):  # of the travel in a second, to and fro within 20 s
+        time_s = made.recording.time_s
+        wandering_m = drift * made.nameplate.actuator.travel_m * 20.0 / np.pi * np.sin(time_s * np.pi / 20.0)
+        reading = read(replace(made.recording, position_m=made.recording.position_m + wandering_m), made.nameplate)
+        assert isinstance(reading, Reading)
+        assert (moves_at_rest(reading) is not None) is moves
